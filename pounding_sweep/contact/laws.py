@@ -1,0 +1,434 @@
+"""The registry of contact laws: formula beside metadata.
+
+Every law here gives the contact force of one pair of floors while their
+penetration ``d`` (m) is positive, as an elastic part plus a damper,
+
+    F = E(d) + B(d) v,                                   kN, pressing positive
+
+with ``v`` the rate of ``d`` (m/s). The two expressions are written once, as
+text, in the variables
+
+    d   penetration (m)           r   sqrt(d)
+    k   contact stiffness         c   damping coefficient of this contact
+
+and are compiled inline into the time-stepping kernels; the slopes dE/dd and
+dB/dd stand beside them for the implicit scheme and for locating peaks. Adding
+a law is adding one `Law` to `LAWS`; kernels, planner, command line and
+documentation read the registry.
+
+The damping coefficient follows from the coefficient of restitution ``e``
+through one dimensionless damping number per law, as published, and is
+
+    c = 2 * number * sqrt(k m)     (``viscous``)
+    c = number * k / v0            (``elastic``: the damper is a share of E)
+
+with the pair's effective mass m = m1 m2 / (m1 + m2) (t) and the approach
+velocity v0 (m/s) at the located touch.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from pounding_sweep.errors import LawError, unknown
+
+#: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting
+#: contact, zero gap) is damped as if it came at this speed, so that it stays finite.
+RESTING_SPEED = 1.0e-3
+
+Number = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Law:
+    """One contact law: expressions, parameters, validity and source.
+
+    Attributes
+    ----------
+    key : str
+        Name in sweeps, cubes and on the command line.
+    title : str
+        What the field calls it.
+    model : str
+        Number in Mate, Bakre & Jaiswal (2015), or ``"-"``.
+    exponent : float or None
+        Power of the penetration in E; the contact stiffness is in
+        kN/m**exponent. None: the law has no contact force.
+    elastic, elastic_slope : str
+        E(d) (kN) and dE/dd (kN/m) in the variables of this module.
+    damper, damper_slope : str
+        B(d) (kN s/m) and dB/dd; empty for a law without damping.
+    damping : {"none", "viscous", "elastic"}
+        How the damping number becomes the coefficient ``c``.
+    number : callable or None
+        Published damping number of e (dimensionless).
+    number_text : str
+        The same as text, with its usual symbol.
+    approach_only : bool
+        The damper acts only while v > 0.
+    tension : bool
+        The force may pull while d > 0; otherwise F = max(0, E + B v).
+    zero_restitution : bool
+        e = 0 is valid.
+    formula : str
+        The whole law as text.
+    reference : str
+        Source.
+    """
+
+    key: str
+    title: str
+    model: str
+    exponent: float | None
+    formula: str
+    reference: str
+    elastic: str = "0.0"
+    elastic_slope: str = "0.0"
+    damper: str = ""
+    damper_slope: str = "0.0"
+    damping: Literal["none", "viscous", "elastic"] = "none"
+    number: Number | None = None
+    number_text: str = ""
+    approach_only: bool = False
+    tension: bool = False
+    zero_restitution: bool = False
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether floors press on each other at all."""
+        return self.exponent is not None
+
+    @property
+    def takes_restitution(self) -> bool:
+        """Whether the coefficient of restitution enters the law."""
+        return self.number is not None
+
+    @property
+    def stiffness_unit(self) -> str:
+        """Unit of the contact stiffness ("" for a law without contact)."""
+        if self.exponent is None:
+            return ""
+        return "kN m-1" if self.exponent == 1 else f"kN m-{self.exponent:g}"
+
+    @property
+    def validity(self) -> str:
+        """Valid coefficients of restitution, as text."""
+        if not self.takes_restitution:
+            return "takes none (e = 1)" if self.has_contact else "takes none"
+        return "0 <= e <= 1" if self.zero_restitution else "0 < e <= 1"
+
+    def check_restitution(self, e: float | None) -> None:
+        """Raise `LawError` unless `e` is valid for this law."""
+        if not self.takes_restitution:
+            return
+        if e is None:
+            msg = f"law {self.key!r} needs a coefficient of restitution; give {self.validity}"
+            raise LawError(msg)
+        low_ok = e >= 0 if self.zero_restitution else e > 0
+        if not (math.isfinite(e) and low_ok and e <= 1):
+            msg = f"restitution {e!r} is outside the validity of law {self.key!r}; give {self.validity}"
+            raise LawError(msg)
+
+    def damping_coefficient(self, e: Any, k: Any, m: Any) -> np.ndarray:
+        """Coefficient ``c`` of the damper, times v0 where ``damping`` is "elastic".
+
+        Parameters
+        ----------
+        e : array_like
+            Coefficient of restitution (dimensionless); ignored by laws without damping.
+        k : array_like
+            Contact stiffness (kN/m**exponent).
+        m : array_like
+            Effective mass of the pair (t).
+
+        Returns
+        -------
+        ndarray
+            c (broadcast of the arguments); zero for a law without damping.
+
+        Examples
+        --------
+        >>> c = get_law("kelvin_voigt").damping_coefficient(0.6, 2e6, 87.25)
+        >>> round(float(c), 1)
+        4240.2
+        """
+        if self.number is None:
+            return np.zeros(np.broadcast_shapes(np.shape(k), np.shape(m)))
+        number = self.number(np.asarray(e, dtype=float))
+        if self.damping == "viscous":
+            return np.asarray(2.0 * number * np.sqrt(np.asarray(k, float) * np.asarray(m, float)))
+        return np.asarray(number * np.asarray(k, float) * np.ones_like(np.asarray(m, float)))
+
+
+def _zeta(e: np.ndarray) -> np.ndarray:
+    """-ln e / sqrt(pi**2 + ln(e)**2), whose limit at e = 0 is 1."""
+    safe = np.where(e > 0, e, 0.5)
+    log = np.log(safe)
+    return np.where(e > 0, -log / np.sqrt(math.pi**2 + log**2), 1.0)
+
+
+def _per_e(numerator: Callable[[np.ndarray], np.ndarray], denominator: Callable[[np.ndarray], np.ndarray]) -> Number:
+    def number(e: np.ndarray) -> np.ndarray:
+        return np.asarray(numerator(e) / denominator(e))
+
+    return number
+
+
+_HERTZ: dict[str, Any] = {"exponent": 1.5, "elastic": "k*d*r", "elastic_slope": "1.5*k*r"}
+_HERTZ_DAMPED: dict[str, Any] = {**_HERTZ, "damper": "c*d*r", "damper_slope": "1.5*c*r", "damping": "elastic"}
+_LINEAR: dict[str, Any] = {"exponent": 1.0, "elastic": "k*d", "elastic_slope": "k"}
+
+_ALL = [
+    Law(
+        key="none",
+        title="No pounding",
+        model="VII",
+        exponent=None,
+        formula="F = 0",
+        reference="-",
+    ),
+    Law(
+        key="linear",
+        title="Linear spring",
+        model="I",
+        **_LINEAR,
+        formula="F = k d",
+        reference="Maison & Kasai (1992), Earthquake Eng. Struct. Dyn. 21(9)",
+    ),
+    Law(
+        key="kelvin_voigt",
+        title="Kelvin-Voigt without tension",
+        model="II",
+        **_LINEAR,
+        damper="c",
+        damping="viscous",
+        number=_zeta,
+        number_text="zeta = -ln e / sqrt(pi^2 + ln^2 e)",
+        zero_restitution=True,
+        formula="F = max(0, k d + c v), c = 2 zeta sqrt(k m)",
+        reference="Anagnostopoulos (1988); tension removed as in Komodromos et al. (2007)",
+    ),
+    Law(
+        key="kelvin_voigt_tension",
+        title="Kelvin-Voigt, original",
+        model="II (original)",
+        **_LINEAR,
+        damper="c",
+        damping="viscous",
+        number=_zeta,
+        number_text="zeta = -ln e / sqrt(pi^2 + ln^2 e)",
+        tension=True,
+        zero_restitution=True,
+        formula="F = k d + c v, c = 2 zeta sqrt(k m)",
+        reference="Anagnostopoulos (1988), Earthquake Eng. Struct. Dyn. 16(3)",
+    ),
+    Law(
+        key="modified_kelvin_voigt",
+        title="Modified Kelvin-Voigt",
+        model="III",
+        **_LINEAR,
+        damper="c*d",
+        damper_slope="c",
+        damping="elastic",
+        number=_per_e(lambda e: 3.0 * (1.0 - e * e), lambda e: 2.0 * e * e),
+        number_text="xi v0 / k = 3 (1 - e^2) / (2 e^2)",
+        approach_only=True,
+        formula="F = k d + xi d v on approach, k d on rebound",
+        reference="Pant & Wijeywickrema (2010)",
+    ),
+    Law(
+        key="hertz",
+        title="Hertz",
+        model="IV",
+        **_HERTZ,
+        formula="F = k d^1.5",
+        reference="Hertz (1882); Davis (1992)",
+    ),
+    Law(
+        key="hertz_damped",
+        title="Hertz with nonlinear damping",
+        model="V",
+        **_HERTZ_DAMPED,
+        number=lambda e: 0.75 * (1.0 - e * e),
+        number_text="D = 3 (1 - e^2) / 4",
+        zero_restitution=True,
+        formula="F = max(0, k d^1.5 (1 + D v / v0))",
+        reference="Muthukumar & DesRoches (2006); Lankarani & Nikravesh (1990)",
+    ),
+    Law(
+        key="nonlinear_viscoelastic",
+        title="Nonlinear viscoelastic",
+        model="VI",
+        **_HERTZ,
+        damper="c*math.sqrt(r)",
+        damper_slope="0.25*c*math.sqrt(r)/max(d, 1e-30)",
+        damping="viscous",
+        number=_per_e(
+            lambda e: 4.5 * math.sqrt(5.0) * (1.0 - e * e),
+            lambda e: e * (e * (9.0 * math.pi - 16.0) + 16.0),
+        ),
+        number_text="xi = 9 sqrt(5)/2 (1 - e^2) / (e (e (9 pi - 16) + 16))",
+        approach_only=True,
+        formula="F = k d^1.5 + cbar v on approach, k d^1.5 on rebound, cbar = 2 xi sqrt(k sqrt(d) m)",
+        reference="Jankowski (2005, 2006), Earthquake Eng. Struct. Dyn. 34(6), 35(4)",
+    ),
+    Law(
+        key="linear_viscoelastic",
+        title="Linear viscoelastic",
+        model="-",
+        **_LINEAR,
+        damper="c",
+        damping="viscous",
+        number=_per_e(lambda e: 1.0 - e * e, lambda e: e * (e * (math.pi - 2.0) + 2.0)),
+        number_text="xi = (1 - e^2) / (e (e (pi - 2) + 2))",
+        approach_only=True,
+        formula="F = k d + c v on approach, k d on rebound, c = 2 xi sqrt(k m)",
+        reference="Mahmoud & Jankowski (2011)",
+    ),
+    Law(
+        key="modified_kelvin",
+        title="Modified Kelvin",
+        model="-",
+        **_LINEAR,
+        damper="c*d",
+        damper_slope="c",
+        damping="elastic",
+        number=_per_e(lambda e: 3.0 * (1.0 - e), lambda e: 2.0 * e),
+        number_text="xi v0 / k = 3 (1 - e) / (2 e)",
+        formula="F = max(0, k d + xi d v)",
+        reference="Ye, Li & Zhu (2009), Earthquake Eng. Struct. Dyn. 38(3)",
+    ),
+    Law(
+        key="hunt_crossley",
+        title="Hunt-Crossley",
+        model="-",
+        **_HERTZ_DAMPED,
+        number=lambda e: 1.5 * (1.0 - e),
+        number_text="D = 3 (1 - e) / 2",
+        zero_restitution=True,
+        formula="F = max(0, k d^1.5 (1 + D v / v0))",
+        reference="Hunt & Crossley (1975), J. Appl. Mech. 42(2)",
+    ),
+    Law(
+        key="ye_hertz",
+        title="Hertz-damped of Ye et al.",
+        model="-",
+        **_HERTZ_DAMPED,
+        number=_per_e(lambda e: 8.0 * (1.0 - e), lambda e: 5.0 * e),
+        number_text="D = 8 (1 - e) / (5 e)",
+        formula="F = max(0, k d^1.5 (1 + D v / v0))",
+        reference="Ye, Li & Zhu (2009); Flores et al. (2011)",
+    ),
+    Law(
+        key="gonthier",
+        title="Gonthier",
+        model="-",
+        **_HERTZ_DAMPED,
+        number=_per_e(lambda e: 1.0 - e * e, lambda e: e),
+        number_text="D = (1 - e^2) / e",
+        formula="F = max(0, k d^1.5 (1 + D v / v0))",
+        reference="Gonthier et al. (2004), Multibody Syst. Dyn. 11",
+    ),
+]
+
+#: All laws by key, in the order in which they are listed.
+LAWS: dict[str, Law] = {law.key: law for law in _ALL}
+
+#: The paper's Models I to VII in its order.
+MATE2015_MODELS = (
+    "linear",
+    "kelvin_voigt",
+    "modified_kelvin_voigt",
+    "hertz",
+    "hertz_damped",
+    "nonlinear_viscoelastic",
+    "none",
+)
+
+
+def get_law(key: str | Law) -> Law:
+    """Return the law of that key; a `Law` is returned as it is.
+
+    Raises
+    ------
+    LawError
+        The key is unknown; the message lists the valid ones.
+    """
+    if isinstance(key, Law):
+        return key
+    try:
+        return LAWS[key]
+    except (KeyError, TypeError):
+        raise LawError(unknown("contact law", key, LAWS)) from None
+
+
+def hertz_stiffness(
+    mass_1: float | None = None,
+    mass_2: float | None = None,
+    *,
+    young_modulus: float = 25.0e6,
+    poisson_ratio: float = 0.2,
+    density: float = 2.5,
+    radii: tuple[float, float] | None = None,
+) -> float:
+    """Hertz contact stiffness of two spheres (kN/m^1.5).
+
+    Equations 9 to 11 of Mate, Bakre & Jaiswal (2015), corrected: the radius
+    is the *cube* root of the sphere's volume relation, and the material term
+    has 1 - nu**2 (Goldsmith 1960).
+
+    Parameters
+    ----------
+    mass_1, mass_2 : float, optional
+        Colliding masses (t), from which radii follow with `density`.
+    young_modulus : float
+        E (kN/m2) of both bodies.
+    poisson_ratio : float
+        nu, 0 <= nu < 0.5.
+    density : float
+        t/m3.
+    radii : tuple of float, optional
+        The two radii (m), given instead of masses.
+
+    Returns
+    -------
+    float
+        4 / (3 pi (h1 + h2)) sqrt(R1 R2 / (R1 + R2)), h = (1 - nu**2) / (pi E).
+
+    Raises
+    ------
+    LawError
+        A value is not positive, or neither masses nor radii are given.
+
+    Examples
+    --------
+    >>> round(hertz_stiffness(133.956, 136.286) / 1e7, 3)
+    1.88
+    """
+    if radii is None:
+        if mass_1 is None or mass_2 is None:
+            msg = "hertz_stiffness needs two masses (t) or radii=(R1, R2) (m)"
+            raise LawError(msg)
+        positive = {"mass_1": mass_1, "mass_2": mass_2, "density": density}
+    else:
+        positive = {"radii[0]": radii[0], "radii[1]": radii[1]}
+    for name, value in {**positive, "young_modulus": young_modulus}.items():
+        if not (math.isfinite(value) and value > 0):
+            msg = f"hertz_stiffness: {name} = {value!r} must be a positive number"
+            raise LawError(msg)
+    if not 0 <= poisson_ratio < 0.5:
+        msg = f"hertz_stiffness: poisson_ratio = {poisson_ratio!r} must be in [0, 0.5)"
+        raise LawError(msg)
+    if radii is None:
+        assert mass_1 is not None
+        assert mass_2 is not None
+        r1, r2 = (((3.0 * m) / (4.0 * math.pi * density)) ** (1.0 / 3.0) for m in (mass_1, mass_2))
+    else:
+        r1, r2 = radii
+    h = (1.0 - poisson_ratio**2) / (math.pi * young_modulus)
+    return 4.0 / (3.0 * math.pi * 2.0 * h) * math.sqrt(r1 * r2 / (r1 + r2))

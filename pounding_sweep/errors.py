@@ -1,0 +1,61 @@
+"""Every error the package raises for something a user can mend.
+
+Messages name the value, say what is valid and give the remedy. The command
+line prints them without a traceback and exits with code 2.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class PoundingSweepError(Exception):
+    """Base of all errors raised on purpose by this package."""
+
+
+class InputError(PoundingSweepError, ValueError):
+    """A value given by the user is not valid."""
+
+
+class SceneError(InputError):
+    """A building, wall, gap or row of buildings is not valid."""
+
+
+class LawError(InputError):
+    """A contact law, its stiffness or its restitution is not valid."""
+
+
+class RecordError(InputError):
+    """A ground-motion record can't be read, found or used."""
+
+
+class SweepError(InputError):
+    """A sweep description is not valid; ``problems`` lists every fault found."""
+
+    def __init__(self, message: str, problems: Iterable[str] = ()) -> None:
+        super().__init__(message)
+        self.problems = tuple(problems)
+
+
+class StabilityError(InputError):
+    """The asked step is beyond the stability limit of the scheme."""
+
+
+class OutputError(PoundingSweepError, OSError):
+    """The output can't be written or read back."""
+
+
+def unknown(kind: str, given: object, valid: Iterable[str]) -> str:
+    """Say that `given` is no known `kind`, suggest the closest, list all.
+
+    Examples
+    --------
+    >>> unknown("contact law", "hertzz", ["linear", "hertz"])
+    "unknown contact law 'hertzz'; did you mean 'hertz'? Valid: hertz, linear"
+    """
+    names = sorted(valid)
+    close = difflib.get_close_matches(str(given), names, n=1, cutoff=0.6)
+    hint = f"; did you mean {close[0]!r}? " if close else "; "
+    listing = "valid: " if not close else "Valid: "
+    return f"unknown {kind} {given!r}{hint}{listing}{', '.join(names)}"
