@@ -1,0 +1,359 @@
+"""Finding records by name: the bundled one, well-known ones, folders of files."""
+
+from __future__ import annotations
+
+import difflib
+import importlib.resources
+import os
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pounding_sweep.errors import RecordError, unknown
+from pounding_sweep.records.reading import RECORD_SUFFIXES, read_record
+from pounding_sweep.records.record import Record
+
+RECORDS_VARIABLE = "POUNDING_SWEEP_RECORDS"
+"""Environment variable with the folder or folders (separated as in PATH) of record files."""
+
+_PEER_PLACE = "the PEER NGA-West2 database, https://ngawest2.berkeley.edu"
+_SHOWN_NAMES = 20
+
+
+@dataclass(frozen=True)
+class KnownRecord:
+    """A record the package knows by name, whether or not its file is at hand.
+
+    Attributes
+    ----------
+    key
+        Name in sweeps and on axes.
+    title, event, component
+        Station, earthquake and direction.
+    rsn
+        Record sequence number in PEER NGA-West2, or None.
+    files
+        Names its file goes by.
+    place
+        Where to get it.
+    bundled
+        File inside ``pounding_sweep/data``, or None.
+    aliases
+        Other names it answers to.
+    """
+
+    key: str
+    title: str
+    event: str
+    component: str
+    rsn: int | None
+    files: tuple[str, ...]
+    place: str = _PEER_PLACE
+    bundled: str | None = None
+    aliases: tuple[str, ...] = ()
+
+    @property
+    def description(self) -> str:
+        """Event, station and component in one line."""
+        return f"{self.event}, {self.title}, {self.component}"
+
+
+KNOWN_RECORDS: dict[str, KnownRecord] = {
+    entry.key: entry
+    for entry in (
+        KnownRecord(
+            "el_centro",
+            "El Centro",
+            "Imperial Valley 1940",
+            "N-S",
+            None,
+            ("elcentro_ns_1940.csv",),
+            place="shipped with pounding_sweep",
+            bundled="elcentro_ns_1940.csv",
+            aliases=("elcentro", "el_centro_ns", "el_centro_1940"),
+        ),
+        KnownRecord(
+            "arleta",
+            "Arleta - Nordhoff Fire Sta",
+            "Northridge 1994",
+            "90",
+            949,
+            ("ARL090.AT2", "RSN949_NORTHR_ARL090.AT2"),
+        ),
+        KnownRecord(
+            "santa_monica",
+            "Santa Monica City Hall",
+            "Northridge 1994",
+            "90",
+            1077,
+            ("STM090.AT2", "RSN1077_NORTHR_STM090.AT2"),
+        ),
+        KnownRecord(
+            "san_fernando",
+            "Pacoima Dam (upper left abut)",
+            "San Fernando 1971",
+            "254",
+            77,
+            ("PUL254.AT2", "RSN77_SFERN_PUL254.AT2"),
+            aliases=("pacoima_dam",),
+        ),
+    )
+}
+"""Records known by name, by key."""
+
+Folders = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s_-]+", "_", name.strip().lower())
+
+
+def _folders(folders: Folders) -> list[Path]:
+    """List the folders to search: those given, else those of the environment variable."""
+    if folders is None:
+        folders = [part for part in os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep) if part.strip()]
+    elif isinstance(folders, str | os.PathLike):
+        folders = [folders]
+    return [Path(folder).expanduser() for folder in folders]
+
+
+def _files(folder: Path) -> list[Path]:
+    """List the record files of a folder in order of name; none if it can't be read."""
+    try:
+        found = [path for path in folder.iterdir() if path.suffix.lower() in RECORD_SUFFIXES and path.is_file()]
+    except (OSError, ValueError):
+        return []
+    return sorted(found, key=lambda path: path.name)
+
+
+def _searched(folders: Sequence[Path]) -> str:
+    if not folders:
+        return f"no folder was given and {RECORDS_VARIABLE} is not set"
+    return "looked in " + ", ".join(f"{folder}{'' if folder.is_dir() else ' (no such folder)'}" for folder in folders)
+
+
+def _known(name: str) -> KnownRecord | None:
+    """Find the known record that `name` means: key, alias or RSN."""
+    plain = _plain(name)
+    match = re.fullmatch(r"(?:rsn)?_?(\d{1,6})", plain, re.ASCII)
+    for entry in KNOWN_RECORDS.values():
+        if plain == entry.key or plain in entry.aliases or (match and entry.rsn == int(match[1])):
+            return entry
+    return None
+
+
+def _known_file(filename: str) -> KnownRecord | None:
+    plain = filename.lower()
+    stems = {plain, plain.rpartition(".")[0] or plain}
+    for entry in KNOWN_RECORDS.values():
+        if stems & {part for file in entry.files for part in (file.lower(), Path(file).stem.lower())}:
+            return entry
+    return None
+
+
+def _bundled(entry: KnownRecord) -> Record:
+    with importlib.resources.as_file(importlib.resources.files("pounding_sweep") / "data" / str(entry.bundled)) as file:
+        record = read_record(file, name=entry.key)
+    return Record(entry.key, record.dt, record.acceleration, f"{entry.description} (bundled {entry.bundled})")
+
+
+def _match(name: str, files: Sequence[Path]) -> list[Path]:
+    """Find the files of one folder that `name` means; the first way of matching that finds any decides."""
+    plain = name.lower()
+    rsn = re.fullmatch(r"(?:rsn)?[ _-]?(\d{1,6})", plain, re.ASCII)
+    ways = [
+        [file for file in files if file.name == name],
+        [file for file in files if file.stem == name],
+        [file for file in files if plain in (file.name.lower(), file.stem.lower())],
+        [file for file in files if rsn and re.match(rf"rsn0*{int(rsn[1])}(?!\d)", file.name, re.IGNORECASE)],
+    ]
+    return next((way for way in ways if way), [])
+
+
+def find_record(name: str, folders: Folders = None) -> Record:
+    """Find a record by name.
+
+    Parameters
+    ----------
+    name
+        "el_centro" (bundled), the key, alias or RSN ("RSN949", "949") of a record in
+        `KNOWN_RECORDS`, or the name of a file in a folder, with or without its ending.
+    folders
+        Folder or folders to search, in order; by default those in the environment variable ``POUNDING_SWEEP_RECORDS``.
+
+    Returns
+    -------
+    Record
+        Acceleration in m/s2, named by its key, or as its file.
+
+    Raises
+    ------
+    RecordError
+        If there is no such record (the message says where to get it or what is valid),
+        several files match, or its file can't be read.
+
+    Examples
+    --------
+    >>> find_record("el_centro")
+    Record('el_centro', 1560 points, dt=0.02 s, PGA 3.128 m/s2)
+    """
+    if not isinstance(name, str) or not name.strip():
+        msg = f"a record's name must be a non-empty text, not {name!r}"
+        raise RecordError(msg)
+    name = name.strip()
+    entry = _known(name)
+    if entry is not None and entry.bundled:
+        return _bundled(entry)
+    searched = _folders(folders)
+    files = {folder: _files(folder) for folder in searched}
+    wanted = (*entry.files, name) if entry else (name,)
+    for folder in searched:
+        for each in wanted:
+            matches = _match(each, files[folder])
+            if len(matches) > 1:
+                listing = ", ".join(file.name for file in matches)
+                msg = f"record {name!r} may be any of {listing} in {folder}; give the whole file name"
+                raise RecordError(msg)
+            if matches:
+                return read_record(matches[0], name=entry.key if entry else None)
+    entry = entry or _known_file(name)
+    if entry is not None and entry.bundled:
+        return _bundled(entry)
+    if entry is not None:
+        number = f"under RSN {entry.rsn}" if entry.rsn else "by event and station"
+        msg = (
+            f"record {name!r} ({entry.description}) is missing: no file {' or '.join(entry.files)}; "
+            f"{_searched(searched)}. Its terms forbid shipping it: get it from {entry.place}, {number}, "
+            f"and put it into a folder named by {RECORDS_VARIABLE}"
+        )
+        raise RecordError(msg)
+    raise RecordError(_unknown_record(name, searched, [file for folder in searched for file in files[folder]]))
+
+
+def _unknown_record(name: str, searched: Sequence[Path], files: Sequence[Path]) -> str:
+    found = sorted({file.stem for file in files})
+    close = difflib.get_close_matches(name.lower(), [stem.lower() for stem in found], n=1)
+    if close and not difflib.get_close_matches(name.lower(), list(KNOWN_RECORDS), n=1, cutoff=0.6):
+        stem = next(stem for stem in found if stem.lower() == close[0])
+        text = unknown("record", name, [*KNOWN_RECORDS, stem])
+        text = text if "did you mean" in text else f"{text}; did you mean {stem!r}?"
+    else:
+        text = unknown("record", name, KNOWN_RECORDS)
+    more = f" and {len(found) - _SHOWN_NAMES} more" if len(found) > _SHOWN_NAMES else ""
+    listing = f"; found there: {', '.join(found[:_SHOWN_NAMES])}{more}" if found else ""
+    return (
+        f"{text}, or a file's name; {_searched(searched)}{listing}. Give the path of a file, "
+        f"or name its folder in {RECORDS_VARIABLE}"
+    )
+
+
+def list_records(folders: Folders = None) -> list[tuple[str, Record | str]]:
+    """List every record at hand, bundled ones first, then folder by folder.
+
+    Parameters
+    ----------
+    folders
+        As in `find_record`.
+
+    Returns
+    -------
+    list of (str, Record or str)
+        The name that finds the record, and the record; or, for a file or folder
+        that can't be read, the text of its error: one bad file hides no other.
+
+    Examples
+    --------
+    >>> [name for name, record in list_records(folders=[])]
+    ['el_centro']
+    """
+    found: dict[str, Record | str] = {entry.key: _bundled(entry) for entry in KNOWN_RECORDS.values() if entry.bundled}
+    for folder in _folders(folders):
+        if not folder.is_dir():
+            found[str(folder)] = f"{folder}: no such folder; mend {RECORDS_VARIABLE} or the folders given"
+            continue
+        for file in _files(folder):
+            entry = _known_file(file.name)
+            names = [entry.key] if entry and not entry.bundled else []
+            name = next((name for name in (*names, file.stem, file.name) if name not in found), str(file))
+            try:
+                found[name] = read_record(file, name=name)
+            except RecordError as error:
+                found[name] = str(error)
+    return list(found.items())
+
+
+def resolve_records(
+    items: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
+    folders: Folders = None,
+    base: str | os.PathLike[str] | None = None,
+) -> list[Record]:
+    """Turn records, paths and names into records, in order.
+
+    Parameters
+    ----------
+    items
+        Records, paths, or texts: a text with a path separator or a record file's
+        ending (.at2, .csv, .txt, .dat) is a path, any other a name for `find_record`.
+        A path without folder that is not in `base` is looked for in `folders`.
+    folders
+        As in `find_record`.
+    base
+        Folder that relative paths start from; by default the current one.
+
+    Returns
+    -------
+    list of Record
+        One per item.
+
+    Raises
+    ------
+    RecordError
+        If an item is not found, can't be read or is of another type, or if two
+        records have the same name: they could not be told apart on an axis.
+
+    Examples
+    --------
+    >>> resolve_records(["el_centro", Record("step", dt=1.0, acceleration=[1.0, 1.0])])
+    [Record('el_centro', 1560 points, dt=0.02 s, PGA 3.128 m/s2), Record('step', 2 points, dt=1 s, PGA 1 m/s2)]
+    """
+    given = [items] if isinstance(items, Record | str | os.PathLike) else list(items)
+    records = [_resolve(item, folders, Path() if base is None else Path(base)) for item in given]
+    seen: dict[str, int] = {}
+    for index, record in enumerate(records):
+        if record.name in seen:
+            msg = (
+                f"records {seen[record.name] + 1} and {index + 1} have the same name {record.name!r}; "
+                "rename one: record.renamed('other')"
+            )
+            raise RecordError(msg)
+        seen[record.name] = index
+    return records
+
+
+def _resolve(item: object, folders: Folders, base: Path) -> Record:
+    if isinstance(item, Record):
+        return item
+    if not isinstance(item, str | os.PathLike):
+        msg = f"a record must be a Record, a path or a name, not {item!r}"
+        raise RecordError(msg)
+    text = os.fspath(item)
+    if not isinstance(text, str):
+        msg = f"a record's path must be text, not {item!r}"
+        raise RecordError(msg)
+    separated = any(separator in text for separator in {"/", os.sep, os.altsep or os.sep})
+    if isinstance(item, str) and not separated and Path(text).suffix.lower() not in RECORD_SUFFIXES:
+        return find_record(text, folders)
+    try:
+        path = base / Path(text).expanduser()
+        absent = not path.exists()
+    except (OSError, ValueError, RuntimeError) as error:
+        msg = f"{text!r} is no usable path: {error}"
+        raise RecordError(msg) from None
+    if absent and not separated:
+        try:
+            return find_record(text, folders)
+        except RecordError as error:
+            msg = f"no file {path}, and as a name: {error}"
+            raise RecordError(msg) from None
+    return read_record(path)

@@ -1,0 +1,220 @@
+"""The record itself: evenly spaced ground acceleration in m/s2, and its units."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import struct
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pounding_sweep.errors import RecordError, unknown
+
+STANDARD_GRAVITY = 9.81
+"""Acceleration of one g in m/s2, as in the pounding literature (not 9.80665)."""
+
+UNITS: dict[str, float] = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01}
+"""Acceleration units of files, each with its size in m/s2."""
+
+_ALIASES = {"gal": "cm/s2", "gals": "cm/s2", "ms-2": "m/s2", "cms-2": "cm/s2"}
+
+
+def match_unit(text: str) -> str | None:
+    """Find the unit of `UNITS` that `text` spells, or None.
+
+    Examples
+    --------
+    >>> match_unit("CM/SEC**2"), match_unit("m s-2"), match_unit("ft/s2")
+    ('cm/s2', 'm/s2', None)
+    """
+    plain = "".join(text.lower().split()).strip(".,;:").replace("²", "2").replace("**", "").replace("^", "")
+    plain = plain.replace("sec", "s").replace("/s/s", "/s2")
+    plain = _ALIASES.get(plain, plain)
+    return plain if plain in UNITS else None
+
+
+def require_unit(text: object) -> str:
+    """Find the unit of `UNITS` that `text` spells, or raise `RecordError`."""
+    found = match_unit(text) if isinstance(text, str) else None
+    if found is None:
+        msg = unknown("acceleration unit", text, [*UNITS, "gal", "m/s^2", "m/s**2", "cm/s^2", "cm/s/s"])
+        raise RecordError(msg)
+    return found
+
+
+def number(value: Any, what: str, *, positive: bool = False) -> float:
+    """Convert `value` to a finite float, or raise `RecordError` naming `what`."""
+    try:
+        if isinstance(value, str | bytes):
+            raise TypeError
+        result = float(value)
+    except (TypeError, ValueError, OverflowError):
+        msg = f"{what} must be a number, not {value!r}"
+        raise RecordError(msg) from None
+    if not math.isfinite(result) or (positive and result <= 0):
+        msg = f"{what} must be {'positive and ' if positive else ''}finite, not {value!r}"
+        raise RecordError(msg)
+    return result
+
+
+def _samples(name: str, acceleration: Any) -> npt.NDArray[np.float64]:
+    """Copy `acceleration` into a checked, read-only vector."""
+    if np.ma.isMaskedArray(acceleration):
+        acceleration = np.ma.asarray(acceleration, dtype=np.float64).filled(np.nan)
+    try:
+        given = np.asarray(acceleration)
+        if given.dtype.kind not in "biufO":
+            raise TypeError
+        values = np.array(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        msg = f"record {name!r}: acceleration must be a sequence of real numbers in m/s2"
+        raise RecordError(msg) from None
+    if values.ndim != 1:
+        msg = f"record {name!r}: acceleration has shape {values.shape}; give one component as a 1-D array in m/s2"
+        raise RecordError(msg)
+    if values.size == 0:
+        msg = f"record {name!r} is empty; it needs at least 1 point"
+        raise RecordError(msg)
+    bad = ~np.isfinite(values)
+    if bad.any():
+        nans = int(np.isnan(values).sum())
+        msg = (
+            f"record {name!r}: {int(bad.sum())} of {values.size} accelerations are not finite ({nans} NaN, "
+            f"{int(bad.sum()) - nans} inf), the first at index {int(bad.argmax())}; mend or cut the record"
+        )
+        raise RecordError(msg)
+    values += 0.0  # -0.0 becomes 0.0, so that equal motions have equal digests
+    values.flags.writeable = False
+    return values
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Record:
+    """One component of ground acceleration at a constant time step.
+
+    Records are immutable; two are equal where time step and accelerations
+    are, whatever their names. Between points the acceleration is linear.
+
+    Parameters
+    ----------
+    name
+        Label of the record, on axes and in tables.
+    dt
+        Time step in s, above 0.
+    acceleration
+        Ground acceleration in m/s2, shape (n_points,), n_points >= 1. Copied.
+    source
+        Where the record comes from, for attributes and captions.
+    scale
+        Product of all factors applied so far to the motion as recorded.
+
+    Raises
+    ------
+    RecordError
+        If the name is empty, `dt` is not positive and finite, or the
+        acceleration is empty, not one-dimensional or not finite.
+
+    Examples
+    --------
+    >>> record = Record("pulse", dt=0.01, acceleration=[0.0, 1.5, -3.0, 0.0])
+    >>> record
+    Record('pulse', 4 points, dt=0.01 s, PGA 3 m/s2)
+    >>> record.scaled(2.0).pga, record.scaled_to(1.5).scale
+    (6.0, 0.5)
+    """
+
+    name: str
+    dt: float
+    acceleration: npt.NDArray[np.float64]
+    source: str = ""
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.strip():
+            msg = f"a record's name must be a non-empty text, not {self.name!r}"
+            raise RecordError(msg)
+        object.__setattr__(self, "dt", number(self.dt, f"record {self.name!r}: dt (s)", positive=True))
+        object.__setattr__(self, "scale", number(self.scale, f"record {self.name!r}: scale"))
+        object.__setattr__(self, "source", str(self.source))
+        object.__setattr__(self, "acceleration", _samples(self.name, self.acceleration))
+
+    def __repr__(self) -> str:
+        return f"Record({self.name!r}, {self.n_points} points, dt={self.dt:g} s, PGA {self.pga:.4g} m/s2)"
+
+    def __eq__(self, other: object) -> bool:
+        return self.sha256 == other.sha256 if isinstance(other, Record) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A pickled array comes back writeable: go through the constructor.
+        return Record, (self.name, self.dt, np.asarray(self.acceleration), self.source, self.scale)
+
+    @property
+    def n_points(self) -> int:
+        """Number of points."""
+        return int(self.acceleration.size)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first point to the last, in s."""
+        return (self.n_points - 1) * self.dt
+
+    @property
+    def time(self) -> npt.NDArray[np.float64]:
+        """Times of the points in s, shape (n_points,), from 0."""
+        return np.arange(self.n_points, dtype=np.float64) * np.float64(self.dt)
+
+    @cached_property
+    def pga(self) -> float:
+        """Peak ground acceleration: largest absolute value, in m/s2."""
+        return float(np.max(np.abs(self.acceleration)))
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hex digest of the time step and the accelerations (little-endian float64)."""
+        digest = hashlib.sha256(struct.pack("<d", self.dt))
+        digest.update(self.acceleration.astype("<f8").tobytes())
+        return digest.hexdigest()
+
+    def scaled(self, factor: float) -> Record:
+        """Multiply the motion by a finite `factor`; name and source stay, `scale` follows.
+
+        Raises
+        ------
+        RecordError
+            If `factor` is not finite, or the product is not.
+        """
+        factor = number(factor, f"record {self.name!r}: the scale factor")
+        with np.errstate(over="ignore"):
+            motion = self.acceleration * factor
+        return Record(self.name, self.dt, motion, self.source, self.scale * factor)
+
+    def scaled_to(self, pga: float) -> Record:
+        """Scale the motion to a peak ground acceleration `pga` in m/s2.
+
+        Raises
+        ------
+        RecordError
+            If `pga` is not positive and finite, or the record is all zeros.
+        """
+        pga = number(pga, f"record {self.name!r}: the PGA to scale to (m/s2)", positive=True)
+        if self.pga == 0:
+            msg = f"record {self.name!r} is zero throughout and can't be scaled to a PGA of {pga:g} m/s2"
+            raise RecordError(msg)
+        return self.scaled(pga / self.pga)
+
+    def renamed(self, name: str) -> Record:
+        """Give the same motion another name.
+
+        Raises
+        ------
+        RecordError
+            If `name` is empty.
+        """
+        return Record(name, self.dt, self.acceleration, self.source, self.scale)

@@ -1,0 +1,241 @@
+"""Made records: seeded synthetic earthquakes and simple pulses, for tests and teaching."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pounding_sweep.errors import RecordError, unknown
+from pounding_sweep.records.record import Record, number
+
+_MOST_POINTS = 10_000_000
+
+Array = npt.NDArray[np.float64]
+
+
+def _points(duration: float, dt: float) -> int:
+    if duration / dt > _MOST_POINTS:
+        msg = f"duration {duration:g} s at dt {dt:g} s is more than {_MOST_POINTS} points; take a larger dt"
+        raise RecordError(msg)
+    return math.ceil(duration / dt * (1 - 1e-12)) + 1
+
+
+def synthetic_record(
+    seed: int,
+    *,
+    duration: float = 20.0,
+    dt: float = 0.01,
+    pga: float = 3.0,
+    ground_frequency: float = 15.6,
+    ground_damping: float = 0.6,
+    filter_frequency: float = 1.5,
+    filter_damping: float = 0.6,
+    rise: float = 0.1,
+    strong: float = 0.4,
+    end_level: float = 0.05,
+    name: str | None = None,
+) -> Record:
+    """Make a synthetic earthquake: Clough-Penzien filtered noise under an envelope.
+
+    White noise from ``numpy.random.Generator(PCG64(seed))`` passes the Kanai-Tajimi ground filter and Clough and
+    Penzien's second (high-pass) filter in the frequency domain, is multiplied by a Jennings envelope (parabolic
+    rise, constant strong motion, exponential decay) and scaled to `pga`.
+
+    Parameters
+    ----------
+    seed
+        Seed, an integer >= 0; the same seed and parameters give the same record.
+    duration
+        Length in s, at least `dt`.
+    dt
+        Time step in s.
+    pga
+        Peak ground acceleration in m/s2.
+    ground_frequency, ground_damping
+        Natural frequency in rad/s and damping ratio of the ground. 15.6 and 0.6 stand for firm ground.
+    filter_frequency, filter_damping
+        The same of the high-pass filter, which removes what would be drift.
+    rise, strong
+        Fractions of `duration` in which the envelope rises and in which it is 1; together at most 1.
+    end_level
+        Height of the envelope at the end, in (0, 1].
+    name
+        Label of the record; by default "synthetic-<seed>".
+
+    Returns
+    -------
+    Record
+        Acceleration in m/s2, with all parameters in `source`.
+
+    Raises
+    ------
+    RecordError
+        If a parameter is out of its range, or the ground's frequency is above the Nyquist frequency of `dt`.
+
+    Notes
+    -----
+    Limitations: frequency content doesn't change with time, and the motion is not
+    baseline-corrected (a small velocity remains at the end).
+
+    References
+    ----------
+    R. W. Clough, J. Penzien, Dynamics of Structures, 2nd ed., McGraw-Hill, 1993 (filters).
+    P. C. Jennings, G. W. Housner, N. C. Tsai, Simulated Earthquake Motions, Caltech, 1968 (envelope).
+
+    Examples
+    --------
+    >>> synthetic_record(1, pga=2.0)
+    Record('synthetic-1', 2001 points, dt=0.01 s, PGA 2 m/s2)
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        msg = f"seed must be an integer >= 0, not {seed!r}"
+        raise RecordError(msg)
+    dt = number(dt, "dt (s)", positive=True)
+    duration = number(duration, "duration (s)", positive=True)
+    pga = number(pga, "pga (m/s2)", positive=True)
+    wg = number(ground_frequency, "ground_frequency (rad/s)", positive=True)
+    zg = number(ground_damping, "ground_damping", positive=True)
+    wf = number(filter_frequency, "filter_frequency (rad/s)", positive=True)
+    zf = number(filter_damping, "filter_damping", positive=True)
+    rise, strong = number(rise, "rise"), number(strong, "strong")
+    end_level = number(end_level, "end_level", positive=True)
+    if duration < dt:
+        msg = f"duration must be at least dt = {dt:g} s, not {duration:g} s"
+        raise RecordError(msg)
+    if rise < 0 or strong < 0 or rise + strong > 1 or end_level > 1:
+        msg = f"rise={rise:g} and strong={strong:g} must be >= 0 with a sum <= 1, and end_level={end_level:g} <= 1"
+        raise RecordError(msg)
+    if wg >= math.pi / dt:
+        msg = f"ground_frequency {wg:g} rad/s is above the Nyquist frequency {math.pi / dt:g} rad/s; take a smaller dt"
+        raise RecordError(msg)
+    n = _points(duration, dt)
+    # Filtering on a circle of twice the length makes a stationary process: no start-up transient to wait for.
+    size = 2 ** max(4, (2 * n - 1).bit_length())
+    noise = np.random.Generator(np.random.PCG64(int(seed))).standard_normal(size)
+    w = 2 * np.pi * np.fft.rfftfreq(size, dt)
+    ground = (wg**2 + 2j * zg * wg * w) / (wg**2 - w**2 + 2j * zg * wg * w)
+    high_pass = w**2 / (wf**2 - w**2 + 2j * zf * wf * w)
+    motion = np.fft.irfft(np.fft.rfft(noise) * ground * high_pass, size)[:n] * _envelope(n, rise, strong, end_level)
+    label = f"synthetic-{seed}" if name is None else name
+    source = (
+        f"synthetic, Clough-Penzien filtered white noise: seed={int(seed)}, duration={duration:g} s, dt={dt:g} s, "
+        f"pga={pga:g} m/s2, ground {wg:g} rad/s and {zg:g}, high-pass {wf:g} rad/s and {zf:g}, "
+        f"Jennings envelope rise={rise:g}, strong={strong:g}, end_level={end_level:g}"
+    )
+    peak = np.max(np.abs(motion))
+    return Record(label, dt, motion * (pga / peak), source)
+
+
+def _envelope(n: int, rise: float, strong: float, end_level: float) -> Array:
+    """Jennings' envelope at `n` even times: parabolic rise, 1, exponential decay to `end_level`."""
+    part = np.linspace(0.0, 1.0, n)
+    up = np.clip(part / rise, 0, 1) ** 2 if rise > 0 else np.ones_like(part)
+    tail = 1 - rise - strong
+    down = np.clip((part - rise - strong) / tail, 0, 1) if tail > 1e-12 else np.zeros_like(part)
+    return np.asarray(up * end_level**down)
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """One pulse shape: its length in periods and its height over time in periods.
+
+    Attributes
+    ----------
+    shape
+        Name in the registry.
+    length
+        Length in periods; the pulse is zero after it.
+    height
+        Function of time over period, in [0, length], with an extreme of 1.
+    description
+        What it is, in one line.
+    """
+
+    shape: str
+    length: float
+    height: Callable[[Array], Array]
+    description: str
+
+
+def _ricker(x: Array) -> Array:
+    square = (np.pi * (x - 1.5)) ** 2
+    return (1 - 2 * square) * np.exp(-square)
+
+
+PULSES: dict[str, Pulse] = {
+    pulse.shape: pulse
+    for pulse in (
+        Pulse("half_sine", 0.5, lambda x: np.sin(2 * np.pi * x), "positive half of one sine cycle"),
+        Pulse("sine", 1.0, lambda x: np.sin(2 * np.pi * x), "one full sine cycle"),
+        Pulse("ricker", 3.0, _ricker, "Ricker wavelet of that dominant period, its peak at 1.5 periods"),
+        Pulse("rectangular", 1.0, np.ones_like, "constant for one period"),
+        Pulse("triangular", 1.0, lambda x: 1 - np.abs(2 * x - 1), "linear rise in half a period, linear fall"),
+    )
+}
+"""Pulse shapes by name."""
+
+
+def pulse_record(
+    shape: str,
+    *,
+    amplitude: float,
+    period: float,
+    dt: float,
+    duration: float | None = None,
+    name: str | None = None,
+) -> Record:
+    """Make a record of one simple pulse, zero after it.
+
+    Parameters
+    ----------
+    shape
+        A key of `PULSES`: "half_sine", "sine", "ricker", "rectangular" or "triangular".
+    amplitude
+        Extreme of the pulse in m/s2, of either sign. A grid that misses the extreme has a lower PGA.
+    period
+        Period T of the pulse in s. A half sine lasts T/2, a Ricker wavelet 3 T, the others T.
+    dt
+        Time step in s, at most half the pulse's length.
+    duration
+        Length of the record in s, at least that of the pulse, which is the default.
+    name
+        Label of the record; by default the shape.
+
+    Returns
+    -------
+    Record
+        Acceleration in m/s2.
+
+    Raises
+    ------
+    RecordError
+        If the shape is unknown, a value is out of range, the step too coarse or the duration too short.
+
+    Examples
+    --------
+    >>> pulse_record("triangular", amplitude=2.0, period=0.4, dt=0.1).acceleration.tolist()
+    [0.0, 1.0, 2.0, 1.0, 0.0]
+    """
+    pulse = PULSES.get(shape) if isinstance(shape, str) else None
+    if pulse is None:
+        raise RecordError(unknown("pulse shape", shape, PULSES))
+    amplitude = number(amplitude, "amplitude (m/s2)")
+    period = number(period, "period (s)", positive=True)
+    dt = number(dt, "dt (s)", positive=True)
+    length = pulse.length * period
+    duration = length if duration is None else number(duration, "duration (s)", positive=True)
+    if dt > length / 2 * (1 + 1e-9):
+        msg = f"dt {dt:g} s is too coarse for a {shape} pulse of {length:g} s; take at most {length / 2:g} s"
+        raise RecordError(msg)
+    if duration < length * (1 - 1e-9):
+        msg = f"duration {duration:g} s would cut the {shape} pulse, which lasts {length:g} s; take at least that"
+        raise RecordError(msg)
+    part = np.arange(_points(duration, dt)) * (dt / period)
+    inside = part <= pulse.length * (1 + 1e-9)
+    motion = np.where(inside, amplitude * pulse.height(np.minimum(part, pulse.length)), 0.0)
+    source = f"{shape} pulse: amplitude={amplitude:g} m/s2, period={period:g} s, dt={dt:g} s"
+    return Record(shape if name is None else name, dt, motion, source)
