@@ -1,0 +1,640 @@
+"""Slow, obvious twin of the fast solver: one scenario at a time, adaptive steps, every event located.
+
+Nothing here comes from the package under test. A row of shear buildings is integrated as one first-order system with
+``scipy.integrate.DOP853``; the integrator is restarted at every record point and at every event, and between events
+the phase of every contact (open, closed, rebounding, clipped) is frozen, so each piece that is integrated is smooth.
+
+Units are kN, t, m, s. Displacements are relative to the ground. Penetration is ``d = u_left - u_right - gap``.
+
+Conventions where a choice had to be made:
+
+* ``v0`` is the rate of ``d`` at the located onset. Where a law divides by it, ``max(v0, 1e-3 m/s)`` is used;
+  ``approach_speed_max`` reports it as it is.
+* Energies are counted from the start: with an initial velocity, the kinetic energy in ``transfer = input - kinetic -
+  damping - strain`` is what was gained since t = 0, so that the transfers still sum to the work of the contacts. The
+  energy at t = 0 is returned as ``kinetic_initial``.
+* ``impact_force_max`` and ``penetration_max`` are largest positive values (0 where nothing touched).
+* ``d`` has to exceed ``TOUCH`` (1e-13 m) to be seen as a touch, which keeps rounding noise of buildings that move
+  alike from counting; the instant reported is still the one at which ``d`` left zero.
+* ``stereomechanical``: velocities jump at the onset; there is no force, ``impulse`` and ``contact_work`` take the jump.
+  A resting contact bounces infinitely often in a finite time: RuntimeError.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.integrate import DOP853, solve_ivp
+from scipy.linalg import block_diag, eigh, expm
+from scipy.optimize import brentq
+
+WALL = "wall"
+V0_FLOOR = 1e-3  # m/s, least approach speed a law may divide by
+TOUCH = 1e-13  # m (or m/s), an event function must exceed this to have crossed zero
+SAMPLES = 13  # points per integrator step at which events and peaks are looked for
+MAX_EVENTS_PER_INTERVAL = 1000
+
+OPEN, CLOSED, REBOUND, CLIPPED = 0, 1, 2, 3
+
+
+@dataclass
+class NaiveBuilding:
+    masses: list[float]
+    stiffnesses: list[float]
+    damping_ratio: float = 0.05
+    rayleigh: tuple[float, float] | None = None
+    storey_heights: list[float] | None = None
+
+    def matrices(self):
+        """Return dense M, C, K."""
+        n = len(self.masses)
+        mass = np.diag(np.asarray(self.masses, dtype=float))
+        stiffness = np.zeros((n, n))
+        for i, k in enumerate(self.stiffnesses):
+            stiffness[i, i] += k
+            if i > 0:
+                stiffness[i - 1, i - 1] += k
+                stiffness[i - 1, i] -= k
+                stiffness[i, i - 1] -= k
+        if self.rayleigh is not None:
+            alpha, beta = self.rayleigh
+            return mass, alpha * mass + beta * stiffness, stiffness
+        w = np.sqrt(eigh(stiffness, mass, eigvals_only=True))
+        if n == 1:
+            damping = 2.0 * self.damping_ratio * w[0] * mass
+        else:
+            alpha = 2.0 * self.damping_ratio * w[0] * w[1] / (w[0] + w[1])
+            beta = 2.0 * self.damping_ratio / (w[0] + w[1])
+            damping = alpha * mass + beta * stiffness
+        return mass, damping, stiffness
+
+    def elevations(self):
+        heights = [3.0] * len(self.masses) if self.storey_heights is None else self.storey_heights
+        return np.cumsum(heights)
+
+
+# --------------------------------------------------------------------------------------------------------------------
+# Contact laws: F = k d^n + (damper), with
+#   "dashpot":       damper = 2 z sqrt(k m) v                       z: the damping ratio
+#   "proportional":  damper = k d^n (D / v0) v                      D: dimensionless
+#   "quarter":       damper = 2 z sqrt(k sqrt(d) m) v               z: the damping ratio
+# "approach": the damper acts while v > 0 only. "clip": F = max(0, F) while d > 0.
+
+
+def _zeta_kelvin_voigt(e):
+    if e == 0.0:
+        return 1.0
+    return -np.log(e) / np.sqrt(np.pi**2 + np.log(e) ** 2)
+
+
+@dataclass(frozen=True)
+class Law:
+    exponent: float
+    damper: str | None = None
+    approach_only: bool = False
+    clip: bool = False
+    published: object = None  # e -> z or D
+
+
+LAWS = {
+    "linear": Law(1.0),
+    "hertz": Law(1.5),
+    "kelvin_voigt": Law(1.0, "dashpot", clip=True, published=_zeta_kelvin_voigt),
+    "kelvin_voigt_tension": Law(1.0, "dashpot", published=_zeta_kelvin_voigt),
+    "linear_viscoelastic": Law(
+        1.0, "dashpot", approach_only=True, published=lambda e: (1 - e * e) / (e * (e * (np.pi - 2) + 2))
+    ),
+    "modified_kelvin_voigt": Law(
+        1.0, "proportional", approach_only=True, published=lambda e: 1.5 * (1 - e * e) / (e * e)
+    ),
+    "modified_kelvin": Law(1.0, "proportional", clip=True, published=lambda e: 1.5 * (1 - e) / e),
+    "hertz_damped": Law(1.5, "proportional", clip=True, published=lambda e: 0.75 * (1 - e * e)),
+    "hunt_crossley": Law(1.5, "proportional", clip=True, published=lambda e: 1.5 * (1 - e)),
+    "ye_hertz": Law(1.5, "proportional", clip=True, published=lambda e: 1.6 * (1 - e) / e),
+    "gonthier": Law(1.5, "proportional", clip=True, published=lambda e: (1 - e * e) / e),
+    "nonlinear_viscoelastic": Law(
+        1.5,
+        "quarter",
+        approach_only=True,
+        published=lambda e: 4.5 * np.sqrt(5.0) * (1 - e * e) / (e * (e * (9 * np.pi - 16) + 16)),
+    ),
+}
+
+
+def damping_coefficient(law, e):
+    """Published z or D of a law at nominal restitution e (None for an undamped law)."""
+    rule = LAWS[law]
+    return None if rule.damper is None else float(rule.published(e))
+
+
+def elastic_force(rule, k, d):
+    d = np.maximum(d, 0.0)
+    return k * d if rule.exponent == 1.0 else k * d * np.sqrt(d)
+
+
+def damper_force(rule, k, d, v, m, v0, z):
+    d = np.maximum(d, 0.0)
+    if rule.damper == "dashpot":
+        return 2.0 * z * np.sqrt(k * m) * v
+    if rule.damper == "proportional":
+        return elastic_force(rule, k, d) * (z / v0) * v
+    return 2.0 * z * np.sqrt(k * np.sqrt(d) * m) * v
+
+
+# --------------------------------------------------------------------------------------------------------------------
+# The row
+
+
+def contact_floors(left, right):
+    """Storeys (1 at the bottom) of two neighbours that meet: list of (left storey, right storey), None for a wall."""
+    if isinstance(left, str):
+        return [(None, j + 1) for j in range(len(right.masses))]
+    if isinstance(right, str):
+        return [(i + 1, None) for i in range(len(left.masses))]
+    return [
+        (i + 1, j + 1)
+        for i, a in enumerate(left.elevations())
+        for j, b in enumerate(right.elevations())
+        if abs(a - b) <= 1e-3 * (1 + 1e-9)
+    ]
+
+
+class _Row:
+    """Matrices of the whole row, the contact geometry, and the split of flat arrays by building and pair."""
+
+    def __init__(self, buildings, gaps):
+        if len(gaps) != len(buildings) - 1:
+            msg = f"{len(buildings)} neighbours need {len(buildings) - 1} gaps, not {len(gaps)}"
+            raise ValueError(msg)
+        sizes = [0 if isinstance(b, str) else len(b.masses) for b in buildings]
+        self.start = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+        self.n = n = int(self.start[-1])
+        self.nb = len(buildings)
+        real = [b for b in buildings if not isinstance(b, str)]
+        parts = [b.matrices() for b in real]
+        mass, self.C, self.K = (block_diag(*[p[i] for p in parts]) for i in range(3))
+        self.m = np.diag(mass)
+        self.k_storey = np.concatenate([np.asarray(b.stiffnesses, dtype=float) for b in real])
+
+        self.drift = np.eye(n)  # drift = (this) @ u
+        self.owner = np.zeros((self.nb, n))  # sums storeys over each building
+        for b in range(self.nb):
+            self.owner[b, self.start[b] : self.start[b + 1]] = 1.0
+            for i in range(self.start[b] + 1, self.start[b + 1]):
+                self.drift[i, i - 1] = -1.0
+
+        self.met = [contact_floors(buildings[p], buildings[p + 1]) for p in range(self.nb - 1)]
+        rows, gap, meff, self.ends = [], [], [], []
+        for p, floors in enumerate(self.met):
+            for left, right in floors:
+                row, inverse = np.zeros(n), 0.0
+                if left is not None:
+                    i = self.start[p] + left - 1
+                    row[i], inverse = 1.0, inverse + 1.0 / self.m[i]
+                if right is not None:
+                    i = self.start[p + 1] + right - 1
+                    row[i], inverse = -1.0, inverse + 1.0 / self.m[i]
+                rows.append(row)
+                gap.append(float(gaps[p]))
+                meff.append(1.0 / inverse)
+        self.np = len(rows)
+        self.B = np.array(rows).reshape(self.np, n)
+        self.gap = np.array(gap)
+        self.meff = np.array(meff)
+
+    def by_building(self, x):
+        return [x[..., self.start[b] : self.start[b + 1]] for b in range(self.nb)]
+
+    def by_pair(self, x):
+        cuts = np.cumsum([len(f) for f in self.met])[:-1] if self.met else []
+        return list(np.split(np.asarray(x), cuts)) if self.met else []
+
+
+class _Solver:
+    def __init__(self, row, law, k, e, damping, rtol, atol):
+        self.row = row
+        self.jump = law == "stereomechanical"
+        self.contact = row.np > 0 and law != "none"
+        self.rule = None if law in ("none", "stereomechanical") else LAWS[law]
+        self.k = float(k) if k is not None else 0.0
+        self.e = e
+        self.z = None
+        if self.rule is not None and self.rule.damper is not None:
+            self.z = float(damping) if damping is not None else damping_coefficient(law, e)
+        self.rtol = rtol
+        n, nb, np_ = row.n, row.nb, row.np
+        self.iu, self.iv = slice(0, n), slice(n, 2 * n)
+        self.i_in, self.i_damp = slice(2 * n, 2 * n + nb), slice(2 * n + nb, 2 * n + 2 * nb)
+        self.i_work = slice(2 * n + 2 * nb, 2 * n + 2 * nb + np_)
+        self.i_imp = slice(2 * n + 2 * nb + np_, 2 * n + 2 * nb + 2 * np_)
+        self.size = 2 * n + 2 * nb + 2 * np_
+        self.atol = np.full(self.size, float(atol))
+        self.atol[2 * n :] *= max(1.0, float(np.max(row.m)))  # energies and impulses: mass times velocities
+        self.state = np.zeros(np_, dtype=int)
+        self.v0 = np.full(np_, V0_FLOOR)
+
+        self.event_count = 0
+        self.count = np.zeros(np_, dtype=int)
+        self.first = [None] * np_
+        self.approach = np.zeros(np_)
+        self.last_open = np.zeros(np_)  # last instant seen with d <= 0
+        self.peak = None
+        self.kinetic0 = np.zeros(nb)
+
+    # -- physics; u, v may have one column per instant -----------------------------------------------------------
+
+    def force(self, d, v):
+        """Contact force in the frozen phases."""
+        if not self.contact or self.jump or not self.state.any():
+            return np.zeros_like(d)
+        column = (slice(None),) + (None,) * (d.ndim - 1)
+        pushing = ((self.state == CLOSED) | (self.state == REBOUND))[column]
+        f = elastic_force(self.rule, self.k, d)
+        if self.z is not None:
+            damper = damper_force(self.rule, self.k, d, v, self.row.meff[column], self.v0[column], self.z)
+            f = f + np.where((self.state == CLOSED)[column], damper, 0.0)
+        return np.where(pushing, f, 0.0)
+
+    def motion(self, u, v, ag):
+        """Return (acceleration relative to the ground, F, d, rate of d)."""
+        row = self.row
+        m = row.m if u.ndim == 1 else row.m[:, None]
+        load = -(row.C @ v) - row.K @ u
+        if not self.contact:
+            zero = np.zeros((row.np, *u.shape[1:]))
+            return load / m - ag, zero, zero - 1.0, zero
+        d = row.B @ u
+        d -= row.gap if u.ndim == 1 else row.gap[:, None]
+        rate = row.B @ v
+        f = self.force(d, rate)
+        return (load - row.B.T @ f) / m - ag, f, d, rate
+
+    def rhs(self, tau, y):
+        row = self.row
+        u, v = y[self.iu], y[self.iv]
+        ag = self.ag0 + self.slope * tau
+        a, f, _, rate = self.motion(u, v, ag)
+        power_in = row.owner @ (-row.m * ag * v)
+        power_damp = row.owner @ (v * (row.C @ v))
+        return np.concatenate([v, a, power_in, power_damp, f * rate, f])
+
+    def energies(self, y):
+        """Return (kinetic, strain, transfer) per building."""
+        row = self.row
+        u, v = y[self.iu], y[self.iv]
+        m = row.m if y.ndim == 1 else row.m[:, None]
+        kinetic = row.owner @ (0.5 * m * v * v)
+        strain = row.owner @ (0.5 * u * (row.K @ u))
+        k0 = self.kinetic0 if y.ndim == 1 else self.kinetic0[:, None]
+        return kinetic, strain, y[self.i_in] - (kinetic - k0) - y[self.i_damp] - strain
+
+    # -- events --------------------------------------------------------------------------------------------------
+
+    def gauges(self, y):
+        """Event functions of the frozen phases: list of (pair, next phase, values); an event is a rise through 0."""
+        row = self.row
+        d = row.B @ y[self.iu]
+        d = d - (row.gap if y.ndim == 1 else row.gap[:, None])
+        rate = row.B @ y[self.iv]
+        out = []
+        for p in range(row.np):
+            now = self.state[p]
+            if now == OPEN:
+                out.append((p, CLOSED, d[p]))
+                continue
+            out.append((p, OPEN, -d[p]))
+            if self.z is None or self.z == 0.0:
+                continue
+            if self.rule.approach_only:
+                out.append((p, REBOUND, -rate[p]) if now == CLOSED else (p, CLOSED, rate[p]))
+            elif self.rule.clip:
+                # Sign of the published force: d + (c/k) v, or 1 + (D/v0) v scaled to a speed.
+                if self.rule.damper == "dashpot":
+                    sign = d[p] + 2.0 * self.z * np.sqrt(row.meff[p] / self.k) * rate[p]
+                else:
+                    sign = rate[p] + self.v0[p] / self.z
+                out.append((p, CLIPPED, -sign) if now == CLOSED else (p, CLOSED, sign))
+        return out
+
+    def find_event(self, dense, ts, ys):
+        """Earliest event in a step: (time, pair, next phase, located by a root?) or None."""
+        best = None
+        for g, (p, target, values) in enumerate(self.gauges(ys)):
+
+            def gauge(t, g=g):
+                return float(self.gauges(dense(t))[g][2])
+
+            above = np.flatnonzero(values > TOUCH)
+            stop = int(above[0]) if above.size else len(ts)
+            bracket = None
+            # A hump between samples that all lie below zero (a grazing touch).
+            for i in range(min(stop, len(ts))):
+                a, b = max(i - 1, 0), min(i + 1, len(ts) - 1)
+                left, mid, right = values[a], values[i], values[b]
+                if left < 0.0 and mid < 0.0 and mid >= left and mid >= right and 3.0 * mid - left - right > 0.0:
+                    top, value = _zoom(lambda t, g=g: self.gauges(dense(t))[g][2], ts[a], ts[b])
+                    if value > TOUCH:
+                        bracket = (ts[a], top)
+                        break
+            if bracket is None:
+                if stop == len(ts):
+                    continue
+                if stop == 0 or values[stop - 1] >= 0.0:
+                    t_event = ts[max(stop - 1, 0)]
+                else:
+                    bracket = (ts[stop - 1], ts[stop])
+            located = bracket is not None
+            if located:
+                t_event = brentq(gauge, *bracket, xtol=1e-17, rtol=1e-15)
+            if best is None or t_event < best[0]:
+                best = (t_event, p, target, located)
+        return best
+
+    def enter(self, t_global, y, p, target, located):
+        """Set the phase of a pair after an event; returns the state vector (changed only if stereomechanical)."""
+        self.event_count += 1
+        if self.state[p] == OPEN:
+            v = max(float(self.row.B[p] @ y[self.iv]), 0.0)
+            self.v0[p] = max(v, V0_FLOOR)
+            self.count[p] += 1
+            self.approach[p] = max(self.approach[p], v)
+            if self.first[p] is None:
+                self.first[p] = float(t_global if located else min(t_global, self.last_open[p]))
+            if self.jump:
+                y = y.copy()
+                impulse = (1.0 + self.e) * self.row.meff[p] * v
+                y[self.iv] -= self.row.B[p] / self.row.m * impulse
+                y[self.i_imp][p] += impulse
+                y[self.i_work][p] += 0.5 * impulse * v * (1.0 - self.e)
+                return y
+        self.state[p] = target
+        return y
+
+    # -- peaks ---------------------------------------------------------------------------------------------------
+
+    def observe(self, tau, y):
+        """Every quantity whose largest value is wanted, one row each."""
+        u, v = y[self.iu], y[self.iv]
+        ag = self.ag0 + self.slope * tau
+        a, f, d, _ = self.motion(u, v, ag)
+        transfer = self.energies(y)[2]
+        return np.concatenate([u, -u, np.abs(self.row.drift @ u), np.abs(a + ag), f, d, transfer, -transfer])
+
+    def note_peaks(self, dense, ts, ys):
+        q = self.observe(ts, ys)
+        top = np.argmax(q, axis=1)
+        rows = np.arange(len(q))
+        value = q[rows, top]
+        lower, upper = np.maximum(top - 1, 0), np.minimum(top + 1, len(ts) - 1)
+        reach = 0.5 * np.maximum(value - q[rows, lower], value - q[rows, upper])
+        candidates = np.flatnonzero((value + reach > self.peak) & (reach > 1e-10 * np.abs(value)))
+        self.peak = np.maximum(self.peak, value)
+        for i in candidates:
+            best = _zoom(lambda t, i=i: self.observe(t, dense(t))[i], ts[lower[i]], ts[upper[i]])[1]
+            self.peak[i] = max(self.peak[i], best)
+
+    # -- time ----------------------------------------------------------------------------------------------------
+
+    def interval(self, y, t_start, dt, ag0, ag1):
+        """Integrate one record interval in local time, restarting at events."""
+        self.ag0, self.slope = ag0, (ag1 - ag0) / dt
+        tau, events_here = 0.0, 0
+        solver = None
+        while tau < dt:
+            if solver is None:
+                first = None if self.h_next is None else min(self.h_next, dt - tau)
+                solver = DOP853(self.rhs, tau, y, dt, rtol=self.rtol, atol=self.atol, first_step=first)
+            message = solver.step()
+            if solver.status == "failed":
+                msg = f"integration failed at t = {t_start + solver.t}: {message}"
+                raise RuntimeError(msg)
+            dense = solver.dense_output()
+            ts = np.linspace(tau, solver.t, SAMPLES)
+            ys = dense(ts)
+            event = self.find_event(dense, ts, ys) if self.contact else None
+            end = solver.t if event is None else event[0]
+            if event is not None:
+                ts = np.linspace(tau, end, SAMPLES)
+                ys = dense(ts)
+            if end > tau:
+                self.note_peaks(dense, ts, ys)
+            if self.contact:
+                d = self.row.B @ ys[self.iu] - self.row.gap[:, None]
+                for p in np.flatnonzero((d <= 0.0).any(axis=1)):
+                    self.last_open[p] = t_start + ts[np.flatnonzero(d[p] <= 0.0)[-1]]
+            if event is None:
+                tau, y, self.h_next = solver.t, solver.y, solver.h_abs
+                continue
+            events_here += 1
+            if events_here > MAX_EVENTS_PER_INTERVAL:
+                msg = f"more than {MAX_EVENTS_PER_INTERVAL} events in one record interval at t = {t_start + tau}"
+                raise RuntimeError(msg)
+            y = ys[:, 0].copy() if end == tau else dense(end)
+            tau = end
+            y = self.enter(t_start + tau, y, *event[1:])
+            self.h_next, solver = None, None
+            # The limit just after the event: force and acceleration may have jumped.
+            self.peak = np.maximum(self.peak, self.observe_now(tau, y))
+        return y
+
+    def observe_now(self, tau, y):
+        return self.observe(np.array([tau]), y[:, None])[:, 0]
+
+
+def _zoom(f, a, b, points=21, rounds=5):
+    """Largest value of a vectorised smooth f on [a, b] by repeated sampling around the best sample."""
+    lo, hi = a, b
+    best_t, best = a, -np.inf
+    for _ in range(rounds):
+        t = np.linspace(lo, hi, points)
+        values = f(t)
+        i = int(np.argmax(values))
+        if values[i] > best:
+            best_t, best = float(t[i]), float(values[i])
+        lo, hi = t[max(i - 1, 0)], t[min(i + 1, points - 1)]
+    return best_t, best
+
+
+def run(buildings, gaps, ag, dt, law, k=None, e=None, *, initial_velocity=None, damping=None, rtol=1e-10, atol=1e-12):
+    """Response of a row to one ground motion.
+
+    Parameters
+    ----------
+    buildings : list of NaiveBuilding or WALL; gaps : list of float, m, one fewer.
+    ag, dt : ground acceleration at the record points, m/s2, linear in between; the run covers all of it.
+    law : key of LAWS, or "none", or "stereomechanical". k : kN/m or kN/m^1.5. e : nominal restitution.
+    initial_velocity : list of arrays per building (None or empty for a wall), relative to the ground, m/s.
+    damping : replaces the published z (dashpot and quarter laws) or D = coefficient * v0 (proportional laws).
+
+    Returns
+    -------
+    dict. Per building lists of arrays over storeys: displacement_max, displacement_min, drift_max, storey_shear_max,
+    acceleration_max, displacement_final, velocity_final, and displacement, velocity (record points x storeys).
+    Per building arrays: energy_input, energy_damping, kinetic_final, strain_final, kinetic_initial,
+    energy_transfer_final, energy_transfer_max, energy_transfer_min (a wall has zeros). Per pair lists over the floors
+    that meet: floors (storeys left and right, None at a wall), impact_force_max, impact_count, penetration_max,
+    impulse, first_impact_time (None: no impact), approach_speed_max, contact_work. Scalars: event_count, duration.
+    """
+    row = _Row(buildings, gaps)
+    ag = np.asarray(ag, dtype=float)
+    s = _Solver(row, law, k, e, damping, rtol, atol)
+    y = np.zeros(s.size)
+    if initial_velocity is not None:
+        for b, v in enumerate(initial_velocity):
+            if v is not None and len(v):
+                y[row.n + row.start[b] : row.n + row.start[b + 1]] = v
+    s.kinetic0 = s.energies(y)[0].copy()
+    s.h_next = None
+    s.ag0, s.slope = ag[0], 0.0
+    if s.contact and np.any(row.gap < 0.0):
+        msg = "gaps must not be negative"
+        raise ValueError(msg)
+    s.peak = np.maximum(0.0, s.observe_now(0.0, y))
+    history = [y[: 2 * row.n].copy()]
+    for i in range(len(ag) - 1):
+        y = s.interval(y, i * dt, dt, ag[i], ag[i + 1])
+        history.append(y[: 2 * row.n].copy())
+    history = np.array(history)
+
+    n, np_, nb = row.n, row.np, row.nb
+    cuts = np.cumsum([n, n, n, n, np_, np_, nb])
+    up, down, drift, acc, force, pen, tr_max, tr_min = np.split(s.peak, cuts)
+    kinetic, strain, transfer = s.energies(y)
+    first = iter(s.first)
+    return {
+        "floors": row.met,
+        "displacement_max": row.by_building(up),
+        "displacement_min": row.by_building(-down),
+        "drift_max": row.by_building(drift),
+        "storey_shear_max": row.by_building(row.k_storey * drift),
+        "acceleration_max": row.by_building(acc),
+        "impact_force_max": row.by_pair(force),
+        "impact_count": row.by_pair(s.count),
+        "penetration_max": row.by_pair(pen),
+        "impulse": row.by_pair(y[s.i_imp]),
+        "first_impact_time": [[next(first) for _ in floors] for floors in row.met],
+        "approach_speed_max": row.by_pair(s.approach),
+        "contact_work": row.by_pair(y[s.i_work]),
+        "energy_input": y[s.i_in].copy(),
+        "energy_damping": y[s.i_damp].copy(),
+        "kinetic_initial": s.kinetic0,
+        "kinetic_final": kinetic,
+        "strain_final": strain,
+        "energy_transfer_final": transfer,
+        "energy_transfer_max": tr_max,
+        "energy_transfer_min": -tr_min,
+        "displacement_final": row.by_building(y[s.iu].copy()),
+        "velocity_final": row.by_building(y[s.iv].copy()),
+        "displacement": row.by_building(history[:, :n]),
+        "velocity": row.by_building(history[:, n:]),
+        "event_count": s.event_count,
+        "duration": (len(ag) - 1) * dt,
+    }
+
+
+# --------------------------------------------------------------------------------------------------------------------
+# Small exact or near-exact references
+
+
+def two_mass_impact(law, k, e, m1, m2, v0, *, damping=None, rtol=1e-12):
+    """Two free masses that meet at v0: m d'' = -F(d, d'), integrated to separation.
+
+    Returns restitution, duration (to d = 0, or to F = 0 for a clipped dashpot), penetration_max, force_max,
+    energy_lost.
+    """
+    rule = LAWS[law]
+    m = m1 * m2 / (m1 + m2)
+    z = 0.0
+    if rule.damper is not None:
+        z = damping_coefficient(law, e) if damping is None else damping
+    scale_t = np.sqrt(m / k) if rule.exponent == 1.0 else (m * m / (k * k * v0)) ** 0.2
+    scale_d = v0 * scale_t
+
+    def force(d, v, damped=True):
+        f = elastic_force(rule, k, d)
+        if rule.damper is not None and damped:
+            f = f + damper_force(rule, k, d, v, m, max(v0, V0_FLOOR), z)
+        return f
+
+    def approach(_, y):
+        return [y[1], -force(y[0], y[1]) / m]
+
+    def rebound(_, y):
+        return [y[1], -force(y[0], y[1], damped=not rule.approach_only) / m]
+
+    def stopped(_, y):
+        return y[1]
+
+    def separated(t, y):
+        if rule.clip and rule.damper == "dashpot":
+            return force(y[0], y[1]) / (k * scale_d)
+        return y[0] / scale_d
+
+    stopped.terminal, stopped.direction = True, -1
+    separated.terminal, separated.direction = True, -1
+    tolerance = {"method": "DOP853", "rtol": rtol, "atol": [1e-14 * scale_d, 1e-14 * v0], "dense_output": True}
+    first = solve_ivp(approach, (0.0, 1e3 * scale_t), [0.0, v0], events=stopped, **tolerance)
+    t_stop, y_stop = first.t_events[0][0], first.y_events[0][0]
+    second = solve_ivp(rebound, (t_stop, t_stop + 1e4 * scale_t), [y_stop[0], 0.0], events=separated, **tolerance)
+    t_end, y_end = second.t_events[0][0], second.y_events[0][0]
+    t = np.linspace(0.0, t_stop, 4001)
+    y = first.sol(t)
+    f = force(y[0], y[1])
+    i = int(np.argmax(f))
+    a, b = t[max(i - 1, 0)], t[min(i + 1, len(t) - 1)]
+    peak = max(force(0.0, v0), _zoom(lambda s: force(*first.sol(s)), a, b)[1], force(y_stop[0], 0.0))
+    restitution = -y_end[1] / v0
+    return {
+        "restitution": float(restitution),
+        "duration": float(t_end),
+        "penetration_max": float(y_stop[0]),
+        "force_max": float(peak),
+        "energy_lost": float(0.5 * m * v0 * v0 * (1.0 - restitution**2)),
+    }
+
+
+def two_mass_restitution(law, k, e, m1, m2, v0, *, damping=None):
+    """Realised restitution of two free masses (see two_mass_impact)."""
+    return two_mass_impact(law, k, e, m1, m2, v0, damping=damping)["restitution"]
+
+
+def sdof_exact(mass, stiffness, damping, ag, dt, *, u0=0.0, v0=0.0):
+    """Displacement and velocity of one damped mass at the record points, ag linear in between (closed form)."""
+    w = np.sqrt(stiffness / mass)
+    zeta = damping / (2.0 * mass * w)
+    wd = w * np.sqrt(1.0 - zeta**2)
+    decay, c, s = np.exp(-zeta * w * dt), np.cos(wd * dt), np.sin(wd * dt)
+    u, v = [u0], [v0]
+    for a0, a1 in pairwise(ag):
+        slope = (a1 - a0) / dt
+        p1 = -slope / w**2  # particular solution p0 + p1 t
+        p0 = (-a0 - 2.0 * zeta * w * p1) / w**2
+        c1 = u[-1] - p0
+        c2 = (v[-1] - p1 + zeta * w * c1) / wd
+        u.append(decay * (c1 * c + c2 * s) + p0 + p1 * dt)
+        v.append(decay * ((-zeta * w * c1 + wd * c2) * c + (-zeta * w * c2 - wd * c1) * s) + p1)
+    return np.array(u), np.array(v)
+
+
+def modal_exact(building, ag, dt, *, velocity=None):
+    """Linear response at the record points (points x storeys), exact: expm of the state with ag and its slope."""
+    mass, damping, stiffness = building.matrices()
+    n = len(mass)
+    a = np.zeros((2 * n + 2, 2 * n + 2))
+    a[:n, n : 2 * n] = np.eye(n)
+    a[n : 2 * n, :n] = -np.linalg.solve(mass, stiffness)
+    a[n : 2 * n, n : 2 * n] = -np.linalg.solve(mass, damping)
+    a[n : 2 * n, 2 * n] = -1.0
+    a[2 * n, 2 * n + 1] = 1.0
+    step = expm(a * dt)
+    x = np.zeros(2 * n)
+    if velocity is not None:
+        x[n:] = velocity
+    out = [x]
+    for a0, a1 in pairwise(ag):
+        x = (step @ np.concatenate([x, [a0, (a1 - a0) / dt]]))[: 2 * n]
+        out.append(x)
+    out = np.array(out)
+    return out[:, :n], out[:, n:]

@@ -1,0 +1,473 @@
+"""The oracle itself against closed forms, exact linear solutions and conservation laws."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from naive import (
+    LAWS,
+    WALL,
+    NaiveBuilding,
+    contact_floors,
+    damping_coefficient,
+    modal_exact,
+    run,
+    sdof_exact,
+    two_mass_impact,
+    two_mass_restitution,
+)
+from scipy.linalg import expm
+from scipy.optimize import brentq
+
+NOMINAL = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95]
+# Restitution two free masses really get from the published damping. From converged independent integrations.
+REALISED = {
+    "kelvin_voigt_tension": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95],
+    "kelvin_voigt": [0.253, 0.325, 0.397, 0.472, 0.550, 0.632, 0.718, 0.808, 0.902, 0.951],
+    "modified_kelvin_voigt": [0.114, 0.224, 0.328, 0.428, 0.525, 0.620, 0.714, 0.807, 0.902, 0.951],
+    "linear_viscoelastic": [0.102, 0.205, 0.307, 0.407, 0.506, 0.605, 0.703, 0.801, 0.900, 0.950],
+    "modified_kelvin": [0.074, 0.166, 0.271, 0.380, 0.488, 0.594, 0.697, 0.799, 0.900, 0.950],
+    "hertz_damped": [0.665, 0.672, 0.684, 0.702, 0.725, 0.756, 0.796, 0.847, 0.913, 0.954],
+    "hunt_crossley": [0.516, 0.547, 0.581, 0.620, 0.663, 0.712, 0.768, 0.833, 0.909, 0.952],
+    "ye_hertz": [0.069, 0.156, 0.256, 0.363, 0.470, 0.577, 0.683, 0.789, 0.894, 0.947],
+    "gonthier": [0.101, 0.205, 0.304, 0.398, 0.488, 0.577, 0.670, 0.768, 0.876, 0.936],
+    "nonlinear_viscoelastic": [0.093, 0.191, 0.292, 0.393, 0.495, 0.596, 0.698, 0.799, 0.900, 0.950],
+}
+DAMPED = list(REALISED)
+ALL_LAWS = ["linear", "hertz", *DAMPED]
+M1, M2, V0 = 150.0, 210.0, 0.4
+MEFF = M1 * M2 / (M1 + M2)
+
+
+def stiffness_of(law):
+    return 2.0e6 if LAWS[law].exponent == 1.0 else 1.88e7
+
+
+def shear(masses, stiffness, **options):
+    return NaiveBuilding(list(masses), [stiffness] * len(masses), **options)
+
+
+def left_building():
+    return shear([173.331, 173.331, 133.956], 555.55e3)
+
+
+def middle_building():
+    return shear([175.661, 175.661, 136.286], 355.55e3)
+
+
+def right_building():
+    return shear([182.041, 182.041, 140.641], 333.472e3)
+
+
+def motion(seconds=2.5, dt=0.01, strength=1.0, seed=3):
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds / dt) + 1) * dt
+    ag = sum(
+        rng.normal() * np.sin(2 * np.pi * f * t + rng.uniform(0, 2 * np.pi)) for f in np.linspace(0.7, 8.0, 16)
+    ) * np.sin(np.pi * t / t[-1])
+    return strength * 4.0 * ag / np.max(np.abs(ag))
+
+
+def free_pair(law, e, *, gap=0.01, v_left=V0, v_right=0.0, dt=0.01, points=13, k=None):
+    """Two masses on springs so soft that they are free, run into each other by the full solver."""
+    soft = [NaiveBuilding([m], [1e-7], damping_ratio=0.0) for m in (M1, M2)]
+    k = stiffness_of(law) if k is None and law != "stereomechanical" else k
+    return run(soft, [gap], np.zeros(points), dt, law, k, e, initial_velocity=[[v_left], [v_right]])
+
+
+def flat(parts):
+    return np.concatenate([np.ravel(p) for p in parts])
+
+
+# -- two free masses ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", DAMPED)
+def test_restitution_table(law):
+    got = [two_mass_restitution(law, stiffness_of(law), e, M1, M2, V0) for e in NOMINAL]
+    np.testing.assert_allclose(got, REALISED[law], rtol=0, atol=5.1e-4)
+
+
+@pytest.mark.parametrize("law", ALL_LAWS)
+def test_restitution_knows_no_speed_mass_or_stiffness(law):
+    reference = two_mass_restitution(law, stiffness_of(law), 0.55, M1, M2, V0)
+    for k, m1, m2, v0 in [
+        (stiffness_of(law), M1, M2, 0.02),
+        (3.3e5, M1, M2, 2.0),
+        (stiffness_of(law), 40.0, 900.0, V0),
+    ]:
+        assert two_mass_restitution(law, k, 0.55, m1, m2, v0) == pytest.approx(reference, rel=1e-9)
+
+
+@pytest.mark.parametrize("law", ALL_LAWS)
+def test_no_damping_at_unit_restitution(law):
+    assert two_mass_restitution(law, stiffness_of(law), 1.0, M1, M2, V0) == pytest.approx(1.0, rel=1e-10)
+
+
+@pytest.mark.parametrize("e", [0.15, 0.5, 0.9])
+def test_restitution_of_linear_dashpots_in_closed_form(e):
+    def g(z):
+        ratio = np.arccos(z) / np.sqrt(1 - z * z) if z < 1 else np.arccosh(z) / np.sqrt(z * z - 1)
+        return np.exp(-z * ratio)
+
+    z = damping_coefficient("kelvin_voigt", e)
+    got = {law: two_mass_restitution(law, stiffness_of(law), e, M1, M2, V0) for law in DAMPED}
+    assert got["kelvin_voigt_tension"] == pytest.approx(e, rel=1e-9)
+    assert got["kelvin_voigt"] == pytest.approx(g(z) ** 2, rel=1e-9)
+    assert got["linear_viscoelastic"] == pytest.approx(g(damping_coefficient("linear_viscoelastic", e)), rel=1e-9)
+    xi = damping_coefficient("nonlinear_viscoelastic", e)
+    assert got["nonlinear_viscoelastic"] == pytest.approx(g(2 * xi / np.sqrt(5)), rel=1e-7)
+
+
+@pytest.mark.parametrize("e", [0.15, 0.5, 0.9])
+@pytest.mark.parametrize("law", ["modified_kelvin", "hertz_damped", "hunt_crossley", "ye_hertz", "gonthier"])
+def test_restitution_of_proportional_dampers_in_closed_form(law, e):
+    d = damping_coefficient(law, e)
+    got = two_mass_restitution(law, stiffness_of(law), e, M1, M2, V0)
+    assert d * (1 + got) == pytest.approx(np.log((1 + d) / (1 - d * got)), rel=1e-6)
+
+
+@pytest.mark.parametrize("e", [0.15, 0.5, 0.9])
+def test_restitution_of_approach_only_proportional_damper_in_closed_form(e):
+    d = damping_coefficient("modified_kelvin_voigt", e)
+    got = two_mass_restitution("modified_kelvin_voigt", 2e6, e, M1, M2, V0)
+    assert got**2 == pytest.approx(2 * (d - np.log1p(d)) / d**2, rel=1e-8)
+
+
+def test_damping_coefficient_may_be_given():
+    # D(1+e) = ln((1+D)/(1-eD)) at e = 0.6: D = 0.974872; the approach-only twin: D = 2.980759.
+    for law, d in [("hertz_damped", 0.974872), ("modified_kelvin", 0.974872), ("modified_kelvin_voigt", 2.980759)]:
+        got = two_mass_restitution(law, stiffness_of(law), 0.6, M1, M2, V0, damping=d)
+        assert got == pytest.approx(0.6, abs=1e-6)
+    for law, z in [("kelvin_voigt", 0.180858), ("linear_viscoelastic", 0.404744), ("nonlinear_viscoelastic", 0.452518)]:
+        got = two_mass_restitution(law, stiffness_of(law), 0.6, M1, M2, V0, damping=z)
+        assert got == pytest.approx(0.6, abs=2e-6)
+
+
+def test_elastic_contacts_in_closed_form():
+    k = 2.0e6
+    got = two_mass_impact("linear", k, None, M1, M2, V0)
+    assert got["duration"] == pytest.approx(np.pi * np.sqrt(MEFF / k), rel=1e-10)
+    assert got["penetration_max"] == pytest.approx(V0 * np.sqrt(MEFF / k), rel=1e-10)
+    assert got["force_max"] == pytest.approx(V0 * np.sqrt(MEFF * k), rel=1e-10)
+    k = 1.88e7
+    got = two_mass_impact("hertz", k, None, M1, M2, V0)
+    assert got["penetration_max"] == pytest.approx((5 * MEFF * V0**2 / (4 * k)) ** 0.4, rel=1e-10)
+    assert got["duration"] == pytest.approx(3.218 * (MEFF**2 / (k**2 * V0)) ** 0.2, rel=1e-4)
+    assert got["duration"] == pytest.approx(2.943 * got["penetration_max"] / V0, rel=1e-4)
+
+
+# -- the same collision through the full solver ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("e", [0.2, 0.6])
+@pytest.mark.parametrize("law", ALL_LAWS)
+def test_collision_in_a_row(law, e):
+    out = free_pair(law, e, dt=0.03)
+    alone = two_mass_impact(law, stiffness_of(law), e, M1, M2, V0)
+    v1, v2 = flat(out["velocity_final"])
+    assert M1 * v1 + M2 * v2 == pytest.approx(M1 * V0, rel=1e-9)
+    assert (v2 - v1) / V0 == pytest.approx(alone["restitution"], rel=1e-7)
+    assert out["approach_speed_max"][0][0] == pytest.approx(V0, rel=1e-9)
+    assert out["first_impact_time"][0][0] == pytest.approx(0.01 / V0, rel=1e-9)
+    assert out["impact_count"][0][0] == 1
+    assert out["event_count"] <= 4
+    assert out["penetration_max"][0][0] == pytest.approx(alone["penetration_max"], rel=1e-8)
+    assert out["impact_force_max"][0][0] == pytest.approx(alone["force_max"], rel=1e-8)
+    assert out["acceleration_max"][0][0] == pytest.approx(alone["force_max"] / M1, rel=1e-8)
+    assert out["impulse"][0][0] == pytest.approx(MEFF * V0 * (1 + alone["restitution"]), rel=1e-7)
+    assert out["contact_work"][0][0] == pytest.approx(alone["energy_lost"], rel=1e-7, abs=1e-7)
+    assert out["energy_transfer_final"].sum() == pytest.approx(out["contact_work"][0][0], abs=1e-8)
+
+
+def test_moving_both_masses_changes_nothing():
+    still = free_pair("hertz_damped", 0.6, dt=0.02)
+    moving = free_pair("hertz_damped", 0.6, v_left=V0 + 0.7, v_right=0.7, dt=0.02)
+    assert moving["impact_force_max"][0][0] == pytest.approx(still["impact_force_max"][0][0], rel=1e-8)
+    np.testing.assert_allclose(flat(moving["velocity_final"]) - 0.7, flat(still["velocity_final"]), atol=1e-8)
+
+
+def test_stereomechanical_collision():
+    out = free_pair("stereomechanical", 0.6)
+    v1, v2 = flat(out["velocity_final"])
+    assert v1 == pytest.approx(V0 - 1.6 * M2 / (M1 + M2) * V0, rel=1e-9)
+    assert v2 == pytest.approx(1.6 * M1 / (M1 + M2) * V0, rel=1e-9)
+    assert out["impulse"][0][0] == pytest.approx(1.6 * MEFF * V0, rel=1e-9)
+    assert out["contact_work"][0][0] == pytest.approx(0.5 * MEFF * V0**2 * (1 - 0.36), rel=1e-9)
+    assert out["energy_transfer_final"].sum() == pytest.approx(out["contact_work"][0][0], abs=1e-9)
+
+
+def test_force_jump_at_touch_is_a_peak():
+    out = free_pair("kelvin_voigt", 0.02)  # heavy damping: the largest force is the one at touch
+    jump = 2 * damping_coefficient("kelvin_voigt", 0.02) * np.sqrt(2e6 * MEFF) * V0
+    assert out["impact_force_max"][0][0] == pytest.approx(jump, rel=1e-9)
+    assert out["acceleration_max"][0][0] == pytest.approx(jump / M1, rel=1e-9)
+
+
+def test_touching_at_the_start():
+    for law in ALL_LAWS:
+        out = free_pair(law, 0.6, gap=0.0, points=5)
+        assert out["first_impact_time"][0][0] == 0.0
+        assert out["impact_count"][0][0] == 1
+        assert out["approach_speed_max"][0][0] == pytest.approx(V0, rel=1e-12)
+        alone = two_mass_impact(law, stiffness_of(law), 0.6, M1, M2, V0)
+        assert out["impact_force_max"][0][0] == pytest.approx(alone["force_max"], rel=1e-8)
+
+
+@pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic"])
+def test_wall_is_an_infinite_mass(law):
+    k = stiffness_of(law)
+    body = NaiveBuilding([M1], [1e-7], damping_ratio=0.0)
+    out = run([body, WALL], [0.01], np.zeros(9), 0.02, law, k, 0.6, initial_velocity=[[V0], None])
+    alone = two_mass_impact(law, k, 0.6, M1, 1e15, V0)
+    assert out["velocity_final"][0][0] == pytest.approx(-alone["restitution"] * V0, rel=1e-7)
+    assert out["impact_force_max"][0][0] == pytest.approx(alone["force_max"], rel=1e-8)
+    assert out["floors"] == [[(1, None)]]
+    other = run([WALL, body], [0.01], np.zeros(9), 0.02, law, k, 0.6, initial_velocity=[None, [-V0]])
+    assert other["velocity_final"][1][0] == pytest.approx(-out["velocity_final"][0][0], rel=1e-12)
+    assert other["displacement_min"][1][0] == pytest.approx(-out["displacement_max"][0][0], rel=1e-9)
+
+
+def test_resting_contact():
+    """A mass pressed onto a wall from rest by a steady ground acceleration: one onset, at t = 0, with v0 = 0."""
+    body, pull, seconds = NaiveBuilding([M1], [1e-7], damping_ratio=0.0), 2.0, 0.3
+    ag = np.full(31, -pull)
+    # Largest penetration over that at rest: elastic 2 and 2.5^(2/3), damped 1 + e.
+    for law, overshoot in [("linear", 2.0), ("hertz", 2.5 ** (2 / 3)), ("kelvin_voigt", 1.3)]:
+        out = run([body, WALL], [0.0], ag, 0.01, law, stiffness_of(law), 0.3)
+        rest = (M1 * pull / stiffness_of(law)) ** (1 / LAWS[law].exponent)
+        assert out["penetration_max"][0][0] == pytest.approx(overshoot * rest, rel=1e-8)
+        assert out["first_impact_time"] == [[0.0]]
+        assert out["impact_count"][0][0] == 1
+        assert out["approach_speed_max"][0][0] < 1e-6
+    # A law that divides by v0 takes 1 mm/s and creeps: k d (1 + D v/v0) = m a, so -x - ln(1 - x) = v0 t/(D rest).
+    for law in ["modified_kelvin", "modified_kelvin_voigt"]:
+        out = run([body, WALL], [0.0], ag, 0.01, law, 2.0e6, 0.5)
+        rest = M1 * pull / 2.0e6
+        x = out["displacement_final"][0][0] / rest
+        assert -x - np.log(1 - x) == pytest.approx(1e-3 * seconds / (damping_coefficient(law, 0.5) * rest), rel=0.02)
+        assert out["impact_count"][0][0] == 1
+
+
+# -- linear structures -------------------------------------------------------------------------------------------------
+
+
+def test_free_vibration():
+    m, k, zeta, v0 = 120.0, 6.0e4, 0.05, 0.3
+    w = np.sqrt(k / m)
+    wd = w * np.sqrt(1 - zeta**2)
+    out = run([NaiveBuilding([m], [k], zeta)], [], np.zeros(201), 0.01, "none", initial_velocity=[[v0]])
+    t = np.arange(201) * 0.01
+    exact = v0 / wd * np.exp(-zeta * w * t) * np.sin(wd * t)
+    np.testing.assert_allclose(out["displacement"][0][:, 0], exact, atol=1e-10)
+    t_top = np.arctan2(np.sqrt(1 - zeta**2), zeta) / wd
+    top = v0 / wd * np.exp(-zeta * w * t_top) * np.sin(wd * t_top)
+    assert out["displacement_max"][0][0] == pytest.approx(top, rel=1e-9)
+    assert out["storey_shear_max"][0][0] == pytest.approx(k * top, rel=1e-9)
+    lost = 0.5 * m * v0**2 - out["kinetic_final"][0] - out["strain_final"][0]
+    assert out["energy_damping"][0] == pytest.approx(lost, rel=1e-8)
+    assert out["energy_transfer_max"][0] == pytest.approx(0.0, abs=1e-8)
+
+
+def test_closed_forms_agree_with_each_other():
+    ag = motion()
+    building = NaiveBuilding([120.0], [6.0e4], 0.05)
+    c = building.matrices()[1][0, 0]
+    assert c == pytest.approx(2 * 0.05 * np.sqrt(6.0e4 * 120.0))
+    u, v = sdof_exact(120.0, 6.0e4, c, ag, 0.01)
+    u2, v2 = modal_exact(building, ag, 0.01)
+    np.testing.assert_allclose(u2[:, 0], u, atol=1e-13)
+    np.testing.assert_allclose(v2[:, 0], v, atol=1e-12)
+
+
+def test_rayleigh_damping_in_the_first_two_modes():
+    building = shear([100.0, 90.0, 80.0, 70.0], 2.0e5, damping_ratio=0.07)
+    m, c, k = building.matrices()
+    w2, phi = np.linalg.eigh(np.diag(np.diag(m) ** -0.5) @ k @ np.diag(np.diag(m) ** -0.5))
+    modal = np.diag(phi.T @ np.diag(np.diag(m) ** -0.5) @ c @ np.diag(np.diag(m) ** -0.5) @ phi)
+    ratios = modal / (2 * np.sqrt(w2))
+    np.testing.assert_allclose(ratios[:2], 0.07, rtol=1e-12)
+    assert np.all(ratios[2:] > 0.07)
+    alpha, beta = 0.3, 0.002
+    given = shear([100.0, 90.0], 2.0e5, rayleigh=(alpha, beta))
+    np.testing.assert_allclose(given.matrices()[1], alpha * given.matrices()[0] + beta * given.matrices()[2])
+
+
+def test_row_without_contact_is_the_exact_linear_solution():
+    ag = motion()
+    buildings = [left_building(), shear([150.0] * 5, 4.0e5), right_building()]
+    out = run(buildings, [0.0, 0.0], ag, 0.01, "none")
+    apart = run(buildings, [5.0, 5.0], ag, 0.01, "linear", 2e6)
+    for b, building in enumerate(buildings):
+        u, v = modal_exact(building, ag, 0.01)
+        np.testing.assert_allclose(out["displacement"][b], u, atol=1e-10)
+        np.testing.assert_allclose(out["velocity"][b], v, atol=1e-8)
+        np.testing.assert_allclose(apart["displacement"][b], u, atol=1e-10)
+        # Peaks: at least the samples, and those of a hundred times finer exact samples.
+        fine = np.interp(np.arange(100 * (len(ag) - 1) + 1) * 1e-4, np.arange(len(ag)) * 0.01, ag)
+        u, v = modal_exact(building, fine, 1e-4)
+        m, c, k = building.matrices()
+        total = -(u @ k.T + v @ c.T) / np.diag(m)
+        drift = np.diff(u, axis=1, prepend=0.0)
+        for got, want in [
+            (out["displacement_max"][b], u.max(axis=0)),
+            (-out["displacement_min"][b], -u.min(axis=0)),
+            (out["drift_max"][b], np.abs(drift).max(axis=0)),
+            (out["acceleration_max"][b], np.abs(total).max(axis=0)),
+        ]:
+            np.testing.assert_allclose(got, want, rtol=1e-5)
+            assert np.all(got >= want * (1 - 1e-9))
+        np.testing.assert_allclose(
+            out["storey_shear_max"][b], np.diag(np.diag(building.stiffnesses)) * out["drift_max"][b]
+        )
+    np.testing.assert_allclose(out["energy_transfer_max"], 0.0, atol=1e-7)
+    np.testing.assert_allclose(out["energy_transfer_min"], 0.0, atol=1e-7)
+    assert out["event_count"] == 0
+    assert flat(apart["impact_count"]).sum() == 0
+    assert apart["first_impact_time"] == [[None] * 3, [None] * 3]
+
+
+# -- rows that pound ---------------------------------------------------------------------------------------------------
+
+
+def test_linear_contact_against_matrix_exponentials():
+    """Two one-storey buildings, undamped contact: piecewise linear, so exact between located switches."""
+    m, k, gap, kc, dt = np.array([100.0, 160.0]), np.array([4.0e4, 2.0e4]), 0.004, 5.0e5, 0.02
+    c = 2 * 0.05 * np.sqrt(k * m)
+    ag = motion(2.0, dt, strength=0.6, seed=8)
+    b = np.array([1.0, -1.0])
+
+    def generator(closed):
+        a = np.zeros((7, 7))  # u1 u2 v1 v2 | 1, ag, slope
+        a[:2, 2:4] = np.eye(2)
+        stiffness = np.diag(k) + closed * kc * np.outer(b, b)
+        a[2:4, :2] = -stiffness / m[:, None]
+        a[2:4, 2:4] = -np.diag(c / m)
+        a[2:4, 4] = closed * kc * gap * b / m
+        a[2:4, 5] = -1.0
+        a[5, 6] = 1.0
+        return a
+
+    generators = [generator(0), generator(1)]
+    x, closed, onsets, largest, impulse_free = np.zeros(4), 0, [], 0.0, []
+    for i in range(len(ag) - 1):
+        tau, z = 0.0, np.concatenate([x, [1.0, ag[i], (ag[i + 1] - ag[i]) / dt]])
+        grid = np.linspace(0.0, dt, 161)
+        while True:
+            ahead = [expm(generators[closed] * (g - tau)) @ z for g in grid if g > tau]
+            d = np.array([b @ s[:2] - gap for s in ahead])
+            if closed:
+                largest = max(largest, d.max())
+            wrong = np.flatnonzero(d < 0) if closed else np.flatnonzero(d > 0)
+            if wrong.size == 0:
+                x = ahead[-1][:4]
+                break
+            times = grid[grid > tau]
+            j = wrong[0]
+            low = times[j - 1] if j else tau + 1e-9
+            root = brentq(
+                lambda g, t=tau, s=z, n=closed: b @ (expm(generators[n] * (g - t)) @ s)[:2] - gap,
+                low,
+                times[j],
+                xtol=1e-16,
+            )
+            z = expm(generators[closed] * (root - tau)) @ z
+            tau, closed = root, 1 - closed
+            if closed:
+                onsets.append(i * dt + tau)
+        impulse_free.append(x)
+    buildings = [NaiveBuilding([m[i]], [k[i]], 0.05) for i in range(2)]
+    out = run(buildings, [gap], ag, dt, "linear", kc)
+    assert len(onsets) >= 3
+    assert out["impact_count"][0][0] == len(onsets)
+    assert out["first_impact_time"][0][0] == pytest.approx(onsets[0], rel=1e-9)
+    np.testing.assert_allclose(np.hstack(out["displacement"])[1:], np.array(impulse_free)[:, :2], atol=2e-9)
+    assert out["penetration_max"][0][0] == pytest.approx(largest, rel=2e-3)
+    assert out["impact_force_max"][0][0] == pytest.approx(kc * out["penetration_max"][0][0], rel=1e-12)
+
+
+def three(law, e, ag, **options):
+    row = [left_building(), middle_building(), right_building()]
+    return run(row, [0.006, 0.008], ag, 0.01, law, stiffness_of(law), e, **options)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ALL_LAWS)
+def test_energy_balance_and_signs(law):
+    out = three(law, 0.6, motion(1.6, strength=1.6))
+    work = flat(out["contact_work"])
+    assert flat(out["impact_count"]).sum() > 10
+    total = max(1.0, np.abs(out["energy_input"]).max())
+    assert out["energy_transfer_final"].sum() == pytest.approx(work.sum(), abs=1e-8 * total)
+    if law in ("linear", "hertz"):
+        np.testing.assert_allclose(work, 0.0, atol=1e-7)
+    else:
+        assert np.all(work >= -1e-8)
+    assert np.all(out["energy_damping"] > 0)
+    assert np.all(out["energy_transfer_max"] >= out["energy_transfer_final"] - 1e-9)
+    assert np.all(out["energy_transfer_min"] <= out["energy_transfer_final"] + 1e-9)
+    assert np.all((flat(out["impact_force_max"]) > 0) == (flat(out["impact_count"]) > 0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped", "modified_kelvin_voigt"])
+def test_mirrored_row_gives_the_mirrored_answer(law):
+    ag = motion(1.3, strength=1.6)
+    k = stiffness_of(law)
+    row = [WALL, left_building(), shear([160.0, 150.0], 2.5e5), right_building()]
+    gaps = [0.004, 0.003, 0.003]
+    out = run(row, gaps, ag, 0.01, law, k, 0.5)
+    back = run(row[::-1], gaps[::-1], -ag, 0.01, law, k, 0.5)
+    assert flat(out["impact_count"]).sum() > 10
+    for name, sign, twin in [
+        ("displacement_max", -1, "displacement_min"),
+        ("displacement_min", -1, "displacement_max"),
+        ("drift_max", 1, "drift_max"),
+        ("acceleration_max", 1, "acceleration_max"),
+        ("impact_force_max", 1, "impact_force_max"),
+        ("impulse", 1, "impulse"),
+        ("impact_count", 1, "impact_count"),
+    ]:
+        for a, b in zip(out[name], back[twin][::-1], strict=True):
+            np.testing.assert_allclose(a, sign * np.asarray(b), rtol=1e-6, atol=1e-9)
+    for a, b in zip(out["first_impact_time"], back["first_impact_time"][::-1], strict=True):
+        assert [x is None for x in a] == [x is None for x in b]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic"])
+def test_converged_in_the_tolerance(law):
+    ag = motion(0.9, strength=2.0)
+    out, finer = three(law, 0.6, ag), three(law, 0.6, ag, rtol=1e-12, atol=1e-14)
+    assert flat(out["impact_count"]).sum() > 3
+    np.testing.assert_array_equal(flat(out["impact_count"]), flat(finer["impact_count"]))
+    for name in ["displacement_max", "drift_max", "acceleration_max", "impact_force_max", "penetration_max", "impulse"]:
+        np.testing.assert_allclose(flat(out[name]), flat(finer[name]), rtol=1e-6, atol=1e-8 * flat(finer[name]).max())
+
+
+def test_splitting_the_record_changes_nothing():
+    """Restarts at record points leave no trace: the same ground motion given at twice the points."""
+    ag = motion(1.2, strength=1.6)
+    fine = np.interp(np.arange(2 * len(ag) - 1) * 0.5, np.arange(len(ag)), ag)
+    row = [left_building(), right_building()]
+    a = run(row, [0.005], ag, 0.01, "kelvin_voigt", 2e6, 0.6)
+    b = run(row, [0.005], fine, 0.005, "kelvin_voigt", 2e6, 0.6)
+    assert flat(a["impact_count"]).sum() > 3
+    for name in ["displacement_max", "acceleration_max", "impact_force_max", "impulse", "impact_count"]:
+        np.testing.assert_allclose(flat(a[name]), flat(b[name]), rtol=1e-7, atol=1e-9)
+
+
+def test_identical_neighbours_never_meet():
+    out = run([left_building()] * 2, [0.0], motion(1.0), 0.01, "linear", 2e6)
+    assert flat(out["impact_count"]).sum() == 0
+    assert out["first_impact_time"] == [[None, None, None]]
+
+
+def test_floors_meet_where_elevations_agree():
+    low = shear([1.0, 1.0], 1.0, storey_heights=[3.0, 3.0])
+    tall = shear([1.0, 1.0, 1.0], 1.0, storey_heights=[3.0009, 1.5, 1.5])
+    assert contact_floors(low, tall) == [(1, 1), (2, 3)]
+    assert contact_floors(low, shear([1.0, 1.0], 1.0, storey_heights=[3.002, 2.998])) == [(2, 2)]
+    assert contact_floors(WALL, tall) == [(None, 1), (None, 2), (None, 3)]
+    with pytest.raises(ValueError, match="gaps"):
+        run([low, tall], [], np.zeros(3), 0.01, "linear", 1.0)
