@@ -1,0 +1,130 @@
+"""Compiled kernels on disk.
+
+A kernel's text is complete in itself, so the file that holds it is named by the
+SHA-256 of that text: any edit to a law, a scheme or a reducer that changes the
+generated code gives another file and is compiled afresh, and an edit that does
+not changes nothing. numba's own index beside the file adds the CPU and the numba
+version to the key.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from threading import RLock
+from types import ModuleType
+from typing import Any
+
+from pounding_sweep.kernels.driver import kernel_text
+from pounding_sweep.kernels.shape import KernelShape
+
+#: Environment variable that names another folder for compiled kernels.
+CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
+_LOCK = RLock()
+
+#: One signature per kernel: compiled when loaded, never again for another kind of array.
+SIGNATURE = (
+    "void(float64[::1], float64, int64, float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])"
+)
+#: Kernels not used for this long (s) are removed when a new one is written.
+KEEP_SECONDS = 90 * 24 * 3600.0
+
+
+def cache_folder() -> Path:
+    """Folder of compiled kernels (``POUNDING_SWEEP_CACHE``, else below the user's cache folder)."""
+    named = os.environ.get(CACHE_VARIABLE)
+    if named:
+        return Path(named)
+    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(base) / "pounding_sweep" / "kernels"
+
+
+def module_name(text: str) -> str:
+    """Module name of generated code: a digest of its text."""
+    return "pounding_kernel_" + hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def _texts(shape: KernelShape) -> list[tuple[str, str]]:
+    """Name and text of the row module and of the main module, with disk caching switched on."""
+    row = kernel_text(shape).row.replace("@njit(**OPTIONS)", "@njit(cache=True, **OPTIONS)")
+    row_name = module_name(row)
+    main = kernel_text(shape, row_name).main
+    main = main.replace("\n@njit(**OPTIONS)\ndef run(", f"\n@njit({SIGNATURE!r}, cache=True, **ENTRY)\ndef run(")
+    return [(row_name, row), (module_name(main), main)]
+
+
+def is_cached(shape: KernelShape) -> bool:
+    """Whether a compiled form of this kernel is on disk (for some CPU)."""
+    name, _ = _texts(shape)[-1]
+    return any((cache_folder() / "__pycache__").glob(f"{name}.run-*.nbi"))
+
+
+def _write(folder: Path, name: str, text: str) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{name}.py"
+    if path.exists():
+        if path.read_text(encoding="utf-8") == text:
+            os.utime(folder / f"{name}.used") if (folder / f"{name}.used").exists() else None
+            return path
+        path.unlink()
+    handle, temporary = tempfile.mkstemp(dir=folder, prefix=name, suffix=".tmp")
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        file.write(text)
+    # one fixed time stamp: numba's index is keyed by it, and equal text is the same kernel for every process
+    os.utime(temporary, (1_000_000_000, 1_000_000_000))
+    os.replace(temporary, path)
+    (folder / f"{name}.used").touch()
+    _prune(folder)
+    return path
+
+
+def _prune(folder: Path) -> None:
+    """Remove kernels that have not been used for `KEEP_SECONDS`."""
+    limit = time.time() - KEEP_SECONDS
+    for used in folder.glob("pounding_kernel_*.used"):
+        try:
+            if used.stat().st_mtime < limit:
+                for path in [*folder.glob(f"{used.stem}.*"), *(folder / "__pycache__").glob(f"{used.stem}.*")]:
+                    path.unlink(missing_ok=True)
+        except OSError:
+            continue
+
+
+def _load(name: str, path: Path) -> ModuleType:
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
+@lru_cache(maxsize=256)
+def get_kernel(shape: KernelShape) -> Callable[..., Any]:
+    """Return the kernel's compiled ``run`` function, loaded from the disk cache where it is there.
+
+    A folder that can't be written costs the cache, not the run.
+    """
+    with _LOCK:
+        for name, text in _texts(shape):
+            try:
+                path = _write(cache_folder(), name, text)
+            except OSError:
+                path = _write(Path(tempfile.mkdtemp(prefix="pounding_sweep_")), name, text)
+            module = _load(name, path)
+    run: Callable[..., Any] = module.run
+    return run

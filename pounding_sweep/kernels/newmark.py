@@ -1,0 +1,123 @@
+"""Text of one Newmark-beta step of a row, in lanes; contact is added implicitly lane by lane.
+
+Acceleration form: predictors
+
+    u~ = u + h v + h^2 (1/2 - beta) a,    v~ = v + h (1 - gamma) a
+
+then (M + gamma h C + beta h^2 K) a' = -M g' - C v~ - K u~ (+ contact), and
+u' = u~ + beta h^2 a', v' = v~ + gamma h a'. The matrix is tridiagonal per building.
+"""
+
+from __future__ import annotations
+
+from pounding_sweep.kernels.rk4 import watch
+from pounding_sweep.kernels.shape import KernelShape, Slots
+from pounding_sweep.kernels.text import Source, StepText
+
+
+class NewmarkStep:
+    """Emits the step in the variants ``flight``, ``trial`` and ``plain`` (as for RK4)."""
+
+    def __init__(self, shape: KernelShape, slots: Slots, variant: str) -> None:
+        self.shape, self.slots, self.variant = shape, slots, variant
+        self.t = StepText(shape, slots)
+        self.src = Source()
+
+    def emit(self) -> str:
+        """Return the function's text."""
+        src, shape, at = self.src, self.shape, self.slots.at
+        trial = self.variant == "trial"
+        if trial:
+            src.function("trial(S, I, W, props)")
+        elif self.variant == "plain":
+            src.function("plain(S, I, W, props, ga, gb, h)")
+        else:
+            src.function("flight(S, props, ga, gb, h)")
+        src(f"nb = {self.t.prop('newmark_beta')}; ng = {self.t.prop('newmark_gamma')}")
+        blocks = self._buildings()
+        if shape.fused:
+            self.t.load_constants(src, list(range(shape.n_dof)))
+            with src.block("for l in range(L):"):
+                self._lane_values(trial)
+                for dofs in blocks:
+                    self._building(dofs, trial)
+        else:
+            for dofs in blocks:
+                self.t.load_constants(src, dofs)
+                with src.block("for l in range(L):"):
+                    self._lane_values(trial)
+                    self._building(dofs, trial)
+        if self.variant == "flight":
+            with src.block("for l in range(L):"):
+                watch(src, shape, self.slots, "h")
+        elif shape.law is not None and shape.contacts:
+            with src.block("for l in range(L):"):
+                if not trial:
+                    src(f"{at('G1')} = {at('scale')} * gb")
+                src(f"implicit(S, I, W, l, {at('HL') if trial else 'h'}, props)")
+        if "energy" in shape.reducers:
+            for dofs in blocks:
+                self.t.load_constants(src, dofs)
+                with src.block("for l in range(L):"):
+                    if trial:
+                        src(f"g0 = {at('G0')}; g1 = {at('G1')}")
+                    else:
+                        src(f"s = {at('scale')}; g0 = s * ga; g1 = s * gb")
+                    self._energy(dofs)
+        return str(src)
+
+    def _buildings(self) -> list[list[int]]:
+        result, first = [], 0
+        for n in self.shape.storeys:
+            result.append(list(range(first, first + n)))
+            first += n
+        return result
+
+    def _lane_values(self, trial: bool) -> None:
+        src, at = self.src, self.slots.at
+        if trial:
+            src(f"h = {at('HL')}; g1 = {at('G1')}")
+        else:
+            src(f"g1 = {at('scale')} * gb")
+        src("be = nb * (h * h); gg = ng * h; pu = h * h * (0.5 - nb); pv = h * (1.0 - ng)")
+
+    def _building(self, dofs: list[int], trial: bool) -> None:
+        src, shape, at = self.src, self.shape, self.slots.at
+        b = shape.building_of[dofs[0]]
+        for i in dofs:
+            if trial:
+                src(f"u = {at('UO', i)}; v = {at('VO', i)}; a = {at('AO', i)}")
+            else:
+                src(f"u = {at('U', i)}; v = {at('V', i)}; a = {at('A', i)}")
+                src(f"{at('UO', i)} = u; {at('VO', i)} = v; {at('AO', i)} = a")
+            src(f"x{i} = fma(pu, a, fma(h, v, u)); y{i} = fma(pv, a, v)")
+        src(f"st = fma(gg, be{b}, be)")
+        for i in dofs:
+            src(f"w{i} = fma(be{b}, y{i}, x{i})")
+            src(f"f{i} = k{i} * w{i}" if shape.bottom[i] else f"f{i} = k{i} * (w{i} - w{i - 1})")
+        for i in dofs:
+            net = f"-f{i}" if shape.top[i] else f"(f{i + 1} - f{i})"
+            src(f"r{i} = fma(-m{i}, fma(al{b}, y{i}, g1), {net})")
+            above = "" if shape.top[i] else f" + k{i + 1}"
+            src(f"e{i} = fma(m{i}, gg * al{b}, m{i}) + st * (k{i}{above})")
+            if not shape.bottom[i]:
+                src(f"o{i} = st * k{i}; lo = o{i} / e{i - 1}")
+                src(f"e{i} = fma(-lo, o{i}, e{i}); r{i} = fma(lo, r{i - 1}, r{i})")
+        for i in reversed(dofs):
+            src(f"a{i} = r{i} / e{i}" if shape.top[i] else f"a{i} = fma(o{i + 1}, a{i + 1}, r{i}) / e{i}")
+            src(f"{at('A', i)} = a{i}; {at('U', i)} = fma(be, a{i}, x{i}); {at('V', i)} = fma(gg, a{i}, y{i})")
+
+    def _energy(self, dofs: list[int]) -> None:
+        """Powers of input and damping at both ends, in the weights of Simpson's h/6 (3 and 3: the trapezoid)."""
+        src, shape, at = self.src, self.shape, self.slots.at
+        b = shape.building_of[dofs[0]]
+        for name, old, ground in (("0", "VO", "g0"), ("1", "V", "g1")):
+            momentum = " + ".join(f"m{i} * {at(old, i)}" for i in dofs)
+            mass = " + ".join(f"m{i} * {at(old, i)} * {at(old, i)}" for i in dofs)
+            stiff = []
+            for i in dofs:
+                dv = at(old, i) if shape.bottom[i] else f"({at(old, i)} - {at(old, i - 1)})"
+                stiff.append(f"k{i} * {dv} * {dv}")
+            src(f"pin{name} = -{ground} * ({momentum})")
+            src(f"pd{name} = al{b} * ({mass}) + be{b} * ({' + '.join(stiff)})")
+        src(f"{at('DIN', b)} = 3.0 * (pin0 + pin1); {at('DDAMP', b)} = 3.0 * (pd0 + pd1)")

@@ -1,0 +1,239 @@
+"""What a kernel is compiled for, and where its numbers lie.
+
+A kernel advances `LANES` scenarios of one scene shape, one law, one scheme and
+one set of reducers side by side. All its numbers live in one flat array
+``S[slot * LANES + lane]``; `Slots` hands the slots out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+#: Scenarios side by side in one kernel call. A compile-time constant: with no
+#: remainder loop every lane runs the same instructions whatever its neighbours.
+LANES = 16
+
+#: Reducers a kernel can hold, each compiled in only where asked for.
+REDUCERS = (
+    "displacement",
+    "drift",
+    "acceleration",
+    "force",
+    "count",
+    "penetration",
+    "impulse",
+    "first_time",
+    "approach_speed",
+    "work",
+    "energy",
+    "transfer",
+    "closing",
+)
+#: Reducers that exist only where floors can meet.
+CONTACT_REDUCERS = frozenset(
+    {"force", "count", "penetration", "impulse", "first_time", "approach_speed", "work", "closing"}
+)
+
+#: Most degrees of freedom emitted as one straight line; longer rows are split.
+FUSED_DOF = 16
+#: Floors of one lane loop in a split kernel.
+CHUNK_DOF = 10
+
+
+@dataclass(frozen=True)
+class LawShape:
+    """The part of a contact law that is compiled: expressions and switches."""
+
+    elastic: str
+    elastic_slope: str
+    damper: str
+    damper_slope: str
+    approach_only: bool
+    tension: bool
+    per_speed: bool
+
+    @property
+    def clips(self) -> bool:
+        """Whether the published force can turn negative and is cut at zero."""
+        return bool(self.damper) and not self.approach_only and not self.tension
+
+    @property
+    def weak_touch(self) -> bool:
+        """Whether the force rises with unbounded slope at the touch, so that steps must be graded."""
+        return "math.sqrt(r)" in self.damper
+
+
+@dataclass(frozen=True)
+class KernelShape:
+    """Everything that decides a kernel's code.
+
+    Attributes
+    ----------
+    storeys : tuple of int
+        Storeys of each building.
+    contacts : tuple of (left, right, pair)
+        Degrees of freedom that can meet (-1: a wall) and their pair.
+    n_pairs : int
+        Pairs of neighbours.
+    law : LawShape or None
+        None: no contact force.
+    scheme : {"rk4", "newmark"}
+        Time integration.
+    located : bool
+        Touches, releases and peaks are located inside the step.
+    reducers : frozenset of str
+        Subset of `REDUCERS`.
+    history : bool
+        Lane 0 leaves its state after every step.
+    """
+
+    storeys: tuple[int, ...]
+    contacts: tuple[tuple[int, int, int], ...]
+    n_pairs: int
+    law: LawShape | None
+    scheme: str
+    located: bool
+    reducers: frozenset[str]
+    history: bool = False
+
+    @property
+    def n_dof(self) -> int:
+        """Floors of all buildings."""
+        return sum(self.storeys)
+
+    @property
+    def n_buildings(self) -> int:
+        """Buildings in the row."""
+        return len(self.storeys)
+
+    @property
+    def fused(self) -> bool:
+        """Whether one step is one straight line."""
+        return self.n_dof <= FUSED_DOF
+
+    @property
+    def chunks(self) -> list[list[int]]:
+        """Degrees of freedom of each lane loop."""
+        if self.fused:
+            return [list(range(self.n_dof))]
+        result, first = [], 0
+        for n in self.storeys:
+            parts = -(-n // CHUNK_DOF)
+            edges = [first + (n * p) // parts for p in range(parts + 1)]
+            result += [list(range(a, b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+            first += n
+        return result
+
+    @property
+    def building_of(self) -> list[int]:
+        """Building of each degree of freedom."""
+        return [b for b, n in enumerate(self.storeys) for _ in range(n)]
+
+    @property
+    def bottom(self) -> list[bool]:
+        """Whether a degree of freedom is the lowest floor of its building."""
+        return [s == 0 for n in self.storeys for s in range(n)]
+
+    @property
+    def top(self) -> list[bool]:
+        """Whether a degree of freedom is the roof of its building."""
+        return [s == n - 1 for n in self.storeys for s in range(n)]
+
+
+@dataclass
+class Slots:
+    """Named blocks of slots in a flat lane array."""
+
+    size: int = 0
+    first: dict[str, int] = field(default_factory=dict)
+    count: dict[str, int] = field(default_factory=dict)
+
+    def add(self, name: str, count: int = 1) -> None:
+        """Reserve `count` slots under `name`."""
+        self.first[name], self.count[name] = self.size, count
+        self.size += count
+
+    def at(self, name: str, i: int = 0) -> str:
+        """Text that addresses slot `i` of `name` in lane ``l``."""
+        if not 0 <= i < self.count[name]:
+            msg = f"slot {name}[{i}] of {self.count[name]}"
+            raise IndexError(msg)
+        return f"S[{(self.first[name] + i) * LANES} + l]"
+
+
+def input_slots(shape: KernelShape) -> Slots:
+    """Layout of the values a scenario brings: record scale, contact stiffness, gaps, damping."""
+    slots = Slots()
+    slots.add("scale")
+    if shape.contacts:
+        slots.add("gap", shape.n_pairs)
+    if shape.law is not None:
+        slots.add("k")
+        slots.add("c", len(shape.contacts))
+    return slots
+
+
+def property_slots(shape: KernelShape) -> Slots:
+    """Layout of the scene's constants, shared by all lanes (one number per slot)."""
+    n = shape.n_dof
+    slots = Slots()
+    for name in ("m", "im", "k", "u0", "v0"):
+        slots.add(name, n)
+    slots.add("alpha", shape.n_buildings)
+    slots.add("beta", shape.n_buildings)
+    slots.add("reduced", len(shape.contacts))
+    slots.add("newmark_beta")
+    slots.add("newmark_gamma")
+    return slots
+
+
+def output_slots(shape: KernelShape) -> Slots:
+    """Layout of a scenario's results."""
+    n, nc, nb = shape.n_dof, len(shape.contacts), shape.n_buildings
+    r, slots = shape.reducers, Slots()
+    slots.add("flags")  # 1 not finite, 2 contact fallback, 4 implicit contact not converged
+    if "displacement" in r:
+        slots.add("umax", n)
+        slots.add("umin", n)
+    if "drift" in r:
+        slots.add("drift", n)
+    if "acceleration" in r:
+        slots.add("acc", n)
+    if "closing" in r:
+        slots.add("closing", nc)
+    if "energy" in r:
+        for name in ("e_in", "e_damp", "e_kin", "e_strain"):
+            slots.add(name, nb)
+    if shape.law is not None:
+        slots.add("shortest")  # shortest completed contact (s)
+        for reducer, name in (
+            ("force", "fmax"),
+            ("count", "count"),
+            ("penetration", "dmax"),
+            ("impulse", "impulse"),
+            ("first_time", "tfirst"),
+            ("approach_speed", "vmax"),
+        ):
+            if reducer in r:
+                slots.add(name, nc)
+        if "work" in r:
+            slots.add("work", nc)
+        if "transfer" in r:
+            slots.add("tmax", nb)
+            slots.add("tmin", nb)
+    return slots
+
+
+def history_slots(shape: KernelShape) -> Slots:
+    """Layout of one row of a history."""
+    slots = Slots()
+    slots.add("u", shape.n_dof)
+    slots.add("v", shape.n_dof)
+    if "energy" in shape.reducers:
+        slots.add("e_in", shape.n_buildings)
+        slots.add("e_damp", shape.n_buildings)
+    if shape.law is not None:
+        slots.add("force", len(shape.contacts))
+        if "work" in shape.reducers:
+            slots.add("work", len(shape.contacts))
+    return slots
