@@ -6,7 +6,8 @@ Units kN, t, m, s: consistent as they stand (1 kN = 1 t m/s2).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import numbers
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -20,10 +21,14 @@ FLOOR_TOLERANCE = 1.0e-3
 DEFAULT_STOREY_HEIGHT = 3.0
 
 
-def _positive_list(owner: str, what: str, unit: str, values: Sequence[float], n: int | None = None) -> tuple[float, ...]:
+def _positive_list(
+    owner: str, what: str, unit: str, values: Sequence[float], n: int | None = None
+) -> tuple[float, ...]:
     try:
+        if isinstance(values, str | bytes):  # its characters are no values
+            raise TypeError
         result = tuple(float(v) for v in values)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         msg = f"{owner}: {what} must be a list of numbers ({unit}), not {values!r}"
         raise SceneError(msg) from None
     if not result:
@@ -89,11 +94,12 @@ class Building:
         given = self.damping_ratio
         ratios = tuple(given) if isinstance(given, (tuple, list)) else (given,)
         if len(ratios) not in (1, 2) or not all(
-            isinstance(z, (int, float)) and math.isfinite(z) and 0 <= z < 1 for z in ratios
+            isinstance(z, numbers.Real) and math.isfinite(z) and 0 <= z < 1 for z in ratios
         ):
             msg = f"{owner}: damping_ratio {given!r} must be one or two numbers in [0, 1)"
             raise SceneError(msg)
-        object.__setattr__(self, "damping_ratio", ratios if len(ratios) == 2 else float(ratios[0]))
+        ratios = tuple(float(z) for z in ratios)
+        object.__setattr__(self, "damping_ratio", ratios if len(ratios) == 2 else ratios[0])
         if not all(math.isfinite(c) for c in self.rayleigh):
             msg = f"{owner}: damping_ratio {given!r} gives no Rayleigh damping"
             raise SceneError(msg)
@@ -160,6 +166,11 @@ class Wall:
 
     name: str = "wall"
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.strip():
+            msg = f"a wall needs a name, a non-empty text, not {self.name!r}"
+            raise SceneError(msg)
+
 
 @dataclass(frozen=True)
 class ContactProperties:
@@ -181,15 +192,17 @@ class ContactProperties:
 
     def __post_init__(self) -> None:
         for what, value in (("linear_stiffness", self.linear_stiffness), ("hertz_stiffness", self.hertz_stiffness)):
-            if value is not None and not (math.isfinite(value) and value > 0):
+            if value is not None and not (isinstance(value, numbers.Real) and 0 < value < math.inf):
                 msg = f"contact: {what} is {value!r}; it must be a positive number"
                 raise SceneError(msg)
-        if self.restitution is not None and not (math.isfinite(self.restitution) and 0 <= self.restitution <= 1):
+        if self.restitution is not None and not (
+            isinstance(self.restitution, numbers.Real) and 0 <= self.restitution <= 1
+        ):
             msg = f"contact: restitution is {self.restitution!r}; it must be in [0, 1]"
             raise SceneError(msg)
 
     def reference(self, exponent: float) -> float | None:
-        """Reference stiffness (kN/m**exponent) for laws of that force exponent, or None."""
+        """Return the reference stiffness (kN/m**exponent) for laws of that force exponent, or None."""
         return {1.0: self.linear_stiffness, 1.5: self.hertz_stiffness}.get(exponent)
 
 
@@ -252,7 +265,13 @@ class Scene:
     contact: ContactProperties = field(default_factory=ContactProperties)
 
     def __post_init__(self) -> None:
+        if isinstance(self.row, (Building, Wall)) or not isinstance(self.row, Iterable):
+            msg = f"a row is a list of Building and Wall objects, not {self.row!r}"
+            raise SceneError(msg)
         row = tuple(self.row)
+        if not isinstance(self.contact, ContactProperties):
+            msg = f"contact must be ContactProperties, not {self.contact!r}"
+            raise SceneError(msg)
         for item in row:
             if not isinstance(item, (Building, Wall)):
                 msg = f"a row holds Building and Wall objects, not {item!r}"
@@ -272,9 +291,14 @@ class Scene:
             msg = f"names must differ within a row; repeated: {', '.join(map(repr, repeated))}"
             raise SceneError(msg)
         object.__setattr__(self, "row", row)
+        if len(set(self.pair_names)) < len(self.pair_names):
+            msg = f"two pairs of the row have the same name ({', '.join(self.pair_names)}); rename a building"
+            raise SceneError(msg)
         try:
+            if isinstance(self.gaps, str | bytes):
+                raise TypeError
             gaps = tuple(float(g) for g in self.gaps)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             msg = f"gaps must be a list of numbers (m), not {self.gaps!r}"
             raise SceneError(msg) from None
         if len(gaps) != len(row) - 1:

@@ -1,0 +1,1 @@
+"""Compiled time stepping: kernels generated per scene shape, law, scheme and outputs."""

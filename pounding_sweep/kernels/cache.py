@@ -30,9 +30,7 @@ CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
 _LOCK = RLock()
 
 #: One signature per kernel: compiled when loaded, never again for another kind of array.
-SIGNATURE = (
-    "void(float64[::1], float64, int64, float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])"
-)
+SIGNATURE = "void(float64[::1], float64, int64, float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])"
 #: Kernels not used for this long (s) are removed when a new one is written.
 KEEP_SECONDS = 90 * 24 * 3600.0
 
@@ -47,7 +45,7 @@ def cache_folder() -> Path:
 
 
 def module_name(text: str) -> str:
-    """Module name of generated code: a digest of its text."""
+    """Name generated code by a digest of its text."""
     return "pounding_kernel_" + hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
@@ -128,3 +126,8 @@ def get_kernel(shape: KernelShape) -> Callable[..., Any]:
             module = _load(name, path)
     run: Callable[..., Any] = module.run
     return run
+
+
+def source_digest(shape: KernelShape) -> str:
+    """Name of the kernel's main module, which its whole text decides."""
+    return _texts(shape)[-1][0]

@@ -20,7 +20,7 @@ class NewmarkStep:
 
     def __init__(self, shape: KernelShape, slots: Slots, variant: str) -> None:
         self.shape, self.slots, self.variant = shape, slots, variant
-        self.t = StepText(shape, slots)
+        self.t = StepText(shape, slots, in_memory=False)
         self.src = Source()
 
     def emit(self) -> str:

@@ -20,31 +20,31 @@ def emit_turns(shape: KernelShape, slots: Slots) -> str:
     src("b = -3.0 * (x0 - x1) - (2.0 * s0 + s1)")
     src("return x0 + t * (s0 + t * (b + t * (2.0 * (x0 - x1) + (s0 + s1))))")
     src.function("turns(S, lane_steps, h)")
-    step = "(S[HL * L + l] if lane_steps else h)" if "HL" in slots.first else "h"
+    step = "(S[HL + l] if lane_steps else h)" if "HL" in slots.first else "h"
     if "displacement" in r:
         with src.block("for i in range(N):"), src.block(f"for l in range({n}):"):
-            src("x0 = S[(UO + i) * L + l]; x1 = S[(U + i) * L + l]")
-            src(f"p = cubic_extreme(x0, x1, {step} * S[(VO + i) * L + l], {step} * S[(V + i) * L + l])")
-            src("S[(UMAX + i) * L + l] = max(S[(UMAX + i) * L + l], max(p, max(x0, x1)))")
-            src("S[(UMIN + i) * L + l] = min(S[(UMIN + i) * L + l], min(p, min(x0, x1)))")
+            src("x0 = S[UO + i * L + l]; x1 = S[U + i * L + l]")
+            src(f"p = cubic_extreme(x0, x1, {step} * S[VO + i * L + l], {step} * S[V + i * L + l])")
+            src("S[UMAX + i * L + l] = max(S[UMAX + i * L + l], max(p, max(x0, x1)))")
+            src("S[UMIN + i * L + l] = min(S[UMIN + i * L + l], min(p, min(x0, x1)))")
     if "drift" in r:
         for head, below in (("for b in range(NB):", ""), ("for b in range(NB):", "below")):
             with src.block(head):
                 floors = "range(FIRST[b] + 1, FIRST[b + 1])" if below else "range(FIRST[b], FIRST[b] + 1)"
                 with src.block(f"for i in {floors}:"), src.block(f"for l in range({n}):"):
                     for name, slot in (("x0", "UO"), ("x1", "U"), ("s0", "VO"), ("s1", "V")):
-                        minus = f" - S[({slot} + i - 1) * L + l]" if below else ""
-                        src(f"{name} = S[({slot} + i) * L + l]{minus}")
+                        minus = f" - S[{slot} + (i - 1) * L + l]" if below else ""
+                        src(f"{name} = S[{slot} + i * L + l]{minus}")
                     src(f"p = abs(cubic_extreme(x0, x1, {step} * s0, {step} * s1))")
-                    src("S[(DRIFT + i) * L + l] = max(S[(DRIFT + i) * L + l], max(p, max(abs(x0), abs(x1))))")
+                    src("S[DRIFT + i * L + l] = max(S[DRIFT + i * L + l], max(p, max(abs(x0), abs(x1))))")
     if "closing" in r:
         with src.block("for j in range(NC):"), src.block(f"for l in range({n}):"):
             for name, slot in (("x0", "UO"), ("x1", "U"), ("s0", "VO"), ("s1", "V")):
                 src(f"{name} = 0.0")
-                src(f"if LEFT[j] >= 0: {name} += S[({slot} + LEFT[j]) * L + l]")
-                src(f"if RIGHT[j] >= 0: {name} -= S[({slot} + RIGHT[j]) * L + l]")
+                src(f"if LEFT[j] >= 0: {name} += S[{slot} + LEFT[j] * L + l]")
+                src(f"if RIGHT[j] >= 0: {name} -= S[{slot} + RIGHT[j] * L + l]")
             src(f"p = cubic_extreme(x0, x1, {step} * s0, {step} * s1)")
-            src("S[(CLOSING + j) * L + l] = max(S[(CLOSING + j) * L + l], max(p, max(x0, x1)))")
+            src("S[CLOSING + j * L + l] = max(S[CLOSING + j * L + l], max(p, max(x0, x1)))")
     src("return")
     return str(src)
 
@@ -97,7 +97,7 @@ def emit_accelerations(shape: KernelShape, slots: Slots, contact: bool) -> str:
     Total acceleration (f(u, v) + F) / m and its rate are evaluated at both ends;
     ``contact`` adds the forces FS, FE and their rates RS, RE.
     """
-    src, at, t = Source(), slots.at, StepText(shape, slots)
+    src, at, t = Source(), slots.at, StepText(shape, slots, in_memory=False)
     name = "accelerations_contact" if contact else "accelerations"
     src.function(f"{name}(S, props, ga, gb, lane_steps, h)")
     if "acceleration" not in shape.reducers:

@@ -16,6 +16,9 @@ from contextlib import contextmanager
 from pounding_sweep.kernels.shape import KernelShape, Slots
 from pounding_sweep.kernels.text import Source, StepText, relative
 
+#: Number, ground acceleration and weight (of h/6) of the stages.
+STAGES = ((1, "g0", "1.0"), (2, "gm", "2.0"), (3, "gm", "2.0"), (4, "g1", "1.0"))
+
 
 class Rk4Step:
     """Emits the step in three variants.
@@ -23,19 +26,24 @@ class Rk4Step:
     ``flight``: no floor touches (state in U, V; old state left in UO, VO).
     ``trial``: located contact, modes frozen in KE and CE; from UO, VO with each
     lane's own step to U, V. ``plain``: the sign of d decides at each stage.
+
+    The trial step is rare, so it is emitted for a short compilation instead: its
+    stages (`emit_stages`) hold no law and are shared by all, and only the small
+    function ``forces`` is compiled for a law.
     """
 
     def __init__(self, shape: KernelShape, slots: Slots, variant: str) -> None:
         self.shape, self.slots, self.variant = shape, slots, variant
-        self.t = StepText(shape, slots)
+        self.fused = shape.fused and variant != "trial"
+        self.t = StepText(shape, slots, in_memory=not self.fused)
         self.contact = "F" if variant != "flight" and shape.contacts and shape.law else None
         self.energy = "energy" in shape.reducers
         self.src = Source()
 
     @contextmanager
     def _loop(self, dofs: list[int]) -> Iterator[None]:
-        """Open a lane loop over a chunk; a fused kernel has one loop around all phases."""
-        if self.shape.fused:
+        """Open a lane loop over a chunk; a fused step has one loop around all phases."""
+        if self.fused:
             yield
             return
         self.t.load_constants(self.src, dofs)
@@ -53,92 +61,137 @@ class Rk4Step:
         src("gm = 0.5 * (g0 + g1)")
 
     def emit(self) -> str:
-        """Return the function's text."""
+        """Return the text of the function named like the variant."""
         src, shape = self.src, self.shape
         if self.variant == "trial":
-            src.function("trial(S, I, W, props)")
-        else:
-            src.function(f"{self.variant}(S, props, ga, gb, h)")
-            src("hh = 0.5 * h; q = hh * hh; h2 = hh * h; h6 = h * SIXTH; h26 = h * h6")
-        if shape.fused:
+            self._trial()
+            return str(src)
+        src.function(f"{self.variant}(S, props, ga, gb, h)")
+        src("hh = 0.5 * h; q = hh * hh; h2 = hh * h; h6 = h * SIXTH; h26 = h * h6")
+        if self.fused:
             self.t.load_constants(src, list(range(shape.n_dof)))
             with src.block("for l in range(L):"):
                 self._lane_values()
                 for i in range(shape.n_dof):
                     self._load(i)
-                self._stages()
+                for stage in STAGES:
+                    self._stage(*stage)
                 if self.variant == "flight":
                     watch(src, shape, self.slots, "h")
         else:
-            if self.variant != "trial":
-                for i in range(shape.n_dof):
-                    with src.block("for l in range(L):"):
-                        self._load(i)
-            self._stages()
+            for i in range(shape.n_dof):
+                with src.block("for l in range(L):"):
+                    self._load(i)
+            for stage in STAGES:
+                self._stage(*stage)
             if self.variant == "flight":
                 with src.block("for l in range(L):"):
                     watch(src, shape, self.slots, "h")
         return str(src)
 
+    def _trial(self) -> None:
+        """Contact forces of a stage, and the trial step that alternates them with the stages."""
+        src, shape, law = self.src, self.shape, self.shape.law
+        assert law is not None
+        src.function("forces(S, X, Y, weight)")
+        with src.block("for j in range(NC):"):
+            src("left = LEFT[j] * L; right = RIGHT[j] * L; gap = GAP + PAIR[j] * L; j0 = j * L")
+            for head, sides in (
+                ("if left >= 0 and right >= 0:", ("S[{0} + left + l]", "S[{0} + right + l]")),
+                ("elif left >= 0:", ("S[{0} + left + l]", None)),
+                ("else:", (None, "S[{0} + right + l]")),
+            ):
+                with src.block(head), src.block("for l in range(L):"):
+                    d, v = (relative(*(None if x is None else x.format(name) for x in sides)) for name in "XY")
+                    src(f"d = {d} - S[gap + l]; v = {v}")
+                    src("k = S[KE + j0 + l]; c = S[CE + j0 + l]; r = math.sqrt(max(d, 0.0))")
+                    src(f"f = {law.elastic} + ({law.damper}) * v" if law.damper else f"f = {law.elastic}")
+                    src("S[_F + j0 + l] = f")
+                    for reducer, slot, value in (("work", "DWORK", "f * v"), ("impulse", "DIMP", "f")):
+                        if reducer in shape.reducers:
+                            src(f"S[{slot} + j0 + l] += weight * {value}")
+        src.function("trial(S, I, W, props)")
+        for reducer, slot in (("work", "DWORK"), ("impulse", "DIMP")):
+            if reducer in shape.reducers:
+                with src.block("for c in range(NC * L):"):
+                    src(f"S[{slot} + c] = 0.0")
+        for stage, _, weight in STAGES:
+            src(f"forces(S, {'UO, VO' if stage == 1 else '_X, _Y'}, {weight}); stage{stage}(S, props)")
+
+    def emit_stages(self) -> str:
+        """Return the text of the trial step's four stages, which hold no law."""
+        for stage in STAGES:
+            self.src.function(f"stage{stage[0]}(S, props)")
+            self._stage(*stage)
+        text, self.src = str(self.src), Source()
+        return text
+
     def _load(self, i: int) -> None:
         src, at = self.src, self.slots.at
-        if self.variant == "trial":
-            src(f"u{i} = {at('UO', i)}; v{i} = {at('VO', i)}")
-        elif self.shape.fused:
+        if self.fused:
             src(f"u{i} = {at('U', i)}; v{i} = {at('V', i)}; {at('UO', i)} = u{i}; {at('VO', i)} = v{i}")
         else:
             src(f"{at('UO', i)} = {at('U', i)}; {at('VO', i)} = {at('V', i)}")
 
-    def _stages(self) -> None:
-        src, shape, ref, at = self.src, self.shape, self.t.ref, self.slots.at
-        for stage, ground, weight in ((1, "g0", "1.0"), (2, "gm", "2.0"), (3, "gm", "2.0"), (4, "g1", "1.0")):
-            x, y = ("u", "v") if stage == 1 else ("x", "y")
-            if self.contact:
-                chunks = [list(range(len(shape.contacts)))]
-                if not shape.fused:
-                    chunks = [c[i : i + 16] for c in chunks for i in range(0, len(c), 16)]
-                for chunk in chunks:
-                    self._contacts(chunk, x, y, weight, stage == 1)
-            for dofs in shape.chunks:
-                with self._loop(dofs):
-                    self.t.storey_forces(src, dofs, x, y)
-                    for i in dofs:
-                        b = shape.building_of[i]
-                        net = self.t.net_force(i, self.contact)
-                        src(f"{ref(f'a{stage}', i)} = fma(im{i}, {net}, -fma(al{b}, {ref(y, i)}, {ground}))")
-                    if self.energy:
-                        self.t.rates(src, dofs, y, ground, weight, stage == 1)
-            for dofs in shape.chunks:
-                with self._loop(dofs):
-                    for i in dofs:
-                        u, v, a = ref("u", i), ref("v", i), ref(f"a{stage}", i)
-                        if stage == 1:
-                            src(f"{ref('x', i)} = fma(hh, {v}, {u}); {ref('y', i)} = fma(hh, {a}, {v})")
-                            if self.variant == "trial":
-                                src(f"{at('AO', i)} = {a}")
-                        elif stage == 2:
-                            first = ref("a1", i)
-                            src(f"{ref('x', i)} = fma(q, {first}, {ref('x', i)}); {ref('y', i)} = fma(hh, {a}, {v})")
-                        elif stage == 3:
-                            second = ref("a2", i)
-                            src(f"{ref('x', i)} = fma(h2, {second}, fma(h, {v}, {u}))")
-                            src(f"{ref('y', i)} = fma(h, {a}, {v})")
-                        else:
-                            a1, a2, a3 = (ref(f"a{n}", i) for n in (1, 2, 3))
-                            src(f"{at('U', i)} = fma(h26, {a1} + {a2} + {a3}, fma(h, {v}, {u}))")
-                            src(f"{at('V', i)} = fma(h6, fma(2.0, {a2} + {a3}, {a1} + {a}), {v})")
+    def _stage(self, stage: int, ground: str, weight: str) -> None:
+        """Write forces and accelerations of a stage, then its state: two passes where floors lie in several loops."""
+        shape = self.shape
+        x, y = ("u", "v") if stage == 1 else ("x", "y")
+        if self.contact and self.variant == "plain":
+            chunk = list(range(len(shape.contacts)))
+            for part in [chunk] if self.fused else [chunk[i : i + 16] for i in range(0, len(chunk), 16)]:
+                self._contacts(part, x, y, weight, stage == 1)
+        if len(shape.chunks) == 1:
+            with self._loop(shape.chunks[0]):
+                self._accelerate(shape.chunks[0], stage, x, y, ground, weight)
+                self._advance(shape.chunks[0], stage)
+            return
+        for dofs in shape.chunks:
+            with self._loop(dofs):
+                self._accelerate(dofs, stage, x, y, ground, weight)
+        for dofs in shape.chunks:
+            with self._loop(dofs):
+                self._advance(dofs, stage)
+
+    def _accelerate(self, dofs: list[int], stage: int, x: str, y: str, ground: str, weight: str) -> None:
+        src, ref, shape = self.src, self.t.ref, self.shape
+        self.t.storey_forces(src, dofs, x, y)
+        for i in dofs:
+            b = shape.building_of[i]
+            net = self.t.net_force(i, self.contact)
+            src(f"{ref(f'a{stage}', i)} = fma(im{i}, {net}, -fma(al{b}, {ref(y, i)}, {ground}))")
+        if self.energy:
+            self.t.rates(src, dofs, y, ground, weight, stage == 1)
+
+    def _advance(self, dofs: list[int], stage: int) -> None:
+        src, ref, at = self.src, self.t.ref, self.slots.at
+        for i in dofs:
+            u, v, a = ref("u", i), ref("v", i), ref(f"a{stage}", i)
+            x, y = ref("x", i), ref("y", i)
+            if stage == 1:
+                src(f"{x} = fma(hh, {v}, {u}); {y} = fma(hh, {a}, {v})")
+                if self.variant == "trial":
+                    src(f"{at('AO', i)} = {a}")
+            elif stage == 2:
+                src(f"{x} = fma(q, {ref('a1', i)}, {x}); {y} = fma(hh, {a}, {v})")
+            elif stage == 3:
+                src(f"{x} = fma(h2, {ref('a2', i)}, fma(h, {v}, {u})); {y} = fma(h, {a}, {v})")
+            else:
+                a1, a2, a3 = (ref(f"a{n}", i) for n in (1, 2, 3))
+                src(f"{at('U', i)} = fma(h26, {a1} + {a2} + {a3}, fma(h, {v}, {u}))")
+                src(f"{at('V', i)} = fma(h6, fma(2.0, {a2} + {a3}, {a1} + {a}), {v})")
 
     def _contacts(self, chunk: list[int], x: str, y: str, weight: str, first: bool) -> None:
-        src, shape = self.src, self.shape
-        if shape.fused:
+        if self.fused:
             for j in chunk:
                 self._force(j, x, y, weight, first)
             return
-        with src.block("for l in range(L):"):
+        with self.src.block("for l in range(L):"):
             for j in chunk:
                 self._force(j, x, y, weight, first)
 
     def _force(self, j: int, x: str, y: str, weight: str, first: bool) -> None:
+        """Force of the unlocated step: nothing while d <= 0, else the law, cut at zero."""
         src, shape, at, law = self.src, self.shape, self.slots.at, self.shape.law
         assert law is not None
         left, right, pair = shape.contacts[j]
@@ -146,35 +199,27 @@ class Rk4Step:
         d = relative(*(None if i is None else self.t.ref(x, i) for i in ends))
         v = relative(*(None if i is None else self.t.ref(y, i) for i in ends))
         src(f"d = {d} - {at('gap', pair)}")
-        needs_v = bool(law.damper) or "work" in shape.reducers
-        if needs_v:
+        if law.damper or "work" in shape.reducers:
             src(f"v = {v}")
-        force = self.t.ref("F", j)
-        if self.variant == "trial":
-            src(f"k = {at('KE', j)}; c = {at('CE', j)}" if law.damper else f"k = {at('KE', j)}")
-            if "r" in f"{law.elastic}{law.damper}".replace("sqrt", ""):
-                src("r = math.sqrt(max(d, 0.0))")
-            src(f"{force} = {law.elastic} + ({law.damper}) * v" if law.damper else f"{force} = {law.elastic}")
+        src(f"r = math.sqrt(max(d, 0.0)); k = {at('k')}")
+        if law.damper:
+            src(f"c = {at('c', j)}")
+            if law.per_speed:
+                src(f"c = c / max(max({at('VRUN', j)}, v), RESTING_SPEED)")
+            pull = "max(v, 0.0)" if law.approach_only else "v"
+            src(f"p = {law.elastic} + ({law.damper}) * {pull}")
         else:
-            src("r = math.sqrt(max(d, 0.0))")
-            src(f"k = {at('k')}")
-            if law.damper:
-                src(f"c = {at('c', j)}")
-                if law.per_speed:
-                    src(f"c = c / max(max({at('VRUN', j)}, v), RESTING_SPEED)")
-                pull = "max(v, 0.0)" if law.approach_only else "v"
-                src(f"p = {law.elastic} + ({law.damper}) * {pull}")
-            else:
-                src(f"p = {law.elastic}")
-            src(f"{force} = (p if d > 0.0 else 0.0)" if law.tension else f"{force} = (max(p, 0.0) if d > 0.0 else 0.0)")
+            src(f"p = {law.elastic}")
+        force = self.t.ref("F", j)
+        src(f"{force} = ({'p' if law.tension else 'max(p, 0.0)'} if d > 0.0 else 0.0)")
         for reducer, slot, value in (("work", "DWORK", f"{force} * v"), ("impulse", "DIMP", force)):
             if reducer in shape.reducers:
                 old = "" if first else f"{at(slot, j)} + "
-                src(f"{at(slot, j)} = {old}{weight} * {value}" if weight != "1.0" else f"{at(slot, j)} = {old}{value}")
+                src(f"{at(slot, j)} = {old}{weight} * {value}")
 
 
 def watch(src: Source, shape: KernelShape, slots: Slots, h: str) -> None:
-    """Per lane: could a floor have touched (HIT > 0), and did any peaking quantity turn (TURN <= 0)?"""
+    """Write, per lane, whether a floor may have touched (HIT > 0) whether a quantity whose peak is kept turned (TURN <= 0)."""
     at = slots.at
 
     def ends(slot: str, contact: tuple[int, int, int]) -> str:

@@ -8,6 +8,7 @@ one set of reducers side by side. All its numbers live in one flat array
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 #: Scenarios side by side in one kernel call. A compile-time constant: with no
 #: remainder loop every lane runs the same instructions whatever its neighbours.
@@ -48,6 +49,7 @@ class LawShape:
     elastic_slope: str
     damper: str
     damper_slope: str
+    exponent: float
     approach_only: bool
     tension: bool
     per_speed: bool
@@ -120,7 +122,7 @@ class KernelShape:
         for n in self.storeys:
             parts = -(-n // CHUNK_DOF)
             edges = [first + (n * p) // parts for p in range(parts + 1)]
-            result += [list(range(a, b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+            result += [list(range(a, b)) for a, b in pairwise(edges)]
             first += n
         return result
 
@@ -205,7 +207,7 @@ def output_slots(shape: KernelShape) -> Slots:
         for name in ("e_in", "e_damp", "e_kin", "e_strain"):
             slots.add(name, nb)
     if shape.law is not None:
-        slots.add("shortest")  # shortest completed contact (s)
+        slots.add("shortest")  # shortest contact (s), by its elastic duration
         for reducer, name in (
             ("force", "fmax"),
             ("count", "count"),

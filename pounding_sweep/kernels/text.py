@@ -21,6 +21,7 @@ class Source:
         self._depth = 0
 
     def __call__(self, line: str) -> None:
+        """Append a line at the present depth."""
         self.lines.append("    " * self._depth + line)
 
     @contextmanager
@@ -45,10 +46,11 @@ class Source:
 
 
 class StepText:
-    """Where the quantities of one step live: locals in a fused kernel, slots in a split one."""
+    """Where the quantities of one step live: locals in a fused step, slots otherwise."""
 
-    def __init__(self, shape: KernelShape, slots: Slots) -> None:
+    def __init__(self, shape: KernelShape, slots: Slots, in_memory: bool) -> None:
         self.shape, self.slots, self.props = shape, slots, property_slots(shape)
+        self.in_memory = in_memory
         self.contacts_of: list[list[tuple[int, str]]] = [[] for _ in range(shape.n_dof)]
         for j, (left, right, _) in enumerate(shape.contacts):
             if left >= 0:
@@ -58,7 +60,7 @@ class StepText:
 
     def ref(self, kind: str, i: int) -> str:
         """Text of quantity `kind` of degree of freedom (or contact) `i` inside a lane loop."""
-        if self.shape.fused:
+        if not self.in_memory:
             return f"{kind}{i}"
         home = {"u": "UO", "v": "VO"}.get(kind, f"_{kind}")
         return self.slots.at(home, i)

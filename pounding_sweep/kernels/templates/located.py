@@ -13,54 +13,6 @@ smooth there and the scheme keeps its order.
 
 
 @njit(**OPTIONS)
-def relative(S, base, j, l):
-    """Left minus right of the floors of contact j."""
-    x = 0.0
-    if LEFT[j] >= 0:
-        x += S[(base + LEFT[j]) * L + l]
-    if RIGHT[j] >= 0:
-        x -= S[(base + RIGHT[j]) * L + l]
-    return x
-
-
-@njit(**OPTIONS)
-def quartic(t, x0, b1, b2, b3, b4):
-    return x0 + t * (b1 + t * (b2 + t * (b3 + t * b4)))
-
-
-@njit(**OPTIONS)
-def root(lo, hi, x0, b1, b2, b3, b4, sign):
-    """Where sign * quartic turns positive between lo and hi (Illinois, then the upper end)."""
-    flo = sign * quartic(lo, x0, b1, b2, b3, b4)
-    fhi = sign * quartic(hi, x0, b1, b2, b3, b4)
-    if flo > 0.0:
-        return lo
-    if fhi <= 0.0:
-        return hi
-    side = 0
-    for _ in range(100):
-        if hi - lo <= 1e-15:
-            break
-        t = hi - fhi * (hi - lo) / (fhi - flo)
-        if not (lo < t < hi):
-            t = 0.5 * (lo + hi)
-        f = sign * quartic(t, x0, b1, b2, b3, b4)
-        if f > 0.0:
-            hi, fhi = t, f
-            if side == 1:
-                flo *= 0.5
-            side = 1
-        elif f < 0.0:
-            lo, flo = t, f
-            if side == -1:
-                fhi *= 0.5
-            side = -1
-        else:
-            return t
-    return hi
-
-
-@njit(**OPTIONS)
 def press_root(lo, hi, k, c, h, x0, b1, b2, b3, b4, sign):
     """Where sign * (E + B v) turns positive between lo and hi, by bisection."""
     for _ in range(60):
@@ -83,8 +35,9 @@ def first_event(S, I, l, h, props):
     first = 1.0
     cap = 1.0
     for j in range(NC):
-        mode = I[(MODE + j) * L + l]
-        gap = S[(GAP + PAIR[j]) * L + l]
+        q = j * L + l
+        mode = I[MODE + q]
+        gap = S[GAP + PAIR[j] * L + l]
         d0 = relative(S, UO, j, l) - gap
         d1 = relative(S, U, j, l) - gap
         v0 = relative(S, VO, j, l)
@@ -135,8 +88,8 @@ def first_event(S, I, l, h, props):
                         if t < theta:
                             theta, nxt = t, 1
                 if CLIPS:
-                    k = S[K * L + l]
-                    c = S[(CL + j) * L + l]
+                    k = S[K + l]
+                    c = S[CL + q]
                     end = min(theta, 1.0)
                     d = quartic(end, d0, b1, b2, b3, b4)
                     v = quartic(end, b1, 2.0 * b2, 3.0 * b3, 4.0 * b4, 0.0) / h
@@ -156,43 +109,30 @@ def first_event(S, I, l, h, props):
                             theta, nxt = t, 1
             if CONTACT_CAP > 0.0 and (mode == 1 or mode == 2):
                 deepest = max(max(d0, d1), 0.0)
-                slope = elastic_slope(S[(KE + j) * L + l], deepest) / props[P_REDUCED + j]
-                rate = damper(S[(CE + j) * L + l], deepest) / props[P_REDUCED + j]
+                slope = elastic_slope(S[KE + q], deepest) / props[P_REDUCED + j]
+                rate = damper(S[CE + q], deepest) / props[P_REDUCED + j]
                 fast = h * max(math.sqrt(slope), rate)
                 if fast > CONTACT_CAP:
                     cap = min(cap, max(CONTACT_CAP / fast, 1e-3))
-        S[(TJ + j) * L + l] = theta
-        I[(NEXT + j) * L + l] = nxt
+        S[TJ + q] = theta
+        I[NEXT + q] = nxt
         if theta < first:
             first = theta
     return min(first, cap)
 
 
 @njit(**OPTIONS)
-def set_ground(S, l, ga, gb, h):
-    """Ground acceleration of this lane at both ends of its next sub-step."""
-    done = h - S[REM * L + l]
-    s = S[SCALE * L + l]
-    g0 = s * ga
-    g1 = s * gb
-    start = g0 if done <= 0.0 else g0 + (g1 - g0) * (done / h)
-    full = S[HL * L + l] >= S[REM * L + l]
-    end = g1 if full else g0 + (g1 - g0) * ((done + S[HL * L + l]) / h)
-    S[G0 * L + l] = start
-    S[G1 * L + l] = end
-
-
-@njit(**OPTIONS)
 def contact_peaks(S, I, l, h):
     """Largest force and penetration of the closed contacts over the sub-step just taken."""
     for j in range(NC):
-        mode = I[(MODE + j) * L + l]
+        q = j * L + l
+        mode = I[MODE + q]
         f0 = 0.0
         f1 = 0.0
         r0 = 0.0
         r1 = 0.0
         if mode != 0:
-            gap = S[(GAP + PAIR[j]) * L + l]
+            gap = S[GAP + PAIR[j] * L + l]
             d0 = relative(S, UO, j, l) - gap
             d1 = relative(S, U, j, l) - gap
             v0 = relative(S, VO, j, l)
@@ -209,10 +149,10 @@ def contact_peaks(S, I, l, h):
                 if v0 > 0.0 and v1 < 0.0:
                     t = root(0.0, 1.0, b1, 2.0 * b2, 3.0 * b3, 4.0 * b4, 0.0, -1.0)
                     deepest = max(deepest, quartic(t, d0, b1, b2, b3, b4))
-                S[(DMAX + j) * L + l] = max(S[(DMAX + j) * L + l], deepest)
+                S[DMAX + q] = max(S[DMAX + q], deepest)
             if NEEDS_FORCE and (mode == 1 or mode == 2):
-                k = S[(KE + j) * L + l]
-                c = S[(CE + j) * L + l]
+                k = S[KE + q]
+                c = S[CE + q]
                 f0 = pressing(k, c, d0, v0)
                 f1 = pressing(k, c, d1, v1)
                 a1 = 0.0
@@ -237,96 +177,63 @@ def contact_peaks(S, I, l, h):
                     v = quartic(lo, b1, 2.0 * b2, 3.0 * b3, 4.0 * b4, 0.0) / h
                     best = max(best, pressing(k, c, d, v))
                 if HAS_FORCE:
-                    S[(FMAX + j) * L + l] = max(S[(FMAX + j) * L + l], best)
+                    S[FMAX + q] = max(S[FMAX + q], best)
                 if NEWMARK:
                     if HAS_IMPULSE:
-                        S[(IMPULSE + j) * L + l] += 0.5 * h * (f0 + f1)
+                        S[IMPULSE + q] += 0.5 * h * (f0 + f1)
                     if HAS_WORK:
-                        S[(WORK + j) * L + l] += 0.5 * h * (f0 * v0 + f1 * v1)
+                        S[WORK + q] += 0.5 * h * (f0 * v0 + f1 * v1)
         if NEEDS_ENDS:
-            S[(FS + j) * L + l] = f0
-            S[(FE + j) * L + l] = f1
-            S[(RS + j) * L + l] = r0 if abs(r0) < 1e300 else (f1 - f0) / max(h, 1e-300)
-            S[(RE + j) * L + l] = r1 if abs(r1) < 1e300 else (f1 - f0) / max(h, 1e-300)
+            S[FS + q] = f0
+            S[FE + q] = f1
+            S[RS + q] = r0 if abs(r0) < 1e300 else (f1 - f0) / max(h, 1e-300)
+            S[RE + q] = r1 if abs(r1) < 1e300 else (f1 - f0) / max(h, 1e-300)
 
 
 @njit(**OPTIONS)
-def apply_events(S, I, l, theta, time):
+def apply_events(S, I, l, theta, time, props):
     """Switch the contacts whose event ends this sub-step; returns whether any did."""
     switched = False
     for j in range(NC):
-        t = S[(TJ + j) * L + l]
+        q = j * L + l
+        t = S[TJ + q]
         if not (t < 1.0 and t <= theta + 1e-12):
             continue
         switched = True
-        mode = I[(MODE + j) * L + l]
-        nxt = I[(NEXT + j) * L + l]
-        k = S[K * L + l]
+        mode = I[MODE + q]
+        nxt = I[NEXT + q]
+        k = S[K + l]
         if nxt == 0:
-            S[(KE + j) * L + l] = 0.0
-            S[(CE + j) * L + l] = 0.0
-            lasted = time - S[(TOUCH + j) * L + l]
-            if lasted > 0.0:
-                S[SHORTEST * L + l] = min(S[SHORTEST * L + l], lasted)
+            S[KE + q] = 0.0
+            S[CE + q] = 0.0
         elif mode == 0:
             v = relative(S, V, j, l)
-            c = S[(C + j) * L + l]
+            c = S[C + q]
             if PER_SPEED:
                 c /= max(v, RESTING_SPEED)
-            S[(CL + j) * L + l] = c
-            S[(TOUCH + j) * L + l] = time
-            S[(KE + j) * L + l] = k
-            S[(CE + j) * L + l] = c
+            S[CL + q] = c
+            S[SHORTEST + l] = min(S[SHORTEST + l], duration(k, v, props[P_REDUCED + j]))
+            S[KE + q] = k
+            S[CE + q] = c
             if HAS_COUNT:
-                S[(COUNT + j) * L + l] += 1.0
-            if HAS_FIRST_TIME and S[(TFIRST + j) * L + l] < 0.0:
-                S[(TFIRST + j) * L + l] = time
+                S[COUNT + q] += 1.0
+            if HAS_FIRST_TIME and S[TFIRST + q] < 0.0:
+                S[TFIRST + q] = time
             if HAS_APPROACH_SPEED:
-                S[(VMAX + j) * L + l] = max(S[(VMAX + j) * L + l], v)
+                S[VMAX + q] = max(S[VMAX + q], v)
             if WEAK_TOUCH:
-                S[CAP * L + l] = FIRST_SHARE
+                S[CAP + l] = FIRST_SHARE
         elif nxt == 1:
-            S[(KE + j) * L + l] = k
-            S[(CE + j) * L + l] = S[(CL + j) * L + l]
+            S[KE + q] = k
+            S[CE + q] = S[CL + q]
         elif nxt == 2:
-            S[(KE + j) * L + l] = k
-            S[(CE + j) * L + l] = 0.0
+            S[KE + q] = k
+            S[CE + q] = 0.0
         else:
-            S[(KE + j) * L + l] = 0.0
-            S[(CE + j) * L + l] = 0.0
-        I[(MODE + j) * L + l] = nxt
+            S[KE + q] = 0.0
+            S[CE + q] = 0.0
+        I[MODE + q] = nxt
     return switched
-
-
-@njit(**OPTIONS)
-def transfer_peaks(S, I, l, h, props):
-    """Largest and smallest transferred energy of each building over the sub-step just taken."""
-    for b in range(NB):
-        e0 = S[(TNOW + b) * L + l]
-        e1 = transfer_now(S, l, b, props)
-        S[(TNOW + b) * L + l] = e1
-        p0 = 0.0
-        p1 = 0.0
-        for j in range(NC):
-            if BLEFT[j] == b:
-                i = LEFT[j]
-                p0 += S[(FS + j) * L + l] * S[(VO + i) * L + l]
-                p1 += S[(FE + j) * L + l] * S[(V + i) * L + l]
-            if BRIGHT[j] == b:
-                i = RIGHT[j]
-                p0 -= S[(FS + j) * L + l] * S[(VO + i) * L + l]
-                p1 -= S[(FE + j) * L + l] * S[(V + i) * L + l]
-        best = max(e0, e1)
-        least = min(e0, e1)
-        if p0 * p1 < 0.0:
-            t = p0 / (p0 - p1)
-            a = 2.0 * (e0 - e1) + h * (p0 + p1)
-            bb = -3.0 * (e0 - e1) - h * (2.0 * p0 + p1)
-            x = e0 + t * (h * p0 + t * (bb + t * a))
-            best = max(best, x)
-            least = min(least, x)
-        S[(TMAX + b) * L + l] = max(S[(TMAX + b) * L + l], best)
-        S[(TMIN + b) * L + l] = min(S[(TMIN + b) * L + l], least)
 
 
 @njit(**OPTIONS)
@@ -337,97 +244,100 @@ def contact_step(S, I, W, props, ga, gb, h, time):
     contacts that are closed at the end, over all lanes.
     """
     for l in range(L):
-        S[REM * L + l] = h
-        S[HL * L + l] = h
+        S[REM + l] = h
+        S[HL + l] = h
         if WEAK_TOUCH:
-            S[HL * L + l] = min(h, S[CAP * L + l] * h)  # CAP is 1 while nothing is closed
+            S[HL + l] = min(h, S[CAP + l] * h)  # CAP is 1 while nothing is closed
         set_ground(S, l, ga, gb, h)
-        I[TRIES * L + l] = 0
+        I[TRIES + l] = 0
     while True:
         trial(S, I, W, props)
         again = False
         for l in range(L):
-            S[THETA * L + l] = 1.0
-            if S[REM * L + l] > 0.0 and I[TRIES * L + l] < MAX_TRIES:
-                theta = first_event(S, I, l, S[HL * L + l], props)
+            S[THETA + l] = 1.0
+            if S[REM + l] > 0.0 and I[TRIES + l] < MAX_TRIES:
+                theta = first_event(S, I, l, S[HL + l], props)
                 if theta < 1.0:
                     again = True
-                    S[THETA * L + l] = theta
-                    S[HL * L + l] *= theta
+                    S[THETA + l] = theta
+                    S[HL + l] *= theta
                     set_ground(S, l, ga, gb, h)
             else:
                 for j in range(NC):
-                    S[(TJ + j) * L + l] = 2.0
+                    q = j * L + l
+                    S[TJ + q] = 2.0
         if again:
             trial(S, I, W, props)
         left = False
         for l in range(L):
-            I[BUSY * L + l] = 0
+            I[BUSY + l] = 0
             for j in range(NC):
-                if I[(MODE + j) * L + l] != 0:
-                    I[BUSY * L + l] = 1
-            if S[REM * L + l] > 0.0 and I[BUSY * L + l] == 1:
-                contact_peaks(S, I, l, S[HL * L + l])
+                q = j * L + l
+                if I[MODE + q] != 0:
+                    I[BUSY + l] = 1
+            if S[REM + l] > 0.0 and I[BUSY + l] == 1:
+                contact_peaks(S, I, l, S[HL + l])
             elif NEEDS_ENDS:
                 for j in range(NC):
-                    S[(FS + j) * L + l] = 0.0
-                    S[(FE + j) * L + l] = 0.0
-                    S[(RS + j) * L + l] = 0.0
-                    S[(RE + j) * L + l] = 0.0
+                    q = j * L + l
+                    S[FS + q] = 0.0
+                    S[FE + q] = 0.0
+                    S[RS + q] = 0.0
+                    S[RE + q] = 0.0
         reduce_step(S, props)
         for l in range(L):
-            rem = S[REM * L + l]
+            rem = S[REM + l]
             if not (rem > 0.0):
                 continue
-            hl = S[HL * L + l]
-            if HAS_TRANSFER and I[BUSY * L + l] == 1:
+            hl = S[HL + l]
+            if HAS_TRANSFER and I[BUSY + l] == 1:
                 transfer_peaks(S, I, l, hl, props)
             elif HAS_TRANSFER:
                 for b in range(NB):
-                    S[(TNOW + b) * L + l] = transfer_now(S, l, b, props)
+                    S[TNOW + b * L + l] = transfer_now(S, l, b, props)
             rem = 0.0 if hl >= rem else rem - hl
-            theta = S[THETA * L + l]
-            switched = apply_events(S, I, l, theta, time + (h - rem))
+            theta = S[THETA + l]
+            switched = apply_events(S, I, l, theta, time + (h - rem), props)
             if NEWMARK and switched:
                 equilibrium(S, l, props)
             shut = False
             for j in range(NC):
-                shut = shut or I[(MODE + j) * L + l] != 0
+                q = j * L + l
+                shut = shut or I[MODE + q] != 0
             if rem <= 1e-13 * h:
                 rem = 0.0
-            S[REM * L + l] = rem
-            I[TRIES * L + l] += 1
+            S[REM + l] = rem
+            I[TRIES + l] += 1
             if rem > 0.0:
                 left = True
-                if I[TRIES * L + l] >= MAX_TRIES:
-                    I[FALLBACK * L + l] = 1
+                if I[TRIES + l] >= MAX_TRIES:
+                    I[FALLBACK + l] = 1
                 hl = rem
-                if CONTACT_CAP > 0.0 and theta < 1.0 and not switched and I[TRIES * L + l] < MAX_TRIES:
+                if CONTACT_CAP > 0.0 and theta < 1.0 and not switched and I[TRIES + l] < MAX_TRIES:
                     # cut for stability: the next sub-step is at most twice as long
-                    hl = min(rem, max(2.0 * S[HL * L + l], h / MAX_TRIES))
+                    hl = min(rem, max(2.0 * S[HL + l], h / MAX_TRIES))
                 if WEAK_TOUCH:
-                    hl = min(hl, S[CAP * L + l] * h)
-                S[HL * L + l] = hl
+                    hl = min(hl, S[CAP + l] * h)
+                S[HL + l] = hl
             else:
-                S[HL * L + l] = 0.0
+                S[HL + l] = 0.0
             if WEAK_TOUCH:
-                S[CAP * L + l] = min(1.0, 2.0 * S[CAP * L + l]) if shut else 1.0
+                S[CAP + l] = min(1.0, 2.0 * S[CAP + l]) if shut else 1.0
         if not left:
             break
         for i in range(N):
             for l in range(L):
-                S[(UO + i) * L + l] = S[(U + i) * L + l]
-                S[(VO + i) * L + l] = S[(V + i) * L + l]
+                S[UO + i * L + l] = S[U + i * L + l]
+                S[VO + i * L + l] = S[V + i * L + l]
                 if NEWMARK:
-                    S[(AO + i) * L + l] = S[(A + i) * L + l]
+                    S[AO + i * L + l] = S[A + i * L + l]
         for l in range(L):
-            if S[REM * L + l] > 0.0:
+            if S[REM + l] > 0.0:
                 set_ground(S, l, ga, gb, h)
             else:
-                S[G0 * L + l] = S[G1 * L + l]
+                S[G0 + l] = S[G1 + l]
     closed = 0
-    for j in range(NC):
-        for l in range(L):
-            if I[(MODE + j) * L + l] != 0:
-                closed += 1
+    for c in range(NC * L):
+        if I[MODE + c] != 0:
+            closed += 1
     return closed

@@ -1,0 +1,417 @@
+"""From arrays of results to a labelled dataset with CF attributes.
+
+Only this module knows where a degree of freedom or a contact of the kernels
+stands in the cube. Attributes that `pounding_sweep.cube.describe` understands
+are listed there.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.contact.laws import LAWS
+from pounding_sweep.cube.variables import INNER_DIMS, INTEGER_FILL, STATUS, VARIABLES, Variable, get_variable
+from pounding_sweep.errors import InputError
+from pounding_sweep.scene import Scene
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CONVENTIONS = "CF-1.11"
+#: Global attribute by which a file is known as a cube of this package.
+VERSION_ATTRIBUTE = "pounding_sweep_version"
+
+#: name -> (dimensions, values, attributes)
+Coordinates = Mapping[str, tuple[Sequence[str], Any, Mapping[str, Any]]]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One dimension along which scenarios differ.
+
+    Attributes
+    ----------
+    name : str
+        Name of the dimension: ``gap``, ``law``, ``case`` ...
+    values : sequence
+        Numbers or labels, one per position.
+    units : str
+        In UDUNITS spelling; "" for labels.
+    long_name : str
+        For axes and tables; the name where not given.
+    """
+
+    name: str
+    values: Sequence[Any] | np.ndarray
+    units: str = ""
+    long_name: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of positions."""
+        return len(self.values)
+
+
+def package_version() -> str:
+    """Return the installed version of this package, or "unknown"."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("pounding-sweep")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def inner_shape(variable: str | Variable, scene: Scene) -> tuple[int, ...]:
+    """Return the shape of one scenario's values of `variable`.
+
+    Raises
+    ------
+    InputError
+        The variable is unknown.
+    """
+    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_names), "storey": scene.n_storeys}
+    return tuple(sizes[dim] for dim in get_variable(variable).dims)
+
+
+def _missing(dtype: np.dtype[Any]) -> Any:
+    return INTEGER_FILL if np.issubdtype(dtype, np.integer) else np.nan
+
+
+def _check_last(values: np.ndarray, size: int, what: str) -> None:
+    if values.ndim == 0 or values.shape[-1] != size:
+        msg = f"the last dimension of the values must be the scene's {size} {what}, not shape {values.shape}"
+        raise InputError(msg)
+
+
+def scatter_dof(values: Any, scene: Scene) -> np.ndarray:
+    """Put values per degree of freedom where their building and storey are.
+
+    Parameters
+    ----------
+    values : array_like
+        Shape (..., scene.n_dof).
+    scene : Scene
+        The row.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., building, storey): NaN (integers: -1) above a lower building.
+
+    Raises
+    ------
+    InputError
+        The last dimension is not ``scene.n_dof``.
+    """
+    values = np.asarray(values)
+    _check_last(values, scene.n_dof, "degrees of freedom")
+    shape = (*values.shape[:-1], len(scene.buildings), scene.n_storeys)
+    result = np.full(shape, _missing(values.dtype), dtype=values.dtype)
+    for i, (start, stop) in enumerate(zip(scene.offsets[:-1], scene.offsets[1:], strict=True)):
+        result[..., i, : stop - start] = values[..., start:stop]
+    return result
+
+
+def scatter_contact(values: Any, scene: Scene) -> np.ndarray:
+    """Put values per contact where their pair and storey are.
+
+    Parameters
+    ----------
+    values : array_like
+        Shape (..., len(scene.contacts)).
+    scene : Scene
+        The row.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., pair, storey): NaN (integers: -1) where no floors meet.
+
+    Raises
+    ------
+    InputError
+        The last dimension is not ``len(scene.contacts)``.
+    """
+    values = np.asarray(values)
+    _check_last(values, len(scene.contacts), "contacts")
+    shape = (*values.shape[:-1], len(scene.pair_names), scene.n_storeys)
+    result = np.full(shape, _missing(values.dtype), dtype=values.dtype)
+    for i, contact in enumerate(scene.contacts):
+        result[..., contact.pair, contact.storey - 1] = values[..., i]
+    return result
+
+
+def mask_invalid(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Remove the values of scenarios that have none: diverged, refused or not run.
+
+    Parameters
+    ----------
+    arrays : mapping of str to ndarray
+        Results by variable, shape (*scenario axes, *inner), ``status`` among them.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The same with NaN (integers: -1) where ``status`` says that there are no
+        values. Arrays that need no change are not copied.
+
+    Raises
+    ------
+    InputError
+        There is no ``status``, or a variable is unknown.
+    """
+    if "status" not in arrays:
+        msg = f"the results have no 'status', only {', '.join(sorted(arrays)) or 'nothing'}"
+        raise InputError(msg)
+    status = np.asarray(arrays["status"])
+    bad = np.isin(status, [int(s) for s in STATUS if not s.has_values])
+    result: dict[str, np.ndarray] = {}
+    for name, given in arrays.items():
+        values = np.asarray(given)
+        fill = get_variable(name).fill
+        if fill is not None and bad.any():
+            values = values.copy()
+            values[bad] = fill
+        result[name] = values
+    return result
+
+
+#: A power that is no whole number, which UDUNITS reads as something else: "m-1.5" is m-1 times 0.5.
+_FRACTIONAL_POWER = re.compile(r"[A-Za-z][\^*]*[-+]?\d*\.\d")
+
+
+def unit_attributes(units: str) -> dict[str, str]:
+    """Return ``units``, or ``unit_text`` for a unit that UDUNITS can't spell.
+
+    Examples
+    --------
+    >>> unit_attributes("kN m-1")
+    {'units': 'kN m-1'}
+    >>> unit_attributes("kN m-1.5")
+    {'unit_text': 'kN m-1.5'}
+    """
+    if not units:
+        return {}
+    return {"unit_text" if _FRACTIONAL_POWER.search(units) else "units": units}
+
+
+def _attribute(value: Any) -> Any:
+    """Turn a value into what a netCDF attribute can hold."""
+    if isinstance(value, (bool, np.bool_)):
+        return "true" if value else "false"
+    if isinstance(value, (str, int, float, np.integer, np.floating)):
+        return value
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.ndim == 1:
+        return value
+    if isinstance(value, (list, tuple)) and value and all(type(v) in (int, float) for v in value):
+        return np.asarray(value)
+    return json.dumps(value, sort_keys=True, default=str, ensure_ascii=False)
+
+
+def _attributes(given: Mapping[str, Any]) -> dict[str, Any]:
+    units = unit_attributes(str(given.get("units", "")))
+    kept = {key: value for key, value in given.items() if key != "units" and value is not None}
+    return {**units, **{key: _attribute(value) for key, value in kept.items()}}
+
+
+def _labels(values: Any) -> np.ndarray:
+    """Values of a coordinate: text, or numbers of a type that every netCDF reader knows; None among numbers is NaN."""
+    array = np.asarray(values)
+    if array.dtype.kind == "O" and all(v is None or isinstance(v, (int, float)) for v in array.flat):
+        return array.astype(np.float64)
+    if array.dtype.kind in "OUST":
+        return np.array([str(v) for v in np.ravel(array)]).reshape(array.shape)
+    if array.dtype.kind == "b":
+        return array.astype(np.int8)
+    if array.dtype.kind in "iu":
+        small = not array.size or (array.min() >= -(2**31) and array.max() < 2**31)
+        return array.astype(np.int32 if small else np.int64)
+    return array.astype(np.float64)
+
+
+def _scene_coordinates(scene: Scene) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+    elevations = np.concatenate([building.elevations for building in scene.buildings])
+    coordinates: dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]] = {
+        "building": (("building",), [b.name for b in scene.buildings], {"long_name": "building, left to right"}),
+        "storey": (
+            ("storey",),
+            np.arange(1, scene.n_storeys + 1),
+            {"units": "1", "long_name": "storey, 1 at the bottom"},
+        ),
+        "floor_elevation": (
+            ("building", "storey"),
+            scatter_dof(elevations, scene),
+            {"units": "m", "long_name": "elevation of the floor above the base"},
+        ),
+    }
+    if scene.pair_names:
+        meets = np.array([elevations[c.left if c.left >= 0 else c.right] for c in scene.contacts], dtype=float)
+        coordinates["pair"] = (("pair",), list(scene.pair_names), {"long_name": "pair of neighbours, left-right"})
+        coordinates["contact_elevation"] = (
+            ("pair", "storey"),
+            scatter_contact(meets, scene),
+            {"units": "m", "long_name": "elevation at which the floors of the pair meet"},
+        )
+    return coordinates
+
+
+def _law_coordinates(dims: Sequence[str], laws: Any) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+    """Return what the registry knows about the laws of a coordinate, as far as it knows them."""
+    keys = [str(key) for key in np.ravel(np.asarray(laws))]
+    if len(dims) != 1 or not any(key in LAWS for key in keys):
+        return {}
+
+    def column(attribute: str) -> list[str]:
+        return [str(getattr(LAWS[key], attribute)) if key in LAWS else "" for key in keys]
+
+    where = tuple(dims)
+    model = {"law_model": (where, column("model"), {"long_name": "model number in Mate, Bakre & Jaiswal (2015)"})}
+    if where != ("law",):  # listed cases, of which there may be many
+        return model
+    return model | {
+        "law_title": (where, column("title"), {"long_name": "contact law in words"}),
+        "law_formula": (where, column("formula"), {"long_name": "contact force (kN) of penetration d and its rate v"}),
+    }
+
+
+def _data_attributes(variable: Variable) -> dict[str, Any]:
+    attributes: dict[str, Any] = {
+        "units": variable.units,
+        "long_name": variable.long_name,
+        "comment": variable.definition,
+    }
+    if variable.flag_values:
+        attributes["flag_values"] = np.array(variable.flag_values, dtype=np.int8)
+        attributes["flag_meanings"] = variable.flag_meanings
+    return attributes
+
+
+def _data_values(variable: Variable, values: np.ndarray) -> np.ndarray:
+    """Values as they are after reading a file: missing integers are NaN, and then all are float64."""
+    if variable.dtype == "f8":
+        return np.asarray(values, dtype=np.float64)
+    if variable.fill is None:
+        return np.asarray(values, dtype=np.int8)
+    return np.where(np.asarray(values) == variable.fill, np.nan, np.asarray(values, dtype=np.float64))
+
+
+def assemble(
+    scene: Scene,
+    axes: Sequence[Axis],
+    arrays: Mapping[str, np.ndarray],
+    attributes: Mapping[str, Any] | None = None,
+    extra_coords: Coordinates | None = None,
+) -> xr.Dataset:
+    """Make a labelled dataset of results.
+
+    Parameters
+    ----------
+    scene : Scene
+        The row that all scenarios share.
+    axes : sequence of Axis
+        Dimensions of the scenarios, outermost first: product axes, or one ``case`` axis.
+    arrays : mapping of str to ndarray
+        Results by variable name, shape (*axis lengths, *inner_shape(name, scene)).
+        ``status`` must be there. Pair variables of a scene without pairs are left out.
+    attributes : mapping, optional
+        Global attributes; lists and tables are stored as JSON.
+    extra_coords : mapping, optional
+        Further coordinates, name -> (dimensions, values, attributes), for instance
+        the gap of each listed case.
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables in the order of the registry. Integers with missing values are
+        float64 with NaN, as xarray reads them from a file; they are stored as int32.
+
+    Raises
+    ------
+    InputError
+        A variable is unknown, has the wrong shape or is missing; an axis has the
+        name of an inner dimension; a status has no meaning.
+
+    Notes
+    -----
+    Scenarios whose status says that they have no values lose any they carry.
+    """
+    import xarray as xr
+
+    lengths = tuple(axis.size for axis in axes)
+    names = [axis.name for axis in axes]
+    reserved = set(INNER_DIMS) | set(VARIABLES)
+    for name in (*names, *(extra_coords or {})):
+        if name in reserved or names.count(name) > 1:
+            msg = (
+                f"axis name {name!r} is taken; give each axis a name of its own, none of {', '.join(sorted(reserved))}"
+            )
+            raise InputError(msg)
+    for variable in VARIABLES.values():
+        if variable.always and variable.name not in arrays:
+            msg = f"the results have no {variable.name!r}, which is in every cube"
+            raise InputError(msg)
+    for name, values in arrays.items():
+        expected = (*lengths, *inner_shape(name, scene))
+        if np.shape(values) != expected:
+            dims = (*names, *VARIABLES[name].dims)
+            msg = f"{name!r} has shape {np.shape(values)}; it must be {expected}, ({', '.join(dims)})"
+            raise InputError(msg)
+    strange = np.setdiff1d(arrays["status"], [int(s) for s in STATUS])
+    if strange.size:
+        msg = f"status {strange.tolist()} has no meaning; valid: {', '.join(f'{int(s)} {s.label}' for s in STATUS)}"
+        raise InputError(msg)
+
+    coordinates: dict[str, Any] = {}
+    for axis in axes:
+        details = {"units": axis.units, "long_name": axis.long_name or axis.name}
+        coordinates[axis.name] = ((axis.name,), axis.values, details)
+    coordinates.update(extra_coords or {})
+    if "law" in coordinates:
+        coordinates = {**_law_coordinates(*coordinates["law"][:2]), **coordinates}
+    coordinates = {**coordinates, **_scene_coordinates(scene)}
+
+    valid = mask_invalid(arrays)
+    data = {}
+    for name, variable in VARIABLES.items():
+        if name in valid and not (variable.per_pair and not scene.pair_names):
+            dims = (*names, *variable.dims)
+            data[name] = (dims, _data_values(variable, valid[name]), _data_attributes(variable))
+
+    version = package_version()
+    found = {
+        "Conventions": CONVENTIONS,
+        "title": "Parametric sweep of seismic pounding of adjacent buildings",
+        "source": f"pounding_sweep {version}",
+        "history": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} made by pounding_sweep {version}",
+        VERSION_ATTRIBUTE: version,
+        **(attributes or {}),
+    }
+    coords = {k: (tuple(dims), _labels(v), _attributes(more)) for k, (dims, v, more) in coordinates.items()}
+    dataset = xr.Dataset(data, coords=coords, attrs=_attributes(found))
+    for key, stored in dataset.variables.items():
+        stored.encoding = {"_FillValue": None} if key in dataset.coords else encoding_of(key, stored)
+    return dataset
+
+
+def encoding_of(name: Hashable, values: xr.Variable) -> dict[str, Any]:
+    """Return how a variable is stored: its type and what stands for a missing value.
+
+    Declared outputs follow the registry; others keep the integer type and fill
+    they were read with, and floats get NaN.
+    """
+    if name in VARIABLES:
+        variable = VARIABLES[str(name)]
+        fill = variable.fill
+        return {"dtype": variable.dtype, "_FillValue": None if fill is None else np.dtype(variable.dtype).type(fill)}
+    kept = {key: values.encoding[key] for key in ("dtype", "_FillValue") if key in values.encoding}
+    if kept.get("_FillValue") is not None and np.issubdtype(kept.get("dtype", values.dtype), np.integer):
+        return kept
+    return {"_FillValue": values.dtype.type(np.nan) if values.dtype.kind == "f" else None}

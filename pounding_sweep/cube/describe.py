@@ -1,0 +1,189 @@
+"""A cube as readable text.
+
+Beside the CF attributes, these global attributes are understood where they
+are there: ``records`` (JSON list of tables with ``name``, ``pga`` in m/s2 and
+anything else), ``scenarios_asked``, ``scenarios_run``, ``sweep`` (JSON, only
+its size is told), ``sweep_sha256``, and everything whose name ends in
+``_version``. Any other global attribute is shown shortened.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.cube.variables import INNER_DIMS, STATUS, Status
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_SHOWN_ELSEWHERE = {"title", "history", "records", "scenarios_asked", "scenarios_run", "sweep", "sweep_sha256"}
+_WIDTH = 100
+
+
+def _number(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, (float, np.floating)) else str(value)
+
+
+def _short(value: Any, width: int = _WIDTH) -> str:
+    text = " ".join(str(value).split())
+    return text if len(text) <= width else f"{text[: width - 3]}..."
+
+
+def _units(variable: xr.DataArray) -> str:
+    units = str(variable.attrs.get("units", variable.attrs.get("unit_text", "")))
+    return "" if units == "1" else units
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Align columns; the last one may be of any length."""
+    if not rows:
+        return []
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)] + [0]
+    return ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _values(coordinate: xr.DataArray) -> str:
+    values = coordinate.values
+    if not values.size:
+        return "empty"
+    if values.dtype.kind not in "iuf" or values.size <= 8:
+        return _short(", ".join(_number(v) for v in values.tolist()))
+    return f"{_number(values.min())} to {_number(values.max())}"
+
+
+def _axes(dataset: xr.Dataset, dims: list[str]) -> list[str]:
+    rows = []
+    for dim in dims:
+        coordinate = dataset[dim]  # a dimension without coordinate counts from 0
+        units = _units(coordinate)
+        name = str(coordinate.attrs.get("long_name", ""))
+        values = f"{_values(coordinate)} {units}".rstrip()
+        rows.append((dim, str(dataset.sizes[dim]), f"{values}  ({name})" if name else values))
+    return _table(rows)
+
+
+def _coordinates(dataset: xr.Dataset) -> list[str]:
+    rows = []
+    for name in dataset.coords:
+        if name not in dataset.dims:
+            coordinate = dataset[name]
+            dims = f"({', '.join(map(str, coordinate.dims))})"
+            rows.append((str(name), dims, _units(coordinate) or "-", str(coordinate.attrs.get("long_name", ""))))
+    return _table(rows)
+
+
+def _range(values: xr.DataArray, ok: xr.DataArray | None) -> str:
+    if values.dtype.kind not in "iuf":
+        return "-"
+    kept = values.astype(float)
+    if ok is not None and set(ok.dims) <= set(kept.dims):
+        kept = kept.where(ok)
+    array = kept.values[np.isfinite(kept.values)]
+    return f"{_number(array.min())} to {_number(array.max())}" if array.size else "no values"
+
+
+def _variables(dataset: xr.Dataset, ok: xr.DataArray | None) -> list[str]:
+    rows = []
+    for name in dataset.data_vars:
+        if name != "status":
+            variable = dataset[name]
+            long_name = str(variable.attrs.get("long_name", ""))
+            inner = [str(dim) for dim in variable.dims if dim in INNER_DIMS]
+            rows.append((str(name), _units(variable) or "-", _range(variable, ok), _per(inner, long_name)))
+    return _table(rows)
+
+
+def _per(inner: list[str], long_name: str) -> str:
+    return f"{long_name}, per {' and '.join(inner)}" if inner else long_name
+
+
+def _statuses(status: xr.DataArray) -> list[str]:
+    codes, counts = np.unique(status.values, return_counts=True)
+    known = {int(s): s for s in STATUS}
+    rows = []
+    for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
+        found = known.get(int(code))
+        label = found.label if found is not None else f"code {code}"
+        text = found.meaning if found is not None else "no known meaning"
+        if found is not None and found.remedy:
+            text += f": {found.remedy}"
+        rows.append((str(count), label, text))
+    return _table(rows)
+
+
+def _records(dataset: xr.Dataset) -> list[str]:
+    try:
+        entries = json.loads(dataset.attrs["records"])
+    except (KeyError, TypeError, ValueError):
+        entries = []
+    rows: list[tuple[str, ...]] = []
+    for entry in entries if isinstance(entries, list) else []:
+        if isinstance(entry, dict):
+            pga = entry.get("pga")
+            peak = f"PGA {_number(float(pga))} m/s2" if isinstance(pga, (int, float)) else "PGA unknown"
+            more = [f"{k} {_number(v)}" for k, v in entry.items() if k not in ("name", "pga") and v not in ("", None)]
+            rows.append((str(entry.get("name", "?")), peak, _short(", ".join(more))))
+    if not rows and "record_pga" in dataset.coords and "record" in dataset.coords:
+        names, peaks = np.atleast_1d(dataset["record"].values), np.atleast_1d(dataset["record_pga"].values)
+        if names.shape == peaks.shape:
+            rows = [(str(n), f"PGA {_number(float(p))} m/s2", "") for n, p in zip(names, peaks, strict=True)]
+    return _table(rows)
+
+
+def describe(dataset: xr.Dataset) -> str:
+    """Describe a cube in plain text.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A cube of this package, or any dataset: what is not there is left out.
+
+    Returns
+    -------
+    str
+        Title, scenarios, axes, variables with their range over the scenarios that
+        are ok, statuses with remedies, records and versions; several lines without
+        a line break at the end.
+
+    Notes
+    -----
+    Reads every variable once, one at a time.
+    """
+    attributes = dataset.attrs
+    status = dataset["status"] if "status" in dataset.data_vars else None
+    ok = status == int(Status.OK) if status is not None else None
+    inner = [str(dim) for dim in dataset.sizes if dim in INNER_DIMS]
+    outer = [str(dim) for dim in dataset.sizes if dim not in INNER_DIMS]
+
+    lines = [_short(attributes.get("title", "(no title)"))]
+    lines += [f"  {_short(line)}" for line in str(attributes.get("history", "")).splitlines()]
+    if "scenarios_asked" in attributes or "scenarios_run" in attributes:
+        asked, run = (attributes.get(f"scenarios_{what}", "?") for what in ("asked", "run"))
+        lines.append(f"  {asked} scenarios asked, {run} run")
+    elif status is not None:
+        lines.append(f"  {status.size} scenarios")
+
+    versions = {str(k): v for k, v in attributes.items() if str(k).endswith("_version")}
+    others = [(str(k), _short(v)) for k, v in attributes.items() if k not in _SHOWN_ELSEWHERE and k not in versions]
+    if "sweep" in attributes:
+        others.append(("sweep", f"{len(str(attributes['sweep']))} characters of JSON"))
+    if "sweep_sha256" in attributes:
+        others.append(("sweep_sha256", str(attributes["sweep_sha256"])))
+    sections = {
+        "Scenario axes": _axes(dataset, outer),
+        "Within a scenario": _axes(dataset, inner),
+        "Further coordinates": _coordinates(dataset),
+        "Variables (range over scenarios that are ok)" if ok is not None else "Variables": _variables(dataset, ok),
+        "Scenarios by status": _statuses(status) if status is not None else [],
+        "Records": _records(dataset),
+        "Versions": _table([(k.removesuffix("_version"), str(v)) for k, v in versions.items()]),
+        "Attributes": _table(others),
+    }
+    for heading, body in sections.items():
+        if body:
+            lines += ["", heading, *body]
+    return "\n".join(lines)

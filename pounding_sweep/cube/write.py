@@ -1,0 +1,219 @@
+"""The one writer and reader of cubes.
+
+A file appears under its name only when it is complete and on disk. HDF5 is
+not thread-safe: everything of this package that touches a netCDF file holds
+`NETCDF_LOCK`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import stat
+import tempfile
+import threading
+from collections.abc import Hashable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, encoding_of
+from pounding_sweep.errors import OutputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+NETCDF_LOCK = threading.RLock()
+#: How every array is compressed.
+COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
+_TEMPORARY = re.compile(r"\.pounding_sweep-[0-9a-f]{16}\.part")
+
+
+def is_temporary(name: str) -> bool:
+    """Whether a file of that name was being written by `replacing`."""
+    return _TEMPORARY.fullmatch(name) is not None
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder lasting, where its file system can."""
+    with suppress(OSError):  # some network file systems can't sync a folder
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a temporary name beside `path`; when the block ends well, make it `path` for good.
+
+    The content is on disk before the name changes, and the name before the block
+    is left. When the block fails, the temporary file is removed and `path` is as
+    it was.
+    """
+    temporary = path.with_name(f".pounding_sweep-{secrets.token_hex(8)}.part")
+    try:
+        yield temporary
+        handle = os.open(temporary, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+        temporary.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+    sync_folder(path.parent)
+
+
+def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
+    """Return the file that `path` stands for, links followed, so that a link stays one, and its mode if it is there."""
+    try:
+        target = Path(os.path.realpath(Path(path).expanduser()))
+        return target, target.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return target, None
+    except (OSError, ValueError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        msg = f"path {os.fspath(path)!r} is not usable ({reason}); give another path"
+        raise OutputError(msg) from None
+
+
+def check_output(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
+    """Check, before a long run, that a cube can be written to `path`.
+
+    Parameters
+    ----------
+    path : path-like
+        Where the cube is to stand.
+    overwrite : bool
+        Whether a file that is there may be replaced.
+
+    Returns
+    -------
+    Path
+        The absolute path, links followed.
+
+    Raises
+    ------
+    OutputError
+        The path is a folder or a device, exists and may not be overwritten, or its
+        folder is missing or can't be written.
+    """
+    target, mode = _target(path)
+    if mode is not None and stat.S_ISDIR(mode):
+        msg = f"output path {str(path)!r} is a folder; give the path of a file, such as {str(target / 'out.nc')!r}"
+        raise OutputError(msg)
+    if mode is not None and not stat.S_ISREG(mode):
+        msg = f"output path {str(path)!r} is not a regular file; give the path of a file to be written"
+        raise OutputError(msg)
+    if mode is not None and not overwrite:
+        msg = (
+            f"output file {str(path)!r} exists; give another path, or overwrite it "
+            "(overwrite=True, on the command line --overwrite)"
+        )
+        raise OutputError(msg)
+    folder = target.parent
+    if not folder.is_dir():
+        what = "is not a folder" if folder.exists() else "does not exist"
+        msg = f"the folder {str(folder)!r} of output {str(path)!r} {what}; make it first or give another path"
+        raise OutputError(msg)
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or error
+        msg = f"the folder {str(folder)!r} of output {str(path)!r} can't be written ({reason}); give another path"
+        raise OutputError(msg) from None
+    return target
+
+
+def _encoding(name: Hashable, variable: xr.Variable, is_coordinate: bool) -> dict[str, Any]:
+    encoding: dict[str, Any] = {"_FillValue": None} if is_coordinate else encoding_of(name, variable)
+    if variable.ndim and variable.dtype.kind in "iuf":
+        encoding.update(COMPRESSION)
+    return encoding
+
+
+def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
+    """Write a dataset as a netCDF-4 file that is either complete or not there.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A cube, or any dataset of numbers and text; truth values become int8.
+    path : path-like
+        Where it is to stand.
+    overwrite : bool
+        Whether a file that is there may be replaced; it stays until the new one is complete.
+
+    Returns
+    -------
+    Path
+        The absolute path of the file.
+
+    Raises
+    ------
+    OutputError
+        See `check_output`; or the disk is full or failed while writing.
+    """
+    target = check_output(path, overwrite)
+    truths = [name for name, variable in dataset.variables.items() if variable.dtype.kind == "b"]
+    if truths:
+        dataset = dataset.assign({name: dataset[name].astype("i1") for name in truths})
+    encoding = {name: _encoding(name, v, name in dataset.coords) for name, v in dataset.variables.items()}
+    try:
+        with NETCDF_LOCK, replacing(target) as temporary:
+            dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
+    except (OSError, RuntimeError) as error:
+        msg = f"writing {str(path)!r} failed ({error}); free some space or give another path. Nothing was replaced"
+        raise OutputError(msg) from error
+    return target
+
+
+def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Open a cube; its values are read where they are used.
+
+    Parameters
+    ----------
+    path : path-like
+        A file made by this package.
+
+    Returns
+    -------
+    xarray.Dataset
+        To be closed by the caller: ``with open_cube(path) as cube: ...``
+
+    Raises
+    ------
+    OutputError
+        There is no such file, it can't be read as netCDF, or it is no cube of this package.
+    """
+    import xarray as xr
+
+    target, mode = _target(path)
+    if mode is None or not stat.S_ISREG(mode):
+        what = "does not exist" if mode is None else "is not a file"
+        msg = f"cube {str(path)!r} {what}; give the path of a file made by 'pounding-sweep run'"
+        raise OutputError(msg)
+    try:
+        with NETCDF_LOCK:
+            dataset = xr.open_dataset(target, engine="netcdf4")
+    except (OSError, RuntimeError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        msg = (
+            f"cube {str(path)!r} can't be read as netCDF ({reason}); it is damaged or another kind of file. "
+            "Run the sweep again or give a file made by 'pounding-sweep run'"
+        )
+        raise OutputError(msg) from None
+    if VERSION_ATTRIBUTE not in dataset.attrs:
+        dataset.close()
+        msg = (
+            f"{str(path)!r} is a netCDF file, but not one of this package (no attribute {VERSION_ATTRIBUTE!r}); "
+            "give a file made by 'pounding-sweep run'"
+        )
+        raise OutputError(msg)
+    return dataset

@@ -1,0 +1,91 @@
+"""Compiling several kernels at once, each process its share.
+
+numba compiles under one lock per process, so kernels that are not on disk yet
+are shared out to child processes, which leave them in the disk cache.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from pounding_sweep.kernels.cache import get_kernel, is_cached
+from pounding_sweep.kernels.shape import KernelShape, LawShape
+
+
+def to_json(shape: KernelShape) -> dict[str, Any]:
+    """Return the shape as plain data."""
+    return {**asdict(shape), "reducers": sorted(shape.reducers)}
+
+
+def from_json(data: dict[str, Any]) -> KernelShape:
+    """Return the shape of `to_json`."""
+    return KernelShape(
+        storeys=tuple(data["storeys"]),
+        contacts=tuple((int(a), int(b), int(c)) for a, b, c in data["contacts"]),
+        n_pairs=data["n_pairs"],
+        law=None if data["law"] is None else LawShape(**data["law"]),
+        scheme=data["scheme"],
+        located=data["located"],
+        reducers=frozenset(data["reducers"]),
+        history=data["history"],
+    )
+
+
+def prepare(shapes: Sequence[KernelShape], workers: int = 1, notify: Callable[[int, int], None] | None = None) -> int:
+    """Make kernels ready to run in this process; returns how many had to be compiled.
+
+    Parameters
+    ----------
+    shapes : sequence of KernelShape
+        Kernels that will be needed.
+    workers : int
+        Processes to compile in.
+    notify : callable, optional
+        Called with (ready, total) as kernels become ready.
+    """
+    wanted = list(dict.fromkeys(shapes))
+    missing = [shape for shape in wanted if not is_cached(shape)]
+    share = -(-len(missing) // max(1, workers))
+    children = []
+    for first in range(share, len(missing), max(1, share)):
+        text = json.dumps([to_json(shape) for shape in missing[first : first + share]])
+        child = subprocess.Popen(
+            [sys.executable, "-m", "pounding_sweep.kernels.prepare"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        assert child.stdin is not None
+        child.stdin.write(text)
+        child.stdin.close()
+        children.append(child)
+    ready = 0
+    try:
+        for shape in [*missing[:share], *(s for s in wanted if s not in missing)]:
+            get_kernel(shape)
+            ready += 1
+            if notify:
+                notify(ready, len(wanted))
+        for child in children:
+            child.wait()
+    except BaseException:
+        for child in children:
+            child.kill()
+        raise
+    for shape in missing[share:]:
+        get_kernel(shape)  # from the disk cache; compiled here should a child have failed
+        ready += 1
+        if notify:
+            notify(ready, len(wanted))
+    return len(missing)
+
+
+if __name__ == "__main__":
+    for item in json.load(sys.stdin):
+        get_kernel(from_json(item))

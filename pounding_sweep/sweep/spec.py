@@ -1,0 +1,397 @@
+"""What a sweep is: the validated description that everything else starts from.
+
+`build_spec` turns what a user gave, in Python or in a file, into a `SweepSpec`
+or into one error that lists every fault. Nothing is run and nothing of the
+sweep's size is allocated here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pounding_sweep.contact.laws import Law, get_law
+from pounding_sweep.errors import SweepError
+from pounding_sweep.records import Record
+from pounding_sweep.scene import Building, Scene
+
+#: Time-stepping schemes by name.
+METHODS = ("rk4", "newmark")
+#: More scenarios than this are refused.
+MAX_SCENARIOS = 1_000_000_000
+#: More values than this on one axis are refused.
+MAX_AXIS = 1_000_000
+#: Property of `ContactProperties` that holds the reference stiffness of a force exponent.
+REFERENCE_PROPERTIES = {1.0: "linear_stiffness", 1.5: "hertz_stiffness"}
+
+
+@dataclass(frozen=True)
+class Range:
+    """Evenly spaced values of an axis, expanded only once the sweep's size is known.
+
+    Values are rounded to 12 significant digits (of the larger end, where the
+    spacing is linear), so that 0.002 to 0.024 in 12 values holds 0.006 itself;
+    the ends are exact.
+
+    Parameters
+    ----------
+    start, stop : float
+        First and last value, in the axis' unit.
+    count : int
+        Number of values, >= 1.
+    spacing : {"linear", "log"}
+        Equal differences or equal ratios.
+
+    Examples
+    --------
+    >>> Range(0.0, 0.3, 4).values()
+    (0.0, 0.1, 0.2, 0.3)
+    """
+
+    start: float
+    stop: float
+    count: int
+    spacing: Literal["linear", "log"] = "linear"
+
+    def __len__(self) -> int:
+        return self.count
+
+    def values(self) -> tuple[float, ...]:
+        """Return the values, ``count`` of them."""
+        first, last, steps = float(self.start), float(self.stop), self.count - 1
+        if not steps:
+            return (first,)
+        if self.spacing == "log":
+            inner = [float(f"{first * (last / first) ** (i / steps):.12g}") for i in range(1, steps)]
+        else:
+            largest = max(abs(first), abs(last))
+            digits = 12 - math.ceil(math.log10(largest)) if largest else 12
+            inner = [round(first + (last - first) * (i / steps), digits) + 0.0 for i in range(1, steps)]
+        return (first, *inner, last)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One listed scenario of a sweep that is no product of axes.
+
+    Parameters
+    ----------
+    law : str
+        Contact law.
+    gap : float or tuple of float, optional
+        Gap of every pair, or one per pair (m); the scene's own where not given.
+    stiffness : float, optional
+        Contact stiffness (kN/m**exponent of the law).
+    stiffness_factor : float, optional
+        Factor on the scene's reference stiffness instead; 1 where neither is given.
+    restitution : float, optional
+        Coefficient of restitution; the scene's where not given.
+    record : str, optional
+        Name of one of the sweep's records; needed where it has more than one.
+    scale : float
+        Factor on the record.
+    """
+
+    law: str
+    gap: float | tuple[float, ...] | None = None
+    stiffness: float | None = None
+    stiffness_factor: float | None = None
+    restitution: float | None = None
+    record: str | None = None
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class SweepSpec:
+    """A valid sweep; made by `build_spec` or `load_spec`, which check it.
+
+    Values keep the order in which the user gave them.
+
+    Attributes
+    ----------
+    scene : Scene
+        The row (kN, t, m, s).
+    records : tuple of Record
+        Ground motions (m/s2), names all different.
+    laws : tuple of str
+        Keys of contact laws; with `cases`, those that the cases use.
+    gaps : tuple of float or None
+        Gap axis (m), each value for every pair; None: the scene's own gaps.
+    stiffnesses : tuple of float or None
+        Contact stiffness axis (kN/m**exponent of the laws).
+    stiffness_factors : tuple of float or None
+        Factors on the scene's reference stiffness of each law's exponent.
+        Without `cases`, exactly one of the two stiffness axes is set.
+    restitutions : tuple of float
+        Coefficients of restitution; (1.0,) where none was given and no law takes one.
+    scales : tuple of float
+        Factors on the records.
+    cases : tuple of Case or None
+        Listed scenarios instead of the product. Then `gaps` and both stiffness
+        axes are None, `restitutions` and `scales` empty, and in every case the
+        record's name, the stiffness or factor of a law with contact, and the
+        restitution of a law that takes one are filled in.
+    method : {"rk4", "newmark"}
+        Time-stepping scheme.
+    dt : float
+        Time step (s).
+    locate : bool
+        Whether steps are split where a pair touches or separates.
+    outputs : tuple of str
+        Variables of the cube.
+    beta, gamma : float
+        Parameters of Newmark's method.
+    force_unstable : bool
+        Run even beyond the stability limit.
+    title : str
+        Title of the cube.
+    """
+
+    scene: Scene
+    records: tuple[Record, ...]
+    laws: tuple[str, ...]
+    gaps: tuple[float, ...] | None
+    stiffnesses: tuple[float, ...] | None
+    stiffness_factors: tuple[float, ...] | None
+    restitutions: tuple[float, ...]
+    scales: tuple[float, ...]
+    cases: tuple[Case, ...] | None
+    method: str
+    dt: float
+    locate: bool
+    outputs: tuple[str, ...]
+    beta: float = 0.25
+    gamma: float = 0.5
+    force_unstable: bool = False
+    title: str = ""
+
+    @property
+    def axes(self) -> dict[str, tuple[Any, ...]]:
+        """Values by dimension, in the order of the cube; empty for listed cases.
+
+        The gap axis is ``(None,)`` where the scene's own gaps are used.
+        """
+        if self.cases is not None:
+            return {}
+        absolute = self.stiffnesses is not None
+        return {
+            "law": self.laws,
+            "gap": (None,) if self.gaps is None else self.gaps,
+            "stiffness" if absolute else "stiffness_factor": (self.stiffnesses if absolute else self.stiffness_factors)
+            or (),
+            "restitution": self.restitutions,
+            "record": tuple(record.name for record in self.records),
+            "scale": self.scales,
+        }
+
+    @property
+    def n_scenarios(self) -> int:
+        """Number of scenarios asked for."""
+        return len(self.cases) if self.cases is not None else math.prod(len(v) for v in self.axes.values())
+
+    def record(self, name: str) -> Record:
+        """Return the record of that name; KeyError if the sweep has none."""
+        for record in self.records:
+            if record.name == name:
+                return record
+        raise KeyError(name)
+
+
+def contact_stiffness(
+    scene: Scene, law: str | Law, *, stiffness: float | None = None, stiffness_factor: float | None = None
+) -> float:
+    """Absolute contact stiffness of a law (kN/m**exponent); 0 for a law without contact.
+
+    Parameters
+    ----------
+    scene : Scene
+        Gives the reference stiffness that a factor scales.
+    law : str or Law
+        Contact law.
+    stiffness : float, optional
+        Returned as it is (kN/m**exponent).
+    stiffness_factor : float, optional
+        Dimensionless; 1 where neither is given.
+
+    Raises
+    ------
+    SweepError
+        The scene has no reference stiffness for the law's exponent.
+    """
+    found = get_law(law)
+    if found.exponent is None:
+        return 0.0
+    if stiffness is not None:
+        return stiffness
+    reference = scene.contact.reference(found.exponent)
+    if reference is None:
+        raise SweepError(missing_reference(found.exponent, [found.key]))
+    return reference * (1.0 if stiffness_factor is None else stiffness_factor)
+
+
+def missing_reference(exponent: float, laws: Sequence[str]) -> str:
+    """Say which contact property the scene lacks for laws of a force exponent."""
+    what = REFERENCE_PROPERTIES.get(exponent, f"reference stiffness for force ~ d^{exponent:g}")
+    unit = "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
+    plural = len(laws) > 1
+    return (
+        f"{what} ({unit}) is missing: law{'s' * plural} {', '.join(laws)} need{'s' * (not plural)} it as the "
+        f"reference of stiffness factors; give contact=ContactProperties({what}=...), in a file "
+        f"[scene.contact] {what}, or an absolute stiffness"
+    )
+
+
+def build_spec(
+    *,
+    scene: Scene | str,
+    records: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
+    laws: str | Law | Iterable[str | Law] | None = None,
+    gaps: float | Range | Iterable[float] | None = None,
+    stiffnesses: float | Range | Iterable[float] | None = None,
+    stiffness_factors: float | Range | Iterable[float] | None = None,
+    restitutions: float | Range | Iterable[float] | None = None,
+    scales: float | Range | Iterable[float] | None = None,
+    cases: Iterable[Case | dict[str, Any]] | None = None,
+    method: str = "rk4",
+    dt: float = 1e-3,
+    locate: bool = True,
+    outputs: str | Iterable[str] | None = None,
+    beta: float | None = None,
+    gamma: float | None = None,
+    force_unstable: bool = False,
+    title: str = "",
+    folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    base: str | os.PathLike[str] | None = None,
+) -> SweepSpec:
+    """Check everything a user gave and make the sweep's description of it.
+
+    Parameters
+    ----------
+    scene : Scene or str
+        The row, or the name of a preset.
+    records : Record, str, path, or several
+        Ground motions: records, names or files.
+    laws : str, Law, or several, optional
+        Contact laws; "all" stands for every law, "mate2015" for the paper's seven
+        models. Needed without `cases`.
+    gaps : float, Range, or several, optional
+        Gaps (m), each for every pair; by default the scene's own.
+    stiffnesses : float, Range, or several, optional
+        Contact stiffnesses (kN/m**exponent); only where all laws share one exponent.
+    stiffness_factors : float, Range, or several, optional
+        Factors on the scene's reference stiffnesses; 1 where neither axis is given.
+    restitutions : float, Range, or several, optional
+        Coefficients of restitution; by default the scene's.
+    scales : float, Range, or several, optional
+        Factors on the records; 1 by default.
+    cases : iterable of Case or dict, optional
+        Listed scenarios instead of laws and axes.
+    method : {"rk4", "newmark"}
+        Time-stepping scheme.
+    dt : float
+        Time step (s).
+    locate : bool
+        Split steps where a pair touches or separates.
+    outputs : str or several, optional
+        Variables; "default" (as by default), "all", or names.
+    beta, gamma : float, optional
+        Newmark's parameters, in [0, 0.5] and [0.5, 1]; 0.25 and 0.5 by default.
+    force_unstable : bool
+        Run even beyond the stability limit.
+    title : str
+        Title of the cube.
+    folders : path or several, optional
+        Where to find records by name.
+    base : path, optional
+        Folder that relative record paths start from.
+
+    Returns
+    -------
+    SweepSpec
+        Values in the order given.
+
+    Raises
+    ------
+    SweepError
+        Something is not valid; ``problems`` lists every fault, each with its place.
+
+    Examples
+    --------
+    >>> spec = build_spec(scene="mate2015", records="el_centro", laws=["linear", "hertz"], gaps=[0.005, 0.01])
+    >>> spec.n_scenarios
+    4
+    """
+    given = dict(locals())  # the arguments by name: must stay the first statement
+    from pounding_sweep.sweep.checks import check_sweep
+    from pounding_sweep.sweep.faults import Faults
+
+    faults = Faults()
+    spec = check_sweep(faults, given)
+    if spec is None:
+        raise sweep_error([f"{place}: {text}" if place else text for place, text in faults.named()])
+    return spec
+
+
+def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
+    """Make one error of all problems (texts with their places)."""
+    if len(problems) == 1:
+        return SweepError(problems[0], problems)
+    return SweepError(f"{owner}: {len(problems)} problems\n  " + "\n  ".join(problems), problems)
+
+
+def _scene_data(scene: Scene) -> dict[str, Any]:
+    row: list[dict[str, Any]] = []
+    for item in scene.row:
+        if isinstance(item, Building):
+            ratio = item.damping_ratio
+            row.append(
+                {
+                    "name": item.name,
+                    "masses": list(item.masses),
+                    "stiffnesses": list(item.stiffnesses),
+                    "damping_ratio": [float(z) for z in ratio] if isinstance(ratio, tuple) else ratio,
+                    "storey_heights": list(item.storey_heights or ()),
+                }
+            )
+        else:
+            row.append({"wall": True, "name": item.name})
+    contact = {name: _plain(getattr(scene.contact, name)) for name in (*REFERENCE_PROPERTIES.values(), "restitution")}
+    return {"row": row, "gaps": list(scene.gaps), "contact": contact}
+
+
+def _plain(value: float | None) -> float | None:
+    return None if value is None else float(value)
+
+
+def to_json(spec: SweepSpec) -> str:
+    """Write a sweep as canonical JSON: the same sweep gives the same text.
+
+    Records are given by name, digest of the motion, PGA (m/s2), time step (s),
+    points, scale and source; everything else is given in full, floats by
+    their shortest exact text.
+
+    Examples
+    --------
+    >>> spec = build_spec(scene="mate2015", records="el_centro", laws="linear")
+    >>> json.loads(to_json(spec))["laws"]
+    ['linear']
+    """
+    data = {name: getattr(spec, name) for name in spec.__dataclass_fields__}
+    data["scene"] = _scene_data(spec.scene)
+    data["records"] = [
+        {name: getattr(record, name) for name in ("name", "sha256", "pga", "dt", "n_points", "scale", "source")}
+        for record in spec.records
+    ]
+    if spec.cases is not None:
+        data["cases"] = [{name: getattr(case, name) for name in case.__dataclass_fields__} for case in spec.cases]
+    return json.dumps({"format": 1, **data}, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def digest(spec: SweepSpec) -> str:
+    """SHA-256 (hex) of `to_json`."""
+    return hashlib.sha256(to_json(spec).encode()).hexdigest()

@@ -1,0 +1,367 @@
+"""Results of finished chunks on disk, so that an interrupted sweep continues where it stopped.
+
+A folder holds ``identity.json`` (which sweep it belongs to), one
+``chunk-<key>.nc`` per finished chunk and ``manifest.jsonl``, one line per
+chunk, written after the chunk is safely on disk. A chunk is complete when the
+manifest says so and at no other time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from pounding_sweep.cube.write import NETCDF_LOCK, is_temporary, replacing, sync_folder
+from pounding_sweep.errors import OutputError
+
+FORMAT = 1
+IDENTITY = "identity.json"
+MANIFEST = "manifest.jsonl"
+
+_KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,127}")
+_CHUNK_FILE = re.compile(rf"chunk-{_KEY.pattern}\.nc")
+
+
+class ChunkCorrupt(OutputError):  # noqa: N818 - an event of the store, caught by the executor
+    """A chunk on disk is not what was written."""
+
+
+def _own(name: str) -> bool:
+    """Whether a file of that name is the store's."""
+    return name in (IDENTITY, MANIFEST) or bool(_CHUNK_FILE.fullmatch(name)) or is_temporary(name)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _save(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
+    import netCDF4
+
+    with NETCDF_LOCK, netCDF4.Dataset(path, "w", format="NETCDF4") as file:
+        file.set_fill_off()
+        for name, array in arrays.items():
+            dims = []
+            for i, size in enumerate(array.shape if array.size else ()):
+                dims.append(f"{name}_{i}")
+                file.createDimension(dims[-1], size)
+            variable = file.createVariable(name, array.dtype, tuple(dims), fill_value=False)
+            variable.set_auto_maskandscale(False)
+            if array.size:
+                variable[...] = array
+            else:  # a netCDF dimension of length zero means an unlimited one
+                variable.setncattr("empty_shape", np.array(array.shape, dtype=np.int64))
+
+
+def _load(path: Path) -> dict[str, np.ndarray]:
+    import netCDF4
+
+    result = {}
+    with NETCDF_LOCK, netCDF4.Dataset(path, "r") as file:
+        for name, variable in file.variables.items():
+            variable.set_auto_maskandscale(False)
+            if "empty_shape" in variable.ncattrs():
+                shape = tuple(int(n) for n in np.atleast_1d(variable.getncattr("empty_shape")))
+                result[name] = np.empty(shape, dtype=variable.dtype)
+            else:
+                result[name] = np.asarray(variable[...])
+    return result
+
+
+class ChunkStore:
+    """Finished chunks of one sweep in one folder.
+
+    Parameters
+    ----------
+    folder : path-like
+        Where the chunks stand; made by `open`.
+    identity : str
+        Digest of the sweep. Chunks of another sweep are never mixed in.
+    details : mapping of str to str, optional
+        What the digest was made from, in short (scheme, dt, versions ...): stored
+        beside it, and compared in the message when the identities differ.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> store = ChunkStore(tempfile.mkdtemp(), "3f2a").open()
+    >>> store.write("0", {"status": np.zeros(2, "i1")})
+    >>> store.completed(), store.read("0")["status"].tolist()
+    ({'0'}, [0, 0])
+    >>> store.discard()
+
+    Notes
+    -----
+    One process writes; the netCDF library allows one thread at a time, which a
+    lock sees to.
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], identity: str, details: Mapping[str, str] | None = None) -> None:
+        self.folder = Path(folder).expanduser()
+        self.identity = identity
+        self.details = {str(key): str(value) for key, value in (details or {}).items()}
+
+    @property
+    def _manifest(self) -> Path:
+        return self.folder / MANIFEST
+
+    def path(self, key: str) -> Path:
+        """Return the file of a chunk.
+
+        Raises
+        ------
+        OutputError
+            The key can't be part of a file name.
+        """
+        if not _KEY.fullmatch(key):
+            msg = f"chunk key {key!r} must be 1 to 128 letters, digits, '_', '-' and '.', not beginning with '-' or '.'"
+            raise OutputError(msg)
+        return self.folder / f"chunk-{key}.nc"
+
+    def open(self, mode: Literal["resume", "fresh", "read"] = "resume") -> ChunkStore:
+        """Make the folder ready.
+
+        Parameters
+        ----------
+        mode : {"resume", "fresh", "read"}
+            ``resume`` makes the folder where it is missing and keeps what is complete;
+            ``fresh`` removes the chunks that are there, of whatever sweep; ``read``
+            makes nothing and wants a folder that is there.
+
+        Returns
+        -------
+        ChunkStore
+            Itself.
+
+        Raises
+        ------
+        OutputError
+            The folder belongs to another sweep or is no folder of chunks, can't be
+            made or written, or is missing (``read``).
+        """
+        if mode not in ("resume", "fresh", "read"):
+            msg = f"unknown mode {mode!r}; valid: fresh, read, resume"
+            raise OutputError(msg)
+        try:
+            if mode == "fresh":
+                self._clear()
+            elif self._check():
+                return self
+            if mode == "read":
+                msg = f"there are no chunks in {str(self.folder)!r}; run the sweep first"
+                raise OutputError(msg)
+            self.folder.mkdir(parents=True, exist_ok=True)
+            text = json.dumps({"format": FORMAT, "identity": self.identity, "details": self.details}, indent=1)
+            with replacing(self.folder / IDENTITY) as temporary:
+                temporary.write_text(text + "\n", encoding="utf-8")
+            sync_folder(self.folder.parent)
+        except OutputError:
+            raise
+        except OSError as error:
+            msg = f"the chunk folder {str(self.folder)!r} can't be made or written ({error}); give another output path"
+            raise OutputError(msg) from error
+        return self
+
+    def _check(self) -> bool:
+        """Return whether the folder is this sweep's; False where it is missing or unused."""
+        found = self._identity()
+        if found is None:
+            return False
+        if found.get("format") != FORMAT:
+            msg = (
+                f"the chunks in {str(self.folder)!r} have format {found.get('format')!r}, not {FORMAT}: another "
+                "version of pounding_sweep wrote them. Continue with that version, start afresh, or remove the folder"
+            )
+            raise OutputError(msg)
+        if found.get("identity") != self.identity:
+            there = found.get("details")
+            there = there if isinstance(there, dict) else {}
+            differing = [
+                f"{key} ({there.get(key, 'none')} there, {self.details.get(key, 'none')} here)"
+                for key in sorted({*there, *self.details})
+                if there.get(key) != self.details.get(key)
+            ]
+            what = f"; they differ in {', '.join(differing)}" if differing else ""
+            msg = (
+                f"the chunks in {str(self.folder)!r} belong to another sweep: identity {found.get('identity')!r} "
+                f"there, {self.identity!r} here{what}. "
+                "Give another output path, go back to the sweep that began there, start afresh, or remove the folder"
+            )
+            raise OutputError(msg)
+        return True
+
+    def _identity(self) -> dict[str, Any] | None:
+        """Read whose chunks stand in the folder; None where it is missing or unused."""
+        if not self.folder.exists():
+            return None
+        if not self.folder.is_dir():
+            msg = f"{str(self.folder)!r} is not a folder; give another output path"
+            raise OutputError(msg)
+        try:
+            found = json.loads((self.folder / IDENTITY).read_text(encoding="utf-8"))
+            if not isinstance(found, dict):
+                raise TypeError
+        except FileNotFoundError:
+            others = sorted(p.name for p in self.folder.iterdir() if not is_temporary(p.name))
+            if others:
+                msg = (
+                    f"the folder {str(self.folder)!r} is not one of chunks: it has no {IDENTITY}, but "
+                    f"{', '.join(others[:3])}{' ...' if len(others) > 3 else ''}; give another output path"
+                )
+                raise OutputError(msg) from None
+            return None
+        except (ValueError, TypeError):
+            msg = f"{str(self.folder / IDENTITY)!r} is damaged; remove the folder and run the sweep again"
+            raise OutputError(msg) from None
+        return found
+
+    def write(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
+        """Store the arrays of a chunk; when this returns, they outlast a power cut.
+
+        Parameters
+        ----------
+        key : str
+            Name of the chunk, the same in every run of the same sweep.
+        arrays : mapping of str to ndarray
+            Numbers of any shape; they are read back bit for bit.
+
+        Raises
+        ------
+        OutputError
+            An array holds no real numbers, a name is not valid, or the disk is full or failed.
+        """
+        path = self.path(key)
+        plain = {name: np.asarray(array) for name, array in arrays.items()}
+        for name, array in plain.items():
+            if array.dtype.kind not in "iuf" or array.dtype.itemsize > 8 or array.dtype == np.float16:
+                msg = f"chunk {key!r}: {name!r} has type {array.dtype}; only real numbers of 1 to 8 bytes can be stored"
+                raise OutputError(msg)
+            if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+                msg = f"chunk {key!r}: {name!r} is no valid name; use letters, digits and '_', a letter first"
+                raise OutputError(msg)
+        # Only this machine's byte order, so that reading gives plain arrays.
+        native = {name: array.astype(array.dtype.newbyteorder("="), copy=False) for name, array in plain.items()}
+        try:
+            with replacing(path) as temporary:
+                _save(temporary, native)
+                digest, size = _sha256(temporary), temporary.stat().st_size
+            line = {
+                "key": key,
+                "file": path.name,
+                "sha256": digest,
+                "bytes": size,
+                "arrays": {name: [array.dtype.str, list(array.shape)] for name, array in native.items()},
+            }
+            self._append(json.dumps(line, sort_keys=True))
+        except (OSError, RuntimeError) as error:
+            msg = f"writing chunk {key!r} to {str(self.folder)!r} failed ({error}); free some space and run again"
+            raise OutputError(msg) from error
+
+    def _append(self, line: str) -> None:
+        new = not self._manifest.exists()
+        with self._manifest.open("ab+") as file:
+            end = file.seek(0, os.SEEK_END)
+            torn = False
+            if end:
+                file.seek(end - 1)
+                torn = file.read(1) != b"\n"
+            # A line that an interrupted run left half written is closed off, so that it spoils only itself.
+            file.write((b"\n" if torn else b"") + line.encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+        if new:
+            sync_folder(self.folder)
+
+    def _lines(self) -> dict[str, dict[str, Any]]:
+        """Read the manifest by key, later lines winning; a line that is no entry is passed over."""
+        try:
+            text = self._manifest.read_bytes()
+        except FileNotFoundError:
+            return {}
+        entries: dict[str, dict[str, Any]] = {}
+        for line in text.split(b"\n"):
+            try:
+                entry = json.loads(line)
+                key, digest = entry["key"], entry["sha256"]
+            except (ValueError, TypeError, KeyError):
+                continue
+            if isinstance(key, str) and isinstance(digest, str) and _KEY.fullmatch(key):
+                entries[key] = entry
+        return entries
+
+    def completed(self) -> set[str]:
+        """Return the keys of the chunks that the manifest lists and whose file is there."""
+        return {key for key in self._lines() if self.path(key).is_file()}
+
+    def read(self, key: str) -> dict[str, np.ndarray]:
+        """Return the arrays of a chunk.
+
+        Raises
+        ------
+        ChunkCorrupt
+            The file is not what was written.
+        OutputError
+            There is no such complete chunk.
+        """
+        path = self.path(key)
+        entry = self._lines().get(key)
+        if entry is None or not path.is_file():
+            msg = f"chunk {key!r} is not complete in {str(self.folder)!r}; run the sweep again to make it"
+            raise OutputError(msg)
+        damaged = f"chunk {key!r} in {str(self.folder)!r} is damaged: "
+        remedy = f"; remove {path.name} and run the sweep again, which makes only what is missing"
+        try:
+            digest = _sha256(path)
+            if digest != entry["sha256"]:
+                msg = f"{damaged}its SHA-256 is {digest[:12]}..., it was written as {entry['sha256'][:12]}...{remedy}"
+                raise ChunkCorrupt(msg)
+            return _load(path)
+        except ChunkCorrupt:
+            raise
+        except (OSError, RuntimeError) as error:
+            msg = f"{damaged}{error}{remedy}"
+            raise ChunkCorrupt(msg) from error
+
+    def forget(self, key: str) -> None:
+        """Remove a chunk, so that the next run makes it again; no error where it is not there."""
+        self.path(key).unlink(missing_ok=True)
+
+    def discard(self) -> None:
+        """Remove the store's own files, and the folder if nothing else is in it.
+
+        Raises
+        ------
+        OutputError
+            The folder is not one of chunks, or a file can't be removed.
+        """
+        self._clear()
+        if self.folder.is_dir():
+            try:
+                (self.folder / IDENTITY).unlink(missing_ok=True)
+                if not any(self.folder.iterdir()):
+                    self.folder.rmdir()
+            except OSError as error:
+                msg = f"the chunks in {str(self.folder)!r} can't be removed ({error}); remove the folder by hand"
+                raise OutputError(msg) from error
+
+    def _clear(self) -> None:
+        """Remove all chunks; the folder keeps its identity."""
+        self._identity()  # raises where the folder is somebody else's
+        if not self.folder.is_dir():
+            return
+        own = [p for p in self.folder.iterdir() if p.name != IDENTITY and _own(p.name)]
+        own.sort(key=lambda p: p.name != MANIFEST)  # the manifest first: what is left is not complete
+        try:
+            for path in own:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            msg = f"the chunks in {str(self.folder)!r} can't be removed ({error}); remove the folder by hand"
+            raise OutputError(msg) from error

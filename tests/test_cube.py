@@ -1,0 +1,627 @@
+"""The registry of outputs, and cubes from arrays to files and text."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import stat
+import subprocess
+import sys
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pounding_sweep.cube import write as writing
+from pounding_sweep.cube.assemble import (
+    VERSION_ATTRIBUTE,
+    Axis,
+    assemble,
+    inner_shape,
+    mask_invalid,
+    scatter_contact,
+    scatter_dof,
+    unit_attributes,
+)
+from pounding_sweep.cube.describe import describe
+from pounding_sweep.cube.variables import (
+    DEFAULT_OUTPUTS,
+    INNER_DIMS,
+    INTEGER_FILL,
+    REDUCERS,
+    STATUS,
+    VARIABLES,
+    Status,
+    check_outputs,
+    cube_variables,
+    get_variable,
+    reducers_for,
+)
+from pounding_sweep.cube.write import check_output, open_cube, write_cube
+from pounding_sweep.errors import InputError, OutputError
+from pounding_sweep.scene import Building, Scene, Wall
+
+
+def building(name, n, height=3.0):
+    return Building(name, [100.0] * n, [1e5] * n, storey_heights=[height] * n)
+
+
+#: Three, one and two storeys between two walls; the last one's floors meet none of its neighbour's.
+UNEQUAL = Scene(
+    [Wall("moat"), building("low", 3), building("one", 1), building("odd", 2, height=2.5), Wall("rock")],
+    gaps=[0.01, 0.02, 0.03, 0.04],
+)
+SCENE = Scene([building("left", 3), building("right", 2)], gaps=[0.01])
+SINGLE = Scene([building("alone", 2)])
+AXES = [
+    Axis("law", ["none", "kelvin_voigt"], "", "contact law"),
+    Axis("gap", [0.01, 0.02, 0.05], "m", "gap"),
+    Axis("record", ["el_centro", "Düzce"], "", "ground motion"),
+]
+
+
+def results(scene, axes, names=tuple(VARIABLES), seed=1):
+    """Arrays as a sweep hands them over, every scenario ok."""
+    rng = np.random.default_rng(seed)
+    lengths = tuple(axis.size for axis in axes)
+    arrays = {}
+    for name in names:
+        variable = VARIABLES[name]
+        if name == "status":
+            arrays[name] = np.zeros(lengths, dtype=np.int8)
+        elif "storey" in variable.dims:
+            scatter, n = (scatter_contact, len(scene.contacts)) if variable.per_pair else (scatter_dof, scene.n_dof)
+            flat = rng.normal(size=(*lengths, n))
+            arrays[name] = scatter((np.abs(flat) * 9).astype("i4") if variable.dtype == "i4" else flat, scene)
+        else:
+            arrays[name] = rng.normal(size=lengths + inner_shape(name, scene))
+    return arrays
+
+
+@pytest.fixture
+def cube():
+    arrays = results(SCENE, AXES)
+    arrays["status"][0, 0, 0] = Status.DIVERGED
+    arrays["status"][1, 2, 1] = Status.UNDER_RESOLVED_CONTACT
+    return assemble(
+        SCENE,
+        AXES,
+        arrays,
+        {"sweep": {"gaps": [0.01, 0.02, 0.05]}, "scenarios_asked": 12, "scenarios_run": 7, "numba_version": "0.68"},
+        {"record_pga": (("record",), [3.1, 5.0], {"units": "m s-2", "long_name": "peak ground acceleration"})},
+    )
+
+
+class TestRegistry:
+    @pytest.mark.parametrize("variable", VARIABLES.values(), ids=lambda v: v.name)
+    def test_entry_is_complete(self, variable):
+        assert re.fullmatch(r"[a-z][a-z_]*", variable.name)
+        # Names with whole-number powers, products by blanks: the part of UDUNITS that is used.
+        assert re.fullmatch(r"1|(kN|m|s)(-\d)?( (kN|m|s)(-\d)?)*", variable.units)
+        assert variable.long_name
+        assert variable.long_name[0].islower()
+        assert variable.definition.endswith(".")
+        assert set(variable.dims) <= set(INNER_DIMS)
+        assert list(variable.dims) == sorted(variable.dims, key=INNER_DIMS.index)
+        assert variable.needs <= REDUCERS
+        assert variable.dtype in {"f8", "i4", "i1"}
+        assert bool(variable.flag_values) == bool(variable.flag_meanings)
+
+    def test_names_of_the_public_surface(self):
+        text = """displacement_max displacement_min drift_max storey_shear_max acceleration_max impact_force_max
+            impact_count penetration_max impulse first_impact_time approach_speed_max energy_input energy_damping
+            energy_transfer_max energy_transfer_min contact_work status energy_residual steps_per_contact"""
+        assert set(text.split()) <= set(VARIABLES)
+        assert all(name == variable.name for name, variable in VARIABLES.items())
+        assert set(DEFAULT_OUTPUTS) <= set(VARIABLES)
+
+    def test_status(self):
+        assert [int(s) for s in STATUS] == [0, 1, 2, 3, 4, 5]
+        assert VARIABLES["status"].flag_values == (0, 1, 2, 3, 4, 5)
+        assert VARIABLES["status"].flag_meanings.split() == [s.label for s in STATUS]
+        assert VARIABLES["status"].fill is None
+        assert all(s.meaning for s in STATUS)
+        assert all(s.remedy for s in STATUS if s is not Status.OK)
+        assert {s for s in STATUS if not s.has_values} == {
+            Status.DIVERGED,
+            Status.BEYOND_STABILITY_LIMIT,
+            Status.NOT_RUN,
+        }
+        assert Status(2) is Status.UNDER_RESOLVED_CONTACT
+
+    def test_outputs_are_checked(self):
+        assert check_outputs(DEFAULT_OUTPUTS) == DEFAULT_OUTPUTS
+        assert check_outputs(["impulse", "drift_max", "impulse"]) == ("drift_max", "impulse")
+        assert check_outputs([]) == ()
+        with pytest.raises(InputError, match=r"'impact_forces_max'; did you mean 'impact_force_max'\?"):
+            check_outputs(["drift_max", "impact_forces_max"])
+        with pytest.raises(InputError, match="list of names"):
+            check_outputs("drift_max")
+        with pytest.raises(InputError, match="unknown output"):
+            check_outputs([["drift_max"]])
+        with pytest.raises(InputError, match="list of names"):
+            check_outputs(None)
+
+    def test_reducers(self):
+        assert reducers_for([]) == frozenset()
+        assert reducers_for(["displacement_min", "contact_work"]) == {"displacement", "work"}
+        assert reducers_for(["energy_transfer_max"]) == {"energy", "transfer"}
+        assert reducers_for(VARIABLES) == REDUCERS
+
+    def test_variables_of_a_cube(self):
+        assert cube_variables(["drift_max"]) == ("drift_max", "status", "steps_per_contact")
+
+
+class TestScatter:
+    def test_unequal_heights(self):
+        got = scatter_dof(np.arange(6.0), UNEQUAL)
+        nan = np.nan
+        np.testing.assert_array_equal(got, [[0, 1, 2], [3, nan, nan], [4, 5, nan]])
+
+    def test_integers_are_filled(self):
+        got = scatter_dof(np.arange(6, dtype="i4"), UNEQUAL)
+        assert got.dtype == np.int32
+        np.testing.assert_array_equal(got[1], [3, -1, -1])
+
+    def test_contacts_and_walls(self):
+        assert [(c.pair, c.storey) for c in UNEQUAL.contacts] == [(0, 1), (0, 2), (0, 3), (1, 1), (3, 1), (3, 2)]
+        nan = np.nan
+        got = scatter_contact(np.arange(6.0), UNEQUAL)
+        np.testing.assert_array_equal(got, [[0, 1, 2], [3, nan, nan], [nan, nan, nan], [4, 5, nan]])
+        counts = scatter_contact(np.arange(6), UNEQUAL)
+        assert counts[2].tolist() == [INTEGER_FILL] * 3
+
+    def test_leading_dimensions_stay(self):
+        values = np.random.default_rng(0).normal(size=(2, 4, UNEQUAL.n_dof))
+        got = scatter_dof(values, UNEQUAL)
+        assert got.shape == (2, 4, *inner_shape("displacement_max", UNEQUAL))
+        np.testing.assert_array_equal(got[1, 2], scatter_dof(values[1, 2], UNEQUAL))
+
+    def test_single_building(self):
+        assert scatter_contact(np.zeros((5, 0)), SINGLE).shape == (5, 0, 2)
+        assert inner_shape("contact_work", SINGLE) == (0,)
+
+    @pytest.mark.parametrize("values", [np.zeros(5), np.float64(1), np.zeros((6, 2))])
+    def test_wrong_size(self, values):
+        with pytest.raises(InputError, match="6 degrees of freedom"):
+            scatter_dof(values, UNEQUAL)
+        with pytest.raises(InputError, match="6 contacts"):
+            scatter_contact(values, UNEQUAL)
+
+    @settings(max_examples=60, deadline=None)
+    @given(
+        heights=st.lists(st.tuples(st.integers(1, 5), st.sampled_from([2.5, 3.0, 5.0])), min_size=1, max_size=4),
+        walls=st.tuples(st.booleans(), st.booleans()),
+        data=st.data(),
+    )
+    def test_every_value_is_found_where_its_label_says(self, heights, walls, data):
+        row = [building(f"b{i}", n, h) for i, (n, h) in enumerate(heights)]
+        row = [Wall("west")] * walls[0] + row + [Wall("east")] * walls[1]
+        scene = Scene(row, gaps=[0.01] * (len(row) - 1))
+        lead = data.draw(st.lists(st.integers(0, 3), max_size=2).map(tuple))
+        floors = np.arange(np.prod(lead, dtype=int) * scene.n_dof, dtype=float).reshape(*lead, scene.n_dof)
+        got = scatter_dof(floors, scene)
+        kept = [(b, s) for b, item in enumerate(scene.buildings) for s in range(item.n_storeys)]
+        for dof, (b, s) in enumerate(kept):
+            np.testing.assert_array_equal(got[..., b, s], floors[..., dof])
+        assert np.isfinite(got).sum() == floors.size
+        counts = np.arange(np.prod(lead, dtype=int) * len(scene.contacts)).reshape(*lead, len(scene.contacts))
+        got = scatter_contact(counts, scene)
+        for i, contact in enumerate(scene.contacts):
+            np.testing.assert_array_equal(got[..., contact.pair, contact.storey - 1], counts[..., i])
+        assert (got != INTEGER_FILL).sum() == counts.size
+
+
+class TestMask:
+    def test_only_scenarios_without_values_lose_them(self):
+        axes = [Axis("case", range(6))]
+        arrays = results(SCENE, axes)
+        arrays["status"][:] = [int(s) for s in STATUS]
+        before = {name: values.copy() for name, values in arrays.items()}
+        masked = mask_invalid(arrays)
+        for s in STATUS:
+            for name, values in masked.items():
+                if name != "status" and not s.has_values:
+                    expected = np.full_like(values[s], VARIABLES[name].fill)
+                else:
+                    expected = before[name][s]
+                np.testing.assert_array_equal(values[s], expected)
+                assert values.dtype == before[name].dtype
+        for name, values in arrays.items():
+            np.testing.assert_array_equal(values, before[name])
+
+    def test_status_is_needed(self):
+        with pytest.raises(InputError, match="no 'status', only drift_max"):
+            mask_invalid({"drift_max": np.zeros(3)})
+
+
+class TestAssemble:
+    def test_labels(self, cube):
+        assert cube["impact_force_max"].dims == ("law", "gap", "record", "pair", "storey")
+        assert list(cube.data_vars) == list(VARIABLES)
+        assert cube["building"].values.tolist() == ["left", "right"]
+        assert cube["pair"].values.tolist() == ["left-right"]
+        assert cube["storey"].values.tolist() == [1, 2, 3]
+        assert cube["law_model"].values.tolist() == ["VII", "II"]
+        assert cube["floor_elevation"].sel(building="left").values.tolist() == [3.0, 6.0, 9.0]
+        np.testing.assert_array_equal(cube["contact_elevation"].sel(pair="left-right"), [3.0, 6.0, np.nan])
+        assert cube.attrs["Conventions"] == "CF-1.11"
+        assert json.loads(cube.attrs["sweep"]) == {"gaps": [0.01, 0.02, 0.05]}
+
+    def test_values_are_where_they_belong(self):
+        arrays = results(SCENE, AXES)
+        cube = assemble(SCENE, AXES, arrays)
+        point = {"law": "kelvin_voigt", "gap": 0.05, "record": "el_centro"}
+        for name in ("displacement_max", "impact_force_max", "contact_work", "energy_residual", "status"):
+            np.testing.assert_array_equal(cube[name].sel(point), arrays[name][1, 2, 0])
+        counts = cube["impact_count"].sel({**point, "pair": "left-right"}).values
+        assert counts[:2].tolist() == arrays["impact_count"][1, 2, 0, 0, :2].tolist()
+        assert np.isnan(counts[2])
+
+    def test_walls_and_unequal_heights(self):
+        cube = assemble(UNEQUAL, AXES[:1], results(UNEQUAL, AXES[:1]))
+        assert cube["pair"].values.tolist() == ["moat-low", "low-one", "one-odd", "odd-rock"]
+        elevation = cube["contact_elevation"]
+        assert elevation.sel(pair="moat-low").values.tolist() == [3.0, 6.0, 9.0]
+        assert elevation.sel(pair="odd-rock").values[:2].tolist() == [2.5, 5.0]
+        there = np.isfinite(cube["impulse"].isel(law=0))
+        np.testing.assert_array_equal(there, np.isfinite(elevation))
+
+    def test_diverged_scenario_reports_nothing(self, cube):
+        bad = cube.isel(law=0, gap=0, record=0)
+        assert int(bad["status"]) == Status.DIVERGED
+        for name in cube.data_vars:
+            if name != "status":
+                assert not np.isfinite(bad[name]).any(), name
+        assert np.isfinite(cube["drift_max"].isel(law=1, gap=2, record=1, building=0)).all()
+        assert cube["status"].dtype == np.int8
+
+    def test_single_building(self, tmp_path):
+        arrays = results(SINGLE, AXES[2:])
+        cube = assemble(SINGLE, AXES[2:], arrays)
+        assert "pair" not in cube.dims
+        assert "pair" not in cube.coords
+        assert not [n for n in cube.data_vars if VARIABLES[n].per_pair]
+        write_cube(cube, tmp_path / "one.nc")
+        with open_cube(tmp_path / "one.nc") as again:
+            xr.testing.assert_identical(again.load(), cube)
+
+    def test_a_row_in_which_no_floors_meet(self):
+        scene = Scene([building("a", 1), building("b", 1, height=2.0)], gaps=[0.01])
+        cube = assemble(scene, AXES[1:2], results(scene, AXES[1:2]))
+        assert cube["impact_count"].isnull().all()
+
+    def test_listed_cases(self, tmp_path):
+        axes = [Axis("case", np.arange(3), "1", "listed case")]
+        extra = {
+            "law": (("case",), ["hertz", "none", "hertz"], {"long_name": "contact law"}),
+            "stiffness": (("case",), [1e6, None, 2e6], {"units": "kN m-1.5", "long_name": "contact stiffness"}),
+            "restitution": (("case",), [None, None, None], {"units": "1", "long_name": "restitution"}),
+        }
+        cube = assemble(SCENE, axes, results(SCENE, axes), None, extra)
+        assert cube["law_model"].values.tolist() == ["IV", "VII", "IV"]
+        np.testing.assert_array_equal(cube["stiffness"], [1e6, np.nan, 2e6])
+        assert cube["restitution"].isnull().all()
+        assert cube["drift_max"].dims == ("case", "building", "storey")
+        # UDUNITS would read "kN m-1.5" as 0.5 kN/m.
+        assert "units" not in cube["stiffness"].attrs
+        assert cube["stiffness"].attrs["unit_text"] == "kN m-1.5"
+        write_cube(cube, tmp_path / "cases.nc")
+        with open_cube(tmp_path / "cases.nc") as again:
+            xr.testing.assert_identical(again.load(), cube)
+
+    @pytest.mark.parametrize("text", ["m", "m s-2", "kN m-1", "1", "m.s-1", "kN m"])
+    def test_units_that_udunits_spells(self, text):
+        assert unit_attributes(text) == {"units": text}
+
+    def test_faults(self):
+        arrays = results(SCENE, AXES)
+        with pytest.raises(InputError, match=r"'drift_max' has shape \(2, 3\); it must be \(2, 3, 2, 2, 3\)"):
+            assemble(SCENE, AXES, arrays | {"drift_max": np.zeros((2, 3))})
+        with pytest.raises(InputError, match="unknown output 'drift'"):
+            assemble(SCENE, AXES, arrays | {"drift": np.zeros(3)})
+        with pytest.raises(InputError, match=r"status \[9\] has no meaning"):
+            assemble(SCENE, AXES, arrays | {"status": np.full((2, 3, 2), 9)})
+        with pytest.raises(InputError, match="no 'status'"):
+            assemble(SCENE, AXES, {k: v for k, v in arrays.items() if k != "status"})
+        with pytest.raises(InputError, match="'storey' is taken"):
+            assemble(SCENE, [Axis("storey", [1])], arrays)
+        with pytest.raises(InputError, match="'gap' is taken"):
+            assemble(SCENE, [AXES[1], AXES[1]], arrays)
+
+
+class TestFile:
+    def test_round_trip_through_xarray(self, cube, tmp_path):
+        path = write_cube(cube, tmp_path / "cube.nc")
+        with open_cube(path) as again:
+            assert not again["drift_max"].variable._in_memory
+            xr.testing.assert_identical(again.load(), cube)
+            for name in cube.variables:
+                assert again[name].dtype.kind == cube[name].dtype.kind
+        with xr.open_dataset(path) as plain:
+            xr.testing.assert_identical(plain.load(), cube)
+            assert plain["first_impact_time"].dtype == np.float64
+
+    def test_every_bit_is_kept(self, tmp_path):
+        arrays = results(SCENE, AXES)
+        arrays["drift_max"][0, 0, 0, 0, :3] = [5e-324, -0.0, np.nextafter(1.0, 2.0)]
+        cube = assemble(SCENE, AXES, arrays)
+        with open_cube(write_cube(cube, tmp_path / "cube.nc")) as again:
+            for name in cube.data_vars:
+                assert again[name].values.tobytes() == cube[name].values.tobytes()
+
+    def test_plain_netcdf4(self, cube, tmp_path):
+        path = write_cube(cube, tmp_path / "cube.nc")
+        with netCDF4.Dataset(path) as file:
+            assert file.data_model == "NETCDF4"
+            assert not {**file.groups, **file.cmptypes, **file.vltypes, **file.enumtypes}
+            assert file.Conventions == "CF-1.11"
+            assert {"title", "history", "source", VERSION_ATTRIBUTE} <= set(file.ncattrs())
+            for name, variable in file.variables.items():
+                attributes = set(variable.ncattrs())
+                assert "long_name" in attributes, name
+                if variable.dtype is not str:
+                    assert "units" in attributes, name
+                    assert variable.filters()["zlib"], name
+                    assert variable.filters()["shuffle"], name
+                    assert variable.filters()["complevel"] == 4, name
+                if name in cube.coords:
+                    assert "_FillValue" not in attributes, name
+                else:
+                    assert variable.dtype == VARIABLES[name].dtype, name
+                    assert variable.units == VARIABLES[name].units
+                    assert variable.comment == VARIABLES[name].definition
+                assert "standard_name" not in attributes
+            status = file["status"]
+            assert status.dtype == np.int8
+            assert status.flag_values.dtype == np.int8
+            assert status.flag_values.tolist() == [0, 1, 2, 3, 4, 5]
+            assert len(status.flag_meanings.split()) == 6
+            assert "_FillValue" not in status.ncattrs()
+            counts = file["impact_count"]
+            assert counts._FillValue == INTEGER_FILL
+            assert counts[1, 0, 0, 0, 2] is np.ma.masked
+            assert np.isnan(file["drift_max"]._FillValue)
+            assert set(file["impact_force_max"].coordinates.split()) >= {"contact_elevation", "law_model"}
+
+    def test_ncdump(self, cube, tmp_path):
+        program = shutil.which("ncdump")
+        if program is None:
+            pytest.skip("ncdump is not installed (netcdf-bin)")
+        path = write_cube(cube, tmp_path / "cube.nc")
+        done = subprocess.run([program, "-h", str(path)], capture_output=True, text=True, check=True)
+        assert "byte status(law, gap, record)" in done.stdout
+        assert "status:flag_values = 0b, 1b, 2b, 3b, 4b, 5b" in done.stdout
+        assert "int impact_count(law, gap, record, pair, storey)" in done.stdout
+        assert "types:" not in done.stdout
+
+    def test_same_data_twice(self, cube, tmp_path):
+        first, second = (write_cube(cube, tmp_path / name) for name in ("a.nc", "b.nc"))
+        with netCDF4.Dataset(first) as a, netCDF4.Dataset(second) as b:
+            a.set_auto_mask(False)
+            b.set_auto_mask(False)
+            assert list(a.variables) == list(b.variables)
+            for name in a.variables:
+                assert a[name][...].tobytes() == b[name][...].tobytes() or a[name].dtype is str
+                assert a[name][...].tolist() == b[name][...].tolist() or a[name].dtype is not str
+
+    def test_a_cube_read_and_written_again_is_the_same(self, cube, tmp_path):
+        path = write_cube(cube, tmp_path / "cube.nc")
+        with open_cube(path) as again:
+            write_cube(again, path, overwrite=True)
+        with open_cube(path) as third, netCDF4.Dataset(path) as file:
+            xr.testing.assert_identical(third.load(), cube)
+            assert file["impact_count"].dtype == np.int32
+
+    def test_a_large_attribute(self, cube, tmp_path):
+        cube.attrs["sweep"] = json.dumps(list(range(100_000)))
+        with open_cube(write_cube(cube, tmp_path / "cube.nc")) as again:
+            assert again.attrs["sweep"] == cube.attrs["sweep"]
+
+    def test_other_datasets_are_written_too(self, tmp_path):
+        other = xr.Dataset(
+            {"touching": ("time", [True, False]), "u": ("time", [0.5, np.nan]), "n": ("time", [1, 2]), "one": 4.0},
+            coords={"time": [0.0, 0.1]},
+        )
+        with xr.open_dataset(write_cube(other, tmp_path / "o.nc")) as again:
+            assert again["touching"].dtype == np.int8
+            assert again["touching"].values.tolist() == [1, 0]
+            np.testing.assert_array_equal(again["u"], other["u"])
+            assert again["n"].dtype.kind == "i"
+            assert float(again["one"]) == 4.0
+
+    def test_existing_file(self, cube, tmp_path):
+        path = tmp_path / "cube.nc"
+        path.write_text("precious")
+        for attempt in (lambda: check_output(path), lambda: write_cube(cube, path)):
+            with pytest.raises(OutputError, match=r"exists.*--overwrite"):
+                attempt()
+        assert path.read_text() == "precious"
+        check_output(path, overwrite=True)
+        assert path.read_text() == "precious"
+        write_cube(cube, path, overwrite=True)
+        open_cube(path).close()
+
+    def test_unusable_paths(self, cube, tmp_path, monkeypatch):
+        (tmp_path / "file").write_text("")
+        os.mkfifo(tmp_path / "pipe")
+        for path, reason in [
+            (tmp_path, "is a folder; give the path of a file"),
+            (tmp_path / "none" / "cube.nc", "does not exist; make it first"),
+            (tmp_path / "file" / "cube.nc", "is not a folder"),
+            (tmp_path / "pipe", "not a regular file"),
+            (tmp_path / ("x" * 300), "not usable"),
+            ("a\0b", "not usable"),
+        ]:
+            with pytest.raises(OutputError, match=reason):
+                check_output(path, overwrite=True)
+            with pytest.raises(OutputError, match=reason):
+                write_cube(cube, path, overwrite=True)
+
+    def test_unwritable_folder(self, cube, tmp_path, monkeypatch):
+        def refuse(**kwargs):
+            raise PermissionError(13, "Permission denied", str(kwargs["dir"]))
+
+        monkeypatch.setattr(writing.tempfile, "TemporaryFile", refuse)
+        with pytest.raises(OutputError, match=r"can't be written \(Permission denied\)"):
+            check_output(tmp_path / "cube.nc")
+
+    @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+    def test_folder_without_permission(self, cube, tmp_path):
+        folder = tmp_path / "closed"
+        folder.mkdir(mode=stat.S_IRUSR | stat.S_IXUSR)
+        with pytest.raises(OutputError, match="can't be written"):
+            write_cube(cube, folder / "cube.nc")
+
+    @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs /proc")
+    def test_folder_that_takes_no_files(self):
+        with pytest.raises(OutputError, match="can't be written"):
+            check_output("/proc/cube.nc")
+
+    def test_checking_leaves_nothing(self, tmp_path):
+        assert check_output(tmp_path / "cube.nc") == tmp_path / "cube.nc"
+        assert list(tmp_path.iterdir()) == []
+
+    def test_a_link_stays_a_link(self, cube, tmp_path):
+        (tmp_path / "real").mkdir()
+        link = tmp_path / "cube.nc"
+        link.symlink_to(tmp_path / "real" / "data.nc")
+        write_cube(cube, link)
+        assert link.is_symlink()
+        assert (tmp_path / "real" / "data.nc").is_file()
+
+    @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device"), RuntimeError("HDF")])
+    def test_interrupted_write_leaves_no_file(self, cube, tmp_path, monkeypatch, error):
+        def broken(self, path, **kwargs):
+            path.write_bytes(b"half a file")
+            raise error
+
+        monkeypatch.setattr(xr.Dataset, "to_netcdf", broken)
+        with pytest.raises(KeyboardInterrupt if error is KeyboardInterrupt else OutputError):
+            write_cube(cube, tmp_path / "cube.nc")
+        assert list(tmp_path.iterdir()) == []
+        (tmp_path / "old.nc").write_text("old")
+        with pytest.raises(KeyboardInterrupt if error is KeyboardInterrupt else OutputError):
+            write_cube(cube, tmp_path / "old.nc", overwrite=True)
+        assert [p.read_text() for p in tmp_path.iterdir()] == ["old"]
+
+    def test_killed_while_writing(self, tmp_path):
+        """The target is not there until the content is complete and on disk."""
+        code = (
+            "import os, sys; from pathlib import Path\n"
+            "from pounding_sweep.cube import write\n"
+            "with write.replacing(Path(sys.argv[1])) as part:\n"
+            "    part.write_bytes(b'half'); os.kill(os.getpid(), 9)\n"
+        )
+        done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "cube.nc")], check=False)
+        assert done.returncode == -9
+        left = [p.name for p in tmp_path.iterdir()]
+        assert len(left) == 1
+        assert writing.is_temporary(left[0])
+
+    def test_content_is_on_disk_before_the_name_changes(self, tmp_path, monkeypatch):
+        order = []
+        target = tmp_path / "cube.nc"
+        fsync = os.fsync
+
+        def watch(handle):
+            is_folder = stat.S_ISDIR(os.fstat(handle).st_mode)
+            order.append(("folder" if is_folder else "file", target.exists()))
+            fsync(handle)
+
+        monkeypatch.setattr(writing.os, "fsync", watch)
+        with writing.replacing(target) as part:
+            part.write_bytes(b"x")
+        assert order == [("file", False), ("folder", True)]
+
+    def test_opening_what_is_no_cube(self, cube, tmp_path):
+        text = tmp_path / "text.nc"
+        text.write_text("not netCDF")
+        torn = tmp_path / "torn.nc"
+        whole = write_cube(cube, tmp_path / "whole.nc").read_bytes()
+        torn.write_bytes(whole[: len(whole) // 2])
+        foreign = tmp_path / "foreign.nc"
+        xr.Dataset({"t": ("x", [1.0])}).to_netcdf(foreign)
+        for path, reason in [
+            (tmp_path / "none.nc", "does not exist"),
+            (tmp_path, "is not a file"),
+            (text, "can't be read as netCDF"),
+            (torn, "can't be read as netCDF"),
+            (foreign, "not one of this package"),
+        ]:
+            with pytest.raises(OutputError, match=reason):
+                open_cube(path)
+
+
+class TestDescribe:
+    def test_cube(self, cube):
+        cube.attrs["records"] = json.dumps([{"name": "el_centro", "pga": 3.1, "points": 1560, "source": "shipped"}])
+        text = describe(cube)
+        lines = [" ".join(line.split()) for line in text.splitlines()]
+        assert lines[0] == cube.attrs["title"]
+        assert "12 scenarios asked, 7 run" in lines
+        assert "law 2 none, kelvin_voigt (contact law)" in lines
+        assert "gap 3 0.01, 0.02, 0.05 m (gap)" in lines
+        assert "10 ok the scenario ran to the end of its record and its contacts are resolved" in lines
+        assert any(line.startswith("1 diverged") and Status.DIVERGED.remedy in line for line in lines)
+        assert "el_centro PGA 3.1 m/s2 points 1560, source shipped" in lines
+        assert "numba 0.68" in lines
+        for name in cube.data_vars:
+            assert name in text
+        ok = cube["drift_max"].where(cube["status"] == 0)
+        low, high = float(ok.min()), float(ok.max())
+        expected = f"drift_max m {low:.6g} to {high:.6g} largest interstorey drift, per building and storey"
+        assert expected in lines
+
+    def test_the_same_from_a_file(self, cube, tmp_path):
+        with open_cube(write_cube(cube, tmp_path / "cube.nc")) as again:
+            assert describe(again) == describe(cube)
+
+    def test_nothing_ok(self):
+        axes = [Axis("gap", np.linspace(0.01, 0.2, 20), "m")]
+        arrays = results(SCENE, axes, ("drift_max", "status", "steps_per_contact"))
+        arrays["status"][:] = Status.NOT_RUN
+        text = describe(assemble(SCENE, axes, arrays))
+        assert "no values" in text
+        assert "run the sweep again" in text
+        assert "0.01 to 0.2 m" in text
+
+    def test_pga_from_a_coordinate(self, cube):
+        assert "Düzce" in describe(cube)
+        assert "PGA 5 m/s2" in describe(cube)
+
+    @pytest.mark.parametrize(
+        "dataset",
+        [
+            xr.Dataset(),
+            xr.Dataset({"status": ("x", np.array([0, 77], dtype="i1"))}),
+            xr.Dataset({"a": ("x", ["p", "q"]), "b": ("x", [np.nan, np.nan])}, attrs={"records": "no JSON"}),
+            xr.Dataset({"a": ("x", np.zeros(0))}, coords={"x": np.zeros(0)}),
+            xr.Dataset({"status": ("x", np.zeros(2, "i1")), "a": ("y", [1.0])}, attrs={"records": "[1, {}]"}),
+        ],
+    )
+    def test_any_dataset(self, dataset):
+        text = describe(dataset)
+        assert text
+        assert not text.endswith("\n")
+
+    def test_one_scenario_of_a_cube(self, cube):
+        assert "drift_max" in describe(cube.isel(law=1, gap=0, record=0))
+
+
+def test_registry_and_description_need_no_netcdf():
+    code = (
+        "import sys; import pounding_sweep.cube.variables, pounding_sweep.cube.assemble, pounding_sweep.cube.describe\n"
+        "import pounding_sweep.cube.write, pounding_sweep.sweep.store\n"
+        "sys.exit(bool({'xarray', 'netCDF4'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_get_variable_takes_a_variable():
+    assert get_variable(VARIABLES["impulse"]) is get_variable("impulse")

@@ -1,0 +1,1104 @@
+"""Sweeps as data: `build_spec`, sweep files, and everything that can be wrong with them."""
+
+import hashlib
+import itertools
+import json
+import math
+import subprocess
+import sys
+import textwrap
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pounding_sweep.contact import LAWS, MATE2015_MODELS, get_law
+from pounding_sweep.cube.variables import DEFAULT_OUTPUTS, VARIABLES
+from pounding_sweep.errors import SweepError
+from pounding_sweep.presets import get_preset
+from pounding_sweep.records import Record, find_record, pulse_record, synthetic_record
+from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.sweep.spec import (
+    MAX_AXIS,
+    Case,
+    Range,
+    SweepSpec,
+    build_spec,
+    contact_stiffness,
+    digest,
+    to_json,
+)
+from pounding_sweep.sweep.toml_file import load_spec
+from pounding_sweep.sweep.toml_lines import key_lines, line_of
+
+ROOT = Path(__file__).resolve().parent.parent
+NAN = float("nan")
+INF = float("inf")
+PULSE = Record("pulse", dt=0.01, acceleration=[0.0, 1.0, -1.0, 0.0])
+STEP = Record("step", dt=0.02, acceleration=[1.0, 1.0])
+
+
+@pytest.fixture(autouse=True)
+def no_record_folders(monkeypatch):
+    monkeypatch.delenv("POUNDING_SWEEP_RECORDS", raising=False)
+
+
+def build(**change):
+    return build_spec(**{"scene": "mate2015", "records": PULSE, "laws": "linear", **change})
+
+
+def problems(**change):
+    with pytest.raises(SweepError) as caught:
+        build(**change)
+    assert all(problem in str(caught.value) for problem in caught.value.problems)
+    return list(caught.value.problems)
+
+
+def only(**change):
+    found = problems(**change)
+    assert len(found) == 1, found
+    return found[0]
+
+
+def bare_scene(**contact):
+    return Scene([Building("a", [1.0], [1.0]), Building("b", [1.0], [1.0])], [0.01], ContactProperties(**contact))
+
+
+# --- what a valid sweep becomes -------------------------------------------------------------------------------------
+
+
+def test_defaults():
+    spec = build()
+    assert spec == SweepSpec(
+        scene=get_preset("mate2015"),
+        records=(PULSE,),
+        laws=("linear",),
+        gaps=None,
+        stiffnesses=None,
+        stiffness_factors=(1.0,),
+        restitutions=(1.0,),
+        scales=(1.0,),
+        cases=None,
+        method="rk4",
+        dt=1e-3,
+        locate=True,
+        outputs=DEFAULT_OUTPUTS,
+        beta=0.25,
+        gamma=0.5,
+        force_unstable=False,
+        title="",
+    )
+    assert spec.n_scenarios == 1
+    assert list(spec.axes) == ["law", "gap", "stiffness_factor", "restitution", "record", "scale"]
+
+
+def test_everything_given():
+    spec = build(
+        records=[PULSE, "el_centro"],
+        laws=["hertz", "linear", "hertz_damped"],
+        gaps=(0.02, 0.005),
+        stiffness_factors=np.array([2, 1]),
+        restitutions=iter([0.8, 0.5]),
+        scales=range(1, 4),
+        method="newmark",
+        dt=5e-4,
+        locate=False,
+        outputs=["impact_count", "drift_max"],
+        beta=0.3,
+        gamma=0.6,
+        force_unstable=np.bool_(True),
+        title="t",
+    )
+    assert spec.laws == ("hertz", "linear", "hertz_damped")
+    assert spec.gaps == (0.02, 0.005)  # as given, not sorted
+    assert spec.stiffness_factors == (2.0, 1.0)
+    assert spec.restitutions == (0.8, 0.5)
+    assert spec.scales == (1.0, 2.0, 3.0)
+    assert [r.name for r in spec.records] == ["pulse", "el_centro"]
+    assert (spec.method, spec.dt, spec.locate, spec.beta, spec.gamma) == ("newmark", 5e-4, False, 0.3, 0.6)
+    assert spec.force_unstable is True
+    assert spec.outputs == ("drift_max", "impact_count")
+    assert spec.n_scenarios == 3 * 2 * 2 * 2 * 2 * 3 == math.prod(len(v) for v in spec.axes.values())
+    assert spec.record("el_centro") == find_record("el_centro")
+    with pytest.raises(KeyError):
+        spec.record("nobody")
+    assert all(type(v) is float for v in (*spec.stiffness_factors, *spec.scales))
+
+
+def test_laws_by_group():
+    assert build(laws="mate2015").laws == MATE2015_MODELS
+    assert build(laws="all").laws == tuple(LAWS)
+    assert build(laws=["mate2015", "gonthier"]).laws == (*MATE2015_MODELS, "gonthier")
+    assert build(laws=get_law("hertz")).laws == ("hertz",)
+    assert "law 'hertz' is there already" in only(laws=["mate2015", "hertz"])
+
+
+def test_restitution_defaults_to_the_scene():
+    assert build(laws="kelvin_voigt").restitutions == (0.6,)
+    assert build(laws="kelvin_voigt", restitutions=0.3).restitutions == (0.3,)
+    assert build(laws=["linear", "none", "hertz"]).restitutions == (1.0,)
+    found = only(scene=bare_scene(linear_stiffness=1.0), laws=["linear", "kelvin_voigt"])
+    assert found.startswith("restitutions: no restitution is given, and kelvin_voigt needs one (0 <= e <= 1)")
+    found = only(scene=bare_scene(linear_stiffness=1.0, restitution=0.0), laws=["modified_kelvin"])
+    assert found.startswith("scene.contact.restitution: restitution 0.0 is outside the validity of law 'modified_kelv")
+
+
+def test_absolute_stiffnesses():
+    spec = build(laws=["linear", "kelvin_voigt", "none"], stiffnesses=[1e6, 2e6], restitutions=[0.5])
+    assert (spec.stiffnesses, spec.stiffness_factors) == ((1e6, 2e6), None)
+    assert spec.axes["stiffness"] == (1e6, 2e6)
+    assert build(scene=bare_scene(), laws="hertz", stiffnesses=1e7).stiffnesses == (1e7,)
+
+
+def test_stiffness_axis_over_different_exponents_is_refused():
+    found = only(laws=["linear", "hertz", "kelvin_voigt", "none"], stiffnesses=[1e6])
+    assert found == (
+        "stiffnesses: an absolute stiffness axis needs laws of one force exponent: "
+        "linear, kelvin_voigt take kN m-1 (exponent 1) but hertz takes kN m-1.5 (exponent 1.5); "
+        "use stiffness_factors, which scale the scene's reference stiffness of each exponent"
+    )
+
+
+def test_missing_reference_stiffness_names_the_property():
+    found = problems(scene=bare_scene(restitution=0.5), laws=["linear", "hertz", "hertz_damped"])
+    assert len(found) == 2
+    assert found[0].startswith("scene.contact: linear_stiffness (kN/m) is missing: law linear needs it")
+    assert "ContactProperties(linear_stiffness=...)" in found[0]
+    assert found[1].startswith("scene.contact: hertz_stiffness (kN/m^1.5) is missing: laws hertz, hertz_damped need it")
+    assert build(scene=bare_scene(), laws="none").stiffness_factors == (1.0,)
+
+
+def test_contact_stiffness():
+    scene = get_preset("mate2015")
+    assert contact_stiffness(scene, "linear", stiffness_factor=0.5) == 1e6
+    assert contact_stiffness(scene, "hertz") == 1.88e7
+    assert contact_stiffness(scene, "hertz", stiffness=5.0) == 5.0
+    assert contact_stiffness(scene, "none", stiffness=5.0) == 0.0
+    with pytest.raises(SweepError, match="hertz_stiffness"):
+        contact_stiffness(bare_scene(), "hertz")
+
+
+def test_outputs():
+    assert build(outputs="default").outputs == build(outputs=None).outputs == DEFAULT_OUTPUTS
+    assert build(outputs="all").outputs == tuple(VARIABLES)
+    assert build(outputs="impulse").outputs == ("impulse",)
+    assert "unknown output 'impuls'; did you mean 'impulse'?" in only(outputs=["impuls"])
+    assert "outputs[1]: 'impulse' is there already" in only(outputs=["impulse", "impulse"])
+    assert "is empty" in only(outputs=[])
+    assert "must be a name or a list" in only(outputs=3)
+    assert "outputs[0]: unknown output 3" in only(outputs=[3])
+
+
+def test_gap_axis_of_a_lone_building():
+    spec = build(scene=Scene([Building("a", [1.0], [1.0])]), laws="none", gaps=[0.1, 0.2])
+    assert spec.n_scenarios == 2
+
+
+# --- faults ---------------------------------------------------------------------------------------------------------
+
+AXES = {"gaps": 0.01, "stiffnesses": 1e6, "stiffness_factors": 1.5, "restitutions": 0.5, "scales": 2.0}
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize(
+    ("values", "place", "message"),
+    [
+        ([NAN], "[0]", "nan"),
+        ([INF], "[0]", "inf"),
+        (["x"], "[0]", "'x' is not a number"),
+        ([True], "[0]", "True is not a number"),
+        ([None], "[0]", "None is not a number"),
+        ([[1.0]], "[0]", "[1.0] is not a number"),
+        ([10**400], "[0]", "too large"),
+        ([], "", "is empty: a sweep of zero scenarios"),
+        (np.array([]), "", "is empty: a sweep of zero scenarios"),
+        ("0.1", "", "must be a number or a list of numbers"),
+        ({"start": 1}, "", "must be a number or a list of numbers"),
+        (object, "", "must be a number or a list of numbers"),
+    ],
+)
+def test_bad_axis_values(axis, values, place, message):
+    found = only(laws="kelvin_voigt", **{axis: values})
+    assert found.startswith(f"{axis}{place}: ")
+    assert message in found
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_repeated_values(axis):
+    good = AXES[axis]
+    found = only(laws="kelvin_voigt", **{axis: [good, good / 2, good]})
+    assert found == f"{axis}[2]: {good!r} repeats {axis}[0]; the values of an axis must differ"
+
+
+def test_zero_and_minus_zero_are_one_value():
+    assert only(gaps=[0.0, -0.0]).startswith("gaps[1]: 0.0 repeats gaps[0]")
+    assert str(build(gaps=[-0.0]).gaps[0]) == "0.0"
+
+
+@pytest.mark.parametrize(
+    ("axis", "value", "message"),
+    [
+        ("gaps", -0.01, "gap is -0.01 m; a gap must be zero or positive"),
+        ("stiffnesses", 0.0, "contact stiffness is 0.0; it must be a positive number"),
+        ("stiffnesses", -1.0, "must be a positive number"),
+        ("stiffness_factors", 0.0, "stiffness factor is 0.0; it must be a positive number"),
+    ],
+)
+def test_values_out_of_range(axis, value, message):
+    assert message in only(**{axis: [1.0, value]})
+
+
+def test_restitution_outside_the_validity_of_laws():
+    laws = ["linear", "kelvin_voigt", "gonthier", "hertz_damped", "modified_kelvin"]
+    found = problems(laws=laws, restitutions=[0.0, 1.0, 1.5])
+    assert found[0] == (
+        "restitutions[0]: restitution 0.0 is outside the validity of law 'gonthier' (0 < e <= 1), "
+        "law 'modified_kelvin' (0 < e <= 1); change it or leave them out"
+    )
+    assert found[1].startswith("restitutions[2]: restitution 1.5 is outside the validity of law 'kelvin_voigt' (0 <= e")
+    assert len(found) == 2
+    assert only(laws="linear", restitutions=[-1.0]) == "restitutions[0]: restitution is -1.0; it must be in [0, 1]"
+    assert build(laws=["linear", "kelvin_voigt"], restitutions=[0.0]).restitutions == (0.0,)
+
+
+def test_bad_laws():
+    assert only(laws=["linear", "herz"]).startswith("laws[1]: unknown contact law 'herz'; did you mean 'hertz'? Valid:")
+    assert "or the groups all, mate2015" in only(laws="mate2016")
+    assert only(laws=[]).startswith("laws: is empty: a sweep of zero scenarios")
+    assert only(laws=None).startswith("laws: is missing; give laws, valid: none, linear")
+    assert only(laws=3).startswith("laws: must be a name")
+    assert only(laws=[3]).startswith("laws[0]: unknown contact law 3")
+    other = replace(get_law("hertz"), key="mine")
+    assert only(laws=[other]).startswith("laws[0]: unknown contact law") or "'mine' is not registered" in only(
+        laws=other
+    )
+
+
+def test_bad_scene():
+    assert "unknown preset scene 'mate'" in only(scene="mate")
+    assert "scene: must be a Scene or the name of a preset" in only(scene=None)
+
+
+def test_bad_records(tmp_path):
+    (tmp_path / "short.AT2").write_text("PEER\nX\nACC IN UNITS OF G\nNPTS= 6, DT= .01 SEC\n 0.1 0.2 0.3\n")
+    (tmp_path / "nan.csv").write_text("time (s),acc (g)\n0.0,0.1\n0.1,nan\n")
+    (tmp_path / "nodt.csv").write_text("acc (g)\n0.1\n0.2\n")
+    (tmp_path / "empty.txt").write_text("")
+    names = ["short.AT2", "nan.csv", "nodt.csv", "empty.txt", "absent.csv", "el_centri", "arleta"]
+    found = problems(records=[*names, PULSE, PULSE.renamed("other"), STEP.renamed("pulse"), 3], base=tmp_path)
+    assert [text.split(":")[0] for text in found] == [f"records[{i}]" for i in (0, 1, 2, 3, 4, 5, 6, 9, 10)]
+    by_name = dict(zip([*names, "repeated", "number"], found, strict=True))
+    assert "did you mean 'el_centro'" in by_name["el_centri"]
+    assert "ngawest2.berkeley.edu" in by_name["arleta"]
+    assert "has the same name 'pulse' as records[7]" in by_name["repeated"]
+    assert only(records=[]).startswith("records: no records: a sweep of zero scenarios")
+    assert only(records=3).startswith("records: no records")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"method": "rk5"}, "method: unknown method 'rk5'; did you mean 'rk4'? Valid: newmark, rk4"),
+        ({"method": None}, "method: unknown method None"),
+        ({"dt": 0.0}, "dt: time step dt (s) is 0.0; it must be a positive number"),
+        ({"dt": -1e-3}, "dt: "),
+        ({"dt": NAN}, "dt: "),
+        ({"dt": "1e-3"}, "dt: '1e-3' is not a number"),
+        ({"dt": None}, "dt: None is not a number"),
+        ({"locate": "yes"}, "locate: must be true or false, not 'yes'"),
+        ({"force_unstable": 1}, "force_unstable: must be true or false"),
+        ({"beta": 0.6, "method": "newmark"}, "beta: beta is 0.6; it must be in [0, 0.5]"),
+        ({"gamma": 0.4, "method": "newmark"}, "gamma: gamma is 0.4; it must be in [0.5, 1]"),
+        ({"gamma": NAN, "method": "newmark"}, "gamma: "),
+        ({"beta": 0.3}, "beta: beta is a parameter of newmark, and the method is rk4"),
+        ({"title": 3}, "title: must be a text"),
+        (
+            {"stiffnesses": [1.0], "stiffness_factors": [1.0]},
+            "stiffness_factors: stiffnesses and stiffness_factors excl",
+        ),
+    ],
+)
+def test_bad_settings(change, message):
+    assert only(**change).startswith(message)
+
+
+def test_all_problems_at_once():
+    found = problems(
+        records=["nowhere"], laws=["nolaw"], gaps=[-1.0, 0.1], restitutions=[2.0], dt=-1, method="euler", outputs=["x"]
+    )
+    assert [text.split(":")[0] for text in found] == [
+        "records[0]", "laws[0]", "gaps[0]", "restitutions[0]", "method", "dt", "outputs[0]",
+    ]  # fmt: skip
+
+
+def test_many_faults_on_an_axis_are_counted():
+    found = problems(gaps=[-1.0] * 1000)
+    assert len(found) == 21
+    assert found[-1] == "gaps: 980 more values are at fault"
+
+
+@pytest.mark.parametrize(
+    "huge",
+    [Range(0.0, 1.0, 10**12), range(10**12), range(10**30), itertools.count()],
+    ids=["Range", "range", "beyond len()", "endless"],
+)
+def test_huge_axis_is_refused_before_it_is_made(huge):
+    found = problems(gaps=huge)
+    assert f"values are too many; give at most {MAX_AXIS}" in found[0]
+
+
+def test_too_many_scenarios_are_refused_with_their_number():
+    axis = [i / 2000 for i in range(1, 1201)]
+    found = only(laws="mate2015", gaps=axis, restitutions=axis, scales=axis)
+    assert (
+        "1 records x 7 laws x 1200 gaps x 1200 restitutions x 1200 scales = 12096000000 scenarios (1.21e+10)" in found
+    )
+    assert "at most 1000000000" in found
+    thousand = axis[:1000]
+    assert build(laws="kelvin_voigt", gaps=thousand, restitutions=thousand, scales=thousand).n_scenarios == 10**9
+
+
+# --- ranges ---------------------------------------------------------------------------------------------------------
+
+
+def test_ranges():
+    assert Range(0.002, 0.024, 12).values() == tuple(round(0.002 * i, 3) for i in range(1, 13))
+    assert Range(1.0, 1000.0, 4, "log").values() == (1.0, 10.0, 100.0, 1000.0)
+    assert Range(0.5, 0.5, 1).values() == (0.5,)
+    assert Range(-0.3, 0.3, 7).values() == (-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3)
+    assert build(gaps=Range(0.03, 0.01, 3)).gaps == (0.03, 0.02, 0.01)
+
+
+@given(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.integers(2, 50))
+def test_range_agrees_with_linspace(start, stop, count):
+    values = Range(start, stop, count).values()
+    assert (values[0], values[-1], len(values)) == (start, stop, count)
+    np.testing.assert_allclose(values, np.linspace(start, stop, count), rtol=0, atol=1e-11 * max(abs(start), abs(stop)))
+
+
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        (Range(0.0, 1.0, 0), "gaps.count: count = 0: a sweep of zero scenarios"),
+        (Range(0.0, 1.0, -3), "gaps.count: count = -3"),
+        (Range(0.0, 1.0, 2.5), "gaps.count: must be a whole number"),
+        (Range(0.0, 1.0, True), "gaps.count: must be a whole number"),
+        (Range(0.0, 1.0, 1), "gaps.count: 1 value can't reach from start 0.0 to stop 1.0"),
+        (Range(NAN, 1.0, 3), "gaps.start: start is nan"),
+        (Range(0.0, "x", 3), "gaps.stop: 'x' is not a number"),
+        (Range(0.0, 1.0, 3, "log"), "gaps.spacing: log needs start and stop above 0"),
+        (Range(0.0, 1.0, 3, "lin"), "gaps.spacing: unknown spacing 'lin'; did you mean 'linear'?"),
+        (Range(-1.0, 1.0, 2), "gaps: gap is -1.0 m"),
+        (Range(1.0, 1.0, 2), "gaps: 1.0 repeats gaps[0]"),
+    ],
+)
+def test_bad_ranges(bad, message):
+    assert only(gaps=bad).startswith(message)
+
+
+# --- cases ----------------------------------------------------------------------------------------------------------
+
+
+def cases(*listed, **change):
+    return {"laws": None, "cases": listed, **change}
+
+
+def test_cases_are_filled_in():
+    spec = build(
+        **cases(
+            Case("none"),
+            Case("linear", gap=0.02),
+            {"law": "hertz_damped", "gap": [0.01, 0.03], "restitution": 0.5, "scale": 2},
+            Case("linear", gap=0.02, stiffness=1e5),
+            Case("hertz", stiffness_factor=3),
+            Case("kelvin_voigt", record="pulse"),
+        )
+    )
+    assert spec.cases == (
+        Case("none", record="pulse"),
+        Case("linear", 0.02, None, 1.0, None, "pulse", 1.0),
+        Case("hertz_damped", (0.01, 0.03), None, 1.0, 0.5, "pulse", 2.0),
+        Case("linear", 0.02, 1e5, None, None, "pulse", 1.0),
+        Case("hertz", None, None, 3.0, None, "pulse", 1.0),
+        Case("kelvin_voigt", None, None, 1.0, 0.6, "pulse", 1.0),
+    )
+    assert spec.laws == ("none", "linear", "hertz_damped", "hertz", "kelvin_voigt")
+    assert (spec.gaps, spec.stiffnesses, spec.stiffness_factors, spec.restitutions, spec.scales) == (
+        None, None, None, (), (),
+    )  # fmt: skip
+    assert spec.n_scenarios == 6
+    assert spec.axes == {}
+
+
+@pytest.mark.parametrize(
+    ("case", "message"),
+    [
+        ({"law": "herz"}, "cases[0].law: unknown contact law 'herz'; did you mean 'hertz'?"),
+        ({}, "cases[0].law: is missing; valid: none, linear"),
+        ({"law": "linear", "gpa": 1.0}, "cases[0].gpa: unknown key 'gpa'; did you mean 'gap'? Valid: gap, law"),
+        ({"law": "linear", "gap": -1.0}, "cases[0].gap: gap is -1.0 m"),
+        ({"law": "linear", "gap": [0.1, NAN]}, "cases[0].gap[1]: gap is nan m"),
+        ({"law": "linear", "gap": [0.1]}, "cases[0].gap: 1 gaps for 2 pairs (left-middle, middle-right)"),
+        ({"law": "linear", "gap": "x"}, "cases[0].gap: must be a number or one per pair (m), not 'x'"),
+        ({"law": "linear", "stiffness": 0.0}, "cases[0].stiffness: contact stiffness is 0.0"),
+        ({"law": "linear", "stiffness_factor": -1.0}, "cases[0].stiffness_factor: "),
+        (
+            {"law": "linear", "stiffness": 1.0, "stiffness_factor": 1.0},
+            "cases[0].stiffness: stiffness and stiffness_fac",
+        ),
+        ({"law": "gonthier", "restitution": 0.0}, "cases[0].restitution: restitution 0.0 is outside the validity of"),
+        ({"law": "linear", "restitution": 7.0}, "cases[0].restitution: restitution is 7.0"),
+        ({"law": "linear", "scale": INF}, "cases[0].scale: record scale is inf"),
+        ({"law": "linear", "record": "puls"}, "cases[0].record: unknown record 'puls'; did you mean 'pulse'?"),
+        (3, "cases[0]: must be a Case or a table of law, gap"),
+    ],
+)
+def test_bad_cases(case, message):
+    assert only(**cases(case)).startswith(message)
+
+
+def test_bad_lists_of_cases():
+    assert only(**cases()).startswith("cases: is empty: a sweep of zero scenarios")
+    assert only(laws=None, cases=3).startswith("cases: must be a list of cases")
+    assert only(laws=None, cases=Case("none")).startswith("cases: must be a list of cases")
+    assert only(**cases(Case("linear"), Case("none"), Case("linear", stiffness_factor=1))) == (
+        "cases[2]: is the same scenario as cases[0]"
+    )
+    found = only(**cases(Case("linear"), records=[PULSE, STEP]))
+    assert found == "cases[0].record: is missing; valid: pulse, step"
+    found = problems(cases=[Case("linear")], gaps=[0.1])
+    assert [text.split(":")[0] for text in found] == ["laws", "gaps"]
+    found = problems(**cases(Case("linear"), Case("gonthier"), scene=bare_scene()))
+    assert any(text.startswith("cases[1].restitution: no restitution is given") for text in found)
+    assert any(text.startswith("scene.contact: linear_stiffness (kN/m) is missing") for text in found)
+    # a record that can't be read is one fault, not one per case that names it
+    assert only(**cases(Case("none", record="x"), records=["nowhere/x.csv"])).startswith("records[0]: ")
+
+
+# --- JSON and digest ------------------------------------------------------------------------------------------------
+
+
+def test_json_is_canonical_and_complete():
+    spec = build(laws="mate2015", gaps=[0.1, 0.01], records=[PULSE], title="ü")
+    text = to_json(spec)
+    data = json.loads(text)
+    assert text == json.dumps(data, sort_keys=True, separators=(",", ":"))
+    assert set(data) == {"format", *SweepSpec.__dataclass_fields__}
+    assert data["gaps"] == [0.1, 0.01]
+    assert data["laws"] == list(MATE2015_MODELS)
+    assert data["records"] == [
+        {"name": "pulse", "sha256": PULSE.sha256, "pga": 1.0, "dt": 0.01, "n_points": 4, "scale": 1.0, "source": ""}
+    ]
+    assert [row["name"] for row in data["scene"]["row"]] == ["left", "middle", "right"]
+    assert data["scene"]["row"][0]["masses"] == [173.331, 173.331, 133.956]
+    assert data["scene"]["contact"] == {"linear_stiffness": 2e6, "hertz_stiffness": 1.88e7, "restitution": 0.6}
+    assert digest(spec) == hashlib.sha256(text.encode()).hexdigest()
+
+
+def test_json_of_walls_cases_and_pairs_of_ratios():
+    b = Building("b", [1, 2], [3, 4], damping_ratio=(0.05, 0.06))
+    scene = Scene([Wall(), b], [0.1], ContactProperties(linear_stiffness=2))
+    spec = build(**cases(Case("linear", gap=[0.1]), Case("none"), scene=scene))
+    data = json.loads(to_json(spec))
+    assert data["scene"]["row"][0] == {"wall": True, "name": "wall"}
+    assert data["scene"]["row"][1]["damping_ratio"] == [0.05, 0.06]
+    assert data["cases"][0]["gap"] == [0.1]
+    assert '"linear_stiffness":2.0' in to_json(spec)
+
+
+def test_digest_is_the_same_however_the_sweep_was_written():
+    one = build(gaps=[0.01, 0.02], outputs=["drift_max", "impulse"], scales=1, records=[PULSE])
+    two = build(
+        gaps=np.array([0.01, 0.02]),
+        outputs=("impulse", "drift_max"),
+        scene=get_preset("mate2015"),
+        records=iter([Record("pulse", 0.01, np.array([0, 1, -1, 0]))]),
+        laws=[get_law("linear")],
+    )
+    assert digest(one) == digest(two)
+
+
+def test_digest_is_the_same_in_another_process():
+    # Interrupted runs are continued by it, so it must not depend on hash seeds or the process.
+    spec = build_spec(
+        scene=Scene([Building("a", [1.0], [4.0])]), records=PULSE, laws="none", outputs=["displacement_max"], dt=0.01
+    )
+    assert to_json(spec).startswith('{"beta":0.25,"cases":null,"dt":0.01,"force_unstable":false,"format":1,')
+    again = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent("""
+            from pounding_sweep.records import Record
+            from pounding_sweep.scene import Building, Scene
+            from pounding_sweep.sweep.spec import build_spec, digest
+            scene = Scene([Building("a", [1.0], [4.0])])
+            pulse = Record("pulse", dt=0.01, acceleration=[0.0, 1.0, -1.0, 0.0])
+            print(digest(build_spec(scene=scene, records=pulse, laws="none", outputs=["displacement_max"], dt=0.01)))
+        """)],
+        capture_output=True, text=True, check=True, cwd=ROOT, env={"PYTHONHASHSEED": "7", "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert again.stdout.strip() == digest(spec)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"scene": Scene(get_preset("mate2015").row, [0.01, 0.02], get_preset("mate2015").contact)},
+        {"records": STEP},
+        {"records": PULSE.renamed("other")},
+        {"laws": "hertz"},
+        {"gaps": [0.01]},
+        {"stiffness_factors": [1.0 + 2**-52]},
+        {"stiffnesses": [1.0]},
+        {"restitutions": [0.5]},
+        {"scales": [2.0]},
+        {"method": "newmark"},
+        {"dt": 2e-3},
+        {"locate": False},
+        {"outputs": ["impulse"]},
+        {"force_unstable": True},
+        {"title": "t"},
+        {"laws": None, "cases": [Case("linear")]},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_digest_sees_every_change(change):
+    assert digest(build(**change)) != digest(build())
+
+
+gaps_ = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=6, unique=True)
+positive_ = st.lists(st.floats(1e-6, 1e9), min_size=1, max_size=6, unique=True)
+e_ = st.lists(st.floats(0.0, 1.0, exclude_min=True), min_size=1, max_size=6, unique=True)
+
+
+@given(gaps_, positive_, e_, st.lists(st.sampled_from(list(LAWS)), min_size=1, unique=True))
+def test_any_valid_axes_are_kept_to_the_bit(gaps, factors, restitutions, laws):
+    spec = build(laws=laws, gaps=gaps, stiffness_factors=factors, restitutions=restitutions)
+    assert (list(spec.laws), list(spec.gaps)) == (laws, gaps)
+    assert (list(spec.stiffness_factors), list(spec.restitutions)) == (factors, restitutions)
+    assert spec.n_scenarios == len(laws) * len(gaps) * len(factors) * len(restitutions)
+    data = json.loads(to_json(spec))
+    assert (data["gaps"], data["stiffness_factors"], data["restitutions"]) == (gaps, factors, restitutions)
+
+
+@given(st.lists(st.one_of(st.floats(), st.integers(), st.booleans(), st.text(max_size=3), st.none()), max_size=6))
+def test_any_gaps_are_taken_or_refused(values):
+    good = bool(values) and all(
+        isinstance(v, (int, float)) and not isinstance(v, bool) and math.isfinite(v) and v >= 0 for v in values
+    )
+    good = good and len({float(v) for v in values}) == len(values)
+    if good:
+        assert build(gaps=values).gaps == tuple(float(v) for v in values)
+    else:
+        assert problems(gaps=values)
+
+
+# --- sweep files ----------------------------------------------------------------------------------------------------
+
+GOOD = """\
+title = "a sweep"
+
+[scene]
+gaps = [0.01]
+
+[[scene.row]]
+name = "left"
+masses = [10.0, 8.0]
+stiffnesses = [4e3, 3e3]
+damping_ratio = [0.05, 0.06]
+storey_heights = [3.0, 3.5]
+
+[[scene.row]]
+wall = true
+name = "moat wall"
+
+[scene.contact]
+linear_stiffness = 2e6
+hertz_stiffness = 1.88e7
+restitution = 0.6
+
+[sweep]
+records = [
+    "el_centro",
+    { path = "x.csv", units = "g", dt = 0.01, name = "x", scale = 2.0 },
+    { path = "x.csv", units = "g", dt = 0.01, name = "y", pga = 3 },
+    { synthetic = 1, duration = 2.0, pga = 3.0 },
+    { pulse = "half_sine", amplitude = 4.0, period = 0.5, dt = 0.01 },
+    { record = "el_centro", pga = 2.0, name = "el_centro_2" },
+]
+laws = ["linear", "hertz_damped"]
+gaps = { start = 0.002, stop = 0.006, count = 3 }
+stiffness_factors = { start = 0.1, stop = 10.0, count = 3, spacing = "log" }
+restitutions = [
+    0.4,  # low
+    0.6,
+]
+scales = [1, 2]
+
+[solver]
+method = "newmark"
+dt = 2e-3
+locate = false
+beta = 0.3
+gamma = 0.6
+force_unstable = true
+
+[output]
+variables = ["impulse", "drift_max"]
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    (tmp_path / "x.csv").write_text("0.1\n0.2\n-0.3\n")
+
+    def make(text, name="sweep.toml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8", newline="")
+        return path
+
+    return make
+
+
+def file_problems(path):
+    """Problems of a file as (line, place, text)."""
+    with pytest.raises(SweepError) as caught:
+        load_spec(path)
+    found = []
+    for problem in caught.value.problems:
+        assert problem in str(caught.value)
+        assert problem.startswith(f"{path}:")
+        line, place, text = problem[len(f"{path}:") :].split(": ", 2)
+        found.append((int(line), place, text))
+    return found
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_load_spec(write, newline):
+    path = write(GOOD.replace("\n", newline))
+    raw = Record("x", 0.01, np.array([0.1, 0.2, -0.3]) * 9.81, "x.csv")
+    expected = build_spec(
+        title="a sweep",
+        scene=Scene(
+            [Building("left", [10.0, 8.0], [4e3, 3e3], (0.05, 0.06), [3.0, 3.5]), Wall("moat wall")],
+            [0.01],
+            ContactProperties(2e6, 1.88e7, 0.6),
+        ),
+        records=[
+            "el_centro",
+            raw.scaled(2.0),
+            raw.renamed("y").scaled_to(3.0),
+            synthetic_record(1, duration=2.0, pga=3.0),
+            pulse_record("half_sine", amplitude=4.0, period=0.5, dt=0.01),
+            find_record("el_centro").scaled_to(2.0).renamed("el_centro_2"),
+        ],
+        laws=["linear", "hertz_damped"],
+        gaps=[0.002, 0.004, 0.006],
+        stiffness_factors=[0.1, 1.0, 10.0],
+        restitutions=[0.4, 0.6],
+        scales=[1, 2],
+        method="newmark",
+        dt=2e-3,
+        locate=False,
+        beta=0.3,
+        gamma=0.6,
+        force_unstable=True,
+        outputs=["drift_max", "impulse"],
+    )
+    spec = load_spec(path)
+    assert spec == expected
+    assert digest(spec) == digest(expected)
+    assert digest(load_spec(str(path))) == digest(spec)
+
+
+def test_small_file_takes_defaults(write):
+    path = write('[scene]\npreset = "mate2015"\n[sweep]\nrecords = "el_centro"\nlaws = "all"\n')
+    assert load_spec(path) == build_spec(scene="mate2015", records="el_centro", laws="all")
+
+
+def test_preset_with_changes(write):
+    path = write(
+        '[scene]\npreset = "mate2015"\ngaps = [0, 0.02]\n[scene.contact]\nrestitution = 0.5\n'
+        'hertz = { radii = [2.0, 3] }\n[sweep]\nrecords = ["x.csv", "el_centro"]\nlaws = "linear"\n'
+    )
+    (path.parent / "x.csv").write_text("time (s),acc (m/s2)\n0,1\n0.01,2\n0.02,1\n")
+    spec = load_spec(path)
+    assert spec.scene.gaps == (0.0, 0.02)
+    assert spec.scene.row == get_preset("mate2015").row
+    assert spec.scene.contact.linear_stiffness == 2e6
+    assert spec.scene.contact.restitution == 0.5
+    assert spec.scene.contact.hertz_stiffness == pytest.approx(1.8803e7 * math.sqrt(1.2) / 1.0, rel=0.2)
+    assert [r.name for r in spec.records] == ["x", "el_centro"]
+
+
+def test_cases_in_a_file(write):
+    path = write(
+        '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\n'
+        '[[sweep.cases]]\nlaw = "hertz"\ngap = [0.01, 0.02]\n[[sweep.cases]]\nlaw = "gonthier"\n'
+        "stiffness = 1e7\nscale = 2\n"
+    )
+    assert load_spec(path).cases == (
+        Case("hertz", (0.01, 0.02), None, 1.0, None, "el_centro", 1.0),
+        Case("gonthier", None, 1e7, None, 0.6, "el_centro", 2.0),
+    )
+    path = write(path.read_text().replace('"gonthier"', '"gontier"').replace("scale = 2", "scal = 2\ngap = [0.1, -2]"))
+    assert [(line, place) for line, place, _ in file_problems(path)] == [
+        (9, "sweep.cases[1].law"),
+        (11, "sweep.cases[1].scal"),
+        (12, "sweep.cases[1].gap[1]"),
+    ]
+
+
+@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall"])
+def test_shipped_sweeps(name):
+    spec = load_spec(ROOT / "sweeps" / f"{name}.toml")
+    if name == "quickstart":
+        assert spec == build_spec(
+            title=spec.title,
+            scene="mate2015",
+            records="el_centro",
+            laws="mate2015",
+            gaps=[round(0.002 * i, 3) for i in range(1, 13)],
+            stiffness_factors=[0.5, 1.0, 2.0],
+            restitutions=[0.4, 0.5, 0.6, 0.8],
+        )
+        assert spec.n_scenarios == 7 * 12 * 3 * 4
+    else:
+        assert spec.scene.pair_names == ("low-high", "high-moat")
+        assert [(c.pair, c.storey) for c in spec.scene.contacts] == [(0, 1), (0, 2), (1, 1), (1, 2), (1, 3), (1, 4)]
+        assert spec.n_scenarios == 4
+
+
+BAD = """\
+titel = "a sweep"
+
+[scene]
+gaps = [0.01, -0.02]
+
+[[scene.row]]
+name = "left"
+masses = [10.0, -8.0, "x"]
+stiffnesses = [
+    4e3,
+    0.0,
+    3e3,
+]
+damping = 0.05
+
+[[scene.row]]
+name = "right"
+masses = [1.0, 2.0]
+stiffnesses = [1.0]
+
+[scene.contact]
+linear_stiffness = -2e6
+hertz = { radii = [1.0], poisson = 0.2 }
+
+[sweep]
+records = [
+    "el_centro",
+    "nowhere.AT2",
+    { path = "x.csv", unit = "g", dt = 0.01 },
+    { path = "x.csv", units = "furlong", dt = 0.01 },
+    { synthetic = -1 },
+    { pulse = "squiggle", amplitude = 1.0, period = 0.5, dt = 0.01 },
+    { pulse = "sine" },
+    { sine = 3 },
+    7,
+]
+laws = [
+    "linear",
+    "herz",
+]
+gaps = [0.01, 0.02,
+        nan, -1.0]
+stiffness_factors = { start = 1.0, stop = 2.0, cuont = 3 }
+restitutions = [1.5]
+scale = [1.0]
+
+[solver]
+method = "rk5"
+dt = "1e-3"
+locate = 1
+
+[output]
+variables = ["displacement_mx"]
+"""
+
+
+def test_every_fault_of_a_file_with_its_line(write):
+    found = file_problems(write(BAD))
+    assert [(line, place) for line, place, _ in found] == [
+        (1, "titel"),
+        (4, "scene.gaps[1]"),
+        (8, "scene.row[0].masses[1]"),
+        (8, "scene.row[0].masses[2]"),
+        (11, "scene.row[0].stiffnesses[1]"),
+        (14, "scene.row[0].damping"),
+        (19, "scene.row[1].stiffnesses"),
+        (22, "scene.contact.linear_stiffness"),
+        (23, "scene.contact.hertz.radii"),
+        (23, "scene.contact.hertz.poisson"),
+        (28, "sweep.records[1]"),
+        (29, "sweep.records[2].unit"),
+        (30, "sweep.records[3]"),
+        (31, "sweep.records[4]"),
+        (32, "sweep.records[5]"),
+        (33, "sweep.records[6].amplitude"),
+        (33, "sweep.records[6].period"),
+        (33, "sweep.records[6].dt"),
+        (34, "sweep.records[7]"),
+        (35, "sweep.records[8]"),
+        (39, "sweep.laws[1]"),
+        (42, "sweep.gaps[2]"),
+        (42, "sweep.gaps[3]"),
+        (43, "sweep.stiffness_factors.count"),
+        (43, "sweep.stiffness_factors.cuont"),
+        (44, "sweep.restitutions[0]"),
+        (45, "sweep.scale"),
+        (48, "solver.method"),
+        (49, "solver.dt"),
+        (50, "solver.locate"),
+        (53, "output.variables[0]"),
+    ]
+    text = {place: said for _, place, said in found}
+    assert text["titel"] == "unknown key 'titel'; did you mean 'title'? Valid: output, scene, solver, sweep, title"
+    assert "did you mean 'damping_ratio'" in text["scene.row[0].damping"]
+    assert text["scene.row[1].stiffnesses"] == "1 stiffnesses for 2 masses; give one value per storey"
+    assert "did you mean 'units'" in text["sweep.records[2].unit"]
+    assert "unknown acceleration unit 'furlong'; valid: " in text["sweep.records[3]"]
+    assert "valid: half_sine" in text["sweep.records[5]"]
+    assert text["sweep.records[6].period"] == "is missing; give a number in s"
+    assert "path, record, synthetic, pulse" in text["sweep.records[7]"]
+    assert "did you mean 'scales'" in text["sweep.scale"]
+    assert "did you mean 'rk4'" in text["solver.method"]
+    assert text["solver.dt"] == "'1e-3' won't do; it must be a number in s"
+    assert "did you mean 'displacement_max'" in text["output.variables[0]"]
+
+
+def edit(old, new):
+    assert GOOD.count(old) == 1
+    return GOOD.replace(old, new)
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "place", "message"),
+    [
+        (edit("gaps = [0.01]", "gaps = [0.01, 0.02]"), 4, "scene.gaps", "2 gaps for a row of 2; give 1"),
+        (edit("gaps = [0.01]", "gaps = 0.01"), 4, "scene.gaps", "must be a list of numbers"),
+        (edit("gaps = [0.01]\n", ""), 3, "scene.gaps", "0 gaps for a row of 2"),
+        (edit("gaps = [0.01]", 'preset = "mate2015"'), 4, "scene.preset", "preset and row exclude each other"),
+        (edit("wall = true", "wall = false"), 14, "scene.row[1].wall", "False won't do; it must be true"),
+        (edit('"moat wall"', '""'), 13, "scene.row[1]", "a wall needs a name"),
+        (edit('"moat wall"', '"left"'), 3, "scene", "names must differ within a row"),
+        (edit('name = "left"\n', ""), 6, "scene.row[0].name", "is missing"),
+        (edit('"left"', '" "'), 7, "scene.row[0].name", "needs a name"),
+        (edit("[0.05, 0.06]", "[0.05, 0.9]"), 10, "scene.row[0].damping_ratio", "negative Rayleigh factors"),
+        (edit("[0.05, 0.06]", '"5 %"'), 10, "scene.row[0].damping_ratio", "one or two numbers in [0, 1)"),
+        (edit("[0.05, 0.06]", "1.5"), 10, "scene.row[0].damping_ratio", "one or two numbers in [0, 1)"),
+        (edit("[10.0, 8.0]", "[]"), 9, "scene.row[0].stiffnesses", "2 stiffnesses for 0 masses"),
+        (edit("[10.0, 8.0]", "10.0"), 8, "scene.row[0].masses", "must be a list of numbers, floor masses in t"),
+        (edit("[10.0, 8.0]", "[10.0, inf]"), 8, "scene.row[0].masses[1]", "inf is not a positive number"),
+        (edit("[10.0, 8.0]", "[10.0, true]"), 8, "scene.row[0].masses[1]", "True is not a positive number"),
+        (edit("restitution = 0.6", "restitution = 6"), 20, "scene.contact.restitution", "must be in [0, 1]"),
+        (edit("restitution = 0.6", "hertz = 3"), 20, "scene.contact.hertz", "must be a table"),
+        (
+            edit("restitution = 0.6", "restitution = 0.6\nhertz = {radii = [1, 2]}"),
+            21,
+            "scene.contact.hertz",
+            "exclude",
+        ),
+        (edit("hertz_stiffness = 1.88e7", "hertz = {mass_1 = 2}"), 19, "scene.contact.hertz", "needs two masses"),
+        (edit("hertz_stiffness = 1.88e7", "hertz = {radii=[1, 2], mass_1 = 2}"), 19, "scene.contact.hertz", "exclude"),
+        (edit("hertz_stiffness = 1.88e7\n", ""), 17, "scene.contact", "hertz_stiffness (kN/m^1.5) is missing"),
+        (edit('laws = ["linear", "hertz_damped"]\n', ""), 22, "sweep.laws", "is missing; give laws"),
+        (edit('["linear", "hertz_damped"]', "3"), 31, "sweep.laws", "3 won't do"),
+        (edit("spacing", "spacin"), 33, "sweep.stiffness_factors.spacin", "did you mean 'spacing'"),
+        (edit('"log"', '"cubic"'), 33, "sweep.stiffness_factors.spacing", "valid: linear, log"),
+        (edit("stiffness_factors =", "stiffnesses ="), 33, "sweep.stiffnesses", "linear takes kN m-1 (exponent 1)"),
+        (edit("count = 3 }", "count = 0 }"), 32, "sweep.gaps.count", "zero scenarios"),
+        (edit("count = 3 }", "count = 1000000000000 }"), 32, "sweep.gaps", "too many"),
+        (edit("scales = [1, 2]", "scales = []"), 38, "sweep.scales", "zero scenarios"),
+        (edit("    0.6,\n]", "    0.4,\n]"), 36, "sweep.restitutions[1]", "0.4 repeats restitutions[0]"),
+        (edit('name = "y", pga = 3', 'name = "x", pga = 3'), 26, "sweep.records[2]", "has the same name 'x'"),
+        (edit("scale = 2.0", "scale = 2.0, pga = 1.0"), 25, "sweep.records[1]", "exclude each other"),
+        (edit('record = "el_centro", pga', 'record = "el_centro", scale = 2, pga'), 29, "sweep.records[5]", "exclude"),
+        (edit('record = "el_centro"', 'record = "el_centri"'), 29, "sweep.records[5]", "did you mean 'el_centro'"),
+        (edit("beta = 0.3", "beta = 0.7"), 44, "solver.beta", "must be in [0, 0.5]"),
+        (edit("dt = 2e-3", "dt = 0"), 42, "solver.dt", "must be a positive number"),
+        (edit("locate = false", "restitutions = []"), 43, "solver.restitutions", "it belongs in [sweep]"),
+        (edit("scales = [1, 2]", "dt = 1e-3"), 38, "sweep.dt", "it belongs in [solver]"),
+        (edit('title = "a sweep"', 'variables = "all"'), 1, "variables", "it belongs in [output]"),
+        (edit("[solver]", "[solvr]"), 40, "solvr", "did you mean 'solver'"),
+        (edit('["impulse", "drift_max"]', "[]"), 49, "output.variables", "is empty"),
+        (edit('["impulse", "drift_max"]', "3"), 49, "output.variables", "3 won't do"),
+        (edit('title = "a sweep"', "title = 3"), 1, "title", "3 won't do"),
+        (
+            edit('title = "a sweep"\n', "output = 3\n").replace("[output]\nvariables", "#"),
+            1,
+            "output",
+            "a table [output]",
+        ),
+    ],
+)
+def test_one_fault_of_a_file(write, text, line, place, message):
+    tomllib.loads(text)
+    found = file_problems(write(text))
+    assert [(at, where) for at, where, _ in found if where == place] == [(line, place)], found
+    assert any(message in said for _, where, said in found if where == place), found
+    assert len(found) <= 2, found  # a range refused for its size is named in the size of the sweep, too
+
+
+def test_missing_tables(write):
+    found = file_problems(write("# nothing\n"))
+    assert [(place, said) for _, place, said in found] == [
+        ("scene", "is missing; give a table [scene]"),
+        ("sweep", "is missing; give a table [sweep]"),
+    ]
+    found = file_problems(write("[scene]\n[sweep]\n"))
+    assert [(line, place) for line, place, _ in found] == [(1, "scene"), (2, "sweep.records"), (2, "sweep.laws")]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a = [1,\n2\nb = 3\n", r":3:1: no valid TOML: unclosed array"),
+        ("title = \n", r":1:9: no valid TOML: invalid value"),
+        ("[scene]\n[scene]\n", r":2:7: no valid TOML: cannot declare \('scene',\) twice"),
+        ('[scene]\nx = "abc', r":2: no valid TOML: .* at end of document"),
+        ("x = " + "1" * 5000, r": no usable TOML"),
+        ("x = " + "[" * 100000, r": no (usable|valid) TOML"),
+    ],
+)
+def test_syntax_errors_have_line_and_column(write, text, message):
+    path = write(text)
+    with pytest.raises(SweepError, match=message) as caught:
+        load_spec(path)
+    assert str(caught.value).startswith(str(path))
+    assert caught.value.problems == (str(caught.value),)
+
+
+def test_unreadable_files(tmp_path):
+    with pytest.raises(SweepError, match="can't be read: No such file"):
+        load_spec(tmp_path / "absent.toml")
+    with pytest.raises(SweepError, match="can't be read: Is a directory"):
+        load_spec(tmp_path)
+    (tmp_path / "latin.toml").write_bytes('title = "\xfc"'.encode("latin-1"))
+    with pytest.raises(SweepError, match="is not UTF-8"):
+        load_spec(tmp_path / "latin.toml")
+
+
+def test_record_paths_start_from_the_file(write, tmp_path, monkeypatch):
+    path = write('[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["sub/a.csv"]\nlaws = "linear"\n')
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "a.csv").write_text("time (s),acc (g)\n0,0.1\n0.1,0.2\n0.2,0.1\n")
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert load_spec(path).records[0].name == "a"
+    assert digest(load_spec(Path("..") / "sweep.toml")) == digest(load_spec(path))
+
+
+# --- lines ----------------------------------------------------------------------------------------------------------
+
+
+def test_key_lines():
+    text = textwrap.dedent('''\
+        # comment with [brackets] and "quotes"
+        a = 1
+        b.c = "x # no comment ]"
+        "quoted key" = 'lit [ '
+        d = """
+        e = 1
+        ""\\"
+        """
+        f = [ # comment ]
+          1, [2,
+          3],
+          { g = 1, h.i = "}" },
+        ]
+        when = 1979-05-27 07:32:00
+
+        [t]
+        u = 2
+        [[t.list]]
+        v = [1, 2]
+        [[t.list]]
+        v = 3
+        [t.list.sub]
+        w = 4
+        [ t . "x.y" ]
+        z = 5
+        ''')
+    tomllib.loads(text)
+    lines = key_lines(text)
+    expected = {
+        ("a",): 2, ("b",): 3, ("b", "c"): 3, ("quoted key",): 4, ("d",): 5, ("f",): 9, ("f", 0): 10, ("f", 1): 10,
+        ("f", 1, 0): 10, ("f", 1, 1): 11, ("f", 2): 12, ("f", 2, "g"): 12, ("f", 2, "h"): 12, ("f", 2, "h", "i"): 12,
+        ("when",): 14, ("t",): 16, ("t", "u"): 17, ("t", "list"): 18, ("t", "list", 0): 18, ("t", "list", 0, "v"): 19,
+        ("t", "list", 0, "v", 0): 19, ("t", "list", 0, "v", 1): 19, ("t", "list", 1): 20, ("t", "list", 1, "v"): 21,
+        ("t", "list", 1, "sub"): 22, ("t", "list", 1, "sub", "w"): 23, ("t", "x.y"): 24, ("t", "x.y", "z"): 25,
+    }  # fmt: skip
+    assert lines == expected
+    assert line_of(lines, ("t", "list", 1, "nothing", 3)) == 20
+    assert line_of(lines, ("nothing",)) is None
+    assert line_of(lines, ()) is None
+
+
+def places(value, place=()):
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield (*place, key)
+            yield from places(item, (*place, key))
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            yield (*place, index)
+            yield from places(item, (*place, index))
+
+
+@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall"])
+def test_key_lines_knows_every_place_of_the_shipped_files(name):
+    text = (ROOT / "sweeps" / f"{name}.toml").read_text()
+    assert set(key_lines(text)) == set(places(tomllib.loads(text)))
+    for source in (GOOD, BAD):
+        assert set(key_lines(source)) == set(places(tomllib.loads(source)))
+
+
+keys_ = st.text("abc-_1", min_size=1, max_size=3)
+scalars_ = st.one_of(st.integers(), st.booleans(), st.text("ab\"'#[]{}=,\\ \n", max_size=6))
+values_ = st.recursive(scalars_, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys_, inner, max_size=3))
+
+
+def dump(value):
+    """Write a value as inline TOML."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return json.dumps(value)
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {dump(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[\n" + "".join(f"  {dump(item)},\n" for item in value) + "]"
+    return str(value)
+
+
+@given(st.dictionaries(keys_, values_, max_size=4))
+def test_key_lines_follows_any_file(data):
+    text, expected = "", {}
+    for key, value in data.items():
+        expected[key] = text.count("\n") + 1
+        text += f"{key} = {dump(value)}\n"
+    if tomllib.loads(text) == data:
+        lines = key_lines(text)
+        assert set(lines) == set(places(data))
+        assert {key: lines[(key,)] for key in data} == expected
+
+
+def test_importing_is_light():
+    code = (
+        "import sys; import pounding_sweep.sweep.toml_file, pounding_sweep.presets; "
+        "print([m for m in ('numba', 'dask', 'matplotlib', 'xarray', 'netCDF4') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]"
