@@ -89,10 +89,16 @@ def state_slots(shape: KernelShape) -> Slots:
     if "energy" in shape.reducers:
         slots.add("DIN", nb)
         slots.add("DDAMP", nb)
+    if "acceleration" in shape.reducers:
+        for name in ("ACC0", "ACC1", "RATE0", "RATE1", "RELATIVE"):
+            slots.add(name, n)
     slots.add("TURN")
     slots.add("G1")
+    if contact or not shape.fused:
+        slots.add("HL")
+        slots.add("G0")
     if contact:
-        for name in ("HIT", "HL", "REM", "G0", "THETA", "CAP"):
+        for name in ("HIT", "REM", "THETA", "CAP"):
             slots.add(name)
         for name in ("KE", "CE", "CL", "TJ", "FORCE", "FS", "FE", "RS", "RE", "VRUN"):
             slots.add(name, nc)
@@ -139,17 +145,21 @@ def _row_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str
         parts.append(_functions("motion", () if shape.located else ("relative",)))
         if shape.scheme == "newmark":
             parts.append(_functions("compliance"))
+    parts.append(emit_copy(shape))
+    if "_x" in slots.first:
+        parts.append("\n\n" + "".join(f"{n.upper()} = {slots.first[n] * LANES}\n" for n in ("_x", "_y", "_F")))
+        if not shape.fused or shape.located:
+            parts.append(Rk4Step(shape, slots, "trial").emit_stages())
     if shape.located or not contact:
         parts.append(make(shape, slots, "flight").emit())
-    if shape.located and contact and shape.scheme == "rk4":
-        parts.append(Rk4Step(shape, slots, "trial").emit_stages())
     parts.append(emit_turns(shape, slots) if shape.located else emit_samples(shape, slots))
     parts.append(emit_energy(shape, slots))
-    for with_contact in (False, True)[: 1 + contact]:
-        parts.append(emit_accelerations(shape, slots, with_contact))
+    if "acceleration" in shape.reducers:
+        parts.append(_functions("acceleration", () if contact else ("storey_pull",)))
+        parts.append(emit_accelerations(shape, slots, contact))
     if shape.scheme == "newmark" and not contact:
         parts.append(_functions("implicit", ("equilibrium",)).partition("    if LOCATED:")[0])
-    parts += [emit_copy(shape), emit_begin(shape, slots, contact), emit_finish(shape, slots, contact)]
+    parts += [emit_begin(shape, slots, contact), emit_finish(shape, slots, contact)]
     if shape.located or not contact:
         parts.append(emit_fly(shape, contact))
     return "".join(parts)
@@ -158,8 +168,8 @@ def _row_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str
 def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any, row_name: str) -> str:
     """Write the parts that hold the law, and the loop over time."""
     parts = [PRELUDE.partition("import math")[0], f"import math\n\nimport numpy as np\nfrom {row_name} import *\n"]
-    if "_x" in slots.first:
-        parts.append("".join(f"{n.upper()} = {slots.first[n] * LANES}\n" for n in ("_x", "_y", "_F")))
+    if "_x" in slots.first:  # names with an underscore are not imported by the line above
+        parts.append("\n" + "".join(f"{n.upper()} = {slots.first[n] * LANES}\n" for n in ("_x", "_y", "_F")))
     newmark = shape.scheme == "newmark"
     if contact:
         parts.append(_law(shape))

@@ -137,7 +137,7 @@ def emit_reduce_step(shape: KernelShape) -> str:
     if has_increments(shape):
         src("energies(S, True, 0.0)")
     if "acceleration" in shape.reducers:
-        src("accelerations_contact(S, props, 0.0, 0.0, True, 0.0)")
+        src("accelerations(S, props, 0.0, 0.0, True, 0.0)")
     src("return")
     return str(src)
 
@@ -240,7 +240,7 @@ def emit_run(shape: KernelShape, slots: Slots, contact: bool) -> str:
                 if has_increments(shape):
                     src("energies(S, False, h)")
                 if "acceleration" in r:
-                    src("accelerations_contact(S, props, ga, gb, False, h)")
+                    src("accelerations(S, props, ga, gb, False, h)")
             src("row += 1")
             if shape.history:
                 _record(src, shape, slots, "row")

@@ -10,7 +10,7 @@ u' = u~ + beta h^2 a', v' = v~ + gamma h a'. The matrix is tridiagonal per build
 
 from __future__ import annotations
 
-from pounding_sweep.kernels.rk4 import watch
+from pounding_sweep.kernels.rk4 import watch, watch_in_loops
 from pounding_sweep.kernels.shape import KernelShape, Slots
 from pounding_sweep.kernels.text import Source, StepText
 
@@ -48,8 +48,11 @@ class NewmarkStep:
                     self._lane_values(trial)
                     self._building(dofs, trial)
         if self.variant == "flight":
-            with src.block("for l in range(L):"):
-                watch(src, shape, self.slots, "h")
+            if shape.fused:
+                with src.block("for l in range(L):"):
+                    watch(src, shape, self.slots)
+            else:
+                watch_in_loops(src, shape)
         elif shape.law is not None and shape.contacts:
             with src.block("for l in range(L):"):
                 if not trial:

@@ -8,7 +8,7 @@ steps are skipped in which no lane turns (slot TURN).
 from __future__ import annotations
 
 from pounding_sweep.kernels.shape import LANES, KernelShape, Slots
-from pounding_sweep.kernels.text import Source, StepText, relative
+from pounding_sweep.kernels.text import Source, relative
 
 
 def emit_turns(shape: KernelShape, slots: Slots) -> str:
@@ -92,104 +92,35 @@ def emit_energy(shape: KernelShape, slots: Slots) -> str:
 
 
 def emit_accelerations(shape: KernelShape, slots: Slots, contact: bool) -> str:
-    """``accelerations``: largest total acceleration of each floor over one step.
+    """Write ``accelerations``: largest total acceleration of each floor over one step.
 
-    Total acceleration (f(u, v) + F) / m and its rate are evaluated at both ends;
-    ``contact`` adds the forces FS, FE and their rates RS, RE.
+    Total acceleration (f(u, v) + F) / m and, where peaks are located, its rate are
+    evaluated at both ends, with the contact forces FS, FE and their rates RS, RE.
     """
-    src, at, t = Source(), slots.at, StepText(shape, slots, in_memory=False)
-    name = "accelerations_contact" if contact else "accelerations"
-    src.function(f"{name}(S, props, ga, gb, lane_steps, h)")
-    if "acceleration" not in shape.reducers:
-        src("return")
-        return str(src)
-    for dofs in shape.chunks:
-        t.load_constants(src, dofs)
-        with src.block("for l in range(L):"):
+    src = Source()
+    src.function("accelerations(S, props, ga, gb, lane_steps, h)")
+    ends = (("UO", "VO", "FS", "RS", "ACC0", "RATE0"), ("U", "V", "FE", "RE", "ACC1", "RATE1"))
+    for end, (u, v, force, rate, out, slope) in enumerate(ends):
+        if end == 0 and not shape.located:
+            continue
+        src(f"storey_pull(S, props, {u}, {v}, {out})")
+        if contact:
+            src(f"contact_push(S, props, {force}, {out})")
+        if shape.located:
+            ground = f"S[SCALE + l] * {'gb' if end else 'ga'}"
             if "HL" in slots.first:
-                src(f"hh = {at('HL')} if lane_steps else h")
-                src(f"g0 = {at('G0')} if lane_steps else {at('scale')} * ga")
-                src(f"g1 = {at('G1')} if lane_steps else {at('scale')} * gb")
-            else:
-                src(f"hh = h; g0 = {at('scale')} * ga; g1 = {at('scale')} * gb")
-            need = _neighbours(shape, dofs)
-            for end, u, v, ground, force, rate in (
-                ("0", "UO", "VO", "g0", "FS", "RS"),
-                ("1", "U", "V", "g1", "FE", "RE"),
-            ):
-                if end == "0" and not shape.located:
-                    continue
-                _local_accelerations(src, shape, slots, t, need, u, v, end, force if contact else None)
-                if not shape.located:
-                    continue
-                for i in sorted(need):
-                    b = shape.building_of[i]
-                    src(f"z{i} = {at(v, i)}" + (f" + be{b} * (A{end}_{i} - {ground})" if shape.storeys[b] > 1 else ""))
-                for i in dofs:
-                    b = shape.building_of[i]
-                    net = _storey(shape, i, "z")
-                    if contact:
-                        for j, sign in t.contacts_of[i]:
-                            net = f"({net} {sign} {at(rate, j)})"
-                    src(f"J{end}_{i} = fma(im{i}, {net}, -(al{b} * (A{end}_{i} - {ground})))")
-            for i in dofs:
-                if not shape.located:
-                    src(f"{at('acc', i)} = max({at('acc', i)}, abs(A1_{i}))")
-                    continue
-                src(f"x0 = A0_{i}; x1 = A1_{i}; s0 = hh * J0_{i}; s1 = hh * J1_{i}")
-                src("t = s0 / (s0 - s1) if s0 * s1 < 0.0 else 0.0")
-                src("b = -3.0 * (x0 - x1) - (2.0 * s0 + s1)")
-                src("p = x0 + t * (s0 + t * (b + t * (2.0 * (x0 - x1) + (s0 + s1))))")
-                src(f"{at('acc', i)} = max({at('acc', i)}, max(abs(p), max(abs(x0), abs(x1))))")
+                ground = f"(S[G{end} + l] if lane_steps else {ground})"
+            with src.block("for i in range(N):"), src.block("for l in range(L):"):
+                src(f"S[RELATIVE + i * L + l] = S[{out} + i * L + l] - {ground}")
+            src(f"storey_pull(S, props, {v}, RELATIVE, {slope})")
+            if contact:
+                src(f"contact_push(S, props, {rate}, {slope})")
+    with src.block("for i in range(N):"), src.block("for l in range(L):"):
+        if not shape.located:
+            src("S[ACC + i * L + l] = max(S[ACC + i * L + l], abs(S[ACC1 + i * L + l]))")
+        else:
+            step = "(S[HL + l] if lane_steps else h)" if "HL" in slots.first else "h"
+            src("x0 = S[ACC0 + i * L + l]; x1 = S[ACC1 + i * L + l]")
+            src(f"p = cubic_extreme(x0, x1, {step} * S[RATE0 + i * L + l], {step} * S[RATE1 + i * L + l])")
+            src("S[ACC + i * L + l] = max(S[ACC + i * L + l], max(abs(p), max(abs(x0), abs(x1))))")
     return str(src)
-
-
-def _neighbours(shape: KernelShape, dofs: list[int]) -> set[int]:
-    need = set(dofs)
-    for i in dofs:
-        if not shape.bottom[i]:
-            need.add(i - 1)
-        if not shape.top[i]:
-            need.add(i + 1)
-    return need
-
-
-def _storey(shape: KernelShape, i: int, z: str) -> str:
-    low = f"k{i} * {z}{i}" if shape.bottom[i] else f"k{i} * ({z}{i} - {z}{i - 1})"
-    return f"-({low})" if shape.top[i] else f"(k{i + 1} * ({z}{i + 1} - {z}{i}) - {low})"
-
-
-def _local_accelerations(
-    src: Source,
-    shape: KernelShape,
-    slots: Slots,
-    t: StepText,
-    need: set[int],
-    u: str,
-    v: str,
-    end: str,
-    force: str | None,
-) -> None:
-    """Total accelerations A of the floors in `need` (outermost ones may lie in another chunk)."""
-    at = slots.at
-    wide = _neighbours(shape, sorted(need))
-    for i in sorted(wide):
-        b = shape.building_of[i]
-        if i not in need:
-            src(f"k{i} = {t.prop('k', i)}")
-        src(f"w{i} = fma(be{b}, {at(v, i)}, {at(u, i)})" if shape.storeys[b] > 1 else f"w{i} = {at(u, i)}")
-    for i in sorted(need):
-        b = shape.building_of[i]
-        src(f"k{i} = {t.prop('k', i)}; im{i} = {t.prop('im', i)}")
-        if not shape.top[i]:
-            src(f"k{i + 1} = {t.prop('k', i + 1)}")
-        net = _storey(shape, i, "w")
-        if force is not None:
-            for j, sign in t.contacts_of[i]:
-                net = f"({net} {sign} {at(force, j)})"
-        src(f"A{end}_{i} = fma(im{i}, {net}, -(al{b} * {at(v, i)}))")
-
-
-def lanes_bytes(slots: Slots) -> int:
-    """Bytes of one lane group."""
-    return slots.size * LANES * 8

@@ -27,9 +27,10 @@ class Rk4Step:
     ``trial``: located contact, modes frozen in KE and CE; from UO, VO with each
     lane's own step to U, V. ``plain``: the sign of d decides at each stage.
 
-    The trial step is rare, so it is emitted for a short compilation instead: its
-    stages (`emit_stages`) hold no law and are shared by all, and only the small
-    function ``forces`` is compiled for a law.
+    A fused flight or plain step is one straight line. The trial step is rare, and
+    longer rows compile badly as one line: there the four stages are functions of
+    their own (`emit_stages`) that hold no law and are shared by all variants, and
+    only the small function ``forces`` is compiled for a law.
     """
 
     def __init__(self, shape: KernelShape, slots: Slots, variant: str) -> None:
@@ -46,51 +47,65 @@ class Rk4Step:
         if self.fused:
             yield
             return
-        self.t.load_constants(self.src, dofs)
-        with self.src.block("for l in range(L):"):
-            self._lane_values()
-            yield
-
-    def _lane_values(self) -> None:
         src, at = self.src, self.slots.at
-        if self.variant == "trial":
-            src(f"h = {at('HL')}; g0 = {at('G0')}; g1 = {at('G1')}")
+        self.t.load_constants(src, dofs)
+        with src.block("for l in range(L):"):
+            src(f"h = {at('HL')}; g0 = {at('G0')}; g1 = {at('G1')}; gm = 0.5 * (g0 + g1)")
             src("hh = 0.5 * h; q = hh * hh; h2 = hh * h; h6 = h * SIXTH; h26 = h * h6")
-        else:
-            src(f"s = {at('scale')}; g0 = s * ga; g1 = s * gb")
-        src("gm = 0.5 * (g0 + g1)")
+            yield
 
     def emit(self) -> str:
         """Return the text of the function named like the variant."""
         src, shape = self.src, self.shape
         if self.variant == "trial":
-            self._trial()
+            self._forces()
+            src.function("trial(S, I, W, props)")
+            self._call_stages()
             return str(src)
+        if not self.fused and self.contact:
+            self._forces()
         src.function(f"{self.variant}(S, props, ga, gb, h)")
+        if not self.fused:
+            self._begin_split()
+            self._call_stages()
+            if self.variant == "flight":
+                watch_in_loops(src, shape)
+            return str(src)
         src("hh = 0.5 * h; q = hh * hh; h2 = hh * h; h6 = h * SIXTH; h26 = h * h6")
-        if self.fused:
-            self.t.load_constants(src, list(range(shape.n_dof)))
-            with src.block("for l in range(L):"):
-                self._lane_values()
-                for i in range(shape.n_dof):
-                    self._load(i)
-                for stage in STAGES:
-                    self._stage(*stage)
-                if self.variant == "flight":
-                    watch(src, shape, self.slots, "h")
-        else:
+        self.t.load_constants(src, list(range(shape.n_dof)))
+        with src.block("for l in range(L):"):
+            src(f"s = {self.slots.at('scale')}; g0 = s * ga; g1 = s * gb; gm = 0.5 * (g0 + g1)")
             for i in range(shape.n_dof):
-                with src.block("for l in range(L):"):
-                    self._load(i)
+                self._load(i)
             for stage in STAGES:
                 self._stage(*stage)
             if self.variant == "flight":
-                with src.block("for l in range(L):"):
-                    watch(src, shape, self.slots, "h")
+                watch(src, shape, self.slots)
         return str(src)
 
-    def _trial(self) -> None:
-        """Contact forces of a stage, and the trial step that alternates them with the stages."""
+    def _begin_split(self) -> None:
+        """Begin a step of all lanes: the start of the step, its length, its ground, and no contact force."""
+        src = self.src
+        src("copy(S)")
+        with src.block("for l in range(L):"):
+            src("S[HL + l] = h; S[G0 + l] = S[SCALE + l] * ga; S[G1 + l] = S[SCALE + l] * gb")
+        if self.variant == "flight" and self.shape.law is not None and self.shape.contacts:
+            with src.block("for c in range(NC * L):"):
+                src("S[_F + c] = 0.0")
+
+    def _call_stages(self) -> None:
+        src = self.src
+        for reducer, slot in (("work", "DWORK"), ("impulse", "DIMP")):
+            if self.contact and reducer in self.shape.reducers:
+                with src.block("for c in range(NC * L):"):
+                    src(f"S[{slot} + c] = 0.0")
+        for stage, _, weight in STAGES:
+            if self.contact:
+                src(f"forces(S, {'UO, VO' if stage == 1 else '_X, _Y'}, {weight})")
+            src(f"stage{stage}(S, props)")
+
+    def _forces(self) -> None:
+        """Write ``forces``: contact forces of a stage from the motion in slots X and Y."""
         src, shape, law = self.src, self.shape, self.shape.law
         assert law is not None
         src.function("forces(S, X, Y, weight)")
@@ -104,19 +119,15 @@ class Rk4Step:
                 with src.block(head), src.block("for l in range(L):"):
                     d, v = (relative(*(None if x is None else x.format(name) for x in sides)) for name in "XY")
                     src(f"d = {d} - S[gap + l]; v = {v}")
-                    src("k = S[KE + j0 + l]; c = S[CE + j0 + l]; r = math.sqrt(max(d, 0.0))")
-                    src(f"f = {law.elastic} + ({law.damper}) * v" if law.damper else f"f = {law.elastic}")
+                    if self.variant == "trial":
+                        src("k = S[KE + j0 + l]; c = S[CE + j0 + l]; r = math.sqrt(max(d, 0.0))")
+                        src(f"f = {law.elastic} + ({law.damper}) * v" if law.damper else f"f = {law.elastic}")
+                    else:
+                        src("f = memoryless(S[K + l], S[C + j0 + l], S[VRUN + j0 + l], d, v)")
                     src("S[_F + j0 + l] = f")
                     for reducer, slot, value in (("work", "DWORK", "f * v"), ("impulse", "DIMP", "f")):
                         if reducer in shape.reducers:
                             src(f"S[{slot} + j0 + l] += weight * {value}")
-        src.function("trial(S, I, W, props)")
-        for reducer, slot in (("work", "DWORK"), ("impulse", "DIMP")):
-            if reducer in shape.reducers:
-                with src.block("for c in range(NC * L):"):
-                    src(f"S[{slot} + c] = 0.0")
-        for stage, _, weight in STAGES:
-            src(f"forces(S, {'UO, VO' if stage == 1 else '_X, _Y'}, {weight}); stage{stage}(S, props)")
 
     def emit_stages(self) -> str:
         """Return the text of the trial step's four stages, which hold no law."""
@@ -128,19 +139,15 @@ class Rk4Step:
 
     def _load(self, i: int) -> None:
         src, at = self.src, self.slots.at
-        if self.fused:
-            src(f"u{i} = {at('U', i)}; v{i} = {at('V', i)}; {at('UO', i)} = u{i}; {at('VO', i)} = v{i}")
-        else:
-            src(f"{at('UO', i)} = {at('U', i)}; {at('VO', i)} = {at('V', i)}")
+        src(f"u{i} = {at('U', i)}; v{i} = {at('V', i)}; {at('UO', i)} = u{i}; {at('VO', i)} = v{i}")
 
     def _stage(self, stage: int, ground: str, weight: str) -> None:
         """Write forces and accelerations of a stage, then its state: two passes where floors lie in several loops."""
         shape = self.shape
         x, y = ("u", "v") if stage == 1 else ("x", "y")
-        if self.contact and self.variant == "plain":
-            chunk = list(range(len(shape.contacts)))
-            for part in [chunk] if self.fused else [chunk[i : i + 16] for i in range(0, len(chunk), 16)]:
-                self._contacts(part, x, y, weight, stage == 1)
+        if self.contact and self.fused:
+            for j in range(len(shape.contacts)):
+                self._force(j, x, y, weight, stage == 1)
         if len(shape.chunks) == 1:
             with self._loop(shape.chunks[0]):
                 self._accelerate(shape.chunks[0], stage, x, y, ground, weight)
@@ -170,7 +177,7 @@ class Rk4Step:
             x, y = ref("x", i), ref("y", i)
             if stage == 1:
                 src(f"{x} = fma(hh, {v}, {u}); {y} = fma(hh, {a}, {v})")
-                if self.variant == "trial":
+                if not self.fused and "AO" in self.slots.first:
                     src(f"{at('AO', i)} = {a}")
             elif stage == 2:
                 src(f"{x} = fma(q, {ref('a1', i)}, {x}); {y} = fma(hh, {a}, {v})")
@@ -180,15 +187,6 @@ class Rk4Step:
                 a1, a2, a3 = (ref(f"a{n}", i) for n in (1, 2, 3))
                 src(f"{at('U', i)} = fma(h26, {a1} + {a2} + {a3}, fma(h, {v}, {u}))")
                 src(f"{at('V', i)} = fma(h6, fma(2.0, {a2} + {a3}, {a1} + {a}), {v})")
-
-    def _contacts(self, chunk: list[int], x: str, y: str, weight: str, first: bool) -> None:
-        if self.fused:
-            for j in chunk:
-                self._force(j, x, y, weight, first)
-            return
-        with self.src.block("for l in range(L):"):
-            for j in chunk:
-                self._force(j, x, y, weight, first)
 
     def _force(self, j: int, x: str, y: str, weight: str, first: bool) -> None:
         """Force of the unlocated step: nothing while d <= 0, else the law, cut at zero."""
@@ -218,8 +216,8 @@ class Rk4Step:
                 src(f"{at(slot, j)} = {old}{weight} * {value}")
 
 
-def watch(src: Source, shape: KernelShape, slots: Slots, h: str) -> None:
-    """Write, per lane, whether a floor may have touched (HIT > 0) whether a quantity whose peak is kept turned (TURN <= 0)."""
+def watch(src: Source, shape: KernelShape, slots: Slots) -> None:
+    """Write, per lane, whether a floor may have touched (HIT > 0) and whether a kept peak turned (TURN <= 0)."""
     at = slots.at
 
     def ends(slot: str, contact: tuple[int, int, int]) -> str:
@@ -232,7 +230,7 @@ def watch(src: Source, shape: KernelShape, slots: Slots, h: str) -> None:
             gap = at("gap", contact[2])
             src(f"d0 = {ends('UO', contact)} - {gap}; d1 = {ends('U', contact)} - {gap}")
             src(f"v0 = {ends('VO', contact)}; v1 = {ends('V', contact)}")
-            src(f"hit = max(hit, max(d1, min(fma({h}, v0, d0), fma(-{h}, v1, d1))))")
+            src("hit = max(hit, max(d1, min(fma(h, v0, d0), fma(-h, v1, d1))))")
         src(f"{at('HIT')} = hit")
     if shape.reducers & {"displacement", "drift", "closing"}:
         src("turn = 1.0")
@@ -249,3 +247,36 @@ def watch(src: Source, shape: KernelShape, slots: Slots, h: str) -> None:
             for contact in shape.contacts:
                 src(f"turn = min(turn, {ends('VO', contact)} * {ends('V', contact)})")
         src(f"{at('TURN')} = turn")
+
+
+def watch_in_loops(src: Source, shape: KernelShape) -> None:
+    """Write the same as `watch` in loops over floors and contacts, for longer rows."""
+    contact = shape.law is not None and shape.contacts
+    with src.block("for l in range(L):"):
+        src("S[TURN + l] = 1.0")
+        if contact:
+            src("S[HIT + l] = -1.0")
+    if "displacement" in shape.reducers:
+        with src.block("for c in range(N):"), src.block("for l in range(L):"):
+            src("S[TURN + l] = min(S[TURN + l], S[VO + c * L + l] * S[V + c * L + l])")
+    if "drift" in shape.reducers:
+        with src.block("for b in range(NB):"), src.block("for c in range(FIRST[b], FIRST[b + 1]):"):
+            src("low = L if c > FIRST[b] else 0; keep = 1.0 if c > FIRST[b] else 0.0")
+            with src.block("for l in range(L):"):
+                for name, slot in (("v0", "VO"), ("v1", "V")):
+                    src(f"{name} = S[{slot} + c * L + l] - keep * S[{slot} + c * L - low + l]")
+                src("S[TURN + l] = min(S[TURN + l], v0 * v1)")
+    closing = "closing" in shape.reducers
+    if contact or closing:
+        with src.block("for j in range(NC):"):
+            src("left = max(LEFT[j], 0) * L; right = max(RIGHT[j], 0) * L")
+            src("a = 1.0 if LEFT[j] >= 0 else 0.0; b = 1.0 if RIGHT[j] >= 0 else 0.0")
+            with src.block("for l in range(L):"):
+                for name, slot in (("d0", "UO"), ("d1", "U"), ("v0", "VO"), ("v1", "V")):
+                    src(f"{name} = a * S[{slot} + left + l] - b * S[{slot} + right + l]")
+                if closing:
+                    src("S[TURN + l] = min(S[TURN + l], v0 * v1)")
+                if contact:
+                    src("g = S[GAP + PAIR[j] * L + l]; d0 = d0 - g; d1 = d1 - g")
+                    src("near = max(d1, min(fma(h, v0, d0), fma(-h, v1, d1)))")
+                    src("S[HIT + l] = max(S[HIT + l], near)")

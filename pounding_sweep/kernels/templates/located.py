@@ -340,4 +340,10 @@ def contact_step(S, I, W, props, ga, gb, h, time):
     for c in range(NC * L):
         if I[MODE + c] != 0:
             closed += 1
+    if NEEDS_ENDS and closed == 0:
+        for c in range(NC * L):  # flight goes on without contact forces
+            S[FS + c] = 0.0
+            S[FE + c] = 0.0
+            S[RS + c] = 0.0
+            S[RE + c] = 0.0
     return closed
