@@ -1,0 +1,27 @@
+"""Sphinx configuration; pages that list a registry are written from it at build time."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from generate import write_pages
+
+project = "pounding_sweep"
+author = "The pounding_sweep developers"
+project_copyright = "2026, the pounding_sweep developers"
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "numpydoc"]
+myst_enable_extensions = ["dollarmath", "colon_fence"]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+exclude_patterns = ["_build"]
+html_theme = "alabaster"
+html_static_path = ["_static"]
+html_theme_options = {"description": "Parametric sweeps of seismic pounding", "page_width": "1000px"}
+numpydoc_show_class_members = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+
+write_pages(Path(__file__).parent / "generated")

@@ -1,0 +1,73 @@
+"""Peak impact force and number of impacts against the gap, law by law."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pounding_sweep.errors import InputError
+from pounding_sweep.figures.style import look, styled, subplots
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+_ROWS = (("impact_force_max", "peak impact force (MN)", 1e-3), ("impact_count", "impacts of one floor", 1.0))
+
+
+@styled
+def force_gap(cube: xr.Dataset) -> Figure:
+    """Draw peak impact force and impacts of each pair against the gap.
+
+    One column per pair, one line per law: the largest value over storeys. Of the
+    other axes (stiffness, restitution, record, scale) the middle value is shown
+    and named in the title.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with axes ``law`` and ``gap`` and the variables ``impact_force_max``
+        (kN) and ``impact_count``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        The cube lacks what the figure needs.
+    """
+    for name in ("law", "gap", *(row[0] for row in _ROWS)):
+        if name not in cube.variables:
+            msg = f"figure 'force-gap' needs {name!r}, which this cube has not; run a sweep with it"
+            raise InputError(msg)
+    shown = []
+    for axis in ("stiffness_factor", "stiffness", "restitution", "record", "scale"):
+        if axis in cube.dims:
+            middle = (cube.sizes[axis] - 1) // 2
+            if cube.sizes[axis] > 1 or axis == "record":
+                value = cube[axis].values[middle]
+                shown.append(f"{axis.replace('_', ' ')} {value if isinstance(value, str) else format(value, 'g')}")
+            cube = cube.isel({axis: middle})
+    laws = [law for law in cube.law.values.tolist() if law != "none"]
+    pairs = cube.pair.values.tolist()
+    figure, axes = subplots(len(_ROWS), len(pairs), (2.0 + 3.2 * len(pairs), 5.2))
+    gaps = cube.gap.values * 1e3
+    for row, (name, label, factor) in enumerate(_ROWS):
+        for column, pair in enumerate(pairs):
+            ax = axes[row, column]
+            for number, law in enumerate(laws):
+                values = cube[name].sel(law=law, pair=pair).max("storey") * factor
+                ax.plot(gaps, values, label=law, **look(number))
+            ax.set_ylim(bottom=0)
+            if row == 0:
+                ax.set_title(f"pair {pair}")
+            if row == len(_ROWS) - 1:
+                ax.set_xlabel("gap (mm)")
+            if column == 0:
+                ax.set_ylabel(label)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(3, max(1, len(labels))))
+    if shown:
+        figure.suptitle("; ".join(shown), fontsize=9)
+    return figure
