@@ -293,11 +293,16 @@ def damper(c, d):
 
 
 @njit(**OPTIONS)
-def memoryless(k, c, vrun, d, v):
+def closed_force(k, c, d, v):
     if not (d > 0.0):
         return 0.0
-    {speed}
-    r = math.sqrt(max(d, 0.0))
+    r = math.sqrt(d)
     p = {law.elastic} + ({damper}) * {pull}
     return {cut}
+
+
+@njit(**OPTIONS)
+def memoryless(k, c, vrun, d, v):
+    {speed}
+    return closed_force(k, c, d, v)
 '''

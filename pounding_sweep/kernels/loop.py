@@ -14,7 +14,7 @@ from pounding_sweep.kernels.shape import (
 from pounding_sweep.kernels.text import Source
 
 #: A displacement (m) that only a diverged run reaches.
-DIVERGED = 1.0e3
+DIVERGED = 1.0e5
 #: Bits of the output ``flags``.
 FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
 

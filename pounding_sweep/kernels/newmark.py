@@ -108,7 +108,9 @@ class NewmarkStep:
                 src(f"e{i} = fma(-lo, o{i}, e{i}); r{i} = fma(lo, r{i - 1}, r{i})")
         for i in reversed(dofs):
             src(f"a{i} = r{i} / e{i}" if shape.top[i] else f"a{i} = fma(o{i + 1}, a{i + 1}, r{i}) / e{i}")
-            src(f"{at('A', i)} = a{i}; {at('U', i)} = fma(be, a{i}, x{i}); {at('V', i)} = fma(gg, a{i}, y{i})")
+            # a lane that is done waits with h = 0: its acceleration, contact included, stays as it is
+            end = f"(a{i} if h > 0.0 else {at('AO', i)})" if trial else f"a{i}"
+            src(f"{at('A', i)} = {end}; {at('U', i)} = fma(be, a{i}, x{i}); {at('V', i)} = fma(gg, a{i}, y{i})")
 
     def _energy(self, dofs: list[int]) -> None:
         """Powers of input and damping at both ends, in the weights of Simpson's h/6 (3 and 3: the trapezoid)."""

@@ -366,7 +366,7 @@ def _run_distributed(
         queue = iter(chunks)
         at_once = max(8, 4 * sum(client.nthreads().values()))
         flying: dict[str, Chunk] = {}
-        completed = as_completed()
+        completed = as_completed(loop=client.loop)  # the client is not the process's default one
         for chunk in queue:
             future = submit(chunk)
             flying[future.key] = chunk

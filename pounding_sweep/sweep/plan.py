@@ -28,6 +28,8 @@ from pounding_sweep.sweep.stability import largest_step
 NS_PER_DOF_AND_STEP = {"rk4": 2.6, "newmark": 4.5}
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
 CHUNK_SECONDS = 0.25
+#: Memory of one scenario while it is planned, by measurement.
+PLAN_BYTES = 400
 #: Margin by which a gap must exceed the closing displacement to be left out.
 CLOSING_MARGIN = 1e-9
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.cube.assemble import Axis, assemble, package_version
+from pounding_sweep.errors import SweepError
 from pounding_sweep.sweep.spec import SweepSpec, build_spec, contact_stiffness, to_json
 
 if TYPE_CHECKING:
@@ -105,8 +106,9 @@ class Sweep:
 
     def plan(self) -> Plan:
         """Return what would be run; nothing is."""
-        from pounding_sweep.sweep.plan import make_plan
+        from pounding_sweep.sweep.plan import PLAN_BYTES, make_plan
 
+        _check_memory(self.spec.n_scenarios, PLAN_BYTES, "planning")
         return make_plan(self.spec)
 
     def run(
@@ -153,6 +155,7 @@ class Sweep:
         check_scheduler(scheduler, workers)
         target = check_output(out, overwrite) if out is not None else None
         plan = self.plan()
+        _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of")
         store = None
         if target is not None:
             details = {"sweep": plan.digest, "package": package_version(), "kernels": kernel_digest(plan)}
@@ -166,6 +169,20 @@ class Sweep:
             if store is not None and not outcome.failures:
                 store.discard()
         return cube
+
+
+def _check_memory(scenarios: int, each: int, what: str) -> None:
+    """Raise `SweepError` where `scenarios` times `each` bytes are more than this machine has free."""
+    try:
+        free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, OSError):
+        return
+    if scenarios * each > free:
+        msg = (
+            f"{what} {scenarios:,} scenarios needs about {scenarios * each / 2**30:.1f} GiB of memory, "
+            f"{free / 2**30:.1f} GiB are free; take fewer values on an axis, fewer outputs, or several sweeps"
+        )
+        raise SweepError(msg)
 
 
 def load_sweep(path: str | os.PathLike[str]) -> Sweep:

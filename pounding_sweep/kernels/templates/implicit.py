@@ -12,7 +12,7 @@ def end_force(S, I, l, j, d, v):
     """Force of contact j at penetration d and rate v."""
     q = j * L + l
     if LOCATED:
-        return pressing(S[KE + q], S[CE + q], d, v)
+        return closed_force(S[KE + q], S[CE + q], d, v)
     return memoryless(S[K + l], S[C + q], S[VRUN + q], d, v)
 
 

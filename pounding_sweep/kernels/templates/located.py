@@ -87,7 +87,7 @@ def first_event(S, I, l, h, props):
                         t = root(0.0, 1.0, b1, 2.0 * b2, 3.0 * b3, 4.0 * b4, 0.0, 1.0)
                         if t < theta:
                             theta, nxt = t, 1
-                if CLIPS:
+                if CLIPS and S[CL + q] > 0.0:
                     k = S[K + l]
                     c = S[CL + q]
                     end = min(theta, 1.0)
@@ -99,7 +99,7 @@ def first_event(S, I, l, h, props):
                         t = 0.0
                         if p0 > 0.0:
                             t = press_root(0.0, end, k, c, h, d0, b1, b2, b3, b4, -1.0)
-                        if t < theta:
+                        if t < theta - 1e-9:  # not the release itself, where E and B v both end
                             theta, nxt = t, 3
                     elif mode == 3 and p1 > 0.0 and d > 0.0:
                         t = 0.0
@@ -277,6 +277,11 @@ def contact_step(S, I, W, props, ga, gb, h, time):
                     I[BUSY + l] = 1
             if S[REM + l] > 0.0 and I[BUSY + l] == 1:
                 contact_peaks(S, I, l, S[HL + l])
+            elif NEEDS_ENDS and not (S[REM + l] > 0.0):
+                for j in range(NC):  # done: its state and its forces stay those it ended with
+                    q = j * L + l
+                    S[FS + q] = S[FE + q]
+                    S[RS + q] = S[RE + q]
             elif NEEDS_ENDS:
                 for j in range(NC):
                     q = j * L + l
