@@ -79,9 +79,9 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from importlib.metadata import version
+        from pounding_sweep.cube.assemble import package_version
 
-        return version("pounding-sweep")
+        return package_version()
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
     msg = f"module 'pounding_sweep' has no attribute {name!r}"

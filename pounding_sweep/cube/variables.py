@@ -328,7 +328,8 @@ _ALL = (
         (),
         "1",
         "time steps in the shortest contact",
-        "Duration of the shortest completed contact over the time step; missing where no contact was completed.",
+        "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness, effective mass "
+        "and approach velocity; missing where nothing touched.",
         always=True,
     ),
 )

@@ -37,7 +37,9 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     def in_style(*args: Any, **kwargs: Any) -> Figure:
         import matplotlib as mpl
 
-        with mpl.rc_context({**mpl.rcParamsDefault, **_SETTINGS}):
+        settings: Any = dict(mpl.rcParamsDefault)
+        settings.update(_SETTINGS)
+        with mpl.rc_context(settings):
             return draw(*args, **kwargs)
 
     return in_style

@@ -9,9 +9,11 @@ version to the key.
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import importlib.util
 import os
+import shutil
 import sys
 import tempfile
 import time
@@ -58,10 +60,14 @@ def _texts(shape: KernelShape) -> list[tuple[str, str]]:
     return [(row_name, row), (module_name(main), main)]
 
 
+def source_digest(shape: KernelShape) -> str:
+    """Return the name of the kernel's main module, which its whole text decides."""
+    return _texts(shape)[-1][0]
+
+
 def is_cached(shape: KernelShape) -> bool:
     """Whether a compiled form of this kernel is on disk (for some CPU)."""
-    name, _ = _texts(shape)[-1]
-    return any((cache_folder() / "__pycache__").glob(f"{name}.run-*.nbi"))
+    return any((cache_folder() / "__pycache__").glob(f"{source_digest(shape)}.run-*.nbi"))
 
 
 def _write(folder: Path, name: str, text: str) -> Path:
@@ -95,6 +101,14 @@ def _prune(folder: Path) -> None:
             continue
 
 
+@lru_cache(maxsize=1)
+def _own_folder() -> Path:
+    """Return a folder of this process alone, removed at its end."""
+    folder = tempfile.mkdtemp(prefix="pounding_sweep_")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
 def _load(name: str, path: Path) -> ModuleType:
     if name in sys.modules:
         return sys.modules[name]
@@ -122,12 +136,7 @@ def get_kernel(shape: KernelShape) -> Callable[..., Any]:
             try:
                 path = _write(cache_folder(), name, text)
             except OSError:
-                path = _write(Path(tempfile.mkdtemp(prefix="pounding_sweep_")), name, text)
+                path = _write(_own_folder(), name, text)
             module = _load(name, path)
     run: Callable[..., Any] = module.run
     return run
-
-
-def source_digest(shape: KernelShape) -> str:
-    """Name of the kernel's main module, which its whole text decides."""
-    return _texts(shape)[-1][0]

@@ -247,6 +247,8 @@ def _law(shape: KernelShape) -> str:
     pull = "max(v, 0.0)" if law.approach_only else "v"
     speed = "c = c / max(max(vrun, v), RESTING_SPEED)" if law.per_speed else "pass"
     cut = "p" if law.tension else "max(p, 0.0)"
+    # a pulling force jumps to zero at the release; there the frozen law must go on, for the step that locates it
+    guard = "pass" if law.tension else "if not (d > 0.0): return 0.0"
     flags = {
         "APPROACH_ONLY": law.approach_only,
         "CLIPS": law.clips,
@@ -294,15 +296,16 @@ def damper(c, d):
 
 @njit(**OPTIONS)
 def closed_force(k, c, d, v):
-    if not (d > 0.0):
-        return 0.0
-    r = math.sqrt(d)
+    {guard}
+    r = math.sqrt(max(d, 0.0))
     p = {law.elastic} + ({damper}) * {pull}
     return {cut}
 
 
 @njit(**OPTIONS)
 def memoryless(k, c, vrun, d, v):
+    if not (d > 0.0):
+        return 0.0
     {speed}
     return closed_force(k, c, d, v)
 '''

@@ -261,6 +261,7 @@ _DIRECT: dict[str, tuple[str, str]] = {
 }
 
 
+@np.errstate(over="ignore", invalid="ignore")  # the numbers of a diverged scenario, which are not reported
 def variables_of(
     kernel: RowKernel, raw: Mapping[str, np.ndarray], outputs: Sequence[str], record: Record
 ) -> dict[str, Any]:

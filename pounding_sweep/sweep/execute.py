@@ -7,9 +7,12 @@ own scenarios (status ``not_run``), never the batch.
 from __future__ import annotations
 
 import os
+import signal
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -136,17 +139,26 @@ def execute(
     """
     n_workers = check_scheduler(scheduler, workers)
     progress = progress or Progress()
-    table = plan.unique
+    try:
+        outcome = _execute(plan, scheduler, n_workers, store, progress)
+    finally:
+        progress.close()
+    if outcome.failures:
+        shown_failures = "; ".join(sorted(set(outcome.failures))[:3])
+        warnings.warn(
+            f"{len(outcome.failures)} chunks have no result (status not_run): {shown_failures}",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return outcome
+
+
+def _execute(plan: Plan, scheduler: str, workers: int, store: ChunkStore | None, progress: Progress) -> Outcome:
     from pounding_sweep.kernels.prepare import prepare
 
-    last = len(plan.laws) - 1
-    runnable = ~plan.refused
-    kernels: dict[tuple[int, bool], RowKernel] = {
-        (int(law), False): plan.kernel(int(law)) for law in np.unique(table.law[runnable]) if law != last
-    }
-    baseline_needed = bool(runnable.any())
-    if baseline_needed:
-        kernels[last, True] = plan.kernel(last, closing=True)
+    kernels = plan.kernels()
+    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels.values()))
+    progress.stage("kernels", len(shapes))
     started = time.perf_counter()
     shown = 0
 
@@ -156,23 +168,13 @@ def execute(
         progress.advance(ready - shown)
         shown = ready
 
-    shapes = list(dict.fromkeys(k.shape for k in kernels.values()))
-    progress.stage("kernels", len(shapes))
-    compiled = prepare(shapes, n_workers, notify)
+    compiled = prepare(shapes, workers, notify)
     outcome = Outcome(_empty(plan), compiled=compiled, compile_seconds=time.perf_counter() - started)
     outcome.values["status"][plan.refused] = Status.BEYOND_STABILITY_LIMIT
     started = time.perf_counter()
-    if baseline_needed:
-        _run_all(plan, kernels, store, progress, scheduler, n_workers, outcome)
+    if kernels:
+        _run_all(plan, kernels, store, progress, scheduler, workers, outcome)
     outcome.run_seconds = time.perf_counter() - started
-    progress.close()
-    if outcome.failures:
-        shown_failures = "; ".join(sorted(set(outcome.failures))[:3])
-        warnings.warn(
-            f"{len(outcome.failures)} chunks have no result (status not_run): {shown_failures}",
-            RuntimeWarning,
-            stacklevel=2,
-        )
     return outcome
 
 
@@ -331,13 +333,25 @@ def _clients(scheduler: str, workers: int) -> Iterator[Any]:
         with Client(scheduler, set_as_default=False) as client:
             yield client
         return
-    with (
-        LocalCluster(
+    with _deaf_to_interrupt():  # Ctrl-C is for this process; the workers it starts inherit what stands here
+        cluster = LocalCluster(
             n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
-    ):
+        )
+    with cluster, Client(cluster, set_as_default=False) as client:
         yield client
+
+
+@contextmanager
+def _deaf_to_interrupt() -> Iterator[None]:
+    """Ignore SIGINT for a moment; only a main thread can."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _run_distributed(

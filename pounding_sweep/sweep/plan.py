@@ -142,6 +142,15 @@ class Plan:
         reducers = reducers_for(self.spec.outputs) | ({"closing"} if closing else frozenset())
         return RowKernel(self.spec.scene, self.laws[law], self.numerics, reducers, host=self._host(law))
 
+    def kernels(self) -> dict[tuple[int, bool], RowKernel]:
+        """Return the kernels that a run needs by (law, closing); the last law's decides who can touch."""
+        runnable = ~self.refused
+        if not runnable.any():
+            return {}
+        last = len(self.laws) - 1
+        contact = [int(law) for law in np.unique(self.unique.law[runnable]) if law != last]
+        return {**{(law, False): self.kernel(law) for law in contact}, (last, True): self.kernel(last, closing=True)}
+
     def _host(self, law: int) -> Law | None:
         """Return the law of this sweep whose kernel an undamped law can run in.
 
@@ -226,7 +235,7 @@ class Plan:
             "asked": self.n_asked,
             "at_most": self.n_unique,
             "refused": int(self.refused.sum()),
-            "kernels": len({self.laws[i].key for i in np.unique(self.unique.law[rows])}),
+            "kernels": len({kernel.shape for kernel in self.kernels().values()}),
             "steps": {r.name: (r.n_points - 1) * self.numerics.steps(r) for r in self.spec.records},
             "seconds": seconds / max(1, workers),
             "cube_bytes": self.n_asked * self.bytes_per_scenario,
@@ -270,18 +279,17 @@ def make_plan(spec: SweepSpec) -> Plan:
     restitution = np.where(takes[law], restitution, 1.0)
     stiffness = np.where(ignores_all, 0.0, stiffness)
     gap_rows = np.where(ignores_all, len(gap_table), gap_rows)
-    codes = np.zeros(len(law), dtype=np.int64)
-    columns = []
-    for column in (record, law, scale, stiffness, restitution, gap_rows):
+    codes, size = np.zeros(len(law), dtype=np.int64), 1
+    columns = (record, law, scale, stiffness, restitution, gap_rows)
+    for column in columns:
         values, index = np.unique(column, return_inverse=True)
-        columns.append(values)
-        codes = codes * len(values) + index.reshape(-1)
-    found, inverse = np.unique(codes, return_inverse=True)
-    picked = []
-    for values in reversed(columns):
-        picked.append(values[found % len(values)])
-        found = found // len(values)
-    gap_u, e_u, k_u, scale_u, law_u, record_u = picked
+        if size * len(values) >= 2**62:  # many listed cases: renumber before the codes overflow
+            found, codes = np.unique(codes, return_inverse=True)
+            size = len(found)
+        codes = codes * len(values) + index
+        size *= len(values)
+    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
+    record_u, law_u, scale_u, k_u, e_u, gap_u = (column[first] for column in columns)
     gaps = np.vstack([gap_table, np.full((1, gap_table.shape[1]), np.inf)])[gap_u.astype(int)]
     unique = Scenarios(law_u.astype(int), record_u.astype(int), scale_u, k_u, e_u, gaps)
     limit = np.full(len(unique), np.inf)

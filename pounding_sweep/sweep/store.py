@@ -178,7 +178,7 @@ class ChunkStore:
         if found.get("format") != FORMAT:
             msg = (
                 f"the chunks in {str(self.folder)!r} have format {found.get('format')!r}, not {FORMAT}: another "
-                "version of pounding_sweep wrote them. Continue with that version, start afresh, or remove the folder"
+                "version of pounding_sweep wrote them. Continue with that version, or remove the folder"
             )
             raise OutputError(msg)
         if found.get("identity") != self.identity:
@@ -193,7 +193,7 @@ class ChunkStore:
             msg = (
                 f"the chunks in {str(self.folder)!r} belong to another sweep: identity {found.get('identity')!r} "
                 f"there, {self.identity!r} here{what}. "
-                "Give another output path, go back to the sweep that began there, start afresh, or remove the folder"
+                "Give another output path, go back to the sweep that began there, or remove the folder"
             )
             raise OutputError(msg)
         return True

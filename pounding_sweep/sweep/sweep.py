@@ -158,7 +158,7 @@ class Sweep:
         _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of")
         store = None
         if target is not None:
-            details = {"sweep": plan.digest, "package": package_version(), "kernels": kernel_digest(plan)}
+            details = {"sweep": plan.digest, "package": package_version(), "source": package_digest()}
             identity = hashlib.sha256(json.dumps(details, sort_keys=True).encode()).hexdigest()
             store = ChunkStore(Path(f"{target}.parts"), identity, details).open()
         outcome = execute(plan, scheduler=scheduler, workers=workers, store=store, progress=progress)
@@ -203,12 +203,19 @@ def load_sweep(path: str | os.PathLike[str]) -> Sweep:
     return Sweep.from_spec(load_spec(path))
 
 
-def kernel_digest(plan: Plan) -> str:
-    """Digest of the generated text of every kernel of a plan."""
-    from pounding_sweep.kernels.cache import source_digest
+def package_digest() -> str:
+    """Digest of the package's own source: chunks of another version of it are never taken up."""
+    from importlib.resources import files
 
-    shapes = [plan.kernel(int(law)).shape for law in np.unique(plan.unique.law)]
-    return hashlib.sha256("".join(source_digest(shape) for shape in shapes).encode()).hexdigest()
+    found = hashlib.sha256()
+    folders = [files("pounding_sweep")]
+    while folders:
+        for entry in sorted(folders.pop().iterdir(), key=lambda e: e.name):
+            if entry.is_dir() and entry.name != "__pycache__":
+                folders.append(entry)
+            elif entry.name.endswith(".py"):
+                found.update(entry.name.encode() + b"\0" + entry.read_bytes())
+    return found.hexdigest()
 
 
 def make_cube(plan: Plan, outcome: Outcome) -> xr.Dataset:

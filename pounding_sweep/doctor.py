@@ -1,0 +1,110 @@
+"""What this installation runs on: versions, processor, kernel cache and record folders."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+#: Distributions whose versions matter, in the order in which they are shown.
+PACKAGES = (
+    "pounding-sweep",
+    "numpy",
+    "numba",
+    "llvmlite",
+    "xarray",
+    "netCDF4",
+    "dask",
+    "distributed",
+    "matplotlib",
+    "pydantic",
+    "rich",
+    "typer",
+)
+
+#: Register width (bits) by the processor feature that brings it, widest first.
+_WIDTHS = {"avx512f": 512, "avx": 256, "sse2": 128, "neon": 128}
+
+
+def diagnose() -> dict[str, Any]:
+    """Look at the installation; changes nothing.
+
+    Returns
+    -------
+    dict
+        ``versions`` (distribution -> version or None), ``processor`` (name, features,
+        vector width in bits, cores), ``kernel_cache`` (folder, kernels, bytes),
+        ``record_folders`` (path, record files), ``problems`` (texts with remedies).
+    """
+    problems: list[str] = []
+    versions: dict[str, str | None] = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = None
+            problems.append(f"{name} is not installed; install the package: pip install .")
+    cache = _cache(problems)
+    return {
+        "versions": versions,
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "processor": _processor(),
+        "kernel_cache": cache,
+        "record_folders": _record_folders(problems),
+        "problems": problems,
+    }
+
+
+def _processor() -> dict[str, Any]:
+    from llvmlite import binding
+
+    from pounding_sweep.kernels.shape import LANES
+
+    features = sorted(name for name, present in binding.get_host_cpu_features().items() if present)
+    width = next((bits for name, bits in _WIDTHS.items() if name in features), None)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "name": binding.get_host_cpu_name(),
+        "vector_bits": width,
+        "lanes_per_kernel": LANES,
+        "cores_usable": cores,
+        "cores": os.cpu_count(),
+        "features": features,
+    }
+
+
+def _cache(problems: list[str]) -> dict[str, Any]:
+    from pounding_sweep.kernels.cache import CACHE_VARIABLE, cache_folder
+
+    folder = cache_folder()
+    files = [path for path in folder.rglob("pounding_kernel_*") if path.is_file()]
+    kernels = {path.name.partition(".")[0] for path in files if path.suffix == ".nbi" and ".run-" in path.name}
+    parent = next((path for path in (folder, *folder.parents) if path.exists()), Path())
+    if not (parent.is_dir() and os.access(parent, os.W_OK)):
+        problems.append(
+            f"the kernel cache {str(folder)!r} can't be written, so every run compiles its kernels anew; "
+            f"name another folder in {CACHE_VARIABLE}"
+        )
+    return {"folder": str(folder), "kernels": len(kernels), "bytes": sum(path.stat().st_size for path in files)}
+
+
+def _record_folders(problems: list[str]) -> list[dict[str, Any]]:
+    from pounding_sweep.records import RECORD_SUFFIXES, RECORDS_VARIABLE
+
+    found = []
+    for part in os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep):
+        if not part.strip():
+            continue
+        folder = Path(part).expanduser()
+        if not folder.is_dir():
+            problems.append(f"{str(folder)!r}, named in {RECORDS_VARIABLE}, is no folder; make it or mend the variable")
+            continue
+        try:
+            files = sum(path.suffix.lower() in RECORD_SUFFIXES for path in folder.iterdir())
+        except OSError as error:
+            problems.append(f"{str(folder)!r}, named in {RECORDS_VARIABLE}, can't be read ({error.strerror})")
+            continue
+        found.append({"folder": str(folder), "files": files})
+    return found

@@ -1,0 +1,270 @@
+"""Compiled kernels on disk: never a stale one, never one too many."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+import pytest
+
+from pounding_sweep.contact.laws import get_law
+from pounding_sweep.kernels import cache, driver
+from pounding_sweep.kernels.cache import get_kernel, is_cached, module_name, source_digest
+from pounding_sweep.kernels.prepare import from_json, prepare, to_json
+from pounding_sweep.records import Record
+from pounding_sweep.scene import Building, Scene, Wall
+from pounding_sweep.sweep.blocks import Numerics, RowKernel
+
+LINEAR = get_law("linear")
+DOUBLED = dataclasses.replace(LINEAR, elastic="2.0*k*d", elastic_slope="2.0*k")
+SCENE = Scene([Building("a", [100.0], [1e4]), Wall()], gaps=[0.005])
+RECORD = Record("shake", 0.02, 3.0 * np.sin(0.14 * np.arange(100)))
+
+
+def kernel_of(law=LINEAR, reducers=("force",), scene=SCENE):
+    """A small kernel that compiles in two seconds."""
+    return RowKernel(scene, law, Numerics("rk4", 0.005, locate=False), frozenset(reducers))
+
+
+def peak(law=LINEAR, k=2e5, scale=1.0, gap=0.005):
+    one = np.ones(1)
+    raw = kernel_of(law).run(RECORD, scale=scale * one, gaps=gap * one[None], stiffness=k * one, restitution=one)
+    assert raw["flags"][0, 0] == 0
+    return float(raw["fmax"][0, 0])
+
+
+def forget():
+    """Be as a process that has loaded no kernel yet."""
+    get_kernel.cache_clear()
+    for name in [name for name in sys.modules if name.startswith("pounding_kernel_")]:
+        del sys.modules[name]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty cache, in a process that has loaded nothing."""
+    monkeypatch.setenv(cache.CACHE_VARIABLE, str(tmp_path / "kernels"))
+    forget()
+    yield tmp_path / "kernels"
+    forget()
+
+
+def files(folder):
+    """Every file but the marks of use, with its content."""
+    return {
+        str(p.relative_to(folder)): hashlib.sha256(p.read_bytes()).hexdigest()
+        for p in folder.rglob("*")
+        if p.is_file() and p.suffix != ".used"
+    }
+
+
+def hits_and_misses(run):
+    return sum(run.stats.cache_hits.values()), sum(run.stats.cache_misses.values())
+
+
+FRESH = """
+import json
+import test_cache as t
+run = t.get_kernel(t.kernel_of().shape)
+print(json.dumps({"hits": t.hits_and_misses(run), "peak": t.peak().hex()}))
+"""
+
+
+def fresh_process():
+    here = os.path.dirname(__file__)
+    path = os.pathsep.join([here, os.path.dirname(here), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, "-c", FRESH],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout)
+
+
+def test_a_warm_cache_compiles_nothing_and_does_not_grow(folder):
+    shape = kernel_of().shape
+    assert not is_cached(shape)
+    assert not folder.exists()  # asking makes nothing
+    run = get_kernel(shape)
+    assert hits_and_misses(run) == (0, 1)
+    assert is_cached(shape)
+    assert not is_cached(kernel_of(DOUBLED).shape)
+    assert not is_cached(kernel_of(reducers=("count",)).shape)
+    first, value = files(folder), peak()
+    assert value > 0
+    assert len([name for name in first if name.endswith(".nbi")]) >= 1
+    # named by what is in them
+    texts = list(folder.glob("*.py"))
+    assert len(texts) == 2
+    for path in texts:
+        assert path.stem == module_name(path.read_text(encoding="utf-8"))
+    assert source_digest(shape) in {path.stem for path in texts}
+    # this process, as if fresh; then two that really are
+    forget()
+    assert hits_and_misses(get_kernel(shape)) == (1, 0)
+    assert peak() == value
+    for _ in range(2):
+        assert fresh_process() == {"hits": [1, 0], "peak": value.hex()}
+        assert files(folder) == first
+
+
+def test_an_edited_law_is_another_kernel(folder):
+    before = peak(k=2e5)
+    assert peak(DOUBLED, k=1e5) == before  # 2 k d: another text, the same numbers
+    assert peak(DOUBLED, k=2e5) > 1.1 * before
+    names = [source_digest(kernel_of(law).shape) for law in (LINEAR, DOUBLED)]
+    assert names[0] != names[1]
+    assert {p.stem for p in folder.glob("*.py")} > set(names)
+    assert len(list(folder.glob("*.py"))) == 3  # the part that knows no law is shared
+    # what does not change the text changes nothing
+    renamed = dataclasses.replace(LINEAR, title="Another title", reference="-")
+    assert source_digest(kernel_of(renamed).shape) == names[0]
+
+
+def digest_with(monkeypatch, edit, shape):
+    with monkeypatch.context() as patch:
+        edit(patch)
+        return source_digest(shape)
+
+
+def commented(template):
+    """An edit of a template."""
+    true_functions = driver._functions
+
+    def functions(name, only=()):
+        return true_functions(name, only) + ("\n# edited\n" if name == template else "")
+
+    return lambda patch: patch.setattr(driver, "_functions", functions)
+
+
+def test_an_edited_generator_is_another_kernel(folder, monkeypatch):
+    """The edit is in a module that the main one only imports: even then the main one is not a stale one."""
+    before, doubled = peak(), peak(k=4e5, scale=2.0, gap=0.01)
+    digest, true_begin = source_digest(kernel_of().shape), driver.emit_begin
+
+    def begin(*args):
+        text = true_begin(*args)
+        assert "S[c] = X[group, c]" in text
+        return text.replace("S[c] = X[group, c]", "S[c] = 2.0 * X[group, c]")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(driver, "emit_begin", begin)
+        assert source_digest(kernel_of().shape) != digest
+        forget()
+        assert peak() == doubled != before
+    forget()
+    assert peak() == before  # and back: the first kernel is still there
+    assert hits_and_misses(get_kernel(kernel_of().shape)) == (1, 0)
+
+
+def test_every_part_of_the_text_is_in_the_name(monkeypatch):
+    """An edit of any text that a kernel is made of gives another name, and none gives the same."""
+    scene = Scene([Building("a", [100.0, 90.0], [1e4, 1e4]), Building("b", [80.0], [2e4])], gaps=[0.005])
+    shapes = {
+        method: RowKernel(
+            scene, get_law("kelvin_voigt"), Numerics(method, 0.005), frozenset({"force", "work", "energy"})
+        ).shape
+        for method in ("rk4", "newmark")
+    }
+
+    def wrapped(name):
+        true = getattr(driver, name)
+        return lambda patch: patch.setattr(driver, name, lambda *args: true(*args) + "\n# edited\n")
+
+    edits = {
+        name: wrapped(name) for name in ("_law", "emit_run", "emit_turns", "emit_energy", "emit_fly", "emit_begin")
+    }
+    edits["prelude"] = lambda patch: patch.setattr(driver, "PRELUDE", driver.PRELUDE + "# edited\n")
+    edits["constant"] = lambda patch: patch.setattr(driver, "CONTACT_CAP", 1.1)
+    edits["signature"] = lambda patch: patch.setattr(cache, "SIGNATURE", cache.SIGNATURE + " ")
+    edits |= {f"template {name}": commented(name) for name in ("located", "motion", "energy")}
+    names = [digest_with(monkeypatch, edit, shapes["rk4"]) for edit in edits.values()]
+    names.append(source_digest(shapes["rk4"]))
+    names.append(source_digest(shapes["newmark"]))
+    assert len(set(names)) == len(edits) + 2
+    assert source_digest(shapes["rk4"]) == names[-2]
+    for template in ("implicit", "compliance"):
+        assert digest_with(monkeypatch, commented(template), shapes["newmark"]) != names[-1]
+
+
+def test_a_file_that_is_not_what_its_name_says_is_replaced(folder):
+    before = peak()
+    path = folder / f"{source_digest(kernel_of().shape)}.py"
+    text = path.read_text(encoding="utf-8")
+    path.write_text("def run(*args):\n    pass\n", encoding="utf-8")
+    forget()
+    assert peak() == before
+    assert path.read_text(encoding="utf-8") == text
+    # equal text is the same kernel, whoever wrote it and when: nothing was compiled again
+    assert hits_and_misses(get_kernel(kernel_of().shape)) == (1, 0)
+
+
+def test_a_folder_that_cannot_be_written_costs_the_cache_not_the_run(tmp_path, monkeypatch):
+    regular = tmp_path / "regular"
+    regular.write_text("not a folder")
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setenv(cache.CACHE_VARIABLE, str(regular / "kernels"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    forget()
+    try:
+        assert not is_cached(kernel_of().shape)
+        assert peak() > 0
+        assert not is_cached(kernel_of().shape)
+    finally:
+        forget()
+    assert regular.read_text() == "not a folder"
+
+
+def test_kernels_unused_for_long_are_removed(folder):
+    old, new = kernel_of().shape, kernel_of(DOUBLED).shape
+    for shape in (old, new):
+        get_kernel(shape)
+    name = source_digest(old)
+    long_ago = time.time() - cache.KEEP_SECONDS - 10.0
+    almost = time.time() - cache.KEEP_SECONDS + 3600.0
+    os.utime(folder / f"{name}.used", (long_ago, long_ago))
+    os.utime(folder / f"{source_digest(new)}.used", (almost, almost))
+    assert is_cached(old)
+    cache._write(folder, module_name("x = 1\n"), "x = 1\n")  # a new kernel is when the folder is tidied
+    assert not is_cached(old)
+    assert not list(folder.rglob(f"{name}*"))
+    assert is_cached(new)
+    assert len(list(folder.glob("*.py"))) == 3  # the row module that both use, the other main module, and the new one
+    # a kernel that is used is marked so
+    forget()
+    get_kernel(new)
+    for path in folder.glob("*.used"):
+        assert time.time() - path.stat().st_mtime < 600.0
+
+
+def test_shapes_travel_as_plain_data():
+    scene = Scene([Building("a", [1.0, 2.0], [3.0, 4.0]), Building("b", [1.0], [3.0]), Wall()], gaps=[0.1, 0.2])
+    for law in ("none", "linear", "nonlinear_viscoelastic", "hertz_damped", "kelvin_voigt_tension"):
+        for method in ("rk4", "newmark"):
+            for history in (False, True):
+                kernel = RowKernel(scene, get_law(law), Numerics(method, 0.01), frozenset({"force", "drift"}), history)
+                assert from_json(json.loads(json.dumps(to_json(kernel.shape)))) == kernel.shape
+
+
+def test_kernels_are_compiled_side_by_side(folder):
+    shapes = [kernel_of().shape, kernel_of(DOUBLED).shape]
+    told = []
+    assert prepare([*shapes, shapes[0]], workers=2, notify=lambda ready, total: told.append((ready, total))) == 2
+    assert told == [(1, 2), (2, 2)]
+    assert all(is_cached(shape) for shape in shapes)
+    # the second was compiled by another process and only loaded here
+    assert [hits_and_misses(get_kernel(shape)) for shape in shapes] == [(0, 1), (1, 0)]
+    assert peak(DOUBLED, k=1e5) == peak(k=2e5) > 0
+    before = files(folder)
+    forget()
+    assert prepare(shapes, workers=2) == 0
+    assert files(folder) == before

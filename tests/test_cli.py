@@ -1,0 +1,672 @@
+"""The command line as users meet it: in its own process, by what it prints and how it ends."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from rich.console import Console
+
+from pounding_sweep.contact import LAWS
+from pounding_sweep.cube.variables import STATUS, Status
+from pounding_sweep.progress import TerminalProgress, make_progress
+from pounding_sweep.records import KNOWN_RECORDS
+from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.sweep.store import MANIFEST
+from pounding_sweep.sweep.summary import status_table, summary_table
+
+ROOT = Path(__file__).resolve().parent.parent
+QUICKSTART = ROOT / "sweeps" / "quickstart.toml"
+#: Whether a process heeds SIGINT is inherited; this one does, whatever started the tests.
+HEEDING = (
+    "import runpy, signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "runpy.run_module('pounding_sweep', run_name='__main__', alter_sys=True)"
+)
+
+#: The scene and laws of the README's example, so that both use the same kernels.
+TINY = """\
+title = "Tiny"
+
+[scene]
+gaps = [0.002]
+contact = { linear_stiffness = 1e6, restitution = 0.6 }
+
+[[scene.row]]
+name = "high"
+masses = [100.0, 90.0]
+stiffnesses = [8e4, 7e4]
+
+[[scene.row]]
+name = "low"
+masses = [120.0]
+stiffnesses = [2e5]
+
+[sweep]
+records = [{ pulse = "sine", amplitude = 5.0, period = 0.5, dt = 0.01, duration = 2.0 }]
+laws = ["kelvin_voigt", "none"]
+gaps = [0.001, 0.005, 9.0]
+restitutions = [0.4, 0.8]
+
+[solver]
+dt = 1e-3
+"""
+#: Eight chunks; more than enough steps to be interrupted in.
+LONG = (
+    TINY.replace("gaps = [0.001, 0.005, 9.0]", "gaps = { start = 1e-4, stop = 5e-3, count = 128 }")
+    .replace("restitutions = [0.4, 0.8]", "")
+    .replace("dt = 1e-3", "dt = 1e-6")
+)
+
+
+def environment(**more):
+    env = {key: value for key, value in os.environ.items() if key not in ("POUNDING_SWEEP_RECORDS", "FORCE_COLOR")}
+    paths = [str(ROOT), env.get("PYTHONPATH", "")]
+    return {**env, "PYTHONPATH": os.pathsep.join(filter(None, paths)), **more}
+
+
+def cli(*args, cwd=None, code=0, env=None, start=("-m", "pounding_sweep")):
+    """Run the command line; returns what it printed, having checked its exit code."""
+    done = subprocess.run(
+        [sys.executable, *start, *map(str, args)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env=environment(**(env or {})),
+        stdin=subprocess.DEVNULL,
+        check=False,
+        timeout=600,
+    )
+    assert done.returncode == code, done.stderr
+    return done
+
+
+def bad(*args, **more):
+    """Run what must be refused; returns the message, having checked that there is nothing else."""
+    done = cli(*args, code=2, **more)
+    assert done.stdout == ""
+    assert "Traceback" not in done.stderr
+    assert done.stderr.startswith("pounding-sweep: error: ")
+    return done.stderr.removeprefix("pounding-sweep: error: ").rstrip("\n")
+
+
+def write(folder, text, name="sweep.toml"):
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def edited(old, new):
+    assert TINY.count(old) == 1
+    return TINY.replace(old, new)
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory):
+    """The tiny sweep, run once: its folder, what was printed."""
+    folder = tmp_path_factory.mktemp("tiny")
+    write(folder, TINY)
+    return folder, cli("run", "sweep.toml", "-o", "out.nc", cwd=folder)
+
+
+# -- without a sweep ---------------------------------------------------------------------------------------------------
+
+
+def test_help_lists_the_commands():
+    text = cli("--help").stdout
+    for command in ("run", "plan", "info", "plot", "laws", "records", "doctor", "--version"):
+        assert re.search(rf"^ +{command} ", text, re.MULTILINE), command
+    assert "--install-completion" not in text
+
+
+@pytest.mark.parametrize("command", ["run", "plan", "info", "plot", "laws", "records", "doctor"])
+def test_every_command_has_help(command):
+    assert f"pounding-sweep {command}" in cli(command, "--help").stdout
+
+
+HEAVY = ("numba", "llvmlite", "dask", "distributed", "matplotlib", "xarray", "netCDF4", "pydantic", "numpy")
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import pounding_sweep",
+        "import pounding_sweep.cli",
+        "sys.argv[1:] = ['--help']; from pounding_sweep.cli import main; main()",
+        "sys.argv[1:] = ['--version']; from pounding_sweep.cli import main; main()",
+    ],
+)
+def test_starting_loads_nothing_heavy(statement):
+    code = f"""
+    import sys
+    try:
+        {statement}
+    except SystemExit as end:
+        assert not end.code
+    print(*sorted(set({HEAVY!r}) & set(sys.modules)), file=sys.stderr)
+    """
+    assert cli(start=("-c", textwrap.dedent(code))).stderr.split() == []
+
+
+def test_version():
+    assert re.fullmatch(r"pounding-sweep \S.*\n", cli("--version").stdout)
+
+
+def test_laws_lists_the_registry_in_full():
+    text = cli("laws", env={"COLUMNS": "40"}).stdout
+    for law in LAWS.values():
+        line = next(line for line in text.splitlines() if line.startswith(f"{law.key} "))
+        for part in (law.model, law.formula, law.stiffness_unit, law.validity, law.number_text, law.reference):
+            assert part in line
+
+
+def test_laws_as_json():
+    found = json.loads(cli("laws", "--json").stdout)
+    assert [row["key"] for row in found] == list(LAWS)
+    assert found[1]["stiffness_unit"] == "kN m-1"
+    assert {row["source"] for row in found} == {law.reference for law in LAWS.values()}
+
+
+def at2(points, said=None):
+    values = "".join(f"{0.1 * (-1) ** i:15.7E}" + "\n" * (i % 5 == 4) for i in range(points))
+    return (
+        "PEER STRONG MOTION DATABASE RECORD\nNORTHRIDGE 01/17/94, ARLETA, 090\n"
+        f"ACCELERATION TIME HISTORY IN UNITS OF G\nNPTS= {said or points}, DT= .02000 SEC\n{values}\n"
+    )
+
+
+def test_records_lists_what_is_there_and_what_is_missing(tmp_path):
+    (tmp_path / "ARL090.AT2").write_text(at2(50))
+    (tmp_path / "short.AT2").write_text(at2(50, said=60))
+    done = cli("records", "--records", tmp_path)
+    assert re.search(r"^el_centro +0\.3188 +0\.02 +1560 +31\.18 +Imperial Valley", done.stdout, re.MULTILINE)
+    assert re.search(r"^arleta +0\.1000 +0\.02 +50 +0\.98 ", done.stdout, re.MULTILINE)
+    assert "short" not in done.stdout
+    assert done.stderr.startswith("pounding-sweep: warning: ")
+    assert "short" in done.stderr
+    missing = done.stdout.partition("not at hand")[2]
+    assert "RSN 1077" in missing
+    assert "ngawest2" in missing
+    assert "arleta" not in missing
+    found = json.loads(cli("records", "--json", env={"POUNDING_SWEEP_RECORDS": str(tmp_path)}).stdout)
+    assert [row["name"] for row in found["records"]] == ["el_centro", "arleta"]
+    assert [row["name"] for row in found["unreadable"]] == ["short"]
+    assert {row["name"] for row in found["missing"]} == set(KNOWN_RECORDS) - {"el_centro", "arleta"}
+
+
+def test_doctor(tmp_path):
+    env = {"POUNDING_SWEEP_CACHE": str(tmp_path / "kernels"), "POUNDING_SWEEP_RECORDS": str(tmp_path / "gone")}
+    text = cli("doctor", env=env).stdout
+    for part in ("numba", "llvmlite", "features", "vectors", "cores", str(tmp_path / "kernels"), "gone", "Problems"):
+        assert part in text
+    assert not (tmp_path / "kernels").exists()
+    found = json.loads(cli("doctor", "--json", env=env).stdout)
+    assert found["kernel_cache"] == {"folder": str(tmp_path / "kernels"), "kernels": 0, "bytes": 0}
+    assert found["processor"]["cores_usable"] >= 1
+    assert found["versions"]["numba"]
+
+
+# -- planning ----------------------------------------------------------------------------------------------------------
+
+
+def test_plan_of_the_quickstart_runs_nothing(tmp_path):
+    cache = tmp_path / "kernels"
+    done = cli("plan", QUICKSTART, env={"POUNDING_SWEEP_CACHE": str(cache)}, cwd=tmp_path)
+    assert "1008 asked, at most 649 to run" in done.stdout
+    assert "never touch" in done.stdout
+    assert "31180 (el_centro)" in done.stdout
+    assert done.stderr == ""
+    assert list(tmp_path.iterdir()) == []
+    found = json.loads(cli("plan", QUICKSTART, "--json", "--workers", 3).stdout)
+    assert (found["asked"], found["at_most"], found["refused"], found["workers"]) == (1008, 649, 0, 3)
+
+
+def test_plan_says_what_is_refused(tmp_path):
+    text = cli("plan", write(tmp_path, edited("[solver]", "stiffness_factors = [1.0, 1e5]\n[solver]"))).stdout
+    assert re.search(r"^refused +6: beyond the stability limit; .*smaller dt", text, re.MULTILINE)
+
+
+# -- running -----------------------------------------------------------------------------------------------------------
+
+
+def test_run_prints_a_summary_and_the_path(tiny):
+    folder, done = tiny
+    lines = done.stdout.splitlines()
+    assert lines[0].split() == ["law", "pair", "peak", "force", "kN", "impacts", "median", "touching"]
+    assert lines[1].startswith("kelvin_voigt")
+    assert lines[1].endswith("4/6")
+    assert lines[2].split() == ["none", "high-low", "0", "0", "-", "0/6"]
+    # two gaps and two restitutions run, and once without pounding; the two at 9 m never touch; none counts once
+    assert "scenarios  12 asked, 5 run" in lines
+    assert "not run    2 never touch, 5 equal another scenario" in lines
+    assert lines[-1] == "out.nc"
+    assert done.stderr == ""  # no terminal, no progress
+    assert sorted(path.name for path in folder.iterdir()) == ["out.nc", "sweep.toml"]
+    with xr.open_dataset(folder / "out.nc") as cube:
+        assert dict(cube.sizes)["gap"] == 3
+        assert float(cube.impact_force_max.max()) > 0
+
+
+def test_info_describes_the_cube(tiny):
+    folder, _ = tiny
+    text = cli("info", folder / "out.nc").stdout
+    assert text.startswith("Tiny\n")
+    for part in ("12 scenarios asked, 5 run", "impact_force_max", "restitution", "sine", "numba"):
+        assert part in text
+
+
+def test_run_as_json_equals_the_table(tiny, tmp_path):
+    folder, printed = tiny
+    done = cli("run", folder / "sweep.toml", "-o", tmp_path / "again.nc", "--json", "--scheduler", "synchronous")
+    found = json.loads(done.stdout)
+    assert found["scenarios"] == {"asked": 12, "run": 5, "reused": 0, "never_touching": 2, "broadcast": 5}
+    assert found["cube"] == str(tmp_path / "again.nc")
+    assert (found["failures"], found["warnings"], done.stderr) == ([], [], "")
+    assert [item["label"] for item in found["statuses"]] == ["ok"]
+    row = found["summary"][0]
+    assert (row["law"], row["pair"], row["touching"], row["scenarios"]) == ("kelvin_voigt", "high-low", 4, 6)
+    assert f"{row['peak_force']:.0f}" in printed.stdout
+    same_data(folder / "out.nc", tmp_path / "again.nc")
+
+
+def same_data(first, second):
+    with xr.open_dataset(first) as a, xr.open_dataset(second) as b:
+        xr.testing.assert_identical(a.load().drop_attrs(deep=False), b.load().drop_attrs(deep=False))
+
+
+def test_run_overwrites_only_when_told(tiny, tmp_path):
+    folder, _ = tiny
+    out = write(tmp_path, "mine", "out.nc")
+    text = bad("run", folder / "sweep.toml", "-o", out)
+    assert "exists" in text
+    assert "--overwrite" in text
+    assert out.read_text() == "mine"
+    cli("run", folder / "sweep.toml", "-o", out, "--overwrite", "--quiet")
+    same_data(folder / "out.nc", out)
+
+
+def test_run_says_what_is_wrong_with_scenarios_and_how_to_mend_it(tmp_path):
+    sweep = write(tmp_path, edited("[solver]", "stiffness_factors = [1e5]\n[solver]").replace(', "none"', ""))
+    done = cli("run", sweep, "-o", tmp_path / "out.nc")  # all are refused: no kernel is needed
+    status = Status.BEYOND_STABILITY_LIMIT
+    assert f"{status.label}  6: {status.meaning}; {status.remedy}" in re.sub("  +", "  ", done.stdout)
+    assert re.search(r"^kelvin_voigt +high-low +- +- +- +0/0$", done.stdout, re.MULTILINE)
+
+
+def test_a_chunk_that_fails_is_told_and_the_rest_is_kept(tiny, tmp_path):
+    folder, _ = tiny
+    code = """
+        from pounding_sweep import cli
+        from pounding_sweep.sweep import execute
+
+        real = execute.run_chunk
+        execute.run_chunk = lambda kernel, *more: real(kernel, *more) if kernel.law.key == "none" else "on purpose"
+        cli.main()
+    """
+    args = ("run", folder / "sweep.toml", "-o", tmp_path / "out.nc")
+    done = cli(*args, code=1, start=("-c", textwrap.dedent(code)))
+    assert done.stderr.count("on purpose") == 1
+    assert "pounding-sweep: warning: " in done.stderr
+    assert f"{tmp_path / 'out.nc'}.parts" in done.stderr
+    assert "not_run" in done.stdout
+    assert done.stdout.splitlines()[-1] == str(tmp_path / "out.nc")
+    cli(*args, "--overwrite")
+    same_data(folder / "out.nc", tmp_path / "out.nc")
+    assert not (tmp_path / "out.nc.parts").exists()
+
+
+def test_an_unforeseen_error_exits_with_1(tiny, tmp_path):
+    folder, _ = tiny
+    code = """
+        from pounding_sweep import cli
+        from pounding_sweep.sweep import execute
+
+        def fail(*args):
+            raise ZeroDivisionError("by chance")
+
+        execute.untouched = fail
+        cli.main()
+    """
+    done = cli("run", folder / "sweep.toml", "-o", tmp_path / "o.nc", code=1, start=("-c", textwrap.dedent(code)))
+    assert "pounding-sweep: failed: ZeroDivisionError: by chance; nothing was finished yet" in done.stderr
+    assert done.stdout == ""
+
+
+def test_an_interrupted_run_continues_to_the_same_cube(tmp_path):
+    write(tmp_path, LONG)
+    args = [sys.executable, "-c", HEEDING, "run", "sweep.toml", "--workers", "1", "-o"]
+    more = {"cwd": tmp_path, "env": environment(), "text": True, "stdin": subprocess.DEVNULL}
+    manifest = tmp_path / "out.nc.parts" / MANIFEST
+    with subprocess.Popen([*args, "out.nc"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, **more) as process:
+        limit = time.monotonic() + 300
+        while process.poll() is None and not (manifest.exists() and manifest.stat().st_size):
+            assert time.monotonic() < limit
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=300)
+    assert process.returncode == 130, err
+    assert out == ""
+    assert re.fullmatch(
+        r"pounding-sweep: interrupted; \d+ finished chunks are kept in out\.nc\.parts: .*again.*\n", err
+    )
+    assert not (tmp_path / "out.nc").exists()
+    kept = len(manifest.read_text().splitlines())
+    assert 1 <= kept < 8
+
+    found = json.loads(cli("run", "sweep.toml", "-o", "out.nc", "--json", cwd=tmp_path).stdout)
+    assert found["scenarios"]["reused"] == 16 * kept
+    assert found["scenarios"]["run"] == 129 - 16 * kept
+    assert not manifest.parent.exists()
+    cli("run", "sweep.toml", "-o", "whole.nc", cwd=tmp_path)
+    same_data(tmp_path / "out.nc", tmp_path / "whole.nc")
+
+
+# -- progress ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_progress_is_shown_on_a_terminal_unless_quiet(tiny, tmp_path, quiet):
+    folder, _ = tiny
+    ours, theirs = pty.openpty()
+    shown = bytearray()
+
+    def read():
+        try:
+            while part := os.read(ours, 4096):
+                shown.extend(part)
+        except OSError:  # the other end is closed
+            pass
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    args = [sys.executable, "-m", "pounding_sweep", "run", folder / "sweep.toml", "-o", tmp_path / "out.nc"]
+    try:
+        done = subprocess.run(
+            [*args, *(["--quiet"] if quiet else [])],
+            stdout=subprocess.PIPE,
+            stderr=theirs,
+            stdin=subprocess.DEVNULL,
+            env=environment(TERM="xterm"),
+            check=True,
+            timeout=300,
+        )
+    finally:
+        os.close(theirs)
+        reader.join()
+        os.close(ours)
+    assert (b"scenarios" in shown) is not quiet
+    assert bool(shown) is not quiet
+    assert done.stdout.splitlines()[-1] == bytes(tmp_path / "out.nc")
+
+
+def test_progress_counts_stages_and_bears_unknown_totals():
+    file = io.StringIO()
+    progress = TerminalProgress(Console(file=file, force_terminal=True, width=120))
+    progress.advance(1)  # before any stage: nothing to count
+    progress.stage("kernels", 0)
+    progress.advance(2)
+    progress.stage("scenarios", 3)
+    progress.advance(3)
+    progress.stage("something else", 5)
+    progress.close()
+    progress.close()
+    shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", file.getvalue())
+    assert "something else" in shown
+    assert "0/5" in shown
+
+
+def test_progress_is_silent_where_stderr_is_no_terminal(capsys):
+    progress = make_progress()
+    assert type(progress) is Progress
+    assert type(make_progress(quiet=True)) is Progress
+    progress.stage("kernels", 1)
+    progress.advance(1)
+    progress.close()
+    assert capsys.readouterr() == ("", "")
+
+
+# -- bad input ---------------------------------------------------------------------------------------------------------
+
+FAULTY = """\
+title = "Everything at once"
+[scene]
+gaps = [-0.002]
+[[scene.row]]
+name = "high"
+masses = [100.0, -90.0]
+stiffnesses = [8e4, 7e4, 6e4]
+[[scene.row]]
+name = "low"
+masses = [120.0]
+stiffness = [2e5]
+[sweep]
+records = [
+    "el_centroo",
+    "arleta",
+    { path = "nan.csv", units = "g" },
+    { path = "short.AT2" },
+    { path = "no_dt.txt", units = "g" },
+    { path = "empty.csv", units = "g" },
+    { path = "there.csv", units = "furlong" },
+]
+laws = ["linaer", "hertz"]
+gaps = []
+restitutions = [0.6, 1.5]
+[solver]
+method = "rk5"
+"""
+
+
+def test_all_errors_of_a_file_are_told_at_once_with_their_lines(tmp_path):
+    write(tmp_path, FAULTY)
+    write(tmp_path, "0,0\n0.01,nan\n0.02,1\n", "nan.csv")
+    write(tmp_path, at2(50, said=60), "short.AT2")
+    write(tmp_path, "0.1\n0.2\n", "no_dt.txt")
+    write(tmp_path, "", "empty.csv")
+    write(tmp_path, "0,0\n0.01,1\n", "there.csv")
+    text = bad("plan", "sweep.toml", cwd=tmp_path)
+    assert re.match(r"sweep\.toml: \d+ problems\n", text)
+    expected = {
+        3: r"scene\.gaps\[0\]: .*-0\.002",
+        6: r"masses\[1\]: -90\.0 is not a positive number",
+        7: r"stiffnesses: 3 stiffnesses for 2 masses",
+        11: r"unknown key 'stiffness'; did you mean 'stiffnesses'\?",
+        14: r"unknown record 'el_centroo'; did you mean 'el_centro'\?",
+        15: r"'arleta' .*missing: .*ngawest2.*POUNDING_SWEEP_RECORDS",
+        16: r"records\[2\]: .*(nan|finite)",
+        17: r"records\[3\]: .*60",
+        18: r"records\[4\]: .*dt",
+        19: r"records\[5\]: .*(empty|no )",
+        20: r"unknown acceleration unit 'furlong'; valid: .*cm/s2",
+        22: r"unknown contact law 'linaer'; did you mean 'linear'\?",
+        23: r"gaps: is empty: a sweep of zero scenarios",
+        26: r"unknown \w+ 'rk5'; did you mean 'rk4'\?",
+    }
+    lines = text.splitlines()[1:]
+    for number, pattern in expected.items():
+        mine = [line for line in lines if line.lstrip().startswith(f"sweep.toml:{number}: ")]
+        assert any(re.search(pattern, line) for line in mine), (number, mine or text)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "below", "said"),
+    [
+        ('"kelvin_voigt"', '"kelvin_void"', 0, r"unknown contact law 'kelvin_void'; did you mean 'kelvin_voigt'\?"),
+        ("gaps = [0.001, 0.005, 9.0]", "gaps = []", 0, "a sweep of zero scenarios"),
+        ("gaps = [0.001, 0.005, 9.0]", "gaps = [0.001, -0.005]", 0, r"gaps\[1\]: .*-0\.005"),
+        ("restitutions = [0.4, 0.8]", "restitutions = [0.4, 1.8]", 0, r"1\.8 .*kelvin_voigt.*0 <= e <= 1"),
+        ('"none"]', '"hertz"]\nstiffnesses = [1e6]', 1, "exponent"),
+        ("title = ", "[[[", 0, "no valid TOML"),
+    ],
+    ids=["law", "zero", "gap", "restitution", "exponents", "toml"],
+)
+def test_one_error_is_one_line(tmp_path, old, new, below, said):
+    write(tmp_path, edited(old, new))
+    text = bad("plan", "sweep.toml", cwd=tmp_path)
+    assert "\n" not in text
+    line = TINY[: TINY.index(old)].count("\n") + 1 + below
+    assert text.startswith(f"sweep.toml:{line}:")
+    assert re.search(said, text)
+
+
+def test_bad_paths_and_options(tiny, tmp_path):
+    sweep = tiny[0] / "sweep.toml"
+    file = write(tmp_path, "", "file")
+    assert "no_such.toml: the sweep file can't be read" in bad("run", "no_such.toml", "-o", "out.nc", cwd=tmp_path)
+    assert "is not a folder" in bad("run", sweep, "-o", file / "out.nc")
+    assert "does not exist" in bad("run", sweep, "-o", tmp_path / "gone" / "out.nc")
+    assert "is a folder" in bad("run", sweep, "-o", tmp_path)
+    assert "did you mean 'threads'?" in bad("run", sweep, "-o", tmp_path / "out.nc", "--scheduler", "thread")
+    assert "at least 1" in bad("run", sweep, "-o", tmp_path / "out.nc", "--workers", 0)
+    assert "does not exist" in bad("info", tmp_path / "gone.nc")
+    assert "can't be read as netCDF" in bad("info", sweep)
+    assert "did you mean 'force-gap'?" in bad("plot", tiny[0] / "out.nc", "force-gab", "-o", tmp_path / "x.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_chunks_of_another_sweep_are_not_mixed_in(tiny, tmp_path):
+    parts = tmp_path / "out.nc.parts"
+    parts.mkdir()
+    (parts / "identity.json").write_text('{"format": 1, "identity": "another", "details": {"sweep": "0"}}')
+    text = bad("run", tiny[0] / "sweep.toml", "-o", tmp_path / "out.nc")
+    assert "belong to another sweep" in text
+    assert (parts / "identity.json").exists()
+
+
+@pytest.mark.parametrize(
+    "args",
+    [
+        [],
+        ["rum"],
+        ["run"],
+        ["run", "x.toml"],
+        ["run", "x.toml", "-o", "x.nc", "--fast"],
+        ["plan", "x", "--workers", "a"],
+    ],
+    ids=" ".join,
+)
+def test_wrong_usage(args):
+    done = cli(*args, code=2)
+    assert "Traceback" not in done.stderr
+    assert "Usage: pounding-sweep" in done.stdout + done.stderr
+
+
+# -- the summary -------------------------------------------------------------------------------------------------------
+
+
+def cube(**more):
+    """Two laws, three gaps, two pairs, two storeys; the second storey of the second pair meets nothing."""
+    force = np.zeros((2, 3, 2, 2))
+    force[0, 0] = [[10.0, 40.0], [5.0, np.nan]]
+    force[0, 1] = [[20.0, 30.0], [0.0, np.nan]]
+    force[0, 2] = [[999.0, 0.0], [0.0, np.nan]]  # not ok
+    force[1, :, 1, 1] = np.nan
+    count = np.where(np.isnan(force), np.nan, np.ceil(force / 10))
+    status = np.zeros((2, 3), np.int8)
+    status[0, 2] = Status.UNDER_RESOLVED_CONTACT
+    dims = ("law", "gap", "pair", "storey")
+    data = {"impact_force_max": (dims, force), "impact_count": (dims, count), "status": (("law", "gap"), status)}
+    return xr.Dataset(data, coords={"law": ["linear", "none"], "pair": ["a-b", "b-c"], "storey": [1, 2], **more})
+
+
+FIRST = {"law": "linear", "pair": "a-b", "scenarios": 2, "touching": 2, "peak_force": 40.0, "impacts_max": 4}
+
+
+def part(row, keys):
+    return {key: row[key] for key in keys}
+
+
+def test_summary_of_a_product():
+    rows = summary_table(cube())
+    assert [(row["law"], row["pair"]) for row in rows] == [
+        ("linear", "a-b"),
+        ("linear", "b-c"),
+        ("none", "a-b"),
+        ("none", "b-c"),
+    ]
+    assert part(rows[0], FIRST) == FIRST
+    assert rows[0]["impacts_median"] == 3.5  # of 4 and 3
+    assert part(rows[1], ("touching", "peak_force", "impacts_max")) == {
+        "touching": 1,
+        "peak_force": 5.0,
+        "impacts_max": 1,
+    }
+    assert part(rows[3], ("scenarios", "touching", "peak_force", "impacts_median")) == {
+        "scenarios": 3,
+        "touching": 0,
+        "peak_force": 0.0,
+        "impacts_median": None,
+    }
+    json.dumps(rows, allow_nan=False)
+
+
+def test_summary_of_listed_cases_and_of_selections():
+    cases = cube().stack(case=("law", "gap"), create_index=False)
+    assert summary_table(cases) == summary_table(cube())
+    assert summary_table(cases.transpose("storey", "case", "pair")) == summary_table(cube())
+    one = summary_table(cube().sel(law="linear", pair="a-b"))
+    assert len(one) == 1
+    assert part(one[0], FIRST) == FIRST
+    (single,) = summary_table(cube().isel(law=0, gap=1, pair=0, storey=1))
+    assert part(single, ("peak_force", "impacts_max", "scenarios")) == {
+        "peak_force": 30.0,
+        "impacts_max": 3,
+        "scenarios": 1,
+    }
+
+
+def test_summary_of_what_is_not_there():
+    rows = summary_table(cube().drop_vars(["impact_force_max", "impact_count"]))
+    assert [row["peak_force"] for row in rows] == [None] * 4
+    assert [row["touching"] for row in rows] == [None] * 4
+    assert summary_table(cube().drop_vars("impact_count"))[0]["touching"] == 2
+    assert summary_table(cube().drop_vars("status"))[0]["peak_force"] == 999.0
+    assert summary_table(cube().drop_dims("pair").drop_vars("pair", errors="ignore")) == []
+    nothing = cube()
+    nothing["status"][:] = int(Status.DIVERGED)
+    assert part(summary_table(nothing)[0], ("scenarios", "peak_force", "impacts_max")) == {
+        "scenarios": 0,
+        "peak_force": None,
+        "impacts_max": None,
+    }
+
+
+def test_statuses_are_counted_with_their_remedies():
+    found = status_table(cube())
+    assert [(item["label"], item["count"]) for item in found] == [("ok", 5), ("under_resolved_contact", 1)]
+    assert found[1]["remedy"] == Status.UNDER_RESOLVED_CONTACT.remedy
+
+
+# -- the README --------------------------------------------------------------------------------------------------------
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_readme_example_runs(tmp_path):
+    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    done = cli(start=("-W", "error", "-c", code), cwd=tmp_path)
+    assert done.stdout.splitlines()[-1] == "0 scenarios are not ok"
+    assert done.stderr == ""
+    assert (tmp_path / "two_buildings.nc").is_file()
+
+
+def test_the_readme_tells_every_status_and_existing_files():
+    for status in STATUS:
+        assert f"| `{status.label}` ({int(status)}) | {status.meaning} | {status.remedy or '-'} |" in README
+    for link in re.findall(r"\]\(([^)#:]+)\)", README):
+        assert (ROOT / link).is_file(), link
+    for name in re.findall(r"sweeps/\w+\.toml", README):
+        tomllib.loads((ROOT / name).read_text(encoding="utf-8"))

@@ -1,0 +1,543 @@
+"""Running sweeps: any scheduler, interrupted or not, with failures or not, the same numbers."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import netCDF4
+import numpy as np
+import pytest
+
+import pounding_sweep as ps
+from pounding_sweep.cube.variables import Status, get_variable
+from pounding_sweep.cube.write import open_cube
+from pounding_sweep.errors import InputError, OutputError
+from pounding_sweep.records import Record
+from pounding_sweep.scene import Building, ContactProperties, Scene
+from pounding_sweep.sweep import execute as executing
+from pounding_sweep.sweep import sweep as sweeping
+from pounding_sweep.sweep.blocks import RowKernel
+from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.sweep.spec import to_json
+from pounding_sweep.sweep.store import ChunkStore
+from pounding_sweep.sweep.sweep import Sweep
+
+OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
+
+
+def row(gaps=(0.01, 0.02)):
+    """Three buildings of one storey with periods 0.63, 0.36 and 0.63 s."""
+    return Scene(
+        [Building("a", [100.0], [1.0e4]), Building("b", [80.0], [2.5e4]), Building("c", [120.0], [1.2e4])],
+        gaps=gaps,
+        contact=ContactProperties(linear_stiffness=2e5, hertz_stiffness=1e6, restitution=0.5),
+    )
+
+
+def motions():
+    t = np.arange(150) * 0.02
+    return [
+        Record("one", 0.02, 3.0 * np.sin(7.0 * t) * np.exp(-0.3 * t)),
+        Record("two", 0.01, 2.0 * np.sin(5.5 * t)),
+    ]
+
+
+AXES = {
+    "laws": ["linear", "none", "kelvin_voigt"],
+    "gaps": [0.0005, 0.5, 0.002, 0.01, 0.02],
+    "stiffness_factors": [1.0, 0.5],
+    "restitutions": [0.3, 0.5, 0.7],
+    "dt": 0.005,
+    "outputs": OUTPUTS,
+}
+
+
+def make(**changes):
+    return Sweep(**{"scene": row(), "records": motions(), **AXES, **changes})
+
+
+def same(found, expected):
+    """The data of two cubes, bit for bit."""
+    assert list(found.data_vars) == list(expected.data_vars)
+    for name in expected.variables:
+        a, b = found[name], expected[name]
+        assert a.dims == b.dims, name
+        assert a.dtype == b.dtype, name
+        if a.dtype.kind == "f":
+            np.testing.assert_array_equal(a.values, b.values, err_msg=str(name))
+            assert (np.signbit(a.values) == np.signbit(b.values)).all(), name
+        else:
+            assert (a.values == b.values).all(), name
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """The cube of `make()` from one thread, in chunks as large as they come."""
+    cube = make().run(scheduler="synchronous")
+    assert (cube["status"] == Status.OK).all()
+    assert float(cube["impact_count"].sum()) > 100
+    return cube
+
+
+@pytest.fixture
+def small_chunks(monkeypatch):
+    """Chunks of one lane group at most: six of them, of 8 and 16 scenarios."""
+    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+
+
+# -- the same bits however they are made -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("chunk_seconds", [0.0, 2e-4, 10.0])
+@pytest.mark.parametrize(
+    ("scheduler", "workers"), [("threads", 1), ("threads", 2), ("threads", 3), ("synchronous", None)]
+)
+def test_no_scheduler_and_no_chunk_size_changes_a_bit(reference, monkeypatch, scheduler, workers, chunk_seconds):
+    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", chunk_seconds)
+    same(make().run(scheduler=scheduler, workers=workers), reference)
+
+
+def test_order_and_company_do_not_matter(reference):
+    """A scenario is the same alone, in another order and in another lane."""
+    for gap in AXES["gaps"]:
+        alone = make(gaps=gap, laws=["kelvin_voigt"], restitutions=0.3, stiffness_factors=0.5).run(workers=1)
+        among = reference.sel(law=["kelvin_voigt"], gap=[gap], restitution=[0.3], stiffness_factor=[0.5])
+        for name in reference.data_vars:
+            np.testing.assert_array_equal(alone[name].values, among[name].values, err_msg=f"{name} {gap}")
+    backwards = make(gaps=AXES["gaps"][::-1], laws=AXES["laws"][::-1]).run(workers=2)
+    same(backwards.sel(law=AXES["laws"], gap=AXES["gaps"]), reference)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("small_chunks")
+def test_processes(reference):
+    sweep = make()
+    same(sweep.run(scheduler="processes", workers=2), reference)
+    assert not sweep.last_outcome.failures
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("small_chunks")
+def test_a_scheduler_by_its_address(reference, tmp_path):
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=1, threads_per_worker=2, processes=False, protocol="tcp://", dashboard_address=None, silence_logs=50
+    ) as cluster:
+        assert cluster.scheduler_address.startswith("tcp://")
+        for _ in range(2):  # a scheduler that has seen the sweep before
+            sweep = make()
+            out = tmp_path / "out.nc"
+            same(sweep.run(out, scheduler=cluster.scheduler_address, overwrite=True), reference)
+            assert not sweep.last_outcome.failures
+            assert sweep.last_outcome.reused == 0
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "workers", "says"),
+    [
+        ("thread", None, "did you mean 'threads'"),
+        ("cloud", None, "valid: .*processes.*tcp://HOST:PORT"),
+        ("threads", 0, "workers = 0 must be at least 1"),
+        ("processes", -1, "workers = -1 must be at least 1"),
+    ],
+)
+def test_a_scheduler_that_is_none(tmp_path, scheduler, workers, says):
+    with pytest.raises(InputError, match=says):
+        make().run(tmp_path / "out.nc", scheduler=scheduler, workers=workers)
+    assert list(tmp_path.iterdir()) == []
+
+
+# -- interrupted, damaged, changed -------------------------------------------------------------------------------------
+
+
+class StopAfter(Progress):
+    """Ctrl-C after so many chunks."""
+
+    def __init__(self, chunks):
+        self.left, self.name = chunks, ""
+
+    def stage(self, name, total):
+        self.name = name
+
+    def advance(self, count):
+        if self.name == "scenarios":
+            self.left -= 1
+            if self.left <= 0:
+                raise KeyboardInterrupt
+
+
+class Counting(Progress):
+    def __init__(self):
+        self.stages, self.totals, self.closed = [], [], False
+
+    def stage(self, name, total):
+        self.stages.append((name, total))
+        self.totals.append(0)
+
+    def advance(self, count):
+        assert count > 0
+        self.totals[-1] += count
+
+    def close(self):
+        self.closed = True
+
+
+def interrupted(out, after=3, scheduler="threads", **changes):
+    sweep = make(**changes)
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run(out, scheduler=scheduler, workers=2, progress=StopAfter(after))
+    return out.with_name(out.name + ".parts")
+
+
+def rows_in(chunks):
+    """Scenarios in chunk files."""
+    total = 0
+    for path in chunks:
+        with netCDF4.Dataset(path) as file:
+            total += len(file["status"][:])
+    return total
+
+
+@pytest.mark.usefixtures("small_chunks")
+@pytest.mark.parametrize("scheduler", ["threads", "synchronous"])
+def test_an_interrupted_run_continues(reference, tmp_path, monkeypatch, scheduler):
+    out = tmp_path / "out.nc"
+    parts = interrupted(out, 3, scheduler)
+    assert not out.exists()
+    done = list(parts.glob("chunk-*.nc"))
+    assert len(done) == 3
+    finished = rows_in(done)
+    ran = []
+    true_run_chunk = executing.run_chunk
+    monkeypatch.setattr(executing, "run_chunk", lambda *args: ran.append(len(args[2])) or true_run_chunk(*args))
+    sweep, display = make(), Counting()
+    cube = sweep.run(out, scheduler=scheduler, workers=3, progress=display)
+    same(cube, reference)
+    outcome = sweep.last_outcome
+    assert outcome.reused == finished >= 24
+    assert outcome.run == sum(ran)
+    assert outcome.run + outcome.reused + outcome.untouched == sweep.plan().n_unique
+    assert cube.attrs["scenarios_run"] == outcome.run + outcome.reused
+    assert not parts.exists()
+    assert [p.name for p in tmp_path.iterdir()] == ["out.nc"]
+    with open_cube(out) as stored:
+        same(stored.load(), reference)
+    # the display was told of every scenario, reused ones too
+    assert [name for name, _ in display.stages] == ["kernels", "no pounding", "scenarios"]
+    assert display.totals == [total for _, total in display.stages]
+    assert display.closed
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_chunks_have_the_same_names_for_any_workers(tmp_path, monkeypatch):
+    names = []
+    true_write = ChunkStore.write
+    monkeypatch.setattr(
+        ChunkStore, "write", lambda self, key, arrays: names[-1].append(key) or true_write(self, key, arrays)
+    )
+    for scheduler, workers in (("threads", 1), ("threads", 3), ("synchronous", 1)):
+        names.append([])
+        make().run(tmp_path / f"{len(names)}.nc", scheduler=scheduler, workers=workers)
+    assert len(set(names[0])) == len(names[0]) == 6
+    assert set(names[0]) == set(names[1]) == set(names[2])
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_a_damaged_chunk_is_computed_again(reference, tmp_path):
+    out = tmp_path / "out.nc"
+    parts = interrupted(out, 4)
+    first, second, *others = sorted(parts.glob("chunk-*.nc"))
+    finished = rows_in(others)
+    content = bytearray(first.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    first.write_bytes(content)
+    second.unlink()  # one that is simply gone is made again without a word
+    sweep = make()
+    with pytest.warns(RuntimeWarning, match="is damaged.*computed again") as caught:
+        cube = sweep.run(out)
+    assert len([w for w in caught if "computed again" in str(w.message)]) == 1
+    same(cube, reference)
+    assert sweep.last_outcome.reused == finished > 0
+    assert not parts.exists()
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_the_parts_of_another_sweep_are_not_used(reference, tmp_path, monkeypatch):
+    out = tmp_path / "out.nc"
+    parts = interrupted(out, 2)
+    before = sorted((p.name, p.stat().st_mtime_ns) for p in parts.iterdir())
+    for changes in ({"dt": 0.0025}, {"gaps": [0.0005, 0.5]}, {"records": motions()[:1]}):
+        with pytest.raises(OutputError, match=r"belong to another sweep.*differ in.*sweep"):
+            make(**changes).run(out)
+    with monkeypatch.context() as patch:
+        patch.setattr(sweeping, "package_digest", lambda: "another version")
+        with pytest.raises(OutputError, match="differ in source"):
+            make().run(out)
+    assert sorted((p.name, p.stat().st_mtime_ns) for p in parts.iterdir()) == before
+    assert not out.exists()
+    same(make().run(out), reference)
+
+
+def test_an_output_that_exists(reference, tmp_path):
+    out = tmp_path / "out.nc"
+    out.write_text("precious")
+    with pytest.raises(OutputError, match="exists"):
+        make().run(out)
+    assert out.read_text() == "precious"
+    assert [p.name for p in tmp_path.iterdir()] == ["out.nc"]
+    same(make().run(out, overwrite=True), reference)
+
+
+# -- failures ----------------------------------------------------------------------------------------------------------
+
+
+def fails(monkeypatch, when):
+    """Let kernels fail where `when(kernel, record)`."""
+    true_run = RowKernel.run
+
+    def run(self, record, **arguments):
+        if when(self, record):
+            msg = "the machine is on fire"
+            raise MemoryError(msg)
+        return true_run(self, record, **arguments)
+
+    monkeypatch.setattr(RowKernel, "run", run)
+
+
+@pytest.mark.usefixtures("small_chunks")
+@pytest.mark.parametrize("scheduler", ["threads", "synchronous"])
+def test_a_failing_chunk_costs_its_own_scenarios_only(reference, tmp_path, monkeypatch, scheduler):
+    out = tmp_path / "out.nc"
+    sweep = make()
+    with monkeypatch.context() as patch:
+        fails(patch, lambda kernel, record: kernel.law.key == "kelvin_voigt" and record.name == "two")
+        with pytest.warns(RuntimeWarning, match=r"chunks have no result \(status not_run\): MemoryError: the machine"):
+            cube = sweep.run(out, scheduler=scheduler, workers=2)
+    assert sweep.last_outcome.failures
+    hurt = (cube["status"] == Status.NOT_RUN).sel(law="kelvin_voigt", record="two")
+    touched = ~np.isnan(reference["first_impact_time"]).all(["pair", "storey"]).sel(law="kelvin_voigt", record="two")
+    assert (hurt.values == touched.values).all()  # the never touching ones need no kernel of the law
+    assert (cube["status"] == Status.NOT_RUN).sum() == hurt.sum() > 0
+    fine = cube["status"] == Status.OK
+    assert (fine | (cube["status"] == Status.NOT_RUN)).all()
+    for name in OUTPUTS:
+        assert np.isnan(cube[name].where(~fine)).all(), name
+        np.testing.assert_array_equal(cube[name].where(fine), reference[name].where(fine))
+    # what did run waits for the next attempt
+    assert (tmp_path / "out.nc.parts").is_dir()
+    again = make()
+    same(again.run(out, overwrite=True), reference)
+    assert again.last_outcome.reused > 0
+    assert not (tmp_path / "out.nc.parts").exists()
+
+
+def test_no_run_without_pounding_leaves_the_others(reference, monkeypatch):
+    """Where nothing tells which scenarios never touch, all are run."""
+    sweep = make()
+    fails(monkeypatch, lambda kernel, record: kernel.law.key == "none")
+    with pytest.warns(RuntimeWarning, match="no result"):
+        cube = sweep.run()
+    assert (cube["status"].sel(law="none") == Status.NOT_RUN).all()
+    assert sweep.last_outcome.untouched == 0
+    laws = ["linear", "kelvin_voigt"]
+    for name in reference.data_vars:
+        np.testing.assert_array_equal(cube[name].sel(law=laws), reference[name].sel(law=laws), err_msg=str(name))
+
+
+# -- status ------------------------------------------------------------------------------------------------------------
+
+
+def no_values(cube):
+    """Where every output is missing."""
+    return np.all(
+        [
+            np.isnan(cube[name]).all([d for d in cube[name].dims if d in ("building", "pair", "storey")]).values
+            for name in OUTPUTS
+        ],
+        axis=0,
+    )
+
+
+def test_a_step_beyond_the_limit_is_refused_and_the_rest_is_run(reference):
+    sweep = make(stiffness_factors=[1.0, 1e3])
+    with_stiff = sweep.run()
+    refused = with_stiff["status"] == Status.BEYOND_STABILITY_LIMIT
+    assert refused.sel(stiffness_factor=1e3, law=["linear", "kelvin_voigt"]).all()
+    assert refused.sum() == 2 * 5 * 3 * 2
+    assert no_values(with_stiff)[refused.values].all()
+    assert np.isnan(with_stiff["steps_per_contact"].values[refused.values]).all()
+    assert (with_stiff["status"].values[~refused.values] == Status.OK).all()
+    for name in OUTPUTS:
+        np.testing.assert_array_equal(
+            with_stiff[name].sel(stiffness_factor=1.0), reference[name].sel(stiffness_factor=1.0)
+        )
+    assert sweep.plan().n_unique == 2 + 2 * 5 + 2 * 5 * 3
+    assert with_stiff.attrs["scenarios_run"] + sweep.last_outcome.untouched == sweep.plan().n_unique
+
+
+def test_everything_refused():
+    sweep = make(records=Record("slow", 0.5, np.ones(4)), dt=0.5)
+    cube = sweep.run()
+    assert (cube["status"] == Status.BEYOND_STABILITY_LIMIT).all()
+    assert no_values(cube).all()
+    assert sweep.last_outcome.run == 0
+
+
+def test_a_diverged_run_has_no_finite_peak(reference):
+    """Forced beyond the limit of the buildings, RK4 leaves the range of numbers."""
+    one = motions()[0]
+    t = np.arange(400) * 0.5
+    slow = Record("slow", 0.5, np.sin(t))
+    cube = make(records=[one, slow], dt=0.5, force_unstable=True, gaps=[0.002, 0.5]).run()
+    diverged = cube["status"] == Status.DIVERGED
+    assert diverged.sel(record="slow").all()
+    assert not diverged.sel(record="one").any()
+    assert not (cube["status"] == Status.BEYOND_STABILITY_LIMIT).any()
+    assert no_values(cube)[diverged.values].all()
+    assert np.isfinite(cube["displacement_max"].sel(record="one")).all()
+
+
+def test_forced_runs_of_stiff_contacts_have_a_status():
+    plain = make(stiffness_factors=1e3, gaps=[0.002, 0.5]).run()
+    assert (plain["status"].sel(law="linear") == Status.BEYOND_STABILITY_LIMIT).all()
+    forced = make(stiffness_factors=1e3, gaps=[0.002, 0.5], force_unstable=True).run()
+    status = forced["status"].sel(law="linear")
+    assert (status.sel(gap=0.5) == Status.OK).all()
+    assert status.sel(gap=0.002).isin([Status.UNDER_RESOLVED_CONTACT, Status.DIVERGED]).all()
+    assert (np.isfinite(forced["displacement_max"]).all(["building", "storey"]) == (forced["status"] != 1)).all()
+
+
+def test_a_contact_of_too_few_steps_is_flagged():
+    axes = {"laws": "linear", "gaps": [0.002, 0.5], "stiffness_factors": [1.0, 8.0], "restitutions": None}
+    coarse = make(**axes).run()
+    status = coarse["status"]
+    assert (status.sel(gap=0.5) == Status.OK).all()
+    assert (status.sel(gap=0.002, stiffness_factor=1.0) == Status.OK).all()
+    short = status.sel(gap=0.002, stiffness_factor=8.0)
+    assert (short == Status.UNDER_RESOLVED_CONTACT).all()
+    assert (coarse["steps_per_contact"].sel(gap=0.002, stiffness_factor=8.0) < 4.0).all()
+    assert (coarse["impact_force_max"].sel(gap=0.002, stiffness_factor=8.0) > 0).any()  # flagged, not removed
+    fine = make(**axes, dt=0.001).run()
+    assert (fine["status"] == Status.OK).all()
+    assert (fine["steps_per_contact"].sel(gap=0.002, stiffness_factor=8.0) > 12.0).all()
+
+
+# -- the cube of a sweep -----------------------------------------------------------------------------------------------
+
+
+def test_the_cube_says_what_it_is(tmp_path):
+    sweep = make(scene=row((0.002, 0.003)), gaps=None, title="a small sweep")
+    out = tmp_path / "out.nc"
+    cube = sweep.run(out)
+    text = cube.attrs["sweep"]
+    assert text == to_json(sweep.spec)
+    assert hashlib.sha256(text.encode()).hexdigest() == cube.attrs["sweep_sha256"]
+    said = json.loads(text)
+    assert said["laws"] == AXES["laws"]
+    assert said["restitutions"] == AXES["restitutions"]
+    assert (said["dt"], said["method"], said["locate"], said["title"]) == (0.005, "rk4", True, "a small sweep")
+    assert said["scene"]["gaps"] == [0.002, 0.003]
+    assert [b["masses"] for b in said["scene"]["row"]] == [[100.0], [80.0], [120.0]]
+    for told, record in zip(json.loads(cube.attrs["records"]), motions(), strict=True):
+        assert told["sha256"] == record.sha256
+        assert (told["name"], told["pga"], told["dt"], told["points"]) == (record.name, record.pga, record.dt, 150)
+    assert cube.attrs["title"] == "a small sweep"
+    assert cube.attrs["scenarios_asked"] == 3 * 1 * 2 * 3 * 2
+    assert cube.attrs["time_step"].tolist() == [0.005, 0.005]
+    # coordinates: the scene's own gaps, and stiffness of each law
+    assert cube.sizes["gap"] == 1
+    assert cube["pair_gap"].dims == ("gap", "pair")
+    assert cube["pair_gap"].values.tolist() == [[0.002, 0.003]]
+    assert cube["contact_stiffness"].dims == ("law", "stiffness_factor")
+    np.testing.assert_array_equal(cube["contact_stiffness"], [[2e5, 1e5], [np.nan, np.nan], [2e5, 1e5]])
+    assert cube["pair"].values.tolist() == ["a-b", "b-c"]
+    assert cube["record_pga"].values.tolist() == [r.pga for r in motions()]
+    with netCDF4.Dataset(out) as file:
+        assert file.getncattr("sweep") == text
+        assert file["impact_force_max"].dimensions == (
+            *("law", "gap", "stiffness_factor", "restitution", "record", "scale"),
+            *("pair", "storey"),
+        )
+        assert list(file["law"][:]) == AXES["laws"]
+        assert file["gap"][:].tolist() == [0.002]
+        assert file["pair_gap"][:].tolist() == [[0.002, 0.003]]
+        status = file["status"]
+        assert status.dtype == np.int8
+        assert dict(zip(status.flag_meanings.split(), status.flag_values.tolist(), strict=True)) == {
+            s.label: int(s) for s in Status
+        }
+        for name in OUTPUTS:
+            assert file[name].units == get_variable(name).units
+            stored = np.ma.filled(file[name][:].astype(float), np.nan)
+            np.testing.assert_array_equal(stored, cube[name].values, err_msg=name)
+        count = file["impact_count"]
+        assert count.dtype == np.int32
+        count.set_auto_mask(False)
+        assert (count[:] >= 0).all()  # every scenario ran, and all pairs have a contact on storey 1
+
+
+def test_gaps_of_a_sweep_hold_for_every_pair(reference):
+    assert reference["pair_gap"].values.tolist() == [[g, g] for g in AXES["gaps"]]
+    assert reference["gap"].values.tolist() == AXES["gaps"]
+    assert reference["gap"].attrs["units"] == "m"
+
+
+def test_an_absolute_stiffness_axis(reference):
+    cube = make(stiffness_factors=None, stiffnesses=[2e5, 1e5]).run()
+    assert cube["stiffness"].values.tolist() == [2e5, 1e5]
+    assert cube["stiffness"].attrs["units"] == "kN m-1"
+    for name in OUTPUTS:
+        np.testing.assert_array_equal(cube[name].values, reference[name].values, err_msg=name)
+
+
+def test_simulate_gives_the_numbers_of_the_sweep(reference):
+    """In the sweep, the linear law runs in the kernel of the damped one; alone, it has its own."""
+    for record in motions():
+        for gap in (0.0005, 0.01, 0.5):
+            one = ps.simulate(row((gap, gap)), record, law="linear", stiffness=2e5, dt=0.005)
+            at = {"law": "linear", "gap": gap, "stiffness_factor": 1.0, "restitution": 0.5, "record": record.name}
+            among = reference.sel({**at, "scale": 1.0})
+            for name in reference.data_vars:
+                np.testing.assert_array_equal(one[name].values, among[name].values, err_msg=f"{name} {at}")
+            # histories agree with the peaks: samples never exceed them
+            peak = one["displacement"].max("time")
+            assert (peak <= one["displacement_max"]).all()
+            np.testing.assert_allclose(peak, one["displacement_max"], rtol=2e-2)
+
+
+def test_a_store_left_by_nobody(tmp_path, reference):
+    """An empty parts folder, and one of somebody else's files."""
+    out = tmp_path / "out.nc"
+    parts = tmp_path / "out.nc.parts"
+    parts.mkdir()
+    same(make().run(out), reference)
+    assert not parts.exists()
+    parts.mkdir()
+    (parts / "holiday.jpg").write_text("x")
+    with pytest.raises(OutputError, match=r"not one of chunks.*holiday\.jpg"):
+        make().run(out, overwrite=True)
+    assert (parts / "holiday.jpg").exists()
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_a_full_disk_stops_the_run_and_keeps_what_is_done(reference, tmp_path, monkeypatch):
+    out = tmp_path / "out.nc"
+    true_write, written = ChunkStore.write, []
+
+    def write(self, key, arrays):
+        if len(written) == 2:
+            msg = "no space left on device"
+            raise OutputError(msg)
+        true_write(self, key, arrays)
+        written.append(key)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ChunkStore, "write", write)
+        with pytest.raises(OutputError, match="no space left"):
+            make().run(out, workers=2)
+    finished = rows_in((tmp_path / "out.nc.parts").glob("chunk-*.nc"))
+    sweep = make()
+    same(sweep.run(out), reference)
+    assert sweep.last_outcome.reused == finished > 0

@@ -1,0 +1,589 @@
+"""The planner: what it leaves out must not matter, what matters it must not leave out."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pounding_sweep.contact.laws import LAWS, get_law
+from pounding_sweep.cube.variables import Status, get_variable, reducers_for
+from pounding_sweep.records import Record
+from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.sweep.blocks import Numerics, RowKernel, variables_of
+from pounding_sweep.sweep.plan import make_plan, untouched
+from pounding_sweep.sweep.spec import build_spec, contact_stiffness, digest
+from pounding_sweep.sweep.stability import largest_step
+from pounding_sweep.sweep.sweep import Sweep
+
+OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
+VALUES = (*OUTPUTS, "status", "steps_per_contact")
+
+
+def row(gaps=(0.01, 0.02)):
+    """Three buildings of one storey with periods 0.63, 0.36 and 0.63 s."""
+    return Scene(
+        [Building("a", [100.0], [1.0e4]), Building("b", [80.0], [2.5e4]), Building("c", [120.0], [1.2e4])],
+        gaps=gaps,
+        contact=ContactProperties(linear_stiffness=2e5, hertz_stiffness=1e6, restitution=0.5),
+    )
+
+
+def motions():
+    t = np.arange(150) * 0.02
+    return [
+        Record("one", 0.02, 3.0 * np.sin(7.0 * t) * np.exp(-0.3 * t)),
+        Record("two", 0.01, 2.0 * np.sin(5.5 * t)),
+    ]
+
+
+PRODUCT = {
+    "laws": ["linear", "none", "hertz", "kelvin_voigt"],
+    "gaps": [0.5, 0.001, 0.005, 0.05, 0.02],  # the first can never close, the last two only sometimes
+    "stiffness_factors": [1.0, 0.5],
+    "restitutions": [0.4, 0.8],
+    "scales": [0.5, 1.0],
+    "dt": 0.005,
+    "outputs": OUTPUTS,
+}
+
+
+def alone(scene, record, law, k, e, gaps, scale, host=None):
+    """One scenario by itself: nothing shared with others, nothing left out, by default the law in its own kernel."""
+    outputs = tuple(OUTPUTS)
+    kernel = RowKernel(scene, get_law(law), Numerics("rk4", 0.005), reducers_for(outputs), host=host)
+    raw = kernel.run(
+        record,
+        scale=np.array([scale]),
+        gaps=np.array([gaps], dtype=float),
+        stiffness=np.array([k]),
+        restitution=np.array([e]),
+    )
+    return {name: values[0] for name, values in variables_of(kernel, raw, outputs, record).items()}
+
+
+def as_in_cube(name, value):
+    """A value as a cube holds it: missing integers are NaN."""
+    variable = get_variable(name)
+    value = np.asarray(value, dtype=float)
+    return np.where(value == variable.fill, np.nan, value) if variable.dtype == "i4" else value
+
+
+def exactly(found, expected, what=""):
+    """Equal to the last bit, NaN where NaN."""
+    np.testing.assert_array_equal(np.asarray(found, float), np.asarray(expected, float), err_msg=str(what))
+
+
+# -- against brute force -----------------------------------------------------------------------------------------------
+
+
+def test_product_equals_brute_force():
+    scene, records = row(), motions()
+    sweep = Sweep(scene, records, **PRODUCT)
+    cube = sweep.run(scheduler="threads", workers=2)
+    touched = never = 0
+    axes = [PRODUCT[name] for name in ("laws", "gaps", "stiffness_factors", "restitutions")]
+    for law, gap, factor, e, record, scale in itertools.product(*axes, records, PRODUCT["scales"]):
+        k = contact_stiffness(scene, law, stiffness_factor=factor)
+        expected = alone(scene, record, law, k, e, [gap, gap], scale)
+        where = {
+            "law": law,
+            "gap": gap,
+            "stiffness_factor": factor,
+            "restitution": e,
+            "record": record.name,
+            "scale": scale,
+        }
+        found = cube.sel(where)
+        for name in VALUES:
+            exactly(found[name], as_in_cube(name, expected[name]), (name, where))
+        hit = np.nansum(np.maximum(expected["impact_count"], 0)) > 0
+        touched, never = touched + hit, never + (not hit and law != "none")
+    assert touched > 100
+    assert never > 50  # both kinds are really there
+    outcome = sweep.last_outcome
+    # none: 2 records x 2 scales; linear, hertz: x 5 gaps x 2 factors; kelvin_voigt: x 2 restitutions besides
+    assert sweep.plan().n_asked == 4 * 5 * 2 * 2 * 2 * 2
+    assert sweep.plan().n_unique == 4 + 40 + 40 + 80
+    assert outcome.run + outcome.untouched == 164
+    # a gap of 0.5 m never closes: 4 motions x (2 + 2 + 4) at the least
+    assert outcome.untouched >= 32
+    assert cube.attrs["scenarios_run"] == outcome.run
+
+
+def test_an_undamped_law_is_the_same_in_the_kernel_of_a_damped_one():
+    """Which laws stand beside it in a sweep must not change a result, not even in the last bit."""
+    differing = []
+    record = motions()[0]
+    for gap, k, scale in itertools.product([0.0003, 0.001, 0.005], [1e5, 2e5], [0.5, 1.0]):
+        own, hosted = (
+            alone(row(), record, "linear", k, 1.0, [gap, gap], scale, host) for host in (None, get_law("kelvin_voigt"))
+        )
+        differing += [
+            (name, gap, k, scale) for name in own if not np.array_equal(own[name], hosted[name], equal_nan=True)
+        ]
+    assert not differing
+
+
+def test_listed_cases_equal_brute_force():
+    scene, records = row(), motions()
+    cases = [
+        {"law": "hertz", "gap": (0.004, 0.03), "record": "two"},
+        {"law": "hertz", "gap": (0.03, 0.004), "record": "two"},
+        {"law": "none", "record": "one", "gap": 0.2},
+        {"law": "none", "record": "one"},
+        {"law": "linear", "record": "one", "stiffness": 3.1e5, "restitution": 0.2},
+        {"law": "linear", "record": "one", "stiffness": 3.1e5, "restitution": 0.9},
+        {"law": "kelvin_voigt", "record": "one", "gap": 0.002, "restitution": 0.65, "scale": 1.25},
+        {"law": "kelvin_voigt", "record": "one", "gap": (0.002, 0.9), "scale": -1.0},
+        {"law": "kelvin_voigt", "record": "two", "gap": (0.9, 0.9)},
+    ]
+    sweep = Sweep(scene, records, cases=cases, dt=0.005, outputs=OUTPUTS)
+    cube = sweep.run(workers=1)
+    by_name = {r.name: r for r in records}
+    for i, case in enumerate(cases):
+        gap = case.get("gap", scene.gaps)
+        gaps = [gap] * 2 if isinstance(gap, float) else list(gap)
+        k = case.get("stiffness", contact_stiffness(scene, case["law"]))
+        e = case.get("restitution", 0.5)
+        expected = alone(scene, by_name[case["record"]], case["law"], k, e, gaps, case.get("scale", 1.0))
+        for name in VALUES:
+            exactly(cube[name][i], as_in_cube(name, expected[name]), (name, case))
+        exactly(cube["pair_gap"][i], gaps)
+    assert sweep.plan().n_unique == len(cases) - 2  # none ignores the gap, linear the restitution
+    assert sweep.last_outcome.untouched == 1
+    assert cube.sizes["case"] == len(cases)
+    assert [str(v) for v in cube["law"].values] == [case["law"] for case in cases]
+
+
+def closing(scene, record, scale=1.0):
+    kernel = RowKernel(scene, get_law("none"), Numerics("rk4", 0.005), reducers_for(OUTPUTS) | {"closing"})
+    one = np.ones(1)
+    raw = kernel.run(record, scale=one * scale, gaps=np.full((1, 2), np.inf), stiffness=0 * one, restitution=one)
+    return raw["closing"][0]
+
+
+def test_one_open_pair_decides_nothing():
+    """A pair that stays open without pounding may be closed by a push from elsewhere in the row."""
+    scene, record = row(), motions()[1]
+    d0, d1 = closing(scene, record)
+    assert min(d0, d1) > 0
+    case = {"law": "linear", "gap": (0.05 * d0, 1.02 * d1)}
+    both = {"law": "linear", "gap": (1.02 * d0, 1.02 * d1)}
+    sweep = Sweep(scene, record, cases=[case, both], dt=0.005, outputs=OUTPUTS)
+    cube = sweep.run(workers=1)
+    expected = alone(scene, record, "linear", 2e5, 1.0, case["gap"], 1.0)
+    assert expected["impact_count"][1, 0] > 0, "the scene no longer shows what this test is about"
+    exactly(cube["impact_count"][0], expected["impact_count"])
+    assert sweep.last_outcome.untouched == 1
+    assert float(cube["impact_count"][1].sum()) == 0.0
+
+
+def test_gaps_on_the_brink_of_touching():
+    scene, record = row(), motions()[0]
+    d = closing(scene, record)
+    factors = [1 - 1e-4, 1 - 1e-7, 1.0, 1 + 1e-7, 1 + 1e-4]
+    cases = [{"law": "hertz", "gap": tuple(f * d)} for f in factors]
+    sweep = Sweep(scene, record, cases=cases, dt=0.005, outputs=OUTPUTS)
+    cube = sweep.run(workers=1)
+    for i, f in enumerate(factors):
+        expected = alone(scene, record, "hertz", 1e6, 1.0, f * d, 1.0)
+        for name in VALUES:
+            exactly(cube[name][i], as_in_cube(name, expected[name]), (name, f))
+    assert cube["impact_count"][0].sum() >= 1  # whichever pair comes first
+    assert cube["impact_count"][-2:].sum() == 0
+    assert sweep.last_outcome.untouched == 2
+
+
+def test_no_floors_meet():
+    """Where no floors are level, no law has anything to do."""
+    scene = Scene(
+        [Building("a", [100.0], [1e4]), Building("b", [80.0], [2.5e4], storey_heights=[4.0])],
+        gaps=[0.01],
+        contact=ContactProperties(2e5, 1e6, 0.5),
+    )
+    plan = Sweep(scene, motions(), ["linear", "hertz"], gaps=[0.0, 0.1], scales=[1.0, 2.0]).plan()
+    assert (plan.n_asked, plan.n_unique) == (16, 4)
+    assert plan.no_contact.all()
+    assert plan.kernel(0).shape.law is None
+
+
+def test_a_single_building():
+    scene = Scene([Building("a", [100.0], [1e4])])
+    record = motions()[1]
+    sweep = Sweep(scene, record, "none", scales=[1.0, 2.0], dt=0.005, outputs=["displacement_max"])
+    cube = sweep.run(workers=1)
+    assert sweep.plan().n_unique == 2
+    assert sweep.last_outcome.run == 2
+    assert (cube.status == Status.OK).all()
+    assert "pair" not in cube.dims
+    peaks = cube["displacement_max"].values.ravel()
+    assert peaks[1] == 2.0 * peaks[0] > 0.0  # a power of two: linear to the last bit
+
+
+@st.composite
+def closings(draw):
+    n_storeys = draw(st.lists(st.integers(1, 3), min_size=1, max_size=4))
+    items = [Building(f"b{i}", [100.0] * n, [1e5] * n) for i, n in enumerate(n_storeys)]
+    if len(items) == 1 or draw(st.booleans()):
+        items.append(Wall())
+    n_pairs = len(items) - 1
+    size = st.sampled_from([0.0, 0.01, 0.02, 0.03])
+    cases = draw(st.lists(st.tuples(*[size] * n_pairs), min_size=1, max_size=6, unique=True))
+    scene = Scene(items, gaps=[0.01] * n_pairs, contact=ContactProperties(2e5))
+    found = draw(st.lists(st.sampled_from([-0.01, 0.0, 0.005, 0.015, 0.025, math.inf]), min_size=8, max_size=12))
+    return scene, cases, np.array((found * 2)[: len(scene.contacts)])
+
+
+@settings(max_examples=60, deadline=None)
+@given(closings())
+def test_never_touching_by_hand(drawn):
+    scene, gaps, displacement = drawn
+    record = Record("r", 0.1, [0.0, 1.0])
+    plan = make_plan(build_spec(scene=scene, records=record, cases=[{"law": "linear", "gap": g} for g in gaps]))
+    found = untouched(plan, {(0, 1.0): displacement})
+    assert untouched(plan, {}).tolist() == [False] * len(plan.unique)  # nothing known: everything runs
+    for i, g in enumerate(gaps):
+        open_everywhere = all(g[c.pair] >= max(x, 0.0) for c, x in zip(scene.contacts, displacement, strict=True))
+        assert found[plan.inverse[i]] == open_everywhere, g
+
+
+# -- asked -> unique ---------------------------------------------------------------------------------------------------
+
+numbers = st.sampled_from([0.001, 0.002, 0.01, 0.5, 1.0])
+
+
+def effective(scene, law, gap, k, e, record, scale):
+    """What can matter to a scenario, by the definitions."""
+    if law == "none" or not scene.contacts:
+        return (record, "none", scale)
+    gaps = scene.gaps if gap is None else (gap,) * len(scene.gaps) if isinstance(gap, float) else tuple(gap)
+    return (record, law, scale, k, e if get_law(law).takes_restitution else None, gaps)
+
+
+def effective_row(plan, i):
+    table, law = plan.unique, plan.laws[plan.unique.law[i]]
+    start = (int(table.record[i]), law.key, float(table.scale[i]))
+    if not law.has_contact:
+        assert np.isinf(table.gaps[i]).all()
+        return start
+    e = float(table.restitution[i]) if law.takes_restitution else None
+    return (*start, float(table.stiffness[i]), e, tuple(float(g) for g in table.gaps[i]))
+
+
+def check_plan(plan, asked):
+    assert plan.n_asked == len(asked)
+    rows = [effective_row(plan, i) for i in range(len(plan.unique))]
+    assert len(set(rows)) == len(rows) == len(set(asked))
+    assert [rows[i] for i in plan.inverse] == asked
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    laws=st.lists(
+        st.sampled_from(["none", "linear", "hertz", "kelvin_voigt", "hertz_damped", "modified_kelvin"]),
+        min_size=1,
+        max_size=4,
+        unique=True,
+    ),
+    gaps=st.none() | st.lists(numbers, min_size=1, max_size=3, unique=True),
+    factors=st.lists(numbers, min_size=1, max_size=3, unique=True),
+    restitutions=st.lists(numbers, min_size=1, max_size=3, unique=True),
+    scales=st.lists(numbers | st.just(-1.0), min_size=1, max_size=3, unique=True),
+    n_records=st.integers(1, 2),
+)
+def test_every_asked_scenario_of_a_product_has_its_row(laws, gaps, factors, restitutions, scales, n_records):
+    scene, records = row(), motions()[:n_records]
+    spec = build_spec(
+        scene=scene,
+        records=records,
+        laws=laws,
+        gaps=gaps,
+        stiffness_factors=factors,
+        restitutions=restitutions,
+        scales=scales,
+    )
+    asked = [
+        effective(scene, law, g, contact_stiffness(scene, law, stiffness_factor=f), e, r, s)
+        for law, g, f, e, r, s in itertools.product(
+            laws, gaps or [None], factors, restitutions, range(n_records), scales
+        )
+    ]
+    check_plan(make_plan(spec), asked)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["none", "linear", "hertz", "kelvin_voigt"]),
+            st.none() | numbers | st.tuples(numbers, numbers),
+            numbers.map(lambda f: f * 1e6),
+            numbers,
+            st.integers(0, 1),
+            numbers,
+        ),
+        min_size=1,
+        max_size=12,
+        unique=True,
+    )
+)
+def test_every_listed_case_has_its_row(drawn):
+    scene, records = row(), motions()
+    cases = [
+        {"law": law, "gap": g, "stiffness": k, "restitution": e, "record": records[r].name, "scale": s}
+        for law, g, k, e, r, s in drawn
+    ]
+    plan = make_plan(build_spec(scene=scene, records=records, cases=cases))
+    check_plan(plan, [effective(scene, *case) for case in drawn])
+
+
+def test_many_random_cases_keep_their_parameters():
+    """A random sample has as many values on every axis as cases: their product is far beyond 64 bits."""
+    n = 60_000
+    rng = np.random.default_rng(5)
+    g, k, e, s = rng.uniform(0.1, 1.0, (4, n))
+    spec = build_spec(scene=row(), records=motions()[0], cases=[{"law": "kelvin_voigt"}])
+    one = spec.cases[0]
+    cases = tuple(
+        dataclasses.replace(one, gap=a, stiffness=b, stiffness_factor=None, restitution=c, scale=d)
+        for a, b, c, d in zip(g.tolist(), k.tolist(), e.tolist(), s.tolist(), strict=True)
+    )
+    plan = make_plan(dataclasses.replace(spec, cases=cases))
+    found = plan.unique[plan.inverse]
+    for name, values in (("stiffness", k), ("restitution", e), ("scale", s)):
+        exactly(getattr(found, name), values, name)
+    exactly(found.gaps, np.stack([g, g], axis=1))
+
+
+# -- determinism -------------------------------------------------------------------------------------------------------
+
+
+def keys_of(plan):
+    return [chunk.key for chunk in plan.chunks(np.flatnonzero(~plan.refused))]
+
+
+def test_the_same_sweep_gives_the_same_plan(monkeypatch):
+    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    first, second = (Sweep(row(), motions(), **PRODUCT).plan() for _ in range(2))
+    assert first.digest == second.digest == digest(first.spec)
+    exactly(first.inverse, second.inverse)
+    for name in first.unique.__dataclass_fields__:
+        exactly(getattr(first.unique, name), getattr(second.unique, name), name)
+    keys = keys_of(first)
+    assert keys == keys_of(second)
+    assert len(set(keys)) == len(keys) == first.summary()["chunks"]
+    rows = np.concatenate([chunk.rows for chunk in first.chunks(np.arange(len(first.unique)))])
+    assert sorted(rows) == list(range(len(first.unique)))  # each once
+    for chunk in first.chunks(np.arange(len(first.unique))):
+        assert len(chunk.rows) <= 16
+        assert set(first.unique.law[chunk.rows]) == {chunk.law}
+        assert set(first.unique.record[chunk.rows]) == {chunk.record}
+
+
+def test_another_process_makes_the_same_keys():
+    """Nothing depends on hash seeds or addresses."""
+    code = (
+        "import json, sys, numpy as np, pounding_sweep as ps\n"
+        "plan = ps.Sweep('mate2015', 'el_centro', ['hertz', 'none', 'linear'], gaps=[0.01, 0.02]).plan()\n"
+        "print(json.dumps([c.key for c in plan.chunks(np.arange(len(plan.unique)))]))"
+    )
+    found = set()
+    for seed in ("1", "2"):
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+        found.add(tuple(json.loads(done.stdout)))
+    assert len(found) == 1
+    assert len(found.pop()) >= 3
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"gaps": [0.5, 0.001, 0.005, 0.05, 0.021]},
+        {"dt": 0.0025},
+        {"scales": [0.5, 1.5]},
+        {"outputs": OUTPUTS[:-1]},
+        {"locate": False},
+        {"method": "newmark"},
+        {"records": motions()[:1]},
+        {"records": [motions()[0], motions()[1].scaled(1.0001)]},
+        {"scene": row((0.01, 0.0200001))},
+        {"scene": Scene([*row().row[:2], Building("c", [120.0], [1.2e4], 0.02)], [0.01, 0.02], row().contact)},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_another_sweep_has_other_keys(change):
+    base = {"scene": row(), "records": motions(), **PRODUCT}
+    mine, other = keys_of(Sweep(**base).plan()), keys_of(Sweep(**{**base, **change}).plan())
+    assert not set(mine) & set(other)
+
+
+def test_the_summary_counts():
+    plan = Sweep(row(), motions(), **{**PRODUCT, "stiffness_factors": [1.0, 1e4]}).plan()
+    found = plan.summary(workers=2)
+    assert found["asked"] == 320
+    assert found["refused"] == int(plan.refused.sum()) == 4 * 5 + 4 * 10  # the stiff linear and kelvin_voigt ones
+    assert found["at_most"] == plan.n_unique == 164 - 60
+    assert found["steps"] == {"one": 149 * 4, "two": 149 * 2}
+    assert found["kernels"] == 3  # linear runs in the kernel of kelvin_voigt
+    assert 0 < found["seconds"] == plan.summary(workers=1)["seconds"] / 2
+    # 2 x 3 floors, 3 x 2 pairs (4 bytes the counts), status and steps per contact
+    assert found["cube_bytes"] == 320 * (2 * 3 * 8 + 2 * (8 + 4 + 8) + 1 + 8)
+
+
+# -- the stability limit -----------------------------------------------------------------------------------------------
+
+
+def closed_system(scene, law, k, e):
+    """M, C and K with every contact of a linear law closed."""
+    n = scene.n_dof
+    m = np.concatenate([b.masses for b in scene.buildings])
+    c, s = np.zeros((n, n)), np.zeros((n, n))
+    for b, first in zip(scene.buildings, scene.offsets[:-1], strict=True):
+        part = slice(first, first + b.n_storeys)
+        alpha, beta = b.rayleigh
+        s[part, part] = b.stiffness_matrix
+        c[part, part] = alpha * np.diag(b.masses) + beta * b.stiffness_matrix
+    for contact in scene.contacts if law.exponent == 1.0 else ():
+        shape = np.zeros(n)
+        if contact.left >= 0:
+            shape[contact.left] = 1.0
+        if contact.right >= 0:
+            shape[contact.right] = -1.0
+        damper = float(law.damping_coefficient(e, k, contact.mass)) if law.damping == "viscous" else 0.0
+        s += k * np.outer(shape, shape)
+        c += damper * np.outer(shape, shape)
+    return m, c, s
+
+
+def first_order(m, c, k):
+    n = len(m)
+    return np.block([[np.zeros((n, n)), np.eye(n)], [-k / m[:, None], -c / m[:, None]]])
+
+
+def rk4_factor(z):
+    return 1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0)))
+
+
+def true_limit(matrix):
+    """Largest step at which no eigenvalue of RK4's step is above one, by bisection for each."""
+    smallest = math.inf
+    for value in np.linalg.eigvals(matrix):
+        if abs(value) == 0:
+            continue
+        direction = value / abs(value)
+        low, high = 0.1, 4.0  # |z|; in the left half-plane RK4 is stable below 2.78 and nowhere beyond 4
+        direction = complex(min(direction.real, 0.0), direction.imag)
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if abs(rk4_factor(middle * direction)) <= 1.0 + 1e-12 else (low, middle)
+        smallest = min(smallest, low / abs(value))
+    return smallest
+
+
+def limit_of(scene, law, k, e, **more):
+    return float(largest_step(scene, law, np.array([k]), np.array([e]), method="rk4", **more)[0])
+
+
+stiff = st.floats(4.0, 8.0).map(lambda x: 10.0**x)
+viscous = st.sampled_from([LAWS[name] for name in ("linear", "kelvin_voigt", "kelvin_voigt_tension", "none", "hertz")])
+
+
+@st.composite
+def rows(draw, spread=10.0):
+    items = []
+    for i in range(draw(st.integers(1, 3))):
+        n = draw(st.integers(1, 4))
+        masses = draw(st.lists(st.floats(10.0, 10.0 * spread), min_size=n, max_size=n))
+        springs = draw(st.lists(st.floats(1e4, 1e4 * spread), min_size=n, max_size=n))
+        items.append(Building(f"b{i}", masses, springs, draw(st.sampled_from([0.0, 0.02, 0.05, 0.2]))))
+    if draw(st.booleans()):
+        items.insert(0, Wall("w"))
+    if len(items) == 1 or draw(st.booleans()):
+        items.append(Wall("x"))
+    return Scene(items, gaps=[0.01] * (len(items) - 1))
+
+
+@settings(max_examples=150, deadline=None)
+@given(rows(), viscous, stiff, st.sampled_from([0.0, 0.3, 0.6, 0.9, 1.0]))
+def test_the_limit_is_never_beyond_the_true_one(scene, law, k, e):
+    limit = limit_of(scene, law, k, e)
+    assert limit <= true_limit(first_order(*closed_system(scene, law, k, e))) * (1.0 + 1e-6)
+
+
+def test_the_limit_of_overdamped_contacts_beside_a_stiff_building():
+    """The overdamped mode of a soft contact is not the mode that sets the highest frequency."""
+    for law, e in (("linear_viscoelastic", 0.05), ("linear_viscoelastic", 0.2), ("kelvin_voigt", 0.0)):
+        for stiffness in 10.0 ** np.linspace(5.0, 10.0, 21):
+            scene = Scene(
+                [Building("a", [100.0], [1e4]), Building("b", [100.0], [1e4]), Building("c", [100.0], [stiffness])],
+                gaps=[0.01, 0.01],
+            )
+            limit = limit_of(scene, get_law(law), 1e6, e)
+            true = true_limit(first_order(*closed_system(scene, get_law(law), 1e6, e)))
+            assert limit <= true * (1.0 + 1e-6), (law, e, stiffness)
+
+
+@settings(max_examples=60, deadline=None)
+@given(rows(spread=1.5), viscous, stiff, st.sampled_from([0.6, 0.9, 1.0]))
+def test_the_limit_is_within_a_factor_of_two(scene, law, k, e):
+    limit = limit_of(scene, law, k, e)
+    assert limit >= 0.5 * true_limit(first_order(*closed_system(scene, law, k, e)))
+
+
+@pytest.mark.parametrize(("law", "e"), [("linear", 1.0), ("kelvin_voigt", 0.6), ("none", 1.0)])
+def test_rk4_stays_bounded_at_the_limit(law, e):
+    scene = Scene([Wall(), Building("a", [50.0, 40.0], [3e4, 2e4]), Building("b", [60.0] * 3, [4e4] * 3)], [0.01] * 2)
+    a = first_order(*closed_system(scene, get_law(law), 2e6, e))
+    step = 0.99 * limit_of(scene, get_law(law), 2e6, e)
+    z = step * a
+    one = np.eye(len(a))
+    advance = one + z @ (one + z / 2 @ (one + z / 3 @ (one + z / 4)))
+    state = np.random.default_rng(0).normal(size=len(a))
+    # energy norm: the displacement part of the state is weighed by the stiffness
+    m, _, k = closed_system(scene, get_law(law), 2e6, e)
+    n = len(m)
+
+    def energy(x):
+        return x[:n] @ k @ x[:n] + x[n:] @ (m * x[n:])
+
+    start = energy(state)
+    for _ in range(5000):
+        state = advance @ state
+    assert energy(state) <= 10.0 * start
+
+
+def test_newmark_has_no_limit_unless_its_parameters_give_one():
+    scene, law = row(), get_law("linear")
+    k, e = np.array([2e5]), np.array([1.0])
+    free = largest_step(scene, law, k, e, method="newmark")
+    assert np.isinf(free).all()
+    bound = float(largest_step(scene, law, k, e, method="newmark", beta=0.0)[0])
+    m, _, s = closed_system(scene, law, 2e5, 1.0)
+    w = math.sqrt(np.linalg.eigvals(s / m[:, None]).real.max())
+    assert 0.5 * 2.0 / w <= bound <= 2.0 / w  # central differences: w dt <= 2
+    assert limit_of(scene, law, 2e5, 1.0) < limit_of(scene, law, 1e5, 1.0)
+    # a Hertz-type contact has no stiffness before it closes
+    assert limit_of(scene, get_law("hertz"), 1e9, 1.0) == limit_of(scene, get_law("none"), 0.0, 1.0)
+
+
+def test_refused_rows_are_those_beyond_the_limit():
+    plan = Sweep(row(), motions(), **{**PRODUCT, "stiffness_factors": [1.0, 30.0, 1e4]}).plan()
+    table = plan.unique
+    for i in range(len(table)):
+        law = plan.laws[table.law[i]]
+        k, e = float(table.stiffness[i]), float(table.restitution[i])
+        assert plan.refused[i] == (limit_of(plan.spec.scene, law, k, e) < 0.005)
+    assert 0 < plan.refused.sum() < len(table)
+    forced = Sweep(row(), motions(), **{**PRODUCT, "stiffness_factors": [1e4], "force_unstable": True}).plan()
+    assert not forced.refused.any()
