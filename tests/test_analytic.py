@@ -1,0 +1,403 @@
+"""Runs whose answer is known in closed form, and laws of mechanics that every run must obey."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from naive import NaiveBuilding, modal_exact, sdof_exact
+from scipy.integrate import cumulative_simpson
+
+import pounding_sweep as ps
+from pounding_sweep.contact.laws import LAWS
+from pounding_sweep.cube.variables import Status
+from pounding_sweep.sweep.spec import METHODS
+
+# Restitution that two free masses realise with the published damping at nominal e (independent integrations).
+REALISED = {
+    "kelvin_voigt_tension": {0.2: 0.200, 0.5: 0.500, 0.8: 0.800},
+    "kelvin_voigt": {0.2: 0.325, 0.5: 0.550, 0.8: 0.808},
+    "modified_kelvin_voigt": {0.2: 0.224, 0.5: 0.525, 0.8: 0.807},
+    "linear_viscoelastic": {0.2: 0.205, 0.5: 0.506, 0.8: 0.801},
+    "modified_kelvin": {0.2: 0.166, 0.5: 0.488, 0.8: 0.799},
+    "hertz_damped": {0.2: 0.672, 0.5: 0.725, 0.8: 0.847},
+    "hunt_crossley": {0.2: 0.547, 0.5: 0.663, 0.8: 0.833},
+    "ye_hertz": {0.2: 0.156, 0.5: 0.470, 0.8: 0.789},
+    "gonthier": {0.2: 0.205, 0.5: 0.488, 0.8: 0.768},
+    "nonlinear_viscoelastic": {0.2: 0.191, 0.5: 0.495, 0.8: 0.799},
+}
+pytestmark = pytest.mark.usefixtures("pair_kernels")
+
+CONTACT_LAWS = [key for key, law in LAWS.items() if law.has_contact]
+
+MASS, STIFFNESS, ZETA = 150.0, 6.0e4, 0.05
+W = np.sqrt(STIFFNESS / MASS)
+WD = W * np.sqrt(1 - ZETA**2)
+ONE = ps.Scene([ps.Building("one", [MASS], [STIFFNESS], ZETA)])
+#: Largest relative error at the steps taken here.
+ACCURACY = {"rk4": 1e-7, "newmark": 3e-5}
+STEP = {"rk4": 1e-3, "newmark": 2e-4}
+
+A = ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5])
+B = ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5], damping_ratio=0.03)
+
+
+def quiet(seconds, dt=0.01):
+    return ps.Record("quiet", dt, np.zeros(round(seconds / dt) + 1))
+
+
+def shaking(seconds=2.0, dt=0.02, pga=4.0, seed=5):
+    return ps.synthetic_record(seed, duration=seconds, dt=dt, pga=pga)
+
+
+def near(got, want, relative):
+    want = np.asarray(want)
+    np.testing.assert_allclose(got, want, rtol=0, atol=relative * np.abs(want).max())
+
+
+# -- one degree of freedom ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_free_vibration(method):
+    start = 0.3
+    got = ps.simulate(ONE, quiet(2.0), method=method, dt=STEP[method], initial_velocity=[start])
+    t = got.time.values
+    u = start / WD * np.exp(-ZETA * W * t) * np.sin(WD * t)
+    v = start * np.exp(-ZETA * W * t) * (np.cos(WD * t) - ZETA * W / WD * np.sin(WD * t))
+    near(got.displacement[:, 0, 0], u, ACCURACY[method])
+    near(got.velocity[:, 0, 0], v, ACCURACY[method])
+    near(got.acceleration[:, 0, 0], -2 * ZETA * W * v - W**2 * u, ACCURACY[method])
+    top = np.arctan2(np.sqrt(1 - ZETA**2), ZETA) / WD  # where v is zero for the first time
+    peak = start / WD * np.exp(-ZETA * W * top) * np.sin(WD * top)
+    half = np.exp(-ZETA * W * np.pi / WD)
+    assert float(got.displacement_max.sum()) == pytest.approx(peak, rel=ACCURACY[method])
+    assert float(got.displacement_min.sum()) == pytest.approx(-peak * half, rel=ACCURACY[method])
+    assert float(got.drift_max.sum()) == pytest.approx(peak, rel=ACCURACY[method])
+    assert float(got.storey_shear_max.sum()) == pytest.approx(STIFFNESS * peak, rel=ACCURACY[method])
+    # its largest acceleration is the one at the start or just after it
+    fine = np.linspace(0, 0.2, 200001)
+    u = start / WD * np.exp(-ZETA * W * fine) * np.sin(WD * fine)
+    v = start * np.exp(-ZETA * W * fine) * (np.cos(WD * fine) - ZETA * W / WD * np.sin(WD * fine))
+    largest = np.abs(2 * ZETA * W * v + W**2 * u).max()
+    assert float(got.acceleration_max.sum()) == pytest.approx(largest, rel=10 * ACCURACY[method])
+    # what it had is lost in damping or still there; nothing comes in
+    had = 0.5 * MASS * start**2
+    assert float(got.kinetic[0, 0]) == pytest.approx(had, rel=1e-12)
+    near((got.kinetic + got.strain + got.damping)[:, 0], np.full(len(t), had), 10 * ACCURACY[method])
+    assert not got.input.values.any()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_response_to_a_step_of_ground_acceleration(method):
+    a0 = 1.7
+    record = ps.Record("step", 0.02, np.full(76, a0))
+    got = ps.simulate(ONE, record, method=method, dt=STEP[method])
+    t = got.time.values
+    swing = np.exp(-ZETA * W * t) * (np.cos(WD * t) + ZETA * W / WD * np.sin(WD * t))
+    near(got.displacement[:, 0, 0], -a0 / W**2 * (1 - swing), ACCURACY[method])
+    overshoot = 1 + np.exp(-ZETA * np.pi / np.sqrt(1 - ZETA**2))
+    assert float(got.displacement_min.sum()) == pytest.approx(-a0 / W**2 * overshoot, rel=ACCURACY[method])
+    assert float(got.displacement_max.sum()) == 0.0
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_response_to_a_harmonic_motion(method):
+    p, a0, dt = 13.0, 2.0, 5e-4
+    t = np.arange(round(2.5 / dt) + 1) * dt
+    record = ps.Record("sine", dt, a0 * np.sin(p * t))
+    got = ps.simulate(ONE, record, method=method, dt=dt)
+    # steady state plus the transient that starts it from rest
+    gain, lag = W**2 - p**2, 2 * ZETA * W * p
+    below = gain**2 + lag**2
+    s, c = -a0 * gain / below, a0 * lag / below
+    c1, c2 = -c, (-s * p - ZETA * W * c) / WD
+    u = s * np.sin(p * t) + c * np.cos(p * t)
+    u += np.exp(-ZETA * W * t) * (c1 * np.cos(WD * t) + c2 * np.sin(WD * t))
+    near(got.displacement[:, 0, 0], u, 1e-5 if method == "rk4" else 1e-4)  # the record is linear between its points
+    exact = sdof_exact(MASS, STIFFNESS, 2 * ZETA * W * MASS, record.acceleration, dt)
+    near(got.displacement[:, 0, 0], exact[0], 1e-9 if method == "rk4" else 1e-4)
+    near(got.velocity[:, 0, 0], exact[1], 1e-9 if method == "rk4" else 1e-4)
+
+
+# -- several storeys ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_multi_storey_buildings_follow_their_exact_solution(method):
+    record = shaking(3.0)
+    start = [[0.1, -0.2], [0.0, 0.3]]
+    got = ps.simulate(
+        ps.Scene([A, B], gaps=[0.01]), record, method=method, dt=record.dt / 40, initial_velocity=start
+    ).isel(time=slice(None, None, 40))
+    for b, v0 in zip((A, B), start, strict=True):
+        twin = NaiveBuilding(list(b.masses), list(b.stiffnesses), b.damping_ratio)
+        u, v = modal_exact(twin, record.acceleration, record.dt, velocity=v0)
+        tolerance = 5e-7 if method == "rk4" else 2e-3
+        near(got.displacement.sel(building=b.name), u, tolerance)
+        near(got.velocity.sel(building=b.name), v, tolerance)
+
+
+@pytest.mark.usefixtures("row_kernels")
+@pytest.mark.parametrize("method", METHODS)
+def test_a_tall_row_that_never_touches_follows_its_exact_solution(method):
+    """The kernel of a long row, split over several lane loops, in flight."""
+    tower = ps.Building("tower", np.linspace(130.0, 80.0, 12), np.linspace(6e5, 3e5, 12))
+    annex = ps.Building("annex", [120.0] * 5, [3.5e5] * 5)
+    record = shaking(1.5)
+    row = ps.Scene([tower, annex], gaps=[5.0])
+    got = ps.simulate(row, record, law="linear", stiffness=8e5, method=method, dt=record.dt / 80)
+    assert int(got.impact_count.max()) == 0
+    for b in (tower, annex):
+        u, v = modal_exact(NaiveBuilding(list(b.masses), list(b.stiffnesses)), record.acceleration, record.dt)
+        tolerance = 1e-7 if method == "rk4" else 2e-3
+        mine = got.isel(time=slice(None, None, 80)).sel(building=b.name, storey=slice(1, b.n_storeys))
+        near(mine.displacement, u, tolerance)
+        near(mine.velocity, v, tolerance)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_row_that_never_touches_is_the_row_without_contact_to_the_last_bit(method):
+    record = shaking()
+    wide = ps.Scene([A, B], gaps=[1.0])
+    free = ps.simulate(wide, record, law="none", method=method)
+    assert float(free.displacement_max.max()) > 0.005
+    for law in ("linear", "kelvin_voigt"):
+        stiffness, e = 8e5, 0.6 if LAWS[law].takes_restitution else None
+        open_row = ps.simulate(wide, record, law=law, stiffness=stiffness, restitution=e, method=method)
+        assert not open_row.impact_count.values.any()
+        assert np.isnan(open_row.first_impact_time.values).all()
+        assert np.isnan(float(open_row.steps_per_contact))
+        for name in free.data_vars:
+            if name != "steps_per_contact":
+                np.testing.assert_array_equal(open_row[name], free[name], err_msg=name)
+
+
+# -- two free masses ---------------------------------------------------------------------------------------------------
+
+# Storeys so soft that each floor is a free mass: the roofs and the floors below them are two pairs of their own.
+LEFT_MASSES, RIGHT_MASSES = np.array([60.0, 150.0]), np.array([90.0, 210.0])
+FREE = ps.Scene(
+    [
+        ps.Building("a", LEFT_MASSES, [1e-10, 1e-10], damping_ratio=0.0),
+        ps.Building("b", RIGHT_MASSES, [1e-10, 1e-10], damping_ratio=0.0),
+    ],
+    gaps=[0.004],
+)
+SPEEDS = [[0.1, 0.4], [-0.05, 0.1]]
+CLOSING = np.array([0.15, 0.3])
+
+
+def collide(law, e, method="rk4", seconds=0.5):
+    dt = 2.5e-4 if method == "rk4" else 1e-4
+    k = 2.0e6 if LAWS[law].exponent == 1.0 else 1.88e7
+    e = e if LAWS[law].takes_restitution else None
+    return ps.simulate(
+        FREE, quiet(seconds), law=law, stiffness=k, restitution=e, method=method, dt=dt, initial_velocity=SPEEDS
+    )
+
+
+@pytest.mark.parametrize("law", list(REALISED))
+@pytest.mark.parametrize("method", METHODS)
+def test_two_free_masses_rebound_as_they_should(method, law):
+    for e, realised in REALISED[law].items():
+        got = collide(law, e, method)
+        assert int(got.status) == Status.OK
+        assert got.impact_count.values.tolist() == [[1, 1]]
+        apart = got.velocity[-1].sel(building="b").values - got.velocity[-1].sel(building="a").values
+        np.testing.assert_allclose(apart / CLOSING, realised, rtol=0, atol=2e-3)
+        np.testing.assert_allclose(got.first_impact_time[0], 0.004 / CLOSING, rtol=1e-9)
+        np.testing.assert_allclose(got.approach_speed_max[0], CLOSING, rtol=1e-9)
+        # work of both contacts: what the rebound lost
+        reduced = LEFT_MASSES * RIGHT_MASSES / (LEFT_MASSES + RIGHT_MASSES)
+        lost = np.sum(0.5 * reduced * (CLOSING**2 - apart**2))
+        assert float(got.contact_work[0]) == pytest.approx(lost, rel=1e-4 if method == "rk4" else 3e-3)
+        # the harder the damper, the more is lost: never more than there was
+        assert 0 < lost < np.sum(0.5 * reduced * CLOSING**2)
+
+
+@pytest.mark.parametrize("law", CONTACT_LAWS)
+def test_momentum_is_kept_and_is_the_impulse(law):
+    for method in METHODS:
+        got = collide(law, 0.5, method)
+        before = LEFT_MASSES * SPEEDS[0] + RIGHT_MASSES * SPEEDS[1]
+        momentum = got.velocity.sel(building="a") * LEFT_MASSES + got.velocity.sel(building="b") * RIGHT_MASSES
+        np.testing.assert_allclose(momentum, np.broadcast_to(before, momentum.shape), rtol=1e-9)
+        given = LEFT_MASSES * (SPEEDS[0] - got.velocity[-1].sel(building="a").values)
+        np.testing.assert_allclose(got.impulse[0], given, rtol=1e-6 if method == "rk4" else 1e-3)
+
+
+@pytest.mark.parametrize("law", ["linear", "hertz"])
+@pytest.mark.parametrize("method", METHODS)
+def test_elastic_masses_meet_and_part_as_in_a_textbook(law, method):
+    got = collide(law, None, method)
+    m1, m2 = LEFT_MASSES, RIGHT_MASSES
+    v1, v2 = np.array(SPEEDS[0]), np.array(SPEEDS[1])
+    after = ((m1 - m2) * v1 + 2 * m2 * v2) / (m1 + m2)
+    tolerance = 1e-6 if method == "rk4" else 1e-3
+    np.testing.assert_allclose(got.velocity[-1].sel(building="a"), after, rtol=0, atol=tolerance)
+    reduced = m1 * m2 / (m1 + m2)
+    if law == "linear":
+        depth = CLOSING * np.sqrt(reduced / 2.0e6)
+        force = 2.0e6 * depth
+    else:
+        depth = (5 * reduced * CLOSING**2 / (4 * 1.88e7)) ** 0.4
+        force = 1.88e7 * depth**1.5
+    np.testing.assert_allclose(got.penetration_max[0], depth, rtol=tolerance * 10)
+    np.testing.assert_allclose(got.impact_force_max[0], force, rtol=tolerance * 10)
+    lost = np.sum(0.5 * reduced * CLOSING**2)
+    assert abs(float(got.contact_work[0])) < 10 * tolerance * lost
+
+
+# -- laws of mechanics -------------------------------------------------------------------------------------------------
+
+PAIR = ps.Scene([A, B], gaps=[0.006])
+
+
+def shake(law="linear", scene=PAIR, record=None, *, e=0.6, k=None, **options):
+    k = k or (8e5 if LAWS[law].exponent == 1.0 else 7.5e6)
+    return ps.simulate(
+        scene,
+        record or shaking(),
+        law=law,
+        stiffness=k if LAWS[law].has_contact else None,
+        restitution=e if LAWS[law].takes_restitution else None,
+        **options,
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_first_impact_knows_no_law(method):
+    first = {law: shake(law, method=method).first_impact_time.values for law in CONTACT_LAWS}
+    earliest = np.nanmin(first["linear"])
+    assert 0 < earliest < 2.0
+    assert {float(np.nanmin(times)) for times in first.values()} == {earliest}
+
+
+@pytest.mark.parametrize("law", list(REALISED))
+def test_full_restitution_is_the_elastic_law(law):
+    elastic = shake("linear" if LAWS[law].exponent == 1.0 else "hertz", dt=5e-4)
+    got = shake(law, e=1.0, dt=5e-4)
+    np.testing.assert_array_equal(got.impact_count, elastic.impact_count)
+    for name in ("displacement", "impact_force_max", "impulse", "acceleration_max", "energy_transfer_max"):
+        want = elastic[name].fillna(0.0).values
+        near(got[name].fillna(0.0).values, want, 1e-4 if law == "nonlinear_viscoelastic" else 1e-6)
+
+
+@pytest.mark.parametrize(("beta", "gamma", "order"), [(1 / 6, 0.5, 1.8), (0.25, 0.5, 1.8), (0.3025, 0.6, 0.9)])
+def test_parameters_of_newmark(beta, gamma, order):
+    """gamma = 1/2 is second order, more of it damps and is first order; all reach the exact answer."""
+    record = shaking(1.0)
+    exact = modal_exact(NaiveBuilding(list(A.masses), list(A.stiffnesses)), record.acceleration, record.dt)[0]
+    steps, left = [20, 40, 80], []
+    for n in steps:
+        got = ps.simulate(PAIR, record, method="newmark", dt=record.dt / n, beta=beta, gamma=gamma)
+        left.append(np.abs(got.displacement.sel(building="a").values[::n] - exact).max())
+    found = -np.polyfit(np.log(steps), np.log(left), 1)[0]
+    assert order <= found < order + 0.5, left
+
+
+@pytest.mark.parametrize("law", CONTACT_LAWS)
+@pytest.mark.parametrize("method", METHODS)
+def test_energy_balance(method, law):
+    got = shake(law, method=method, dt=5e-4)
+    assert int(got.impact_count.sum()) >= 2
+    assert float(got.energy_residual) < (1e-6 if method == "rk4" else 4e-4)
+    # at every instant: what buildings gave away is what the contacts took, or hold
+    size = float(got.input.max())
+    gap = np.abs(got.transfer.sum("building") - got.work.sum("pair")).values
+    assert gap.max() < (2e-6 if method == "rk4" else 1e-3) * size
+    # the peaks over time are those of the history, or between its steps
+    for b in ("a", "b"):
+        here, top = got.transfer.sel(building=b), got.energy_transfer_max.sel(building=b)
+        low = got.energy_transfer_min.sel(building=b)
+        drift = (1e-6 if method == "rk4" else 1e-3) * size  # in flight, where nothing is exchanged
+        assert float(top) >= float(here.max()) - drift
+        assert float(low) <= float(here.min()) + drift
+        reach = float(top - low)
+        assert float(top) - float(here.max()) < 0.02 * reach
+        assert float(here.min()) - float(low) < 0.02 * reach
+    taken = float(got.contact_work.sum())
+    assert taken > 0.01 * reach if LAWS[law].takes_restitution else abs(taken) < 1e-3 * reach
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_without_contact_nothing_is_transferred(method):
+    got = shake("none", method=method, dt=5e-4)
+    assert float(got.input.max()) > 1.0
+    for name in ("energy_transfer_max", "energy_transfer_min", "contact_work", "work", "impulse", "contact_force"):
+        assert not got[name].fillna(0.0).values.any(), name
+    assert np.abs(got.transfer).max() < (1e-6 if method == "rk4" else 1e-3) * got.input.max()
+
+
+def test_histories_obey_the_equation_of_motion():
+    """Independent of the kernel's own sums: forces, input and damping from u, v and F of the history."""
+    record = shaking()
+    got = shake("hertz_damped", record=record, dt=2.5e-4)
+    masses = np.array([A.masses, B.masses])
+    ag = got.ground_acceleration.values
+    np.testing.assert_allclose(ag, np.interp(got.time, record.time, record.acceleration), atol=1e-12)
+    for i, (b, sign) in enumerate(((A, -1.0), (B, 1.0))):
+        alpha, beta = b.rayleigh
+        stiff = b.stiffness_matrix
+        damping = alpha * np.diag(b.masses) + beta * stiff
+        u, v = got.displacement[:, i].values, got.velocity[:, i].values
+        force = sign * got.contact_force[:, 0].values
+        want = (force - u @ stiff - v @ damping) / masses[i]
+        near(got.acceleration[:, i], want, 1e-12)
+        t = got.time.values
+        near(cumulative_simpson(-ag * (v @ masses[i]), x=t, initial=0.0), got.input[:, i].values, 1e-4)
+        near(
+            cumulative_simpson(np.einsum("ti,ij,tj->t", v, damping, v), x=t, initial=0.0),
+            got.damping[:, i].values,
+            1e-4,
+        )
+        near(0.5 * v**2 @ masses[i], got.kinetic[:, i].values, 1e-12)
+        near(0.5 * np.einsum("ti,ij,tj->t", u, stiff, u), got.strain[:, i].values, 1e-12)
+    d = got.displacement[:, 0] - got.displacement[:, 1] - 0.006
+    near(np.maximum(d.values, 0.0), got.penetration[:, 0].values, 1e-12)
+    assert np.all(got.contact_force.values[got.penetration.values == 0] == 0)
+
+
+# -- symmetries --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("law", ["hertz_damped", "kelvin_voigt"])
+def test_a_mirrored_row_gives_the_mirrored_answer(law, method):
+    record = shaking()
+    one = shake(law, record=record, method=method)
+    other = shake(law, ps.Scene([B, A], gaps=[0.006]), record.scaled(-1.0), method=method)
+    assert int(one.impact_count.sum()) >= 2
+    np.testing.assert_array_equal(one.impact_count, other.impact_count)
+    for b in ("a", "b"):
+        mine, theirs = one.sel(building=b), other.sel(building=b)
+        near(-theirs.displacement_min, mine.displacement_max, 1e-9)
+        near(-theirs.displacement_max, mine.displacement_min, 1e-9)
+        near(-theirs.displacement, mine.displacement, 1e-9)
+        for name in ("drift_max", "acceleration_max", "energy_input", "energy_damping", "energy_transfer_max"):
+            near(theirs[name], mine[name], 1e-9)
+    for name in ("impact_force_max", "penetration_max", "impulse", "contact_work", "approach_speed_max"):
+        near(other[name], one[name], 1e-9)
+    np.testing.assert_allclose(other.first_impact_time, one.first_impact_time, rtol=1e-9)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "hertz"])
+def test_gap_and_motion_scaled_together_scale_the_answer(law, method):
+    factor, record = 2.7, shaking()
+    k = 8e5 if law != "hertz" else 7.5e6
+    one = shake(law, record=record, k=k, method=method)
+    # a force that grows like d^1.5 stays similar with a stiffness that falls like d^-0.5
+    larger_k = k if law != "hertz" else k / np.sqrt(factor)
+    other = shake(law, ps.Scene([A, B], gaps=[factor * 0.006]), record.scaled(factor), k=larger_k, method=method)
+    assert int(one.impact_count.sum()) >= 2
+    np.testing.assert_array_equal(one.impact_count, other.impact_count)
+    np.testing.assert_allclose(other.first_impact_time, one.first_impact_time, rtol=1e-9)
+    for power, names in (
+        (1, ("displacement_max", "displacement_min", "drift_max", "storey_shear_max", "acceleration_max")),
+        (1, ("impact_force_max", "penetration_max", "impulse", "approach_speed_max", "displacement", "velocity")),
+        (2, ("energy_input", "energy_damping", "energy_kinetic", "energy_strain", "energy_transfer_max")),
+    ):
+        for name in names:
+            want = one[name].fillna(0.0).values * factor**power
+            near(other[name].fillna(0.0).values, want, 1e-9)

@@ -1,0 +1,380 @@
+"""The compiled kernels against the slow twin of `naive.py`: every law, scheme, row and variable."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from naive import WALL, NaiveBuilding, contact_floors, run
+
+import pounding_sweep as ps
+from pounding_sweep.contact.laws import LAWS
+from pounding_sweep.cube.variables import VARIABLES, Status, reducers_for
+from pounding_sweep.kernels.shape import history_slots
+from pounding_sweep.sweep.blocks import Numerics, RowKernel, variables_of
+from pounding_sweep.sweep.spec import METHODS
+
+pytestmark = pytest.mark.usefixtures("pair_kernels")
+
+PAPER = ps.get_preset("mate2015")
+
+A = ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5])
+B = ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5], damping_ratio=0.03)
+PAIR = ps.Scene([A, B], gaps=[0.006])
+ROWS = {
+    "pair": PAIR,
+    "paper": PAPER,
+    # four buildings of one and two storeys behind a wall
+    "four": ps.Scene(
+        [
+            ps.Wall(),
+            ps.Building("w", [60.0], [4.0e4]),
+            ps.Building("x", [100.0, 90.0], [1.2e5, 1.0e5]),
+            ps.Building("y", [70.0], [6.0e4]),
+            ps.Building("z", [150.0], [8.0e4], damping_ratio=0.02),
+        ],
+        gaps=[0.006, 0.004, 0.006, 0.008],
+    ),
+    # a tall ground floor meets the neighbour's roof only; the wall on the right meets both floors
+    "uneven": ps.Scene(
+        [
+            ps.Building("low", [140.0], [9.0e4], storey_heights=[6.0]),
+            ps.Building("high", [90.0, 80.0], [1.6e5, 1.3e5], storey_heights=[3.0, 3.0]),
+            ps.Wall("barrier"),
+        ],
+        gaps=[0.003, 0.007],
+    ),
+    # more floors than one straight line of code holds: loops split within and between buildings
+    "tall": ps.Scene(
+        [
+            ps.Building("tower", np.linspace(130.0, 80.0, 12), np.linspace(6e5, 3e5, 12)),
+            ps.Building("annex", [120.0] * 5, [3.5e5] * 5),
+        ],
+        gaps=[0.01],
+    ),
+}
+
+
+def stiffness_of(law, row):
+    if LAWS[law].exponent is None:
+        return None
+    linear = 2.0e6 if row == "paper" else 8.0e5
+    return linear if LAWS[law].exponent == 1.0 else 9.4 * linear
+
+
+@lru_cache
+def motion(points, scale=1.0):
+    el_centro = ps.find_record("el_centro")
+    return ps.Record("cut", el_centro.dt, scale * el_centro.acceleration[50 : 50 + points])
+
+
+def twins(scene):
+    return [
+        WALL
+        if isinstance(b, ps.Wall)
+        else NaiveBuilding(list(b.masses), list(b.stiffnesses), b.damping_ratio, storey_heights=list(b.storey_heights))
+        for b in scene.row
+    ]
+
+
+@lru_cache
+def truth(row, law, points, scale=1.0, e=0.6, rtol=1e-10):
+    scene, record = ROWS[row], motion(points, scale)
+    return run(
+        twins(scene), list(scene.gaps), record.acceleration, record.dt, law, stiffness_of(law, row), e, rtol=rtol
+    )
+
+
+def simulate(row, law, points, scale=1.0, e=0.6, **options):
+    return ps.simulate(
+        ROWS[row],
+        motion(points, scale),
+        law=law,
+        stiffness=stiffness_of(law, row),
+        restitution=e if LAWS[law].takes_restitution else None,
+        **options,
+    )
+
+
+FLOOR = ("displacement_max", "displacement_min", "drift_max", "storey_shear_max", "acceleration_max")
+CONTACT = (
+    "impact_force_max",
+    "impact_count",
+    "penetration_max",
+    "impulse",
+    "first_impact_time",
+    "approach_speed_max",
+)
+BUILDING = {
+    "energy_input": "energy_input",
+    "energy_damping": "energy_damping",
+    "energy_kinetic": "kinetic_final",
+    "energy_strain": "strain_final",
+    "energy_transfer_max": "energy_transfer_max",
+    "energy_transfer_min": "energy_transfer_min",
+}
+
+
+def both(got, want, scene):
+    """Every variable of a Dataset and of the twin as flat arrays, NaN where missing: {name: (got, want)}."""
+    rows = twins(scene)
+    real = [i for i, b in enumerate(rows) if b is not WALL]
+    result = {}
+    for name in FLOOR:
+        mine = [got[name].sel(building=scene.row[i].name).values[: len(rows[i].masses)] for i in real]
+        result[name] = np.concatenate(mine), np.concatenate([want[name][i] for i in real])
+    for name in CONTACT:
+        mine, theirs = [], []
+        for p, pair in enumerate(scene.pair_names):
+            for f, (left, right) in enumerate(contact_floors(rows[p], rows[p + 1])):
+                mine.append(float(got[name].sel(pair=pair, storey=right if left is None else left)))
+                theirs.append(want[name][p][f])
+        result[name] = np.array(mine), np.array([np.nan if x is None else x for x in theirs], dtype=float)
+    for name, other in BUILDING.items():
+        result[name] = got[name].values, np.asarray(want[other])[real]
+    work = [float(np.sum(w)) for w in want["contact_work"]]
+    result["contact_work"] = (got["contact_work"].values if "contact_work" in got else np.array([])), np.array(work)
+    return result
+
+
+def errors(got, want, scene):
+    """Largest error of each variable, over its largest absolute value (works and transfers share one)."""
+    values = both(got, want, scene)
+    size = {name: np.max(np.abs(theirs), initial=0.0, where=~np.isnan(theirs)) for name, (_, theirs) in values.items()}
+    exchanged = ("contact_work", "energy_transfer_max", "energy_transfer_min")
+    size |= dict.fromkeys(exchanged, max(1e-4 * size["energy_input"], *(size[name] for name in exchanged)))
+    result = {}
+    for name, (mine, theirs) in values.items():
+        assert mine.shape == theirs.shape, name
+        assert np.array_equal(np.isnan(mine), np.isnan(theirs)), name
+        error = np.max(np.abs(mine - theirs), initial=0.0, where=~np.isnan(theirs))
+        result[name] = float(error / (size[name] or 1.0))
+    return result
+
+
+def row_kernel(row, law, method, dt, locate=True, host=None):
+    """The kernel that `simulate` compiles."""
+    outputs = [name for name in VARIABLES if name != "closing_max"]
+    numerics = Numerics(method, dt, locate)
+    host = None if host is None else LAWS[host]
+    return RowKernel(ROWS[row], LAWS[law], numerics, reducers_for(outputs), history=True, host=host)
+
+
+def run_lanes(kernel, record, scale, gaps, stiffness, restitution):
+    steps = (record.n_points - 1) * kernel.numerics.steps(record)
+    return kernel.run(
+        record,
+        scale=np.asarray(scale),
+        gaps=np.asarray(gaps),
+        stiffness=np.asarray(stiffness),
+        restitution=np.asarray(restitution),
+        history=np.zeros((steps + 1, history_slots(kernel.shape).size)),
+    )
+
+
+# -- against the twin --------------------------------------------------------------------------------------------------
+
+# Largest error of any variable at the step of the test; two to four times what is measured.
+RK4_BOUND = dict.fromkeys(LAWS, 8e-6) | {"nonlinear_viscoelastic": 6e-5, "modified_kelvin_voigt": 2e-5}
+NEWMARK_BOUND = dict.fromkeys(LAWS, 1.5e-3)
+
+
+def check(row, law, points, scale, method, dt, bound, touched=True):
+    got = simulate(row, law, points, scale, method=method, dt=dt)
+    want = truth(row, law, points, scale)
+    assert int(got.status) == Status.OK
+    counts = [int(c) for pair in want["impact_count"] for c in pair]
+    assert sum(counts) >= 3 or not touched
+    found = errors(got, want, ROWS[row])
+    assert found["impact_count"] == 0.0
+    assert max(found.values()) < bound, found
+    return got
+
+
+@pytest.mark.parametrize("law", list(LAWS))
+def test_rk4_equals_the_twin_for_every_law(law):
+    check("pair", law, 126, 1.5, "rk4", 5e-4, RK4_BOUND[law], touched=law != "none")
+
+
+@pytest.mark.parametrize("law", list(LAWS))
+def test_newmark_equals_the_twin_for_every_law(law):
+    check("pair", law, 126, 1.5, "newmark", 2e-4, NEWMARK_BOUND[law], touched=law != "none")
+
+
+OTHER_ROWS = [
+    ("paper", "linear", 251, "rk4", 5e-4, 1e-5),
+    ("paper", "kelvin_voigt", 251, "rk4", 5e-4, 1e-5),
+    ("paper", "hertz_damped", 251, "rk4", 5e-4, 1e-5),
+    ("uneven", "kelvin_voigt", 101, "rk4", 5e-4, 1e-5),
+    ("four", "hertz_damped", 101, "rk4", 5e-4, 1e-5),
+    ("four", "linear_viscoelastic", 101, "newmark", 2e-4, 2e-3),
+    ("paper", "hertz_damped", 251, "newmark", 2e-4, 2e-3),
+    ("tall", "linear", 76, "rk4", 5e-4, 1e-5),
+    ("tall", "linear", 76, "newmark", 2e-4, 2e-3),
+]
+
+
+@pytest.mark.usefixtures("row_kernels")
+@pytest.mark.parametrize(("row", "law", "points", "method", "dt", "bound"), OTHER_ROWS)
+def test_other_rows_equal_the_twin(row, law, points, method, dt, bound):
+    check(row, law, points, 1.0, method, dt, bound)
+
+
+def test_rows_hold_what_they_are_meant_to():
+    assert [len(ROWS[row].buildings) for row in ("pair", "paper", "four", "uneven", "tall")] == [2, 3, 4, 2, 2]
+    assert not row_kernel("tall", "linear", "rk4", 1e-3).shape.fused
+    assert len(row_kernel("tall", "linear", "rk4", 1e-3).shape.chunks) == 3
+    assert row_kernel("paper", "linear", "rk4", 1e-3).shape.fused
+    touched = truth("uneven", "kelvin_voigt", 101)["impact_count"]
+    assert len(touched[0]) == 1  # the low roof and the high building's own roof
+    assert touched[0][0] > 0
+    assert len(touched[1]) == 2
+    assert max(touched[1]) > 0  # the wall is hit
+    assert max(truth("four", "hertz_damped", 101)["impact_count"][0]) > 0
+
+
+# -- order of convergence ----------------------------------------------------------------------------------------------
+
+SMOOTH = (
+    "displacement_max",
+    "displacement_min",
+    "impact_force_max",
+    "penetration_max",
+    "impulse",
+    "approach_speed_max",
+)
+
+
+def slope(law, method, steps, locate=True):
+    want = truth("pair", law, 76, 1.5, rtol=1e-11)
+    total = []
+    for dt in steps:
+        found = errors(simulate("pair", law, 76, 1.5, method=method, dt=dt, locate=locate), want, PAIR)
+        total.append(np.sqrt(np.mean([found[name] ** 2 for name in SMOOTH])))
+    return np.polyfit(np.log(steps), np.log(total), 1)[0], total
+
+
+# Just after a touch a Hertz force rises like t^1.5, which costs RK4 one step of error h^2.5 per touch and release.
+ORDERS = {
+    ("rk4", "linear"): 3.5,
+    ("rk4", "kelvin_voigt"): 3.5,
+    ("rk4", "hertz_damped"): 2.3,
+    ("newmark", "linear"): 1.8,
+    ("newmark", "kelvin_voigt"): 1.8,
+    ("newmark", "hertz_damped"): 1.8,
+    ("rk4", "kelvin_voigt_tension"): 3.5,
+    ("newmark", "kelvin_voigt_tension"): 1.8,
+}
+
+
+@pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "kelvin_voigt_tension", "hertz_damped"])
+@pytest.mark.parametrize("method", METHODS)
+def test_order_of_convergence(method, law):
+    order, total = slope(law, method, [2e-3, 1e-3, 5e-4, 2.5e-4])
+    assert order >= ORDERS[method, law], (order, total)
+    assert order < 6.0, (order, total)  # steeper would be an accident
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_unlocated_steps_converge_too(method):
+    order, total = slope("hertz_damped", method, [2e-3, 1e-3, 5e-4, 2e-4, 1e-4, 5e-5], locate=False)
+    assert order >= 0.8, (order, total)
+    assert total[-1] < 2e-3
+
+
+@pytest.mark.parametrize(("method", "order"), [("rk4", 3.5), ("newmark", 1.8)])
+def test_energy_residual_is_of_the_schemes_order(method, order):
+    steps = [2e-3, 1e-3, 5e-4]
+    left = [float(simulate("pair", "kelvin_voigt", 126, 1.5, method=method, dt=dt).energy_residual) for dt in steps]
+    assert left[-1] < (1e-6 if method == "rk4" else 2e-4)
+    assert np.polyfit(np.log(steps), np.log(left), 1)[0] >= order - 0.5, left
+
+
+# -- lanes -------------------------------------------------------------------------------------------------------------
+
+LANES_CASES = [
+    ("rk4", "hertz_damped", True),
+    ("rk4", "kelvin_voigt", True),
+    ("rk4", "nonlinear_viscoelastic", True),
+    ("newmark", "kelvin_voigt", True),
+    ("newmark", "hertz_damped", True),
+    ("newmark", "modified_kelvin_voigt", True),
+    ("rk4", "hertz_damped", False),
+    ("newmark", "hertz_damped", False),
+]
+
+
+@pytest.mark.parametrize(("method", "law", "locate"), LANES_CASES)
+def test_a_scenario_does_not_know_its_neighbours(method, law, locate):
+    kernel, record = row_kernel("pair", law, method, 2e-3, locate), motion(76)
+    rng = np.random.default_rng(7)
+    n = 37
+    scale, gaps = rng.uniform(0.2, 2.0, n), rng.uniform(0.0, 0.02, (n, 1))
+    gaps[3], gaps[20] = 0.0, 1.0
+    k, e = stiffness_of(law, "pair") * 10 ** rng.uniform(-0.7, 0.7, n), rng.uniform(0.1, 1.0, n)
+    together = run_lanes(kernel, record, scale, gaps, k, e)
+    assert len(np.unique(together["umax"][:, 1])) == n
+    assert 0 < np.count_nonzero(together["count"].sum(axis=1)) < n
+    order = rng.permutation(n)
+    shuffled = run_lanes(kernel, record, scale[order], gaps[order], k[order], e[order])
+    for name, values in together.items():
+        assert np.array_equal(shuffled[name], values[order]), name
+    for i in (0, 3, 15, 16, 20, 31, 36):
+        one = slice(i, i + 1)
+        alone = run_lanes(kernel, record, scale[one], gaps[one], k[one], e[one])
+        for name, values in together.items():
+            assert np.array_equal(alone[name], values[one]), (i, name)
+    part = slice(5, 22)  # one full group and one lane
+    some = run_lanes(kernel, record, scale[part], gaps[part], k[part], e[part])
+    for name, values in together.items():
+        assert np.array_equal(some[name], values[part]), name
+
+
+def test_a_wild_neighbour_does_no_harm():
+    """A scenario that leaves the range of numbers stays in its own lane."""
+    kernel, record = row_kernel("pair", "linear", "rk4", 2e-3), motion(76)
+    calm = run_lanes(kernel, record, [1.0], [[0.006]], [8e5], [1.0])
+    mixed = run_lanes(kernel, record, [1.0, 1e300, 1.0], [[0.006]] * 3, [8e5, 8e5, 8e5], [1.0] * 3)
+    assert mixed["flags"][1, 0] > 0
+    for name, values in calm.items():
+        assert np.array_equal(mixed[name][[0]], values), name
+        assert np.array_equal(mixed[name][[2]], values), name
+    values = variables_of(kernel, mixed, ["impact_count"], record)
+    assert values["status"].tolist() == [Status.OK, Status.DIVERGED, Status.OK]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("law", "host"), [("linear", "kelvin_voigt"), ("hertz", "hertz_damped")])
+def test_an_undamped_law_in_the_kernel_of_a_damped_one_to_the_last_bit(law, host, method):
+    record = motion(76, 1.5)
+    arguments = ([1.0, 0.7], [[0.006], [0.004]], [stiffness_of(law, "pair")] * 2, [0.6, 0.6])
+    own = run_lanes(row_kernel("pair", law, method, 1e-3), record, *arguments)
+    guest = run_lanes(row_kernel("pair", law, method, 1e-3, host=host), record, *arguments)
+    assert own["count"].sum() > 0
+    for name, values in own.items():
+        assert np.array_equal(guest[name], values), name
+
+
+# -- what a kernel leaves out ------------------------------------------------------------------------------------------
+
+
+def test_asking_for_less_changes_nothing():
+    """A kernel without energies, histories and accelerations gives the same bits for what is left."""
+    record = motion(76, 1.5)
+    full = row_kernel("pair", "hertz_damped", "rk4", 1e-3)
+    bare = RowKernel(PAIR, full.law, full.numerics, reducers_for(["impact_force_max", "impact_count", "drift_max"]))
+    assert "energy" not in bare.shape.reducers
+    arguments = {"scale": np.ones(1), "gaps": np.array([[0.006]]), "stiffness": np.array([7.5e6])}
+    few = bare.run(record, restitution=np.array([0.6]), **arguments)
+    many = run_lanes(full, record, restitution=np.array([0.6]), **arguments)
+    assert set(few) < set(many)
+    assert few["count"].sum() > 0
+    for name, values in few.items():
+        assert np.array_equal(values, many[name]), name
+
+
+def test_no_contact_code_where_nothing_can_touch():
+    for law, row in (("none", "pair"), ("none", "paper")):
+        assert row_kernel(row, law, "rk4", 1e-3).shape.contacts == ()
+        assert row_kernel(row, law, "rk4", 1e-3).shape.law is None

@@ -1,0 +1,378 @@
+"""`simulate`: its arguments, its histories, extremes that must stay finite, and random scenes."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from naive import NaiveBuilding, run
+
+import pounding_sweep as ps
+from pounding_sweep.contact.laws import LAWS
+from pounding_sweep.cube.variables import INTEGER_FILL, VARIABLES, Status
+from pounding_sweep.errors import PoundingSweepError, StabilityError
+from pounding_sweep.sweep.spec import METHODS
+
+pytestmark = pytest.mark.usefixtures("pair_kernels")
+
+CONTACT_LAWS = [key for key, law in LAWS.items() if law.has_contact]
+A = ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5])
+B = ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5], damping_ratio=0.03)
+PAIR = ps.Scene([A, B], gaps=[0.006])
+SHAKING = ps.synthetic_record(5, duration=2.0, dt=0.02, pga=4.0)
+
+
+def shake(law="linear", scene=PAIR, record=SHAKING, *, e=0.6, k=None, **options):
+    k = k or (8e5 if LAWS[law].exponent == 1.0 else 7.5e6)
+    return ps.simulate(
+        scene,
+        record,
+        law=law,
+        stiffness=k if LAWS[law].has_contact else None,
+        restitution=e if LAWS[law].takes_restitution else None,
+        **options,
+    )
+
+
+def with_gap(gap):
+    return ps.Scene([A, B], gaps=[gap])
+
+
+def assert_finite(got):
+    """Everything that is there is a finite number; only an impact that never was is missing."""
+    for name, values in got.variables.items():
+        if values.dtype.kind == "f" and name not in ("first_impact_time", "steps_per_contact"):
+            assert np.isfinite(values.values).all(), name
+    assert np.array_equal(np.isnan(got.first_impact_time), got.impact_count == 0)
+
+
+# -- what comes back ---------------------------------------------------------------------------------------------------
+
+
+def test_every_variable_and_history_is_there_with_its_units():
+    got = shake()
+    assert set(VARIABLES) - {"closing_max"} <= set(got.data_vars)
+    floors, pairs = ("time", "building", "storey"), ("time", "pair", "storey")
+    for name, dims in {
+        "displacement": floors,
+        "velocity": floors,
+        "acceleration": floors,
+        "ground_acceleration": ("time",),
+        "contact_force": pairs,
+        "penetration": pairs,
+        "work": ("time", "pair"),
+        **dict.fromkeys(("input", "kinetic", "strain", "damping", "transfer"), ("time", "building")),
+    }.items():
+        assert got[name].dims == dims, name
+        assert got[name].attrs["units"], name
+        assert got[name].attrs["long_name"], name
+    assert got.time.values[0] == 0.0
+    assert got.time.values[-1] == pytest.approx(SHAKING.duration)
+    assert got.sizes["time"] == (SHAKING.n_points - 1) * 20 + 1
+    assert got.building.values.tolist() == ["a", "b"]
+    assert got.pair.values.tolist() == ["a-b"]
+
+
+def test_peaks_are_those_of_the_histories():
+    """Located peaks lie on or just above what the steps show."""
+    got = shake("hertz_damped", dt=5e-4)
+    for peak, history in (
+        ("displacement_max", got.displacement),
+        ("displacement_min", -got.displacement),
+        ("impact_force_max", got.contact_force),
+        ("penetration_max", got.penetration),
+        ("acceleration_max", abs(got.acceleration)),
+        ("approach_speed_max", (got.velocity[:, 0] - got.velocity[:, 1]).expand_dims(pair=["a-b"], axis=1)),
+    ):
+        top = abs(got[peak])
+        seen = history.max("time")
+        assert bool((seen <= top * (1 + 1e-9) + 1e-15).all()) or peak == "approach_speed_max", peak
+        if peak != "approach_speed_max":
+            assert bool((seen >= 0.97 * top).all()), peak
+    onsets = (np.diff((got.penetration.values > 0).astype(int), axis=0) > 0).sum(axis=0)
+    assert onsets.tolist() == got.impact_count.values.tolist()
+    first = np.array([got.time.values[np.argmax(p > 0)] for p in got.penetration.values[:, 0].T])
+    late = first - got.first_impact_time.values[0]
+    assert np.all(late[first > 0] >= 0)
+    assert np.all(late[first > 0] <= 5e-4)
+
+
+@pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped"])
+def test_histories_equal_the_twin_at_the_records_points(law):
+    k = 8e5 if law == "kelvin_voigt" else 7.5e6
+    got = shake(law, k=k, dt=5e-4).isel(time=slice(None, None, 40))
+    twins = [NaiveBuilding(list(b.masses), list(b.stiffnesses), b.damping_ratio) for b in (A, B)]
+    want = run(twins, [0.006], SHAKING.acceleration, SHAKING.dt, law, k, 0.6)
+    for i, name in enumerate(("a", "b")):
+        for mine, theirs in (("displacement", want["displacement"][i]), ("velocity", want["velocity"][i])):
+            values = got[mine].sel(building=name).values
+            np.testing.assert_allclose(values, theirs, rtol=0, atol=3e-6 * np.abs(theirs).max())
+
+
+@pytest.mark.usefixtures("row_kernels")
+def test_a_scene_by_name():
+    short = ps.Record("short", 0.02, [0.0, 1.0, -1.0])
+    by_name = ps.simulate("mate2015", short, law="linear")
+    assert by_name.building.values.tolist() == ["left", "middle", "right"]
+    given = ps.simulate(ps.get_preset("mate2015"), short, law="linear", stiffness=2e6)  # its reference
+    np.testing.assert_array_equal(by_name.displacement, given.displacement)
+
+
+def test_a_single_building_has_no_pairs():
+    got = ps.simulate(ps.Scene([ps.Building("one", [150.0], [6e4])]), SHAKING)
+    assert "pair" not in got.dims
+    assert int(got.status) == Status.OK
+    assert float(got.displacement_max.max()) > 0
+
+
+def test_a_law_object_is_a_law():
+    np.testing.assert_array_equal(
+        shake(LAWS["linear"].key).displacement,
+        ps.simulate(PAIR, SHAKING, law=LAWS["linear"], stiffness=8e5).displacement,
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"law": "lineal"}, "linear"),
+        ({"law": "linear"}, "stiffness"),  # the scene has no reference
+        ({"law": "linear", "stiffness": -1.0}, "stiffness"),
+        ({"law": "kelvin_voigt", "stiffness": 8e5, "restitution": 1.5}, "restitution"),
+        ({"law": "gonthier", "stiffness": 8e5, "restitution": 0.0}, "restitution"),
+        ({"method": "euler"}, "rk4"),
+        ({"dt": 0.0}, "dt"),
+        ({"dt": float("nan")}, "dt"),
+        ({"initial_velocity": [0.1]}, "one per building"),
+        ({"initial_velocity": [[0.1, 0.2, 0.3], 0.0]}, "2 finite numbers"),
+        ({"initial_velocity": [[0.1, float("nan")], 0.0]}, "2 finite numbers"),
+    ],
+)
+def test_bad_arguments_are_named(options, says):
+    with pytest.raises(PoundingSweepError, match=re.escape(says)):
+        ps.simulate(PAIR, SHAKING, **options)
+
+
+def test_one_number_moves_every_floor():
+    quiet = ps.Record("quiet", 0.02, np.zeros(3))
+    one = ps.simulate(PAIR, quiet, initial_velocity=[0.2, [0.0, -0.1]])
+    assert one.velocity[0].values.tolist() == [[0.2, 0.2], [0.0, -0.1]]
+
+
+# -- the stability limit -----------------------------------------------------------------------------------------------
+
+
+def closed_poles(k):
+    """Eigenvalues of the pair with every contact closed and a linear spring in it."""
+    m = np.array([*A.masses, *B.masses])
+    stiff, damping = np.zeros((4, 4)), np.zeros((4, 4))
+    for i, b in enumerate((A, B)):
+        part = slice(2 * i, 2 * i + 2)
+        alpha, beta = b.rayleigh
+        stiff[part, part] = b.stiffness_matrix
+        damping[part, part] = alpha * np.diag(b.masses) + beta * b.stiffness_matrix
+    for i in range(2):
+        stiff[np.ix_([i, i + 2], [i, i + 2])] += k * np.array([[1, -1], [-1, 1]])
+    return np.linalg.eigvals(np.block([[np.zeros((4, 4)), np.eye(4)], [-stiff / m[:, None], -damping / m[:, None]]]))
+
+
+def growth(k, dt):
+    """Largest factor by which RK4 multiplies a mode in a step."""
+    z = closed_poles(k) * dt
+    return np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24).max()
+
+
+def test_a_step_beyond_the_stability_limit_is_refused_with_the_largest_step():
+    stiff = 2e9
+    with pytest.raises(StabilityError) as info:
+        shake(k=stiff, dt=0.02)
+    limit = float(re.search(r"dt <= ([0-9.e+-]+) s", str(info.value))[1])
+    # on the safe side of the exact limit of the row with its contacts closed, and not far from it
+    assert growth(stiff, limit) <= 1.0
+    assert growth(stiff, 1.5 * limit) > 1.0
+    with pytest.raises(StabilityError):
+        shake(k=stiff, dt=1.5 * limit)
+    got = shake(k=stiff, dt=limit)
+    assert int(got.status) in (Status.OK, Status.UNDER_RESOLVED_CONTACT)
+    assert_finite(got)
+    assert_finite(shake(k=stiff, dt=0.02, method="newmark"))  # has no limit
+    assert int(shake("none", dt=0.02).status) == Status.OK  # nothing stiff in it
+
+
+def test_conditionally_stable_newmark_has_a_limit_too():
+    with pytest.raises(StabilityError, match="dt <= "):
+        shake(k=2e9, dt=0.02, method="newmark", beta=1 / 6, gamma=0.5)
+
+
+def test_a_diverged_run_reports_no_finite_peak():
+    stiff = ps.Scene([ps.Building("a", [1.0, 1.0], [1e7, 1e7]), B], gaps=[0.006])
+    with pytest.raises(StabilityError):
+        shake(scene=stiff, dt=0.02)
+    got = shake(scene=stiff, dt=0.02, force_unstable=True)
+    assert int(got.status) == Status.DIVERGED
+    assert "displacement" not in got
+    for name, variable in VARIABLES.items():
+        if name in got and not variable.flag_values:
+            values = got[name].values
+            missing = np.isnan(values) if values.dtype.kind == "f" else values == INTEGER_FILL
+            assert missing.all(), name
+
+
+# -- extremes ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", CONTACT_LAWS)
+@pytest.mark.parametrize("method", METHODS)
+def test_buildings_that_touch_at_rest(method, law):
+    got = shake(law, with_gap(0.0), method=method)
+    assert_finite(got)
+    assert int(got.status) in (Status.OK, Status.UNDER_RESOLVED_CONTACT)
+    assert int(got.impact_count.min()) >= 1
+    assert float(got.impact_force_max.max()) < 1e5
+    assert float(got.energy_residual) < 0.02
+
+
+@pytest.mark.parametrize("law", CONTACT_LAWS)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_touch_that_has_hardly_any_speed(method, law):
+    free = ps.Scene([ps.Building(n, [100.0, 100.0], [1e-7, 1e-7], damping_ratio=0.0) for n in "ab"], gaps=[1e-9])
+    quiet = ps.Record("quiet", 0.02, np.zeros(26))
+    got = shake(law, free, quiet, method=method, initial_velocity=[[0.0, 1e-7], [0.0, 0.0]])
+    assert_finite(got)
+    assert int(got.impact_count[0, 1]) == 1
+    assert 0 < float(got.impact_force_max[0, 1]) < 1.0
+    assert float(abs(got.velocity).max()) <= 1.000001e-7
+
+
+@pytest.mark.parametrize(("k", "dt"), [(1e9, 0.02), (1e10, 5e-3), (1e12, 1e-3)])
+@pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "kelvin_voigt_tension", "hertz", "linear_viscoelastic"])
+def test_newmark_stays_bounded_under_the_stiffest_contact(law, k, dt):
+    reference = shake(law, method="newmark")
+    got = shake(law, k=k, method="newmark", dt=dt)
+    assert_finite(got)
+    assert int(got.status) != Status.DIVERGED
+    for name in ("displacement_max", "displacement_min", "drift_max"):
+        assert float(abs(got[name]).max()) < 3 * float(abs(reference[name]).max()), name
+
+
+@pytest.mark.parametrize("law", ["none", "linear", "hertz_damped"])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("gap", [0.0, 0.01])
+def test_no_motion_gives_no_answer_but_zero(law, method, gap):
+    got = shake(law, with_gap(gap), ps.Record("still", 0.02, np.zeros(11)), method=method)
+    assert_finite(got)
+    assert int(got.status) == Status.OK
+    for name, values in got.data_vars.items():
+        if name not in ("first_impact_time", "steps_per_contact", "status"):
+            assert not values.values.any(), name
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_record_of_one_point(method):
+    got = shake("linear", record=ps.Record("point", 0.02, [3.0]), method=method)
+    assert got.sizes["time"] == 1
+    assert int(got.status) == Status.OK
+    assert_finite(got)
+    assert not got.displacement.values.any()
+    assert not got.impact_count.values.any()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_constant_record_pushes_to_the_static_answer(method):
+    """Long enough for the motion to die out; both buildings lean the same way and never meet."""
+    damped = [ps.Building(b.name, b.masses, b.stiffnesses, damping_ratio=0.3) for b in (A, B)]
+    got = shake("linear", ps.Scene(damped, gaps=[0.1]), ps.Record("lean", 0.02, np.full(251, 2.0)), method=method)
+    for b in damped:
+        static = np.linalg.solve(b.stiffness_matrix, -2.0 * np.asarray(b.masses))
+        np.testing.assert_allclose(got.displacement[-1].sel(building=b.name), static, rtol=1e-6)
+    np.testing.assert_allclose(got.acceleration[-1], 2.0, rtol=1e-5)  # they move with the ground
+
+
+def test_too_few_steps_in_a_contact_are_told():
+    got = shake("linear", k=1e8, dt=5e-3, method="newmark")
+    assert int(got.status) == Status.UNDER_RESOLVED_CONTACT
+    assert float(got.steps_per_contact) < 8
+    fine = shake("linear", k=1e8, dt=1e-4, method="newmark")
+    assert int(fine.status) == Status.OK
+    # the contact of one free pair lasts pi sqrt(m / k)
+    short = min(120 * 80 / 200.0, 90 * 110 / 200.0)
+    assert float(fine.steps_per_contact) == pytest.approx(np.pi * np.sqrt(short / 1e8) / 1e-4, rel=0.2)
+
+
+# -- random scenes -----------------------------------------------------------------------------------------------------
+
+masses = st.floats(20.0, 300.0)
+stiffnesses = st.floats(2e4, 4e5)
+scenes = st.builds(
+    lambda m, k, z, gap: ps.Scene(
+        [ps.Building("a", m[:2], k[:2], z[0]), ps.Building("b", m[2:], k[2:], z[1])], gaps=[gap]
+    ),
+    st.lists(masses, min_size=4, max_size=4),
+    st.lists(stiffnesses, min_size=4, max_size=4),
+    st.tuples(st.floats(0.0, 0.1), st.floats(0.0, 0.1)),
+    st.floats(0.0, 0.03),
+)
+stiffness_factors = st.floats(0.2, 5.0)
+restitutions = st.floats(0.15, 1.0)
+records = st.builds(
+    lambda seed, pga: ps.synthetic_record(seed, duration=1.0, dt=0.02, pga=pga),
+    st.integers(0, 1000),
+    st.floats(0.5, 8.0),
+)
+RANDOM = settings(
+    deadline=None, derandomize=True, database=None, suppress_health_check=[HealthCheck.too_slow], print_blob=False
+)
+
+
+@given(
+    scene=scenes,
+    factor=stiffness_factors,
+    e=restitutions,
+    record=records,
+    law=st.sampled_from(CONTACT_LAWS),
+    method=st.sampled_from(METHODS),
+)
+@settings(RANDOM, max_examples=60)
+def test_random_scenes_obey_mechanics(scene, factor, e, record, law, method):
+    k = factor * (8e5 if LAWS[law].exponent == 1.0 else 7.5e6)
+    got = shake(law, scene, record, k=k, e=e, method=method, dt=5e-4)
+    assert_finite(got)
+    assert int(got.status) in (Status.OK, Status.UNDER_RESOLVED_CONTACT)
+    assert float(got.energy_residual) < (1e-3 if method == "rk4" else 1e-2)
+    touched = got.impact_count.values > 0
+    for name in ("impact_force_max", "penetration_max"):
+        assert np.array_equal(got[name].values > 0, touched), name
+    assert bool((got.approach_speed_max >= 0).all())
+    if not LAWS[law].tension:
+        assert float(got.contact_force.min()) >= 0.0
+        assert float(got.impulse.min()) >= 0.0
+    # contacts take energy and never give any (but for the little an undamped one errs)
+    assert float(got.contact_work.min()) >= -1e-3 * max(float(abs(got.energy_input).max()), 1e-12)
+    assert bool((got.displacement_max >= 0).all())
+    assert bool((got.displacement_min <= 0).all())
+    assert bool((got.energy_damping >= 0).all())
+
+
+@given(
+    scene=scenes,
+    factor=stiffness_factors,
+    e=restitutions,
+    record=records,
+    law=st.sampled_from(CONTACT_LAWS),
+)
+@settings(RANDOM, max_examples=12)
+def test_random_scenes_equal_the_twin(scene, factor, e, record, law):
+    k = factor * (8e5 if LAWS[law].exponent == 1.0 else 7.5e6)
+    got = shake(law, scene, record, k=k, e=e, dt=2.5e-4)
+    twins = [NaiveBuilding(list(b.masses), list(b.stiffnesses), b.damping_ratio) for b in scene.buildings]
+    want = run(twins, list(scene.gaps), record.acceleration, record.dt, law, k, e)
+    assert got.impact_count.values[0].tolist() == list(want["impact_count"][0])
+    for name in ("displacement_max", "displacement_min", "drift_max", "acceleration_max"):
+        theirs = np.array(want[name])
+        np.testing.assert_allclose(got[name], theirs, rtol=0, atol=2e-4 * np.abs(theirs).max(), err_msg=name)
+    for name in ("impact_force_max", "penetration_max", "impulse", "approach_speed_max"):
+        theirs = np.array(want[name])
+        np.testing.assert_allclose(got[name], theirs, rtol=0, atol=5e-4 * np.abs(theirs).max() + 1e-15, err_msg=name)
