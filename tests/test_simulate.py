@@ -247,7 +247,7 @@ def test_a_touch_that_has_hardly_any_speed(method, law):
     assert float(abs(got.velocity).max()) <= 1.000001e-7
 
 
-@pytest.mark.parametrize(("k", "dt"), [(1e9, 0.02), (1e10, 5e-3), (1e12, 1e-3)])
+@pytest.mark.parametrize(("k", "dt"), [(1e9, 0.02), (1e12, 0.02), (1e10, 5e-3), (1e12, 1e-3)])
 @pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "kelvin_voigt_tension", "hertz", "linear_viscoelastic"])
 def test_newmark_stays_bounded_under_the_stiffest_contact(law, k, dt):
     reference = shake(law, method="newmark")

@@ -237,6 +237,20 @@ def apply_events(S, I, l, theta, time, props):
 
 
 @njit(**OPTIONS)
+def touch_miss(S, I, l):
+    """Time (s) by which this lane's sub-step went beyond (or fell short of) the touch that ends it."""
+    late = 0.0
+    for j in range(NC):
+        q = j * L + l
+        if I[MODE + q] == 0 and I[NEXT + q] == 1 and S[TJ + q] <= S[THETA + l] + 1e-12:
+            d = relative(S, U, j, l) - S[GAP + PAIR[j] * L + l]
+            v = relative(S, V, j, l)
+            if v > 0.0 and abs(d) > 1e-15:
+                late = max(late, d / v) if late != 0.0 else d / v
+    return late
+
+
+@njit(**OPTIONS)
 def contact_step(S, I, W, props, ga, gb, h, time):
     """One step in which some lane is, or comes, in contact: sub-steps between events.
 
@@ -268,6 +282,20 @@ def contact_step(S, I, W, props, ga, gb, h, time):
                     S[TJ + q] = 2.0
         if again:
             trial(S, I, W, props)
+        if NEWMARK and again:
+            # at large steps the quartic misses the touch by enough for a stiff contact to feel; Newton on the step
+            for _ in range(4):
+                missed = False
+                for l in range(L):
+                    if S[REM + l] > 0.0 and S[THETA + l] < 1.0:
+                        change = touch_miss(S, I, l)
+                        if change != 0.0:
+                            missed = True
+                            S[HL + l] = min(max(S[HL + l] - change, 0.0), S[REM + l])
+                            set_ground(S, l, ga, gb, h)
+                if not missed:
+                    break
+                trial(S, I, W, props)
         left = False
         for l in range(L):
             I[BUSY + l] = 0
