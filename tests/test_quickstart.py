@@ -1,0 +1,62 @@
+"""The cube of the main job, a sample of its scenarios against the independent oracle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import naive
+import numpy as np
+import pytest
+
+import pounding_sweep as ps
+from pounding_sweep.sweep.spec import contact_stiffness
+
+pytestmark = pytest.mark.slow
+
+SWEEP = Path(__file__).parents[1] / "sweeps" / "quickstart.toml"
+LAWS = ["linear", "kelvin_voigt", "modified_kelvin_voigt", "hertz", "hertz_damped", "nonlinear_viscoelastic"]
+
+
+@pytest.fixture(scope="module")
+def cube(tmp_path_factory):
+    path = tmp_path_factory.mktemp("quickstart") / "quickstart.nc"
+    ps.load_sweep(SWEEP).run(path, workers=2)
+    with ps.open_cube(path) as found:
+        yield found.load()
+
+
+def test_it_is_the_job_that_was_asked_for(cube):
+    assert cube.sizes["law"] == 7
+    assert cube.sizes["gap"] >= 12
+    assert cube.sizes["stiffness_factor"] == 3
+    assert cube.sizes["restitution"] == 4
+    assert cube.record.values.tolist() == ["el_centro"]
+    assert not cube.status.values.any()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_sampled_scenario_equals_the_oracle(cube, law):
+    """The whole record, a gap at which floors meet a dozen times; every default output."""
+    rng = np.random.default_rng(sum(map(ord, law)))
+    gap = float(rng.choice(cube.gap.values[3:7]))
+    factor = float(rng.choice(cube.stiffness_factor.values))
+    restitution = float(rng.choice(cube.restitution.values))
+    scene = ps.get_preset("mate2015")
+    record = ps.find_record("el_centro")
+    buildings = [naive.NaiveBuilding(list(b.masses), list(b.stiffnesses)) for b in scene.buildings]
+    stiffness = contact_stiffness(scene, law, stiffness_factor=factor)
+    e = restitution if ps.get_law(law).takes_restitution else None
+    want = naive.run(buildings, [gap, gap], record.acceleration, record.dt, law, stiffness, e, rtol=1e-9, atol=1e-11)
+    got = cube.sel(law=law, gap=gap, stiffness_factor=factor, restitution=restitution).squeeze(drop=True)
+    assert got.impact_count.values.tolist() == [list(map(float, n)) for n in want["impact_count"]]
+    tolerance = 2e-3 if law == "nonlinear_viscoelastic" else 3e-4
+    for name in ("displacement_max", "displacement_min", "drift_max", "storey_shear_max", "impact_force_max"):
+        expected = np.array([list(map(float, row)) for row in want[name]])
+        np.testing.assert_allclose(
+            got[name].values, expected, rtol=0, atol=tolerance * np.abs(expected).max(), err_msg=name
+        )
+    assert float(got.impact_force_max.max()) > 100.0
+    first = np.array([[np.nan if t is None else t for t in row] for row in want["first_impact_time"]], dtype=float)
+    # a floor that touches later does so after contacts whose own error moves it
+    late = 1e-5 if law == "nonlinear_viscoelastic" else 1e-6
+    np.testing.assert_allclose(got.first_impact_time.values, first, rtol=0, atol=late)
