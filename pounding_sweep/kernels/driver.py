@@ -159,7 +159,7 @@ def _row_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str
         parts.append(emit_accelerations(shape, slots, contact))
     if shape.scheme == "newmark" and not contact:
         parts.append(_functions("implicit", ("equilibrium",)).partition("    if LOCATED:")[0])
-    parts += [emit_begin(shape, slots, contact), emit_finish(shape, slots, contact)]
+    parts += [emit_begin(shape, slots, contact), emit_finish(shape, contact)]
     if shape.located or not contact:
         parts.append(emit_fly(shape, contact))
     return "".join(parts)

@@ -70,10 +70,9 @@ def emit_begin(shape: KernelShape, slots: Slots, contact: bool) -> str:
     return str(src)
 
 
-def emit_finish(shape: KernelShape, slots: Slots, contact: bool) -> str:
+def emit_finish(shape: KernelShape, contact: bool) -> str:
     """``finish(S, I, O, group, props)``: last peaks, energies and flags; then copy out."""
     src, r = Source(), shape.reducers
-    del slots
     src.function("finish(S, I, O, group, props)")
     if shape.located and r & _PEAKS:
         src("copy(S)")

@@ -47,12 +47,7 @@ def first_event(S, I, l, h, props):
         quiet = mode == 0 and not (d1 > 0.0) and not (min(d0 + h * v0, d1 - h * v1) > 0.0)
         if not quiet:
             a0 = relative(S, AO, j, l)
-            b1 = h * v0
-            b2 = 0.5 * h * h * a0
-            rise = d1 - d0 - b1 - b2
-            turn = h * v1 - b1 - 2.0 * b2
-            b4 = turn - 3.0 * rise
-            b3 = 4.0 * rise - turn
+            b1, b2, b3, b4 = coefficients(h, d0, d1, v0, v1, a0)
             if mode == 0:
                 if d1 > 0.0:
                     theta = root(0.0, 1.0, min(d0, 0.0), b1, b2, b3, b4, 1.0)
@@ -138,12 +133,7 @@ def contact_peaks(S, I, l, h):
             v0 = relative(S, VO, j, l)
             v1 = relative(S, V, j, l)
             a0 = relative(S, AO, j, l)
-            b1 = h * v0
-            b2 = 0.5 * h * h * a0
-            rise = d1 - d0 - b1 - b2
-            turn = h * v1 - b1 - 2.0 * b2
-            b4 = turn - 3.0 * rise
-            b3 = 4.0 * rise - turn
+            b1, b2, b3, b4 = coefficients(h, d0, d1, v0, v1, a0)
             if HAS_PENETRATION:
                 deepest = max(d0, d1)
                 if v0 > 0.0 and v1 < 0.0:

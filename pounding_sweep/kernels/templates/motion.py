@@ -18,6 +18,16 @@ def quartic(t, x0, b1, b2, b3, b4):
 
 
 @njit(**OPTIONS)
+def coefficients(h, d0, d1, v0, v1, a0):
+    """Quartic in t = time / h through value, rate and second rate at t = 0, value and rate at t = 1."""
+    b1 = h * v0
+    b2 = 0.5 * h * h * a0
+    rise = d1 - d0 - b1 - b2
+    turn = h * v1 - b1 - 2.0 * b2
+    return b1, b2, 4.0 * rise - turn, turn - 3.0 * rise
+
+
+@njit(**OPTIONS)
 def root(lo, hi, x0, b1, b2, b3, b4, sign):
     """Where sign * quartic turns positive between lo and hi (Illinois, then the upper end)."""
     flo = sign * quartic(lo, x0, b1, b2, b3, b4)
