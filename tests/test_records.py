@@ -822,7 +822,7 @@ def test_bad_pulse(arguments, message):
 # --- the module itself ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("module", ["record", "reading", "library", "synthetic"])
+@pytest.mark.parametrize("module", ["record", "reading", "catalogue", "synthetic"])
 def test_examples_run(module):
     result = doctest.testmod(importlib.import_module(f"pounding_sweep.records.{module}"))
     assert result.attempted > 0

@@ -1,6 +1,6 @@
 """Ground-motion records: reading, finding, scaling and making them."""
 
-from pounding_sweep.records.library import (
+from pounding_sweep.records.catalogue import (
     KNOWN_RECORDS,
     RECORDS_VARIABLE,
     KnownRecord,
