@@ -114,9 +114,10 @@ def simulate(
     )
     step = motion.dt / numerics.steps(motion)
     if step > limit and not force_unstable:
+        stable = "the newmark scheme" if method == "rk4" else "beta >= (gamma + 0.5)^2 / 4, which has no limit,"
         msg = (
             f"the step {step:.6g} s is beyond the stability limit of {method} for this scene and contact stiffness; "
-            f"give dt <= {limit:.6g} s, the newmark scheme, or force_unstable=True"
+            f"give dt <= {limit:.6g} s, {stable} or force_unstable=True"
         )
         raise StabilityError(msg)
     outputs = tuple(name for name in VARIABLES if name != "closing_max")

@@ -14,7 +14,9 @@ import time
 import numpy as np
 import pytest
 
+import pounding_sweep as ps
 from pounding_sweep.contact.laws import get_law
+from pounding_sweep.cube.variables import Status
 from pounding_sweep.kernels import cache, driver
 from pounding_sweep.kernels.cache import get_kernel, is_cached, module_name, source_digest
 from pounding_sweep.kernels.prepare import from_json, prepare, to_json
@@ -268,3 +270,22 @@ def test_kernels_are_compiled_side_by_side(folder):
     forget()
     assert prepare(shapes, workers=2) == 0
     assert files(folder) == before
+
+
+def test_an_implicit_solution_that_is_given_up_is_told_by_the_status(folder, monkeypatch):
+    """With one sweep over the contacts Gauss-Seidel can't be seen to converge; the values stay, the status tells."""
+    scene = ps.Scene(
+        [ps.Building(name, [m, m], [k, k]) for name, m, k in (("a", 100.0, 4e4), ("b", 80.0, 9e4))], gaps=[0.001]
+    )
+    record = ps.pulse_record("sine", amplitude=4.0, period=0.5, dt=0.02, duration=1.0)
+
+    def status():
+        forget()
+        one = ps.simulate(scene, record, law="linear", stiffness=2e5, method="newmark", dt=2e-3)
+        assert float(one.impact_count.sum()) > 0
+        return int(one.status)
+
+    assert status() == Status.OK
+    with monkeypatch.context() as patch:
+        patch.setattr(driver, "MAX_SWEEPS", 1)
+        assert status() == Status.NEWTON_NOT_CONVERGED

@@ -376,3 +376,10 @@ def test_random_scenes_equal_the_twin(scene, factor, e, record, law):
     for name in ("impact_force_max", "penetration_max", "impulse", "approach_speed_max"):
         theirs = np.array(want[name])
         np.testing.assert_allclose(got[name], theirs, rtol=0, atol=5e-4 * np.abs(theirs).max() + 1e-15, err_msg=name)
+
+
+def test_central_difference_has_a_limit_and_names_its_own_remedy():
+    """beta = 0 is explicit; the remedy is not the scheme that is already used."""
+    with pytest.raises(StabilityError, match=r"limit of newmark .* dt <= .* beta >= ") as caught:
+        ps.simulate("mate2015", "el_centro", law="linear", stiffness=2e6, method="newmark", beta=0.0, dt=0.02)
+    assert "the newmark scheme" not in str(caught.value)
