@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pounding_sweep.contact.laws import LAWS, RESTING_SPEED
+from pounding_sweep.contact.restitution import RELATIONS
 from pounding_sweep.cube.variables import DEFAULT_OUTPUTS, STATUS, VARIABLES
 from pounding_sweep.records import KNOWN_RECORDS
 
@@ -23,6 +24,11 @@ def _laws() -> str:
         lines += [f"- force: `{law.formula}`"]
         if law.number_text:
             lines.append(f"- damping number: `{law.number_text}`")
+        if law.relation:
+            factor = (
+                f", with z = {law.relation_factor:.6g} times the damping number" if law.relation_factor != 1 else ""
+            )
+            lines.append(f"- [restitution it really gives](../restitution): `{RELATIONS[law.relation].text}`{factor}")
         if law.exponent is not None:
             lines.append(f"- contact stiffness in kN/m{'' if law.exponent == 1 else f'^{law.exponent:g}'}")
         lines += [f"- restitution: {law.validity}", f"- source: {law.reference}", ""]

@@ -17,7 +17,7 @@ _HOME = {
     "Law": "pounding_sweep.contact.laws",
     "LAWS": "pounding_sweep.contact.laws",
     "get_law": "pounding_sweep.contact.laws",
-    "hertz_stiffness": "pounding_sweep.contact.laws",
+    "hertz_stiffness": "pounding_sweep.contact.hertz",
     "Record": "pounding_sweep.records",
     "read_record": "pounding_sweep.records",
     "find_record": "pounding_sweep.records",
@@ -30,6 +30,7 @@ _HOME = {
     "load_sweep": "pounding_sweep.sweep.sweep",
     "simulate": "pounding_sweep.scenario",
     "open_cube": "pounding_sweep.cube.write",
+    "tradeoff": "pounding_sweep.accuracy.tradeoff",
     "PoundingSweepError": "pounding_sweep.errors",
 }
 
@@ -56,10 +57,13 @@ __all__ = [
     "read_record",
     "simulate",
     "synthetic_record",
+    "tradeoff",
 ]
 
 if TYPE_CHECKING:
-    from pounding_sweep.contact.laws import LAWS, Law, get_law, hertz_stiffness
+    from pounding_sweep.accuracy.tradeoff import tradeoff
+    from pounding_sweep.contact.hertz import hertz_stiffness
+    from pounding_sweep.contact.laws import LAWS, Law, get_law
     from pounding_sweep.cube.write import open_cube
     from pounding_sweep.errors import PoundingSweepError
     from pounding_sweep.presets import get_preset

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.contact.laws import Law, get_law
+from pounding_sweep.contact.restitution import realised_restitution
 from pounding_sweep.cube.assemble import assemble, scatter_contact, scatter_dof
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.errors import InputError, StabilityError
@@ -26,13 +28,16 @@ def simulate(
     law: str | Law = "none",
     stiffness: float | None = None,
     restitution: float | None = None,
-    method: str = "rk4",
-    dt: float = 1e-3,
+    method: str | None = None,
+    dt: float | None = None,
     locate: bool = True,
     initial_velocity: Sequence[Any] | None = None,
     beta: float | None = None,
     gamma: float | None = None,
     force_unstable: bool = False,
+    restitution_basis: str = "published",
+    precision: str = "float64",
+    accuracy: float | None = None,
 ) -> xr.Dataset:
     """Run one scenario and return its histories.
 
@@ -48,10 +53,10 @@ def simulate(
         Contact stiffness (kN/m**exponent); the scene's reference where not given.
     restitution : float, optional
         Coefficient of restitution; the scene's where not given.
-    method : {"rk4", "newmark"}
-        Scheme.
-    dt : float
-        Largest time step (s).
+    method : {"rk4", "newmark", "exact"}, optional
+        Scheme; "rk4" by default, with `accuracy` the cheapest that reaches it.
+    dt : float, optional
+        Largest time step (s); 1e-3 by default, with `accuracy` the largest that reaches it.
     locate : bool
         Locate contacts and peaks inside the step.
     initial_velocity : sequence, optional
@@ -61,6 +66,13 @@ def simulate(
         Newmark's parameters.
     force_unstable : bool
         Run beyond the stability limit.
+    restitution_basis : {"published", "realised"}
+        Whether damping follows from the restitution by the law's published formula,
+        or so that two free masses rebound at exactly it.
+    precision : {"float64", "float32"}
+        Number format of the kernel.
+    accuracy : float, optional
+        Relative error asked for, 1e-6 to 1e-2, instead of a step.
 
     Returns
     -------
@@ -83,12 +95,12 @@ def simulate(
     >>> import pounding_sweep as ps
     >>> one = ps.simulate("mate2015", "el_centro", law="linear", stiffness=2e6)
     >>> round(float(one.impact_force_max.max()) / 1e3, 1)
-    3.6
+    3.7
     """
     from pounding_sweep.cube.variables import VARIABLES, reducers_for
     from pounding_sweep.kernels.shape import history_slots
-    from pounding_sweep.sweep.blocks import Numerics, RowKernel, variables_of
-    from pounding_sweep.sweep.stability import largest_step
+    from pounding_sweep.sweep.blocks import RowKernel, variables_of
+    from pounding_sweep.sweep.plan import make_plan
 
     motion = record if isinstance(record, Record) else resolve_records([record])[0]
     found = get_law(law)
@@ -104,25 +116,35 @@ def simulate(
         beta=beta,
         gamma=gamma,
         force_unstable=force_unstable,
+        restitution_basis=restitution_basis,
+        precision=precision,
+        accuracy=accuracy,
     )
     row = spec.scene
+    velocities = _velocities(row, initial_velocity)
     k = contact_stiffness(row, found, stiffness=stiffness)
     e = spec.restitutions[0]
-    numerics = Numerics(spec.method, spec.dt, spec.locate, spec.beta, spec.gamma)
-    limit = float(
-        largest_step(row, found, np.array([k]), np.array([e]), method=spec.method, beta=spec.beta, gamma=spec.gamma)[0]
-    )
+    plan = make_plan(spec, initial_speed=_approach(row, velocities))
+    numerics = replace(plan.numerics, dt=motion.dt / int(plan.steps[0]))
+    limit = float(plan.limit[0])
     step = motion.dt / numerics.steps(motion)
     if step > limit and not force_unstable:
-        stable = "the newmark scheme" if method == "rk4" else "beta >= (gamma + 0.5)^2 / 4, which has no limit,"
+        scheme = numerics.method
+        stable = "the newmark scheme" if scheme != "newmark" else "beta >= (gamma + 0.5)^2 / 4, which has no limit,"
         msg = (
-            f"the step {step:.6g} s is beyond the stability limit of {method} for this scene and contact stiffness; "
+            f"the step {step:.6g} s is beyond the stability limit of {scheme} for this scene and contact stiffness; "
             f"give dt <= {limit:.6g} s, {stable} or force_unstable=True"
         )
         raise StabilityError(msg)
-    outputs = tuple(name for name in VARIABLES if name != "closing_max")
+    outputs = tuple(name for name in VARIABLES if name not in ("closing_max", "time_step"))
     kernel = RowKernel(
-        row, found, numerics, reducers_for(outputs), history=True, initial_velocity=_velocities(row, initial_velocity)
+        row,
+        found,
+        numerics,
+        reducers_for(outputs),
+        history=True,
+        initial_velocity=velocities,
+        basis=restitution_basis,
     )
     n_steps = (motion.n_points - 1) * numerics.steps(motion)
     history = np.zeros((n_steps + 1, max(1, history_slots(kernel.shape).size)))
@@ -135,17 +157,23 @@ def simulate(
         history=history,
     )
     values = {name: v[0] for name, v in variables_of(kernel, raw, outputs, motion).items()}
+    realised = realised_restitution(found, e, restitution_basis)
     attributes = {
         "title": spec.title or f"{motion.name}: {found.title}",
         "law": found.key,
         "stiffness": k,
         "restitution": e if found.takes_restitution else "none",
+        "restitution_realised": float(realised) if found.has_contact else "none",
+        "restitution_basis": restitution_basis,
         "record": motion.name,
-        "method": spec.method,
+        "method": numerics.method,
+        "precision": numerics.precision,
         "time_step": step,
         "located": spec.locate,
         "unit_system": "kN, t, m, s",
     }
+    if spec.accuracy is not None:
+        attributes |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
     dataset = assemble(row, [], values, attributes)
     if int(values["status"]) != Status.DIVERGED:
         dataset = dataset.assign(_histories(kernel, history, motion, n_steps))
@@ -172,6 +200,14 @@ def _velocities(scene: Scene, given: Sequence[Any] | None) -> tuple[float, ...] 
             raise InputError(msg)
         result += [float(v) for v in floors]
     return tuple(result)
+
+
+def _approach(scene: Scene, velocities: tuple[float, ...] | None) -> float:
+    """Largest speed (m/s) at which floors that can meet approach each other at the start."""
+    if velocities is None:
+        return 0.0
+    at = (*velocities, 0.0)  # a wall has the index -1
+    return max([0.0, *(at[contact.left] - at[contact.right] for contact in scene.contacts)])
 
 
 def _building_sum(values: np.ndarray, scene: Scene) -> np.ndarray:

@@ -127,12 +127,12 @@ def tiny(tmp_path_factory):
 
 def test_help_lists_the_commands():
     text = cli("--help").stdout
-    for command in ("run", "plan", "info", "plot", "laws", "records", "doctor", "--version"):
+    for command in ("run", "plan", "info", "plot", "tradeoff", "laws", "records", "doctor", "--version"):
         assert re.search(rf"^ +{command} ", text, re.MULTILINE), command
     assert "--install-completion" not in text
 
 
-@pytest.mark.parametrize("command", ["run", "plan", "info", "plot", "laws", "records", "doctor"])
+@pytest.mark.parametrize("command", ["run", "plan", "info", "plot", "tradeoff", "laws", "records", "doctor"])
 def test_every_command_has_help(command):
     assert f"pounding-sweep {command}" in cli(command, "--help").stdout
 
@@ -234,6 +234,18 @@ def test_plan_of_the_quickstart_runs_nothing(tmp_path):
     assert (found["asked"], found["at_most"], found["refused"], found["workers"]) == (1008, 649, 0, 3)
 
 
+def test_plan_says_what_an_accuracy_takes(tmp_path):
+    sweep = write(tmp_path, edited("dt = 1e-3\n", "accuracy = 1e-4\n"))
+    text = cli("plan", sweep).stdout
+    assert re.search(
+        r"^accuracy +for a relative error of 0\.0001: rk4 \(the cheapest; .*kelvin_voigt", text, re.MULTILINE
+    )
+    assert re.search(r"^steps +\d+( to \d+)? \(sine\) per scenario", text, re.MULTILINE)
+    found = json.loads(cli("plan", sweep, "--json").stdout)
+    assert found["steps_least"]["sine"] <= found["steps"]["sine"]
+    assert found["accuracy_choice"] in text
+
+
 def test_plan_says_what_is_refused(tmp_path):
     text = cli("plan", write(tmp_path, edited("[solver]", "stiffness_factors = [1.0, 1e5]\n[solver]"))).stdout
     assert re.search(r"^refused +6: beyond the stability limit; .*smaller dt", text, re.MULTILINE)
@@ -252,6 +264,12 @@ def test_run_prints_a_summary_and_the_path(tiny):
     # two gaps and two restitutions run, and once without pounding; the two at 9 m never touch; none counts once
     assert "scenarios  12 asked, 5 run" in lines
     assert "not run    2 never touch, 5 equal another scenario" in lines
+    # the audit: half of the four that touch
+    assert any(
+        re.fullmatch(r"audit      2 of 4 touching scenarios run again at half the step .*", line) for line in lines
+    )
+    errors = next(line for line in lines if line.startswith("errors "))
+    assert 0.0 < float(re.search(r"impact_force_max (\S+?)(,|$)", errors)[1]) < 1e-3
     assert lines[-1] == "out.nc"
     assert done.stderr == ""  # no terminal, no progress
     assert sorted(path.name for path in folder.iterdir()) == ["out.nc", "sweep.toml"]
@@ -264,7 +282,14 @@ def test_info_describes_the_cube(tiny):
     folder, _ = tiny
     text = cli("info", folder / "out.nc").stdout
     assert text.startswith("Tiny\n")
-    for part in ("12 scenarios asked, 5 run", "impact_force_max", "restitution", "sine", "numba"):
+    for part in (
+        "12 scenarios asked, 5 run",
+        "2 of 4 touching scenarios run again",
+        "impact_force_max",
+        "restitution",
+        "sine",
+        "numba",
+    ):
         assert part in text
 
 
@@ -275,6 +300,9 @@ def test_run_as_json_equals_the_table(tiny, tmp_path):
     assert found["scenarios"] == {"asked": 12, "run": 5, "reused": 0, "never_touching": 2, "broadcast": 5}
     assert found["cube"] == str(tmp_path / "again.nc")
     assert (found["failures"], found["warnings"], done.stderr) == ([], [], "")
+    assert found["accuracy_choice"] == ""
+    assert {item["output"] for item in found["audit"]} >= {"impact_force_max", "displacement_max"}
+    assert all(item["scenarios"] + item["sensitive"] == 2 for item in found["audit"])
     assert [item["label"] for item in found["statuses"]] == ["ok"]
     row = found["summary"][0]
     assert (row["law"], row["pair"], row["touching"], row["scenarios"]) == ("kelvin_voigt", "high-low", 4, 6)

@@ -71,6 +71,11 @@ def same(found, expected):
             assert (a.values == b.values).all(), name
 
 
+def scenarios_of(cube):
+    """A cube without its audit, whose sample is another one in another sweep."""
+    return cube.drop_dims(["audit", "output"], errors="ignore")
+
+
 @pytest.fixture(scope="module")
 def reference():
     """The cube of `make()` from one thread, in chunks as large as they come."""
@@ -102,11 +107,11 @@ def test_order_and_company_do_not_matter(reference):
     """A scenario is the same alone, in another order and in another lane."""
     for gap in AXES["gaps"]:
         alone = make(gaps=gap, laws=["kelvin_voigt"], restitutions=0.3, stiffness_factors=0.5).run(workers=1)
-        among = reference.sel(law=["kelvin_voigt"], gap=[gap], restitution=[0.3], stiffness_factor=[0.5])
-        for name in reference.data_vars:
+        among = scenarios_of(reference).sel(law=["kelvin_voigt"], gap=[gap], restitution=[0.3], stiffness_factor=[0.5])
+        for name in among.data_vars:
             np.testing.assert_array_equal(alone[name].values, among[name].values, err_msg=f"{name} {gap}")
     backwards = make(gaps=AXES["gaps"][::-1], laws=AXES["laws"][::-1]).run(workers=2)
-    same(backwards.sel(law=AXES["laws"], gap=AXES["gaps"]), reference)
+    same(scenarios_of(backwards).sel(law=AXES["laws"], gap=AXES["gaps"]), scenarios_of(reference))
 
 
 @pytest.mark.slow
@@ -342,7 +347,7 @@ def test_no_run_without_pounding_leaves_the_others(reference, monkeypatch):
     assert (cube["status"].sel(law="none") == Status.NOT_RUN).all()
     assert sweep.last_outcome.untouched == 0
     laws = ["linear", "kelvin_voigt"]
-    for name in reference.data_vars:
+    for name in scenarios_of(reference).data_vars:
         np.testing.assert_array_equal(cube[name].sel(law=laws), reference[name].sel(law=laws), err_msg=str(name))
 
 
@@ -411,15 +416,15 @@ def test_forced_runs_of_stiff_contacts_have_a_status():
 
 def test_a_contact_of_too_few_steps_is_flagged():
     axes = {"laws": "linear", "gaps": [0.002, 0.5], "stiffness_factors": [1.0, 8.0], "restitutions": None}
-    coarse = make(**axes).run()
+    coarse = make(**axes, method="newmark", dt=0.0015).run()
     status = coarse["status"]
     assert (status.sel(gap=0.5) == Status.OK).all()
     assert (status.sel(gap=0.002, stiffness_factor=1.0) == Status.OK).all()
     short = status.sel(gap=0.002, stiffness_factor=8.0)
     assert (short == Status.UNDER_RESOLVED_CONTACT).all()
-    assert (coarse["steps_per_contact"].sel(gap=0.002, stiffness_factor=8.0) < 4.0).all()
+    assert (coarse["steps_per_contact"].sel(gap=0.002, stiffness_factor=8.0) < 12.0).all()
     assert (coarse["impact_force_max"].sel(gap=0.002, stiffness_factor=8.0) > 0).any()  # flagged, not removed
-    fine = make(**axes, dt=0.001).run()
+    fine = make(**axes, method="newmark", dt=0.0005).run()
     assert (fine["status"] == Status.OK).all()
     assert (fine["steps_per_contact"].sel(gap=0.002, stiffness_factor=8.0) > 12.0).all()
 
@@ -498,8 +503,8 @@ def test_simulate_gives_the_numbers_of_the_sweep(reference):
         for gap in (0.0005, 0.01, 0.5):
             one = ps.simulate(row((gap, gap)), record, law="linear", stiffness=2e5, dt=0.005)
             at = {"law": "linear", "gap": gap, "stiffness_factor": 1.0, "restitution": 0.5, "record": record.name}
-            among = reference.sel({**at, "scale": 1.0})
-            for name in reference.data_vars:
+            among = scenarios_of(reference).sel({**at, "scale": 1.0})
+            for name in among.data_vars:
                 np.testing.assert_array_equal(one[name].values, among[name].values, err_msg=f"{name} {at}")
             # histories agree with the peaks: samples never exceed them
             peak = one["displacement"].max("time")

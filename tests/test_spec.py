@@ -302,13 +302,15 @@ def test_bad_records(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"method": "rk5"}, "method: unknown method 'rk5'; did you mean 'rk4'? Valid: newmark, rk4"),
-        ({"method": None}, "method: unknown method None"),
+        ({"method": "rk5"}, "method: unknown method 'rk5'; did you mean 'rk4'? Valid: exact, newmark, rk4"),
         ({"dt": 0.0}, "dt: time step dt (s) is 0.0; it must be a positive number"),
         ({"dt": -1e-3}, "dt: "),
         ({"dt": NAN}, "dt: "),
         ({"dt": "1e-3"}, "dt: '1e-3' is not a number"),
-        ({"dt": None}, "dt: None is not a number"),
+        ({"accuracy": 0.1}, "accuracy: accuracy is 0.1; it must be in [1e-06, 0.01]"),
+        ({"accuracy": 1e-3, "dt": 1e-3}, "dt: accuracy chooses the step; leave out dt, or leave out accuracy"),
+        ({"audit": 1.5}, "audit: audit is 1.5; it must be a share of the sweep's cost in [0, 1]"),
+        ({"precision": "float16"}, "precision: unknown precision 'float16'"),
         ({"locate": "yes"}, "locate: must be true or false, not 'yes'"),
         ({"force_unstable": 1}, "force_unstable: must be true or false"),
         ({"beta": 0.6, "method": "newmark"}, "beta: beta is 0.6; it must be in [0, 0.5]"),
@@ -527,7 +529,7 @@ def test_digest_is_the_same_in_another_process():
     spec = build_spec(
         scene=Scene([Building("a", [1.0], [4.0])]), records=PULSE, laws="none", outputs=["displacement_max"], dt=0.01
     )
-    assert to_json(spec).startswith('{"beta":0.25,"cases":null,"dt":0.01,"force_unstable":false,"format":1,')
+    assert to_json(spec).startswith('{"accuracy":null,"audit":0.05,"beta":0.25,"cases":null,"dt":0.01,')
     again = subprocess.run(
         [sys.executable, "-c", textwrap.dedent("""
             from pounding_sweep.records import Record

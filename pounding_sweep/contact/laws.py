@@ -21,6 +21,7 @@ through one dimensionless damping number per law, as published, and is
 
     c = 2 * number * sqrt(k m)     (``viscous``)
     c = number * k / v0            (``elastic``: the damper is a share of E)
+    c = number                     (``jump``: no force at all, velocities jump, v -> -c v)
 
 with the pair's effective mass m = m1 m2 / (m1 + m2) (t) and the approach
 velocity v0 (m/s) at the located touch.
@@ -35,6 +36,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pounding_sweep.contact.restitution import RelationName, check_basis, check_realisable, damping_number
 from pounding_sweep.errors import LawError, unknown
 
 #: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting
@@ -63,12 +65,18 @@ class Law:
         E(d) (kN) and dE/dd (kN/m) in the variables of this module.
     damper, damper_slope : str
         B(d) (kN s/m) and dB/dd; empty for a law without damping.
-    damping : {"none", "viscous", "elastic"}
+    damper_exponent : float
+        Power of the penetration in B.
+    damping : {"none", "viscous", "elastic", "jump"}
         How the damping number becomes the coefficient ``c``.
     number : callable or None
         Published damping number of e (dimensionless).
     number_text : str
         The same as text, with its usual symbol.
+    relation : str
+        Key of `pounding_sweep.contact.restitution.RELATIONS`: what restitution the damping really gives.
+    relation_factor : float
+        Factor that turns the damping number into the one of the relation.
     approach_only : bool
         The damper acts only while v > 0.
     tension : bool
@@ -91,17 +99,25 @@ class Law:
     elastic_slope: str = "0.0"
     damper: str = ""
     damper_slope: str = "0.0"
-    damping: Literal["none", "viscous", "elastic"] = "none"
+    damper_exponent: float = 0.0
+    damping: Literal["none", "viscous", "elastic", "jump"] = "none"
     number: Number | None = None
     number_text: str = ""
+    relation: RelationName = ""
+    relation_factor: float = 1.0
     approach_only: bool = False
     tension: bool = False
     zero_restitution: bool = False
 
     @property
     def has_contact(self) -> bool:
-        """Whether floors press on each other at all."""
-        return self.exponent is not None
+        """Whether floors that meet act on each other at all."""
+        return self.exponent is not None or self.impulsive
+
+    @property
+    def impulsive(self) -> bool:
+        """Whether velocities jump at the touch, and no contact lasts."""
+        return self.damping == "jump"
 
     @property
     def takes_restitution(self) -> bool:
@@ -122,8 +138,9 @@ class Law:
             return "takes none (e = 1)" if self.has_contact else "takes none"
         return "0 <= e <= 1" if self.zero_restitution else "0 < e <= 1"
 
-    def check_restitution(self, e: float | None) -> None:
-        """Raise `LawError` unless `e` is valid for this law."""
+    def check_restitution(self, e: float | None, basis: str = "published") -> None:
+        """Raise `LawError` unless `e` is valid for this law on that basis ("published" or "realised")."""
+        check_basis(basis)
         if not self.takes_restitution:
             return
         if e is None:
@@ -133,8 +150,10 @@ class Law:
         if not (math.isfinite(e) and low_ok and e <= 1):
             msg = f"restitution {e!r} is outside the validity of law {self.key!r}; give {self.validity}"
             raise LawError(msg)
+        if basis == "realised":
+            check_realisable(self, e)
 
-    def damping_coefficient(self, e: Any, k: Any, m: Any) -> np.ndarray:
+    def damping_coefficient(self, e: Any, k: Any, m: Any, basis: str = "published") -> np.ndarray:
         """Coefficient ``c`` of the damper, times v0 where ``damping`` is "elastic".
 
         Parameters
@@ -145,11 +164,19 @@ class Law:
             Contact stiffness (kN/m**exponent).
         m : array_like
             Effective mass of the pair (t).
+        basis : {"published", "realised"}
+            Whether damping follows from `e` by the published formula, or so that two
+            free masses rebound at exactly `e`.
 
         Returns
         -------
         ndarray
             c (broadcast of the arguments); zero for a law without damping.
+
+        Raises
+        ------
+        LawError
+            The basis is unknown, or no finite damping realises `e`.
 
         Examples
         --------
@@ -159,10 +186,40 @@ class Law:
         """
         if self.number is None:
             return np.zeros(np.broadcast_shapes(np.shape(k), np.shape(m)))
-        number = self.number(np.asarray(e, dtype=float))
+        number = damping_number(self, e, basis)
         if self.damping == "viscous":
             return np.asarray(2.0 * number * np.sqrt(np.asarray(k, float) * np.asarray(m, float)))
+        if self.impulsive:
+            return np.asarray(number * np.ones(np.broadcast_shapes(np.shape(k), np.shape(m))))
         return np.asarray(number * np.asarray(k, float) * np.ones_like(np.asarray(m, float)))
+
+    def quickening(self, e: Any, basis: str = "published") -> np.ndarray:
+        """By what factor damping makes the fastest part of a contact shorter than an elastic contact.
+
+        An overdamped dashpot has a rate of 2 zeta times the frequency; a damper that
+        is D times the elastic force at the touch stiffens it to 1 + D.
+
+        Parameters
+        ----------
+        e : array_like
+            Coefficient of restitution.
+        basis : {"published", "realised"}
+            What it means.
+
+        Returns
+        -------
+        ndarray
+            Factors >= 1, shape of `e`; 1 where no force lasts.
+
+        Examples
+        --------
+        >>> float(get_law("kelvin_voigt").quickening(0.6)), round(float(get_law("modified_kelvin").quickening(0.1)), 2)
+        (1.0, 3.81)
+        """
+        if self.number is None or self.damping not in ("viscous", "elastic"):
+            return np.ones(np.shape(e))
+        number = damping_number(self, e, basis)
+        return np.asarray(np.maximum(1.0, 2.0 * number) if self.damping == "viscous" else np.sqrt(1.0 + number))
 
 
 def _zeta(e: np.ndarray) -> np.ndarray:
@@ -180,7 +237,13 @@ def _per_e(numerator: Callable[[np.ndarray], np.ndarray], denominator: Callable[
 
 
 _HERTZ: dict[str, Any] = {"exponent": 1.5, "elastic": "k*d*r", "elastic_slope": "1.5*k*r"}
-_HERTZ_DAMPED: dict[str, Any] = {**_HERTZ, "damper": "c*d*r", "damper_slope": "1.5*c*r", "damping": "elastic"}
+_HERTZ_DAMPED: dict[str, Any] = {
+    **_HERTZ,
+    "damper": "c*d*r",
+    "damper_slope": "1.5*c*r",
+    "damper_exponent": 1.5,
+    "damping": "elastic",
+}
 _LINEAR: dict[str, Any] = {"exponent": 1.0, "elastic": "k*d", "elastic_slope": "k"}
 
 _ALL = [
@@ -209,6 +272,7 @@ _ALL = [
         damping="viscous",
         number=_zeta,
         number_text="zeta = -ln e / sqrt(pi^2 + ln^2 e)",
+        relation="dashpot_clipped",
         zero_restitution=True,
         formula="F = max(0, k d + c v), c = 2 zeta sqrt(k m)",
         reference="Anagnostopoulos (1988); tension removed as in Komodromos et al. (2007)",
@@ -222,6 +286,7 @@ _ALL = [
         damping="viscous",
         number=_zeta,
         number_text="zeta = -ln e / sqrt(pi^2 + ln^2 e)",
+        relation="dashpot_tension",
         tension=True,
         zero_restitution=True,
         formula="F = k d + c v, c = 2 zeta sqrt(k m)",
@@ -234,9 +299,11 @@ _ALL = [
         **_LINEAR,
         damper="c*max(d, 0.0)",
         damper_slope="c",
+        damper_exponent=1.0,
         damping="elastic",
         number=_per_e(lambda e: 3.0 * (1.0 - e * e), lambda e: 2.0 * e * e),
         number_text="xi v0 / k = 3 (1 - e^2) / (2 e^2)",
+        relation="approach",
         approach_only=True,
         formula="F = k d + xi d v on approach, k d on rebound",
         reference="Pant & Wijeywickrema (2010)",
@@ -256,6 +323,7 @@ _ALL = [
         **_HERTZ_DAMPED,
         number=lambda e: 0.75 * (1.0 - e * e),
         number_text="D = 3 (1 - e^2) / 4",
+        relation="both_phases",
         zero_restitution=True,
         formula="F = max(0, k d^1.5 (1 + D v / v0))",
         reference="Muthukumar & DesRoches (2006); Lankarani & Nikravesh (1990)",
@@ -267,12 +335,15 @@ _ALL = [
         **_HERTZ,
         damper="c*math.sqrt(r)",
         damper_slope="0.25*c*math.sqrt(r)/max(d, 1e-30)",
+        damper_exponent=0.25,
         damping="viscous",
         number=_per_e(
             lambda e: 4.5 * math.sqrt(5.0) * (1.0 - e * e),
             lambda e: e * (e * (9.0 * math.pi - 16.0) + 16.0),
         ),
         number_text="xi = 9 sqrt(5)/2 (1 - e^2) / (e (e (9 pi - 16) + 16))",
+        relation="dashpot_approach",
+        relation_factor=2.0 / math.sqrt(5.0),
         approach_only=True,
         formula="F = k d^1.5 + cbar v on approach, k d^1.5 on rebound, cbar = 2 xi sqrt(k sqrt(d) m)",
         reference="Jankowski (2005, 2006), Earthquake Eng. Struct. Dyn. 34(6), 35(4)",
@@ -286,6 +357,7 @@ _ALL = [
         damping="viscous",
         number=_per_e(lambda e: 1.0 - e * e, lambda e: e * (e * (math.pi - 2.0) + 2.0)),
         number_text="xi = (1 - e^2) / (e (e (pi - 2) + 2))",
+        relation="dashpot_approach",
         approach_only=True,
         formula="F = k d + c v on approach, k d on rebound, c = 2 xi sqrt(k m)",
         reference="Mahmoud & Jankowski (2011)",
@@ -297,9 +369,11 @@ _ALL = [
         **_LINEAR,
         damper="c*max(d, 0.0)",
         damper_slope="c",
+        damper_exponent=1.0,
         damping="elastic",
         number=_per_e(lambda e: 3.0 * (1.0 - e), lambda e: 2.0 * e),
         number_text="xi v0 / k = 3 (1 - e) / (2 e)",
+        relation="both_phases",
         formula="F = max(0, k d + xi d v)",
         reference="Ye, Li & Zhu (2009), Earthquake Eng. Struct. Dyn. 38(3)",
     ),
@@ -310,6 +384,7 @@ _ALL = [
         **_HERTZ_DAMPED,
         number=lambda e: 1.5 * (1.0 - e),
         number_text="D = 3 (1 - e) / 2",
+        relation="both_phases",
         zero_restitution=True,
         formula="F = max(0, k d^1.5 (1 + D v / v0))",
         reference="Hunt & Crossley (1975), J. Appl. Mech. 42(2)",
@@ -321,6 +396,7 @@ _ALL = [
         **_HERTZ_DAMPED,
         number=_per_e(lambda e: 8.0 * (1.0 - e), lambda e: 5.0 * e),
         number_text="D = 8 (1 - e) / (5 e)",
+        relation="both_phases",
         formula="F = max(0, k d^1.5 (1 + D v / v0))",
         reference="Ye, Li & Zhu (2009); Flores et al. (2011)",
     ),
@@ -331,8 +407,25 @@ _ALL = [
         **_HERTZ_DAMPED,
         number=_per_e(lambda e: 1.0 - e * e, lambda e: e),
         number_text="D = (1 - e^2) / e",
+        relation="both_phases",
         formula="F = max(0, k d^1.5 (1 + D v / v0))",
         reference="Gonthier et al. (2004), Multibody Syst. Dyn. 11",
+    ),
+    Law(
+        key="stereomechanical",
+        title="Stereomechanical impact (velocity jump)",
+        model="-",
+        exponent=None,
+        # no force acts at an impact; these are of the spring on which floors rest that are too slow to bounce
+        elastic="k*d",
+        elastic_slope="k",
+        damper="c",
+        damping="jump",
+        number=lambda e: e,
+        number_text="e itself",
+        zero_restitution=True,
+        formula="v1' = v1 - (1 + e) m2 / (m1 + m2) (v1 - v2) at the touch, v2' likewise; no force",
+        reference="Newton's impact law; Goldsmith (1960), Impact",
     ),
 ]
 
@@ -365,70 +458,3 @@ def get_law(key: str | Law) -> Law:
         return LAWS[key]
     except (KeyError, TypeError):
         raise LawError(unknown("contact law", key, LAWS)) from None
-
-
-def hertz_stiffness(
-    mass_1: float | None = None,
-    mass_2: float | None = None,
-    *,
-    young_modulus: float = 25.0e6,
-    poisson_ratio: float = 0.2,
-    density: float = 2.5,
-    radii: tuple[float, float] | None = None,
-) -> float:
-    """Hertz contact stiffness of two spheres (kN/m^1.5).
-
-    Equations 9 to 11 of Mate, Bakre & Jaiswal (2015), corrected: the radius
-    is the *cube* root of the sphere's volume relation, and the material term
-    has 1 - nu**2 (Goldsmith 1960).
-
-    Parameters
-    ----------
-    mass_1, mass_2 : float, optional
-        Colliding masses (t), from which radii follow with `density`.
-    young_modulus : float
-        E (kN/m2) of both bodies.
-    poisson_ratio : float
-        nu, 0 <= nu < 0.5.
-    density : float
-        t/m3.
-    radii : tuple of float, optional
-        The two radii (m), given instead of masses.
-
-    Returns
-    -------
-    float
-        4 / (3 pi (h1 + h2)) sqrt(R1 R2 / (R1 + R2)), h = (1 - nu**2) / (pi E).
-
-    Raises
-    ------
-    LawError
-        A value is not positive, or neither masses nor radii are given.
-
-    Examples
-    --------
-    >>> round(hertz_stiffness(133.956, 136.286) / 1e7, 3)
-    1.88
-    """
-    if radii is None:
-        if mass_1 is None or mass_2 is None:
-            msg = "hertz_stiffness needs two masses (t) or radii=(R1, R2) (m)"
-            raise LawError(msg)
-        positive = {"mass_1": mass_1, "mass_2": mass_2, "density": density}
-    else:
-        positive = {"radii[0]": radii[0], "radii[1]": radii[1]}
-    for name, value in {**positive, "young_modulus": young_modulus}.items():
-        if not (math.isfinite(value) and value > 0):
-            msg = f"hertz_stiffness: {name} = {value!r} must be a positive number"
-            raise LawError(msg)
-    if not 0 <= poisson_ratio < 0.5:
-        msg = f"hertz_stiffness: poisson_ratio = {poisson_ratio!r} must be in [0, 0.5)"
-        raise LawError(msg)
-    if radii is None:
-        assert mass_1 is not None
-        assert mass_2 is not None
-        r1, r2 = (((3.0 * m) / (4.0 * math.pi * density)) ** (1.0 / 3.0) for m in (mass_1, mass_2))
-    else:
-        r1, r2 = radii
-    h = (1.0 - poisson_ratio**2) / (math.pi * young_modulus)
-    return 4.0 / (3.0 * math.pi * 2.0 * h) * math.sqrt(r1 * r2 / (r1 + r2))

@@ -15,12 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.cube.audited import AUDIT_DIMS, audit_sentence, audit_table
 from pounding_sweep.cube.variables import INNER_DIMS, STATUS, Status
 
 if TYPE_CHECKING:
     import xarray as xr
 
-_SHOWN_ELSEWHERE = {"title", "history", "records", "scenarios_asked", "scenarios_run", "sweep", "sweep_sha256"}
+_SHOWN_ELSEWHERE = {
+    *("title", "history", "records", "scenarios_asked", "scenarios_run", "sweep", "sweep_sha256", "accuracy_choice"),
+    *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation"),
+}
 _WIDTH = 100
 
 
@@ -69,8 +73,8 @@ def _axes(dataset: xr.Dataset, dims: list[str]) -> list[str]:
 def _coordinates(dataset: xr.Dataset) -> list[str]:
     rows = []
     for name in dataset.coords:
-        if name not in dataset.dims:
-            coordinate = dataset[name]
+        coordinate = dataset[name]
+        if name not in dataset.dims and AUDIT_DIMS[0] not in coordinate.dims:
             dims = f"({', '.join(map(str, coordinate.dims))})"
             rows.append((str(name), dims, _units(coordinate) or "-", str(coordinate.attrs.get("long_name", ""))))
     return _table(rows)
@@ -89,8 +93,8 @@ def _range(values: xr.DataArray, ok: xr.DataArray | None) -> str:
 def _variables(dataset: xr.Dataset, ok: xr.DataArray | None) -> list[str]:
     rows = []
     for name in dataset.data_vars:
-        if name != "status":
-            variable = dataset[name]
+        variable = dataset[name]
+        if name != "status" and AUDIT_DIMS[0] not in variable.dims:
             long_name = str(variable.attrs.get("long_name", ""))
             inner = [str(dim) for dim in variable.dims if dim in INNER_DIMS]
             rows.append((str(name), _units(variable) or "-", _range(variable, ok), _per(inner, long_name)))
@@ -113,6 +117,19 @@ def _statuses(status: xr.DataArray) -> list[str]:
             text += f": {found.remedy}"
         rows.append((str(count), label, text))
     return _table(rows)
+
+
+def _audit(dataset: xr.Dataset) -> list[str]:
+    """Measured errors by output."""
+    rows: list[tuple[str, ...]] = []
+    for row in audit_table(dataset):
+        median, largest, apart = (
+            "-" if row[name] is None else f"{row[name]:.1e}"
+            for name in ("error_median", "error_max", "error_max_sensitive")
+        )
+        sensitive = f"sensitive ones up to {apart}" if row["sensitive"] else ""
+        rows.append((row["output"], f"median {median}", f"up to {largest}", sensitive))
+    return [f"  {audit_sentence(dataset)}", *_table(rows)] if rows else []
 
 
 def _records(dataset: xr.Dataset) -> list[str]:
@@ -146,8 +163,8 @@ def describe(dataset: xr.Dataset) -> str:
     -------
     str
         Title, scenarios, axes, variables with their range over the scenarios that
-        are ok, statuses with remedies, records and versions; several lines without
-        a line break at the end.
+        are ok, statuses with remedies, measured errors, records and versions; several
+        lines without a line break at the end.
 
     Notes
     -----
@@ -157,7 +174,7 @@ def describe(dataset: xr.Dataset) -> str:
     status = dataset["status"] if "status" in dataset.data_vars else None
     ok = status == int(Status.OK) if status is not None else None
     inner = [str(dim) for dim in dataset.sizes if dim in INNER_DIMS]
-    outer = [str(dim) for dim in dataset.sizes if dim not in INNER_DIMS]
+    outer = [str(dim) for dim in dataset.sizes if dim not in (*INNER_DIMS, *AUDIT_DIMS)]
 
     lines = [_short(attributes.get("title", "(no title)"))]
     lines += [f"  {_short(line)}" for line in str(attributes.get("history", "")).splitlines()]
@@ -166,6 +183,8 @@ def describe(dataset: xr.Dataset) -> str:
         lines.append(f"  {asked} scenarios asked, {run} run")
     elif status is not None:
         lines.append(f"  {status.size} scenarios")
+    if "accuracy_choice" in attributes:
+        lines.append(f"  {attributes['accuracy_choice']}")
 
     versions = {str(k): v for k, v in attributes.items() if str(k).endswith("_version")}
     others = [(str(k), _short(v)) for k, v in attributes.items() if k not in _SHOWN_ELSEWHERE and k not in versions]
@@ -179,6 +198,7 @@ def describe(dataset: xr.Dataset) -> str:
         "Further coordinates": _coordinates(dataset),
         "Variables (range over scenarios that are ok)" if ok is not None else "Variables": _variables(dataset, ok),
         "Scenarios by status": _statuses(status) if status is not None else [],
+        "Audit: relative error, by the difference to half the step": _audit(dataset),
         "Records": _records(dataset),
         "Versions": _table([(k.removesuffix("_version"), str(v)) for k, v in versions.items()]),
         "Attributes": _table(others),

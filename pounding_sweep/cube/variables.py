@@ -17,6 +17,8 @@ from pounding_sweep.errors import InputError, unknown
 INNER_DIMS = ("building", "pair", "storey")
 #: Stored in integer variables where there is no value.
 INTEGER_FILL = -1
+#: Largest relative error of the peak force, penetration and displacement of an ok scenario.
+OK_CLAIM = 0.05
 
 
 class Status(IntEnum):
@@ -48,10 +50,16 @@ class Status(IntEnum):
         member.has_values = has_values
         return member
 
-    OK = (0, "the scenario ran to the end of its record and its contacts are resolved", "", True)
+    OK = (
+        0,
+        "the scenario ran to the end of its record, and its step resolves the contacts, the buildings and the ground: "
+        f"peaks are within {OK_CLAIM:.0%} of those of a converged run, unless the scenario itself is ill-conditioned",
+        "",
+        True,
+    )
     DIVERGED = (
         1,
-        "the motion left the range of finite numbers; no peaks are reported",
+        "the motion left the range of finite numbers, or of what the ground can bring about; no peaks are reported",
         "use a smaller dt, the newmark scheme or a softer contact",
         False,
     )
@@ -74,6 +82,12 @@ class Status(IntEnum):
         False,
     )
     NOT_RUN = (5, "the scenario has no result, for instance because its worker failed", "run the sweep again", False)
+    UNDER_RESOLVED_MOTION = (
+        6,
+        "the time step is too long for a building's fundamental period, or for the ground motion",
+        "use a smaller dt, or the rk4 scheme",
+        True,
+    )
 
     @property
     def label(self) -> str:
@@ -184,7 +198,7 @@ _ALL = (
         "m s-2",
         "largest total floor acceleration",
         "Largest absolute total acceleration of the floor (relative + ground); where the contact force jumps at a "
-        "touch, the limit just after it counts.",
+        "touch, the limit just after it counts; where velocities jump, the jump itself does not.",
         _needs("acceleration"),
     ),
     Variable(
@@ -193,7 +207,7 @@ _ALL = (
         "kN",
         "largest contact force",
         "Largest contact force, pressing positive, 0 where the floors never touched; where the force jumps at a "
-        "touch, the limit just after it counts.",
+        "touch, the limit just after it counts. Missing for a law without a force (velocities jump).",
         _needs("force"),
     ),
     Variable(
@@ -210,7 +224,8 @@ _ALL = (
         _CONTACT,
         "m",
         "largest penetration",
-        "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched.",
+        "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. Missing for a law "
+        "without a force (velocities jump).",
         _needs("penetration"),
     ),
     Variable(
@@ -302,6 +317,13 @@ _ALL = (
         "largest closing displacement",
         "Largest u_left - u_right; in a run without pounding, the gap that would just not be touched.",
         _needs("closing"),
+    ),
+    Variable(
+        "time_step",
+        (),
+        "s",
+        "time step",
+        "Time step of the scenario; in every cube whose steps were chosen for an accuracy, scenario by scenario.",
     ),
     Variable(
         "status",

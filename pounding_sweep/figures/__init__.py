@@ -52,6 +52,16 @@ FIGURES: dict[str, Kind] = {
             "peak impact force and impacts of each pair against the gap, law by law",
             "pounding_sweep.figures.force_gap:force_gap",
         ),
+        Kind(
+            "work-precision",
+            "worst error of schemes, steps and number formats against their cost, from 'tradeoff'",
+            "pounding_sweep.figures.work_precision:work_precision",
+        ),
+        Kind(
+            "stability-map",
+            "error and status over contact stiffness and time step, from 'extremes --map'",
+            "pounding_sweep.figures.stability_map:stability_map",
+        ),
     )
 }
 

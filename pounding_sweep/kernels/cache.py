@@ -32,7 +32,7 @@ CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
 _LOCK = RLock()
 
 #: One signature per kernel: compiled when loaded, never again for another kind of array.
-SIGNATURE = "void(float64[::1], float64, int64, float64[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])"
+SIGNATURE = "void(float64[::1], float64, int64, int64, {real}[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])"
 #: Kernels not used for this long (s) are removed when a new one is written.
 KEEP_SECONDS = 90 * 24 * 3600.0
 
@@ -56,7 +56,8 @@ def _texts(shape: KernelShape) -> list[tuple[str, str]]:
     row = kernel_text(shape).row.replace("@njit(**OPTIONS)", "@njit(cache=True, **OPTIONS)")
     row_name = module_name(row)
     main = kernel_text(shape, row_name).main
-    main = main.replace("\n@njit(**OPTIONS)\ndef run(", f"\n@njit({SIGNATURE!r}, cache=True, **ENTRY)\ndef run(")
+    signature = SIGNATURE.format(real=shape.precision)
+    main = main.replace("\n@njit(**OPTIONS)\ndef run(", f"\n@njit({signature!r}, cache=True, **ENTRY)\ndef run(")
     return [(row_name, row), (module_name(main), main)]
 
 

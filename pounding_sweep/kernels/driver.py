@@ -9,7 +9,9 @@ from typing import Any
 
 from pounding_sweep.contact.laws import RESTING_SPEED
 from pounding_sweep.kernels import templates
+from pounding_sweep.kernels.exact import emit_flight
 from pounding_sweep.kernels.loop import (
+    emit_back,
     emit_begin,
     emit_copy,
     emit_finish,
@@ -19,6 +21,7 @@ from pounding_sweep.kernels.loop import (
     emit_run,
 )
 from pounding_sweep.kernels.newmark import NewmarkStep
+from pounding_sweep.kernels.precision import TOLERANCES, narrow
 from pounding_sweep.kernels.reduce import emit_accelerations, emit_energy, emit_samples, emit_turns
 from pounding_sweep.kernels.rk4 import Rk4Step
 from pounding_sweep.kernels.shape import (
@@ -31,15 +34,21 @@ from pounding_sweep.kernels.shape import (
 )
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged).
-MAX_TRIES = 200
+MAX_TRIES = 1000
 #: Sweeps over the contacts before the implicit solution is given up (the lane is flagged).
 MAX_SWEEPS = 500
-#: Largest product of step and contact rate in a located RK4 sub-step; its limit is 2.78 for all contacts together.
-CONTACT_CAP = 1.2
-#: First share of a step after a touch whose force rises with unbounded slope.
-FIRST_SHARE = 1.0 / 256.0
+#: Largest product of sub-step and contact rate in located RK4: a stiffer contact gets sub-steps of its own.
+CONTACT_CAP = 0.25
+#: Share of an elastic contact's duration over which sub-steps grow to a whole step, where they are graded.
+GRADED_SHARE = 0.5
+#: Product of step and frequency of the spring on which floors rest that a velocity jump has stopped.
+REST_RATE = 4.0
+#: Product of sub-step and contact rate beyond which Newmark lets the contact's end force act over all of the sub-step.
+STIFF_RATE = 2.0
+#: Orders of the schemes.
+ORDERS = {"rk4": 4, "newmark": 2, "exact": 4}
 
-STEPS = {"rk4": Rk4Step, "newmark": NewmarkStep}
+STEPS = {"rk4": Rk4Step, "newmark": NewmarkStep, "exact": Rk4Step}
 
 PRELUDE = '''"""A pounding_sweep kernel, written by the package. Editing it has no effect on the package."""
 
@@ -56,9 +65,9 @@ OPTIONS = dict(no_cpython_wrapper=True, no_cfunc_wrapper=True, **ENTRY)
 @intrinsic
 def fma(typingctx, a, b, c):
     def codegen(context, builder, signature, args):
-        return builder.fma(*args)
+        return builder.fma(*(context.cast(builder, x, t, signature.return_type) for x, t in zip(args, signature.args)))
 
-    return types.float64(types.float64, types.float64, types.float64), codegen
+    return typingctx.unify_types(a, b, c)(a, b, c), codegen
 
 
 @intrinsic
@@ -86,6 +95,9 @@ def state_slots(shape: KernelShape) -> Slots:
         slots.add("AO", n)
     if shape.scheme == "newmark":
         slots.add("A", n)
+    if shape.scheme == "exact" and "energy" in shape.reducers:
+        for name, count in (("PASSED", 1), ("GIVEN", 1), ("GAINED", 1), ("PULL", n)):
+            slots.add(name, count)
     if "energy" in shape.reducers:
         slots.add("DIN", nb)
         slots.add("DDAMP", nb)
@@ -98,16 +110,16 @@ def state_slots(shape: KernelShape) -> Slots:
         slots.add("HL")
         slots.add("G0")
     if contact:
-        for name in ("HIT", "REM", "THETA", "CAP"):
+        for name in ("HIT", "REM", "THETA"):
             slots.add(name)
-        for name in ("KE", "CE", "CL", "TJ", "FORCE", "FS", "FE", "RS", "RE", "VRUN"):
+        for name in ("KE", "CE", "KL", "CL", "TJ", "FORCE", "FS", "FE", "RS", "RE", "VRUN", "AGE", "LASTS"):
             slots.add(name, nc)
         for reducer, name in (("work", "DWORK"), ("impulse", "DIMP")):
             if reducer in shape.reducers:
                 slots.add(name, nc)
         slots.add("TNOW", nb)
         slots.add("KIN0", nb)
-    if shape.scheme == "rk4" and (contact or not shape.fused):
+    if shape.scheme != "newmark" and (contact or not shape.fused):
         for name in ("_x", "_y", "_a1", "_a2", "_a3", "_a4"):
             slots.add(name, n)
         slots.add("_F", nc)
@@ -125,20 +137,23 @@ class KernelText:
 def kernel_text(shape: KernelShape, row_name: str = "row") -> KernelText:
     """Return the kernel of `shape`; its main module imports the row module as `row_name`.
 
-    Its function ``run(ag, dt_record, steps, props, X, O, H)`` integrates every
+    Its function ``run(ag, dt_record, steps, glides, props, X, O, H)`` integrates every
     lane group of ``X`` (groups, inputs * LANES) over the record ``ag`` (m/s2)
-    with `steps` steps per record interval, and fills ``O`` (groups, outputs *
+    with `steps` steps per record interval (`glides` exact ones in free flight), and fills ``O`` (groups, outputs *
     LANES) and, with a history, ``H`` (steps + 1, history slots) of lane 0.
     """
     slots = state_slots(shape)
     contact = shape.law is not None and len(shape.contacts) > 0
     make: Any = STEPS[shape.scheme]
-    return KernelText(_row_text(shape, slots, contact, make), _main_text(shape, slots, contact, make, row_name))
+    texts = _row_text(shape, slots, contact, make), _main_text(shape, slots, contact, make, row_name)
+    return KernelText(*(narrow(text) for text in texts) if shape.precision == "float32" else texts)
 
 
 def _row_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str:
     """Write the parts that depend on no law: flight, peaks, energies, accelerations."""
     parts = [PRELUDE, _constants(shape, slots, contact)]
+    if shape.scheme == "exact" and "energy" in shape.reducers:
+        parts.append(_functions("flight_energy"))
     if "energy" in shape.reducers:
         parts.append(_functions("energy", () if contact and "transfer" in shape.reducers else ("kinetic", "strain")))
     if contact:
@@ -146,12 +161,14 @@ def _row_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str
         if shape.scheme == "newmark":
             parts.append(_functions("compliance"))
     parts.append(emit_copy(shape))
+    if shape.scheme == "exact" and contact:
+        parts.append(emit_back())
     if "_x" in slots.first:
         parts.append("\n\n" + "".join(f"{n.upper()} = {slots.first[n] * LANES}\n" for n in ("_x", "_y", "_F")))
         if not shape.fused or shape.located:
             parts.append(Rk4Step(shape, slots, "trial").emit_stages())
     if shape.located or not contact:
-        parts.append(make(shape, slots, "flight").emit())
+        parts.append(emit_flight(shape, slots) if shape.scheme == "exact" else make(shape, slots, "flight").emit())
     parts.append(emit_turns(shape, slots) if shape.located else emit_samples(shape, slots))
     parts.append(emit_energy(shape, slots))
     if "acceleration" in shape.reducers:
@@ -175,8 +192,12 @@ def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any, row_n
         parts.append(_law(shape))
         if shape.located:
             parts.append(_functions("located"))
+            if shape.law is not None and shape.law.impulsive:
+                parts.append(_functions("impulse"))
         if newmark:
             parts.append(_functions("implicit"))
+            if shape.located:
+                parts.append(_functions("stiff"))
         parts.append(make(shape, slots, "trial" if shape.located else "plain").emit())
         parts.append(emit_reduce_step(shape) if shape.located else emit_plain_contacts(shape))
     parts.append(emit_run(shape, slots, contact))
@@ -201,12 +222,14 @@ def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
         first.append(first[-1] + n)
     values["FIRST"] = tuple(first)
     values["SIXTH"] = 1.0 / 6.0
+    values |= TOLERANCES[shape.precision]
     values["NEWMARK"] = shape.scheme == "newmark"
     values["LOCATED"] = shape.located
     for name, slot in slots.first.items():
         values[name.upper()] = slot * LANES
-    for name in ("m", "im", "k", "alpha", "beta", "reduced", "newmark_beta", "newmark_gamma"):
-        values[f"P_{name.upper()}"] = props.first[name]
+    for name in ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short", "newmark_beta", "newmark_gamma"):
+        if name in props.first:
+            values[f"P_{name.upper()}"] = props.first[name]
     left = tuple(c[0] for c in shape.contacts)
     right = tuple(c[1] for c in shape.contacts)
     if shape.contacts:
@@ -218,8 +241,9 @@ def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
             "BLEFT": tuple(building[i] if i >= 0 else -1 for i in left),
             "BRIGHT": tuple(building[i] if i >= 0 else -1 for i in right),
             "RESTING_SPEED": RESTING_SPEED,
-            "CONTACT_CAP": CONTACT_CAP if shape.scheme == "rk4" else 0.0,
-            "FIRST_SHARE": FIRST_SHARE,
+            "CONTACT_CAP": 0.0 if shape.scheme == "newmark" else CONTACT_CAP,
+            "REST_RATE": REST_RATE,
+            "STIFF_RATE": STIFF_RATE,
             "MAX_TRIES": MAX_TRIES,
             "MAX_SWEEPS": MAX_SWEEPS,
             "NCOL": 2 * len(shape.contacts),
@@ -231,12 +255,13 @@ def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
         for reducer in ("force", "penetration", "count", "first_time", "approach_speed", "impulse", "work"):
             values[f"HAS_{reducer.upper()}"] = reducer in r
         nc = len(shape.contacts)
-        ints = {"MODE": 0, "NEXT": nc, "TRIES": 2 * nc, "BUSY": 2 * nc + 1, "FALLBACK": 2 * nc + 2}
-        values |= {name: slot * LANES for name, slot in {**ints, "UNSOLVED": 2 * nc + 3}.items()}
+        ints = {"MODE": 0, "NEXT": nc, "TRIES": 2 * nc, "SHUT": 2 * nc + 1, "FALLBACK": 2 * nc + 2}
+        values |= {name: slot * LANES for name, slot in {**ints, "UNSOLVED": 2 * nc + 3, "STIFF": 2 * nc + 4}.items()}
         for name in ("FORCE", "FMAX", "DMAX", "COUNT", "TFIRST", "VMAX", "IMPULSE", "WORK", "TMAX", "TMIN"):
             values.setdefault(name, 0)
     for name, value in values.items():
         lines.append(f"{name} = {value!r}")
+    lines.append(f"REAL = np.{shape.precision}")
     return "\n".join(lines) + "\n"
 
 
@@ -249,12 +274,21 @@ def _law(shape: KernelShape) -> str:
     cut = "p" if law.tension else "max(p, 0.0)"
     # a pulling force jumps to zero at the release; there the frozen law must go on, for the step that locates it
     guard = "pass" if law.tension else "if not (d > 0.0): return 0.0"
-    flags = {
+    grading = law.grading(ORDERS[shape.scheme])
+    flags: dict[str, Any] = {
         "APPROACH_ONLY": law.approach_only,
         "CLIPS": law.clips,
         "PER_SPEED": law.per_speed,
-        "WEAK_TOUCH": law.weak_touch,
+        "IMPULSIVE": law.impulsive,
+        "TOUCH_POWER": grading[0],
+        "RELEASE_POWER": grading[1],
+        # least root of a graded sub-step, in durations of the contact: its error is that of rounding
+        "LEAST_SHARE": TOLERANCES[shape.precision]["EXACT"] ** (1.0 / (ORDERS[shape.scheme] + 1)),
+        "GRADED": max(grading) > 1.0,
+        "SUBSTEPS": max(grading) > 1.0 or shape.scheme != "newmark",
     }
+    for name, q in zip(("TOUCH", "RELEASE"), grading, strict=True):
+        flags[f"{name}_SHARE"] = 1.0 / (q * GRADED_SHARE ** (1.0 - 1.0 / q))
     constants = "".join(f"{name} = {value!r}\n" for name, value in flags.items())
     n = law.exponent
     share = 1.0 / (n + 1.0)

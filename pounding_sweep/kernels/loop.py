@@ -22,8 +22,8 @@ _PEAKS = frozenset({"displacement", "drift", "closing"})
 
 
 def integer_size(shape: KernelShape) -> int:
-    """Length of the integer array of a lane group: modes, next modes and four marks per lane."""
-    return (2 * len(shape.contacts) + 4) * LANES
+    """Length of the integer array of a lane group: modes, next modes and five marks per lane."""
+    return (2 * len(shape.contacts) + 5) * LANES
 
 
 def emit_copy(shape: KernelShape) -> str:
@@ -35,6 +35,16 @@ def emit_copy(shape: KernelShape) -> str:
         src("S[VO + c] = S[V + c]")
         if shape.scheme == "newmark":
             src("S[AO + c] = S[A + c]")
+    return str(src)
+
+
+def emit_back() -> str:
+    """Write ``back(S)``: the start of a step that is not taken becomes the present state again."""
+    src = Source()
+    src.function("back(S)")
+    with src.block("for c in range(N * L):"):
+        src("S[U + c] = S[UO + c]")
+        src("S[V + c] = S[VO + c]")
     return str(src)
 
 
@@ -56,9 +66,8 @@ def emit_begin(shape: KernelShape, slots: Slots, contact: bool) -> str:
     with src.block("for l in range(L):"):
         src("S[G1 + l] = S[SCALE + l] * start")
         if shape.law is not None:
-            src("S[SHORTEST + l] = 1e300")
+            src("S[SHORTEST + l] = FAR")
         if contact:
-            src("S[CAP + l] = 1.0")
             if "first_time" in r:
                 with src.block("for j in range(NC):"):
                     src("S[TFIRST + j * L + l] = -1.0")
@@ -66,7 +75,7 @@ def emit_begin(shape: KernelShape, slots: Slots, contact: bool) -> str:
                 with src.block("for b in range(NB):"):
                     src("S[KIN0 + b * L + l] = kinetic(S, l, b, props)")
         if shape.scheme == "newmark" and not contact:
-            src("equilibrium(S, l, props)")
+            src("equilibrium(S, l, S[G1 + l], True, props)")
     return str(src)
 
 
@@ -98,8 +107,9 @@ def emit_finish(shape: KernelShape, contact: bool) -> str:
 def emit_fly(shape: KernelShape, contact: bool) -> str:
     """``fly``: one step without contact, reduced unless a floor may have touched; returns how many lanes may."""
     src, r = Source(), shape.reducers
-    src.function("fly(S, props, ga, gb, h)")
-    src("flight(S, props, ga, gb, h)")
+    exact = ", table" if shape.scheme == "exact" else ""
+    src.function(f"fly(S, props, ga, gb, h{exact})")
+    src(f"flight(S, props, ga, gb, h{exact})")
     if contact:
         src("touched = 0")
         with src.block("for l in range(L):"):
@@ -114,7 +124,9 @@ def emit_fly(shape: KernelShape, contact: bool) -> str:
             src("turns(S, False, h)")
     if r & _PEAKS and not shape.located:
         src("samples(S)")
-    if has_increments(shape):
+    if shape.scheme == "exact" and "energy" in r:
+        src("flight_energies(S, props, ga, gb, h)")
+    elif has_increments(shape):
         src("energies(S, False, h)")
     if "acceleration" in r:
         src("accelerations(S, props, ga, gb, False, h)")
@@ -201,48 +213,30 @@ def emit_plain_contacts(shape: KernelShape) -> str:
 
 def emit_run(shape: KernelShape, slots: Slots, contact: bool) -> str:
     """``run``: every lane group over the whole record."""
-    src, r = Source(), shape.reducers
+    src = Source()
     columns = 4 * len(shape.contacts) if shape.scheme == "newmark" else 0
-    src.function("run(ag, dtr, steps, constants, X, O, H)")
-    src(f"lanes = np.zeros({slots.size} * L)")
+    src.function("run(ag, dtr, steps, glides, constants, X, O, H)")
+    src(f"lanes = np.zeros({slots.size} * L, REAL)")
     src(f"marks = np.zeros({integer_size(shape)}, np.int64)")
     src("S = pointer(lanes); I = pointer(marks); props = pointer(constants)")
-    src(f"W = np.zeros(({columns + 1}, {max(shape.storeys)}))")
-    src("h = dtr / steps")
+    src(f"W = np.zeros(({columns + 1}, {max(shape.storeys)}), REAL)")
+    src("h = REAL(dtr / steps)")
+    exact = shape.scheme == "exact"
+    if exact:
+        src("short = steps // glides; hg = REAL(dtr / glides)")
     with src.block("for group in range(X.shape[0]):"):
-        src("begin(S, I, X, group, props, ag[0])")
+        src("begin(S, I, X, group, props, REAL(ag[0]))")
         if shape.scheme == "newmark" and contact:
             with src.block("for l in range(L):"):
-                src("equilibrium(S, l, props)")
+                src("equilibrium(S, l, S[G1 + l], True, props)")
         if shape.history:
             _record(src, shape, slots, "0")
         src("closed = 0")
         src("row = 0")
-        with src.block("for i in range(len(ag) - 1):"), src.block("for j in range(steps):"):
-            src("ga = ag[i] + (ag[i + 1] - ag[i]) * (j / steps)")
-            src("gb = ag[i + 1] if j == steps - 1 else ag[i] + (ag[i + 1] - ag[i]) * ((j + 1) / steps)")
-            if not contact:
-                src("fly(S, props, ga, gb, h)")
-            elif shape.located:
-                src("touched = 1")
-                with src.block("if closed == 0:"):
-                    src("touched = fly(S, props, ga, gb, h)")
-                with src.block("else:"):
-                    src("copy(S)")
-                with src.block("if touched > 0:"):
-                    src("closed = contact_step(S, I, W, props, ga, gb, h, (i * steps + j) * h)")
-            else:
-                src("plain(S, I, W, props, ga, gb, h)" if shape.scheme == "newmark" else "plain(S, props, ga, gb, h)")
-                src("plain_contacts(S, I, h, (i * steps + j + 1) * h, props)")
-                if r & _PEAKS:
-                    src("samples(S)")
-                if has_increments(shape):
-                    src("energies(S, False, h)")
-                if "acceleration" in r:
-                    src("accelerations(S, props, ga, gb, False, h)")
-            src("row += 1")
-            if shape.history:
-                _record(src, shape, slots, "row")
+        if exact:
+            _exact_loop(src, shape, slots, contact)
+        else:
+            _fixed_loop(src, shape, slots, contact)
         src("finish(S, I, O, group, props)")
     src("lanes[0] = 0.0; marks[0] = 0;  # alive until here, where only pointers were used")
     return str(src)
@@ -264,3 +258,70 @@ def _record(src: Source, shape: KernelShape, slots: Slots, row: str) -> None:
                 src(f"H[{row}, {place.first[name]} + q] = pressing(S[KE + q * L], S[CE + q * L], dq, vq)")
             else:
                 src(f"H[{row}, {place.first[name]} + q] = S[FE + q * L]")
+
+
+def _fixed_loop(src: Source, shape: KernelShape, slots: Slots, contact: bool) -> None:
+    """Write the steps of one lane group, all of one length."""
+    r = shape.reducers
+    with src.block("for i in range(len(ag) - 1):"), src.block("for j in range(steps):"):
+        _ground(src, "j", "steps")
+        if not contact:
+            src("fly(S, props, ga, gb, h)")
+        elif shape.located:
+            src("touched = 1")
+            with src.block("if closed == 0:"):
+                src("touched = fly(S, props, ga, gb, h)")
+            with src.block("else:"):
+                src("copy(S)")
+            with src.block("if touched > 0:"):
+                src("closed = contact_step(S, I, W, props, ga, gb, h, (i * steps + j) * h)")
+        else:
+            src("plain(S, I, W, props, ga, gb, h)" if shape.scheme == "newmark" else "plain(S, props, ga, gb, h)")
+            src("plain_contacts(S, I, h, (i * steps + j + 1) * h, props)")
+            if r & _PEAKS:
+                src("samples(S)")
+            if has_increments(shape):
+                src("energies(S, False, h)")
+            if "acceleration" in r:
+                src("accelerations(S, props, ga, gb, False, h)")
+        src("row += 1")
+        if shape.history:
+            _record(src, shape, slots, "row")
+
+
+def _exact_loop(src: Source, shape: KernelShape, slots: Slots, contact: bool) -> None:
+    """Write long exact steps while nothing touches, and short ones through any of them in which something may."""
+    with src.block("for i in range(len(ag) - 1):"), src.block("for j in range(glides):"):
+        _ground(src, "j", "glides")
+        if contact:
+            src("touched = 1")
+            with src.block("if closed == 0:"):
+                src("touched = fly(S, props, ga, gb, hg, P_GLIDE)")
+            _through_contact(src)
+        else:
+            src("fly(S, props, ga, gb, hg, P_GLIDE)")
+        src("row += 1")
+        if shape.history:
+            _record(src, shape, slots, "row")
+
+
+def _through_contact(src: Source) -> None:
+    """Write the short steps that replace a long one in which something may touch."""
+    with src.block("if touched > 0:"):
+        with src.block("if closed == 0:"):
+            src("back(S)")
+        with src.block("for s in range(j * short, (j + 1) * short):"):
+            _ground(src, "s", "steps")
+            src("touched = 1")
+            with src.block("if closed == 0:"):
+                src("touched = fly(S, props, ga, gb, h, P_SHORT)")
+            with src.block("else:"):
+                src("copy(S)")
+            with src.block("if touched > 0:"):
+                src("closed = contact_step(S, I, W, props, ga, gb, h, (i * steps + s) * h)")
+
+
+def _ground(src: Source, j: str, steps: str) -> None:
+    """Write the ground accelerations at both ends of step `j` of `steps` in a record interval."""
+    src(f"ga = REAL(ag[i] + (ag[i + 1] - ag[i]) * ({j} / {steps}))")
+    src(f"gb = REAL(ag[i + 1] if {j} == {steps} - 1 else ag[i] + (ag[i + 1] - ag[i]) * (({j} + 1) / {steps}))")

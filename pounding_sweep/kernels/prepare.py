@@ -33,6 +33,7 @@ def from_json(data: dict[str, Any]) -> KernelShape:
         located=data["located"],
         reducers=frozenset(data["reducers"]),
         history=data["history"],
+        precision=data["precision"],
     )
 
 

@@ -73,7 +73,7 @@ def emit_energy(shape: KernelShape, slots: Slots) -> str:
     """``energies(S, lane_steps, h)``: commit the step's energy and contact increments."""
     src, at = Source(), slots.at
     src.function("energies(S, lane_steps, h)")
-    rk4 = shape.scheme == "rk4"
+    rk4 = shape.scheme != "newmark"
     with src.block("for l in range(L):"):
         src(f"h6 = ({at('HL')} if lane_steps else h) * SIXTH" if "HL" in slots.first else "h6 = h * SIXTH")
         if "energy" in shape.reducers:

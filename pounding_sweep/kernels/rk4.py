@@ -13,8 +13,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from pounding_sweep.kernels.shape import KernelShape, Slots
+from pounding_sweep.kernels.shape import LANES, KernelShape, Slots
 from pounding_sweep.kernels.text import Source, StepText, relative
+
+#: Addresses of the two floors of a contact; None is a wall.
+Ends = list[str | None]
 
 #: Number, ground acceleration and weight (of h/6) of the stages.
 STAGES = ((1, "g0", "1.0"), (2, "gm", "2.0"), (3, "gm", "2.0"), (4, "g1", "1.0"))
@@ -105,29 +108,45 @@ class Rk4Step:
             src(f"stage{stage}(S, props)")
 
     def _forces(self) -> None:
-        """Write ``forces``: contact forces of a stage from the motion in slots X and Y."""
-        src, shape, law = self.src, self.shape, self.shape.law
-        assert law is not None
+        """Write ``forces``: contact forces of a stage from the motion in slots X and Y.
+
+        Few contacts are written out one by one, with addresses that are known to differ:
+        a loop over contacts whose addresses come from a table is not vectorised.
+        """
+        src, shape = self.src, self.shape
         src.function("forces(S, X, Y, weight)")
+        if shape.fused:
+            with src.block("for l in range(L):"):
+                for j, (left, right, pair) in enumerate(shape.contacts):
+                    ends: Ends = [None if i < 0 else f"S[{{0}} + {i * LANES} + l]" for i in (left, right)]
+                    self._one_force(ends, self.slots.at("gap", pair), str(j * LANES))
+            return
         with src.block("for j in range(NC):"):
             src("left = LEFT[j] * L; right = RIGHT[j] * L; gap = GAP + PAIR[j] * L; j0 = j * L")
-            for head, sides in (
-                ("if left >= 0 and right >= 0:", ("S[{0} + left + l]", "S[{0} + right + l]")),
-                ("elif left >= 0:", ("S[{0} + left + l]", None)),
-                ("else:", (None, "S[{0} + right + l]")),
-            ):
+            sides: list[tuple[str, Ends]] = [
+                ("if left >= 0 and right >= 0:", ["S[{0} + left + l]", "S[{0} + right + l]"]),
+                ("elif left >= 0:", ["S[{0} + left + l]", None]),
+                ("else:", [None, "S[{0} + right + l]"]),
+            ]
+            for head, ends in sides:
                 with src.block(head), src.block("for l in range(L):"):
-                    d, v = (relative(*(None if x is None else x.format(name) for x in sides)) for name in "XY")
-                    src(f"d = {d} - S[gap + l]; v = {v}")
-                    if self.variant == "trial":
-                        src("k = S[KE + j0 + l]; c = S[CE + j0 + l]; r = math.sqrt(max(d, 0.0))")
-                        src(f"f = {law.elastic} + ({law.damper}) * v" if law.damper else f"f = {law.elastic}")
-                    else:
-                        src("f = memoryless(S[K + l], S[C + j0 + l], S[VRUN + j0 + l], d, v)")
-                    src("S[_F + j0 + l] = f")
-                    for reducer, slot, value in (("work", "DWORK", "f * v"), ("impulse", "DIMP", "f")):
-                        if reducer in shape.reducers:
-                            src(f"S[{slot} + j0 + l] += weight * {value}")
+                    self._one_force(ends, "S[gap + l]", "j0")
+
+    def _one_force(self, ends: Ends, gap: str, j0: str) -> None:
+        """Write the force of one contact; `ends` are its floors' addresses, with the motion's slot left open."""
+        src, shape, law = self.src, self.shape, self.shape.law
+        assert law is not None
+        d, v = (relative(*(None if x is None else x.format(name) for x in ends)) for name in "XY")
+        src(f"d = {d} - {gap}; v = {v}")
+        if self.variant == "trial":
+            src(f"k = S[KE + {j0} + l]; c = S[CE + {j0} + l]; r = math.sqrt(max(d, 0.0))")
+            src(f"f = {law.elastic} + ({law.damper}) * v" if law.damper else f"f = {law.elastic}")
+        else:
+            src(f"f = memoryless(S[K + l], S[C + {j0} + l], S[VRUN + {j0} + l], d, v)")
+        src(f"S[_F + {j0} + l] = f")
+        for reducer, slot, value in (("work", "DWORK", "f * v"), ("impulse", "DIMP", "f")):
+            if reducer in shape.reducers:
+                src(f"S[{slot} + {j0} + l] += weight * {value}")
 
     def emit_stages(self) -> str:
         """Return the text of the trial step's four stages, which hold no law."""

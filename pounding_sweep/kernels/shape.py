@@ -53,16 +53,29 @@ class LawShape:
     approach_only: bool
     tension: bool
     per_speed: bool
+    damper_exponent: float = 0.0
+    impulsive: bool = False
 
     @property
     def clips(self) -> bool:
         """Whether the published force can turn negative and is cut at zero."""
         return bool(self.damper) and not self.approach_only and not self.tension
 
-    @property
-    def weak_touch(self) -> bool:
-        """Whether the force rises with unbounded slope at the touch, so that steps must be graded."""
-        return "math.sqrt(r)" in self.damper
+    def grading(self, order: int) -> tuple[float, float]:
+        """Power by which sub-steps grow after a touch and shrink before a release (1: no need to).
+
+        The force is like t**s a time t from its end, s the power of the penetration
+        in it. Where s is no whole number a step h at t errs by about h**(p+1) t**(s-p)
+        in a scheme of order p; steps between the times (i delta)**q with
+        q = (p + 1) / (s + 1) all err alike, and the order is kept.
+        """
+
+        def power(exponents: list[float]) -> float:
+            rough = [s for s in exponents if s != round(s) and s + 1.0 < order]
+            return (order + 1.0) / (min(rough) + 1.0) if rough else 1.0
+
+        damper = [self.damper_exponent] if self.damper else []
+        return power([self.exponent, *damper]), power([self.exponent, *([] if self.approach_only else damper)])
 
 
 @dataclass(frozen=True)
@@ -79,7 +92,7 @@ class KernelShape:
         Pairs of neighbours.
     law : LawShape or None
         None: no contact force.
-    scheme : {"rk4", "newmark"}
+    scheme : {"rk4", "newmark", "exact"}
         Time integration.
     located : bool
         Touches, releases and peaks are located inside the step.
@@ -87,6 +100,8 @@ class KernelShape:
         Subset of `REDUCERS`.
     history : bool
         Lane 0 leaves its state after every step.
+    precision : {"float64", "float32"}
+        Number format of the state and of all arithmetic.
     """
 
     storeys: tuple[int, ...]
@@ -97,6 +112,7 @@ class KernelShape:
     located: bool
     reducers: frozenset[str]
     history: bool = False
+    precision: str = "float64"
 
     @property
     def n_dof(self) -> int:
@@ -184,6 +200,10 @@ def property_slots(shape: KernelShape) -> Slots:
     slots.add("alpha", shape.n_buildings)
     slots.add("beta", shape.n_buildings)
     slots.add("reduced", len(shape.contacts))
+    if shape.scheme == "exact":  # flight over a whole step, and over a short one beside a contact
+        size = sum(2 * n * (2 * n + 2) for n in shape.storeys)
+        slots.add("glide", size)
+        slots.add("short", size)
     slots.add("newmark_beta")
     slots.add("newmark_gamma")
     return slots

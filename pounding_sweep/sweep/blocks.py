@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -29,9 +29,13 @@ from pounding_sweep.kernels.shape import (
 )
 from pounding_sweep.records import Record
 from pounding_sweep.scene import Scene
+from pounding_sweep.sweep.resolution import MAX_ENERGY, displacement_limit, energy_limit, resolution_status
 
-#: Steps that the shortest contact needs for its peaks to be trusted, by scheme and located or not.
-MIN_STEPS_PER_CONTACT = {("rk4", True): 4.0, ("newmark", True): 8.0, ("rk4", False): 8.0, ("newmark", False): 10.0}
+#: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
+#: others: peaks are looked for between the ends by a cubic, which errs by (w h)**4 / 384 of what a mode contributes.
+GLIDE = (0.3, 0.8, 1.2)
+#: The same where accelerations are asked for, in which high modes weigh more.
+ACCELERATION_GLIDE = (0.2, 0.3, 0.5)
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Numerics:
 
     Attributes
     ----------
-    method : {"rk4", "newmark"}
+    method : {"rk4", "newmark", "exact"}
         Scheme.
     dt : float
         Largest time step (s); a record interval is cut into equal steps no longer than it.
@@ -48,6 +52,8 @@ class Numerics:
         Locate contacts and peaks inside the step.
     beta, gamma : float
         Newmark's parameters.
+    precision : {"float64", "float32"}
+        Number format of the kernel.
     """
 
     method: str
@@ -55,6 +61,7 @@ class Numerics:
     locate: bool = True
     beta: float = 0.25
     gamma: float = 0.5
+    precision: str = "float64"
 
     def steps(self, record: Record) -> int:
         """Return the steps per record interval."""
@@ -82,6 +89,8 @@ def kernel_shape(
             law.approach_only,
             law.tension,
             law.damping == "elastic",
+            law.damper_exponent,
+            law.impulsive,
         )
     return KernelShape(
         storeys=tuple(b.n_storeys for b in scene.buildings),
@@ -92,7 +101,22 @@ def kernel_shape(
         located=numerics.locate,
         reducers=wanted,
         history=history,
+        precision=numerics.precision,
     )
+
+
+@lru_cache(maxsize=64)
+def _transitions(scene: Scene, h: float) -> np.ndarray:
+    """Transition matrices of all buildings over a step h (s), each row with what the ground adds."""
+    from pounding_sweep.kernels.exact import transition
+
+    rows = []
+    for b in scene.buildings:
+        masses = np.asarray(b.masses)
+        alpha, beta = b.rayleigh
+        damping = alpha * np.diag(masses) + beta * b.stiffness_matrix
+        rows.append(np.column_stack(transition(masses, damping, b.stiffness_matrix, h)).ravel())
+    return np.concatenate(rows)
 
 
 @dataclass(frozen=True)
@@ -115,6 +139,9 @@ class RowKernel:
         Velocity (m/s) of every floor, building by building; at rest where not given.
     host : Law, optional
         Damped law in whose kernel this undamped one runs, with c = 0.
+    basis : {"published", "realised"}
+        Whether damping follows from the restitution by the law's published formula,
+        or so that two free masses rebound at exactly it.
     """
 
     scene: Scene
@@ -124,6 +151,7 @@ class RowKernel:
     history: bool = False
     initial_velocity: tuple[float, ...] | None = None
     host: Law | None = None
+    basis: str = "published"
 
     @cached_property
     def shape(self) -> KernelShape:
@@ -134,7 +162,7 @@ class RowKernel:
     def constants(self) -> np.ndarray:
         """Scene constants in the kernel's layout."""
         slots = property_slots(self.shape)
-        values = np.zeros(slots.size)
+        values = np.zeros(slots.size, self.numerics.precision)
 
         def put(name: str, numbers: Any) -> None:
             numbers = np.atleast_1d(np.asarray(numbers, dtype=float))
@@ -153,6 +181,31 @@ class RowKernel:
             put("reduced", [c.mass for c in self.scene.contacts])
         put("newmark_beta", self.numerics.beta)
         put("newmark_gamma", self.numerics.gamma)
+        return values
+
+    def glides(self, record: Record) -> int:
+        """Return the exact steps of free flight per record interval: a divisor of the steps.
+
+        They are short beside the fastest mode, because peaks are looked for between their
+        ends, and as short as the steps where a history is kept.
+        """
+        steps = self.numerics.steps(record)
+        if self.history:
+            return steps
+        caps = ACCELERATION_GLIDE if "acceleration" in self.reducers else GLIDE
+        rates = [w / cap for b in self.scene.buildings for w, cap in zip(b.frequencies[:2], caps, strict=False)]
+        need = record.dt * max(*rates, *(b.frequencies[-1] / caps[-1] for b in self.scene.buildings))
+        return next((n for n in range(1, steps) if steps % n == 0 and n >= need), steps)
+
+    def constants_for(self, record: Record) -> np.ndarray:
+        """Scene constants, with the transition matrices of this record's steps where the scheme has any."""
+        if self.numerics.method != "exact":
+            return self.constants
+        slots = property_slots(self.shape)
+        values = self.constants.copy()
+        for name, parts in (("glide", self.glides(record)), ("short", self.numerics.steps(record))):
+            first = slots.first[name]
+            values[first : first + slots.count[name]] = _transitions(self.scene, record.dt / parts)
         return values
 
     def run(
@@ -206,7 +259,8 @@ class RowKernel:
             e = np.asarray(restitution, float)[:, None]
             put("k", k)
             masses = np.array([c.mass for c in self.scene.contacts])[None, :]
-            put("c", np.broadcast_to(self.law.damping_coefficient(e, k, masses), (n, len(self.scene.contacts))))
+            damping = self.law.damping_coefficient(e, k, masses, self.basis)
+            put("c", np.broadcast_to(damping, (n, len(self.scene.contacts))))
         blocks = np.ascontiguousarray(lanes.reshape(inputs.size, groups, LANES).transpose(1, 0, 2))
         results = np.zeros((groups, outputs.size * LANES))
         if history is None:
@@ -216,13 +270,19 @@ class RowKernel:
             np.array(record.acceleration),
             float(record.dt),
             self.numerics.steps(record),
-            self.constants,
+            self.glides(record),
+            self.constants_for(record),
             blocks.reshape(groups, -1),
             results,
             history,
         )
         by_scenario = results.reshape(groups, outputs.size, LANES).transpose(0, 2, 1).reshape(-1, outputs.size)[:n]
-        return {name: by_scenario[:, i : i + outputs.count[name]] for name, i in outputs.first.items()}
+        found = {name: by_scenario[:, i : i + outputs.count[name]] for name, i in outputs.first.items()}
+        # what the status asks of the scenario beside its results
+        found["scale"] = np.asarray(scale, float)[:, None]
+        if self.shape.law is not None:
+            found["quickening"] = self.law.quickening(e, self.basis)
+        return found
 
 
 def _energy_residual(raw: Mapping[str, np.ndarray], scene: Scene, initial_kinetic: float) -> np.ndarray:
@@ -261,6 +321,10 @@ _DIRECT: dict[str, tuple[str, str]] = {
 }
 
 
+#: What a law without a contact force (velocities jump) can't answer.
+NEEDS_FORCE = frozenset({"impact_force_max", "penetration_max"})
+
+
 @np.errstate(over="ignore", invalid="ignore")  # the numbers of a diverged scenario, which are not reported
 def variables_of(
     kernel: RowKernel, raw: Mapping[str, np.ndarray], outputs: Sequence[str], record: Record
@@ -290,12 +354,14 @@ def variables_of(
     steps = np.full(n, np.nan)
     if "shortest" in raw:
         lasted = raw["shortest"][:, 0] / (record.dt / kernel.numerics.steps(record))
-        steps = np.where(lasted < 1e200, lasted, np.nan)
+        steps = np.where(lasted < 1e30, lasted, np.nan)
     for name in cube_variables(outputs):
         variable = get_variable(name)
         shape = (n, *inner_shape(variable, scene))
         source, kind = _DIRECT.get(name, ("", ""))
-        if source in raw:
+        if kernel.law.impulsive and name in NEEDS_FORCE:
+            result[name] = np.full(shape, np.nan)
+        elif source in raw:
             scatter: dict[str, Callable[[Any, Scene], np.ndarray]] = {"dof": scatter_dof, "contact": scatter_contact}
             result[name] = scatter[kind](raw[source], scene) if kind in scatter else np.array(raw[source])
         elif kind == "contact":
@@ -315,8 +381,10 @@ def variables_of(
             result[name] = _energy_residual(raw, scene, _initial_kinetic(kernel))
         elif name == "steps_per_contact":
             result[name] = steps
+        elif name == "time_step":
+            result[name] = np.full(n, record.dt / kernel.numerics.steps(record))
         elif name == "status":
-            result[name] = _status(kernel, raw, steps)
+            result[name] = _status(kernel, raw, steps, record)
         else:
             result[name] = np.zeros(shape)
     return result
@@ -329,14 +397,23 @@ def _initial_kinetic(kernel: RowKernel) -> float:
     return float(0.5 * (masses * np.square(kernel.initial_velocity)).sum())
 
 
-def _status(kernel: RowKernel, raw: Mapping[str, np.ndarray], steps: np.ndarray) -> np.ndarray:
+def _impossible(kernel: RowKernel, raw: Mapping[str, np.ndarray], record: Record) -> np.ndarray:
+    """Whether floors went farther than the energy that the ground can bring in allows, where that was kept."""
+    if "umax" not in raw:
+        return np.zeros(len(raw["flags"]), dtype=bool)
+    energy = energy_limit(kernel.scene, record, raw["scale"][:, 0], kernel.initial_velocity)
+    limit = displacement_limit(kernel.scene, MAX_ENERGY * energy)
+    far = np.maximum(raw["umax"], -raw["umin"])
+    return np.asarray(np.any(~(far <= limit), axis=1))
+
+
+def _status(kernel: RowKernel, raw: Mapping[str, np.ndarray], steps: np.ndarray, record: Record) -> np.ndarray:
     from pounding_sweep.kernels.loop import FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED
 
     flags = raw["flags"][:, 0].astype(int)
-    status = np.full(len(flags), int(Status.OK), dtype=np.int8)
-    need = MIN_STEPS_PER_CONTACT[(kernel.numerics.method, kernel.numerics.locate)]
-    short = np.nan_to_num(steps, nan=np.inf) < need
-    status[short | (flags & FLAG_FALLBACK > 0)] = Status.UNDER_RESOLVED_CONTACT
+    quickening = raw["quickening"][:, 0] if "quickening" in raw else np.ones(len(flags))
+    status = resolution_status(kernel.scene, record, kernel.numerics, steps, quickening)
+    status[flags & FLAG_FALLBACK > 0] = Status.UNDER_RESOLVED_CONTACT
     status[flags & FLAG_UNSOLVED > 0] = Status.NEWTON_NOT_CONVERGED
-    status[flags & FLAG_DIVERGED > 0] = Status.DIVERGED
+    status[(flags & FLAG_DIVERGED > 0) | _impossible(kernel, raw, record)] = Status.DIVERGED
     return status

@@ -9,7 +9,8 @@ from dataclasses import fields
 from typing import Any
 
 from pounding_sweep.contact.laws import LAWS, MATE2015_MODELS, Law, get_law
-from pounding_sweep.errors import LawError, PoundingSweepError, RecordError, SceneError, unknown
+from pounding_sweep.contact.restitution import RESTITUTION_BASES, realised_validity
+from pounding_sweep.errors import LawError, PoundingSweepError, RecordError, SceneError, SweepError, unknown
 from pounding_sweep.presets import get_preset
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.scene import Scene
@@ -25,28 +26,54 @@ from pounding_sweep.sweep.faults import (
     one_number,
     positive,
 )
-from pounding_sweep.sweep.spec import MAX_SCENARIOS, METHODS, Case, SweepSpec, missing_reference
+from pounding_sweep.sweep.spec import (
+    ACCURACY_RANGE,
+    MAX_SCENARIOS,
+    METHODS,
+    PRECISIONS,
+    Case,
+    SweepSpec,
+    missing_reference,
+)
 
 #: Groups of laws that a sweep may name in place of each law.
 LAW_GROUPS = {"all": tuple(LAWS), "mate2015": MATE2015_MODELS}
+
+#: Time step (s) where neither a step nor an accuracy is given.
+DEFAULT_STEP = 1e-3
 
 _stiffness = positive("contact stiffness")
 _factor = positive("stiffness factor")
 _scale = finite("record scale")
 
 
-def _restitution(laws: Sequence[Law]) -> Callable[[float], None]:
+def _accuracy(value: float) -> None:
+    low, high = ACCURACY_RANGE
+    if not low <= value <= high:
+        msg = f"accuracy is {value!r}; it must be in [{low:g}, {high:g}], the range that was measured"
+        raise SweepError(msg)
+
+
+def _audit(value: float) -> None:
+    if not 0.0 <= value <= 1.0:
+        msg = f"audit is {value!r}; it must be a share of the sweep's cost in [0, 1], 0 for none"
+        raise SweepError(msg)
+
+
+def _restitution(laws: Sequence[Law], basis: str) -> Callable[[float], None]:
     """Check a coefficient of restitution against [0, 1] and every law of the sweep."""
+    realised = basis == "realised"
 
     def check(value: float) -> None:
         refused = []
         for law in laws:
             try:
-                law.check_restitution(value)
+                law.check_restitution(value, basis)
             except LawError:
-                refused.append(f"law {law.key!r} ({law.validity})")
+                refused.append(f"law {law.key!r} ({realised_validity(law) if realised else law.validity})")
         if refused:
-            msg = f"restitution {value!r} is outside the validity of {', '.join(refused)}; change it or leave them out"
+            fault = "can't be realised by" if realised else "is outside the validity of"
+            msg = f"restitution {value!r} {fault} {', '.join(refused)}; change it or leave them out"
             raise LawError(msg)
         if not (math.isfinite(value) and 0 <= value <= 1):
             msg = f"restitution is {value!r}; it must be in [0, 1]"
@@ -175,7 +202,7 @@ def _missing_restitution(laws: Sequence[Law]) -> str:
     )
 
 
-def _default_restitutions(faults: Faults, scene: Scene | None, laws: Sequence[Law]) -> tuple[float, ...]:
+def _default_restitutions(faults: Faults, scene: Scene | None, laws: Sequence[Law], basis: str) -> tuple[float, ...]:
     taking = [law for law in laws if law.takes_restitution]
     if not taking or scene is None:
         return (1.0,)
@@ -183,7 +210,7 @@ def _default_restitutions(faults: Faults, scene: Scene | None, laws: Sequence[La
         faults.add(("restitutions",), _missing_restitution(taking))
         return ()
     value = one_number(
-        faults, ("scene", "contact", "restitution"), scene.contact.restitution, _restitution(taking), "e"
+        faults, ("scene", "contact", "restitution"), scene.contact.restitution, _restitution(taking, basis), "e"
     )
     return () if value is None else (value,)
 
@@ -205,7 +232,7 @@ def _case_gap(faults: Faults, place: Place, given: Any, scene: Scene | None) -> 
 
 
 def _case(
-    faults: Faults, place: Place, given: Any, scene: Scene | None, records: Sequence[Record] | None
+    faults: Faults, place: Place, given: Any, scene: Scene | None, records: Sequence[Record] | None, basis: str
 ) -> Case | None:
     """Check one listed case and fill in what it leaves to the scene; None if it is at fault."""
     before = len(faults.found)
@@ -225,7 +252,7 @@ def _case(
     for name, check, what in (
         ("stiffness", _stiffness, "contact stiffness"),
         ("stiffness_factor", _factor, "stiffness factor"),
-        ("restitution", _restitution([law] if law else []), "restitution"),
+        ("restitution", _restitution([law] if law else [], basis), "restitution"),
         ("scale", _scale, "record scale"),
     ):
         value = getattr(given, name)
@@ -250,7 +277,7 @@ def _case(
         else:
             here = (*place, "restitution")
             values["restitution"] = one_number(
-                faults, here, scene.contact.restitution, _restitution([law]), "restitution"
+                faults, here, scene.contact.restitution, _restitution([law], basis), "restitution"
             )
     if law is None or len(faults.found) > before or _has_failed(vars(given).values()):
         return None
@@ -258,7 +285,9 @@ def _case(
     return Case(law.key, gap, values["stiffness"], values["stiffness_factor"], values["restitution"], record, scale)
 
 
-def _cases(faults: Faults, given: Any, scene: Scene | None, records: Sequence[Record] | None) -> tuple[Case, ...]:
+def _cases(
+    faults: Faults, given: Any, scene: Scene | None, records: Sequence[Record] | None, basis: str
+) -> tuple[Case, ...]:
     items = None if isinstance(given, (str, Case)) else _listed(given, ())
     if items is None:
         faults.add(("cases",), f"must be a list of cases, not {given!r}")
@@ -270,7 +299,7 @@ def _cases(faults: Faults, given: Any, scene: Scene | None, records: Sequence[Re
         return ()
     seen: dict[Case, int] = {}
     for index, item in enumerate(items):
-        case = None if item is FAILED else _case(faults, ("cases", index), item, scene, records)
+        case = None if item is FAILED else _case(faults, ("cases", index), item, scene, records, basis)
         if case is not None and case in seen:
             faults.add(("cases", index), f"is the same scenario as cases[{seen[case]}]")
         elif case is not None:
@@ -307,16 +336,31 @@ def _outputs(faults: Faults, given: Any) -> tuple[str, ...]:
 
 
 def _settings(faults: Faults, given: dict[str, Any]) -> dict[str, Any]:
-    """Check method, step, flags, Newmark's parameters and title."""
+    """Check method, step or accuracy, flags, Newmark's parameters and title."""
     found = dict(given)
-    if found["method"] is not FAILED and found["method"] not in METHODS:
-        faults.add(("method",), unknown("method", found["method"], METHODS))
-    if found["dt"] is not FAILED:
+    automatic = found["accuracy"] is not None
+    if automatic and found["accuracy"] is not FAILED:
+        found["accuracy"] = one_number(faults, ("accuracy",), found["accuracy"], _accuracy, "relative error")
+        if found["dt"] is not None and found["dt"] is not FAILED:
+            faults.add(("dt",), "accuracy chooses the step; leave out dt, or leave out accuracy")
+    found["method"] = "rk4" if found["method"] is None and not automatic else found["method"]
+    for name, valid in (("method", METHODS), ("precision", PRECISIONS), ("restitution_basis", RESTITUTION_BASES)):
+        missing = name == "method" and found[name] is None  # chosen with the accuracy
+        if found[name] is not FAILED and not missing and found[name] not in valid:
+            faults.add((name,), unknown(name.replace("_", " "), found[name], valid))
+    if found["dt"] is None:
+        found["dt"] = None if automatic else DEFAULT_STEP
+    elif found["dt"] is not FAILED:
         found["dt"] = one_number(faults, ("dt",), found["dt"], positive("time step dt (s)"), "time step dt in s")
+    if found["audit"] is not FAILED:
+        found["audit"] = one_number(faults, ("audit",), found["audit"], _audit, "share of the cost")
     for name in ("locate", "force_unstable"):
         if found[name] is not FAILED and not is_flag(found[name]):
             faults.add((name,), f"must be true or false, not {found[name]!r}")
         found[name] = bool(found[name])
+    if automatic and not found["locate"]:
+        text = "accuracy was measured with located contacts only; leave out locate, or leave out accuracy"
+        faults.add(("locate",), text)
     for name, default, low, high in (("beta", 0.25, 0.0, 0.5), ("gamma", 0.5, 0.5, 1.0)):
         if found[name] is None or found[name] is FAILED:
             found[name] = default
@@ -324,8 +368,10 @@ def _settings(faults: Faults, given: dict[str, Any]) -> dict[str, Any]:
         value = one_number(faults, (name,), found[name], finite(name), f"Newmark's {name}")
         if value is not None and not low <= value <= high:
             faults.add((name,), f"{name} is {value!r}; it must be in [{low:g}, {high:g}]")
-        elif value not in (None, default) and found["method"] == "rk4":
-            faults.add((name,), f"{name} is a parameter of newmark, and the method is rk4; leave it out")
+        elif value not in (None, default) and found["method"] in ("rk4", "exact"):
+            faults.add((name,), f"{name} is a parameter of newmark, and the method is {found['method']}; leave it out")
+        elif value not in (None, default) and automatic:
+            faults.add((name,), f"accuracy was measured with {name} = {default:g}; leave it out, or leave out accuracy")
         found[name] = value
     if found["title"] is not FAILED and not isinstance(found["title"], str):
         faults.add(("title",), f"must be a text, not {found['title']!r}")
@@ -333,7 +379,19 @@ def _settings(faults: Faults, given: dict[str, Any]) -> dict[str, Any]:
 
 
 _AXES = ("gaps", "stiffnesses", "stiffness_factors", "restitutions", "scales")
-_SETTINGS = ("method", "dt", "locate", "beta", "gamma", "force_unstable", "title")
+_SETTINGS = (
+    "method",
+    "dt",
+    "locate",
+    "beta",
+    "gamma",
+    "force_unstable",
+    "title",
+    "precision",
+    "restitution_basis",
+    "accuracy",
+    "audit",
+)
 
 
 def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
@@ -357,6 +415,8 @@ def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
     items = given["records"]
     records = _records(faults, items, given["folders"], given["base"])
     complete = not (len(faults.found) > before or items is FAILED or (isinstance(items, list) and _has_failed(items)))
+    realised = given["restitution_basis"] == "realised"  # any other text is published, or a fault of its own
+    basis = "realised" if realised else "published"
     sizes: dict[str, int] = {"records": len(records)}
     axes: dict[str, tuple[float, ...] | None] = dict.fromkeys(_AXES)
     cases: tuple[Case, ...] | None = None
@@ -367,7 +427,7 @@ def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
                     (name,), "listed cases take the place of laws and axes; leave it out, or leave out the cases"
                 )
         if given["cases"] is not FAILED:
-            cases = _cases(faults, given["cases"], scene, records if complete else None)
+            cases = _cases(faults, given["cases"], scene, records if complete else None, basis)
         laws = list(dict.fromkeys(case.law for case in cases or ()))
     else:
         found = _laws(faults, given["laws"])
@@ -377,7 +437,7 @@ def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
             ("gaps", gap_check, "gaps in m"),
             ("stiffnesses", _stiffness, "contact stiffnesses"),
             ("stiffness_factors", _factor, "stiffness factors"),
-            ("restitutions", _restitution(found), "restitutions"),
+            ("restitutions", _restitution(found, basis), "restitutions"),
             ("scales", _scale, "record scales"),
         ):
             axes[name] = axis_values(faults, sizes, name, given[name], check, what=what)
@@ -393,9 +453,16 @@ def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
             _references(faults, scene, found)
             axes["stiffness_factors"] = axes["stiffness_factors"] or (1.0,)
         if given["restitutions"] is None:
-            axes["restitutions"] = _default_restitutions(faults, scene, found)
+            axes["restitutions"] = _default_restitutions(faults, scene, found, basis)
         axes["scales"] = axes["scales"] or (1.0,)
     settings = _settings(faults, {name: given[name] for name in _SETTINGS})
+    if settings["method"] == "exact" and not settings["locate"] and given["locate"] is not FAILED:
+        faults.add(("locate",), "method 'exact' flies exactly between located touches; give locate = true")
+    jumping = [key for key in laws if get_law(key).impulsive]
+    if jumping and not settings["locate"] and given["locate"] is not FAILED:
+        faults.add(
+            ("locate",), f"law {jumping[0]!r} acts at the located touch only; give locate = true, or leave the law out"
+        )
     outputs = _outputs(faults, given["outputs"])
     if faults.found or scene is None:
         return None

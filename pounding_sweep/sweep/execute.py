@@ -7,12 +7,9 @@ own scenarios (status ``not_run``), never the batch.
 from __future__ import annotations
 
 import os
-import signal
-import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,7 +20,9 @@ from pounding_sweep.cube.variables import Status, cube_variables, get_variable
 from pounding_sweep.errors import InputError, unknown
 from pounding_sweep.records import Record
 from pounding_sweep.sweep.blocks import RowKernel, variables_of
-from pounding_sweep.sweep.plan import Chunk, Plan, Scenarios, untouched
+from pounding_sweep.sweep.cluster import clients
+from pounding_sweep.sweep.plan import Chunk, Plan, untouched
+from pounding_sweep.sweep.scenarios import Scenarios
 from pounding_sweep.sweep.store import ChunkCorrupt, ChunkStore
 
 #: Names of the schedulers that start on this machine.
@@ -67,6 +66,8 @@ class Outcome:
         Wall time of the two stages.
     failures : list of str
         What went wrong in chunks that have no result.
+    left_out : ndarray of bool or None
+        Unique scenarios answered by a run without pounding; None where nothing was run.
     """
 
     values: dict[str, np.ndarray]
@@ -77,6 +78,7 @@ class Outcome:
     compile_seconds: float = 0.0
     run_seconds: float = 0.0
     failures: list[str] = field(default_factory=list)
+    left_out: np.ndarray | None = None
 
 
 def run_chunk(
@@ -173,14 +175,14 @@ def _execute(plan: Plan, scheduler: str, workers: int, store: ChunkStore | None,
     outcome.values["status"][plan.refused] = Status.BEYOND_STABILITY_LIMIT
     started = time.perf_counter()
     if kernels:
-        _run_all(plan, kernels, store, progress, scheduler, workers, outcome)
+        _run_all(plan, store, progress, scheduler, workers, outcome)
     outcome.run_seconds = time.perf_counter() - started
     return outcome
 
 
 def _empty(plan: Plan) -> dict[str, np.ndarray]:
     values = {}
-    for name in cube_variables(plan.spec.outputs):
+    for name in cube_variables(plan.outputs):
         variable = get_variable(name)
         fill: Any = int(Status.NOT_RUN) if name == "status" else variable.fill
         values[name] = np.full((len(plan.unique), *inner_shape(name, plan.spec.scene)), fill, dtype=variable.dtype)
@@ -189,7 +191,6 @@ def _empty(plan: Plan) -> dict[str, np.ndarray]:
 
 def _run_all(
     plan: Plan,
-    kernels: dict[tuple[int, bool], RowKernel],
     store: ChunkStore | None,
     progress: Progress,
     scheduler: str,
@@ -197,7 +198,7 @@ def _run_all(
     outcome: Outcome,
 ) -> None:
     table, last = plan.unique, len(plan.laws) - 1
-    outputs = plan.spec.outputs
+    outputs = plan.outputs
     motions = [
         (r, s) for r, s in plan.motions if bool(((table.record == r) & (table.scale == s) & ~plan.refused).any())
     ]
@@ -217,7 +218,8 @@ def _run_all(
             np.ones(n),
             np.full((n, table.gaps.shape[1]), np.inf),
         )
-        result = run_chunk(kernels[last, True], plan.spec.records[record], rows, wide)
+        kernel = plan.kernel(last, closing=True, record=record, steps=plan.still[record])
+        result = run_chunk(kernel, plan.spec.records[record], rows, wide)
         progress.advance(n)
         if isinstance(result, str):
             outcome.failures.append(result)
@@ -233,6 +235,7 @@ def _run_all(
                 still[record, scale]["closing_max"] = result["closing_max"][i]
         outcome.run += n
     left_out = untouched(plan, closing) & ~plan.refused
+    outcome.left_out = left_out
     outcome.untouched = int((left_out & ~plan.no_contact).sum())
     for (record, scale), values in still.items():
         rows_of = np.flatnonzero(left_out & (table.record == record) & (table.scale == scale))
@@ -267,7 +270,7 @@ def _run_all(
         progress.advance(len(chunk.rows))
 
     run = _run_distributed if scheduler == "processes" or "://" in scheduler else _run_local
-    run(plan, kernels, waiting, scheduler, workers, take)
+    run(plan, waiting, scheduler, workers, take)
 
 
 def _place(outcome: Outcome, chunk: Chunk, found: dict[str, np.ndarray]) -> None:
@@ -280,7 +283,6 @@ Take = Callable[[Chunk, "dict[str, np.ndarray] | str"], None]
 
 def _run_local(
     plan: Plan,
-    kernels: dict[tuple[int, bool], RowKernel],
     chunks: list[Chunk],
     scheduler: str,
     workers: int,
@@ -295,7 +297,7 @@ def _run_local(
     for chunk in chunks:
         name = f"chunk-{chunk.key}"
         by_key[name] = chunk
-        tasks.append(dask.delayed(_Task(kernels[chunk.law, False], plan, chunk), pure=False)(dask_key_name=name))
+        tasks.append(dask.delayed(_Task(plan, chunk), pure=False)(dask_key_name=name))
 
     class Gather(Callback):
         def _posttask(self, key: str, result: Any, dsk: Any, state: Any, worker_id: Any) -> None:
@@ -318,45 +320,17 @@ class _Box:
 class _Task:
     """One chunk as a callable of no arguments."""
 
-    def __init__(self, kernel: RowKernel, plan: Plan, chunk: Chunk) -> None:
-        self.kernel, self.plan, self.chunk = kernel, plan, chunk
+    def __init__(self, plan: Plan, chunk: Chunk) -> None:
+        self.plan, self.chunk = plan, chunk
 
     def __call__(self) -> _Box:
-        record = self.plan.spec.records[self.chunk.record]
-        return _Box(run_chunk(self.kernel, record, self.plan.unique[self.chunk.rows], self.plan.spec.outputs))
-
-
-def _clients(scheduler: str, workers: int) -> Iterator[Any]:
-    from distributed import Client, LocalCluster
-
-    if "://" in scheduler:
-        with Client(scheduler, set_as_default=False) as client:
-            yield client
-        return
-    with _deaf_to_interrupt():  # Ctrl-C is for this process; the workers it starts inherit what stands here
-        cluster = LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-        )
-    with cluster, Client(cluster, set_as_default=False) as client:
-        yield client
-
-
-@contextmanager
-def _deaf_to_interrupt() -> Iterator[None]:
-    """Ignore SIGINT for a moment; only a main thread can."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
+        plan, chunk = self.plan, self.chunk
+        kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
+        return _Box(run_chunk(kernel, plan.spec.records[chunk.record], plan.unique[chunk.rows], plan.outputs))
 
 
 def _run_distributed(
     plan: Plan,
-    kernels: dict[tuple[int, bool], RowKernel],
     chunks: list[Chunk],
     scheduler: str,
     workers: int,
@@ -367,14 +341,14 @@ def _run_distributed(
 
     if not chunks:
         return
-    for client in _clients(scheduler, workers):
+    for client in clients(scheduler, workers):
         records = {
             r: client.scatter(plan.spec.records[r], broadcast=True, hash=False) for r in {c.record for c in chunks}
         }
 
         def submit(chunk: Chunk, client: Any = client, records: Any = records) -> Any:
-            kernel = kernels[chunk.law, False]
-            args = (kernel, records[chunk.record], plan.unique[chunk.rows], plan.spec.outputs)
+            kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
+            args = (kernel, records[chunk.record], plan.unique[chunk.rows], plan.outputs)
             return client.submit(run_chunk, *args, key=f"chunk-{chunk.key}", pure=False)
 
         queue = iter(chunks)

@@ -6,60 +6,36 @@ and restitution, a row in which no floors meet ignores the law. What remains
 once is run once and broadcast back into the cube. A scenario whose every gap
 is at least the largest closing displacement of the run without pounding never
 touches: it is that run.
+
+Where the sweep asks for an accuracy, scheme and steps are chosen here too, for
+each scenario by what it must resolve.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from pounding_sweep.contact.laws import Law, get_law
-from pounding_sweep.cube.variables import cube_variables, get_variable, reducers_for
+from pounding_sweep.cube.variables import check_outputs, cube_variables, get_variable, reducers_for
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.spec import SweepSpec, contact_stiffness, digest
+from pounding_sweep.sweep.scenarios import Scenarios, unique_scenarios
+from pounding_sweep.sweep.spec import SweepSpec, digest
 from pounding_sweep.sweep.stability import largest_step
 
 #: Cost of one scenario and step (ns per degree of freedom), for estimates and chunk sizes only.
-NS_PER_DOF_AND_STEP = {"rk4": 2.6, "newmark": 4.5}
+NS_PER_DOF_AND_STEP = {"rk4": 2.6, "newmark": 4.5, "exact": 0.8}
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
 CHUNK_SECONDS = 0.25
 #: Memory of one scenario while it is planned, by measurement.
 PLAN_BYTES = 400
 #: Margin by which a gap must exceed the closing displacement to be left out.
 CLOSING_MARGIN = 1e-9
-
-
-@dataclass(frozen=True)
-class Scenarios:
-    """A table of scenarios, one row each.
-
-    Attributes
-    ----------
-    law, record : ndarray of int
-        Index into the plan's laws and records.
-    scale, stiffness, restitution : ndarray of float
-        Values (stiffness in kN/m**exponent); 0 and 1 where the law ignores them.
-    gaps : ndarray, shape (n, pairs)
-        Gaps (m); infinite where nothing can touch.
-    """
-
-    law: np.ndarray
-    record: np.ndarray
-    scale: np.ndarray
-    stiffness: np.ndarray
-    restitution: np.ndarray
-    gaps: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.law)
-
-    def __getitem__(self, rows: Any) -> Scenarios:
-        return Scenarios(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
 
 @dataclass(frozen=True)
@@ -74,12 +50,15 @@ class Chunk:
         Index into the plan's laws and records.
     rows : ndarray of int
         Rows of the plan's table of unique scenarios, neighbouring gaps side by side.
+    steps : int
+        Steps per record interval.
     """
 
     key: str
     law: int
     record: int
     rows: np.ndarray
+    steps: int
 
 
 @dataclass(frozen=True)
@@ -98,6 +77,14 @@ class Plan:
         Rows whose step is beyond the stability limit (none with ``force_unstable``).
     limit : ndarray of float
         Largest stable step (s) of each row.
+    numerics : Numerics
+        Scheme and largest step of the sweep.
+    steps : ndarray of int
+        Steps per record interval of each row.
+    still : tuple of int
+        Steps per record interval of the runs without pounding, by record.
+    choice : str
+        What was chosen for the accuracy asked for, and why; "" where the sweep gives scheme and step.
     """
 
     spec: SweepSpec
@@ -105,6 +92,10 @@ class Plan:
     inverse: np.ndarray
     refused: np.ndarray
     limit: np.ndarray
+    numerics: Numerics
+    steps: np.ndarray
+    still: tuple[int, ...]
+    choice: str = ""
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
@@ -116,11 +107,10 @@ class Plan:
         """SHA-256 of the sweep's description."""
         return digest(self.spec)
 
-    @cached_property
-    def numerics(self) -> Numerics:
-        """Scheme and step."""
-        s = self.spec
-        return Numerics(s.method, s.dt, s.locate, s.beta, s.gamma)
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Variables that are asked for, the step among them where it was chosen."""
+        return self.spec.outputs if self.spec.accuracy is None else check_outputs((*self.spec.outputs, "time_step"))
 
     @property
     def n_asked(self) -> int:
@@ -137,10 +127,25 @@ class Plan:
         """Rows of `unique` without pounding."""
         return self.unique.law == len(self.laws) - 1
 
-    def kernel(self, law: int, closing: bool = False) -> RowKernel:
-        """Return the kernel of a law; `closing` adds the largest closing displacements."""
+    def kernel(
+        self, law: int, closing: bool = False, *, record: int | None = None, steps: int | None = None
+    ) -> RowKernel:
+        """Return the kernel of a law; `closing` adds the largest closing displacements.
+
+        With so many `steps` per interval of a `record`; else with the largest step of the sweep.
+        """
+        numerics = self.numerics
+        if record is not None and steps is not None:
+            numerics = replace(numerics, dt=self.spec.records[record].dt / steps)
         reducers = reducers_for(self.spec.outputs) | ({"closing"} if closing else frozenset())
-        return RowKernel(self.spec.scene, self.laws[law], self.numerics, reducers, host=self._host(law))
+        return RowKernel(
+            self.spec.scene,
+            self.laws[law],
+            numerics,
+            reducers,
+            host=self._host(law),
+            basis=self.spec.restitution_basis,
+        )
 
     def kernels(self) -> dict[tuple[int, bool], RowKernel]:
         """Return the kernels that a run needs by (law, closing); the last law's decides who can touch."""
@@ -161,7 +166,7 @@ class Plan:
         if not own.has_contact or own.damper:
             return None
         both = [item for item in self.laws if item.damper and item.elastic == own.elastic]
-        simple = [item for item in both if not item.approach_only and not item.tension]
+        simple = [item for item in both if not (item.approach_only or item.tension or item.impulsive)]
         return simple[0] if simple else None
 
     @cached_property
@@ -184,29 +189,31 @@ class Plan:
                     table.restitution[rows],
                     table.stiffness[rows],
                     table.scale[rows],
+                    self.steps[rows],
                     table.law[rows],
                     table.record[rows],
                 )
             )
         ]
-        kinds = np.stack([table.record[order], table.law[order]], axis=1)
+        kinds = np.stack([table.record[order], table.law[order], self.steps[order]], axis=1)
         edges = np.flatnonzero(np.any(np.diff(kinds, axis=0) != 0, axis=1)) + 1
         for part in np.split(order, edges):
             if not len(part):
                 continue
-            record, law = int(table.record[part[0]]), int(table.law[part[0]])
-            size = max(16, 16 * int(CHUNK_SECONDS / max(self.scenario_seconds(record), 1e-12) // 16))
+            record, law, steps = (int(values[part[0]]) for values in (table.record, table.law, self.steps))
+            seconds = self.scenario_seconds(record, steps)
+            size = max(16, 16 * int(CHUNK_SECONDS / max(seconds, 1e-12) // 16))
             for first in range(0, len(part), size):
                 mine = part[first : first + size]
-                text = f"{self.digest}:{record}:{law}:".encode() + np.ascontiguousarray(mine, dtype="<i8").tobytes()
-                result.append(Chunk(hashlib.sha256(text).hexdigest()[:32], law, record, mine))
+                text = f"{self.digest}:{record}:{law}:{self.numerics.method}:{steps}:".encode()
+                text += np.ascontiguousarray(mine, dtype="<i8").tobytes()
+                result.append(Chunk(hashlib.sha256(text).hexdigest()[:32], law, record, mine, steps))
         return result
 
-    def scenario_seconds(self, record: int) -> float:
-        """Estimated seconds of one scenario on one core."""
-        motion = self.spec.records[record]
-        steps = (motion.n_points - 1) * self.numerics.steps(motion)
-        return steps * self.spec.scene.n_dof * NS_PER_DOF_AND_STEP[self.spec.method] * 1e-9
+    def scenario_seconds(self, record: int, steps: Any) -> Any:
+        """Estimated seconds of one scenario on one core, with `steps` (one number or an array) per record interval."""
+        total = (self.spec.records[record].n_points - 1) * steps
+        return total * self.spec.scene.n_dof * NS_PER_DOF_AND_STEP[self.numerics.method] * 1e-9
 
     @property
     def bytes_per_scenario(self) -> int:
@@ -215,7 +222,7 @@ class Plan:
 
         return sum(
             np.dtype(get_variable(name).dtype).itemsize * math.prod(inner_shape(name, self.spec.scene))
-            for name in cube_variables(self.spec.outputs)
+            for name in cube_variables(self.outputs)
         )
 
     def summary(self, workers: int = 1) -> dict[str, Any]:
@@ -225,21 +232,29 @@ class Plan:
         -------
         dict
             ``asked``, ``at_most`` (scenarios to run before those that never touch
-            are left out), ``refused``, ``kernels``, ``steps`` per scenario of each
-            record, ``seconds`` (estimate, all workers), ``cube_bytes``, ``chunks``.
+            are left out), ``refused``, ``kernels``, ``steps`` and ``steps_least`` (most and
+            least per scenario of each record), ``seconds`` (estimate, all workers),
+            ``cube_bytes``, ``chunks``, ``accuracy_choice`` ("" where the sweep gives scheme and step).
         """
         rows = np.flatnonzero(~self.refused)
-        per_record = np.array([self.scenario_seconds(r) for r in range(len(self.spec.records))])
-        seconds = float(per_record[self.unique.record[rows]].sum()) if len(rows) else 0.0
+        seconds, most, least = 0.0, {}, {}
+        for index, motion in enumerate(self.spec.records):
+            mine = self.steps[rows[self.unique.record[rows] == index]]
+            seconds += float(self.scenario_seconds(index, mine).sum())
+            each = mine if len(mine) else np.array([self.still[index]])
+            most[motion.name] = (motion.n_points - 1) * int(each.max())
+            least[motion.name] = (motion.n_points - 1) * int(each.min())
         return {
             "asked": self.n_asked,
             "at_most": self.n_unique,
             "refused": int(self.refused.sum()),
             "kernels": len({kernel.shape for kernel in self.kernels().values()}),
-            "steps": {r.name: (r.n_points - 1) * self.numerics.steps(r) for r in self.spec.records},
+            "steps": most,
+            "steps_least": least,
             "seconds": seconds / max(1, workers),
             "cube_bytes": self.n_asked * self.bytes_per_scenario,
             "chunks": len(self.chunks(rows)),
+            "accuracy_choice": self.choice,
         }
 
 
@@ -247,51 +262,50 @@ def _laws(spec: SweepSpec) -> tuple[Law, ...]:
     return (*(get_law(key) for key in spec.laws if key != "none"), get_law("none"))
 
 
-def _index(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distinct rows of a table, and which of them each row is."""
-    found, inverse = np.unique(values, axis=0, return_inverse=True)
-    return found, inverse.reshape(-1)
-
-
-def make_plan(spec: SweepSpec) -> Plan:
+def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     """Reduce a sweep to its unique scenarios.
 
     Parameters
     ----------
     spec : SweepSpec
         A valid sweep.
+    initial_speed : float
+        Largest speed (m/s) of approach at the start, which an accuracy must allow for.
 
     Returns
     -------
     Plan
         The same for the same sweep, always.
+
+    Raises
+    ------
+    SweepError
+        The accuracy asked for was not reached by any scheme when errors were measured.
     """
     laws = _laws(spec)
-    keys = [law.key for law in laws]
-    asked = _asked_cases(spec, keys) if spec.cases is not None else _asked_product(spec, keys)
-    law, gap_rows, stiffness, restitution, record, scale, gap_table = asked
-    # what the law ignores is set to one value, so that equal scenarios become equal rows
-    ignores_all = law == len(laws) - 1
-    if not spec.scene.contacts:
-        law = np.full_like(law, len(laws) - 1)
-        ignores_all = np.ones_like(ignores_all)
-    takes = np.array([item.takes_restitution for item in laws])
-    restitution = np.where(takes[law], restitution, 1.0)
-    stiffness = np.where(ignores_all, 0.0, stiffness)
-    gap_rows = np.where(ignores_all, len(gap_table), gap_rows)
-    codes, size = np.zeros(len(law), dtype=np.int64), 1
-    columns = (record, law, scale, stiffness, restitution, gap_rows)
-    for column in columns:
-        values, index = np.unique(column, return_inverse=True)
-        if size * len(values) >= 2**62:  # many listed cases: renumber before the codes overflow
-            found, codes = np.unique(codes, return_inverse=True)
-            size = len(found)
-        codes = codes * len(values) + index
-        size *= len(values)
-    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
-    record_u, law_u, scale_u, k_u, e_u, gap_u = (column[first] for column in columns)
-    gaps = np.vstack([gap_table, np.full((1, gap_table.shape[1]), np.inf)])[gap_u.astype(int)]
-    unique = Scenarios(law_u.astype(int), record_u.astype(int), scale_u, k_u, e_u, gaps)
+    unique, inverse = unique_scenarios(spec, laws)
+    advice = None
+    if spec.accuracy is None:
+        assert spec.method is not None
+        assert spec.dt is not None
+        numerics = Numerics(spec.method, spec.dt, spec.locate, spec.beta, spec.gamma, spec.precision)
+        still = tuple(numerics.steps(r) for r in spec.records)
+        steps = np.array(still)[unique.record]
+    else:
+        from pounding_sweep.accuracy.advice import advise
+
+        advice = advise(spec, laws, unique, initial_speed=initial_speed)
+        still, steps = advice.still, advice.steps
+        largest = max(r.dt / n for r, n in zip(spec.records, still, strict=True))
+        numerics = Numerics(advice.method, largest, spec.locate, spec.beta, spec.gamma, spec.precision)
+    limit = _limits(spec, laws, unique, numerics)
+    step = np.array([r.dt for r in spec.records])[unique.record] / steps
+    refused = np.zeros(len(unique), bool) if spec.force_unstable else step > limit
+    return Plan(spec, unique, inverse, refused, limit, numerics, steps, still, advice.sentence if advice else "")
+
+
+def _limits(spec: SweepSpec, laws: tuple[Law, ...], unique: Scenarios, numerics: Numerics) -> np.ndarray:
+    """Largest stable step (s) of each row."""
     limit = np.full(len(unique), np.inf)
     for i, item in enumerate(laws):
         rows = np.flatnonzero(unique.law == i)
@@ -301,64 +315,12 @@ def make_plan(spec: SweepSpec) -> Plan:
                 item,
                 unique.stiffness[rows],
                 unique.restitution[rows],
-                method=spec.method,
+                method=numerics.method,
                 beta=spec.beta,
                 gamma=spec.gamma,
+                basis=spec.restitution_basis,
             )
-    numerics = Numerics(spec.method, spec.dt, spec.locate, spec.beta, spec.gamma)
-    step = np.array([r.dt / numerics.steps(r) for r in spec.records])[unique.record]
-    refused = np.zeros(len(unique), bool) if spec.force_unstable else step > limit
-    return Plan(spec, unique, inverse.reshape(-1), refused, limit)
-
-
-def _stiffness(spec: SweepSpec, key: str, absolute: float | None, factor: float | None) -> float:
-    return contact_stiffness(spec.scene, key, stiffness=absolute, stiffness_factor=factor)
-
-
-def _asked_product(spec: SweepSpec, keys: list[str]) -> tuple[Any, ...]:
-    axes = spec.axes
-    sizes = [len(v) for v in axes.values()]
-    grid = np.indices(sizes, dtype=np.int32).reshape(len(sizes), -1)
-    n_pairs = len(spec.scene.pair_names)
-    law_of = np.array([keys.index(key) for key in spec.laws])
-    absolute = spec.stiffnesses is not None
-    values = (spec.stiffnesses if absolute else spec.stiffness_factors) or ()
-    table = np.array(
-        [[_stiffness(spec, key, v if absolute else None, None if absolute else v) for v in values] for key in spec.laws]
-    )
-    gap_table = (
-        np.array([spec.scene.gaps], dtype=float).reshape(1, n_pairs)
-        if spec.gaps is None
-        else np.repeat(np.array(spec.gaps, dtype=float)[:, None], n_pairs, axis=1)
-    )
-    return (
-        law_of[grid[0]],
-        grid[1].astype(int),
-        table[grid[0], grid[2]],
-        np.array(spec.restitutions, dtype=float)[grid[3]],
-        grid[4].astype(int),
-        np.array(spec.scales, dtype=float)[grid[5]],
-        gap_table,
-    )
-
-
-def _asked_cases(spec: SweepSpec, keys: list[str]) -> tuple[Any, ...]:
-    cases = spec.cases or ()
-    n_pairs = len(spec.scene.pair_names)
-    names = [r.name for r in spec.records]
-    rows = np.empty((len(cases), n_pairs))
-    for i, case in enumerate(cases):
-        rows[i] = spec.scene.gaps if case.gap is None else case.gap
-    gap_table, gap_rows = _index(rows)
-    return (
-        np.array([keys.index(c.law) for c in cases]),
-        gap_rows,
-        np.array([_stiffness(spec, c.law, c.stiffness, c.stiffness_factor) for c in cases]),
-        np.array([1.0 if c.restitution is None else c.restitution for c in cases]),
-        np.array([names.index(c.record) if c.record is not None else 0 for c in cases]),
-        np.array([c.scale for c in cases], dtype=float),
-        gap_table,
-    )
+    return limit
 
 
 def untouched(plan: Plan, closing: dict[tuple[int, float], np.ndarray]) -> np.ndarray:

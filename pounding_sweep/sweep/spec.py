@@ -21,7 +21,13 @@ from pounding_sweep.records import Record
 from pounding_sweep.scene import Building, Scene
 
 #: Time-stepping schemes by name.
-METHODS = ("rk4", "newmark")
+METHODS = ("rk4", "newmark", "exact")
+#: Number formats of the kernels.
+PRECISIONS = ("float64", "float32")
+#: Range of the relative error that ``accuracy`` may ask for.
+ACCURACY_RANGE = (1e-6, 1e-2)
+#: Share of a sweep's own cost that its audit may take, by default.
+AUDIT_SHARE = 0.05
 #: More scenarios than this are refused.
 MAX_SCENARIOS = 1_000_000_000
 #: More values than this on one axis are refused.
@@ -136,10 +142,10 @@ class SweepSpec:
         axes are None, `restitutions` and `scales` empty, and in every case the
         record's name, the stiffness or factor of a law with contact, and the
         restitution of a law that takes one are filled in.
-    method : {"rk4", "newmark"}
-        Time-stepping scheme.
-    dt : float
-        Time step (s).
+    method : {"rk4", "newmark", "exact"} or None
+        Time-stepping scheme; None: chosen for `accuracy`.
+    dt : float or None
+        Time step (s); None: chosen for `accuracy`.
     locate : bool
         Whether steps are split where a pair touches or separates.
     outputs : tuple of str
@@ -150,6 +156,15 @@ class SweepSpec:
         Run even beyond the stability limit.
     title : str
         Title of the cube.
+    precision : {"float64", "float32"}
+        Number format of the kernels.
+    restitution_basis : {"published", "realised"}
+        Whether damping follows from the restitution by the law's published formula,
+        or so that two free masses rebound at exactly it.
+    accuracy : float or None
+        Relative error asked for; the engine then chooses scheme and step.
+    audit : float
+        Share of the sweep's cost spent on running a sample again at a finer step; 0: none.
     """
 
     scene: Scene
@@ -161,14 +176,18 @@ class SweepSpec:
     restitutions: tuple[float, ...]
     scales: tuple[float, ...]
     cases: tuple[Case, ...] | None
-    method: str
-    dt: float
+    method: str | None
+    dt: float | None
     locate: bool
     outputs: tuple[str, ...]
     beta: float = 0.25
     gamma: float = 0.5
     force_unstable: bool = False
     title: str = ""
+    precision: str = "float64"
+    restitution_basis: str = "published"
+    accuracy: float | None = None
+    audit: float = AUDIT_SHARE
 
     @property
     def axes(self) -> dict[str, tuple[Any, ...]]:
@@ -257,14 +276,18 @@ def build_spec(
     restitutions: float | Range | Iterable[float] | None = None,
     scales: float | Range | Iterable[float] | None = None,
     cases: Iterable[Case | dict[str, Any]] | None = None,
-    method: str = "rk4",
-    dt: float = 1e-3,
+    method: str | None = None,
+    dt: float | None = None,
     locate: bool = True,
     outputs: str | Iterable[str] | None = None,
     beta: float | None = None,
     gamma: float | None = None,
     force_unstable: bool = False,
     title: str = "",
+    precision: str = "float64",
+    restitution_basis: str = "published",
+    accuracy: float | None = None,
+    audit: float = AUDIT_SHARE,
     folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
     base: str | os.PathLike[str] | None = None,
 ) -> SweepSpec:
@@ -291,10 +314,10 @@ def build_spec(
         Factors on the records; 1 by default.
     cases : iterable of Case or dict, optional
         Listed scenarios instead of laws and axes.
-    method : {"rk4", "newmark"}
-        Time-stepping scheme.
-    dt : float
-        Time step (s).
+    method : {"rk4", "newmark", "exact"}, optional
+        Time-stepping scheme; "rk4" by default, with `accuracy` the cheapest that reaches it.
+    dt : float, optional
+        Time step (s); 1e-3 by default, with `accuracy` the largest that reaches it.
     locate : bool
         Split steps where a pair touches or separates.
     outputs : str or several, optional
@@ -305,6 +328,16 @@ def build_spec(
         Run even beyond the stability limit.
     title : str
         Title of the cube.
+    precision : {"float64", "float32"}
+        Number format of the kernels.
+    restitution_basis : {"published", "realised"}
+        Whether damping follows from the restitution by each law's published formula,
+        or so that two free masses rebound at exactly it.
+    accuracy : float, optional
+        Relative error asked for, 1e-6 to 1e-2, instead of a step.
+    audit : float
+        Share of the sweep's cost, in [0, 1], spent on running a sample of its own
+        scenarios again at a finer step, to measure their error; 0 for none.
     folders : path or several, optional
         Where to find records by name.
     base : path, optional

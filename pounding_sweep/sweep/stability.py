@@ -42,6 +42,7 @@ def largest_step(
     method: str,
     beta: float = 0.25,
     gamma: float = 0.5,
+    basis: str = "published",
 ) -> np.ndarray:
     """Largest stable step (s) of each scenario; infinite where the scheme has no limit.
 
@@ -60,10 +61,12 @@ def largest_step(
         Contact stiffness (kN/m**exponent).
     restitution : ndarray, shape (n,)
         Coefficients of restitution.
-    method : {"rk4", "newmark"}
+    method : {"rk4", "newmark", "exact"}
         Scheme.
     beta, gamma : float
         Newmark's parameters.
+    basis : {"published", "realised"}
+        How damping follows from the restitution.
 
     Returns
     -------
@@ -74,11 +77,11 @@ def largest_step(
     stiff, damp, weights = _row_sums(scene)
     contact_k = np.zeros_like(stiffness)
     contact_c = np.zeros_like(stiffness)
-    if law.exponent == 1.0 and scene.contacts:
+    if law.exponent == 1.0 and scene.contacts and method != "exact":
         contact_k = stiffness
         if law.damping == "viscous":
             largest = max(c.mass for c in scene.contacts)
-            contact_c = law.damping_coefficient(restitution, stiffness, largest)
+            contact_c = law.damping_coefficient(restitution, stiffness, largest, basis)
     w2 = np.max(stiff[None, :] + contact_k[:, None] * weights[None, :], axis=1)
     rate = np.max(damp[None, :] + contact_c[:, None] * weights[None, :], axis=1)
     if method == "newmark":

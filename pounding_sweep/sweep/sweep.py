@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.contact.laws import get_law
+from pounding_sweep.contact.restitution import realised_restitution
 from pounding_sweep.cube.assemble import Axis, assemble, package_version
 from pounding_sweep.errors import SweepError
 from pounding_sweep.sweep.spec import SweepSpec, build_spec, contact_stiffness, to_json
@@ -18,6 +20,7 @@ from pounding_sweep.sweep.spec import SweepSpec, build_spec, contact_stiffness, 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pounding_sweep.accuracy.audit import Audit
     from pounding_sweep.records import Record
     from pounding_sweep.scene import Scene
     from pounding_sweep.sweep.execute import Outcome, Progress
@@ -30,6 +33,12 @@ _AXES = {
     "restitution": ("1", "nominal coefficient of restitution"),
     "record": ("", "ground-motion record"),
     "scale": ("1", "factor on the record"),
+}
+_REALISED = {
+    "units": "1",
+    "long_name": "realised coefficient of restitution",
+    "comment": "restitution of two free masses under the damping that the sweep used (see restitution_basis); "
+    "1 for laws without damping, missing without contact",
 }
 
 
@@ -50,8 +59,8 @@ class Sweep:
     gaps, stiffnesses, stiffness_factors, restitutions, scales : float or several, optional
         Axes (m; kN/m**exponent; dimensionless).
     **settings
-        ``cases``, ``method``, ``dt``, ``locate``, ``outputs``, ``beta``, ``gamma``,
-        ``force_unstable``, ``title``, ``folders``, ``base``.
+        ``cases``, ``method``, ``dt``, ``accuracy``, ``locate``, ``outputs``, ``beta``, ``gamma``,
+        ``precision``, ``restitution_basis``, ``audit``, ``force_unstable``, ``title``, ``folders``, ``base``.
 
     Raises
     ------
@@ -91,6 +100,7 @@ class Sweep:
             **settings,
         )
         self.last_outcome: Outcome | None = None
+        self.last_audit: Audit | None = None
 
     @classmethod
     def from_spec(cls, spec: SweepSpec) -> Sweep:
@@ -98,11 +108,13 @@ class Sweep:
         sweep = cls.__new__(cls)
         sweep.spec = spec
         sweep.last_outcome = None
+        sweep.last_audit = None
         return sweep
 
     def __repr__(self) -> str:
         names = " x ".join(f"{len(v)} {k}" for k, v in self.spec.axes.items()) or f"{self.spec.n_scenarios} cases"
-        return f"Sweep({names}: {self.spec.n_scenarios} scenarios, {self.spec.method}, dt = {self.spec.dt} s)"
+        how = f"dt = {self.spec.dt} s" if self.spec.accuracy is None else f"accuracy {self.spec.accuracy:g}"
+        return f"Sweep({names}: {self.spec.n_scenarios} scenarios, {self.spec.method or 'any method'}, {how})"
 
     def plan(self) -> Plan:
         """Return what would be run; nothing is."""
@@ -148,6 +160,7 @@ class Sweep:
         OutputError
             The file can't be written, exists, or belongs to another sweep.
         """
+        from pounding_sweep.accuracy.audit import add_to_cube, audit
         from pounding_sweep.cube.write import check_output, write_cube
         from pounding_sweep.sweep.execute import check_scheduler, execute
         from pounding_sweep.sweep.store import ChunkStore
@@ -164,6 +177,9 @@ class Sweep:
         outcome = execute(plan, scheduler=scheduler, workers=workers, store=store, progress=progress)
         self.last_outcome = outcome
         cube = make_cube(plan, outcome)
+        self.last_audit = audit(plan, outcome)
+        if self.last_audit is not None:
+            cube = add_to_cube(cube, plan, self.last_audit)
         if target is not None:
             write_cube(cube, target, overwrite=overwrite)
             if store is not None and not outcome.failures:
@@ -251,13 +267,15 @@ def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
     if spec.stiffness_factors is not None:
         table = [
             [
-                contact_stiffness(spec.scene, key, stiffness_factor=f) if key != "none" else np.nan
+                contact_stiffness(spec.scene, key, stiffness_factor=f) if get_law(key).exponent is not None else np.nan
                 for f in spec.stiffness_factors
             ]
             for key in spec.laws
         ]
         about = {"long_name": "contact stiffness", "comment": "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"}
         extra["contact_stiffness"] = (("law", "stiffness_factor"), np.array(table, float), about)
+    realised = [realised_restitution(get_law(key), spec.restitutions, spec.restitution_basis) for key in spec.laws]
+    extra["restitution_realised"] = (("law", "restitution"), np.array(realised, float), _REALISED)
     extra["record_pga"] = (
         ("record",),
         np.array([r.pga for r in spec.records]),
@@ -287,13 +305,19 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
             ("case",),
             [
                 np.nan
-                if c.law == "none"
+                if get_law(c.law).exponent is None
                 else contact_stiffness(spec.scene, c.law, stiffness=c.stiffness, stiffness_factor=c.stiffness_factor)
                 for c in cases
             ],
             {"long_name": "contact stiffness", "comment": "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"},
         ),
     }
+    keys, nominal = np.array([c.law for c in cases]), np.array([number(c.restitution) for c in cases])
+    realised = np.empty(len(cases))
+    for key in np.unique(keys):
+        rows = keys == key
+        realised[rows] = realised_restitution(get_law(str(key)), nominal[rows], spec.restitution_basis)
+    extra["restitution_realised"] = (("case",), realised, _REALISED)
     n_pairs = len(spec.scene.pair_names)
     if n_pairs:
         gaps = np.empty((len(cases), n_pairs))
@@ -317,9 +341,10 @@ def _attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "scenarios_asked": plan.n_asked,
         "scenarios_run": outcome.run + outcome.reused,
         "scenarios_never_touching": outcome.untouched,
-        "method": spec.method,
-        "time_step": [r.dt / plan.numerics.steps(r) for r in spec.records],
+        "method": plan.numerics.method,
+        "precision": plan.numerics.precision,
         "located": spec.locate,
+        "restitution_basis": spec.restitution_basis,
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),
         "sweep_sha256": plan.digest,
@@ -327,6 +352,10 @@ def _attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "numpy_version": np.__version__,
         "xarray_version": xarray.__version__,
     }
+    if spec.accuracy is None:
+        found["time_step"] = [r.dt / n for r, n in zip(spec.records, plan.still, strict=True)]
+    else:
+        found |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
     if spec.title:
         found["title"] = spec.title
     return found

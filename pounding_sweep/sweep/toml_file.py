@@ -14,13 +14,13 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from pounding_sweep.contact.laws import hertz_stiffness
+from pounding_sweep.contact.hertz import hertz_stiffness
 from pounding_sweep.errors import PoundingSweepError, SweepError, unknown
 from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.sweep.checks import check_sweep
 from pounding_sweep.sweep.faults import FAILED, Faults, Place, gap_check, is_number, one_number, spell
-from pounding_sweep.sweep.spec import Case, Range, SweepSpec, sweep_error
+from pounding_sweep.sweep.spec import AUDIT_SHARE, Case, Range, SweepSpec, sweep_error
 from pounding_sweep.sweep.toml_lines import key_lines, line_of
 
 
@@ -95,6 +95,7 @@ class SweepTable(_Table):
     stiffnesses: Any = None
     stiffness_factors: Any = None
     restitutions: Any = None
+    restitution_basis: str = Field("published", description="a text")
     scales: Any = None
     cases: list[Any] | None = Field(None, description="tables [[sweep.cases]]")
 
@@ -111,12 +112,15 @@ class RangeTable(_Table):
 class SolverTable(_Table):
     """[solver]: scheme and step."""
 
-    method: str = Field("rk4", description="a text")
-    dt: float = Field(1e-3, description="a number in s")
+    method: str | None = Field(None, description="a text")
+    dt: float | None = Field(None, description="a number in s")
+    accuracy: float | None = Field(None, description="a number, the relative error asked for")
+    precision: str = Field("float64", description="a text")
     locate: bool = Field(True, description="true or false")
     beta: float | None = Field(None, description="a number")
     gamma: float | None = Field(None, description="a number")
     force_unstable: bool = Field(False, description="true or false")
+    audit: float = Field(AUDIT_SHARE, description="a number, the share of the cost spent on the audit")
 
 
 class OutputTable(_Table):

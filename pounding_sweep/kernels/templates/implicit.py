@@ -37,7 +37,7 @@ def solve_force(S, I, l, j, d, v, bg, gg):
     for _ in range(200):
         if ghi == 0.0:
             return hi
-        if abs(hi - lo) <= 1e-15 * (abs(hi) + abs(lo)):
+        if abs(hi - lo) <= EXACT * (abs(hi) + abs(lo)):
             break
         t = hi - ghi * (hi - lo) / (ghi - glo)
         if not (min(lo, hi) < t < max(lo, hi)):
@@ -60,9 +60,14 @@ def solve_force(S, I, l, j, d, v, bg, gg):
 
 @njit(**OPTIONS)
 def implicit(S, I, W, l, h, props):
-    """Find the contact forces at the end of the step and correct U, V and A with them."""
+    """Find the contact forces at the end of the step and correct U, V and A with them.
+
+    In a marked lane (see `soften`) they act over all of the step: as end forces 1 / gamma
+    times as large, with none at the start.
+    """
     be = props[P_NEWMARK_BETA] * h * h
     ga = props[P_NEWMARK_GAMMA] * h
+    share = 1.0 / props[P_NEWMARK_GAMMA] if I[STIFF + l] == 1 else 1.0
     live = False
     for j in range(NC):
         q = j * L + l
@@ -93,6 +98,7 @@ def implicit(S, I, W, l, h, props):
                 compliance += W[2 * j, LEFT[j] - FIRST[BLEFT[j]]]
             if RIGHT[j] >= 0:
                 compliance += W[2 * j + 1, RIGHT[j] - FIRST[BRIGHT[j]]]
+            compliance *= share
             old = S[FORCE + q]
             d = relative(S, U, j, l) - S[GAP + PAIR[j] * L + l] + be * compliance * old
             v = relative(S, V, j, l) + ga * compliance * old
@@ -103,18 +109,18 @@ def implicit(S, I, W, l, h, props):
             if change != 0.0:
                 S[FORCE + q] = new
                 if LEFT[j] >= 0:
-                    push(S, l, W, 2 * j, BLEFT[j], be, ga, -change)
+                    push(S, l, W, 2 * j, BLEFT[j], be, ga, -share * change)
                 if RIGHT[j] >= 0:
-                    push(S, l, W, 2 * j + 1, BRIGHT[j], be, ga, change)
-        if moved <= 1e-13 * largest:
+                    push(S, l, W, 2 * j + 1, BRIGHT[j], be, ga, share * change)
+        if moved <= SWEPT * largest:
             return
-    if moved > 1e-9 * largest:
+    if moved > UNSWEPT * largest:
         I[UNSOLVED + l] = 1
 
 
 @njit(**OPTIONS)
-def equilibrium(S, l, props):
-    """Accelerations that the equation of motion asks for at the state U, V under ground G1."""
+def equilibrium(S, l, ground, pressed, props):
+    """Accelerations that the equation of motion asks for at the state U, V, with the contacts' forces if `pressed`."""
     for b in range(NB):
         for i in range(FIRST[b], FIRST[b + 1]):
             below = 0.0
@@ -127,12 +133,12 @@ def equilibrium(S, l, props):
             if i + 1 < FIRST[b + 1]:
                 above = S[U + (i + 1) * L + l] + beta * S[V + (i + 1) * L + l]
                 f += props[P_K + i + 1] * (above - here)
-            S[A + i * L + l] = f * props[P_IM + i] - props[P_ALPHA + b] * S[V + i * L + l] - S[G1 + l]
+            S[A + i * L + l] = f * props[P_IM + i] - props[P_ALPHA + b] * S[V + i * L + l] - ground
     if LOCATED:
         for j in range(NC):
             q = j * L + l
             k = S[KE + q]
-            if k != 0.0:
+            if pressed and k != 0.0:
                 d = relative(S, U, j, l) - S[GAP + PAIR[j] * L + l]
                 f = pressing(k, S[CE + q], d, relative(S, V, j, l))
                 if LEFT[j] >= 0:

@@ -27,6 +27,32 @@ def press_root(lo, hi, k, c, h, x0, b1, b2, b3, b4, sign):
 
 
 @njit(**OPTIONS)
+def near(S):
+    """Leave in HIT, per lane, whether an open contact may have touched in the trial sub-step (> 0)."""
+    for l in range(L):
+        S[HIT + l] = -1.0
+    for j in range(NC):
+        left = max(LEFT[j], 0) * L
+        right = max(RIGHT[j], 0) * L
+        a = 1.0 if LEFT[j] >= 0 else 0.0
+        b = 1.0 if RIGHT[j] >= 0 else 0.0
+        gap = GAP + PAIR[j] * L
+        for l in range(L):
+            d0 = a * S[UO + left + l] - b * S[UO + right + l] - S[gap + l]
+            d1 = a * S[U + left + l] - b * S[U + right + l] - S[gap + l]
+            v0 = S[HL + l] * (a * S[VO + left + l] - b * S[VO + right + l])
+            v1 = S[HL + l] * (a * S[V + left + l] - b * S[V + right + l])
+            S[HIT + l] = max(S[HIT + l], max(d1, min(d0 + v0, d1 - v1)))
+
+
+@njit(**OPTIONS)
+def contact_rate(S, j, l, deepest, props):
+    """Fastest rate (1/s) of contact j down to a penetration: of its spring or of its damper."""
+    slope = elastic_slope(S[KE + j * L + l], deepest) / props[P_REDUCED + j]
+    return max(math.sqrt(slope), damper(S[CE + j * L + l], deepest) / props[P_REDUCED + j])
+
+
+@njit(**OPTIONS)
 def first_event(S, I, l, h, props):
     """Fraction of the trial sub-step at which the first contact changes its mode (1: none).
 
@@ -44,6 +70,9 @@ def first_event(S, I, l, h, props):
         v1 = relative(S, V, j, l)
         theta = 2.0
         nxt = mode
+        if NEWMARK and mode != 0 and I[STIFF + l] == 1:  # its mode follows from the end of the sub-step
+            S[TJ + q] = theta
+            continue
         quiet = mode == 0 and not (d1 > 0.0) and not (min(d0 + h * v0, d1 - h * v1) > 0.0)
         if not quiet:
             a0 = relative(S, AO, j, l)
@@ -83,7 +112,7 @@ def first_event(S, I, l, h, props):
                         if t < theta:
                             theta, nxt = t, 1
                 if CLIPS and S[CL + q] > 0.0:
-                    k = S[K + l]
+                    k = S[KL + q]
                     c = S[CL + q]
                     end = min(theta, 1.0)
                     d = quartic(end, d0, b1, b2, b3, b4)
@@ -94,7 +123,7 @@ def first_event(S, I, l, h, props):
                         t = 0.0
                         if p0 > 0.0:
                             t = press_root(0.0, end, k, c, h, d0, b1, b2, b3, b4, -1.0)
-                        if t < theta - 1e-9:  # not the release itself, where E and B v both end
+                        if t < theta - AT_RELEASE:  # not the release itself, where E and B v both end
                             theta, nxt = t, 3
                     elif mode == 3 and p1 > 0.0 and d > 0.0:
                         t = 0.0
@@ -103,11 +132,8 @@ def first_event(S, I, l, h, props):
                         if t < theta:
                             theta, nxt = t, 1
             if CONTACT_CAP > 0.0 and (mode == 1 or mode == 2):
-                deepest = max(max(d0, d1), 0.0)
-                slope = elastic_slope(S[KE + q], deepest) / props[P_REDUCED + j]
-                rate = damper(S[CE + q], deepest) / props[P_REDUCED + j]
-                fast = h * max(math.sqrt(slope), rate)
-                if fast > CONTACT_CAP:
+                fast = h * contact_rate(S, j, l, max(d0, d1), props)
+                if fast > 2.0 * CONTACT_CAP:  # deeper than foreseen
                     cap = min(cap, max(CONTACT_CAP / fast, 1e-3))
         S[TJ + q] = theta
         I[NEXT + q] = nxt
@@ -117,8 +143,12 @@ def first_event(S, I, l, h, props):
 
 
 @njit(**OPTIONS)
-def contact_peaks(S, I, l, h):
-    """Largest force and penetration of the closed contacts over the sub-step just taken."""
+def contact_peaks(S, I, l, h, whole):
+    """Largest force and penetration of the closed contacts over the sub-step just taken.
+
+    Of a sub-step that is short beside the `whole` step the ends are enough, and all there
+    is: rates from differences over it would be rounding noise.
+    """
     for j in range(NC):
         q = j * L + l
         mode = I[MODE + q]
@@ -150,8 +180,11 @@ def contact_peaks(S, I, l, h):
                     a1 = (2.0 * b2 + 6.0 * b3 + 12.0 * b4) / (h * h)
                 r0 = pressing_rate(k, c, d0, v0, a0)
                 r1 = pressing_rate(k, c, d1, v1, a1)
+                if h < SHORT * whole:
+                    r0 = (f1 - f0) / max(h, TINY)
+                    r1 = r0
                 best = max(f0, f1)
-                if r0 > 0.0 and r1 < 0.0 and h > 0.0:
+                if r0 > 0.0 and r1 < 0.0:
                     lo = 0.0
                     hi = 1.0
                     for _ in range(30):
@@ -176,43 +209,99 @@ def contact_peaks(S, I, l, h):
         if NEEDS_ENDS:
             S[FS + q] = f0
             S[FE + q] = f1
-            S[RS + q] = r0 if abs(r0) < 1e300 else (f1 - f0) / max(h, 1e-300)
-            S[RE + q] = r1 if abs(r1) < 1e300 else (f1 - f0) / max(h, 1e-300)
+            S[RS + q] = r0 if abs(r0) < FAR else (f1 - f0) / max(h, TINY)
+            S[RE + q] = r1 if abs(r1) < FAR else (f1 - f0) / max(h, TINY)
 
 
 @njit(**OPTIONS)
-def apply_events(S, I, l, theta, time, props):
-    """Switch the contacts whose event ends this sub-step; returns whether any did."""
+def grown(age, share, power):
+    """Sub-step a time `age` after the touch, both in durations of the contact: times are (i share)**power."""
+    return (age ** (1.0 / power) + share) ** power - age
+
+
+@njit(**OPTIONS)
+def longest_step(S, I, l, h, props):
+    """Longest sub-step from the present state that resolves the contacts that press.
+
+    It is short beside their fastest rate (CONTACT_CAP) and, where their force is not smooth
+    in time, graded: lengths of time are in units of each contact's elastic duration, its
+    penetration over its rate is the time left until the release.
+    """
+    longest = h
+    for j in range(NC):
+        q = j * L + l
+        if I[MODE + q] == 1 or I[MODE + q] == 2:
+            lasts = S[LASTS + q]
+            if CONTACT_CAP > 0.0:
+                d = relative(S, U, j, l) - S[GAP + PAIR[j] * L + l]
+                ahead = d + max(relative(S, V, j, l), 0.0) * min(h, lasts)
+                fast = contact_rate(S, j, l, max(ahead, 0.0), props)
+                if fast * longest > CONTACT_CAP:
+                    longest = CONTACT_CAP / fast
+            if TOUCH_POWER > 1.0:
+                share = max(TOUCH_SHARE * h / lasts, LEAST_SHARE)
+                longest = min(longest, lasts * grown(S[AGE + q] / lasts, share, TOUCH_POWER))
+            if RELEASE_POWER > 1.0:
+                v = relative(S, V, j, l)
+                if v < 0.0:
+                    left = (relative(S, U, j, l) - S[GAP + PAIR[j] * L + l]) / (-v * lasts)
+                    share = max(RELEASE_SHARE * h / lasts, LEAST_SHARE)
+                    end = max(left, 0.0) ** (1.0 / RELEASE_POWER) - share
+                    if end > share:  # else the release is within this sub-step
+                        longest = min(longest, lasts * (left - end**RELEASE_POWER))
+    return longest
+
+
+@njit(**OPTIONS)
+def apply_events(S, I, l, theta, time, h, props):
+    """Switch the contacts whose event ends this sub-step; returns whether any did.
+
+    Contacts are taken pair by pair from the left, floor by floor from the bottom; a
+    velocity jump is seen by those that follow.
+    """
     switched = False
     for j in range(NC):
         q = j * L + l
         t = S[TJ + q]
-        if not (t < 1.0 and t <= theta + 1e-12):
+        if not (t < 1.0 and t <= theta + SAME_TIME):
             continue
         switched = True
         mode = I[MODE + q]
         nxt = I[NEXT + q]
-        k = S[K + l]
+        k = S[KL + q]
         if nxt == 0:
             S[KE + q] = 0.0
             S[CE + q] = 0.0
         elif mode == 0:
             v = relative(S, V, j, l)
+            if IMPULSIVE and v < -1e-3 * RESTING_SPEED:
+                continue  # a jump at another pair has parted these floors at the instant they met
+            k = S[K + l]
             c = S[C + q]
+            if IMPULSIVE:
+                # too slow to bounce: the floors rest on a critically damped spring as stiff as the step allows
+                k = props[P_REDUCED + j] * (REST_RATE / h) * (REST_RATE / h)
+                c = 2.0 * props[P_REDUCED + j] * (REST_RATE / h)
+            else:
+                lasts = duration(k, v, props[P_REDUCED + j])
+                S[LASTS + q] = lasts
+                S[AGE + q] = 0.0
+                S[SHORTEST + l] = min(S[SHORTEST + l], lasts)
             if PER_SPEED:
                 c /= max(v, RESTING_SPEED)
-            S[CL + q] = c
-            S[SHORTEST + l] = min(S[SHORTEST + l], duration(k, v, props[P_REDUCED + j]))
-            S[KE + q] = k
-            S[CE + q] = c
             if HAS_COUNT:
                 S[COUNT + q] += 1.0
             if HAS_FIRST_TIME and S[TFIRST + q] < 0.0:
                 S[TFIRST + q] = time
             if HAS_APPROACH_SPEED:
                 S[VMAX + q] = max(S[VMAX + q], v)
-            if WEAK_TOUCH:
-                S[CAP + l] = FIRST_SHARE
+            if IMPULSIVE and v > RESTING_SPEED:
+                jump(S, l, j, v, time, props)
+                continue
+            S[KL + q] = k
+            S[CL + q] = c
+            S[KE + q] = k
+            S[CE + q] = c
         elif nxt == 1:
             S[KE + q] = k
             S[CE + q] = S[CL + q]
@@ -222,22 +311,9 @@ def apply_events(S, I, l, theta, time, props):
         else:
             S[KE + q] = 0.0
             S[CE + q] = 0.0
+        I[SHUT + l] += (1 if nxt != 0 else 0) - (1 if mode != 0 else 0)
         I[MODE + q] = nxt
     return switched
-
-
-@njit(**OPTIONS)
-def touch_miss(S, I, l):
-    """Time (s) by which this lane's sub-step went beyond (or fell short of) the touch that ends it."""
-    late = 0.0
-    for j in range(NC):
-        q = j * L + l
-        if I[MODE + q] == 0 and I[NEXT + q] == 1 and S[TJ + q] <= S[THETA + l] + 1e-12:
-            d = relative(S, U, j, l) - S[GAP + PAIR[j] * L + l]
-            v = relative(S, V, j, l)
-            if v > 0.0 and abs(d) > 1e-15:
-                late = max(late, d / v) if late != 0.0 else d / v
-    return late
 
 
 @njit(**OPTIONS)
@@ -249,27 +325,28 @@ def contact_step(S, I, W, props, ga, gb, h, time):
     """
     for l in range(L):
         S[REM + l] = h
-        S[HL + l] = h
-        if WEAK_TOUCH:
-            S[HL + l] = min(h, S[CAP + l] * h)  # CAP is 1 while nothing is closed
+        S[HL + l] = longest_step(S, I, l, h, props) if SUBSTEPS and I[SHUT + l] > 0 else h
         set_ground(S, l, ga, gb, h)
         I[TRIES + l] = 0
+        if NEWMARK:
+            I[STIFF + l] = 0
+            if I[SHUT + l] > 0:
+                soften(S, I, l, S[HL + l], props)
     while True:
         trial(S, I, W, props)
+        near(S)
         again = False
         for l in range(L):
             S[THETA + l] = 1.0
-            if S[REM + l] > 0.0 and I[TRIES + l] < MAX_TRIES:
-                theta = first_event(S, I, l, S[HL + l], props)
-                if theta < 1.0:
-                    again = True
-                    S[THETA + l] = theta
-                    S[HL + l] *= theta
-                    set_ground(S, l, ga, gb, h)
-            else:
-                for j in range(NC):
-                    q = j * L + l
-                    S[TJ + q] = 2.0
+            waits = not (S[REM + l] > 0.0) or I[TRIES + l] >= MAX_TRIES
+            if waits or (I[SHUT + l] == 0 and not (S[HIT + l] > 0.0)):
+                continue  # the lane is done with this step, or nothing happens in it
+            theta = first_event(S, I, l, S[HL + l], props)
+            if theta < 1.0:
+                again = True
+                S[THETA + l] = theta
+                S[HL + l] *= theta
+                set_ground(S, l, ga, gb, h)
         if again:
             trial(S, I, W, props)
         if NEWMARK and again:
@@ -288,13 +365,16 @@ def contact_step(S, I, W, props, ga, gb, h, time):
                 trial(S, I, W, props)
         left = False
         for l in range(L):
-            I[BUSY + l] = 0
-            for j in range(NC):
-                q = j * L + l
-                if I[MODE + q] != 0:
-                    I[BUSY + l] = 1
-            if S[REM + l] > 0.0 and I[BUSY + l] == 1:
-                contact_peaks(S, I, l, S[HL + l])
+            if NEWMARK and S[REM + l] > 0.0 and I[STIFF + l] == 1:
+                if NEEDS_ENDS:
+                    for j in range(NC):
+                        q = j * L + l
+                        S[FS + q] = S[FORCE + q]
+                        S[FE + q] = S[FORCE + q]
+                        S[RS + q] = 0.0
+                        S[RE + q] = 0.0
+            elif S[REM + l] > 0.0 and I[SHUT + l] > 0:
+                contact_peaks(S, I, l, S[HL + l], h)
             elif NEEDS_ENDS and not (S[REM + l] > 0.0):
                 for j in range(NC):  # done: its state and its forces stay those it ended with
                     q = j * L + l
@@ -313,21 +393,25 @@ def contact_step(S, I, W, props, ga, gb, h, time):
             if not (rem > 0.0):
                 continue
             hl = S[HL + l]
-            if HAS_TRANSFER and I[BUSY + l] == 1:
+            if HAS_TRANSFER and I[SHUT + l] > 0:
                 transfer_peaks(S, I, l, hl, props)
             elif HAS_TRANSFER:
                 for b in range(NB):
                     S[TNOW + b * L + l] = transfer_now(S, l, b, props)
             rem = 0.0 if hl >= rem else rem - hl
             theta = S[THETA + l]
-            switched = apply_events(S, I, l, theta, time + (h - rem), props)
+            if GRADED and I[SHUT + l] > 0:
+                for j in range(NC):
+                    S[AGE + j * L + l] += hl
+            switched = False
+            if NEWMARK and I[STIFF + l] == 1:
+                settle(S, I, l, hl, props)
+                switched = True
+            if theta < 1.0:
+                switched = apply_events(S, I, l, theta, time + (h - rem), h, props) or switched
             if NEWMARK and switched:
-                equilibrium(S, l, props)
-            shut = False
-            for j in range(NC):
-                q = j * L + l
-                shut = shut or I[MODE + q] != 0
-            if rem <= 1e-13 * h:
+                equilibrium(S, l, S[G1 + l], True, props)
+            if rem <= DONE * h:
                 rem = 0.0
             S[REM + l] = rem
             I[TRIES + l] += 1
@@ -336,16 +420,11 @@ def contact_step(S, I, W, props, ga, gb, h, time):
                 if I[TRIES + l] >= MAX_TRIES:
                     I[FALLBACK + l] = 1
                 hl = rem
-                if CONTACT_CAP > 0.0 and theta < 1.0 and not switched and I[TRIES + l] < MAX_TRIES:
-                    # cut for stability: the next sub-step is at most twice as long
-                    hl = min(rem, max(2.0 * S[HL + l], h / MAX_TRIES))
-                if WEAK_TOUCH:
-                    hl = min(hl, S[CAP + l] * h)
+                if SUBSTEPS and I[SHUT + l] > 0 and I[TRIES + l] < MAX_TRIES:
+                    hl = min(rem, longest_step(S, I, l, h, props))
                 S[HL + l] = hl
             else:
                 S[HL + l] = 0.0
-            if WEAK_TOUCH:
-                S[CAP + l] = min(1.0, 2.0 * S[CAP + l]) if shut else 1.0
         if not left:
             break
         for i in range(N):
@@ -357,12 +436,15 @@ def contact_step(S, I, W, props, ga, gb, h, time):
         for l in range(L):
             if S[REM + l] > 0.0:
                 set_ground(S, l, ga, gb, h)
+                if NEWMARK:
+                    I[STIFF + l] = 0
+                    if I[SHUT + l] > 0:
+                        soften(S, I, l, S[HL + l], props)
             else:
                 S[G0 + l] = S[G1 + l]
     closed = 0
-    for c in range(NC * L):
-        if I[MODE + c] != 0:
-            closed += 1
+    for l in range(L):
+        closed += I[SHUT + l]
     if NEEDS_ENDS and closed == 0:
         for c in range(NC * L):  # flight goes on without contact forces
             S[FS + c] = 0.0

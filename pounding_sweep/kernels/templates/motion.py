@@ -38,7 +38,7 @@ def root(lo, hi, x0, b1, b2, b3, b4, sign):
         return hi
     side = 0
     for _ in range(100):
-        if hi - lo <= 1e-15:
+        if hi - lo <= EXACT:
             break
         t = hi - fhi * (hi - lo) / (fhi - flo)
         if not (lo < t < hi):

@@ -1,0 +1,311 @@
+"""Measures what ``measured.json`` holds: ``python -m pounding_sweep.accuracy.calibrate``.
+
+For every law and scheme, seeded random scenarios of two small rows under two
+synthetic earthquakes are run with ever finer steps and compared with a
+converged run. Each gives a line of error against steps in its shortest time;
+the measured curve is a high quantile of these lines times a safety factor.
+Scenarios that a change of 1e-9 alters visibly are left out: no step size
+decides their answer. To be run again whenever a kernel or a law changes; it
+takes some minutes, most of them for compiling, and overwrites the file in the
+package.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import platform
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pounding_sweep.accuracy.advice import CLASSES, MEASURED
+from pounding_sweep.accuracy.measure import relative_errors
+from pounding_sweep.accuracy.timescales import approach_speeds, highest_frequency, shortest_contact
+from pounding_sweep.contact.laws import LAWS, Law, get_law
+from pounding_sweep.cube.assemble import package_version
+from pounding_sweep.cube.variables import Status, reducers_for
+from pounding_sweep.records import Record, synthetic_record
+from pounding_sweep.scene import Building, Scene
+from pounding_sweep.sweep.blocks import Numerics, RowKernel, variables_of
+from pounding_sweep.sweep.stability import largest_step
+
+#: Share of the scenarios whose error the curves hold, and factor on it.
+QUANTILE, SAFETY = 0.95, 2.0
+#: Scenarios of each law, row and record: two lane groups.
+SCENARIOS = 32
+#: Steps per 0.01 s, by method and number format. Newmark's second order needs many; single precision uses no more.
+LADDERS = {
+    ("rk4", "float64"): (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96),
+    ("newmark", "float64"): (1, 2, 4, 8, 16, 32, 64, 128, 256),
+    ("rk4", "float32"): (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 64),
+    ("newmark", "float32"): (1, 2, 4, 8, 16, 32, 64, 128),
+}
+#: Steps per 0.01 s of the converged run (rk4, located, float64), and of the runs that find sensitive scenarios.
+CONVERGED, PERTURBED = 256, 32
+#: Steps in the shortest time at which the lines are read off.
+NODES = tuple(float(2**i) for i in range(13))
+#: A node needs the lines of this many scenarios.
+FEWEST = 24
+#: Relative change of gaps, stiffness and record, and the change of an output that makes a scenario sensitive.
+PERTURBATION, SENSITIVE = 1e-9, 1e-4
+#: Undamped laws run in the kernel of a damped one of the same elastic force, to the last bit; fewer are compiled.
+HOSTS = {"linear": "kelvin_voigt", "hertz": "hertz_damped"}
+#: Middle of the random contact stiffnesses by force exponent (kN/m**exponent).
+STIFFNESS = {None: 0.0, 1.0: 1e6, 1.5: 1e7}
+#: Every output that has an error; closing_max is that of a displacement.
+OUTPUTS = tuple(name for names in CLASSES.values() for name in names if name != "closing_max")
+
+
+def scenes() -> tuple[Scene, ...]:
+    """Return two rows of three buildings; of one shape, so that both run in the same kernels."""
+    stiff = [
+        Building("a", [60.0], [4e4]),
+        Building("b", [100.0, 80.0], [9e4, 7e4]),
+        Building("c", [140.0], [3e4], 0.02),
+    ]
+    heavy = [
+        Building("a", [250.0], [2e5]),
+        Building("b", [150.0, 90.0], [4e4, 3e4]),
+        Building("c", [90.0], [1.2e4], 0.05),
+    ]
+    return tuple(Scene(row, gaps=[0.01, 0.01]) for row in (stiff, heavy))
+
+
+def records() -> tuple[Record, ...]:
+    """Return the earthquakes, of firm and of softer ground."""
+    return (
+        synthetic_record(11, duration=6.0, dt=0.01, pga=4.0),
+        synthetic_record(12, duration=6.0, dt=0.02, pga=3.0, ground_frequency=10.0),
+    )
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Random scenarios of one law, row and record.
+
+    Attributes
+    ----------
+    law : Law
+        Contact law.
+    scene : Scene
+        The row.
+    record : Record
+        Ground motion.
+    gaps : ndarray, shape (n, pairs)
+        Gaps (m), 0.3 to 0.98 of the largest closing displacement without pounding.
+    stiffness, restitution : ndarray, shape (n,)
+        0.01 to 10 times `STIFFNESS`, so that either contacts or modes are the shorter; 0.15 to 0.95.
+    """
+
+    law: Law
+    scene: Scene
+    record: Record
+    gaps: np.ndarray
+    stiffness: np.ndarray
+    restitution: np.ndarray
+
+    @classmethod
+    def draw(cls, law: Law, scene: Scene, record: Record, seed: int) -> Cell:
+        """Draw the scenarios of a seed."""
+        random = np.random.Generator(np.random.PCG64(seed))
+        n = SCENARIOS
+        restitution = random.uniform(0.15, 0.95, n)
+        stiffness = STIFFNESS[law.exponent] * 10.0 ** random.uniform(-2.0, 1.0, n)
+        closing = np.array([_closing(scene, record, pair) for pair in range(len(scene.gaps))])
+        gaps = closing * random.uniform(0.3, 0.98, (n, len(closing)))
+        return cls(law, scene, record, gaps, stiffness, restitution)
+
+    def kernel(self, method: str, precision: str, per_centisecond: int) -> RowKernel:
+        """Return the kernel with so many steps per 0.01 s."""
+        host = HOSTS.get(self.law.key)
+        numerics = Numerics(method, 0.01 / per_centisecond, precision=precision)
+        return RowKernel(
+            self.scene, self.law, numerics, reducers_for(OUTPUTS), host=get_law(host) if host is not None else None
+        )
+
+    def run(self, method: str, precision: str, per_centisecond: int, change: float = 0.0) -> dict[str, Any]:
+        """Run the scenarios, their gaps and stiffness up and the record down by a relative `change`."""
+        kernel = self.kernel(method, precision, per_centisecond)
+        raw = kernel.run(
+            self.record,
+            scale=np.full(len(self.gaps), 1.0 - change),
+            gaps=self.gaps * (1.0 + change),
+            stiffness=self.stiffness * (1.0 + change),
+            restitution=self.restitution,
+        )
+        return variables_of(kernel, raw, OUTPUTS, self.record)
+
+    def shortest(self) -> np.ndarray:
+        """Shortest time of each scenario (s), as the advice sees it."""
+        speeds = np.tile(approach_speeds(self.scene, self.record), (len(self.gaps), 1))
+        contact = shortest_contact(self.scene, self.law, self.stiffness, self.restitution, speeds)
+        return np.minimum(contact, math.pi / highest_frequency(self.scene))
+
+    def stable(self, method: str, per_centisecond: int) -> np.ndarray:
+        """Where a scheme is stable at such a step."""
+        limit = largest_step(self.scene, self.law, self.stiffness, self.restitution, method=method)
+        return np.asarray(limit >= 0.01 / per_centisecond)
+
+
+def _closing(scene: Scene, record: Record, pair: int) -> float:
+    """Largest closing displacement (m) of a pair without pounding."""
+    kernel = RowKernel(scene, get_law("none"), Numerics("rk4", 2e-3), reducers_for(["closing_max"]))
+    one = np.ones(1)
+    raw = kernel.run(record, scale=one, gaps=np.zeros((1, len(scene.gaps))), stiffness=one, restitution=one)
+    return max(float(raw["closing"][0, j]) for j, contact in enumerate(scene.contacts) if contact.pair == pair)
+
+
+def _by_class(values: dict[str, Any], reference: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Error of each scenario by class of outputs; infinite where it has no values."""
+    errors = relative_errors(OUTPUTS, values, reference)
+    lost = values["status"] == Status.DIVERGED
+    return {
+        kind: np.where(lost, np.inf, np.max([errors[name] for name in names if name in errors], axis=0))
+        for kind, names in CLASSES.items()
+    }
+
+
+def lines(cell: Cell, scheme: tuple[str, str], reference: dict[str, Any], kept: np.ndarray) -> dict[str, np.ndarray]:
+    """Error of each kept scenario at `NODES` by class, shape (kept, nodes); NaN beyond the steps that were run."""
+    shortest = cell.shortest()
+    ladder = LADDERS[scheme]
+    errors = [_by_class(cell.run(*scheme, n), reference) for n in ladder]
+    stable = np.array([cell.stable(scheme[0], n) for n in ladder])
+    result = {}
+    for kind in CLASSES:
+        table = np.clip(np.array([each[kind] for each in errors]), 1e-17, 1e3)
+        found = np.full((len(kept), len(NODES)), np.nan)
+        for i, scenario in enumerate(kept):
+            use = stable[:, scenario]
+            if use.sum() > 1:
+                steps = np.log(np.array(ladder)[use] * shortest[scenario] / 0.01)
+                found[i] = np.interp(np.log(NODES), steps, np.log(table[use, scenario]), left=np.nan, right=np.nan)
+        result[kind] = found
+    return result
+
+
+def curve(found: np.ndarray) -> list[list[float]]:
+    """Return the quantile of many lines (log of error, shape (scenarios, nodes)) as points (steps, error)."""
+    points = []
+    for node, column in zip(NODES, found.T, strict=True):
+        known = column[np.isfinite(column)]
+        if len(known) >= FEWEST:
+            points.append([node, float(f"{SAFETY * math.exp(np.quantile(known, QUANTILE)):.3g}")])
+    best = min(range(len(points)), key=lambda i: points[i][1])  # beyond, only rounding errors grow
+    return points[: best + 1]
+
+
+def calibrate(schemes: Sequence[tuple[str, str]] = tuple(LADDERS), say: Any = lambda text: None) -> dict[str, Any]:
+    """Measure every law under schemes; returns what ``measured.json`` holds of them.
+
+    Parameters
+    ----------
+    schemes : sequence of (method, precision)
+        Keys of `LADDERS`.
+    say : callable
+        Told what goes on.
+    """
+    from pounding_sweep.kernels.prepare import prepare
+
+    started = time.perf_counter()
+    laws = list(LAWS.values())
+    first = records()[0]
+    empty = np.zeros((1, 1))
+    shapes = [
+        Cell(law, scenes()[0], first, empty, empty[0], empty[0]).kernel(*scheme, 1).shape
+        for law in laws
+        for scheme in schemes
+    ]
+    compiled = prepare(shapes, workers=2)
+    say(f"{compiled} kernels compiled in {time.perf_counter() - started:.0f} s")
+    errors: dict[str, dict[str, Any]] = {f"{method}/{precision}": {} for method, precision in schemes}
+    sensitive = total = 0
+    for law in laws:
+        gathered: dict[tuple[str, str], list[dict[str, np.ndarray]]] = {scheme: [] for scheme in schemes}
+        for cell in _cells(law):
+            plain, moved = (cell.run("rk4", "float64", PERTURBED, change) for change in (0.0, PERTURBATION))
+            change = np.max(list(_by_class(moved, plain).values()), axis=0)
+            kept = np.flatnonzero(change <= SENSITIVE)
+            sensitive, total = sensitive + len(change) - len(kept), total + len(change)
+            reference = cell.run("rk4", "float64", CONVERGED)
+            for scheme in schemes:
+                gathered[scheme].append(lines(cell, scheme, reference, kept))
+        for scheme, parts in gathered.items():
+            errors["/".join(scheme)][law.key] = {
+                kind: curve(np.concatenate([part[kind] for part in parts])) for kind in CLASSES
+            }
+        say(f"{law.key} done after {time.perf_counter() - started:.0f} s")
+    about = {
+        "made_by": "python -m pounding_sweep.accuracy.calibrate",
+        "version": package_version(),
+        "date": f"{datetime.now(UTC):%Y-%m-%d}",
+        "machine": platform.machine(),
+        "quantile": QUANTILE,
+        "safety": SAFETY,
+        "scenarios": total,
+        "sensitive": sensitive,
+        "seconds": round(time.perf_counter() - started),
+    }
+    return {"about": about, "cost": {"/".join(scheme): _cost(scheme) for scheme in schemes}, "errors": errors}
+
+
+def _cells(law: Law) -> Iterator[Cell]:
+    for i, scene in enumerate(scenes()):
+        for j, record in enumerate(records()):
+            yield Cell.draw(law, scene, record, seed=100 + 10 * i + j)
+
+
+def _cost(scheme: tuple[str, str], repeats: int = 3) -> float:
+    """Measured ns of one scenario, step and degree of freedom, over laws of every kind."""
+    found = []
+    for key in ("kelvin_voigt", "hertz_damped", "modified_kelvin_voigt"):
+        for cell in _cells(get_law(key)):
+            steps = PERTURBED * round((cell.record.n_points - 1) * cell.record.dt / 0.01)
+            seconds = []
+            for _ in range(repeats):
+                begun = time.process_time()  # other programs on the core do not count
+                cell.run(*scheme, PERTURBED)
+                seconds.append(time.process_time() - begun)
+            found.append(1e9 * min(seconds) / (steps * SCENARIOS * cell.scene.n_dof))
+    return float(f"{np.median(found):.3g}")
+
+
+def write(data: dict[str, Any], path: Path) -> None:
+    """Write measured errors, one law of one scheme a line."""
+    parts = []
+    for scheme, laws in data["errors"].items():
+        rows = ",\n".join(f"      {json.dumps(law)}: {json.dumps(found)}" for law, found in laws.items())
+        parts.append(f"    {json.dumps(scheme)}: {{\n{rows}\n    }}")
+    head = "".join(f"  {json.dumps(key)}: {json.dumps(data[key])},\n" for key in ("about", "cost"))
+    path.write_text("{\n" + head + '  "errors": {\n' + ",\n".join(parts) + "\n  }\n}\n", encoding="utf-8")
+
+
+def merged(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
+    """Return `old` with the schemes of `new` in place of its own."""
+    return {"about": new["about"], **{part: {**old[part], **new[part]} for part in ("cost", "errors")}}
+
+
+def main() -> None:
+    """Measure, and write the file."""
+    parser = argparse.ArgumentParser(prog="python -m pounding_sweep.accuracy.calibrate", description=__doc__)
+    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_name(MEASURED), help="file to write")
+    names = ["/".join(scheme) for scheme in LADDERS]
+    parser.add_argument("--only", nargs="+", choices=names, help="schemes to measure; the file keeps the others")
+    arguments = parser.parse_args()
+    schemes = [scheme for scheme, name in zip(LADDERS, names, strict=True) if name in (arguments.only or names)]
+    found = calibrate(schemes, lambda text: print(text, file=sys.stderr, flush=True))
+    if arguments.only and arguments.output.exists():
+        found = merged(json.loads(arguments.output.read_text(encoding="utf-8")), found)
+    write(found, arguments.output)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,273 @@
+"""The stability suite: extreme scenarios through both schemes, every one judged.
+
+`run_extremes` runs the families of `pounding_sweep.accuracy.extreme_families`
+and random scenes, judges each scenario by what `pounding_sweep.accuracy.judge`
+demands, and counts.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pounding_sweep.accuracy.batches import Batch, kernel_of, run_batch
+from pounding_sweep.accuracy.extreme_families import FAMILIES, family_batches
+from pounding_sweep.accuracy.judge import Verdict, judge, make_reference
+from pounding_sweep.accuracy.random_scenes import random_batches
+from pounding_sweep.contact.laws import LAWS, Law, get_law
+from pounding_sweep.cube.variables import STATUS, Status
+from pounding_sweep.errors import InputError, unknown
+from pounding_sweep.sweep.execute import Progress
+
+#: Name of the family of random scenes.
+RANDOM = "random"
+#: Random scenes where their number is not given.
+DEFAULT_SCENES = 320
+#: Schemes that every batch is run in.
+METHODS = ("rk4", "newmark")
+
+
+@dataclass
+class FamilyResult:
+    """What the judge found of a family in one scheme.
+
+    Attributes
+    ----------
+    family, method : str
+        Family and scheme.
+    scenarios : int
+        Scenarios, each step counted.
+    statuses : Counter
+        Scenarios by label of their status.
+    sensitive : int
+        Ok scenarios that are off by more than the claim, but ill-conditioned (`judge.SENSITIVE`).
+    unknown : int
+        Ok scenarios without a converged reference.
+    error : float
+        Worst relative error of a peak among the ok scenarios that are not sensitive.
+    created : float
+        Most energy created by contacts of an ok scenario, relative to the largest energy of its balance.
+    energy : float
+        Largest energy of any scenario, relative to what the ground can have brought in.
+    faults : list of dict
+        Scenarios that failed a demand, each with what is needed to run it again.
+    seconds : float
+        Wall time of the runs, references and compilation not counted.
+    """
+
+    family: str
+    method: str
+    scenarios: int = 0
+    statuses: Counter[str] = field(default_factory=Counter)
+    sensitive: int = 0
+    unknown: int = 0
+    error: float = 0.0
+    created: float = 0.0
+    energy: float = 0.0
+    faults: list[dict[str, Any]] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def add(self, verdict: Verdict) -> None:
+        """Count one run of a batch."""
+        ok = verdict.status == Status.OK
+        self.scenarios += len(verdict.status)
+        self.statuses.update(STATUS[s].label for s in verdict.status)
+        self.sensitive += int(verdict.sensitive.sum())
+        self.unknown += int(verdict.unknown.sum())
+        errors = verdict.error[~verdict.sensitive & np.isfinite(verdict.error)]
+        self.error = max(self.error, float(errors.max(initial=0.0)))
+        self.created = max(self.created, float(verdict.created[ok].max(initial=0.0)))
+        self.energy = max(self.energy, float(verdict.energy.max(initial=0.0)))
+        self.faults += [_fault(verdict, row, text) for row, text in verdict.faults]
+        self.seconds += verdict.seconds
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        return {
+            "family": self.family,
+            "method": self.method,
+            "scenarios": self.scenarios,
+            "statuses": {s.label: self.statuses[s.label] for s in STATUS if self.statuses[s.label]},
+            "sensitive": self.sensitive,
+            "unknown": self.unknown,
+            "worst_error": self.error,
+            "worst_created_energy": self.created,
+            "worst_energy": self.energy,
+            "violations": self.faults,
+            "seconds": self.seconds,
+        }
+
+
+def _fault(verdict: Verdict, row: int, text: str) -> dict[str, Any]:
+    batch = verdict.batch
+    return {
+        "fault": text,
+        "family": batch.family,
+        "case": batch.case,
+        "law": batch.law.key,
+        "method": verdict.method,
+        "precision": verdict.precision,
+        "dt": verdict.dt,
+        "status": STATUS[int(verdict.status[row])].label,
+        "gaps": batch.gaps[row].tolist(),
+        "stiffness": float(batch.stiffness[row]),
+        "restitution": float(batch.restitution[row]),
+        "scale": float(batch.scale[row]),
+    }
+
+
+@dataclass(frozen=True)
+class Extremes:
+    """What a run of the suite found.
+
+    Attributes
+    ----------
+    results : list of FamilyResult
+        Family by family, scheme by scheme.
+    laws : tuple of str
+        Laws.
+    scenes, seed : int
+        Random scenes, and their seed.
+    seconds : float
+        Wall time, references included, compilation of kernels not.
+    compile_seconds : float
+        Time until all kernels were ready.
+    """
+
+    results: list[FamilyResult]
+    laws: tuple[str, ...]
+    scenes: int
+    seed: int
+    seconds: float
+    compile_seconds: float
+
+    @property
+    def faults(self) -> list[dict[str, Any]]:
+        """Every violation."""
+        return [fault for result in self.results for fault in result.faults]
+
+
+def run_extremes(
+    scenes: int = DEFAULT_SCENES,
+    *,
+    seed: int = 1,
+    laws: Iterable[str | Law] | None = None,
+    families: Iterable[str] | None = None,
+    precision: str = "float64",
+    workers: int = 1,
+    progress: Progress | None = None,
+) -> Extremes:
+    """Run the stability suite.
+
+    Parameters
+    ----------
+    scenes : int
+        Number of random scenes, rounded up to a multiple of 16; 0 for none.
+    seed : int
+        Of the random scenes.
+    laws : iterable of str or Law, optional
+        Contact laws; all by default.
+    families : iterable of str, optional
+        Keys of `FAMILIES`, or "random"; all by default.
+    precision : {"float64", "float32"}
+        Number format of the judged runs; references are always float64.
+    workers : int
+        Processes that compile kernels.
+    progress : Progress, optional
+        Told of the stages ``kernels`` and ``batches``.
+
+    Returns
+    -------
+    Extremes
+
+    Raises
+    ------
+    InputError
+        An argument is not valid.
+    """
+    chosen = [law for law in (get_law(key) for key in (LAWS if laws is None else laws)) if law.has_contact]
+    if not chosen:
+        msg = f"no law with contact is given; give some of {', '.join(k for k, v in LAWS.items() if v.has_contact)}"
+        raise InputError(msg)
+    keys = list(dict.fromkeys([*FAMILIES, RANDOM] if families is None else families))
+    for key in keys:
+        if key not in FAMILIES and key != RANDOM:
+            raise InputError(unknown("family", key, [*FAMILIES, RANDOM]))
+    if scenes < 0 or seed < 0:
+        msg = f"scenes = {scenes} and seed = {seed} must not be negative"
+        raise InputError(msg)
+    shown = progress or Progress()
+    start = time.perf_counter()
+    batches = _prepare(keys, chosen, scenes, seed, precision, workers, shown)
+    ready = time.perf_counter()
+    results: dict[tuple[str, str], FamilyResult] = {}
+    shown.stage("batches", len(batches))
+    for batch in batches:
+        for verdict in run_judged(batch, precision):
+            key2 = (batch.family, verdict.method)
+            results.setdefault(key2, FamilyResult(*key2)).add(verdict)
+        shown.advance(1)
+    end = time.perf_counter()
+    return Extremes(list(results.values()), tuple(law.key for law in chosen), scenes, seed, end - ready, ready - start)
+
+
+def _prepare(
+    keys: Sequence[str],
+    laws: Sequence[Law],
+    scenes: int,
+    seed: int,
+    precision: str,
+    workers: int,
+    progress: Progress,
+) -> list[Batch]:
+    """Make the batches, and the kernels of all of them."""
+    from pounding_sweep.kernels.prepare import prepare
+
+    batches = family_batches([key for key in keys if key in FAMILIES], laws)
+    batches += random_batches(scenes, seed, laws) if RANDOM in keys else []
+    formats = dict.fromkeys(("float64", precision))
+    shapes = [kernel_of(b, method, b.steps[0], f).shape for b in batches for method in METHODS for f in formats]
+    wanted = list(dict.fromkeys(shapes))
+    progress.stage("kernels", len(wanted))
+    prepare(wanted, workers, lambda done, total: progress.advance(1))
+    return batches
+
+
+def run_judged(batch: Batch, precision: str = "float64") -> list[Verdict]:
+    """Run a batch in every scheme at every step, and judge all runs against one reference.
+
+    Parameters
+    ----------
+    batch : Batch
+        The scenarios.
+    precision : {"float64", "float32"}
+        Number format of the judged runs.
+
+    Returns
+    -------
+    list of Verdict
+        One per scheme and step.
+    """
+    runs = []
+    wanted = np.zeros(len(batch), bool)
+    shortest = np.full(len(batch), np.inf)
+    for method in METHODS:
+        for dt in batch.steps:
+            start = time.perf_counter()
+            found = run_batch(batch, method, dt, precision)
+            runs.append((method, dt, found, time.perf_counter() - start))
+            ok = found["status"] == Status.OK
+            wanted |= ok
+            step = batch.record.dt / kernel_of(batch, method, dt).numerics.steps(batch.record)
+            lasted = np.where(ok, found["steps_per_contact"] * step, np.nan)
+            shortest = np.fmin(shortest, lasted)
+    reference = make_reference(batch, wanted, shortest)
+    return [
+        judge(batch, method, dt, found, reference, seconds=seconds, precision=precision)
+        for method, dt, found, seconds in runs
+    ]

@@ -1,0 +1,280 @@
+"""What the stability suite demands of a scenario, whatever it is: the judge.
+
+Five things are demanded of a run, at any step:
+
+1. It ends, within a bounded time, and with Newmark's method it stays bounded.
+2. Its status tells the truth: a scenario with values has finite ones only, one
+   without has none.
+3. Its energy is possible. The ground can bring no more energy into a row than
+   ``(sqrt(M) int |a_g| dt + sqrt(2 E_0))**2 / 2`` (M all masses, E_0 the energy
+   at the start), because contacts and dampers only take energy; that bounds the
+   energy at the end and every displacement, resolved or not.
+4. Where the status is ok, contacts create no energy: their work is not negative.
+5. Where the status is ok, the peaks are within `OK_CLAIM` of those of a
+   converged run. A scenario that magnifies a relative change of its gaps, its
+   stiffness or its ground motion more than `SENSITIVE` times in a peak is beyond
+   that claim, and is counted apart where it misses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pounding_sweep.accuracy.batches import PEAKS, Batch, run_batch, stable_step, take
+from pounding_sweep.accuracy.measure import relative_error
+from pounding_sweep.cube.assemble import scatter_contact, scatter_dof
+from pounding_sweep.cube.variables import OK_CLAIM, STATUS, Status, get_variable
+from pounding_sweep.sweep.blocks import NEEDS_FORCE
+from pounding_sweep.sweep.resolution import displacement_limit, energy_limit
+
+#: Condition number of a peak beyond which a scenario is sensitive: relative change of the peak over that of the input.
+SENSITIVE = 10.0
+#: Relative change of gaps (of the displacements, where these are larger), stiffness and ground motion that shows it.
+NUDGE = 1.0e-6
+#: A reference run is believed where one of half the step agrees with it this closely.
+CONVERGED = 0.1 * OK_CLAIM
+#: Most energy that contacts may create in an ok scenario, relative to the largest energy of its balance.
+CREATED_BOUND = 0.01
+#: Most energy of a scenario, relative to what the ground can bring in: ok, and any other with values.
+ENERGY_BOUND = {True: 1.01, False: 1.1}
+#: Seconds that a run of a few scenarios may take.
+TIME_LIMIT = 60.0
+#: Longest reference run (steps of the record).
+REFERENCE_STEPS = 4_000_000
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the scenarios of a batch should find.
+
+    Attributes
+    ----------
+    peaks : dict of str to ndarray
+        The peaks, shape (n, ...); NaN where there is no reference.
+    known : ndarray of bool, shape (n,)
+        Whether the reference converged.
+    step : ndarray, shape (n,)
+        Its time step (s).
+    """
+
+    peaks: dict[str, np.ndarray]
+    known: np.ndarray
+    step: np.ndarray
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the judge found of a batch in one scheme at one step; arrays of shape (n,).
+
+    Attributes
+    ----------
+    batch : Batch
+        The scenarios.
+    method, precision : str
+        Scheme and number format.
+    dt : float
+        Largest time step (s).
+    status : ndarray of int
+        Status of each scenario.
+    error : ndarray
+        Largest relative error of a peak; NaN where it was not to be judged.
+    sensitive : ndarray of bool
+        Ok, off by more than the claim, but sensitive.
+    unknown : ndarray of bool
+        Ok, but without a converged reference.
+    created : ndarray
+        Energy created by contacts, relative to the largest of the balance.
+    energy : ndarray
+        Largest energy, over what the ground can have brought in.
+    seconds : float
+        Wall time of the run.
+    faults : list of (int, str)
+        Scenario and what is wrong with it.
+    """
+
+    batch: Batch
+    method: str
+    precision: str
+    dt: float
+    status: np.ndarray
+    error: np.ndarray
+    sensitive: np.ndarray
+    unknown: np.ndarray
+    created: np.ndarray
+    energy: np.ndarray
+    seconds: float
+    faults: list[tuple[int, str]]
+
+
+def peaks_of(found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the judged peaks: force, penetration, and both displacements as one, so that the larger is the measure."""
+    both = np.stack([found["displacement_max"], found["displacement_min"]], axis=1)
+    return {"displacement_max": both, **{name: found[name] for name in PEAKS[2:]}}
+
+
+def peak_error(found: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Largest relative error of the peaks of each scenario, shape (n,)."""
+    return np.max([relative_error(name, found[name], reference[name]) for name in reference], axis=0)
+
+
+def make_reference(batch: Batch, wanted: np.ndarray, shortest: np.ndarray) -> Reference:
+    """Run scenarios at ever finer steps until half the step changes nothing that matters.
+
+    Parameters
+    ----------
+    batch : Batch
+        n scenarios.
+    wanted : ndarray of bool, shape (n,)
+        Those that need a reference.
+    shortest : ndarray, shape (n,)
+        Duration of the shortest contact (s); infinite where there was none.
+    """
+    empty = peaks_of(run_batch(take(batch, np.zeros(0, int)), "rk4", batch.record.dt))
+    peaks = {name: np.full((len(batch), *values.shape[1:]), np.nan) for name, values in empty.items()}
+    known, steps = np.zeros(len(batch), bool), np.full(len(batch), np.nan)
+    rows = np.flatnonzero(wanted)
+    if not len(rows):
+        return Reference(peaks, known, steps)
+    lasted = float(shortest[rows].min())
+    step = min(min(batch.steps) / 4.0, lasted / 40.0, float(stable_step(batch, "rk4")[rows].min()) / 4.0)
+    coarse = run_batch(take(batch, rows), "rk4", step)
+    while len(rows) and batch.record.duration / step <= REFERENCE_STEPS:
+        step /= 2.0
+        fine = run_batch(take(batch, rows), "rk4", step)
+        both_ok = (fine["status"] == Status.OK) & (coarse["status"] == Status.OK)
+        done = both_ok & (peak_error(peaks_of(coarse), peaks_of(fine)) <= CONVERGED)
+        for name, values in peaks_of(fine).items():
+            peaks[name][rows[done]] = values[done]
+        known[rows[done]], steps[rows[done]] = True, step
+        rows = rows[~done]
+        coarse = {name: values[~done] for name, values in fine.items()}
+    return Reference(peaks, known, steps)
+
+
+def sensitive_rows(batch: Batch, reference: Reference, rows: np.ndarray) -> np.ndarray:
+    """Whether a hair's change of each of those scenarios changes a peak of the reference `SENSITIVE` times as much."""
+    moved = np.zeros(len(rows))
+    if not len(rows):
+        return moved > 0
+    base = take(batch, rows)
+    step = float(np.nanmin(reference.step[rows]))
+    against = {name: values[rows] for name, values in reference.peaks.items()}
+    size = np.nanmax(np.abs(against["displacement_max"]).reshape(len(rows), -1), axis=1)[:, None]
+    for sign in (1.0, -1.0):
+        gaps = np.maximum(base.gaps + sign * NUDGE * np.maximum(np.minimum(base.gaps, size), size), 0.0)
+        for other in (
+            replace(base, gaps=gaps),
+            replace(base, stiffness=base.stiffness * (1.0 + sign * NUDGE)),
+            replace(base, scale=base.scale * (1.0 + sign * NUDGE)),
+        ):
+            moved = np.maximum(moved, peak_error(peaks_of(run_batch(other, "rk4", step)), against))
+    return moved > SENSITIVE * NUDGE
+
+
+def energy_share(batch: Batch, found: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Energy at the end, or as the displacements imply, over what the ground can have brought in, shape (n,)."""
+    limit = energy_limit(batch.scene, batch.record, batch.scale, batch.initial_velocity)
+    share = (found["energy_kinetic"] + found["energy_strain"]).sum(axis=1)
+    reach = scatter_dof(displacement_limit(batch.scene, np.ones(len(batch))), batch.scene)  # at an energy of 1 kN m
+    for name in ("displacement_max", "displacement_min"):
+        implied = np.square(found[name] / reach).reshape(len(batch), -1)
+        share = np.maximum(share, np.max(np.nan_to_num(implied, nan=0.0, posinf=np.inf), axis=1))
+    return np.where(share == 0.0, 0.0, share / np.where(limit > 0.0, limit, 1e-300))
+
+
+def created_energy(found: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Energy that contacts created, over the largest energy of the balance, shape (n,)."""
+    if found["contact_work"].shape[1] == 0:
+        return np.zeros(len(found["status"]))
+    work = found["contact_work"]
+    size = np.max(
+        [
+            np.abs(found["energy_input"]).sum(axis=1),
+            found["energy_damping"].sum(axis=1),
+            (found["energy_kinetic"] + found["energy_strain"]).sum(axis=1),
+            np.abs(work).sum(axis=1),
+        ],
+        axis=0,
+    )
+    return np.asarray(np.maximum(0.0, -work.min(axis=1)) / np.where(size > 0.0, size, 1.0))
+
+
+def judge(
+    batch: Batch,
+    method: str,
+    dt: float,
+    found: Mapping[str, np.ndarray],
+    reference: Reference,
+    *,
+    seconds: float = 0.0,
+    precision: str = "float64",
+) -> Verdict:
+    """Judge what a run of a batch found.
+
+    Parameters
+    ----------
+    batch : Batch
+        n scenarios.
+    method, dt, precision
+        How it was run.
+    found : mapping
+        What `run_batch` returned.
+    reference : Reference
+        What should have been found; known for every scenario that it could be made for.
+    seconds : float
+        Wall time of the run.
+    """
+    status = np.asarray(found["status"])
+    ok = status == Status.OK
+    faults: list[tuple[int, str]] = []
+
+    def fault(rows: np.ndarray, text: str, values: np.ndarray | None = None) -> None:
+        for row in np.flatnonzero(rows):
+            faults.append((int(row), text if values is None else text.format(float(values[row]))))
+
+    has_values = np.isin(status, [int(s) for s in STATUS if s.has_values])
+    bad, numbers = np.zeros(len(batch), bool), np.zeros(len(batch), bool)
+    for name, values in found.items():
+        if name in ("status", "steps_per_contact") or (batch.law.impulsive and name in NEEDS_FORCE):
+            continue
+        flat = _only_real(batch, name, values)
+        bad |= ~np.isfinite(flat).all(axis=1)
+        numbers |= np.isfinite(flat).any(axis=1)
+    fault(has_values & bad, "has values that are not finite")
+    fault(~has_values & numbers, "has no result by its status, but finite values")
+    fault(status == Status.NOT_RUN, "was not run")
+    fault((status == Status.DIVERGED) & (method == "newmark"), "diverged, though its contact is implicit")
+    sound = has_values & ~bad
+    with np.errstate(invalid="ignore", over="ignore"):
+        created = np.where(sound, created_energy(found), 0.0)
+        share = np.where(sound, energy_share(batch, found), 0.0)
+    fault(ok & (created > CREATED_BOUND), "its contacts created energy: {:.3g} of the balance", created)
+    for is_ok, bound in ENERGY_BOUND.items():
+        fault((ok == is_ok) & (share > bound), "holds {:.4g} times the energy that can have come in", share)
+    judged = ok & sound & reference.known
+    error = np.where(judged, peak_error(peaks_of(found), reference.peaks), np.nan)
+    beyond = judged & (error > OK_CLAIM)
+    sensitive = np.zeros(len(batch), bool)
+    rows = np.flatnonzero(beyond)
+    sensitive[rows] = sensitive_rows(batch, reference, rows)
+    fault(beyond & ~sensitive, f"is ok, but a peak is off by {{:.3g}} (claim {OK_CLAIM:g})", error)
+    if seconds > TIME_LIMIT:
+        faults.append((0, f"took {seconds:.0f} s"))
+    unknown = ok & sound & ~reference.known
+    return Verdict(batch, method, precision, dt, status, error, sensitive, unknown, created, share, seconds, faults)
+
+
+def _only_real(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
+    """Values of what exists: without walls, missing storeys and floors that meet nothing; shape (n, values)."""
+    dims = get_variable(name).dims
+    scene = batch.scene
+    if dims == ("building", "storey"):
+        there = np.isfinite(scatter_dof(np.zeros((1, scene.n_dof)), scene))[0]
+    elif dims == ("pair", "storey"):
+        there = np.isfinite(scatter_contact(np.zeros((1, len(scene.contacts))), scene))[0]
+    else:
+        there = np.ones(values.shape[1:], bool)
+    return values[:, there]

@@ -1,0 +1,155 @@
+"""The trade as rows: one per configuration, for a table or for JSON."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+from pounding_sweep.accuracy.trade_dataset import CONFIGURATION, KIND, KIND_ATTRIBUTE
+from pounding_sweep.cube.variables import Status, get_variable
+from pounding_sweep.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Outputs that a reader looks at first.
+LEADING = ("impact_force_max", "displacement_max")
+
+
+def check_trade(dataset: xr.Dataset) -> None:
+    """Raise `InputError` unless a dataset was made by `tradeoff`."""
+    if dataset.attrs.get(KIND_ATTRIBUTE) != KIND:
+        msg = "this file is no speed-accuracy trade; make one with 'pounding-sweep tradeoff SWEEP.toml -o TRADE.nc'"
+        raise InputError(msg)
+
+
+def leading_outputs(trade: xr.Dataset) -> list[str]:
+    """Return the two outputs that tables and figures show: peak force and displacement where they are there."""
+    outputs = [str(name) for name in trade["output"].values]
+    found = [name for name in LEADING if name in outputs]
+    return (found + [name for name in outputs if name not in found])[: len(LEADING)]
+
+
+def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
+    """Return one row per configuration.
+
+    Parameters
+    ----------
+    trade : xarray.Dataset
+        What `tradeoff` returned, or its file.
+
+    Returns
+    -------
+    list of dict
+        ``scheme``, ``located``, ``precision``, ``step`` (s, largest), ``time_steps``
+        (s, record -> true step), ``cost`` and ``cost_median`` (s per thousand
+        scenarios), ``statuses`` (label -> scenarios), and ``errors``: output ->
+        population -> statistic -> ``value``, ``resolution``, ``pareto``. A number
+        that is not finite is None; the statuses say why.
+    """
+    check_trade(trade)
+    trade = trade.load()
+    outputs, populations, statistics = (
+        [str(v) for v in trade[d].values] for d in ("output", "population", "statistic")
+    )
+    rows = []
+    for place in product(*(range(trade.sizes[dim]) for dim in CONFIGURATION)):
+        one = trade.isel(dict(zip(CONFIGURATION, place, strict=True)))
+        if str(one["scheme"].values) == "exact" and not bool(one["located"].values):
+            continue  # there is no such thing: it flies exactly between located touches
+        values, limits, front = (one[name].values for name in ("error", "resolution", "pareto"))
+        rows.append(
+            {
+                "scheme": str(one["scheme"].item()),
+                "located": bool(one["located"].item()),
+                "precision": str(one["precision"].item()),
+                "step": float(one["step"].item()),
+                "time_steps": {
+                    str(r): float(s) for r, s in zip(one["record"].values, one["time_step"].values, strict=True)
+                },
+                "cost": finite(one["cost"].item()),
+                "cost_median": finite(one["cost_median"].item()),
+                "statuses": {
+                    str(label): int(count)
+                    for label, count in zip(one["status"].values, one["status_count"].values, strict=True)
+                    if count
+                },
+                "errors": {
+                    output: {
+                        population: {
+                            statistic: {
+                                "value": finite(values[i, j, k]),
+                                "resolution": finite(limits[i, j, k]),
+                                "pareto": bool(front[i, j, k]),
+                            }
+                            for k, statistic in enumerate(statistics)
+                        }
+                        for j, population in enumerate(populations)
+                    }
+                    for i, output in enumerate(outputs)
+                },
+            }
+        )
+    return rows
+
+
+def finite(value: float) -> float | None:
+    """Return the number, or None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], list[list[str]]]:
+    """Return the headings and rows of the table on the terminal.
+
+    Parameters
+    ----------
+    trade : xarray.Dataset
+        What `tradeoff` returned, or its file.
+    population : str
+        Scenarios that the errors are those of.
+
+    Returns
+    -------
+    headings, rows
+        Errors of the leading outputs, median and worst; ``<`` before one that the
+        converged solution can't resolve; ``*`` after one on the Pareto front.
+    """
+    shown = leading_outputs(trade)
+    headings = ["scheme", "located", "precision", "step s", "s per 1000"]
+    headings += [f"{_short(name)} {statistic}" for name in shown for statistic in ("median", "worst")]
+    headings += ["ok", "not ok"]
+    rows = []
+    for row in trade_rows(trade):
+        statuses = dict(row["statuses"])
+        ok = statuses.pop(Status.OK.label, 0)
+        refused = statuses.get(Status.BEYOND_STABILITY_LIMIT.label, 0) == trade.sizes["scenario"]
+        true_steps = sorted(set(row["time_steps"].values()))
+        cells = [
+            row["scheme"],
+            "yes" if row["located"] else "no",
+            row["precision"],
+            " to ".join(f"{s:.4g}" for s in true_steps[:: max(1, len(true_steps) - 1)]),
+            "-" if row["cost"] is None else f"{row['cost']:.3g}",
+        ]
+        for name in shown:
+            found = row["errors"][name][population]
+            cells += [_error_text(found[statistic], refused) for statistic in ("median", "worst")]
+        cells += [str(ok), ", ".join(f"{count} {label}" for label, count in statuses.items()) or "-"]
+        rows.append(cells)
+    return headings, rows
+
+
+def _error_text(found: dict[str, Any], refused: bool) -> str:
+    value, resolution = found["value"], found["resolution"]
+    mark = " *" if found["pareto"] else "  "
+    if value is None:
+        return f"{'-' if refused or resolution is None else 'diverged'}{mark}"
+    if resolution is not None and value < resolution:
+        return f"< {resolution:.1e}{mark}"
+    return f"{value:.1e}{mark}"
+
+
+def _short(name: str) -> str:
+    """Name an output briefly."""
+    return {"impact_force_max": "force", "displacement_max": "displacement"}.get(name, get_variable(name).name)

@@ -1,0 +1,53 @@
+"""The application that commands register on, and the arguments they share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pounding_sweep.cli.reporting import NAME
+
+app = typer.Typer(
+    name=NAME,
+    help="Parametric sweeps of seismic pounding between adjacent buildings. Units: kN, t, m, s.",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Sweep file.", show_default=False)]
+CubeFile = Annotated[Path, typer.Argument(metavar="CUBE.nc", help="Cube made by 'run'.", show_default=False)]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON value instead of text.")]
+Workers = Annotated[
+    int | None, typer.Option("--workers", metavar="N", help="Threads or processes; one per core by default.")
+]
+
+
+def main() -> None:
+    """Run the command line of this process and leave with its exit code."""
+    app(prog_name=NAME)
+
+
+def _version(wanted: bool) -> None:
+    """Print the version and leave, if `wanted`."""
+    if not wanted:
+        return
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        print(f"{NAME} {version(NAME)}")
+    except PackageNotFoundError:  # run from a source tree that is not installed
+        print(f"{NAME} (version unknown: not installed)")
+    raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_version, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    del version  # its callback has seen to it

@@ -1,0 +1,144 @@
+"""``extremes``: the stability suite, and the map of where each scheme can be trusted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pounding_sweep.cli.app import AsJson, Workers, app
+from pounding_sweep.cli.reporting import FAILED, reporting, say
+from pounding_sweep.tables import print_json, print_table, seconds_text
+
+if TYPE_CHECKING:
+    from pounding_sweep.accuracy.extremes import Extremes
+
+#: Violations that are printed in full.
+SHOWN = 20
+
+
+@app.command("extremes")
+def extremes_command(
+    scenes: Annotated[int, typer.Option("--scenes", metavar="N", help="Random scenes.")] = 320,
+    seed: Annotated[int, typer.Option("--seed", metavar="S", help="Seed of the random scenes.")] = 1,
+    law: Annotated[
+        list[str] | None, typer.Option("--law", metavar="LAW", help="Contact law; repeat for several; all by default.")
+    ] = None,
+    family: Annotated[
+        list[str] | None,
+        typer.Option("--family", metavar="NAME", help="Family of scenarios; repeat for several; all by default."),
+    ] = None,
+    precision: Annotated[str, typer.Option(metavar="FORMAT", help="float64 or float32.")] = "float64",
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="MAP.nc", help="Also map error and status over stiffness and step."),
+    ] = None,
+    plot_file: Annotated[
+        Path | None, typer.Option("--plot", metavar="FILE", help="Draw that map: PNG, SVG or PDF.")
+    ] = None,
+    workers: Workers = None,
+    as_json: AsJson = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+) -> None:
+    """Judge extreme scenarios: crashes, false statuses, errors."""
+    with reporting():
+        from pounding_sweep.accuracy.extremes import run_extremes
+        from pounding_sweep.cube.write import check_output
+        from pounding_sweep.progress import make_progress
+        from pounding_sweep.sweep.execute import check_scheduler
+
+        for path in (map_file, plot_file):
+            if path is not None:
+                check_output(path, overwrite=True)
+        n_workers = check_scheduler("threads", workers)
+        progress = make_progress(quiet)
+        try:
+            found = run_extremes(
+                scenes, seed=seed, laws=law, families=family, precision=precision, workers=n_workers, progress=progress
+            )
+        finally:
+            progress.close()
+        files = _map(map_file, plot_file, law)
+        if as_json:
+            print_json(_report(found, files))
+        else:
+            _print(found)
+            for file in files:
+                print(file)
+        if found.faults:
+            say(f"failed: {len(found.faults)} violations; each names its scenario, and --json gives all of them")
+            raise typer.Exit(FAILED)
+
+
+def _map(map_file: Path | None, plot_file: Path | None, laws: list[str] | None) -> list[str]:
+    """Make the map's files; returns their names."""
+    if map_file is None and plot_file is None:
+        return []
+    from pounding_sweep.accuracy.stability_map import stability_map
+    from pounding_sweep.cube.write import write_cube
+    from pounding_sweep.figures import plot
+
+    dataset = stability_map(laws[0]) if laws else stability_map()
+    if map_file is not None:
+        write_cube(dataset, map_file, overwrite=True)
+    if plot_file is not None:
+        plot(dataset, "stability-map", plot_file)
+    return [str(file) for file in (map_file, plot_file) if file is not None]
+
+
+def _report(found: Extremes, files: list[str]) -> dict[str, Any]:
+    from pounding_sweep.accuracy.judge import OK_CLAIM
+
+    return {
+        "claim": OK_CLAIM,
+        "laws": list(found.laws),
+        "scenes": found.scenes,
+        "seed": found.seed,
+        "results": [result.as_dict() for result in found.results],
+        "violations": len(found.faults),
+        "seconds": found.seconds,
+        "compile_seconds": found.compile_seconds,
+        "files": files,
+    }
+
+
+def _print(found: Extremes) -> None:
+    from pounding_sweep.accuracy.judge import OK_CLAIM, SENSITIVE
+    from pounding_sweep.cube.variables import STATUS
+
+    counted = [s for s in STATUS if any(result.statuses[s.label] for result in found.results)]
+    headings = ["family", "scheme", "scenarios", *(s.label.replace("_", " ") for s in counted)]
+    headings += ["sensitive", "unknown", "worst error", "created energy", "violations", "s"]
+    rows = [
+        [
+            result.family,
+            result.method,
+            str(result.scenarios),
+            *(str(result.statuses[s.label]) for s in counted),
+            str(result.sensitive),
+            str(result.unknown),
+            f"{result.error:.1e}",
+            f"{result.created:.1e}",
+            str(len(result.faults)),
+            f"{result.seconds:.2f}",
+        ]
+        for result in found.results
+    ]
+    print_table(headings, rows, right=range(2, len(headings)))
+    print()
+    for fault in found.faults[:SHOWN]:
+        print(
+            f"{fault['family']} ({fault['case']}), {fault['law']}, {fault['method']} {fault['precision']}, "
+            f"dt {fault['dt']:g} s, k {fault['stiffness']:.4g}, e {fault['restitution']:.4g}, gaps "
+            f"{', '.join(f'{g:.4g}' for g in fault['gaps']) or '-'} m, scale {fault['scale']:.4g}: {fault['fault']}"
+        )
+    total = sum(result.scenarios for result in found.results)
+    print(
+        f"{total} scenarios of {len(found.laws)} laws in {seconds_text(found.seconds)}, references included; "
+        f"{seconds_text(found.compile_seconds)} until the kernels were ready. {len(found.faults)} violations."
+    )
+    print(f"worst error: of peak force, penetration or displacement among ok scenarios; claimed: {OK_CLAIM:g}.")
+    print(f"sensitive: ok and off by more, but a peak magnifies a change of the scenario over {SENSITIVE:g} times.")
+    print("unknown: ok, but no step tried was fine enough for a reference.")
+    print("created energy: made by contacts of ok scenarios, relative to the energy balance.")

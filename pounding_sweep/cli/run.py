@@ -1,0 +1,180 @@
+"""``run`` and ``plan``: a sweep file in, a cube or its cost out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pounding_sweep.cli.app import AsJson, SweepFile, Workers, app
+from pounding_sweep.cli.reporting import FAILED, parts_folder, reporting, say
+from pounding_sweep.tables import bytes_text, number_text, print_json, print_pairs, print_table, seconds_text
+
+if TYPE_CHECKING:
+    from pounding_sweep.sweep.execute import Outcome
+
+
+@app.command("run")
+def run_command(
+    sweep: SweepFile,
+    out: Annotated[
+        Path, typer.Option("-o", "--output", metavar="OUT.nc", help="netCDF file for the cube.", show_default=False)
+    ],
+    scheduler: Annotated[
+        str,
+        typer.Option(metavar="WHICH", help="threads, processes, synchronous, or a dask address: tcp://HOST:PORT."),
+    ] = "threads",
+    workers: Workers = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT.nc if it exists.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Run a sweep, write its cube and print a summary."""
+    with reporting(out) as said:
+        from pounding_sweep.cube.audited import audit_sentence, audit_table
+        from pounding_sweep.progress import make_progress
+        from pounding_sweep.sweep.summary import status_table, summary_table
+        from pounding_sweep.sweep.sweep import load_sweep
+
+        job = load_sweep(sweep)
+        progress = make_progress(quiet)
+        try:
+            cube = job.run(out, scheduler=scheduler, workers=workers, overwrite=overwrite, progress=progress)
+        finally:
+            progress.close()
+        outcome = job.last_outcome
+        assert outcome is not None
+        report = {
+            **_run_report(job.spec.n_scenarios, outcome),
+            "accuracy_choice": cube.attrs.get("accuracy_choice", ""),
+            "audit": audit_table(cube),
+            "audit_sentence": audit_sentence(cube),
+            "statuses": status_table(cube),
+            "summary": summary_table(cube),
+            "warnings": said,
+            "cube": str(out),
+        }
+        if as_json:
+            print_json(report)
+        else:
+            _print_run(report)
+        if outcome.failures:
+            say(
+                "failed: some scenarios have no result (status not_run). What is finished is kept in "
+                f"{parts_folder(out)}; run again with --overwrite to make only the rest"
+            )
+            raise typer.Exit(FAILED)
+
+
+@app.command("plan")
+def plan_command(sweep: SweepFile, workers: Workers = None, as_json: AsJson = False) -> None:
+    """Say what a sweep would run, and at what cost; nothing is run."""
+    with reporting():
+        from pounding_sweep.cube.variables import Status
+        from pounding_sweep.sweep.execute import check_scheduler
+        from pounding_sweep.sweep.sweep import load_sweep
+
+        n_workers = check_scheduler("threads", workers)
+        job = load_sweep(sweep)
+        plan = job.plan()
+        found = {**plan.summary(n_workers), "workers": n_workers, "sweep_sha256": plan.digest}
+        limit = float(plan.limit[plan.refused].min()) if plan.refused.any() else None
+        found["largest_stable_step"] = limit
+        if as_json:
+            print_json(found)
+            return
+        print(job.spec.title or sweep)
+        axes = " x ".join(f"{len(values)} {name}" for name, values in job.spec.axes.items())
+        least = found["steps_least"]
+        steps = ", ".join(
+            f"{count if least[name] == count else f'{least[name]} to {count}'} ({name})"
+            for name, count in found["steps"].items()
+        )
+        rows = [
+            ("axes", axes or f"{found['asked']} listed cases"),
+            ("scenarios", f"{found['asked']} asked, at most {found['at_most']} to run"),
+            ("", "(those that never touch are left out once the run without pounding is known)"),
+            ("kernels", f"{found['kernels']}"),
+            ("steps", f"{steps} per scenario"),
+            ("time", f"about {seconds_text(found['seconds'])} with {n_workers} workers, compilation of kernels apart"),
+            ("cube", f"{bytes_text(found['cube_bytes'])} of values in memory"),
+        ]
+        if limit is not None:
+            remedy = f"{Status.BEYOND_STABILITY_LIMIT.remedy}; every scenario is stable at dt <= {limit:.3g} s"
+            rows.insert(3, ("refused", f"{found['refused']}: beyond the stability limit; {remedy}"))
+        if found["accuracy_choice"]:
+            rows.insert(-2, ("accuracy", found["accuracy_choice"]))
+        print_pairs(rows)
+
+
+def _run_report(asked: int, outcome: Outcome) -> dict[str, Any]:
+    """Collect the counts and times of a run."""
+    unique = len(outcome.values["status"])
+    seconds = outcome.run_seconds
+    return {
+        "scenarios": {
+            "asked": asked,
+            "run": outcome.run,
+            "reused": outcome.reused,
+            "never_touching": outcome.untouched,
+            "broadcast": asked - unique,
+        },
+        "scenarios_per_second": outcome.run / seconds if outcome.run and seconds > 0 else None,
+        "run_seconds": seconds,
+        "compile_seconds": outcome.compile_seconds,
+        "kernels_compiled": outcome.compiled,
+        "failures": outcome.failures,
+    }
+
+
+def _print_run(report: dict[str, Any]) -> None:
+    counts = report["scenarios"]
+    rows = [
+        [
+            row["law"],
+            row["pair"],
+            number_text(row["peak_force"]),
+            number_text(row["impacts_max"]),
+            number_text(row["impacts_median"]),
+            "-" if row["touching"] is None else f"{row['touching']}/{row['scenarios']}",
+        ]
+        for row in report["summary"]
+    ]
+    if rows:
+        headings = ["law", "pair", "peak force kN", "impacts", "median", "touching"]
+        print_table(headings, rows, right=(2, 3, 4, 5))
+        print("impacts: most at one floor in one scenario; median: of that, over the scenarios that touch")
+        print()
+    run = f"{counts['asked']} asked, {counts['run']} run"
+    if counts["reused"]:
+        run += f", {counts['reused']} kept from an interrupted run"
+    rate = report["scenarios_per_second"]
+    compiled = report["kernels_compiled"]
+    lines = [
+        ("scenarios", run),
+        ("not run", f"{counts['never_touching']} never touch, {counts['broadcast']} equal another scenario"),
+        ("kernels", f"{compiled} compiled, ready after {seconds_text(report['compile_seconds'])}"),
+        ("run", seconds_text(report["run_seconds"]) + (f", {number_text(rate)} scenarios per second" if rate else "")),
+    ]
+    if report["accuracy_choice"]:
+        lines.append(("accuracy", report["accuracy_choice"]))
+    lines += _audit_lines(report)
+    for item in report["statuses"]:
+        if item["remedy"]:
+            lines.append((item["label"], f"{item['count']}: {item['meaning']}; {item['remedy']}"))
+    print_pairs(lines)
+    print(report["cube"])
+
+
+def _audit_lines(report: dict[str, Any]) -> list[tuple[str, str]]:
+    """Say what was audited, and the measured error of each output."""
+    if not report["audit"]:
+        return []
+    errors = [
+        f"{row['output']} {'infinite' if row['error_max'] is None else format(row['error_max'], '.1e')}"
+        for row in report["audit"]
+        if row["scenarios"]
+    ]
+    lines = [("audit", report["audit_sentence"])]
+    return [*lines, ("errors", f"relative, up to: {', '.join(errors)}")] if errors else lines

@@ -1,0 +1,144 @@
+"""``tradeoff``: what accuracy costs, measured on a sample of a sweep's own scenarios."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pounding_sweep.cli.app import AsJson, SweepFile, Workers, app
+from pounding_sweep.cli.reporting import reporting
+from pounding_sweep.tables import print_json, print_table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+@app.command("tradeoff")
+def tradeoff_command(
+    sweep: SweepFile,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="TRADE.nc", help="netCDF file for the result.")
+    ] = None,
+    steps: Annotated[
+        str | None,
+        typer.Option(metavar="LIST", help="Time steps (s), separated by commas; 5e-3 to 2.5e-4 by default."),
+    ] = None,
+    scenarios: Annotated[int, typer.Option(metavar="N", help="About how many scenarios to measure on.")] = 96,
+    seed: Annotated[int, typer.Option(metavar="S", help="Seed of the random sample.")] = 0,
+    figure: Annotated[
+        Path | None, typer.Option("--plot", metavar="FILE", help="PNG, SVG or PDF file for the work-precision figure.")
+    ] = None,
+    workers: Workers = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace TRADE.nc if it exists.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Measure error and cost of schemes, steps and number formats on a sample of a sweep."""
+    with reporting():
+        from pounding_sweep.accuracy.tradeoff import DEFAULT_STEPS, tradeoff
+        from pounding_sweep.cube.write import check_output, write_cube
+        from pounding_sweep.figures import plot
+        from pounding_sweep.progress import make_progress
+        from pounding_sweep.sweep.sweep import load_sweep
+
+        if out is not None:
+            check_output(out, overwrite)
+        if figure is not None:
+            check_output(figure, overwrite=True)
+        job = load_sweep(sweep)
+        progress = make_progress(quiet)
+        try:
+            trade = tradeoff(
+                job,
+                steps=DEFAULT_STEPS if steps is None else _numbers(steps),
+                scenarios=scenarios,
+                seed=seed,
+                workers=workers,
+                progress=progress,
+            )
+        finally:
+            progress.close()
+        if out is not None:
+            write_cube(trade, out, overwrite)
+        if as_json:
+            print_json(_report(trade))
+        else:
+            _print_trade(trade)
+        if figure is not None:
+            drawn = plot(trade, "work-precision", figure)
+            if not as_json:
+                print(drawn)
+        if out is not None and not as_json:
+            print(out)
+
+
+def _numbers(text: str) -> list[float]:
+    """Read numbers separated by commas."""
+    from pounding_sweep.errors import InputError
+
+    found = []
+    for part in text.split(","):
+        try:
+            found.append(float(part))
+        except ValueError:
+            msg = f"--steps: {part.strip()!r} is no number; give steps (s) separated by commas, such as 2e-3,1e-3"
+            raise InputError(msg) from None
+    return found
+
+
+def _report(trade: xr.Dataset) -> dict[str, Any]:
+    """Collect everything that is printed, and every output."""
+    from pounding_sweep.accuracy.trade_report import finite, trade_rows
+
+    attributes = trade.attrs
+    own = trade["reference_error"]
+    counts = ("sample_scenarios", "sensitive_scenarios", "touching_scenarios", "unique_scenarios")
+    return {
+        **{name: int(attributes[name]) for name in counts},
+        "reference_step": float(attributes["reference_step"]),
+        "reference_errors": {
+            str(output): {
+                str(population): {
+                    str(statistic): finite(own.sel(output=output, population=population, statistic=statistic).item())
+                    for statistic in own["statistic"].values
+                }
+                for population in own["population"].values
+            }
+            for output in own["output"].values
+        },
+        "configurations": trade_rows(trade),
+    }
+
+
+def _print_trade(trade: xr.Dataset) -> None:
+    from pounding_sweep.accuracy.trade_report import leading_outputs, table_of
+
+    attributes = trade.attrs
+    sample, sensitive = int(attributes["sample_scenarios"]), int(attributes["sensitive_scenarios"])
+    headings, rows = table_of(trade)
+    right = tuple(range(3, len(headings) - 1))
+    print_table(headings, rows, right=right)
+    print()
+    print(
+        f"{sample} of {attributes['touching_scenarios']} touching scenarios are measured. Errors are relative, of the "
+        f"{sample - sensitive} that are not sensitive to the gap."
+    )
+    print(
+        "s per 1000: processor seconds per thousand scenarios on one core; * no other row is cheaper and as accurate."
+    )
+    own = trade["reference_error"].sel(population="steady", statistic="worst")
+    limits = ", ".join(f"{own.sel(output=name).item():.1e} ({name})" for name in leading_outputs(trade))
+    print(
+        f"Compared with {attributes['reference']} at {attributes['reference_step']:.4g} s, whose worst error is at "
+        f"most {limits}; < marks errors below {attributes['resolution_factor']:g} times that of the same scenarios."
+    )
+    if sensitive:
+        print()
+        print(
+            f"{sensitive} scenarios are sensitive: gaps changed by {attributes['gap_change']:g} of themselves change "
+            f"an output by more than {attributes['sensitive_change']:g}. Their errors:"
+        )
+        headings, rows = table_of(trade, "sensitive")
+        print_table(headings[:-2], [row[:-2] for row in rows], right=right)

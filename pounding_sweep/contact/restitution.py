@@ -1,0 +1,327 @@
+"""What restitution a contact law really gives, and the damping that gives exactly the one asked for.
+
+Two free masses meet with approach velocity v0 and part with e v0. The published
+damping formulas hold that e only roughly: at a nominal e = 0.6 ``hertz_damped``
+parts them with 0.756 v0. The rebound itself has a closed form in the damping
+number of each law, its *relation*, which a law names in the registry:
+
+``dashpot_tension``
+    A linear spring and dashpot of damping ratio z, parted at d = 0:
+    e = exp(-pi z / sqrt(1 - z^2)).
+``dashpot_clipped``
+    The same, parted where the force becomes zero: e = G(z)^2, with
+    G(z) = exp(-z acos(z) / sqrt(1 - z^2)), and acosh(z) / sqrt(z^2 - 1) for z > 1.
+``dashpot_approach``
+    The dashpot acts on approach only: e = G(z). A dashpot 2 xi sqrt(k sqrt(d) m)
+    beside k d^1.5 is that linear one in the coordinate d^(5/4), with z = 2 xi / sqrt(5).
+``both_phases``
+    F = E(d) (1 + D v / v0), E any elastic force: D (1 + e) = ln((1 + D) / (1 - e D)).
+``approach``
+    The same damper on approach only: e^2 = 2 (D - ln(1 + D)) / D^2.
+
+The last two follow from m v dv = -F dd: the share S(D) = 2 (D - ln(1 + D)) / D^2 of
+the energy m v0^2 / 2 is stored in E at the deepest point; on the way back the damper
+has the sign of -e D, and what is stored is the share S(-e D) of m (e v0)^2 / 2.
+
+Everything is evaluated in logarithms, so that it stays exact to rounding near
+e = 1, where the damping number vanishes, and towards e = 0, where it grows
+without limit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from pounding_sweep.errors import LawError, unknown
+
+if TYPE_CHECKING:
+    from pounding_sweep.contact.laws import Law
+
+#: What a coefficient of restitution means: the damping formula of the literature, or the rebound of two free masses.
+RESTITUTION_BASES = ("published", "realised")
+#: Smallest restitution that damping is solved for, where e = 0 would need infinite damping. The damping number
+#: of the hardest relation is 2e12 there: no step resolves a harder contact.
+SMALLEST = 1e-6
+
+RelationName = Literal["", "dashpot_tension", "dashpot_clipped", "dashpot_approach", "both_phases", "approach"]
+
+#: Coefficients of S(-x) - 1 in powers of x, for |x| < 1/4.
+_STORED_SERIES = np.array([0.0, *(2.0 / (n + 2) for n in range(1, 28))])
+#: Bracket of ln(unknown) for every root: the unknowns are 7e-17 just below e = 1, and at most 2 / SMALLEST^2.
+_LOG_LOW, _LOG_HIGH = -40.0, 35.0
+#: Halvings after which that bracket is shorter than the spacing of its numbers.
+_HALVINGS = 56
+
+
+@dataclass(frozen=True)
+class Relation:
+    """How the restitution of two free masses follows from a damping number.
+
+    Attributes
+    ----------
+    text : str
+        The relation, z a damping ratio and D = (damper over elastic force) at v = v0.
+    restitution : callable
+        e of damping numbers > 0.
+    number : callable
+        Damping number of 0 < e < 1.
+    at_zero : float
+        Damping number that gives e = 0; infinite where none does.
+    """
+
+    text: str
+    restitution: Callable[[np.ndarray], np.ndarray]
+    number: Callable[[np.ndarray], np.ndarray]
+    at_zero: float = math.inf
+
+
+def _root(increasing: Callable[[np.ndarray], np.ndarray], like: np.ndarray) -> np.ndarray:
+    """Positive root of a function that increases, element by element, to rounding."""
+    low, high = np.full(like.shape, _LOG_LOW), np.full(like.shape, _LOG_HIGH)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        below = increasing(np.exp(middle)) < 0.0
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return np.asarray(np.exp(0.5 * (low + high)))
+
+
+def _log_loss(z: np.ndarray) -> np.ndarray:
+    """-ln G(z); increases from 0 like pi z / 2 at first and ln(2 z) at last."""
+    off = np.abs(z - 1.0)
+    root = np.sqrt(np.where(off > 0.0, off, 1.0)) * np.sqrt(1.0 + z)
+    angle = np.where(z < 1.0, np.arccos(np.minimum(z, 1.0)), np.arccosh(np.maximum(z, 1.0)))
+    return np.asarray(np.where(off > 0.0, z * angle / root, 1.0))
+
+
+def _log_stored(x: np.ndarray, log1p_x: np.ndarray) -> np.ndarray:
+    """Return ln S(x), x > -1; ln(1 + x) is given beside it because it outlasts x near -1."""
+    near = np.abs(x) < 0.25
+    series = np.polynomial.polynomial.polyval(np.where(near, -x, 0.0), _STORED_SERIES)
+    far = np.where(near, 1.0, np.abs(x))
+    difference = np.where(near, 1.0, x - log1p_x)
+    return np.asarray(np.where(near, np.log1p(series), np.log(2.0 * difference) - 2.0 * np.log(far)))
+
+
+def _log_stored_approach(number: np.ndarray) -> np.ndarray:
+    return _log_stored(number, np.log1p(number))
+
+
+def _log_stored_rebound(w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return y = e D and ln S(-y) of w = -ln(1 - y), which tells apart the y that round to 1."""
+    y = -np.expm1(-w)
+    return y, _log_stored(-y, -w)
+
+
+def _both_phases_restitution(number: np.ndarray) -> np.ndarray:
+    stored = 2.0 * np.log(number) + _log_stored_approach(number)
+
+    def excess(w: np.ndarray) -> np.ndarray:
+        y, rebound = _log_stored_rebound(w)
+        return np.asarray(2.0 * np.log(y) + rebound - stored)
+
+    return np.asarray(_log_stored_rebound(_root(excess, number))[0] / number)
+
+
+def _both_phases_number(e: np.ndarray) -> np.ndarray:
+    def excess(w: np.ndarray) -> np.ndarray:
+        y, rebound = _log_stored_rebound(w)
+        return np.asarray(rebound - _log_stored_approach(y / e) + 2.0 * np.log(e))
+
+    return np.asarray(_log_stored_rebound(_root(excess, e))[0] / e)
+
+
+def _tension_restitution(z: np.ndarray) -> np.ndarray:
+    """Zero from critical damping on: the masses then part only after infinite time."""
+    under = np.minimum(z, 1.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.exp(-math.pi * under / np.sqrt((1.0 - under) * (1.0 + under))))
+
+
+#: Relations by name.
+RELATIONS: dict[str, Relation] = {
+    "dashpot_tension": Relation(
+        "e = exp(-pi z / sqrt(1 - z^2))",
+        _tension_restitution,
+        lambda e: -np.log(e) / np.hypot(math.pi, np.log(e)),
+        at_zero=1.0,
+    ),
+    "dashpot_clipped": Relation(
+        "e = exp(-2 z acos(z) / sqrt(1 - z^2))",
+        lambda z: np.exp(-2.0 * _log_loss(z)),
+        lambda e: _root(lambda z: 2.0 * _log_loss(z) + np.log(e), e),
+    ),
+    "dashpot_approach": Relation(
+        "e = exp(-z acos(z) / sqrt(1 - z^2))",
+        lambda z: np.exp(-_log_loss(z)),
+        lambda e: _root(lambda z: _log_loss(z) + np.log(e), e),
+    ),
+    "both_phases": Relation("D (1 + e) = ln((1 + D) / (1 - e D))", _both_phases_restitution, _both_phases_number),
+    "approach": Relation(
+        "e^2 = 2 (D - ln(1 + D)) / D^2",
+        lambda number: np.exp(0.5 * _log_stored_approach(number)),
+        lambda e: _root(lambda number: 2.0 * np.log(e) - _log_stored_approach(number), e),
+    ),
+}
+
+
+def check_basis(basis: str) -> None:
+    """Raise `LawError` unless `basis` is one of `RESTITUTION_BASES`."""
+    if basis not in RESTITUTION_BASES:
+        raise LawError(unknown("restitution basis", basis, RESTITUTION_BASES))
+
+
+def realised_validity(law: Law) -> str:
+    """Coefficients of restitution that a law can realise exactly, as text."""
+    if not law.takes_restitution or law.impulsive:
+        return law.validity
+    if law.relation not in RELATIONS:
+        return "none: its damping has no known relation to the realised restitution"
+    return "0 <= e <= 1" if math.isfinite(RELATIONS[law.relation].at_zero) else f"{SMALLEST:g} <= e <= 1"
+
+
+def check_realisable(law: Law, e: float) -> None:
+    """Raise `LawError` unless some finite damping makes two free masses rebound at exactly `e`.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law; those without restitution realise e = 1 whatever is asked for.
+    e : float
+        Coefficient of restitution.
+    """
+    if not law.takes_restitution or law.impulsive:
+        return
+    if law.relation not in RELATIONS:
+        msg = (
+            f"law {law.key!r} has damping but names no relation to the realised restitution "
+            f"({', '.join(RELATIONS)}); give restitution_basis='published'"
+        )
+        raise LawError(msg)
+    smallest = 0.0 if math.isfinite(RELATIONS[law.relation].at_zero) else SMALLEST
+    if not smallest <= e <= 1.0:
+        msg = f"restitution {e!r} can't be realised by law {law.key!r}; give {realised_validity(law)}"
+        if 0.0 <= e < smallest:
+            msg += ", or a law that realises e = 0: kelvin_voigt_tension or stereomechanical"
+        raise LawError(msg)
+
+
+def realised_number(law: Law, e: Any) -> np.ndarray:
+    """Damping number with which two free masses rebound at exactly `e`.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law.
+    e : array_like
+        Coefficient of restitution wanted.
+
+    Returns
+    -------
+    ndarray
+        The law's damping number (dimensionless; what `Law.number` gives as published),
+        shape of `e`; exactly 0 at e = 1. Relative error below 1e-12. Zero for laws
+        without damping; `e` itself for a velocity jump, which is exact as it is.
+
+    Raises
+    ------
+    LawError
+        No finite damping does it; the message says which `e` are valid.
+
+    Examples
+    --------
+    >>> from pounding_sweep.contact.laws import get_law
+    >>> float(realised_number(get_law("hertz_damped"), 0.6).round(6))
+    0.974872
+    """
+    values = np.asarray(e, dtype=float)
+    if law.number is None:
+        return np.zeros(values.shape)
+    if law.impulsive:
+        return np.asarray(law.number(values), dtype=float)
+    distinct, inverse = np.unique(values, return_inverse=True)  # a sweep repeats few values in many scenarios
+    for value in distinct[[0, -1]] if distinct.size else ():  # NaN sorts last
+        check_realisable(law, float(value))
+    relation = RELATIONS[law.relation]
+    inside = (distinct > 0.0) & (distinct < 1.0)
+    solved = relation.number(np.where(inside, distinct, 0.5)) / law.relation_factor
+    ends = np.where(distinct > 0.0, 0.0, relation.at_zero / law.relation_factor)
+    return np.asarray(np.where(inside, solved, ends)[inverse].reshape(values.shape))
+
+
+def damping_number(law: Law, e: Any, basis: str = "published") -> np.ndarray:
+    """Damping number of a law that takes restitution, on either basis.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law.
+    e : array_like
+        Nominal coefficient of restitution.
+    basis : {"published", "realised"}
+        The law's published formula, or the number that realises `e`.
+
+    Returns
+    -------
+    ndarray
+        Dimensionless; zero for laws without damping.
+
+    Raises
+    ------
+    LawError
+        The basis is unknown, or `e` can't be realised.
+    """
+    check_basis(basis)
+    if basis == "realised":
+        return realised_number(law, e)
+    values = np.asarray(e, dtype=float)
+    return np.zeros(values.shape) if law.number is None else np.asarray(law.number(values), dtype=float)
+
+
+def realised_restitution(law: Law, e: Any, basis: str = "published") -> np.ndarray:
+    """Restitution that two free masses really have under a law of nominal restitution `e`.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law.
+    e : array_like
+        Nominal coefficient of restitution.
+    basis : {"published", "realised"}
+        What `e` means; with "realised" it is returned as it is.
+
+    Returns
+    -------
+    ndarray
+        Shape of `e`; 1 for laws without damping, NaN where floors don't touch
+        and for a damped law whose relation is not known.
+
+    Raises
+    ------
+    LawError
+        `e` is not valid for the law on that basis, or the basis is unknown.
+
+    Examples
+    --------
+    >>> from pounding_sweep.contact.laws import get_law
+    >>> float(realised_restitution(get_law("hertz_damped"), 0.6).round(3))
+    0.756
+    """
+    check_basis(basis)
+    values = np.asarray(e, dtype=float)
+    if not law.takes_restitution:
+        return np.full(values.shape, 1.0 if law.has_contact else np.nan)
+    for value in (values.min(), values.max()) if values.size else ():
+        law.check_restitution(float(value), basis)
+    if basis == "realised" or law.impulsive:
+        return values.copy()
+    if law.relation not in RELATIONS:
+        return np.full(values.shape, np.nan)
+    number = damping_number(law, values) * law.relation_factor
+    damped = number > 0.0
+    found = RELATIONS[law.relation].restitution(np.where(damped, number, 1.0))
+    return np.asarray(np.where(damped, found, 1.0))

@@ -1,0 +1,93 @@
+"""Error of the peak force over contact stiffness and time step, with the statuses that warn of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.cube.variables import Status
+from pounding_sweep.errors import InputError
+from pounding_sweep.figures.style import styled, subplots
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+#: Mark of a status, and what it is called in the legend.
+_MARKS: dict[Status, tuple[dict[str, Any], str]] = {
+    Status.BEYOND_STABILITY_LIMIT: ({"marker": "x", "color": "0.35"}, "refused: beyond the stability limit"),
+    Status.UNDER_RESOLVED_CONTACT: ({"marker": ".", "color": "black"}, "under-resolved contact"),
+    Status.UNDER_RESOLVED_MOTION: ({"marker": "_", "color": "black"}, "under-resolved motion"),
+    Status.NEWTON_NOT_CONVERGED: ({"marker": "^", "color": "black"}, "implicit contact not solved"),
+    Status.DIVERGED: ({"marker": "D", "color": "#D55E00"}, "diverged"),
+}
+
+
+@styled
+def stability_map(cube: xr.Dataset) -> Figure:
+    """Draw a map of `pounding_sweep.accuracy.stability_map`: one panel per scheme and number format.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        ``peak_force_error`` and ``status`` on ``scheme``, ``stiffness`` and ``dt``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        The dataset is no such map.
+    """
+    from matplotlib.colors import LogNorm
+
+    for name in ("peak_force_error", "status", "scheme", "stiffness", "dt"):
+        if name not in cube.variables:
+            msg = f"figure 'stability-map' needs {name!r}; make its file with 'pounding-sweep extremes --map MAP.nc'"
+            raise InputError(msg)
+    schemes = cube.scheme.values.tolist()
+    columns = min(2, len(schemes))
+    rows = -(-len(schemes) // columns)
+    figure, axes = subplots(rows, columns, (1.2 + 3.4 * columns, 1.2 + 2.8 * rows))
+    edges = [_edges(cube[name].values) for name in ("dt", "stiffness")]
+    shown: dict[Status, Any] = {}
+    mesh = None
+    for number, scheme in enumerate(schemes):
+        ax = axes[number // columns, number % columns]
+        part = cube.sel(scheme=scheme).transpose("stiffness", "dt", ...)
+        error = np.clip(part.peak_force_error.values, 1e-8, 1.0)
+        mesh = ax.pcolormesh(*edges, error, norm=LogNorm(1e-8, 1.0), cmap="viridis_r")
+        for status, (look, label) in _MARKS.items():
+            i, j = np.nonzero(part.status.values == int(status))
+            if len(i):
+                dots = ax.scatter(
+                    cube.dt.values[j], cube.stiffness.values[i], s=14, linewidths=0.8, label=label, **look
+                )
+                shown.setdefault(status, dots)
+        ax.set(xscale="log", yscale="log", title=scheme)
+        ax.grid(visible=False)
+        if number // columns == rows - 1:
+            ax.set_xlabel("time step (s)")
+        if number % columns == 0:
+            ax.set_ylabel(f"contact stiffness ({cube.stiffness.attrs.get('units', '')})")
+    for ax in axes.ravel()[len(schemes) :]:
+        ax.set_visible(False)
+    if mesh is not None:
+        figure.colorbar(mesh, ax=axes, label="relative error of the peak contact force")
+    if shown:
+        figure.legend(handles=list(shown.values()), loc="outside lower center", ncols=2)
+    if "title" in cube.attrs:
+        figure.suptitle(str(cube.attrs["title"]), fontsize=9)
+    return figure
+
+
+def _edges(values: np.ndarray) -> np.ndarray:
+    """Edges of cells around values, halfway between their logarithms."""
+    logs = np.log(values)
+    if len(logs) == 1:
+        return np.asarray(values[0] * np.array([0.5, 2.0]))
+    middle = 0.5 * (logs[1:] + logs[:-1])
+    return np.exp(np.concatenate([[2.0 * logs[0] - middle[0]], middle, [2.0 * logs[-1] - middle[-1]]]))

@@ -1,0 +1,428 @@
+"""Accuracy asked for: what is chosen is measured against converged runs of scenarios that the calibration never saw."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from naive import NaiveBuilding, modal_exact, two_mass_impact
+
+import pounding_sweep as ps
+from pounding_sweep.accuracy import advice, calibrate
+from pounding_sweep.accuracy.advice import CLASSES, Curve, Measured, classes_of, load_measured, whole_steps
+from pounding_sweep.accuracy.measure import comparable, relative_error, relative_errors
+from pounding_sweep.accuracy.timescales import approach_speeds, elastic_duration, highest_frequency, shortest_contact
+from pounding_sweep.contact.laws import LAWS, get_law
+from pounding_sweep.cube.variables import VARIABLES, Status
+from pounding_sweep.errors import SweepError
+from pounding_sweep.records import Record, synthetic_record
+from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.sweep.plan import make_plan
+from pounding_sweep.sweep.spec import build_spec
+from pounding_sweep.sweep.stability import largest_step
+from pounding_sweep.sweep.sweep import Sweep
+
+OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
+
+
+def row():
+    """Three buildings of one storey with periods 0.63, 0.36 and 0.63 s."""
+    return Scene(
+        [Building("a", [100.0], [1.0e4]), Building("b", [80.0], [2.5e4]), Building("c", [120.0], [1.2e4])],
+        gaps=(0.01, 0.02),
+        contact=ContactProperties(linear_stiffness=2e5, hertz_stiffness=1e6, restitution=0.5),
+    )
+
+
+def motions():
+    return [
+        synthetic_record(501, duration=5.0, dt=0.02, pga=3.0, name="one"),
+        synthetic_record(502, duration=5.0, dt=0.01, pga=4.0, ground_frequency=8.0, name="two"),
+    ]
+
+
+AXES = {
+    "laws": ["linear", "hertz", "kelvin_voigt", "hertz_damped", "none"],
+    "gaps": [0.003, 0.006, 0.012, 0.02],
+    "stiffness_factors": [0.1, 1.0, 10.0],
+    "restitutions": [0.3, 0.7],
+    "outputs": OUTPUTS,
+}
+
+
+def make(**changes):
+    return Sweep(**{"scene": row(), "records": motions(), **AXES, **changes})
+
+
+def values_of(sweep):
+    """Results of the unique scenarios."""
+    sweep.run(scheduler="synchronous")
+    return sweep.last_outcome.values
+
+
+@pytest.fixture(scope="module")
+def converged():
+    """Unique scenarios at a tiny step, and which of them a change of 1e-9 alters visibly."""
+    exact = values_of(make(dt=2.5e-5, audit=0))
+    plain = values_of(make(dt=2e-4, audit=0))
+    contact = ContactProperties(2e5 * (1 + 1e-9), 1e6 * (1 + 1e-9), 0.5)
+    moved_row = dataclasses.replace(row(), contact=contact)
+    moved = values_of(make(scene=moved_row, gaps=[g * (1 + 1e-9) for g in AXES["gaps"]], dt=2e-4, audit=0))
+    change = np.max(list(relative_errors(OUTPUTS, moved, plain).values()), axis=0)
+    assert (exact["status"] == Status.OK).all()
+    assert np.max([e[change < 1e-6] for e in relative_errors(OUTPUTS, plain, exact).values()]) < 1e-5
+    return exact, change > 1e-4
+
+
+# -- the promise -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("accuracy", [1e-2, 1e-3, 1e-4, 1e-6])
+def test_what_is_asked_for_is_reached(converged, accuracy):
+    exact, sensitive = converged
+    sweep = make(accuracy=accuracy, audit=0)
+    found = values_of(sweep)
+    assert (found["status"] == Status.OK).all()
+    error = np.max(list(relative_errors(OUTPUTS, found, exact).values()), axis=0)
+    touched = np.isfinite(found["steps_per_contact"]) & ~sensitive
+    assert touched.sum() > 60
+    for part in (touched, ~touched & ~sensitive):
+        assert (error[part] <= accuracy).mean() >= 0.9, np.sort(error[part])[-10:]
+    # nor is it bought by far too small a step: for some scenario the error is within a factor of what was asked
+    assert error[touched].max() > 1e-3 * accuracy
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"method": "newmark", "accuracy": 1e-2},
+        {"method": "newmark", "accuracy": 1e-3},
+        {"precision": "float32", "accuracy": 1e-2},
+        {"precision": "float32", "accuracy": 1e-3},
+    ],
+    ids=lambda asked: " ".join(map(str, asked.values())),
+)
+def test_other_schemes_reach_it_too(converged, asked):
+    exact, sensitive = converged
+    found = values_of(make(**asked, audit=0))
+    assert (found["status"] == Status.OK).all()
+    error = np.max(list(relative_errors(OUTPUTS, found, exact).values()), axis=0)
+    assert (error[~sensitive] <= asked["accuracy"]).mean() >= 0.9, np.sort(error)[-20:]
+
+
+def test_smaller_errors_cost_more():
+    costs = []
+    for accuracy in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
+        plan = make(accuracy=accuracy).plan()
+        costs.append(plan.summary()["seconds"])
+        assert (plan.steps * 1.0 >= np.array([r.dt for r in motions()])[plan.unique.record] / plan.limit).all()
+    assert all(fine >= coarse for coarse, fine in pairwise(costs))
+    assert costs[2] > 1.5 * costs[0]
+    assert costs[4] > 1.5 * costs[2]
+
+
+def test_softer_contacts_take_larger_steps():
+    plan = make(accuracy=1e-3).plan()
+    for i, law in enumerate(plan.laws[:-1]):
+        mine = plan.unique.law == i
+        least = [plan.steps[mine & (plan.unique.stiffness == k)].max() for k in np.unique(plan.unique.stiffness[mine])]
+        assert least == sorted(least), law.key
+        assert least[-1] > least[0], law.key
+    assert len({chunk.steps for chunk in plan.chunks(np.arange(len(plan.unique)))}) > 2
+    for chunk in plan.chunks(np.arange(len(plan.unique))):
+        assert (plan.steps[chunk.rows] == chunk.steps).all()
+
+
+def test_the_cube_says_what_was_chosen(tmp_path):
+    out = tmp_path / "out.nc"
+    sweep = make(accuracy=1e-3, laws=["linear", "kelvin_voigt", "none"])
+    cube = sweep.run(out, scheduler="threads", workers=2)
+    plan = sweep.plan()
+    steps = np.array([r.dt for r in motions()])[plan.unique.record] / plan.steps
+    touched = ~np.isnan(cube["steps_per_contact"].values.ravel())
+    np.testing.assert_array_equal(cube["time_step"].values.ravel()[touched], steps[plan.inverse][touched])
+    # what never touches is the run without pounding, whose step may be larger
+    alone = cube["time_step"].sel(law="none")
+    assert (cube["time_step"].where(np.isnan(cube["steps_per_contact"])) <= alone.max()).any()
+    assert cube.attrs["accuracy"] == 1e-3
+    assert cube.attrs["method"] == "rk4"
+    assert "time_step" not in cube.attrs
+    said = cube.attrs["accuracy_choice"]
+    for part in (
+        "0.001",
+        "rk4",
+        "the cheapest",
+        "float64",
+        "steps per record interval",
+        "linear",
+        "newmark would cost",
+    ):
+        assert part in said
+    with ps.cube.write.open_cube(out) as stored:
+        assert stored["time_step"].attrs["units"] == "s"
+        np.testing.assert_array_equal(stored["time_step"], cube["time_step"])
+    assert json.loads(cube.attrs["sweep"])["accuracy"] == 1e-3
+
+
+def test_schedulers_and_chunks_make_no_difference(monkeypatch):
+    first = make(accuracy=1e-2).run(scheduler="synchronous")
+    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    second = make(accuracy=1e-2).run(scheduler="threads", workers=3)
+    for name in first.variables:
+        np.testing.assert_array_equal(first[name].values, second[name].values, err_msg=str(name))
+
+
+def test_long_records_of_undamped_buildings_take_smaller_steps():
+    """The period error of a step adds up over the record, which nothing forgets."""
+    undamped = Scene([Building(b.name, b.masses, b.stiffnesses, 0.0) for b in row().buildings], row().gaps)
+    found = []
+    for duration in (5.0, 500.0):
+        record = synthetic_record(7, duration=duration, dt=0.02)
+        found.append(int(Sweep(undamped, record, "none", accuracy=1e-4).plan().steps[0]))
+    assert found[1] > 1.5 * found[0]
+    # the promise holds there too
+    run = {"records": synthetic_record(7, duration=120.0, dt=0.02), "laws": "none", "outputs": ["displacement_max"]}
+    asked = Sweep(undamped, accuracy=1e-4, **run).run(scheduler="synchronous")
+    exact = Sweep(undamped, dt=5e-4, **run).run(scheduler="synchronous")
+    found = relative_error("displacement_max", *(c["displacement_max"].values.reshape(1, -1) for c in (asked, exact)))
+    assert found[0] < 1e-4
+
+
+def test_a_method_that_is_named_is_kept():
+    plan = make(accuracy=1e-3, method="newmark").plan()
+    assert plan.numerics.method == "newmark"
+    assert "as the sweep names it" in plan.choice
+    assert plan.steps.mean() > 2 * make(accuracy=1e-3).plan().steps.mean()
+
+
+def test_without_accuracy_nothing_is_chosen():
+    plan = make(dt=0.005).plan()
+    assert plan.choice == ""
+    assert plan.outputs == plan.spec.outputs
+    assert set(plan.steps.tolist()) == {4, 2}
+
+
+def test_simulate_reaches_it_too(converged):
+    exact, _ = converged
+    plan = make(dt=0.005).plan()
+    record = motions()[1]
+    one = ps.simulate(row().with_gaps([0.006, 0.006]), record, law="linear", stiffness=2e6, accuracy=1e-4)
+    i = int(np.flatnonzero((plan.unique.law == 0) & (plan.unique.record == 1) & (plan.unique.stiffness == 2e6))[1])
+    assert plan.unique.gaps[i].tolist() == [0.006, 0.006]
+    reference = {name: exact[name][i : i + 1] for name in OUTPUTS}
+    errors = relative_errors(OUTPUTS, {name: one[name].values[None] for name in OUTPUTS}, reference)
+    assert max(float(e[0]) for e in errors.values()) < 1e-4
+    assert "rk4" in one.attrs["accuracy_choice"]
+    assert one.attrs["time_step"] < 0.01
+    assert one.sizes["time"] == round(record.duration / one.attrs["time_step"]) + 1
+
+
+def test_simulate_allows_for_the_speed_at_the_start():
+    still = Record("still", 0.01, np.zeros(20))
+    steps = []
+    for speed in (0.01, 10.0):
+        spec = build_spec(scene=row(), records=still, laws="hertz", stiffnesses=1e8, accuracy=1e-4)
+        steps.append(int(make_plan(spec, initial_speed=speed).steps[0]))
+    assert steps[1] > 2 * steps[0]  # 1000 ** 0.2 = 4 times as short a contact
+
+
+# -- what is refused ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"locate": False}, "locate: accuracy was measured with located contacts only"),
+        ({"method": "newmark", "beta": 0.3}, "beta: accuracy was measured with beta = 0.25"),
+        ({"gamma": 0.6}, "gamma: accuracy was measured with gamma = 0.5"),
+        ({"dt": 1e-3}, "dt: accuracy chooses the step"),
+    ],
+)
+def test_what_was_not_measured_is_refused(change, message):
+    with pytest.raises(SweepError) as caught:
+        make(accuracy=1e-3, **change)
+    assert str(caught.value).startswith(message)
+
+
+def measured(**curves):
+    """Made-up measurements: the same curve for all but the given (method, law) pairs."""
+    usual = Curve((1.0, 10.0, 1000.0), (1e-1, 1e-3, 1e-7))
+    every = {
+        (method, "float64", law, kind): curves.get(f"{method}_{law}", usual)
+        for method in ("rk4", "newmark")
+        for law in LAWS
+        for kind in CLASSES
+    }
+    about = {"quantile": 0.95, "safety": 2.0}
+    return Measured(every, {("rk4", "float64"): 3.0, ("newmark", "float64"): 5.0}, about)
+
+
+def advised(monkeypatch, known, **changes):
+    monkeypatch.setattr(advice, "load_measured", lambda: known)
+    return make(**changes).plan()
+
+
+def test_the_cheaper_scheme_is_chosen(monkeypatch):
+    assert advised(monkeypatch, measured(), accuracy=1e-3).numerics.method == "rk4"
+    slow = Curve((1.0, 10.0, 1e6), (1e-1, 1e-2, 1e-7))
+    known = measured(rk4_linear=slow, rk4_hertz=slow, rk4_kelvin_voigt=slow, rk4_hertz_damped=slow, rk4_none=slow)
+    plan = advised(monkeypatch, known, accuracy=1e-3)
+    assert plan.numerics.method == "newmark"
+    assert "rk4 would cost" in plan.choice
+
+
+def test_a_scheme_that_does_not_reach_it_is_not_chosen(monkeypatch):
+    poor = Curve((1.0, 10.0), (1e-1, 1e-3))
+    plan = advised(monkeypatch, measured(rk4_linear=poor), accuracy=1e-4)
+    assert plan.numerics.method == "newmark"
+    with pytest.raises(
+        SweepError, match=r"0\.0001 was not reached.*rk4 reaches 0\.001 with law linear, newmark reaches 0\.001"
+    ):
+        advised(monkeypatch, measured(rk4_linear=poor, newmark_linear=poor), accuracy=1e-4)
+
+
+def test_a_law_that_was_not_measured(monkeypatch):
+    known = measured()
+    known.curves.pop(("rk4", "float64", "hertz", "contacts"))
+    with pytest.raises(SweepError, match=r"no errors of law 'hertz' with rk4.*accuracy\.calibrate"):
+        advised(monkeypatch, known, accuracy=1e-4)
+
+
+# -- what was measured -------------------------------------------------------------------------------------------------
+
+
+def test_every_law_was_measured():
+    known = load_measured()
+    for law in LAWS.values():
+        # a jump leaves floors at rest on each other, and how they rest depends on the step: lower order, other counts
+        finest = 1e-2 if law.impulsive else 1e-6
+        for kind in CLASSES:
+            double, single = (known.curves["rk4", precision, law.key, kind] for precision in ("float64", "float32"))
+            newmark = known.curves["newmark", "float64", law.key, kind]
+            assert double.needed(finest) < 200, (law.key, kind)
+            assert single.error[-1] > double.error[-1] or law.impulsive, (law.key, kind)
+            assert newmark.needed(1e-3) > double.needed(1e-3) or law.impulsive, (law.key, kind)
+    for precision in ("float64", "float32"):
+        assert 0.2 < known.cost["rk4", precision] / known.cost["newmark", precision] < 2.0
+
+
+def test_every_output_has_a_class():
+    names = [name for names in CLASSES.values() for name in names]
+    assert sorted(names) == sorted(comparable(VARIABLES))
+    assert classes_of(["impact_force_max", "drift_max", "status"]) == ("motions", "contacts")
+    assert classes_of(["status"]) == ("motions",)
+
+
+def test_calibration_measures_an_order(monkeypatch):
+    """A short calibration of one law finds the fourth order of RK4, and what it writes can be read."""
+    monkeypatch.setattr(calibrate, "SCENARIOS", 16)
+    monkeypatch.setattr(calibrate, "FEWEST", 8)
+    monkeypatch.setattr(calibrate, "OUTPUTS", tuple(OUTPUTS))
+    monkeypatch.setattr(calibrate, "scenes", lambda: (row(),))
+    law = get_law("kelvin_voigt")
+    cell = calibrate.Cell.draw(law, row(), calibrate.records()[0], seed=3)
+    monkeypatch.setattr(calibrate, "CLASSES", {"contacts": ("impact_force_max",)})
+    reference = cell.run("rk4", "float64", 128)
+    points = calibrate.curve(calibrate.lines(cell, ("rk4", "float64"), reference, np.arange(16))["contacts"])
+    known = Curve(*zip(*points, strict=True))
+    order = math.log(known.needed(1e-8) / known.needed(1e-6)) / math.log(100.0)
+    assert order == pytest.approx(1 / 4, abs=0.08)
+
+
+def test_written_measurements_can_be_read(tmp_path):
+    data = {
+        "about": {"quantile": 0.9},
+        "cost": {"rk4/float64": 2.5},
+        "errors": {
+            "rk4/float64": {"linear": {"motions": [[1.0, 0.1], [2.0, 0.01]]}, "none": {"motions": [[4.0, 1e-3]]}}
+        },
+    }
+    calibrate.write(data, tmp_path / "m.json")
+    text = (tmp_path / "m.json").read_text()
+    assert json.loads(text) == data
+    known = advice.read_measured(json.loads(text))
+    assert known.curves["rk4", "float64", "linear", "motions"] == Curve((1.0, 2.0), (0.1, 0.01))
+    assert known.cost == {("rk4", "float64"): 2.5}
+    # measuring one scheme again keeps the others
+    again = {"about": {"quantile": 0.95}, "cost": {"newmark/float64": 4.0}, "errors": {"newmark/float64": {}}}
+    both = calibrate.merged(data, again)
+    assert both["about"] == again["about"]
+    assert list(both["cost"]) == list(both["errors"]) == ["rk4/float64", "newmark/float64"]
+
+
+# -- the pieces --------------------------------------------------------------------------------------------------------
+
+
+def test_a_lucky_coarse_step_is_not_used():
+    uneven = Curve((1.0, 2.0, 4.0, 8.0), (1e-5, 1e-2, 1e-3, 1e-6))
+    assert uneven.needed(1e-4) > 4.0
+    assert uneven.needed(1e-7) == math.inf
+    assert uneven.needed(0.5) == 1.0
+
+
+@given(st.lists(st.floats(1e-3, 1e6), min_size=1, max_size=20))
+def test_whole_steps_are_enough_and_not_far_more(wanted):
+    found = whole_steps(np.array(wanted))
+    assert (found >= np.array(wanted) * (1 - 1e-6)).all()
+    assert (found <= np.maximum(1.0, np.array(wanted) * 1.5 + 1)).all()
+
+
+def test_there_are_few_numbers_of_steps():
+    assert len(set(whole_steps(np.linspace(1.0, 1000.0, 5000)).tolist())) <= 31
+
+
+@pytest.mark.parametrize(("law", "k"), [("linear", 2e5), ("hertz", 1e6)])
+def test_durations_are_those_of_two_masses(law, k):
+    for speed in (0.05, 0.8):
+        exact = two_mass_impact(law, k, 1.0, 100.0, 80.0, speed)["duration"]
+        found = elastic_duration(LAWS[law].exponent, np.array(k), np.array(100 * 80 / 180), np.array(speed))
+        assert float(found) == pytest.approx(exact, rel=1e-6)
+
+
+def test_the_shortest_contact_is_that_of_the_lightest_pair():
+    scene = Scene([Building("a", [100.0, 20.0], [1e4, 1e4]), Building("b", [80.0, 10.0], [1e4, 1e4])], [0.01])
+    k = np.array([1e5, 4e5])
+    found = shortest_contact(scene, get_law("linear"), k, np.ones(2), np.zeros((2, 1)))
+    np.testing.assert_allclose(found, math.pi * np.sqrt(20 * 10 / 30 / k))
+    strong = shortest_contact(scene, get_law("modified_kelvin"), k, np.full(2, 0.1), np.zeros((2, 1)))
+    np.testing.assert_allclose(strong, found / math.sqrt(1 + 3 * 0.9 / 0.2))
+    assert np.isinf(shortest_contact(scene, get_law("stereomechanical"), k, np.ones(2), np.zeros((2, 1)))).all()
+
+
+def test_speeds_are_those_of_the_first_modes():
+    record = synthetic_record(9, duration=4.0)
+    scene = Scene([Building("a", [100.0], [1.0e4]), Building("b", [80.0], [2.5e4]), Wall()], [0.01, 0.01])
+    velocities = [
+        modal_exact(NaiveBuilding(list(b.masses), list(b.stiffnesses)), record.acceleration, record.dt)[1][:, -1]
+        for b in scene.buildings
+    ]
+    expected = [np.abs(velocities[0] - velocities[1]).max(), np.abs(velocities[1]).max()]
+    np.testing.assert_allclose(approach_speeds(scene, record), expected, rtol=1e-9)
+
+
+def test_the_highest_frequency_bounds_the_step():
+    scene = row()
+    w = highest_frequency(scene)
+    assert w == pytest.approx(math.sqrt(2.5e4 / 80.0))
+    limit = largest_step(scene, get_law("none"), np.zeros(1), np.ones(1), method="rk4")
+    assert limit[0] == pytest.approx(2.615 / w, rel=0.01)
+
+
+def test_errors_of_one_range_share_their_scale():
+    up, down = np.array([[0.1, 0.2]]), np.array([[-1e-6, -2e-6]])
+    off = {"displacement_max": up, "displacement_min": down * 1.5}
+    found = relative_errors(list(off), off, {"displacement_max": up, "displacement_min": down})
+    assert found["displacement_min"][0] == pytest.approx(5e-6)
+    # an undamped contact takes in no work: its rounding errors are small beside what passed through it
+    values = {"contact_work": np.array([[3e-9]]), "impact_force_max": np.array([[100.0]])}
+    values["penetration_max"] = np.array([[0.01]])
+    found = relative_errors(list(values), values, {**values, "contact_work": np.array([[1e-9]])})
+    assert found["contact_work"][0] == pytest.approx(2e-9)
+    assert relative_error("contact_work", np.array([[3e-9]]), np.array([[1e-9]]))[0] == pytest.approx(2.0)

@@ -1,0 +1,422 @@
+"""The audit: what it reports is what a comparison by hand gives, and what it can't judge it says."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import warnings
+
+import netCDF4
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pounding_sweep.accuracy import advice, audit
+from pounding_sweep.accuracy.advice import CLASSES, Curve, Measured
+from pounding_sweep.accuracy.audit import GROUP, candidates, draw, sweep_cost
+from pounding_sweep.accuracy.measure import relative_error
+from pounding_sweep.contact.laws import LAWS, get_law
+from pounding_sweep.cube.audited import audit_sentence, audit_table
+from pounding_sweep.cube.describe import describe
+from pounding_sweep.cube.variables import Status, get_variable, reducers_for
+from pounding_sweep.cube.write import open_cube
+from pounding_sweep.records import Record, synthetic_record
+from pounding_sweep.scene import Building, ContactProperties, Scene
+from pounding_sweep.sweep.blocks import Numerics, RowKernel, variables_of
+from pounding_sweep.sweep.execute import Outcome
+from pounding_sweep.sweep.plan import make_plan
+from pounding_sweep.sweep.spec import build_spec
+from pounding_sweep.sweep.sweep import Sweep
+
+OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
+
+
+def row():
+    """Three buildings of one storey with periods 0.63, 0.36 and 0.63 s."""
+    return Scene(
+        [Building("a", [100.0], [1.0e4]), Building("b", [80.0], [2.5e4]), Building("c", [120.0], [1.2e4])],
+        gaps=(0.01, 0.02),
+        contact=ContactProperties(linear_stiffness=2e5, hertz_stiffness=1e6, restitution=0.5),
+    )
+
+
+def motions():
+    t = np.arange(150) * 0.02
+    return [
+        Record("one", 0.02, 3.0 * np.sin(7.0 * t) * np.exp(-0.3 * t)),
+        Record("two", 0.01, 2.0 * np.sin(5.5 * t)),
+    ]
+
+
+AXES = {
+    "laws": ["linear", "none", "kelvin_voigt"],
+    "gaps": [0.0005, 0.5, 0.002, 0.01, 0.02],
+    "stiffness_factors": [1.0, 0.5],
+    "restitutions": [0.3, 0.5, 0.7],
+    "dt": 0.005,
+    "outputs": OUTPUTS,
+}
+
+
+#: Several groups of lanes in the audit.
+LARGER = {"gaps": [0.0005, 0.5, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02], "audit": 1.0}
+
+
+def make(**changes):
+    return Sweep(**{"scene": row(), "records": motions(), **AXES, **changes})
+
+
+@pytest.fixture(scope="module")
+def audited():
+    """A sweep with several groups in its audit, its cube and what was found."""
+    sweep = make(**LARGER)
+    cube = sweep.run(scheduler="synchronous")
+    return sweep, cube
+
+
+# -- against a comparison by hand --------------------------------------------------------------------------------------
+
+
+def alone(cube, i, dt, change=0.0):
+    """The scenario of row `i` of an audit, by itself."""
+    record = next(r for r in motions() if r.name == str(cube["audit_record"][i].values))
+    law = get_law(str(cube["audit_law"][i].values))
+    kernel = RowKernel(row(), law, Numerics("rk4", dt), reducers_for(OUTPUTS), host=get_law("kelvin_voigt"))
+    raw = kernel.run(
+        record,
+        scale=np.array([float(cube["audit_scale"][i]) * (1 - change)]),
+        gaps=cube["audit_gap"].values[i : i + 1] * (1 + change),
+        stiffness=np.array([float(cube["audit_stiffness"][i]) * (1 + change)]),
+        restitution=np.array([float(cube["audit_restitution"][i])]),
+    )
+    return variables_of(kernel, raw, tuple(OUTPUTS), record)
+
+
+def test_errors_are_those_of_a_comparison_by_hand(audited):
+    _, cube = audited
+    assert cube.sizes["audit"] > GROUP
+    assert {str(name) for name in cube["audit_law"].values} == {"linear", "kelvin_voigt"}
+    for i in range(cube.sizes["audit"]):
+        dt = float(cube["audit_time_step"][i])
+        assert dt == 0.005
+        own, fine, moved = alone(cube, i, dt), alone(cube, i, dt / 2), alone(cube, i, dt / 2, 1e-9)
+        both = np.maximum(np.nanmax(np.abs(fine["displacement_max"])), np.nanmax(np.abs(fine["displacement_min"])))
+        for j, name in enumerate(cube["output"].values):
+            scale = np.array([both]) if str(name).startswith("displacement") else None
+            found = cube["audit_error"].values[i, j]
+            assert found == relative_error(str(name), own[str(name)], fine[str(name)], scale)[0], (i, name)
+            found = cube["audit_sensitivity"].values[i, j]
+            assert found == relative_error(str(name), moved[str(name)], fine[str(name)], scale)[0], (i, name)
+
+
+def test_a_row_is_a_scenario_of_the_sweep(audited):
+    sweep, cube = audited
+    plan = sweep.plan()
+    rows = sweep.last_audit.rows
+    assert len(set(rows.tolist())) == len(rows)
+    np.testing.assert_array_equal(plan.unique.gaps[rows], cube["audit_gap"].values)
+    np.testing.assert_array_equal(plan.unique.restitution[rows], cube["audit_restitution"].values)
+    touched = sweep.last_outcome.values["steps_per_contact"][rows]
+    assert np.isfinite(touched).all()
+    assert (cube["audit_status"] == Status.OK).all()
+    for name in OUTPUTS:
+        column = cube["audit_error"].sel(output=name).where(cube["audit_sensitive"] == 0)
+        assert cube[name].attrs["audit_error_max"] == float(column.max())
+        assert cube[name].attrs["audit_error_median"] == float(column.median())
+
+
+def test_the_audit_is_the_same_whoever_runs_it(audited, monkeypatch):
+    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    _, cube = audited
+    again = make(**LARGER).run(scheduler="threads", workers=3)
+    for name in cube.variables:
+        np.testing.assert_array_equal(cube[name].values, again[name].values, err_msg=str(name))
+    other = make(**LARGER, title="another").run(scheduler="synchronous")
+    assert not all(np.array_equal(cube[f"audit_{n}"], other[f"audit_{n}"]) for n in ("law", "stiffness", "restitution"))
+
+
+# -- its cost ----------------------------------------------------------------------------------------------------------
+
+
+def plan_of(n_gaps, share, **changes):
+    gaps = np.linspace(0.001, 0.02, n_gaps).tolist()
+    return make_plan(
+        build_spec(**{"scene": row(), "records": motions(), **AXES, "gaps": gaps, "audit": share, **changes})
+    )
+
+
+def lane_steps(plan, samples):
+    """Lanes times steps, by hand: 16 lanes at half the step, filled or not."""
+    points = {0: 149, 1: 149}
+    return sum(16 * 2 * plan.steps[s.rows[0]] * points[int(plan.unique.record[s.rows[0]])] for s in samples)
+
+
+@pytest.mark.parametrize("accuracy", [None, 1e-3])
+@pytest.mark.parametrize("n_gaps", [60, 400])
+def test_it_costs_less_than_its_share(n_gaps, accuracy):
+    change = {"accuracy": accuracy, "dt": None} if accuracy else {}
+    plan = plan_of(n_gaps, 0.05, **change)
+    rows = np.flatnonzero(~plan.no_contact)
+    assert len(rows) >= 700
+    samples = draw(plan, rows)
+    whole = sum(int(plan.steps[i]) * 149 for i in rows)
+    assert whole == sweep_cost(plan, rows)
+    assert lane_steps(plan, samples) == sum(s.cost(plan) for s in samples) <= 0.05 * whole
+    assert len(samples) >= (1 if n_gaps == 60 else 4)
+
+
+@settings(max_examples=40, deadline=None)
+@given(share=st.floats(0.0, 1.0), n=st.integers(0, 150), seed=st.integers(0, 2**31))
+def test_groups_are_drawn_fairly(share, n, seed):
+    plan = plan_of(30, share, title=str(seed))
+    every = np.flatnonzero(~plan.no_contact)
+    rows = np.sort(np.random.default_rng(seed).permutation(every)[:n])
+    samples = draw(plan, rows)
+    assert [s.rows.tolist() for s in draw(plan, rows)] == [s.rows.tolist() for s in samples]
+    taken = np.concatenate([s.rows for s in samples]) if samples else np.zeros(0, int)
+    assert len(set(taken.tolist())) == len(taken) <= max(1, n // 2)
+    assert set(taken.tolist()) <= set(rows.tolist())
+    assert bool(samples) == (n > 0 and share > 0.0)
+    for s in samples:
+        assert 1 <= len(s.rows) <= GROUP
+        assert set(plan.unique.law[s.rows]) == {s.law}
+        assert set(plan.unique.record[s.rows]) == {s.record}
+    if len(samples) > 1:
+        assert sum(s.cost(plan) for s in samples) <= share * sweep_cost(plan, rows)
+
+
+def test_large_cells_are_drawn_more_often():
+    found = []
+    for seed in range(60):
+        plan = plan_of(40, 0.01, title=f"draw {seed}", restitutions=[0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
+        found += [plan.laws[s.law].key for s in draw(plan, np.flatnonzero(~plan.no_contact))]
+    share = found.count("kelvin_voigt") / len(found)
+    assert 0.7 < share < 0.98  # six of seven scenarios are of that law
+
+
+def test_no_share_leaves_no_trace(audited):
+    cube = make(**{**LARGER, "audit": 0}).run(scheduler="synchronous")
+    assert not {"audit", "output"} & set(cube.dims)
+    assert not [name for name in cube.variables if str(name).startswith("audit")]
+    assert not [name for name in cube.attrs if "audit" in name]
+    assert not [name for variable in cube.variables.values() for name in variable.attrs if "audit" in name]
+    assert audit_table(cube) == []
+    assert audit_sentence(cube) == ""
+    assert "Audit" not in describe(cube)
+    for name in cube.data_vars:
+        np.testing.assert_array_equal(cube[name].values, audited[1][name].values)
+
+
+# -- what it can't judge, and what it finds ----------------------------------------------------------------------------
+
+
+def chaotic(duration):
+    """Lightly damped buildings side by side: every hard impact magnifies what differs, the more the longer it lasts."""
+    buildings = [Building(b.name, b.masses, b.stiffnesses, 0.01) for b in row().buildings]
+    return Sweep(
+        Scene(buildings, row().gaps, row().contact),
+        synthetic_record(3, duration=duration, dt=0.02, pga=6.0),
+        ["linear", "kelvin_voigt"],
+        gaps=[1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 2e-2],
+        stiffness_factors=[1.0, 10.0],
+        restitutions=[0.9],
+        dt=1e-3,
+        outputs=OUTPUTS,
+        audit=1.0,
+    )
+
+
+def test_sensitive_scenarios_are_told_apart():
+    for duration in (16.0, 12.0, 20.0, 24.0):
+        sweep = chaotic(duration)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
+            cube = sweep.run(scheduler="synchronous")
+        flags = cube["audit_sensitive"].values.astype(bool)
+        if flags.any() and not flags.all():
+            break
+    else:
+        pytest.fail("no scenario of this row is sensitive any more: look for others")
+    large = cube["audit_sensitivity"].max("output").values > 1e-4
+    assert (flags >= large).all()
+    # the same scenarios differ visibly from half the step too
+    assert cube["audit_error"].sel(output="impact_force_max").values[flags].max() > 1e-3
+    # they are told, and are in no average
+    table = {item["output"]: item for item in audit_table(cube)}
+    item = table["impact_force_max"]
+    assert (item["sensitive"], item["scenarios"]) == (int(flags.sum()), int((~flags).sum()))
+    steady = cube["audit_error"].sel(output="impact_force_max").values[~flags]
+    assert item["error_max"] == float(steady.max()) == cube["impact_force_max"].attrs["audit_error_max"]
+    assert f"{int(flags.sum())} of them sensitive" in audit_sentence(cube)
+    assert "sensitive ones up to" in describe(cube)
+    assert not (sweep.last_audit.exceeding & flags).any()
+
+
+def lying(monkeypatch):
+    """Measurements that promise everything for the coarsest steps."""
+    curve = Curve((0.5, 1.0), (1e-9, 1e-12))
+    keys = [(m, "float64", law, kind) for m in ("rk4", "newmark") for law in LAWS for kind in CLASSES]
+    known = Measured(dict.fromkeys(keys, curve), {("rk4", "float64"): 1.0, ("newmark", "float64"): 9.0}, ABOUT)
+    monkeypatch.setattr(advice, "load_measured", lambda: known)
+
+
+ABOUT = {"quantile": 0.95, "safety": 1.0}
+
+
+def test_a_broken_promise_is_told(monkeypatch):
+    lying(monkeypatch)
+    sweep = make(accuracy=1e-6, dt=None, audit=0.5)
+    with pytest.warns(
+        RuntimeWarning, match=r"status ok whose error is beyond the 1e-06 asked for.*smaller accuracy"
+    ) as said:
+        cube = sweep.run(scheduler="synchronous")
+    assert len([w for w in said if "audit" in str(w.message)]) == 1
+    bad = sweep.last_audit.exceeding
+    assert bad.any()
+    assert (cube["audit_error"].values[bad].max(axis=1) > 1e-6).all()
+
+
+def fabricated(error, sensitive=(False, False), status=(Status.OK, Status.OK), accuracy=None):
+    found = audit.Audit(
+        rows=np.array([1, 2]),
+        outputs=("impact_force_max", "drift_max"),
+        error=np.array(error),
+        sensitivity=np.zeros((2, 2)),
+        status=np.array(status),
+        sensitive=np.array(sensitive),
+        touching=9,
+        share=0.04,
+        tolerance=accuracy or audit.TOLERANCE,
+    )
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        audit._warn(make(accuracy=accuracy, dt=None).plan(), found)
+    return [str(w.message) for w in said]
+
+
+def test_when_a_warning_is_given():
+    small, large = [0.01, 0.04], [0.01, 0.06]
+    assert fabricated([small, small]) == []
+    (text,) = fabricated([small, large])
+    assert "found 1 with status ok whose error is beyond 5%, the worst 0.06 in drift_max; use a smaller dt" in text
+    assert fabricated([small, large], sensitive=(False, True)) == []
+    assert fabricated([small, large], status=(Status.OK, Status.UNDER_RESOLVED_CONTACT)) == []
+    (text,) = fabricated([small, large], accuracy=1e-2)
+    assert "found 2 with status ok" in text
+    (text,) = fabricated([[np.inf, 0.0], small])
+    assert "the worst inf in impact_force_max" in text
+
+
+def test_an_audit_that_can_not_run_costs_no_sweep(monkeypatch):
+    true_run = RowKernel.run
+
+    def run(self, record, **arguments):
+        if self.numerics.dt < 0.005:
+            msg = "the machine is on fire"
+            raise MemoryError(msg)
+        return true_run(self, record, **arguments)
+
+    monkeypatch.setattr(RowKernel, "run", run)
+    with pytest.warns(RuntimeWarning, match="the audit has no result: MemoryError: the machine"):
+        cube = make().run(scheduler="synchronous")
+    assert (cube["status"] == Status.OK).all()
+    assert "audit" not in cube.dims
+
+
+# -- kinds of sweeps ---------------------------------------------------------------------------------------------------
+
+
+def test_nothing_to_audit():
+    single = Scene([Building("a", [100.0], [1e4])])
+    for sweep in (
+        Sweep(single, motions()[1], "none", dt=0.005, outputs=["displacement_max"]),
+        make(laws="none"),
+        make(gaps=[0.5]),
+        make(outputs=["steps_per_contact"]),
+    ):
+        cube = sweep.run(scheduler="synchronous")
+        assert sweep.last_audit is None
+        assert "audit" not in cube.dims
+
+
+def test_listed_cases():
+    cases = [
+        {"law": "kelvin_voigt", "gap": (g, 2 * g), "record": r} for g in (0.002, 0.004, 0.5) for r in ("one", "two")
+    ]
+    sweep = Sweep(row(), motions(), cases=cases, dt=0.005, outputs=OUTPUTS)
+    cube = sweep.run(scheduler="synchronous")
+    assert cube.sizes["audit"] == 2  # half of the touching four, of one record
+    assert cube["audit_gap"].values[:, 1].tolist() == (2 * cube["audit_gap"].values[:, 0]).tolist()
+
+
+def test_one_touching_scenario():
+    sweep = make(laws="linear", gaps=[0.002], stiffness_factors=None, records=motions()[0])
+    cube = sweep.run(scheduler="synchronous")
+    assert cube.sizes["audit"] == 1
+    assert cube.attrs["audit_touching"] == 1
+
+
+def test_the_file_holds_it(audited, tmp_path):
+    sweep = make()
+    out = tmp_path / "out.nc"
+    cube = sweep.run(out, scheduler="synchronous")
+    with open_cube(out) as stored:
+        for name in cube.variables:
+            np.testing.assert_array_equal(stored[name].values, cube[name].values, err_msg=str(name))
+        text = describe(stored.load())
+        assert audit_table(stored) == audit_table(cube)
+    assert "Audit: relative error, by the difference to half the step" in text
+    assert audit_sentence(cube) in text
+    axes = text.partition("Scenario axes")[2].partition("\n\n")[0]
+    assert "audit" not in axes
+    with netCDF4.Dataset(out) as file:
+        flag = file["audit_sensitive"]
+        assert flag.dtype == np.int8
+        assert flag.flag_meanings == "steady sensitive"
+        assert file["audit_error"].units == "1"
+        assert file["audit_gap"].units == "m"
+        assert file["audit_status"].flag_meanings == file["status"].flag_meanings
+        for name in ("audit", "output", "audit_law", "audit_gap", "audit_time_step"):
+            assert "_FillValue" not in file[name].ncattrs(), name
+        assert file["impact_force_max"].audit_error_max == cube["impact_force_max"].attrs["audit_error_max"]
+    json.dumps(audit_table(cube), allow_nan=False)
+
+
+def test_an_infinite_error_is_no_number_in_a_table(audited):
+    cube = audited[1].copy(deep=True)
+    cube["audit_error"][0, 0] = np.inf
+    cube["audit_sensitive"][:] = 0
+    item = audit_table(cube)[0]
+    assert item["error_max"] is None
+    assert item["error_median"] is not None
+    cube["audit_sensitive"][:] = 1
+    assert audit_table(cube)[1]["error_max"] is None
+    assert audit_table(cube)[1]["error_max_sensitive"] is not None
+
+
+def test_refused_and_untouched_scenarios_are_no_candidates():
+    sweep = make(stiffness_factors=[1.0, 1e3])
+    cube = sweep.run(scheduler="synchronous")
+    plan, outcome = sweep.plan(), sweep.last_outcome
+    rows = candidates(plan, outcome)
+    assert not plan.refused[rows].any()
+    assert not plan.no_contact[rows].any()
+    assert len(rows) == cube.attrs["audit_touching"] == np.isfinite(outcome.values["steps_per_contact"]).sum()
+    none = dataclasses.replace(outcome, values={name: values.copy() for name, values in outcome.values.items()})
+    none.values["status"][:] = Status.NOT_RUN
+    assert not len(candidates(plan, none))
+    assert not len(candidates(plan, Outcome(outcome.values)))  # nothing was run
+    assert get_variable("steps_per_contact").always  # which candidates are known by
+
+
+def test_velocity_jumps_are_audited():
+    """They have no contact that lasts, and so no steps in it."""
+    sweep = make(
+        laws="stereomechanical", gaps=[0.002, 0.02, 0.5], stiffness_factors=None, records=motions()[0], dt=1e-3
+    )
+    cube = sweep.run(scheduler="synchronous")
+    assert np.isnan(cube["steps_per_contact"]).all()
+    assert cube["impact_count"].max() > 0
+    assert 0 < cube.sizes["audit"] <= 3
+    assert (cube["audit_gap"] < 0.5).all()

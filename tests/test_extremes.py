@@ -1,0 +1,514 @@
+"""The stability suite: every family in both schemes, the judge itself, and the rules that a status follows."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+from naive import NaiveBuilding, modal_exact
+from typer.testing import CliRunner
+
+import pounding_sweep as ps
+from pounding_sweep.accuracy import extremes as suite
+from pounding_sweep.accuracy import judge as the_judge
+from pounding_sweep.accuracy.batches import OUTPUTS, kernel_of, run_batch, stable_step, take
+from pounding_sweep.accuracy.extreme_families import FAMILIES, beside_wall, earthquake, family_batches, make_batch, pair
+from pounding_sweep.accuracy.extremes import run_extremes, run_judged
+from pounding_sweep.accuracy.judge import judge, make_reference, peak_error, peaks_of, sensitive_rows
+from pounding_sweep.accuracy.random_scenes import random_batches
+from pounding_sweep.accuracy.stability_map import SCHEMES, stability_map
+from pounding_sweep.contact.laws import LAWS
+from pounding_sweep.cube.variables import OK_CLAIM, Status
+from pounding_sweep.cube.write import open_cube, write_cube
+from pounding_sweep.errors import InputError, StabilityError
+from pounding_sweep.figures import plot
+from pounding_sweep.sweep.blocks import Numerics, variables_of
+from pounding_sweep.sweep.resolution import (
+    MAX_PHASE_ERROR,
+    displacement_limit,
+    energy_limit,
+    loses_ground,
+    phase_error,
+)
+
+#: One law whose force jumps at the touch, one that divides by the approach speed.
+FAST_LAWS = ("kelvin_voigt", "hertz_damped")
+CONTACT_LAWS = tuple(key for key, law in LAWS.items() if law.has_contact)
+
+
+def by_family(found):
+    return {(r.family, r.method): r for r in found.results}
+
+
+# --- the suite ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fast():
+    return run_extremes(160, seed=11, laws=FAST_LAWS, workers=2)
+
+
+def test_no_scenario_fails_a_demand(fast):
+    assert fast.faults == []
+
+
+def test_every_family_is_run_in_both_schemes_and_has_resolved_scenarios(fast):
+    found = by_family(fast)
+    assert set(found) == {(family, method) for family in (*FAMILIES, "random") for method in suite.METHODS}
+    for result in found.values():
+        assert result.statuses.total() == result.scenarios > 0
+        assert result.statuses["ok"] > 0
+
+
+def test_what_is_ok_is_judged_against_a_reference(fast):
+    """Else nothing would be demanded of it."""
+    ok = sum(r.statuses["ok"] for r in fast.results)
+    unknown = sum(r.unknown for r in fast.results)
+    sensitive = sum(r.sensitive for r in fast.results if r.family != "grazing")
+    assert unknown <= 0.01 * ok
+    assert sensitive <= 0.02 * ok
+    assert 1e-4 < max(r.error for r in fast.results) <= OK_CLAIM
+
+
+def test_the_suite_reaches_the_ends(fast):
+    """Stiffness and step are extreme only if they are too much for one scheme or the other."""
+    found = by_family(fast)
+    for family in ("stiffness", "mass ratio", "step", "random"):
+        assert found[family, "rk4"].statuses["beyond_stability_limit"] > 0
+        assert found[family, "newmark"].statuses["under_resolved_contact"] > 0
+        assert found[family, "newmark"].statuses["beyond_stability_limit"] == 0  # it has no limit
+    assert found["period", "newmark"].statuses["under_resolved_motion"] > 0
+    assert found["grazing", "rk4"].sensitive > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("keys", [CONTACT_LAWS[:4], CONTACT_LAWS[4:8], CONTACT_LAWS[8:]], ids=lambda k: k[0])
+def test_thousands_of_scenes_under_every_law(keys):
+    found = run_extremes(1600, seed=5, laws=keys, families=["random"], workers=2)
+    assert found.faults == []
+
+
+def test_the_same_seed_gives_the_same_scenes():
+    laws = [LAWS["linear"]]
+    one, two = (random_batches(20, 3, laws) for _ in range(2))
+    other = random_batches(20, 4, laws)
+    assert [len(b) for b in one] == [16, 16]
+    for a, b, c in zip(one, two, other, strict=True):
+        np.testing.assert_array_equal(a.gaps, b.gaps)
+        assert (a.scene, a.record) == (b.scene, b.record)
+        assert not np.array_equal(a.gaps, c.gaps)
+
+
+def test_laws_share_the_slow_kernels_of_their_exponent():
+    laws = [LAWS[key] for key in ("linear", "kelvin_voigt", "hertz")]
+    assert {b.law.key for b in family_batches(["row"], laws)} == {"linear", "hertz"}
+    assert {b.law.key for b in family_batches(["gap"], laws)} == {"linear", "kelvin_voigt", "hertz"}
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"laws": ["none"]}, "no law with contact"),
+        ({"laws": ["kelvin"]}, "did you mean 'kelvin_voigt'"),
+        ({"families": ["gaps"]}, "did you mean 'gap'"),
+        ({"seed": -1}, "must not be negative"),
+        ({"scenes": -1}, "must not be negative"),
+    ],
+)
+def test_wrong_arguments_are_refused(more, message):
+    with pytest.raises(InputError, match=message):
+        run_extremes(**{"scenes": 0, **more})
+
+
+# --- the judge can fail -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def honest():
+    """A batch with its run and its reference: ok, under-resolved and refused scenarios."""
+    law = LAWS["kelvin_voigt"]
+    batch = make_batch("lie", "", pair(), law, earthquake(), stiffness=[1e5, 1e7, 1e12], steps=(1e-3,))
+    found = run_batch(batch, "rk4", 1e-3)
+    assert found["status"].tolist() == [Status.OK, Status.OK, Status.BEYOND_STABILITY_LIMIT]
+    reference = make_reference(batch, found["status"] == Status.OK, np.full(3, 1e-2))
+    return batch, found, reference
+
+
+def verdict(honest, seconds=0.0, **lies):
+    batch, found, reference = honest
+    return judge(batch, "rk4", 1e-3, {**found, **lies}, reference, seconds=seconds)
+
+
+def changed(values, row, change):
+    copy = np.array(values)
+    copy[row] = change(copy[row])
+    return copy
+
+
+def test_an_honest_run_passes(honest):
+    told = verdict(honest)
+    assert told.faults == []
+    assert not told.unknown.any()
+    assert np.isfinite(told.error[:2]).all()
+    assert np.isnan(told.error[2])
+
+
+@pytest.mark.parametrize("name", ["impact_force_max", "penetration_max", "displacement_max", "displacement_min"])
+def test_a_wrong_peak_is_found(honest, name):
+    told = verdict(honest, **{name: changed(honest[1][name], 1, lambda x: x * (1.0 + 2.0 * OK_CLAIM))})
+    if name.startswith("displacement"):  # judged against the larger of the two
+        told = verdict(
+            honest, **{n: honest[1][n] * (1.0 + 2.0 * OK_CLAIM) for n in ("displacement_max", "displacement_min")}
+        )
+    assert any("off by" in text for _, text in told.faults)
+
+
+def test_a_wrong_peak_of_an_unresolved_scenario_is_not_a_fault(honest):
+    status = changed(honest[1]["status"], 1, lambda _: Status.UNDER_RESOLVED_CONTACT)
+    force = changed(honest[1]["impact_force_max"], 1, lambda x: 3.0 * x)
+    assert verdict(honest, status=status, impact_force_max=force).faults == []
+
+
+def test_values_without_a_result_are_found(honest):
+    told = verdict(honest, status=changed(honest[1]["status"], 0, lambda _: Status.DIVERGED))
+    assert told.faults == [(0, "has no result by its status, but finite values")]
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_numbers_that_are_not_finite_are_found(honest, bad):
+    told = verdict(honest, energy_damping=changed(honest[1]["energy_damping"], 0, lambda x: x * bad))
+    assert told.faults == [(0, "has values that are not finite")]
+
+
+def test_created_energy_is_found(honest):
+    told = verdict(honest, contact_work=changed(honest[1]["contact_work"], 0, lambda x: -x))
+    assert [row for row, text in told.faults if "created energy" in text] == [0]
+
+
+def test_impossible_motion_is_found_whatever_the_status(honest):
+    batch, found, _ = honest
+    limit = displacement_limit(batch.scene, 1.2 * energy_limit(batch.scene, batch.record, batch.scale))[0, 0]
+    told = verdict(
+        honest,
+        status=changed(found["status"], 0, lambda _: Status.UNDER_RESOLVED_CONTACT),
+        displacement_max=changed(found["displacement_max"], 0, lambda x: np.where(x == x[0, 0], limit, x)),
+    )
+    assert told.faults == [(0, "holds 1.2 times the energy that can have come in")]
+
+
+def test_an_implicit_scheme_may_not_diverge(honest):
+    batch, found, reference = honest
+    lost = {name: np.full(np.shape(values), np.nan) for name, values in found.items()}
+    lost["status"] = np.full(3, Status.DIVERGED)
+    assert judge(batch, "rk4", 1e-3, lost, reference).faults == []
+    told = judge(batch, "newmark", 1e-3, lost, reference)
+    assert told.faults == [(row, "diverged, though its contact is implicit") for row in range(3)]
+
+
+def test_slowness_is_found(honest):
+    assert verdict(honest, seconds=the_judge.TIME_LIMIT + 1.0).faults == [(0, "took 61 s")]
+
+
+def test_an_ok_scenario_without_reference_is_counted(honest):
+    batch, found, reference = honest
+    none = replace(reference, known=np.zeros(3, bool))
+    assert judge(batch, "rk4", 1e-3, found, none).unknown.tolist() == [True, True, False]
+
+
+def test_grazing_is_sensitive_and_a_plain_impact_is_not():
+    law = LAWS["linear"]
+    alone = make_batch("", "", beside_wall(), law, earthquake(), gaps=9.0, steps=(1e-3,))
+    reach = float(np.nanmax(run_batch(alone, "rk4", 1e-4)["displacement_max"]))
+    batch = make_batch("", "", beside_wall(), law, earthquake(), gaps=[reach * (1 - 1e-9), 0.3 * reach], steps=(1e-3,))
+    reference = make_reference(batch, np.ones(2, bool), np.full(2, 1e-2))
+    assert reference.known.all()
+    assert sensitive_rows(batch, reference, np.arange(2)).tolist() == [True, False]
+
+
+def test_a_reference_that_does_not_converge_is_not_known(monkeypatch):
+    monkeypatch.setattr(the_judge, "REFERENCE_STEPS", 10)
+    batch = make_batch("", "", beside_wall(), LAWS["linear"], earthquake(), steps=(1e-3,))
+    reference = make_reference(batch, np.ones(1, bool), np.full(1, 1e-2))
+    assert not reference.known.any()
+    assert np.isnan(reference.peaks["impact_force_max"]).all()
+
+
+def test_the_energy_limit_is_reached_by_a_steady_push():
+    """A mass that nothing holds takes exactly M (a t)^2 / 2."""
+    free = ps.Scene([ps.Building("free", [50.0], [1e-6], 0.0), ps.Wall()], [1e3])
+    push = ps.Record("push", 0.01, np.full(101, 2.0))
+    batch = make_batch("", "", free, LAWS["linear"], push, gaps=1e3, scale=[1.0, 3.0])
+    found = run_batch(batch, "rk4", 1e-2)
+    held = (found["energy_kinetic"] + found["energy_strain"]).sum(axis=1)
+    limit = energy_limit(free, push, batch.scale)
+    np.testing.assert_allclose(held, limit, rtol=1e-8)
+    np.testing.assert_allclose(limit, 0.5 * 50.0 * np.array([2.0, 6.0]) ** 2, rtol=1e-12)
+    assert energy_limit(free, push, np.zeros(1), [4.0])[0] == pytest.approx(0.5 * 50.0 * 4.0**2)
+
+
+def test_the_displacement_limit_is_reached_by_a_swing():
+    """A building that is let go with all its energy in one floor: the whole of it bends the storeys once."""
+    one = ps.Building("one", [30.0], [500.0], 0.0)
+    scene = ps.Scene([one])
+    quiet = ps.Record("quiet", 0.01, np.zeros(301))
+    got = ps.simulate(scene, quiet, initial_velocity=[[1.5]])
+    limit = displacement_limit(scene, energy_limit(scene, quiet, np.ones(1), [1.5]))
+    assert float(got.displacement_max[0, 0]) == pytest.approx(limit[0, 0], rel=1e-8)
+
+
+# --- stability ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("law", FAST_LAWS)
+def test_rk4_beyond_its_limit_is_refused_with_the_largest_step(law):
+    scene = replace(pair(), contact=ps.ContactProperties(1e9, 1e9, 0.6))
+    coarse = ps.Record("coarse", 0.1, np.sin(np.arange(21.0)))
+    with pytest.raises(StabilityError, match="beyond the stability limit of rk4") as caught:
+        ps.simulate(scene, coarse, law=law, stiffness=1e9, restitution=0.6, method="rk4", dt=0.1)
+    largest = float(str(caught.value).split("give dt <= ")[1].split(" s")[0])
+    limit = float(stable_step(make_batch("", "", scene, LAWS[law], coarse, stiffness=1e9), "rk4")[0])
+    assert largest == pytest.approx(limit, rel=1e-5)
+    one = ps.simulate(scene, coarse, law=law, stiffness=1e9, restitution=0.6, method="rk4", dt=largest * (1 - 1e-5))
+    assert int(one.status) in (Status.OK, Status.UNDER_RESOLVED_CONTACT, Status.UNDER_RESOLVED_MOTION)
+
+
+def test_a_sweep_gives_a_refused_scenario_its_status():
+    sweep = ps.Sweep(pair(), records=[earthquake()], laws=["linear"], stiffnesses=[1e5, 1e12], method="rk4", dt=1e-3)
+    cube = sweep.run(None, scheduler="synchronous")
+    assert cube.status.values.ravel().tolist() == [Status.OK, Status.BEYOND_STABILITY_LIMIT]
+    assert np.isfinite(cube.impact_force_max.isel(stiffness=0)).all()
+    assert np.isnan(cube.impact_force_max.isel(stiffness=1)).all()
+
+
+@pytest.mark.parametrize(
+    ("law", "dt"),
+    [
+        ("kelvin_voigt", 0.5),
+        ("kelvin_voigt", 0.05),
+        ("kelvin_voigt", 5e-3),
+        ("hertz_damped", 0.5),
+        ("hertz_damped", 0.05),
+        ("hertz_damped", 5e-3),
+    ],
+)
+def test_newmark_stays_bounded_at_any_step(law, dt):
+    """In twelve decades of stiffness no scenario holds more energy than the ground can have brought in."""
+    motion = ps.Record("slow", 0.5, 3.0 * np.sin(np.arange(81) * 1.7))
+    stiffness = list(np.logspace(1, 12, 12))
+    batch = make_batch("", "", pair(), LAWS[law], motion, stiffness=stiffness, gaps=[0.0, 1e-3], steps=(dt,))
+    nothing = make_reference(batch, np.zeros(24, bool), np.ones(24))
+    told = judge(batch, "newmark", dt, run_batch(batch, "newmark", dt), nothing)
+    assert told.faults == []
+    assert 0.0 < told.energy.max() < 1.0
+
+
+def test_touches_from_both_sides_at_once_leave_the_middle_at_rest():
+    (batch,) = family_batches(["together"], [LAWS["kelvin_voigt"]])
+    ok = np.zeros(len(batch), bool)
+    for method in suite.METHODS:
+        found = run_batch(batch, method, 2e-4)
+        ok |= found["status"] == Status.OK
+        fine = np.flatnonzero(found["status"] == Status.OK)
+        force = found["impact_force_max"][fine]
+        np.testing.assert_allclose(force[:, 0], force[:, 1], rtol=1e-6)
+        outer = np.abs(found["displacement_max"][fine, 0]).max()
+        assert np.abs(found["displacement_max"][fine, 1]).max() < 1e-6 * outer
+    assert ok.sum() >= 4
+
+
+# --- the rules of the status --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("method", "dt"), [("rk4", 1e-3), ("rk4", 2.5e-3), ("newmark", 1e-3)])
+def test_ordinary_runs_are_ok(method, dt):
+    one = ps.simulate("mate2015", "el_centro", law="kelvin_voigt", stiffness=2e6, restitution=0.6, method=method, dt=dt)
+    assert int(one.status) == Status.OK
+
+
+def test_strong_dampers_need_more_steps():
+    """At e = 0.05 the published damper stops the floors within a hundredth of the elastic contact."""
+    law = LAWS["modified_kelvin_voigt"]
+    batch = make_batch("", "", pair(), law, earthquake(), restitution=[0.05, 0.9], stiffness=1e5, steps=(1e-3,))
+    found = run_batch(batch, "newmark", 1e-3)
+    assert (found["steps_per_contact"] > 30).all()
+    assert found["status"].tolist() == [Status.UNDER_RESOLVED_CONTACT, Status.OK]
+    reference = make_reference(batch, np.ones(2, bool), np.array([5e-4, 4e-2]))
+    assert reference.known.all()
+    assert (peak_error(peaks_of(found), reference.peaks) > OK_CLAIM).tolist() == [True, False]
+
+
+def test_quickening_by_damping():
+    e = np.array([1.0, 0.6, 0.1])
+    for law in LAWS.values():
+        if law.has_contact:
+            factors = law.quickening(e)
+            assert factors.shape == e.shape
+            assert (np.diff(factors) >= 0).all()
+            assert (factors >= 1).all()
+    np.testing.assert_array_equal(LAWS["linear"].quickening(e), 1.0)
+    # D = 3 (1 - e^2) / (2 e^2)
+    np.testing.assert_allclose(LAWS["modified_kelvin_voigt"].quickening(e), np.sqrt(1 + 1.5 * (1 / e**2 - 1)))
+    # 2 xi, xi = (1 - e^2) / (e (e (pi - 2) + 2)), once the dashpot is more than half critical
+    assert LAWS["linear_viscoelastic"].quickening(0.1) == pytest.approx(2 * 0.99 / (0.1 * (0.1 * (np.pi - 2) + 2)))
+
+
+@pytest.mark.parametrize(
+    ("method", "gamma", "beta"),
+    [("newmark", 0.5, 0.25), ("newmark", 0.5, 1 / 6), ("newmark", 0.51, 0.26), ("rk4", 0.5, 0.25)],
+)
+@pytest.mark.parametrize("damping", [0.0, 0.05])
+def test_phase_error_is_that_of_the_free_vibration(method, gamma, beta, damping):
+    """Against the exact free vibration of one mass: the miss, in radians, of what the building still remembers."""
+    w, dt, points = 20.0, 0.01 if method == "newmark" else 0.03, 201
+    building = ps.Building("one", [1.0], [w * w], damping)
+    quiet = ps.Record("quiet", dt, np.zeros(points))
+    numerics = Numerics(method, dt, beta=beta, gamma=gamma)
+    told = phase_error(ps.Scene([building]), quiet, numerics)
+    one = ps.simulate(
+        ps.Scene([building]), quiet, method=method, dt=dt, beta=beta if method == "newmark" else None,
+        gamma=gamma if method == "newmark" else None, initial_velocity=[[1.0]],
+    )  # fmt: skip
+    naive = NaiveBuilding([1.0], [w * w], rayleigh=building.rayleigh)
+    exact, _ = modal_exact(naive, np.zeros(points), dt, velocity=np.array([1.0]))
+    missed = np.abs(one.displacement.values.ravel() - exact.ravel()).max() * w  # of an amplitude of 1 / w
+    memory = min(w * quiet.duration, 1.0 / damping) if damping else w * quiet.duration
+    # a motion that decays like exp(-t) is missed most by 1/e of the phase error gathered within its memory
+    most = told if not damping else told / np.e
+    assert missed == pytest.approx(most, rel=0.35), (told, missed, memory)
+
+
+def test_a_motion_that_is_not_resolved_is_told():
+    scene = ps.Scene([ps.Building("stiff", [100.0], [100.0 * (2 * np.pi / 0.03) ** 2]), ps.Wall()], [1.0])
+    batch = make_batch("", "", scene, LAWS["linear"], earthquake(), gaps=1.0, steps=(1e-2,))
+    assert phase_error(scene, batch.record, Numerics("newmark", 1e-2)) > MAX_PHASE_ERROR
+    found = run_batch(batch, "newmark", 1e-2)
+    assert found["status"].tolist() == [Status.UNDER_RESOLVED_MOTION]
+    assert np.isfinite(found["displacement_max"]).any()
+    reference = make_reference(batch, np.ones(1, bool), np.full(1, np.inf))
+    assert peak_error(peaks_of(found), reference.peaks)[0] > OK_CLAIM
+
+
+def test_ground_that_turns_back_within_steps_is_told():
+    shaking = ps.Record("shaking", 0.01, np.resize([20.0, -20.0], 101))
+    scene = beside_wall()
+    batch = make_batch("", "", scene, LAWS["linear"], shaking, gaps=1.0, steps=(1e-2,))
+    found = run_batch(batch, "newmark", 1e-2)
+    assert found["status"].tolist() == [Status.UNDER_RESOLVED_MOTION]
+    reference = make_reference(batch, np.ones(1, bool), np.full(1, np.inf))
+    assert peak_error(peaks_of(found), reference.peaks)[0] > OK_CLAIM
+    fine = run_batch(batch, "newmark", 5e-4)
+    assert fine["status"].tolist() == [Status.OK]
+    assert peak_error(peaks_of(fine), reference.peaks)[0] < OK_CLAIM
+    assert not loses_ground(shaking, Numerics("rk4", 1e-2))  # it sees the middle of a step
+    assert not loses_ground(earthquake(), Numerics("newmark", 1e-2))
+    assert not loses_ground(ps.Record("quiet", 0.01, np.zeros(9)), Numerics("newmark", 1e-2))
+    assert not loses_ground(ps.Record("point", 0.01, [1.0]), Numerics("newmark", 1e-2))
+
+
+def test_a_motion_that_no_ground_brings_about_has_diverged(honest):
+    """Finite numbers are no proof: a run that ends within bounds may have been anywhere before."""
+    batch = take(honest[0], np.array([0, 1]))
+    kernel = kernel_of(batch, "rk4", 1e-3)
+    raw = kernel.run(
+        batch.record, scale=batch.scale, gaps=batch.gaps, stiffness=batch.stiffness, restitution=batch.restitution
+    )
+    assert variables_of(kernel, raw, OUTPUTS, batch.record)["status"].tolist() == [Status.OK, Status.OK]
+    raw["umin"] = changed(raw["umin"], 1, lambda x: 1e3 * x)
+    assert variables_of(kernel, raw, OUTPUTS, batch.record)["status"].tolist() == [Status.OK, Status.DIVERGED]
+
+
+# --- one batch, all the way -----------------------------------------------------------------------------------------
+
+
+def test_a_batch_is_judged_at_each_of_its_steps():
+    batch = take(make_batch("", "", pair(), LAWS["linear"], earthquake(), stiffness=[1e5, 1e6]), np.array([1, 0]))
+    verdicts = run_judged(batch)
+    assert [(v.method, v.dt) for v in verdicts] == [(m, dt) for m in suite.METHODS for dt in batch.steps]
+    finest = [v for v in verdicts if v.dt == min(batch.steps)]
+    coarse = [v for v in verdicts if v.dt == max(batch.steps)]
+    assert all((f.error < 1e-3).all() for f in finest)
+    assert all((np.nan_to_num(c.error, nan=1.0) > f.error).all() for c, f in zip(coarse, finest, strict=True))
+
+
+# --- the map ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def small_map():
+    return stability_map("linear", stiffnesses=[1e4, 1e6, 1e10], steps=[1e-4, 1e-3, 2e-2])
+
+
+def test_the_map_shows_what_each_scheme_can_do(small_map):
+    assert small_map.scheme.values.tolist() == [f"{m} {p}" for m, p in SCHEMES]
+    status, error = (small_map[name].sel(scheme="rk4 float64") for name in ("status", "peak_force_error"))
+    assert status.sel(stiffness=1e10).values.tolist()[1:] == [Status.BEYOND_STABILITY_LIMIT] * 2
+    assert status.sel(stiffness=1e4, dt=1e-4) == Status.OK
+    assert error.sel(stiffness=1e4, dt=1e-4) < error.sel(stiffness=1e4, dt=2e-2)
+    newmark = small_map.sel(scheme="newmark float64")
+    assert newmark.status.sel(stiffness=1e10, dt=2e-2) == Status.UNDER_RESOLVED_CONTACT
+    ok = small_map.status == Status.OK
+    assert float(small_map.peak_force_error.where(ok).max()) < OK_CLAIM
+    refused = small_map.status == Status.BEYOND_STABILITY_LIMIT
+    assert bool(small_map.peak_force_error.where(refused).isnull().all())
+
+
+def test_the_map_is_written_and_drawn(small_map, tmp_path):
+    path = write_cube(small_map, tmp_path / "map.nc")
+    with open_cube(path) as read:
+        xr.testing.assert_allclose(read, small_map)
+        drawn = plot(read, "stability-map", tmp_path / "map.png")
+    assert drawn.stat().st_size > 10_000
+
+
+def test_a_map_of_no_force_is_refused():
+    with pytest.raises(InputError, match="no contact force to map"):
+        stability_map("none")
+    with pytest.raises(InputError, match="must be positive"):
+        stability_map("linear", steps=[0.0])
+    with pytest.raises(InputError, match="extremes --map"):
+        plot(xr.Dataset(), "stability-map", "never.png")
+
+
+# --- the command --------------------------------------------------------------------------------------------------
+
+FEW = ["extremes", "--scenes", "16", "--law", "kelvin_voigt", "--family", "gap", "--family", "random", "--workers", "1"]
+
+
+def call(*arguments):
+    from pounding_sweep.cli.app import app
+
+    return CliRunner().invoke(app, [*FEW, *arguments])
+
+
+def test_the_command_prints_a_table():
+    done = call()
+    assert done.exit_code == 0, done.output
+    lines = done.stdout.splitlines()
+    assert lines[0].split()[:3] == ["family", "scheme", "scenarios"]
+    assert [line.split()[:2] for line in lines[1:5]] == [
+        ["gap", "rk4"], ["gap", "newmark"], ["random", "rk4"], ["random", "newmark"],
+    ]  # fmt: skip
+    assert "0 violations" in done.stdout
+
+
+def test_the_command_gives_json_and_fails_where_the_claim_does(monkeypatch):
+    monkeypatch.setattr(the_judge, "OK_CLAIM", 1e-12)
+    monkeypatch.setattr(the_judge, "SENSITIVE", 1e12)
+    done = call("--json")
+    assert done.exit_code == 1
+    report = json.loads(done.stdout)
+    assert report["violations"] > 0
+    first = next(v for r in report["results"] for v in r["violations"])
+    assert {"law", "method", "dt", "gaps", "stiffness", "restitution", "scale", "fault"} <= set(first)
+    assert "violations" in done.stderr
+
+
+def test_the_command_refuses_an_unknown_law():
+    done = CliRunner().invoke(
+        __import__("pounding_sweep.cli.app", fromlist=["app"]).app, ["extremes", "--law", "kelvin"]
+    )
+    assert done.exit_code == 2
+    assert "unknown contact law" in done.stderr

@@ -1,0 +1,524 @@
+"""Exact restitution: the relations against closed forms, an independent integrator, and the kernels themselves."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from decimal import Decimal, getcontext
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from naive import two_mass_restitution
+from typer.testing import CliRunner
+
+import pounding_sweep as ps
+from pounding_sweep.accuracy.certificate import certify, deviation
+from pounding_sweep.contact.laws import LAWS, get_law
+from pounding_sweep.contact.restitution import (
+    RELATIONS,
+    SMALLEST,
+    damping_number,
+    realised_number,
+    realised_restitution,
+    realised_validity,
+)
+from pounding_sweep.errors import InputError, LawError, SweepError
+from pounding_sweep.sweep.blocks import Numerics, RowKernel
+from pounding_sweep.sweep.spec import build_spec
+from pounding_sweep.sweep.stability import largest_step
+
+getcontext().prec = 80
+
+DAMPED = [key for key, law in LAWS.items() if law.relation]
+BOTH_PHASES = ["hertz_damped", "hunt_crossley", "ye_hertz", "gonthier", "modified_kelvin"]
+VALUES = [0.05, 0.1, 0.3, 0.5, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0]
+
+#: Damping numbers that realise e, from high-precision solutions of the relations.
+NUMBERS = {
+    "kelvin_voigt": {0.1: 1.243188, 0.3: 0.497239, 0.5: 0.255276, 0.6: 0.180858, 0.8: 0.074355, 0.9: 0.034265},
+    "modified_kelvin_voigt": {0.1: 194.577, 0.3: 18.67725, 0.5: 5.190114, 0.6: 2.980759, 0.8: 0.889505, 0.9: 0.361010},
+    "linear_viscoelastic": {0.1: 4.806942, 0.3: 1.336027, 0.5: 0.597342, 0.6: 0.404744, 0.8: 0.155848, 0.9: 0.070035},
+    "nonlinear_viscoelastic": {
+        0.1: 5.374324,
+        0.3: 1.493724,
+        0.5: 0.667849,
+        0.6: 0.452518,
+        0.8: 0.174243,
+        0.9: 0.078302,
+    },
+} | {
+    law: {0.1: 9.998159, 0.3: 3.087082, 0.5: 1.432751, 0.6: 0.974872, 0.8: 0.373146, 0.9: 0.166482}
+    for law in BOTH_PHASES
+}
+
+#: Restitution with the published formula at nominal e = 0.1, 0.2, ..., 0.9, 0.95, from independent integrations.
+REALISED = {
+    "kelvin_voigt_tension": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95],
+    "kelvin_voigt": [0.253, 0.325, 0.397, 0.472, 0.550, 0.632, 0.718, 0.808, 0.902, 0.951],
+    "modified_kelvin_voigt": [0.114, 0.224, 0.328, 0.428, 0.525, 0.620, 0.714, 0.807, 0.902, 0.951],
+    "linear_viscoelastic": [0.102, 0.205, 0.307, 0.407, 0.506, 0.605, 0.703, 0.801, 0.900, 0.950],
+    "modified_kelvin": [0.074, 0.166, 0.271, 0.380, 0.488, 0.594, 0.697, 0.799, 0.900, 0.950],
+    "hertz_damped": [0.665, 0.672, 0.684, 0.702, 0.725, 0.756, 0.796, 0.847, 0.913, 0.954],
+    "hunt_crossley": [0.516, 0.547, 0.581, 0.620, 0.663, 0.712, 0.768, 0.833, 0.909, 0.952],
+    "ye_hertz": [0.069, 0.156, 0.256, 0.363, 0.470, 0.577, 0.683, 0.789, 0.894, 0.947],
+    "gonthier": [0.101, 0.205, 0.304, 0.398, 0.488, 0.577, 0.670, 0.768, 0.876, 0.936],
+    "nonlinear_viscoelastic": [0.093, 0.191, 0.292, 0.393, 0.495, 0.596, 0.698, 0.799, 0.900, 0.950],
+}
+
+
+def e_of(law, number):
+    """Restitution of a damping number, by the law's relation."""
+    law = get_law(law)
+    return float(RELATIONS[law.relation].restitution(np.array([number * law.relation_factor]))[0])
+
+
+# -- the relations -----------------------------------------------------------------------------------------------------
+
+
+def test_every_damped_law_names_a_relation():
+    for law in LAWS.values():
+        assert bool(law.relation) == (law.takes_restitution and not law.impulsive), law.key
+        assert law.relation in ("", *RELATIONS)
+    assert set(DAMPED) == set(REALISED)
+
+
+@pytest.mark.parametrize("law", NUMBERS)
+def test_damping_numbers_of_the_table(law):
+    e, numbers = np.array(list(NUMBERS[law])), np.array(list(NUMBERS[law].values()))
+    np.testing.assert_allclose(realised_number(get_law(law), e), numbers, rtol=2e-6, atol=6e-7)
+
+
+@pytest.mark.parametrize("law", REALISED)
+def test_realised_restitutions_of_the_table(law):
+    e = np.array([*np.arange(1, 10) / 10, 0.95])
+    np.testing.assert_allclose(realised_restitution(get_law(law), e), REALISED[law], rtol=0, atol=5.5e-4)
+
+
+@pytest.mark.parametrize("law", DAMPED)
+@pytest.mark.parametrize("e", [0.08, 0.35, 0.6, 0.97])
+def test_an_independent_integration_rebounds_as_the_relations_say(law, e):
+    k = 2.0e6 if LAWS[law].exponent == 1.0 else 1.88e7
+    masses, v0 = (120.0, 300.0), 0.4
+    published = two_mass_restitution(law, k, e, *masses, v0)
+    assert float(realised_restitution(LAWS[law], e)) == pytest.approx(published, abs=1e-9)
+    solved = two_mass_restitution(law, k, None, *masses, v0, damping=float(realised_number(LAWS[law], e)))
+    assert solved == pytest.approx(e, abs=1e-9)
+
+
+@pytest.mark.parametrize("law", DAMPED)
+@settings(deadline=None, max_examples=60)
+@given(e=st.floats(1e-6, 1.0, exclude_max=True))
+def test_there_and_back(law, e):
+    number = float(realised_number(get_law(law), e))
+    assert number > 0.0
+    assert e_of(law, number) == pytest.approx(e, rel=1e-12)
+
+
+@settings(deadline=None, max_examples=60)
+@given(e=st.floats(0.04, 1.0, exclude_max=True))
+def test_damping_of_both_phases_is_exact_to_its_last_digits(e):
+    """One Newton step in 80 digits from the number that was found moves it by less than 1e-12."""
+    exact, found = Decimal(e), Decimal(float(realised_number(get_law("hertz_damped"), e)))
+    residual = found * (1 + exact) - ((1 + found) / (1 - exact * found)).ln()
+    slope = (1 + exact) - 1 / (1 + found) - exact / (1 - exact * found)
+    assert abs(residual / slope) <= Decimal("1e-12") * found
+
+
+def test_damping_of_both_phases_towards_zero():
+    """The number is 1/e up to a share exp(-1/e), which is lost in a float from e = 0.027 on."""
+    e = np.geomspace(1e-6, 0.026, 100)
+    np.testing.assert_allclose(realised_number(get_law("hertz_damped"), e) * e, 1.0, rtol=4e-16)
+
+
+@settings(deadline=None, max_examples=60)
+@given(e=st.floats(1e-6, 1.0, exclude_max=True))
+def test_damping_of_approach_is_exact_to_its_last_digits(e):
+    exact, found = Decimal(e), Decimal(float(realised_number(get_law("modified_kelvin_voigt"), e)))
+    loss = found - (1 + found).ln()
+    residual = 2 * loss / found**2 - exact**2
+    slope = 2 * (1 - 1 / (1 + found)) / found**2 - 4 * loss / found**3
+    assert abs(residual / slope) <= Decimal("1e-12") * found
+
+
+@pytest.mark.parametrize("loss", [1e-3, 1e-6, 1e-9, 1e-12, 1e-15])
+def test_small_losses(loss):
+    """First terms of the relations in 1 - e."""
+    e = 1.0 - loss
+    left = 1.0 - e
+    for law, slope in {
+        "kelvin_voigt_tension": 1 / np.pi,
+        "kelvin_voigt": 1 / np.pi,
+        "linear_viscoelastic": 2 / np.pi,
+        "nonlinear_viscoelastic": np.sqrt(5) / np.pi,
+        "hertz_damped": 1.5,
+        "modified_kelvin": 1.5,
+        "modified_kelvin_voigt": 3.0,
+    }.items():
+        assert float(realised_number(get_law(law), e)) == pytest.approx(slope * left, rel=3 * loss + 1e-12), law
+
+
+def test_hard_damping():
+    """First terms of the relations towards e = 0."""
+    e = 1e-4
+    for law, number in {
+        "kelvin_voigt": 0.5 / np.sqrt(e),
+        "linear_viscoelastic": 0.5 / e,
+        "nonlinear_viscoelastic": np.sqrt(5) / 4 / e,
+        "hertz_damped": 1 / e,
+        "modified_kelvin_voigt": 2 / e**2,
+    }.items():
+        assert float(realised_number(get_law(law), e)) == pytest.approx(number, rel=1e-3), law
+
+
+@pytest.mark.parametrize("law", DAMPED)
+def test_less_restitution_needs_more_damping(law):
+    numbers = realised_number(get_law(law), np.concatenate([np.geomspace(1e-6, 0.01, 50), np.linspace(0.011, 1, 400)]))
+    assert np.isfinite(numbers).all()
+    assert (np.diff(numbers) < 0).all()
+    assert numbers[-1] == 0.0
+
+
+# -- ends of validity --------------------------------------------------------------------------------------------------
+
+
+def test_ends():
+    for law in DAMPED:
+        assert float(realised_number(get_law(law), 1.0)) == 0.0
+        assert float(realised_restitution(get_law(law), 1.0)) == 1.0
+    tension = get_law("kelvin_voigt_tension")
+    assert float(realised_number(tension, 0.0)) == 1.0  # critical damping: the masses never part
+    assert float(realised_restitution(tension, 0.0)) == 0.0
+    # published formulas that allow e = 0 rebound all the same
+    assert float(realised_restitution(get_law("kelvin_voigt"), 0.0)) == pytest.approx(np.exp(-2), rel=1e-14)
+    assert float(realised_restitution(get_law("hertz_damped"), 0.0)) == pytest.approx(e_of("hertz_damped", 0.75))
+
+
+def test_laws_without_a_relation():
+    e = np.array([0.2, 0.9])
+    for key, realised in (("linear", 1.0), ("hertz", 1.0), ("none", np.nan)):
+        np.testing.assert_array_equal(realised_restitution(get_law(key), e), [realised] * 2)
+        np.testing.assert_array_equal(realised_number(get_law(key), e), [0.0, 0.0])
+    jump = get_law("stereomechanical")
+    np.testing.assert_array_equal(realised_restitution(jump, [0.0, 0.3]), [0.0, 0.3])
+    np.testing.assert_array_equal(realised_number(jump, [0.0, 0.3]), [0.0, 0.3])
+    unknown = replace(get_law("gonthier"), key="mine", relation="")
+    assert np.isnan(realised_restitution(unknown, 0.5))
+    with pytest.raises(LawError, match=r"law 'mine' has damping but names no relation .*restitution_basis='published'"):
+        realised_number(unknown, 0.5)
+
+
+@pytest.mark.parametrize("e", [-0.1, 1.0001, np.nan, np.inf])
+@pytest.mark.parametrize("law", DAMPED)
+def test_restitutions_that_nothing_realises(law, e):
+    for basis in ("published", "realised"):
+        with pytest.raises(LawError, match=law):
+            realised_restitution(get_law(law), [0.5, e], basis)
+    with pytest.raises(LawError, match=f"can't be realised by law '{law}'; give "):
+        realised_number(get_law(law), [0.5, e])
+
+
+@pytest.mark.parametrize("law", [key for key in DAMPED if key != "kelvin_voigt_tension"])
+def test_no_finite_damping_stops_the_masses(law):
+    for e in (0.0, 0.99 * SMALLEST):
+        with pytest.raises(LawError, match=r"give 1e-06 <= e <= 1, or a law that realises e = 0: kelvin_voigt_tension"):
+            realised_number(get_law(law), e)
+    assert realised_validity(get_law(law)) == "1e-06 <= e <= 1"
+
+
+def test_unknown_basis():
+    law = get_law("hertz_damped")
+    for call in (damping_number, realised_restitution):
+        with pytest.raises(LawError, match=r"unknown restitution basis 'realized'; did you mean 'realised'\?"):
+            call(law, 0.5, "realized")
+    with pytest.raises(LawError, match="unknown restitution basis"):
+        law.damping_coefficient(0.5, 1.0, 1.0, "real")
+    with pytest.raises(LawError, match="unknown restitution basis"):
+        law.check_restitution(0.5, "real")
+
+
+def test_damping_coefficients_on_both_bases():
+    e, k, m = np.array([[0.4], [0.9], [0.4]]), np.array([[2e6], [1e6], [3e6]]), np.array([[80.0, 120.0]])
+    viscous, elastic = get_law("linear_viscoelastic"), get_law("gonthier")
+    number = np.array([[float(realised_number(viscous, x))] for x in e[:, 0]])
+    np.testing.assert_array_equal(viscous.damping_coefficient(e, k, m, "realised"), 2 * number * np.sqrt(k * m))
+    number = np.array([[float(realised_number(elastic, x))] for x in e[:, 0]])
+    np.testing.assert_array_equal(elastic.damping_coefficient(e, k, m, "realised"), number * k * np.ones((1, 2)))
+    np.testing.assert_array_equal(
+        elastic.damping_coefficient(e, k, m), elastic.damping_coefficient(e, k, m, "published")
+    )
+    assert not get_law("hertz").damping_coefficient(e, k, m, "realised").any()
+
+
+# -- the kernels -------------------------------------------------------------------------------------------------------
+
+
+def workers():
+    return 1 if "PYTEST_XDIST_WORKER" in os.environ else 2
+
+
+@pytest.fixture(scope="module")
+def certificate():
+    return certify(VALUES, workers=workers())
+
+
+def test_kernels_rebound_at_exactly_the_realised_restitution(certificate):
+    measured = certificate.measured.sel(basis="realised")
+    for law in DAMPED:
+        np.testing.assert_allclose(measured.sel(law=law), VALUES, rtol=0, atol=1e-8, err_msg=law)
+    np.testing.assert_allclose(measured.sel(law="stereomechanical"), VALUES, rtol=0, atol=1e-12)
+
+
+def test_kernels_rebound_as_the_published_formulas_really_do(certificate):
+    published = certificate.sel(basis="published")
+    for law in DAMPED:
+        want = realised_restitution(get_law(law), VALUES)
+        np.testing.assert_allclose(published.measured.sel(law=law), want, rtol=0, atol=1e-8, err_msg=law)
+    # comparing laws at one nominal value compares different collisions
+    at = published.measured.sel(restitution=0.6)
+    assert at.sel(law="hertz_damped").item() == pytest.approx(0.756, abs=5e-4)
+    assert float(at.sel(law=DAMPED).max() - at.sel(law=DAMPED).min()) > 0.17
+
+
+def test_elastic_laws_lose_nothing(certificate):
+    for law in ("linear", "hertz"):
+        np.testing.assert_allclose(certificate.measured.sel(law=law), 1.0, rtol=0, atol=1e-12)
+
+
+def test_the_certificate_says_what_it_is(certificate):
+    assert certificate.measured.dims == ("law", "basis", "restitution")
+    assert list(certificate.law.values) == [key for key, law in LAWS.items() if law.has_contact]
+    assert certificate.attrs["method"] == "rk4"
+    np.testing.assert_array_equal(deviation(certificate), np.abs(certificate.measured - certificate.analytic))
+    numbers = certificate.damping_number.sel(law="hertz_damped", restitution=0.6)
+    np.testing.assert_allclose(numbers, [0.48, 0.974872], rtol=1e-6)
+
+
+def test_steps_of_a_sweep_are_enough():
+    """The default step is a thirtieth of such a contact; the error falls like the fourth power of the step."""
+    coarse, fine = (deviation(certify(VALUES, ["hertz_damped", "kelvin_voigt"], steps=n)) for n in (25, 200))
+    assert float(coarse.max()) < 1e-5
+    assert 1000 < float(coarse.max() / fine.max()) < 10000
+
+
+def test_where_a_law_is_not_valid_nothing_is_measured():
+    found = certify([0.0, 0.6], ["kelvin_voigt_tension", "kelvin_voigt", "ye_hertz"])
+    missing = np.isnan(found.measured.sel(restitution=0.0).transpose("law", "basis"))
+    np.testing.assert_array_equal(missing, [[False, False], [False, True], [True, True]])
+    np.testing.assert_array_equal(np.isnan(found.analytic), np.isnan(found.measured))
+    assert found.measured.sel(law="kelvin_voigt_tension", restitution=0.0).max() < 1e-9
+    for values in ([], [0.5, 1.5], [np.nan]):
+        with pytest.raises(InputError, match="give one or more in"):
+            certify(values)
+    with pytest.raises(LawError, match="law 'none' has no contact"):
+        certify([0.5], ["none"])
+
+
+@pytest.mark.slow
+def test_newmark_rebounds_at_the_realised_restitution():
+    laws = [
+        "kelvin_voigt",
+        "kelvin_voigt_tension",
+        "linear_viscoelastic",
+        "nonlinear_viscoelastic",
+        "modified_kelvin_voigt",
+        "hertz_damped",
+    ]
+    assert {LAWS[law].relation for law in laws} == set(RELATIONS)
+    coarse, fine = (
+        deviation(certify(VALUES, laws, method="newmark", steps=n, workers=workers())).max(["basis", "restitution"])
+        for n in (500, 2000)
+    )
+    assert float(coarse.max()) < 2e-4
+    assert float((coarse / fine).min()) > 10.0  # second order: 16
+
+
+@pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic", "modified_kelvin_voigt"])
+@settings(deadline=None, max_examples=5)
+@given(
+    masses=st.tuples(st.floats(20.0, 500.0), st.floats(20.0, 500.0)),
+    speeds=st.tuples(st.floats(0.1, 1.0), st.floats(-1.0, 0.0)),
+    softness=st.floats(0.3, 3.0),
+)
+def test_realised_restitution_does_not_depend_on_the_masses_stiffness_or_speed(law, masses, speeds, softness):
+    """Unequal masses: what is left is the energy of the common motion and e^2 of that of the relative one."""
+    law = get_law(law)
+    scene = ps.Scene(
+        [ps.Building(n, [m], [1e-10], damping_ratio=0.0) for n, m in zip("ab", masses, strict=True)], gaps=[0.002]
+    )
+    numerics = Numerics("rk4", 5e-5)
+    e = np.array([0.3, 0.7])
+    kernel = RowKernel(scene, law, numerics, frozenset({"energy"}), initial_velocity=speeds, basis="realised")
+    raw = kernel.run(
+        ps.Record("quiet", 0.5, np.zeros(2)),
+        scale=np.ones(2),
+        gaps=np.full((2, 1), 0.002),
+        stiffness=np.full(2, softness * (2e6 if law.exponent == 1.0 else 1.88e7)),
+        restitution=e,
+    )
+    (m1, m2), (v1, v2) = masses, speeds
+    common = 0.5 * (m1 * v1 + m2 * v2) ** 2 / (m1 + m2)
+    relative = 0.5 * m1 * m2 / (m1 + m2) * (v1 - v2) ** 2
+    np.testing.assert_allclose((raw["e_kin"].sum(axis=1) - common) / relative, e**2, rtol=0, atol=1e-7)
+
+
+# -- sweeps and cubes --------------------------------------------------------------------------------------------------
+
+ROW = ps.Scene(
+    [
+        ps.Building("a", [120.0], [1.5e5]),
+        ps.Building("b", [80.0], [2.4e5]),
+    ],
+    gaps=[0.002],
+    contact=ps.ContactProperties(linear_stiffness=8e5, hertz_stiffness=7.5e6, restitution=0.4),
+)
+MOTION = ps.synthetic_record(5, duration=2.0, dt=0.02, pga=4.0)
+OUTPUTS = ["impact_force_max", "impact_count"]
+
+
+def run(basis, **more):
+    axes = {"laws": ["hertz", "hertz_damped", "none"], "restitutions": [0.4, 0.8]} if "cases" not in more else {}
+    sweep = ps.Sweep(ROW, MOTION, outputs=OUTPUTS, restitution_basis=basis, **{**axes, **more})
+    return sweep.run(scheduler="synchronous")
+
+
+def test_a_sweep_on_either_basis(tmp_path):
+    published, realised = run("published"), run("realised")
+    assert published.attrs["restitution_basis"] == "published"
+    assert realised.attrs["restitution_basis"] == "realised"
+    for cube in (published, realised):
+        np.testing.assert_array_equal(cube.restitution, [0.4, 0.8])
+        assert cube.restitution_realised.dims == ("law", "restitution")
+        np.testing.assert_array_equal(cube.restitution_realised.sel(law="hertz"), [1.0, 1.0])
+        assert np.isnan(cube.restitution_realised.sel(law="none")).all()
+        assert cube.impact_count.sel(law="hertz_damped").min() > 0
+    want = realised_restitution(get_law("hertz_damped"), [0.4, 0.8])
+    np.testing.assert_array_equal(published.restitution_realised.sel(law="hertz_damped"), want)
+    np.testing.assert_array_equal(realised.restitution_realised.sel(law="hertz_damped"), [0.4, 0.8])
+    force = "impact_force_max"
+    np.testing.assert_array_equal(published[force].sel(law="hertz"), realised[force].sel(law="hertz"))
+    differs = published[force].sel(law="hertz_damped") / realised[force].sel(law="hertz_damped") - 1.0
+    assert np.abs(differs).min() > 1e-3
+    # the same damping is the same run, whatever it is called
+    twin = run("realised", laws="hertz_damped", restitutions=[float(x) for x in want])
+    np.testing.assert_allclose(twin[force].squeeze(), published[force].sel(law="hertz_damped").squeeze(), rtol=1e-9)
+    alone = ps.simulate(ROW, MOTION, law="hertz_damped", restitution=0.4, restitution_basis="realised")
+    here = realised[force].sel(law="hertz_damped", restitution=0.4).squeeze()
+    np.testing.assert_allclose(alone[force].squeeze(), here, rtol=1e-9)
+    assert (alone.attrs["restitution"], alone.attrs["restitution_realised"]) == (0.4, 0.4)
+    assert alone.attrs["restitution_basis"] == "realised"
+    again = ps.open_cube(write(published, tmp_path))
+    np.testing.assert_array_equal(again.restitution_realised, published.restitution_realised)
+
+
+def test_an_undamped_law_runs_in_a_damped_kernel_on_either_basis():
+    for basis in ("published", "realised"):
+        kernel = ps.Sweep(ROW, MOTION, ["hertz", "hertz_damped"], restitution_basis=basis).plan().kernel(0)
+        assert (kernel.law.key, kernel.host.key, kernel.basis) == ("hertz", "hertz_damped", basis)
+
+
+def write(cube, folder):
+    from pounding_sweep.cube.write import write_cube
+
+    path = folder / "cube.nc"
+    write_cube(cube, path)
+    return path
+
+
+def test_listed_cases_carry_their_realised_restitution():
+    cases = [{"law": "hertz_damped"}, {"law": "none"}, {"law": "hertz"}, {"law": "hertz_damped", "restitution": 0.8}]
+    cube = run("published", cases=cases)
+    want = realised_restitution(get_law("hertz_damped"), [0.4, 0.8])
+    assert cube.restitution_realised.dims == ("case",)
+    np.testing.assert_array_equal(cube.restitution_realised, [want[0], np.nan, 1.0, want[1]])
+
+
+def test_a_sweep_file_names_the_basis(tmp_path):
+    path = tmp_path / "sweep.toml"
+    path.write_text(
+        '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\nlaws = ["hertz_damped"]\n'
+        'restitution_basis = "realised"\n'
+    )
+    spec = ps.load_sweep(path).spec
+    assert spec.restitution_basis == "realised"
+    kernel = ps.Sweep.from_spec(spec).plan().kernel(0)
+    assert kernel.basis == "realised"
+
+
+@pytest.mark.parametrize(
+    ("axes", "place"),
+    [
+        ({"laws": ["kelvin_voigt", "hertz_damped"], "restitutions": [0.0, 0.5]}, "restitutions"),
+        ({"cases": [{"law": "kelvin_voigt", "restitution": 0.0}]}, "cases"),
+    ],
+)
+def test_a_sweep_that_asks_for_more_than_damping_can_do(axes, place):
+    build_spec(scene=ROW, records=MOTION, **axes)  # published formulas allow it
+    with pytest.raises(
+        SweepError, match=rf"{place}.*restitution 0.0 can't be realised by law 'kelvin_voigt' \(1e-06 <="
+    ):
+        build_spec(scene=ROW, records=MOTION, restitution_basis="realised", **axes)
+
+
+def test_the_scene_default_is_checked_on_the_basis_too():
+    scene = ps.Scene(ROW.buildings, ROW.gaps, contact=replace(ROW.contact, restitution=0.0))
+    assert build_spec(scene=scene, records=MOTION, laws="hunt_crossley").restitutions == (0.0,)
+    with pytest.raises(SweepError, match="can't be realised by law 'hunt_crossley'"):
+        build_spec(scene=scene, records=MOTION, laws="hunt_crossley", restitution_basis="realised")
+
+
+def test_the_stability_limit_knows_the_basis():
+    k, e = np.array([1e6]), np.array([0.1])
+    limits = [
+        largest_step(ROW, get_law("kelvin_voigt"), k, e, method="rk4", basis=b) for b in ("published", "realised")
+    ]
+    assert limits[1][0] < 0.8 * limits[0][0]
+
+
+# -- command line ------------------------------------------------------------------------------------------------------
+
+
+def cli(*words):
+    from pounding_sweep.cli.app import app
+
+    return CliRunner().invoke(app, ["laws", *words])
+
+
+@pytest.mark.usefixtures("certificate")
+def test_the_certificate_as_text():
+    got = cli("--restitution", "--e", "0.3,0.6")
+    assert got.exit_code == 0, got.output
+    lines = {tuple(line.split()[:2]): line.split()[2:] for line in got.stdout.splitlines() if line.strip()}
+    assert lines["hertz_damped", "0.6"] == ["0.48", "0.7561487", "0.7561487", "0.974872", "0.6000000"]
+    assert lines["linear", "any"][1] == "1.0000000"
+    assert {(law, e) for law in DAMPED for e in ("0.3", "0.6")} <= set(lines)
+    assert "Largest |measured - closed form|:" in got.stdout
+
+
+@pytest.mark.usefixtures("certificate")
+def test_the_certificate_as_json():
+    got = json.loads(cli("--restitution", "--e", "0.0,0.6", "--json").stdout)
+    rows = {(row["law"], row["basis"], row["restitution"]): row for row in got["rows"]}
+    assert rows["ye_hertz", "published", 0.0]["measured"] is None
+    assert rows["gonthier", "realised", 0.6]["measured"] == pytest.approx(0.6, abs=1e-8)
+    worst = got["largest_deviation"]
+    row = rows[worst["law"], worst["basis"], worst["restitution"]]
+    assert worst["value"] == pytest.approx(abs(row["measured"] - row["analytic"]))
+    assert 0.0 < worst["value"] < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--restitution", "--e", "0.2;0.6"), "--e '0.2;0.6' is no list of restitutions; give numbers in [0, 1]"),
+        (("--restitution", "--e", "2"), "restitutions to certify are [2.0]; give one or more in [0, 1]"),
+        (("--e", "0.5"), "give --restitution with it"),
+    ],
+)
+def test_wrong_use_of_the_certificate(words, said):
+    got = cli(*words)
+    assert got.exit_code == 2
+    assert said in got.stderr
+    assert not got.stdout

@@ -1,0 +1,122 @@
+"""Velocity jumps: what Newton's impact law must do, and what happens where bounces would never end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pounding_sweep as ps
+from pounding_sweep.cube.variables import Status
+from pounding_sweep.errors import SweepError
+from pounding_sweep.sweep.spec import METHODS
+
+FREE = 1e-9  # kN/m: so soft that the building does not notice
+
+
+def masses(*values, gaps):
+    row = [ps.Building(f"m{i}", [m], [FREE], damping_ratio=0.0) for i, m in enumerate(values)]
+    return ps.Scene(row, gaps=gaps)
+
+
+def quiet(seconds):
+    return ps.Record("quiet", 0.01, np.zeros(round(seconds / 0.01) + 1))
+
+
+def end_velocities(scene, velocities, e, method="rk4", seconds=0.5):
+    one = ps.simulate(
+        scene,
+        quiet(seconds),
+        law="stereomechanical",
+        restitution=e,
+        method=method,
+        initial_velocity=[[v] for v in velocities],
+    )
+    assert int(one.status) == Status.OK
+    return one, one.velocity.isel(time=-1, storey=0).values
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("e", [0.0, 0.35, 1.0])
+def test_two_masses_part_at_exactly_e(e, method):
+    one, (left, right) = end_velocities(masses(30.0, 70.0, gaps=[0.02]), [0.4, -0.1], e, method)
+    assert right - left == pytest.approx(e * 0.5, abs=1e-9)
+    assert 30.0 * left + 70.0 * right == pytest.approx(30.0 * 0.4 - 70.0 * 0.1, rel=1e-9)
+    assert float(one.impulse.sum()) == pytest.approx((1 + e) * 21.0 * 0.5, rel=1e-9)
+    assert float(one.contact_work.sum()) == pytest.approx(0.5 * 21.0 * 0.25 * (1 - e * e), rel=1e-7, abs=1e-12)
+    assert float(one.approach_speed_max.max()) == pytest.approx(0.5, rel=1e-9)
+    assert float(one.first_impact_time.min()) == pytest.approx(0.04, rel=1e-6)
+    assert one.impact_force_max.isnull().all()  # there is no force
+    assert one.penetration_max.isnull().all()
+
+
+def test_a_cradle_hands_its_motion_on():
+    one, found = end_velocities(masses(50.0, 50.0, 50.0, gaps=[0.02, 0.0]), [0.3, 0.0, 0.0], 1.0)
+    np.testing.assert_allclose(found, [0.0, 0.0, 0.3], atol=1e-9)
+    assert one.impact_count.values.ravel().tolist() == [1.0, 1.0]
+
+
+def test_impacts_from_both_sides_at_once_are_taken_one_after_the_other():
+    _, found = end_velocities(masses(50.0, 50.0, 50.0, gaps=[0.02, 0.02]), [0.3, 0.0, -0.3], 1.0)
+    np.testing.assert_allclose(found, [-0.3, 0.0, 0.3], atol=1e-9)
+    # with losses the order shows: the left pair comes first
+    _, found = end_velocities(masses(50.0, 50.0, 50.0, gaps=[0.02, 0.02]), [0.3, 0.0, -0.3], 0.5)
+    assert found.sum() == pytest.approx(0.0, abs=1e-9)
+    assert found[0] < found[1] < found[2]
+    assert np.square(found).sum() < 2 * 0.3**2
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
+def test_a_building_pushed_against_a_wall_comes_to_rest_on_it(e, method):
+    """Infinitely many bounces in a finite time: they end where they are too slow to bounce, and the floors rest."""
+    building = ps.Building("b", [100.0], [4.0e4], damping_ratio=0.0)
+    scene = ps.Scene([building, ps.Wall()], gaps=[0.0])
+    push = ps.Record("push", 0.01, np.full(301, -2.0))  # m/s2, towards the wall
+    one = ps.simulate(scene, push, law="stereomechanical", restitution=e, method=method, initial_velocity=[[-0.2]])
+    assert int(one.status) == Status.OK
+    assert 1 <= float(one.impact_count.max()) < 400
+    last = one.sel(time=slice(2.8, 3.0))
+    assert float(abs(last.displacement).max()) < 1e-5
+    assert float(abs(last.velocity).max()) < 2e-3
+    assert float(last.contact_force.mean()) == pytest.approx(200.0, rel=1e-2)  # m a
+    kinetic = float(one.kinetic.max())
+    assert kinetic < 0.5 * 100.0 * 0.5**2  # no bounce makes energy
+    assert float(one.contact_work.sum()) == pytest.approx(0.5 * 100.0 * 0.2**2, rel=1e-2)  # all of it is lost here
+
+
+def test_steps_that_are_not_split_at_the_touch_are_refused():
+    with pytest.raises(SweepError, match=r"stereomechanical.*locate = true"):
+        ps.Sweep("mate2015", records="el_centro", laws="stereomechanical", restitutions=0.5, locate=False)
+
+
+def test_a_sweep_asks_for_no_stiffness():
+    sweep = ps.Sweep(
+        "mate2015",
+        records=ps.pulse_record("sine", amplitude=8.0, period=0.4, dt=0.01, duration=2.0),
+        laws=["stereomechanical"],
+        gaps=[0.002],
+        stiffness_factors=[0.5, 1.0, 2.0],
+        restitutions=[0.4, 0.8],
+    )
+    assert len(sweep.plan().unique) == 2
+    cube = sweep.run()
+    assert cube.contact_stiffness.isnull().all()
+    assert (cube.impact_count.max(("pair", "storey")) > 0).all()
+    assert (cube.status == Status.OK).all()
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("e", [0.0, 0.3, 0.8, 1.0])
+def test_floors_that_start_side_by_side(e, method):
+    """No gap at all under an earthquake: impacts, chatter and rest at two floors, and no energy made."""
+    row = [ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5]), ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5])]
+    shaking = ps.synthetic_record(5, duration=2.0, dt=0.02, pga=4.0)
+    one = ps.simulate(ps.Scene(row, gaps=[0.0]), shaking, law="stereomechanical", restitution=e, method=method, dt=5e-4)
+    assert int(one.status) == Status.OK
+    assert np.isfinite(one.displacement).all()
+    assert np.isfinite(one.velocity).all()
+    assert int(one.impact_count.min()) >= 1
+    assert float(one.contact_work.min()) >= -1e-6 * float(one.energy_input.max())
+    assert float(one.energy_residual) < 0.01
+    apart = one.displacement.sel(building="b") - one.displacement.sel(building="a")
+    assert float(apart.min()) > -1e-5  # rigid: they don't pass through each other

@@ -1,0 +1,508 @@
+"""The speed-accuracy trade: its errors against the independent oracle, its marks, its file, its command."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+import pounding_sweep as ps
+from pounding_sweep.accuracy.trade_dataset import POPULATIONS, make_dataset, pareto_front, statistics
+from pounding_sweep.accuracy.trade_measure import Compared, measure
+from pounding_sweep.accuracy.trade_report import table_of, trade_rows
+from pounding_sweep.accuracy.trade_sample import draw, find_touching
+from pounding_sweep.accuracy.tradeoff import tradeoff, warn_of_doubt
+from pounding_sweep.cli import main  # noqa: F401  registers the commands
+from pounding_sweep.cli.app import app
+from pounding_sweep.cube.describe import describe
+from pounding_sweep.cube.variables import VARIABLES
+from pounding_sweep.cube.write import write_cube
+from pounding_sweep.errors import InputError
+from pounding_sweep.figures import plot
+from pounding_sweep.kernels.shape import LANES
+from pounding_sweep.sweep.execute import Progress
+
+OUTPUTS = ["displacement_max", "impact_force_max", "impact_count"]
+STEPS = (2e-2, 2e-3, 1e-3, 5e-4)
+LAWS = ["kelvin_voigt", "hertz"]
+SCENE = ps.Scene(
+    [ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5]), ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5])],
+    gaps=[0.006],
+    contact=ps.ContactProperties(linear_stiffness=8e5, hertz_stiffness=7.5e6, restitution=0.6),
+)
+EL_CENTRO = ps.find_record("el_centro")
+SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[50:200])  # 3 s
+TINY = """\
+[scene]
+gaps = [0.006]
+contact = { linear_stiffness = 8e5, restitution = 0.6 }
+[[scene.row]]
+name = "a"
+masses = [120.0, 90.0]
+stiffnesses = [1.5e5, 1.2e5]
+[[scene.row]]
+name = "b"
+masses = [80.0, 110.0]
+stiffnesses = [2.4e5, 2.0e5]
+[sweep]
+records = [{ pulse = "sine", amplitude = 4.0, period = 0.6, dt = 0.02, duration = 1.2 }]
+laws = ["kelvin_voigt", "none"]
+gaps = [0.002, 0.004, 9.0]
+[output]
+variables = ["displacement_max", "impact_force_max", "impact_count"]
+"""
+
+
+def make_sweep(**settings):
+    gaps = settings.pop("gaps", [0.003, 0.005, 0.007, 5.0])
+    return ps.Sweep(SCENE, settings.pop("records", SHORT), LAWS, gaps=gaps, outputs=OUTPUTS, **settings)
+
+
+@pytest.fixture(scope="module")
+def sweep():
+    return make_sweep()
+
+
+@pytest.fixture(scope="module")
+def trade(sweep):
+    return tradeoff(sweep, steps=STEPS, scenarios=6, repeats=2)
+
+
+def chosen(trade, **labels):
+    return trade.sel({"population": "all", "statistic": "worst", **labels})
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Errors
+
+
+@pytest.fixture(scope="module")
+def oracle(trade):
+    """Peak contact force and displacement of every scenario of the sample, by the independent integrator."""
+    buildings = [naive.NaiveBuilding(list(b.masses), list(b.stiffnesses)) for b in SCENE.buildings]
+    found = []
+    for i in range(trade.sizes["scenario"]):
+        one = trade.isel(scenario=i)
+        law = str(one.scenario_law.item())
+        answer = naive.run(
+            buildings,
+            one.scenario_gap.values.tolist(),
+            SHORT.acceleration,
+            SHORT.dt,
+            law,
+            one.scenario_stiffness.item(),
+            one.scenario_restitution.item(),
+            rtol=1e-11,
+            atol=1e-13,
+        )
+        force = np.array(answer["impact_force_max"], float)
+        displacement = np.array(answer["displacement_max"], float)
+        assert force.max() > 0.0
+        found.append({"impact_force_max": force, "displacement_max": displacement})
+    return found
+
+
+@pytest.mark.parametrize(
+    ("method", "located", "dt"), [("rk4", True, 2e-3), ("rk4", False, 1e-3), ("newmark", True, 2e-3)]
+)
+def test_errors_are_those_against_the_oracle(trade, oracle, method, located, dt):
+    """Within a factor of 2, or below what the converged solution resolves; the cube of the same step is the witness."""
+    compared = 0
+    for i, want in enumerate(oracle):
+        one = trade.isel(scenario=i).sel(scheme=method, located=int(located), precision="float64", step=dt)
+        case = {
+            "law": one.scenario_law.item(),
+            "gap": one.scenario_gap.item(),
+            "stiffness": one.scenario_stiffness.item(),
+            "restitution": one.scenario_restitution.item(),
+        }
+        cube = ps.Sweep(SCENE, SHORT, cases=[case], outputs=OUTPUTS, method=method, dt=dt, locate=located, audit=0.0)
+        got = cube.run(scheduler="synchronous").squeeze()
+        for name, expected in want.items():
+            error = np.abs(got[name].values - expected).max() / np.abs(expected).max()
+            claimed = one.scenario_error.sel(output=name).item()
+            floor = 3.0 * one.scenario_reference_error.sel(output=name).item() + 1e-9  # the oracle's own error
+            assert claimed == pytest.approx(error, rel=1.0, abs=floor), (name, case)
+            assert error <= 2.0 * claimed + floor, (name, case)
+            compared += claimed > 10.0 * floor
+    assert compared >= len(oracle)
+
+
+def test_locating_contacts_pays(trade):
+    located, sampled = (
+        chosen(trade, scheme="rk4", precision="float64", output="impact_force_max", located=where).error.values
+        for where in (1, 0)
+    )
+    fine = np.array(STEPS) < 1e-2
+    assert (sampled[fine] > 100.0 * located[fine]).all()
+
+
+@pytest.mark.parametrize(("scheme", "least", "most"), [("rk4", 3.0, 5.5), ("newmark", 1.7, 2.4)])
+def test_located_schemes_keep_their_order(trade, scheme, least, most):
+    line = chosen(trade, scheme=scheme, precision="float64", located=1, output="displacement_max", statistic="median")
+    coarse, fine = line.error.sel(step=[2e-3, 5e-4]).values
+    assert least <= np.log(coarse / fine) / np.log(4.0) <= most
+
+
+def test_the_converged_solution_is_better_than_all_it_judges(trade):
+    own = trade.reference_error.sel(population="all", statistic="worst", output="impact_force_max").item()
+    errors = chosen(trade, precision="float64", output="impact_force_max").error
+    assert 0.0 < own < 1e-7
+    assert own < float(errors.where(errors > 0).min())
+    assert trade.attrs["reference_step"] <= STEPS[-1] / 4
+
+
+def test_single_precision_is_no_better(trade):
+    finest = chosen(trade, scheme="rk4", located=1, output="impact_force_max").isel(step=-1).error
+    assert finest.sel(precision="float32").item() > 10.0 * finest.sel(precision="float64").item()
+    assert finest.sel(precision="float32").item() < 1e-2
+
+
+def test_every_output_has_an_error(trade):
+    assert trade.output.values.tolist() == [name for name in VARIABLES if name in OUTPUTS]
+    finest = chosen(trade, scheme="rk4", located=1, precision="float64").isel(step=-1)
+    assert finest.error.sel(output="impact_count").item() == 0.0
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Marks
+
+
+def test_a_refused_configuration_is_marked(trade):
+    """20 ms is beyond RK4's limit with a closed linear contact; a Hertz one has no stiffness before it closes."""
+    coarse = chosen(trade, scheme="rk4", located=1, precision="float64", step=2e-2, output="impact_force_max")
+    assert coarse.status_count.sel(status="beyond_stability_limit").item() == 3
+    assert np.isnan(coarse.law_error.sel(law="kelvin_voigt").item())
+    assert np.isfinite(coarse.law_error.sel(law="hertz").item())
+    assert np.isnan(coarse.law_cost.sel(law="kelvin_voigt").item())
+    assert coarse.law_cost.sel(law="hertz").item() > 0.0
+    assert np.isnan(coarse.cost.item())  # the sweep can't be run like this
+    assert coarse.pareto.item() == 0
+    assert (chosen(trade, scheme="newmark").status_count.sel(status="beyond_stability_limit") == 0).all()
+
+
+def test_statuses_are_counted_and_errors_of_the_ok_apart(trade):
+    assert (trade.status_count.sum("status") == trade.sizes["scenario"]).all()
+    counts = (trade.scenario_status == 0).sum("scenario")
+    assert (counts == trade.status_count.sel(status="ok", drop=True)).all()
+    coarse = trade.sel(scheme="newmark", located=1, precision="float64", step=2e-2, statistic="worst")
+    assert coarse.status_count.sel(status="ok").item() == 0
+    assert np.isnan(coarse.error.sel(population="ok", output="impact_force_max").item())
+    assert coarse.error.sel(population="all", output="impact_force_max").item() > 1e-2
+
+
+def test_a_diverged_scenario_has_an_infinite_error_and_is_never_on_the_front():
+    stiff = make_sweep(stiffness_factors=[1e4], gaps=[0.003], force_unstable=True)
+    found = tradeoff(
+        stiff, steps=[5e-3], methods=["rk4"], located=[False], precisions=["float64"], scenarios=2, repeats=1
+    )
+    one = chosen(found, output="impact_force_max").squeeze()
+    assert one.status_count.sel(status="diverged").item() >= 1
+    assert np.isinf(one.error.item())
+    assert one.pareto.item() == 0
+    assert one.cost.item() > 0.0
+    headings, rows = table_of(found)
+    assert rows[0][headings.index("force worst")].strip() == "diverged"
+    with pytest.raises(InputError, match="all is refused or diverged"):
+        plot(found, "work-precision", "never.png")
+
+
+@pytest.fixture(scope="module")
+def measured(sweep):
+    compared = Compared(("rk4",), (True,), ("float64",), (2e-3, 1e-3), 0.25, 0.5)
+    return measure(sweep.spec, compared, scenarios=6, seed=0, repeats=1, workers=1, progress=Progress())
+
+
+def test_sensitive_scenarios_are_counted_and_kept_apart(measured):
+    steady = make_dataset(measured, {})
+    assert steady.attrs["sensitive_scenarios"] == 0
+    assert (steady.sensitivity < 1e-6).all()
+    sensitivity = measured.sensitivity.copy()
+    sensitivity[2] = 0.3
+    errors = measured.errors.copy()
+    errors[..., 2, :] = 0.5
+    found = make_dataset(replace(measured, sensitivity=sensitivity, errors=errors), {})
+    assert found.attrs["sensitive_scenarios"] == 1
+    assert found.sensitive.values.tolist() == [0, 0, 1, 0, 0, 0]
+    assert (found.error.sel(population=["all", "sensitive", "ok"], statistic="worst") == 0.5).all()
+    rest = np.delete(measured.errors, 2, axis=-2)
+    np.testing.assert_array_equal(
+        found.error.sel(population="steady", statistic="worst").squeeze(), rest.max(axis=-2).squeeze()
+    )
+
+
+def test_a_change_of_the_gap_is_what_finds_them():
+    """A floor that only just touches: the smallest change of the gap is a large one of the penetration."""
+    grazing = find_closing() * (1.0 - 1e-6)
+    found = tradeoff(
+        make_sweep(gaps=[grazing]),
+        steps=[2e-3],
+        methods=["rk4"],
+        located=[True],
+        precisions=["float64"],
+        scenarios=2,
+        repeats=1,
+    )
+    assert found.attrs["sensitive_scenarios"] == 2
+
+
+def find_closing():
+    cube = ps.Sweep(SCENE, SHORT, ["none"], outputs=["closing_max"], dt=2.5e-4, audit=0.0).run(scheduler="synchronous")
+    return float(cube.closing_max.max())
+
+
+def test_errors_below_the_converged_solution_are_marked(measured):
+    doubtful = replace(measured, reference_errors=np.full_like(measured.reference_errors, 1e-3))
+    found = make_dataset(doubtful, {})
+    assert (found.resolved.sel(population="all") == 0).all()
+    assert make_dataset(measured, {}).resolved.sel(population="all", output="impact_force_max").all()
+    headings, rows = table_of(found)
+    assert all(row[headings.index("force worst")].startswith("< 3.0e-03") for row in rows)
+    front = found.pareto.sel(population="all", statistic="worst", output="impact_force_max").squeeze()
+    assert front.values.tolist() == (found.cost == found.cost.min()).squeeze().astype(int).values.tolist()
+
+
+def test_a_converged_solution_that_is_not_converged_is_worth_a_warning(measured):
+    warn_of_doubt(measured)  # says nothing: warnings are errors here
+    doubtful = measured.reference_errors.copy()
+    doubtful[1] = 2e-3
+    gap = float(measured.plan.unique.gaps[measured.sample.rows[1], 0])
+    with pytest.warns(RuntimeWarning, match=rf"of 1 of 6 .* worst 2.0e-03 .* law kelvin_voigt, gaps {gap:g} m"):
+        warn_of_doubt(replace(measured, reference_errors=doubtful))
+    sensitivity = np.where(np.arange(6) == 1, 1.0, measured.sensitivity)
+    warn_of_doubt(replace(measured, reference_errors=doubtful, sensitivity=sensitivity))
+
+
+def test_costs_are_those_of_the_sweeps_own_mix(sweep, trade):
+    plan = sweep.plan()
+    touching = find_touching(plan)
+    laws = [law.key for law in plan.laws]
+    share = {law: (plan.unique.law[touching] == laws.index(law)).mean() for law in LAWS}
+    mixed = sum(share[law] * trade.law_cost.sel(law=law) for law in LAWS)
+    np.testing.assert_allclose(trade.cost, mixed, rtol=1e-12)
+    fine = trade.cost.sel(scheme="rk4", located=0, precision="float64", step=[2e-3, 5e-4]).values
+    assert 1.2 < fine[1] / fine[0] < 12.0  # four times the steps, on a busy machine
+    assert (trade.cost_median >= trade.cost).where(trade.cost.notnull(), True).all()
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# The sample
+
+
+def test_only_touching_scenarios_are_drawn_and_always_the_same(sweep):
+    plan = sweep.plan()
+    sample = draw(plan, 6, seed=3)
+    assert len(sample.rows) == 6
+    assert len(np.unique(sample.rows)) == 6
+    assert sample.touching[sample.rows].all()
+    assert (plan.unique.gaps[sample.rows] < 1.0).all()
+    np.testing.assert_array_equal(draw(plan, 6, seed=3).rows, sample.rows)
+
+
+def test_lane_groups_are_whole_in_large_sweeps():
+    other = ps.Record("other", SHORT.dt, 0.8 * SHORT.acceleration)
+    plan = make_sweep(records=[SHORT, other], gaps=list(np.linspace(0.001, 0.005, 40))).plan()
+    sample = draw(plan, 4 * LANES, seed=0)
+    assert [len(group.rows) for group in sample.groups] == [LANES] * 4
+    for group in (*sample.groups, *sample.timed):
+        assert set(plan.unique.law[group.rows]) == {group.law}
+        assert set(plan.unique.record[group.rows]) == {group.record}
+        assert len(group.rows) % LANES == 0
+    assert len(np.unique(sample.rows)) == 4 * LANES
+    for group in sample.timed:  # side by side: neighbouring gaps
+        assert np.ptp(np.argsort(np.argsort(plan.unique.gaps[group.rows, 0]))) == len(group.rows) - 1
+        assert np.diff(np.sort(plan.unique.gaps[group.rows, 0])).max() < 1.5 * 0.004 / 39
+    assert {group.law for group in sample.groups} == {group.law for group in sample.timed}
+
+
+def test_without_touching_scenarios_there_is_nothing_to_measure():
+    with pytest.raises(InputError, match="no scenario of this sweep can touch"):
+        tradeoff(make_sweep(gaps=[5.0]))
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Statistics and the front
+
+NUMBERS = st.floats(1e-12, 1e3) | st.just(np.inf) | st.just(np.nan)
+
+
+@given(st.lists(st.tuples(NUMBERS, NUMBERS), max_size=30))
+def test_no_point_beats_one_on_the_front_and_some_point_beats_every_other(points):
+    cost, error = np.array(points).reshape(-1, 2).T
+    front = pareto_front(cost, error)
+    usable = [(c, e) for c, e in points if np.isfinite(c) and np.isfinite(e)]
+    for (c, e), on in zip(points, front, strict=True):
+        if not (np.isfinite(c) and np.isfinite(e)):
+            assert not on
+        else:
+            beaten = any(x <= c and y <= e and (x < c or y < e) for x, y in usable)
+            assert on == (not beaten)
+    assert front.any() == bool(usable)
+
+
+@given(st.lists(st.floats(0, 1) | st.just(np.inf), min_size=1, max_size=40))
+def test_statistics_are_errors_of_scenarios(errors):
+    median, p90, worst = statistics(np.array(errors)[:, None])[0]
+    assert worst == max(errors)
+    assert sum(e <= median for e in errors) >= 0.5 * len(errors)
+    assert sum(e < median for e in errors) < 0.5 * len(errors)
+    assert sum(e <= p90 for e in errors) >= 0.9 * len(errors)
+    assert {median, p90, worst} <= set(errors)
+
+
+def test_scenarios_without_an_error_do_not_count():
+    errors = np.array([[0.1, 0.2], [np.nan, np.nan], [0.3, 0.1]])
+    np.testing.assert_array_equal(statistics(errors)[:, 2], [0.3, 0.2])
+    assert np.isnan(statistics(errors[1:2])).all()
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# File, table, figure, command
+
+
+def test_the_file_holds_everything(trade, sweep, tmp_path):
+    path = write_cube(trade, tmp_path / "trade.nc")
+    with ps.open_cube(path) as again:
+        again.load()
+    for name, variable in trade.variables.items():
+        np.testing.assert_array_equal(again[name].values, variable.values, err_msg=str(name))
+        assert again[name].dtype.kind == variable.dtype.kind
+    assert set(again.attrs) == set(trade.attrs)
+    assert json.loads(again.attrs["sweep"])["outputs"] == list(sweep.spec.outputs)
+    assert json.loads(again.attrs["machine"])["lanes_per_kernel"] == LANES
+    for variable in again.data_vars.values():
+        assert variable.attrs["long_name"]
+        assert "units" in variable.attrs or "flag_values" in variable.attrs
+    assert trade_rows(again) == trade_rows(trade)
+    text = describe(again)
+    assert "Speed-accuracy trade" in text
+    assert "scenario_error" in text
+
+
+def test_true_steps_are_reported_and_equal_ones_measured_once():
+    found = tradeoff(
+        make_sweep(gaps=[0.003]),
+        steps=[1.1e-3, 3e-3, 2.9e-3],
+        methods=["rk4"],
+        located=[True],
+        precisions=["float64"],
+        scenarios=2,
+        repeats=1,
+    )
+    assert found.step.values.tolist() == [3e-3, 1.1e-3]
+    np.testing.assert_allclose(found.time_step.values, [[0.02 / 7, 0.02 / 19]])
+    headings, rows = table_of(found)
+    assert [row[headings.index("step s")] for row in rows] == ["0.002857", "0.001053"]
+
+
+def test_the_sweeps_own_numerics_do_not_matter(measured):
+    """Neither its scheme, step and number format nor an accuracy asked for, which leaves them to be chosen."""
+    compared = measured.compared
+    for settings in ({"accuracy": 1e-3}, {"method": "newmark", "dt": 1e-2, "locate": False, "precision": "float32"}):
+        spec = make_sweep(**settings).spec
+        found = measure(spec, compared, scenarios=6, seed=0, repeats=1, workers=1, progress=Progress())
+        np.testing.assert_array_equal(found.errors, measured.errors)
+
+
+def test_the_table_has_a_row_per_configuration(trade):
+    headings, rows = table_of(trade)
+    assert len(rows) == (2 * 2 + 1) * 2 * len(STEPS)  # exact flight is always located
+    refused = next(row for row in rows if row[0] == "rk4" and row[3] == "0.02")
+    assert refused[headings.index("s per 1000")] == "-"
+    assert "3 beyond_stability_limit" in refused[headings.index("not ok")]
+    marked = {row[0] for row in rows if row[headings.index("force worst")].endswith("*")}
+    assert "rk4" in marked
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_the_figure_is_drawn(trade, tmp_path, suffix):
+    path = plot(trade, "work-precision", tmp_path / f"trade.{suffix}")
+    assert path.stat().st_size > 5_000
+    if suffix == "svg":
+        text = path.read_text()
+        assert text.count("<!-- ") > 10
+        for label in ("Pareto front", "rk4, located, float64", "newmark, not located, float32", "one core"):
+            assert label in text
+
+
+def test_the_figure_needs_a_trade():
+    cube = ps.Sweep(SCENE, SHORT, ["none"], outputs=["closing_max"], dt=2.5e-4, audit=0.0).run(scheduler="synchronous")
+    with pytest.raises(InputError, match="pounding-sweep tradeoff"):
+        plot(cube, "work-precision", "never.png")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"steps": []}, "no steps"),
+        ({"steps": [1e-3, -1.0]}, "-1.0"),
+        ({"steps": [float("nan")]}, "nan"),
+        ({"methods": ["rk5"]}, "did you mean 'rk4'"),
+        ({"precisions": ["float16"]}, "float16"),
+        ({"methods": []}, "no method"),
+        ({"scenarios": 0}, "scenarios = 0"),
+        ({"repeats": 0}, "repeats = 0"),
+        ({"located": []}, "located"),
+    ],
+)
+def test_wrong_arguments_are_named(sweep, arguments, text):
+    with pytest.raises(InputError, match=text):
+        tradeoff(sweep, **arguments)
+
+
+def test_outputs_without_an_error_are_refused():
+    sweep = ps.Sweep(SCENE, SHORT, LAWS, gaps=[0.003], outputs=["status"])
+    with pytest.raises(InputError, match="impact_force_max"):
+        tradeoff(sweep)
+
+
+def command(*arguments):
+    return CliRunner().invoke(app, ["tradeoff", *map(str, arguments)])
+
+
+@pytest.fixture
+def tiny(tmp_path):
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY)
+    return path
+
+
+def test_the_command_measures_writes_draws_and_prints(tiny, tmp_path):
+    out, figure = tmp_path / "trade.nc", tmp_path / "trade.png"
+    done = command(tiny, "-o", out, "--steps", "2e-3,1e-3", "--scenarios", "2", "--plot", figure, "--quiet")
+    assert done.exit_code == 0, done.output
+    lines = done.stdout.splitlines()
+    assert lines[0].split()[:3] == ["scheme", "located", "precision"]
+    assert sum(line.startswith(("rk4", "newmark")) for line in lines) == 16
+    assert "2 of 2 touching scenarios are measured" in done.stdout
+    assert lines[-2:] == [str(figure), str(out)]
+    drawn = CliRunner().invoke(app, ["plot", str(out), "work-precision", "-o", str(tmp_path / "again.png")])
+    assert drawn.exit_code == 0, drawn.output
+    assert (tmp_path / "again.png").read_bytes() == figure.read_bytes()
+    assert command(tiny, "-o", out).exit_code == 2
+
+
+def test_the_command_prints_json(tiny):
+    done = command(tiny, "--steps", "2e-3,1e-3", "--scenarios", "2", "--json", "--quiet")
+    assert done.exit_code == 0, done.output
+    report = json.loads(done.stdout)
+    assert report["sample_scenarios"] == 2
+    assert len(report["configurations"]) == 20
+    first = report["configurations"][0]
+    assert first["scheme"] == "rk4"
+    assert first["cost"] > 0.0
+    assert set(first["errors"]["impact_force_max"]) == set(POPULATIONS)
+    assert first["errors"]["impact_force_max"]["all"]["worst"]["value"] > 0.0
+
+
+@pytest.mark.parametrize("steps", ["1e-3,fast", ""])
+def test_the_command_names_wrong_steps(tiny, steps):
+    done = command(tiny, "--steps", steps)
+    assert done.exit_code == 2
+    assert "no number" in done.stderr
