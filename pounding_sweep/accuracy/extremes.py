@@ -29,7 +29,7 @@ RANDOM = "random"
 #: Random scenes where their number is not given.
 DEFAULT_SCENES = 320
 #: Schemes that every batch is run in.
-METHODS = ("rk4", "newmark")
+METHODS = ("rk4", "newmark", "exact")
 
 
 @dataclass

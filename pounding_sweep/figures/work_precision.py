@@ -78,6 +78,8 @@ def _lines(ax: Any, one: xr.Dataset) -> None:
             line = one.sel(scheme=scheme, located=located, precision=precision)
             cost, error = line["cost"].values, line["error"].values
             shown = np.isfinite(cost) & np.isfinite(error) & (error > 0.0)
+            if not shown.any():
+                continue
             narrow = precision == "float32"
             ax.plot(
                 cost[shown],
