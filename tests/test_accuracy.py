@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from naive import NaiveBuilding, modal_exact, two_mass_impact
+from scenes import OUTPUTS, row
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy import advice, calibrate
@@ -27,17 +28,6 @@ from pounding_sweep.sweep.plan import make_plan
 from pounding_sweep.sweep.spec import build_spec
 from pounding_sweep.sweep.stability import largest_step
 from pounding_sweep.sweep.sweep import Sweep
-
-OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
-
-
-def row():
-    """Three buildings of one storey with periods 0.63, 0.36 and 0.63 s."""
-    return Scene(
-        [Building("a", [100.0], [1.0e4]), Building("b", [80.0], [2.5e4]), Building("c", [120.0], [1.2e4])],
-        gaps=(0.01, 0.02),
-        contact=ContactProperties(linear_stiffness=2e5, hertz_stiffness=1e6, restitution=0.5),
-    )
 
 
 def motions():

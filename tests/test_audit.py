@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import AXES, OUTPUTS, motions, row
 
 from pounding_sweep.accuracy import advice, audit
 from pounding_sweep.accuracy.advice import CLASSES, Curve, Measured
@@ -21,43 +22,13 @@ from pounding_sweep.cube.audited import audit_sentence, audit_table
 from pounding_sweep.cube.describe import describe
 from pounding_sweep.cube.variables import Status, get_variable, reducers_for
 from pounding_sweep.cube.write import open_cube
-from pounding_sweep.records import Record, synthetic_record
-from pounding_sweep.scene import Building, ContactProperties, Scene
+from pounding_sweep.records import synthetic_record
+from pounding_sweep.scene import Building, Scene
 from pounding_sweep.sweep.blocks import Numerics, RowKernel, variables_of
 from pounding_sweep.sweep.execute import Outcome
 from pounding_sweep.sweep.plan import make_plan
 from pounding_sweep.sweep.spec import build_spec
 from pounding_sweep.sweep.sweep import Sweep
-
-OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
-
-
-def row():
-    """Three buildings of one storey with periods 0.63, 0.36 and 0.63 s."""
-    return Scene(
-        [Building("a", [100.0], [1.0e4]), Building("b", [80.0], [2.5e4]), Building("c", [120.0], [1.2e4])],
-        gaps=(0.01, 0.02),
-        contact=ContactProperties(linear_stiffness=2e5, hertz_stiffness=1e6, restitution=0.5),
-    )
-
-
-def motions():
-    t = np.arange(150) * 0.02
-    return [
-        Record("one", 0.02, 3.0 * np.sin(7.0 * t) * np.exp(-0.3 * t)),
-        Record("two", 0.01, 2.0 * np.sin(5.5 * t)),
-    ]
-
-
-AXES = {
-    "laws": ["linear", "none", "kelvin_voigt"],
-    "gaps": [0.0005, 0.5, 0.002, 0.01, 0.02],
-    "stiffness_factors": [1.0, 0.5],
-    "restitutions": [0.3, 0.5, 0.7],
-    "dt": 0.005,
-    "outputs": OUTPUTS,
-}
-
 
 #: Several groups of lanes in the audit.
 LARGER = {"gaps": [0.0005, 0.5, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02], "audit": 1.0}

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import OUTPUTS, motions, row
 
 from pounding_sweep.contact.laws import LAWS, get_law
 from pounding_sweep.cube.variables import Status, get_variable, reducers_for
@@ -25,25 +26,7 @@ from pounding_sweep.sweep.spec import build_spec, contact_stiffness, digest
 from pounding_sweep.sweep.stability import largest_step
 from pounding_sweep.sweep.sweep import Sweep
 
-OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 VALUES = (*OUTPUTS, "status", "steps_per_contact")
-
-
-def row(gaps=(0.01, 0.02)):
-    """Three buildings of one storey with periods 0.63, 0.36 and 0.63 s."""
-    return Scene(
-        [Building("a", [100.0], [1.0e4]), Building("b", [80.0], [2.5e4]), Building("c", [120.0], [1.2e4])],
-        gaps=gaps,
-        contact=ContactProperties(linear_stiffness=2e5, hertz_stiffness=1e6, restitution=0.5),
-    )
-
-
-def motions():
-    t = np.arange(150) * 0.02
-    return [
-        Record("one", 0.02, 3.0 * np.sin(7.0 * t) * np.exp(-0.3 * t)),
-        Record("two", 0.01, 2.0 * np.sin(5.5 * t)),
-    ]
 
 
 PRODUCT = {

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.accuracy.measure import comparable, relative_errors
+from pounding_sweep.accuracy.measure import PERTURBATION, SENSITIVE, comparable, relative_errors
 from pounding_sweep.cube.variables import STATUS, Status
 from pounding_sweep.kernels.shape import LANES
 from pounding_sweep.sweep.execute import run_chunk
@@ -36,11 +36,6 @@ if TYPE_CHECKING:
 GROUP = LANES // 2
 #: Steps of the audit in one step of the sweep.
 FINER = 2
-#: Relative change of gaps, contact stiffness and record that must not matter, by number format; some units of its
-#: last place in single precision.
-PERTURBATION = {"float64": 1e-9, "float32": 2.5e-7}
-#: A scenario whose outputs the perturbation changes by more than this is sensitive.
-SENSITIVE = 1e-4
 #: Error of an ok scenario beyond which a warning is given, where the sweep asked for none.
 TOLERANCE = 0.05
 #: How the flag is spelt in a cube.

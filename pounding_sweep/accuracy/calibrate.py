@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.accuracy.advice import CLASSES, MEASURED
-from pounding_sweep.accuracy.measure import relative_errors
+from pounding_sweep.accuracy.measure import PERTURBATION, SENSITIVE, relative_errors
 from pounding_sweep.accuracy.timescales import approach_speeds, highest_frequency, shortest_contact
 from pounding_sweep.contact.laws import LAWS, Law, get_law
 from pounding_sweep.cube.assemble import package_version
@@ -54,8 +54,6 @@ CONVERGED, PERTURBED = 256, 32
 NODES = tuple(float(2**i) for i in range(13))
 #: A node needs the lines of this many scenarios.
 FEWEST = 24
-#: Relative change of gaps, stiffness and record, and the change of an output that makes a scenario sensitive.
-PERTURBATION, SENSITIVE = 1e-9, 1e-4
 #: Undamped laws run in the kernel of a damped one of the same elastic force, to the last bit; fewer are compiled.
 HOSTS = {"linear": "kelvin_voigt", "hertz": "hertz_damped"}
 #: Middle of the random contact stiffnesses by force exponent (kN/m**exponent).
@@ -231,7 +229,7 @@ def calibrate(schemes: Sequence[tuple[str, str]] = tuple(LADDERS), say: Any = la
     for law in laws:
         gathered: dict[tuple[str, str], list[dict[str, np.ndarray]]] = {scheme: [] for scheme in schemes}
         for cell in _cells(law):
-            plain, moved = (cell.run("rk4", "float64", PERTURBED, change) for change in (0.0, PERTURBATION))
+            plain, moved = (cell.run("rk4", "float64", PERTURBED, change) for change in (0.0, PERTURBATION["float64"]))
             change = np.max(list(_by_class(moved, plain).values()), axis=0)
             kept = np.flatnonzero(change <= SENSITIVE)
             sensitive, total = sensitive + len(change) - len(kept), total + len(change)

@@ -8,6 +8,10 @@ import numpy as np
 
 from pounding_sweep.cube.variables import check_outputs, get_variable
 
+#: Relative change of a scenario that must not matter, by number format; some units of its last place in the second.
+PERTURBATION = {"float64": 1e-9, "float32": 2.5e-7}
+#: A scenario is sensitive where that changes an output by more than this: no step size helps.
+SENSITIVE = 1e-4
 #: Outputs that say how a run went, not what it found.
 BOOKKEEPING = frozenset({"status", "energy_residual", "steps_per_contact", "time_step"})
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.trade_measure import GAP_CHANGE, SENSITIVE_CHANGE, Measured
+from pounding_sweep.accuracy.measure import SENSITIVE
+from pounding_sweep.accuracy.trade_measure import GAP_CHANGE, Measured
 from pounding_sweep.cube.assemble import CONVENTIONS, VERSION_ATTRIBUTE, package_version
 from pounding_sweep.cube.variables import STATUS, Status
 from pounding_sweep.sweep.spec import digest, to_json
@@ -82,7 +83,7 @@ _VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     ),
     "sensitive": (
         _EACH,
-        _FLAGS | {"flag_meanings": "steady sensitive", "long_name": f"sensitivity above {SENSITIVE_CHANGE:g}"},
+        _FLAGS | {"flag_meanings": "steady sensitive", "long_name": f"sensitivity above {SENSITIVE:g}"},
     ),
 }
 
@@ -331,7 +332,7 @@ def _attributes(m: Measured, settings: Mapping[str, Any]) -> dict[str, Any]:
         "reference_check": "the same at twice the step; their difference is reference_error",
         "resolution_factor": RESOLUTION,
         "gap_change": GAP_CHANGE,
-        "sensitive_change": SENSITIVE_CHANGE,
+        "sensitive_change": SENSITIVE,
         "newmark_beta": m.spec.beta,
         "newmark_gamma": m.spec.gamma,
         **settings,

@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from pounding_sweep.accuracy.measure import comparable, relative_errors
+from pounding_sweep.accuracy.measure import PERTURBATION, SENSITIVE, comparable, relative_errors
 from pounding_sweep.accuracy.trade_sample import Group, Sample, draw
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.errors import InputError
@@ -26,10 +26,8 @@ REFINEMENT = 8
 #: And it is at most this share of the stability limit.
 REFERENCE_SHARE = 0.125
 #: Relative change of the gaps by which sensitive scenarios are found, and the change (m) of a gap of zero.
-GAP_CHANGE = 1e-9
+GAP_CHANGE = PERTURBATION["float64"]
 ZERO_GAP_CHANGE = 1e-12
-#: A scenario is sensitive where that changes an output by more than this, relatively.
-SENSITIVE_CHANGE = 1e-4
 
 Values = dict[str, np.ndarray]
 
@@ -116,7 +114,7 @@ class Measured:
     @property
     def sensitive(self) -> np.ndarray:
         """Scenarios (n,) in which no step size helps: the smallest change of the gaps changes an output visibly."""
-        return np.asarray(self.sensitivity > SENSITIVE_CHANGE)
+        return np.asarray(self.sensitivity > SENSITIVE)
 
 
 def measure(

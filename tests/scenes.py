@@ -1,0 +1,37 @@
+"""The small row and motions that several test modules share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pounding_sweep.records import Record
+from pounding_sweep.scene import Building, ContactProperties, Scene
+
+OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
+#: Axes of a small sweep of three laws.
+AXES = {
+    "laws": ["linear", "none", "kelvin_voigt"],
+    "gaps": [0.0005, 0.5, 0.002, 0.01, 0.02],
+    "stiffness_factors": [1.0, 0.5],
+    "restitutions": [0.3, 0.5, 0.7],
+    "dt": 0.005,
+    "outputs": OUTPUTS,
+}
+
+
+def row(gaps=(0.01, 0.02)):
+    """Three buildings of one storey with periods 0.63, 0.36 and 0.63 s."""
+    return Scene(
+        [Building("a", [100.0], [1.0e4]), Building("b", [80.0], [2.5e4]), Building("c", [120.0], [1.2e4])],
+        gaps=gaps,
+        contact=ContactProperties(linear_stiffness=2e5, hertz_stiffness=1e6, restitution=0.5),
+    )
+
+
+def motions():
+    """A fading and a steady sine, of different steps and lengths."""
+    t = np.arange(150) * 0.02
+    return [
+        Record("one", 0.02, 3.0 * np.sin(7.0 * t) * np.exp(-0.3 * t)),
+        Record("two", 0.01, 2.0 * np.sin(5.5 * t)),
+    ]
