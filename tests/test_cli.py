@@ -698,3 +698,11 @@ def test_the_readme_tells_every_status_and_existing_files():
         assert (ROOT / link).is_file(), link
     for name in re.findall(r"sweeps/\w+\.toml", README):
         tomllib.loads((ROOT / name).read_text(encoding="utf-8"))
+
+
+def test_an_accuracy_on_the_command_line_takes_the_place_of_the_step(tmp_path):
+    sweep = write(tmp_path, TINY)
+    done = cli("plan", sweep, "--accuracy", "1e-3")
+    assert "for a relative error of 0.001: rk4 (as the sweep names it" in re.sub(r"\s+", " ", done.stdout)
+    done = cli("plan", sweep, "--accuracy", "1", code=2)
+    assert "accuracy is 1.0; it must be in [1e-06, 0.01]" in done.stderr

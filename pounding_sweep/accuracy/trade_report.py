@@ -6,6 +6,8 @@ import math
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pounding_sweep.accuracy.trade_dataset import CONFIGURATION, KIND, KIND_ATTRIBUTE
 from pounding_sweep.cube.variables import Status, get_variable
 from pounding_sweep.errors import InputError
@@ -138,6 +140,30 @@ def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], 
         cells += [str(ok), ", ".join(f"{count} {label}" for label, count in statuses.items()) or "-"]
         rows.append(cells)
     return headings, rows
+
+
+def order_table(trade: xr.Dataset) -> tuple[list[str], list[list[str]]]:
+    """Return the headings and rows of the orders of convergence: one row per law and leading output.
+
+    Each is the slope of the logarithm of the median error of steady scenarios against
+    that of the step, over the resolved errors of a scheme that locates contacts, in double
+    precision; "-" where fewer than three are resolved.
+    """
+    schemes = [str(name) for name in trade["scheme"].values]
+    median = trade.sel(population="steady", statistic="median")
+    rows = []
+    for law in (str(name) for name in trade["law"].values):
+        for output in leading_outputs(trade):
+            cells = [law, _short(output)]
+            for scheme in schemes:
+                place = {"law": law, "output": output, "scheme": scheme, "precision": "float64"}
+                one = median.sel(place).isel(located=int(np.argmax(trade["located"].values)))
+                error, step = one["law_error"].values, one["step"].values
+                kept = np.isfinite(error) & (error > 0.0) & (one["law_resolved"].values == 1)
+                fit = np.polyfit(np.log(step[kept]), np.log(error[kept]), 1)[0] if kept.sum() >= 3 else math.nan
+                cells.append(f"{fit:.1f}" if math.isfinite(fit) else "-")
+            rows.append(cells)
+    return ["law", "output", *(f"{scheme} order" for scheme in schemes)], rows
 
 
 def _error_text(found: dict[str, Any], refused: bool) -> str:

@@ -13,6 +13,21 @@ from pounding_sweep.tables import bytes_text, number_text, print_json, print_pai
 
 if TYPE_CHECKING:
     from pounding_sweep.sweep.execute import Outcome
+    from pounding_sweep.sweep.sweep import Sweep
+
+Accuracy = Annotated[
+    float | None,
+    typer.Option(metavar="ERROR", help="Relative error asked for, 1e-2 to 1e-6, in place of the file's step."),
+]
+
+
+def _asking(job: Sweep, accuracy: float | None) -> Sweep:
+    """Return the sweep, asking for `accuracy` if one is given."""
+    if accuracy is None:
+        return job
+    from pounding_sweep.sweep.spec import with_accuracy
+
+    return job.from_spec(with_accuracy(job.spec, accuracy))
 
 
 @app.command("run")
@@ -26,6 +41,7 @@ def run_command(
         typer.Option(metavar="WHICH", help="threads, processes, synchronous, or a dask address: tcp://HOST:PORT."),
     ] = "threads",
     workers: Workers = None,
+    accuracy: Accuracy = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT.nc if it exists.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
     as_json: AsJson = False,
@@ -37,7 +53,7 @@ def run_command(
         from pounding_sweep.sweep.summary import status_table, summary_table
         from pounding_sweep.sweep.sweep import load_sweep
 
-        job = load_sweep(sweep)
+        job = _asking(load_sweep(sweep), accuracy)
         progress = make_progress(quiet)
         try:
             cube = job.run(out, scheduler=scheduler, workers=workers, overwrite=overwrite, progress=progress)
@@ -68,7 +84,7 @@ def run_command(
 
 
 @app.command("plan")
-def plan_command(sweep: SweepFile, workers: Workers = None, as_json: AsJson = False) -> None:
+def plan_command(sweep: SweepFile, workers: Workers = None, accuracy: Accuracy = None, as_json: AsJson = False) -> None:
     """Say what a sweep would run, and at what cost; nothing is run."""
     with reporting():
         from pounding_sweep.cube.variables import Status
@@ -76,7 +92,7 @@ def plan_command(sweep: SweepFile, workers: Workers = None, as_json: AsJson = Fa
         from pounding_sweep.sweep.sweep import load_sweep
 
         n_workers = check_scheduler("threads", workers)
-        job = load_sweep(sweep)
+        job = _asking(load_sweep(sweep), accuracy)
         plan = job.plan()
         found = {**plan.summary(n_workers), "workers": n_workers, "sweep_sha256": plan.digest}
         limit = float(plan.limit[plan.refused].min()) if plan.refused.any() else None

@@ -113,7 +113,7 @@ def _report(trade: xr.Dataset) -> dict[str, Any]:
 
 
 def _print_trade(trade: xr.Dataset) -> None:
-    from pounding_sweep.accuracy.trade_report import leading_outputs, table_of
+    from pounding_sweep.accuracy.trade_report import leading_outputs, order_table, table_of
 
     attributes = trade.attrs
     sample, sensitive = int(attributes["sample_scenarios"]), int(attributes["sensitive_scenarios"])
@@ -134,6 +134,10 @@ def _print_trade(trade: xr.Dataset) -> None:
         f"Compared with {attributes['reference']} at {attributes['reference_step']:.4g} s, whose worst error is at "
         f"most {limits}; < marks errors below {attributes['resolution_factor']:g} times that of the same scenarios."
     )
+    print()
+    headings, rows = order_table(trade)
+    print_table(headings, rows, right=tuple(range(2, len(headings))))
+    print("order: by which power of the step the median error falls (located, float64; resolved errors only).")
     if sensitive:
         print()
         print(

@@ -34,6 +34,7 @@ from pounding_sweep.sweep.spec import (
     Case,
     SweepSpec,
     missing_reference,
+    outside_accuracy,
 )
 
 #: Groups of laws that a sweep may name in place of each law.
@@ -50,8 +51,7 @@ _scale = finite("record scale")
 def _accuracy(value: float) -> None:
     low, high = ACCURACY_RANGE
     if not low <= value <= high:
-        msg = f"accuracy is {value!r}; it must be in [{low:g}, {high:g}], the range that was measured"
-        raise SweepError(msg)
+        raise SweepError(outside_accuracy(value))
 
 
 def _audit(value: float) -> None:

@@ -12,7 +12,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from pounding_sweep.contact.laws import Law, get_law
@@ -219,6 +219,26 @@ class SweepSpec:
             if record.name == name:
                 return record
         raise KeyError(name)
+
+
+def outside_accuracy(value: float) -> str:
+    """Say that an accuracy was not measured."""
+    low, high = ACCURACY_RANGE
+    return f"accuracy is {value!r}; it must be in [{low:g}, {high:g}], the range that was measured"
+
+
+def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:
+    """Return a sweep that asks for a relative error in place of its own step; its scheme is kept.
+
+    Raises
+    ------
+    SweepError
+        The accuracy is outside `ACCURACY_RANGE`.
+    """
+    low, high = ACCURACY_RANGE
+    if not low <= accuracy <= high:
+        raise SweepError(outside_accuracy(accuracy))
+    return replace(spec, accuracy=accuracy, dt=None)
 
 
 def contact_stiffness(
