@@ -422,3 +422,17 @@ def test_flight_is_exact_whatever_the_step():
     one = ps.simulate(A_ALONE, record, method="exact", dt=record.dt)
     want = modal_exact(twins(A_ALONE)[0], record.acceleration, record.dt)[0]
     np.testing.assert_allclose(one.displacement.isel(building=0).values, want, rtol=0, atol=1e-12)
+
+
+def test_a_neighbour_that_touches_changes_an_exact_flight_by_no_more_than_its_error():
+    kernel, record = RowKernel(PAIR, LAWS["linear"], Numerics("exact", 1e-3), reducers_for(LONG_STEPS)), motion(251)
+
+    def peaks(gaps):
+        n = len(gaps)
+        values = {"stiffness": np.full(n, 8e5), "restitution": np.ones(n)}
+        return kernel.run(record, scale=np.ones(n), gaps=np.array(gaps)[:, None], **values)
+
+    alone, beside = peaks([0.006]), peaks([0.006, 0.001])
+    assert np.array_equal(alone["count"], beside["count"][:1])
+    for name in ("umax", "umin", "drift", "fmax"):
+        np.testing.assert_allclose(alone[name], beside[name][:1], rtol=0, atol=1e-5 * np.abs(alone[name]).max())

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import pounding_sweep as ps
 from pounding_sweep.accuracy.trade_dataset import POPULATIONS, make_dataset, pareto_front, statistics
 from pounding_sweep.accuracy.trade_measure import Compared, measure
-from pounding_sweep.accuracy.trade_report import table_of, trade_rows
+from pounding_sweep.accuracy.trade_report import order_table, table_of, trade_rows
 from pounding_sweep.accuracy.trade_sample import draw, find_touching
 from pounding_sweep.accuracy.tradeoff import tradeoff, warn_of_doubt
 from pounding_sweep.cli import main  # noqa: F401  registers the commands
@@ -408,6 +408,17 @@ def test_the_sweeps_own_numerics_do_not_matter(measured):
         spec = make_sweep(**settings).spec
         found = measure(spec, compared, scenarios=6, seed=0, repeats=1, workers=1, progress=Progress())
         np.testing.assert_array_equal(found.errors, measured.errors)
+
+
+def test_orders_of_convergence_are_fitted(trade):
+    headings, rows = order_table(trade)
+    assert headings[2:] == ["rk4 order", "newmark order", "exact order"]
+    assert {row[0] for row in rows} == {str(law) for law in trade["law"].values}
+    forces = [row for row in rows if row[1] == "force"]
+    assert forces
+    for row in forces:
+        assert 3.0 < float(row[2]) < 5.5, row
+        assert 1.6 < float(row[3]) < 2.5, row
 
 
 def test_the_table_has_a_row_per_configuration(trade):
