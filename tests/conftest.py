@@ -5,6 +5,11 @@ from __future__ import annotations
 import os
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# kernels are compiled inside examples, on cores that other tests use too
+settings.register_profile("compiled", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("compiled")
 
 
 def _compile(kernels):

@@ -353,7 +353,8 @@ def test_random_scenes_obey_mechanics(scene, factor, e, record, law, method):
     assert float(got.contact_work.min()) >= -1e-3 * max(float(abs(got.energy_input).max()), 1e-12)
     assert bool((got.displacement_max >= 0).all())
     assert bool((got.displacement_min <= 0).all())
-    assert bool((got.energy_damping >= 0).all())
+    # of a building that hardly damps, rounding is all there is
+    assert bool((got.energy_damping >= -1e-10 * abs(got.energy_input).max()).all())
 
 
 @given(
