@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive import two_mass_restitution
+from test_naive import REALISED
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
@@ -52,20 +53,6 @@ NUMBERS = {
 } | {
     law: {0.1: 9.998159, 0.3: 3.087082, 0.5: 1.432751, 0.6: 0.974872, 0.8: 0.373146, 0.9: 0.166482}
     for law in BOTH_PHASES
-}
-
-#: Restitution with the published formula at nominal e = 0.1, 0.2, ..., 0.9, 0.95, from independent integrations.
-REALISED = {
-    "kelvin_voigt_tension": [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95],
-    "kelvin_voigt": [0.253, 0.325, 0.397, 0.472, 0.550, 0.632, 0.718, 0.808, 0.902, 0.951],
-    "modified_kelvin_voigt": [0.114, 0.224, 0.328, 0.428, 0.525, 0.620, 0.714, 0.807, 0.902, 0.951],
-    "linear_viscoelastic": [0.102, 0.205, 0.307, 0.407, 0.506, 0.605, 0.703, 0.801, 0.900, 0.950],
-    "modified_kelvin": [0.074, 0.166, 0.271, 0.380, 0.488, 0.594, 0.697, 0.799, 0.900, 0.950],
-    "hertz_damped": [0.665, 0.672, 0.684, 0.702, 0.725, 0.756, 0.796, 0.847, 0.913, 0.954],
-    "hunt_crossley": [0.516, 0.547, 0.581, 0.620, 0.663, 0.712, 0.768, 0.833, 0.909, 0.952],
-    "ye_hertz": [0.069, 0.156, 0.256, 0.363, 0.470, 0.577, 0.683, 0.789, 0.894, 0.947],
-    "gonthier": [0.101, 0.205, 0.304, 0.398, 0.488, 0.577, 0.670, 0.768, 0.876, 0.936],
-    "nonlinear_viscoelastic": [0.093, 0.191, 0.292, 0.393, 0.495, 0.596, 0.698, 0.799, 0.900, 0.950],
 }
 
 
