@@ -25,7 +25,7 @@ _HOME = {
     "pulse_record": "pounding_sweep.records",
     "synthetic_record": "pounding_sweep.records",
     "get_preset": "pounding_sweep.presets",
-    "Range": "pounding_sweep.sweep.spec",
+    "Range": "pounding_sweep.sweep.axes",
     "Sweep": "pounding_sweep.sweep.sweep",
     "load_sweep": "pounding_sweep.sweep.sweep",
     "simulate": "pounding_sweep.scenario",
@@ -77,7 +77,7 @@ if TYPE_CHECKING:
     )
     from pounding_sweep.scenario import simulate
     from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
-    from pounding_sweep.sweep.spec import Range
+    from pounding_sweep.sweep.axes import Range
     from pounding_sweep.sweep.sweep import Sweep, load_sweep
 
 

@@ -20,6 +20,8 @@ STAGES = {
     "kernels": "kernels",
     "no pounding": "runs without pounding",
     "scenarios": "scenarios",
+    "audit": "audit",
+    "cube": "cube",
 }
 
 

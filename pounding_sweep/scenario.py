@@ -10,7 +10,8 @@ import numpy as np
 
 from pounding_sweep.contact.laws import Law, get_law
 from pounding_sweep.contact.restitution import realised_restitution
-from pounding_sweep.cube.assemble import assemble, scatter_contact, scatter_dof
+from pounding_sweep.cube.assemble import assemble
+from pounding_sweep.cube.layout import scatter_contact, scatter_dof
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.errors import InputError, StabilityError
 from pounding_sweep.records import Record, resolve_records
@@ -99,8 +100,9 @@ def simulate(
     """
     from pounding_sweep.cube.variables import VARIABLES, reducers_for
     from pounding_sweep.kernels.shape import history_slots
-    from pounding_sweep.sweep.blocks import RowKernel, variables_of
+    from pounding_sweep.sweep.blocks import RowKernel
     from pounding_sweep.sweep.plan import make_plan
+    from pounding_sweep.sweep.readout import variables_of
 
     motion = record if isinstance(record, Record) else resolve_records([record])[0]
     found = get_law(law)

@@ -148,13 +148,36 @@ class Building:
     @cached_property
     def rayleigh(self) -> tuple[float, float]:
         """Factors (a, b) of C = a M + b K (1/s, s), from the first two modes."""
-        w = self.frequencies
-        ratios = self.damping_ratio if isinstance(self.damping_ratio, tuple) else (self.damping_ratio,) * 2
-        if len(w) == 1:
-            return 2.0 * ratios[0] * float(w[0]), 0.0
-        w1, w2 = float(w[0]), float(w[1])
-        b = 2.0 * (ratios[1] * w2 - ratios[0] * w1) / (w2**2 - w1**2)
-        return 2.0 * ratios[0] * w1 - b * w1**2, b
+        given = self.damping_ratio
+        return rayleigh_factors(self.frequencies, given if isinstance(given, tuple) else (given, given))
+
+
+def rayleigh_factors(frequencies: np.ndarray, ratios: tuple[float, float]) -> tuple[float, float]:
+    """Factors (a, b) of the Rayleigh damping C = a M + b K that has given ratios in the first two modes.
+
+    Parameters
+    ----------
+    frequencies : ndarray
+        Natural circular frequencies (rad/s), rising.
+    ratios : (float, float)
+        Damping ratio of the first mode and of the second. With one frequency alone, a = 2 zeta w and b = 0.
+
+    Returns
+    -------
+    a, b : float
+        1/s and s.
+
+    Examples
+    --------
+    >>> a, b = rayleigh_factors(np.array([10.0, 30.0]), (0.05, 0.05))
+    >>> round(a, 6), round(b, 6)
+    (0.75, 0.0025)
+    """
+    if len(frequencies) == 1:
+        return 2.0 * ratios[0] * float(frequencies[0]), 0.0
+    w1, w2 = float(frequencies[0]), float(frequencies[1])
+    b = 2.0 * (ratios[1] * w2 - ratios[0] * w1) / (w2**2 - w1**2)
+    return 2.0 * ratios[0] * w1 - b * w1**2, b
 
 
 @dataclass(frozen=True)

@@ -12,24 +12,42 @@ settings.register_profile("compiled", deadline=None, suppress_health_check=[Heal
 settings.load_profile("compiled")
 
 
-def _compile(kernels):
-    if "PYTEST_XDIST_WORKER" not in os.environ:  # else the cores are taken: each test compiles its own
-        from pounding_sweep.kernels.prepare import prepare
+def _compile(*wanted):
+    from pounding_sweep.kernels.prepare import prepare
 
-        prepare([kernel.shape for kernel in kernels], workers=2)
+    prepare([kernel.shape for kernels in wanted for kernel in kernels()], workers=2)
+
+
+def _pair_kernels():
+    """Return what `simulate` needs for two 2-storey buildings: every law and scheme."""
+    import test_kernels as t
+
+    return [t.row_kernel("pair", law, method, 1e-3) for method in t.METHODS for law in t.LAWS]
+
+
+def _row_kernels():
+    """Return what the other rows of `test_kernels` need."""
+    import test_kernels as t
+
+    return [t.row_kernel(row, law, method, 1e-3) for row, law, _, method, _, _ in t.OTHER_ROWS]
+
+
+def pytest_sessionstart(session):
+    """Compile what most tests need before the workers start, each kernel once; not for a part of the tests."""
+    workers = getattr(session.config.option, "numprocesses", None)
+    if workers and session.config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+        _compile(_pair_kernels, _row_kernels)
 
 
 @pytest.fixture(scope="session")
 def pair_kernels():
-    """Compile, on two cores, what `simulate` needs for two 2-storey buildings: every law and scheme."""
-    import test_kernels as t
-
-    _compile([t.row_kernel("pair", law, method, 1e-3) for method in t.METHODS for law in t.LAWS])
+    """Compile `_pair_kernels` on two cores."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:  # else the cores are taken: each test compiles its own
+        _compile(_pair_kernels)
 
 
 @pytest.fixture(scope="session")
 def row_kernels():
-    """Compile, on two cores, what the other rows of `test_kernels` need."""
-    import test_kernels as t
-
-    _compile([t.row_kernel(row, law, method, 1e-3) for row, law, _, method, _, _ in t.OTHER_ROWS])
+    """Compile `_row_kernels` on two cores."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        _compile(_row_kernels)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import warnings
 
@@ -24,9 +23,10 @@ from pounding_sweep.cube.variables import Status, get_variable, reducers_for
 from pounding_sweep.cube.write import open_cube
 from pounding_sweep.records import synthetic_record
 from pounding_sweep.scene import Building, Scene
-from pounding_sweep.sweep.blocks import Numerics, RowKernel, variables_of
+from pounding_sweep.sweep.blocks import Numerics, RowKernel
 from pounding_sweep.sweep.execute import Outcome
 from pounding_sweep.sweep.plan import make_plan
+from pounding_sweep.sweep.readout import variables_of
 from pounding_sweep.sweep.spec import build_spec
 from pounding_sweep.sweep.sweep import Sweep
 
@@ -88,8 +88,7 @@ def test_a_row_is_a_scenario_of_the_sweep(audited):
     assert len(set(rows.tolist())) == len(rows)
     np.testing.assert_array_equal(plan.unique.gaps[rows], cube["audit_gap"].values)
     np.testing.assert_array_equal(plan.unique.restitution[rows], cube["audit_restitution"].values)
-    touched = sweep.last_outcome.values["steps_per_contact"][rows]
-    assert np.isfinite(touched).all()
+    assert sweep.last_outcome.results.touched[rows].all()
     assert (cube["audit_status"] == Status.OK).all()
     for name in OUTPUTS:
         column = cube["audit_error"].sel(output=name).where(cube["audit_sensitive"] == 0)
@@ -105,6 +104,16 @@ def test_the_audit_is_the_same_whoever_runs_it(audited, monkeypatch):
         np.testing.assert_array_equal(cube[name].values, again[name].values, err_msg=str(name))
     other = make(**LARGER, title="another").run(scheduler="synchronous")
     assert not all(np.array_equal(cube[f"audit_{n}"], other[f"audit_{n}"]) for n in ("law", "stiffness", "restitution"))
+
+
+@pytest.mark.parametrize("largest", [1, 3, 64])
+def test_groups_that_run_together_change_nothing(audited, monkeypatch, largest):
+    monkeypatch.setattr(audit, "BATCHES", 1)
+    monkeypatch.setattr(audit, "LARGEST_BATCH", largest)
+    _, cube = audited
+    again = make(**LARGER).run(workers=2)
+    for name in ("audit_error", "audit_sensitivity", "audit_sensitive", "audit_gap"):
+        np.testing.assert_array_equal(cube[name].values, again[name].values, err_msg=name)
 
 
 # -- its cost ----------------------------------------------------------------------------------------------------------
@@ -373,11 +382,11 @@ def test_refused_and_untouched_scenarios_are_no_candidates():
     rows = candidates(plan, outcome)
     assert not plan.refused[rows].any()
     assert not plan.no_contact[rows].any()
-    assert len(rows) == cube.attrs["audit_touching"] == np.isfinite(outcome.values["steps_per_contact"]).sum()
-    none = dataclasses.replace(outcome, values={name: values.copy() for name, values in outcome.values.items()})
-    none.values["status"][:] = Status.NOT_RUN
-    assert not len(candidates(plan, none))
-    assert not len(candidates(plan, Outcome(outcome.values)))  # nothing was run
+    results = outcome.results
+    assert len(rows) == cube.attrs["audit_touching"] == results.touched.sum()
+    assert not len(candidates(plan, Outcome(results)))  # nothing was run
+    results.status[:] = Status.NOT_RUN
+    assert not len(candidates(plan, outcome))
     assert get_variable("steps_per_contact").always  # which candidates are known by
 
 

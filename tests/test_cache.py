@@ -45,6 +45,7 @@ def peak(law=LINEAR, k=2e5, scale=1.0, gap=0.005):
 def forget():
     """Be as a process that has loaded no kernel yet."""
     get_kernel.cache_clear()
+    cache._LOADED.clear()
     for name in [name for name in sys.modules if name.startswith("pounding_kernel_")]:
         del sys.modules[name]
 
@@ -186,7 +187,7 @@ def test_every_part_of_the_text_is_in_the_name(monkeypatch):
         name: wrapped(name) for name in ("_law", "emit_run", "emit_turns", "emit_energy", "emit_fly", "emit_begin")
     }
     edits["prelude"] = lambda patch: patch.setattr(driver, "PRELUDE", driver.PRELUDE + "# edited\n")
-    edits["constant"] = lambda patch: patch.setattr(driver, "CONTACT_CAP", 1.1)
+    edits["constant"] = lambda patch: patch.setattr(driver, "REST_RATE", 5.0)
     edits["signature"] = lambda patch: patch.setattr(cache, "SIGNATURE", cache.SIGNATURE + " ")
     edits |= {f"template {name}": commented(name) for name in ("located", "motion", "energy")}
     names = [digest_with(monkeypatch, edit, shapes["rk4"]) for edit in edits.values()]

@@ -18,17 +18,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pounding_sweep.cube import write as writing
-from pounding_sweep.cube.assemble import (
-    VERSION_ATTRIBUTE,
-    Axis,
-    assemble,
-    inner_shape,
-    mask_invalid,
-    scatter_contact,
-    scatter_dof,
-    unit_attributes,
-)
+from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, Axis, assemble, unit_attributes
 from pounding_sweep.cube.describe import describe
+from pounding_sweep.cube.layout import inner_shape, mask_invalid, scatter_contact, scatter_dof
 from pounding_sweep.cube.variables import (
     DEFAULT_OUTPUTS,
     INNER_DIMS,

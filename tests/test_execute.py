@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
+import threading
 
 import netCDF4
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, motions, row
 
 import pounding_sweep as ps
@@ -15,10 +19,12 @@ from pounding_sweep.cube.variables import Status, get_variable
 from pounding_sweep.cube.write import open_cube
 from pounding_sweep.errors import InputError, OutputError
 from pounding_sweep.records import Record
-from pounding_sweep.sweep import execute as executing
 from pounding_sweep.sweep import sweep as sweeping
 from pounding_sweep.sweep.blocks import RowKernel
+from pounding_sweep.sweep.chunks import cut
+from pounding_sweep.sweep.dispatch import Dispatcher, Job
 from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.sweep.scenarios import Scenarios
 from pounding_sweep.sweep.spec import to_json
 from pounding_sweep.sweep.store import ChunkStore
 from pounding_sweep.sweep.sweep import Sweep
@@ -125,6 +131,62 @@ def test_a_scheduler_that_is_none(tmp_path, scheduler, workers, says):
     assert list(tmp_path.iterdir()) == []
 
 
+@given(
+    st.lists(st.tuples(st.integers(0, 2), st.integers(0, 1), st.integers(1, 3)), min_size=1, max_size=400),
+    st.floats(0.0, 40.0),
+    st.integers(1, 100),
+)
+def test_scenarios_are_cut_into_chunks_that_end_together(kinds, longest, most):
+    """Each scenario once, alike ones side by side, the dearest first, in whole lane groups that get fewer."""
+    record, law, steps = (np.array(column) for column in zip(*kinds, strict=True))
+    n, none = len(kinds), np.zeros(len(kinds))
+    table = Scenarios(law, record, none, none, none, none[:, None], none.astype(int))
+    rows = np.flatnonzero(np.arange(n) % 7 != 3)
+
+    def seconds(record, steps):
+        return (1.0 + record) * steps
+
+    settings = {"name": "x", "longest": longest * 16, "most": most, "seconds": seconds}
+    chunks = cut(table, rows, steps, np.zeros(n, int), **settings)
+    assert sorted(row for chunk in chunks for row in chunk.rows.tolist()) == rows.tolist()
+    assert len({chunk.key for chunk in chunks}) == len(chunks)
+    again = cut(table, rows, steps, np.zeros(n, int), **settings)
+    assert [chunk.key for chunk in again] == [chunk.key for chunk in chunks]
+    for chunk, following in itertools.pairwise(chunks):
+        here, there = ((c.record, c.law, c.steps) for c in (chunk, following))
+        assert seconds(here[0], here[2]) >= seconds(there[0], there[2])
+        if here == there:
+            assert len(chunk.rows) % 16 == 0
+            assert len(chunk.rows) >= len(following.rows)
+    for chunk in chunks:
+        assert len(chunk.rows) <= max(16, most, 16 * longest / seconds(chunk.record, chunk.steps))
+        for name, column in (("record", record), ("law", law), ("steps", steps)):
+            assert set(column[chunk.rows]) == {getattr(chunk, name)}
+        assert (np.diff(chunk.rows) > 0).all()
+
+
+@pytest.mark.parametrize(("scheduler", "workers"), [("synchronous", 1), ("threads", 1), ("threads", 3)])
+def test_chunks_are_begun_in_their_order_and_taken_here(scheduler, workers):
+    begun, taken = [], []
+
+    def job(position):
+        begun.append(position)
+        return Job(f"{position}", None, 0, position, None, ())
+
+    def take(position, found):
+        assert threading.current_thread() is threading.main_thread()
+        taken.append((position, found))
+
+    def run(kernel, record, table, *more):
+        return f"{record.name} {table}"
+
+    with Dispatcher(scheduler, workers, motions(), run) as dispatcher:
+        dispatcher.run(50, job, take)
+        dispatcher.run(0, job, take)
+    assert (begun if workers == 1 else sorted(begun)) == list(range(50))
+    assert sorted(taken) == [(i, f"one {i}") for i in range(50)]
+
+
 # -- interrupted, damaged, changed -------------------------------------------------------------------------------------
 
 
@@ -169,11 +231,7 @@ def interrupted(out, after=3, scheduler="threads", **changes):
 
 def rows_in(chunks):
     """Scenarios in chunk files."""
-    total = 0
-    for path in chunks:
-        with netCDF4.Dataset(path) as file:
-            total += len(file["status"][:])
-    return total
+    return sum(len(np.load(path)) for path in chunks)
 
 
 @pytest.mark.usefixtures("small_chunks")
@@ -182,17 +240,19 @@ def test_an_interrupted_run_continues(reference, tmp_path, monkeypatch, schedule
     out = tmp_path / "out.nc"
     parts = interrupted(out, 3, scheduler)
     assert not out.exists()
-    done = list(parts.glob("chunk-*.nc"))
-    assert len(done) == 3
+    done = list(parts.glob("chunk-*.npy"))
+    assert len(done) == 2 + 3  # the runs without pounding of two records too
     finished = rows_in(done)
     ran = []
-    true_run_chunk = executing.run_chunk
-    monkeypatch.setattr(executing, "run_chunk", lambda *args: ran.append(len(args[2])) or true_run_chunk(*args))
+    true_write = ChunkStore.write
+    monkeypatch.setattr(
+        ChunkStore, "write", lambda self, key, table: ran.append(len(table)) or true_write(self, key, table)
+    )
     sweep, display = make(), Counting()
     cube = sweep.run(out, scheduler=scheduler, workers=3, progress=display)
     same(cube, reference)
     outcome = sweep.last_outcome
-    assert outcome.reused == finished >= 24
+    assert outcome.reused == finished >= 26
     assert outcome.run == sum(ran)
     assert outcome.run + outcome.reused + outcome.untouched == sweep.plan().n_unique
     assert cube.attrs["scenarios_run"] == outcome.run + outcome.reused
@@ -201,7 +261,7 @@ def test_an_interrupted_run_continues(reference, tmp_path, monkeypatch, schedule
     with open_cube(out) as stored:
         same(stored.load(), reference)
     # the display was told of every scenario, reused ones too
-    assert [name for name, _ in display.stages] == ["kernels", "no pounding", "scenarios"]
+    assert [name for name, _ in display.stages] == ["kernels", "no pounding", "scenarios", "audit", "cube"]
     assert display.totals == [total for _, total in display.stages]
     assert display.closed
 
@@ -211,12 +271,12 @@ def test_chunks_have_the_same_names_for_any_workers(tmp_path, monkeypatch):
     names = []
     true_write = ChunkStore.write
     monkeypatch.setattr(
-        ChunkStore, "write", lambda self, key, arrays: names[-1].append(key) or true_write(self, key, arrays)
+        ChunkStore, "write", lambda self, key, table: names[-1].append(key) or true_write(self, key, table)
     )
     for scheduler, workers in (("threads", 1), ("threads", 3), ("synchronous", 1)):
         names.append([])
         make().run(tmp_path / f"{len(names)}.nc", scheduler=scheduler, workers=workers)
-    assert len(set(names[0])) == len(names[0]) == 6
+    assert len(set(names[0])) == len(names[0]) == 2 + 6
     assert set(names[0]) == set(names[1]) == set(names[2])
 
 
@@ -224,7 +284,7 @@ def test_chunks_have_the_same_names_for_any_workers(tmp_path, monkeypatch):
 def test_a_damaged_chunk_is_computed_again(reference, tmp_path):
     out = tmp_path / "out.nc"
     parts = interrupted(out, 4)
-    first, second, *others = sorted(parts.glob("chunk-*.nc"))
+    first, second, *others = sorted(parts.glob("chunk-*.npy"))
     finished = rows_in(others)
     content = bytearray(first.read_bytes())
     content[len(content) // 2] ^= 0xFF
@@ -502,18 +562,18 @@ def test_a_full_disk_stops_the_run_and_keeps_what_is_done(reference, tmp_path, m
     out = tmp_path / "out.nc"
     true_write, written = ChunkStore.write, []
 
-    def write(self, key, arrays):
-        if len(written) == 2:
+    def write(self, key, table):
+        if len(written) == 4:
             msg = "no space left on device"
             raise OutputError(msg)
-        true_write(self, key, arrays)
+        true_write(self, key, table)
         written.append(key)
 
     with monkeypatch.context() as patch:
         patch.setattr(ChunkStore, "write", write)
         with pytest.raises(OutputError, match="no space left"):
             make().run(out, workers=2)
-    finished = rows_in((tmp_path / "out.nc.parts").glob("chunk-*.nc"))
+    finished = rows_in((tmp_path / "out.nc.parts").glob("chunk-*.npy"))
     sweep = make()
     same(sweep.run(out), reference)
     assert sweep.last_outcome.reused == finished > 0

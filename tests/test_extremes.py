@@ -25,7 +25,8 @@ from pounding_sweep.cube.variables import OK_CLAIM, Status
 from pounding_sweep.cube.write import open_cube, write_cube
 from pounding_sweep.errors import InputError, StabilityError
 from pounding_sweep.figures import plot
-from pounding_sweep.sweep.blocks import Numerics, variables_of
+from pounding_sweep.sweep.blocks import Numerics
+from pounding_sweep.sweep.readout import variables_of
 from pounding_sweep.sweep.resolution import (
     MAX_PHASE_ERROR,
     displacement_limit,
@@ -35,7 +36,7 @@ from pounding_sweep.sweep.resolution import (
 )
 
 #: One law whose force jumps at the touch, one that divides by the approach speed.
-FAST_LAWS = ("kelvin_voigt", "hertz_damped")
+FAST_LAWS = ("kelvin_voigt",)
 CONTACT_LAWS = tuple(key for key, law in LAWS.items() if law.has_contact)
 
 
@@ -85,8 +86,8 @@ def test_the_suite_reaches_the_ends(fast):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("keys", [CONTACT_LAWS[:4], CONTACT_LAWS[4:8], CONTACT_LAWS[8:]], ids=lambda k: k[0])
-def test_thousands_of_scenes_under_every_law(keys):
+@pytest.mark.parametrize("keys", [CONTACT_LAWS[0::3], CONTACT_LAWS[1::3]], ids=lambda k: k[0])
+def test_thousands_of_scenes_under_many_laws(keys):
     """The claim is kept but for rare misses in scenes that nobody tuned the rules on, and those by little."""
     found = run_extremes(1600, seed=5, laws=keys, families=["random"], workers=2)
     ok = sum(result.statuses[Status.OK.label] for result in found.results)
@@ -271,7 +272,7 @@ def test_the_displacement_limit_is_reached_by_a_swing():
 # --- stability ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("law", FAST_LAWS)
+@pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped"])
 def test_rk4_beyond_its_limit_is_refused_with_the_largest_step(law):
     scene = replace(pair(), contact=ps.ContactProperties(1e9, 1e9, 0.6))
     coarse = ps.Record("coarse", 0.1, np.sin(np.arange(21.0)))

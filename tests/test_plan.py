@@ -20,8 +20,10 @@ from pounding_sweep.contact.laws import LAWS, get_law
 from pounding_sweep.cube.variables import Status, get_variable, reducers_for
 from pounding_sweep.records import Record
 from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.sweep.blocks import Numerics, RowKernel, variables_of
+from pounding_sweep.sweep import plan as planning
+from pounding_sweep.sweep.blocks import Numerics, RowKernel
 from pounding_sweep.sweep.plan import make_plan, untouched
+from pounding_sweep.sweep.readout import variables_of
 from pounding_sweep.sweep.spec import build_spec, contact_stiffness, digest
 from pounding_sweep.sweep.stability import largest_step
 from pounding_sweep.sweep.sweep import Sweep
@@ -117,7 +119,8 @@ def test_an_undamped_law_is_the_same_in_the_kernel_of_a_damped_one():
     assert not differing
 
 
-def test_listed_cases_equal_brute_force():
+def test_listed_cases_equal_brute_force(monkeypatch):
+    monkeypatch.setattr(planning, "LEAST_SHARED", 1)
     scene, records = row(), motions()
     cases = [
         {"law": "hertz", "gap": (0.004, 0.03), "record": "two"},
@@ -155,8 +158,9 @@ def closing(scene, record, scale=1.0):
     return raw["closing"][0]
 
 
-def test_one_open_pair_decides_nothing():
+def test_one_open_pair_decides_nothing(monkeypatch):
     """A pair that stays open without pounding may be closed by a push from elsewhere in the row."""
+    monkeypatch.setattr(planning, "LEAST_SHARED", 1)
     scene, record = row(), motions()[1]
     d0, d1 = closing(scene, record)
     assert min(d0, d1) > 0
@@ -233,8 +237,9 @@ def test_never_touching_by_hand(drawn):
     scene, gaps, displacement = drawn
     record = Record("r", 0.1, [0.0, 1.0])
     plan = make_plan(build_spec(scene=scene, records=record, cases=[{"law": "linear", "gap": g} for g in gaps]))
-    found = untouched(plan, {(0, 1.0): displacement})
-    assert untouched(plan, {}).tolist() == [False] * len(plan.unique)  # nothing known: everything runs
+    found = untouched(plan, displacement[None, :])
+    nothing = np.full((1, len(displacement)), np.inf)
+    assert untouched(plan, nothing).tolist() == [False] * len(plan.unique)  # nothing known: everything runs
     for i, g in enumerate(gaps):
         open_everywhere = all(g[c.pair] >= max(x, 0.0) for c, x in zip(scene.contacts, displacement, strict=True))
         assert found[plan.inverse[i]] == open_everywhere, g

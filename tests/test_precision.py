@@ -15,10 +15,11 @@ from test_kernels import PAIR, motion, row_kernel, run_lanes, stiffness_of
 import pounding_sweep as ps
 from pounding_sweep.contact.laws import LAWS
 from pounding_sweep.cube.variables import Status
-from pounding_sweep.kernels.driver import kernel_text
+from pounding_sweep.kernels.driver import ROW_NAME, kernel_text
 from pounding_sweep.kernels.precision import TOLERANCES, narrow
 from pounding_sweep.kernels.shape import LANES, input_slots, output_slots
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
+from pounding_sweep.sweep.spec import METHODS
 
 
 def literals(text):
@@ -51,16 +52,16 @@ def test_both_precisions_name_the_same_tolerances():
     assert TOLERANCES["float32"].keys() == TOLERANCES["float64"].keys()
 
 
-@pytest.mark.parametrize("method", ["rk4", "newmark"])
+@pytest.mark.parametrize("method", METHODS)
 def test_compiled_code_computes_nothing_in_double(method, monkeypatch):
     """A single double in the arithmetic would halve the lanes of every vector it meets."""
     scene = ps.Scene([ps.Building("a", [100.0], [1e5]), ps.Building("b", [50.0], [2e5])], gaps=[0.005])
     numerics = Numerics(method, 1e-3, precision="float32")
     kernel = RowKernel(scene, LAWS["hertz_damped"], numerics, frozenset({"displacement", "force", "energy", "work"}))
-    text = kernel_text(kernel.shape, "float32_row")
-    row, main = types.ModuleType("float32_row"), types.ModuleType("float32_main")
-    monkeypatch.setitem(sys.modules, "float32_row", row)
-    exec(compile(text.row, "float32_row", "exec"), row.__dict__)
+    text = kernel_text(kernel.shape)
+    row, main = types.ModuleType(ROW_NAME), types.ModuleType("float32_main")
+    monkeypatch.setitem(sys.modules, ROW_NAME, row)
+    exec(compile(text.row, ROW_NAME, "exec"), row.__dict__)
     entry = text.main.replace("@njit(**OPTIONS)\ndef run(", "@njit(**ENTRY)\ndef run(")
     exec(compile(entry, "float32_main", "exec"), main.__dict__)
     lanes, results = (np.zeros((1, slots(kernel.shape).size * LANES)) for slots in (input_slots, output_slots))
@@ -72,9 +73,9 @@ def test_compiled_code_computes_nothing_in_double(method, monkeypatch):
                 lines = function.inspect_llvm(signature).splitlines()
                 doubles = [x for x in lines if re.search(r"= (fadd|fsub|fmul|fdiv).* double|fma\.\w*f64\(", x)]
                 # the only one: the time of an event, which is counted in double
-                assert len(doubles) <= (name in ("apply_events", "contact_step")), (name, doubles)
+                assert len(doubles) <= (name == "apply_events"), (name, doubles)
                 seen.add(name)
-    assert {"flight", "trial", "turns", "contact_step"} <= seen
+    assert {"flight", "trial", "turns", "contact_pass"} <= seen
 
 
 @pytest.mark.parametrize(

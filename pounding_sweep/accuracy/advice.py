@@ -23,16 +23,17 @@ import numpy as np
 
 from pounding_sweep.accuracy.timescales import approach_speeds, highest_frequency, shortest_contact
 from pounding_sweep.contact.laws import Law
-from pounding_sweep.cube.variables import check_outputs
+from pounding_sweep.cube.variables import check_outputs, reducers_for
 from pounding_sweep.errors import SweepError
 from pounding_sweep.records import Record
-from pounding_sweep.sweep.blocks import Numerics
+from pounding_sweep.sweep.blocks import Numerics, RowKernel
 from pounding_sweep.sweep.resolution import MAX_PHASE_ERROR, MIN_STEPS_PER_CONTACT, loses_ground, phase_error
 from pounding_sweep.sweep.stability import largest_step
 
 if TYPE_CHECKING:
     from pounding_sweep.sweep.scenarios import Scenarios
     from pounding_sweep.sweep.spec import SweepSpec
+    from pounding_sweep.sweep.variants import Variants
 
 #: File of measured errors beside this module.
 MEASURED = "measured.json"
@@ -58,9 +59,13 @@ CLASSES: dict[str, tuple[str, ...]] = {
         "contact_work",
     ),
 }
+#: Method and precision.
+Scheme = tuple[str, str]
 #: Steps in the shortest contact over those that its status asks for: its speed is an estimate, and three times the
 #: speed shortens a Hertz contact by so much.
 CONTACT_MARGIN = 1.25
+#: Short exact steps in half a period of the highest mode where `finer` is 1: where floors meet they are Runge-Kutta's.
+EXACT_STEPS = 8.0
 #: Leading digits of the numbers of steps in a record interval: few, so that many scenarios share one.
 _STEPS = (10, 12, 16, 20, 25, 30, 40, 50, 60, 80)
 
@@ -111,7 +116,7 @@ class Measured:
     curves : dict
         (method, precision, law, class of outputs) -> `Curve`.
     cost : dict
-        (method, precision) -> ns of one scenario, step and degree of freedom.
+        (method, precision) -> ns of one scenario, step (of exact flight: long step) and degree of freedom.
     about : dict
         Where the numbers come from: quantile, safety factor, version, date, machine.
     """
@@ -127,19 +132,23 @@ class Advice:
 
     Attributes
     ----------
-    method : str
-        Scheme.
+    method, precision : str
+        Scheme and number format.
+    finer : float
+        Divisor of the lengths that steps do not set (see `Numerics`).
     steps : ndarray of int, shape (scenarios,)
         Steps per record interval of each scenario.
-    still : tuple of int
-        Steps per record interval of the run without pounding, one per record.
+    still : ndarray of int, shape (records, variants)
+        Steps per record interval of each run without pounding.
     sentence : str
         What was chosen, and why.
     """
 
     method: str
+    precision: str
+    finer: float
     steps: np.ndarray
-    still: tuple[int, ...]
+    still: np.ndarray
     sentence: str
 
 
@@ -188,6 +197,7 @@ def advise(
     spec: SweepSpec,
     laws: Sequence[Law],
     table: Scenarios,
+    variants: Variants,
     *,
     initial_speed: float = 0.0,
     measured: Measured | None = None,
@@ -197,11 +207,13 @@ def advise(
     Parameters
     ----------
     spec : SweepSpec
-        A sweep with an ``accuracy``; its ``method`` is kept where it names one.
+        A sweep with an ``accuracy``; its ``method`` and ``precision`` are kept where it names them.
     laws : sequence of Law
         Laws by the index that `table` uses; the last is no pounding.
     table : Scenarios
         Unique scenarios.
+    variants : Variants
+        Building properties by the index that `table` uses.
     initial_speed : float
         Largest speed (m/s) of approach at the start.
     measured : Measured, optional
@@ -219,40 +231,43 @@ def advise(
     """
     assert spec.accuracy is not None
     known = load_measured() if measured is None else measured
-    job = _Job(spec, laws, table, initial_speed)
-    found: dict[str, tuple[float, np.ndarray, tuple[int, ...], dict[str, float]]] = {}
-    reached: dict[str, tuple[float, str]] = {}
-    for method in (spec.method,) if spec.method else ("rk4", "newmark"):
-        need, best = _needed(known, spec, method, laws)
+    job = _Job(spec, laws, table, variants, initial_speed)
+    found: dict[Scheme, tuple[float, np.ndarray, np.ndarray, dict[str, float]]] = {}
+    reached: dict[Scheme, tuple[float, str]] = {}
+    schemes = [(m, p) for m, p in known.cost if spec.method in (None, m) and spec.precision in (None, p)]
+    for scheme in schemes:
+        need, best = _needed(known, spec, scheme, laws)
         if max(need.values()) < math.inf:
-            steps, still = job.steps(method, need)
-            found[method] = job.cost(known.cost[method, spec.precision], steps), steps, still, need
+            steps, still = job.steps(scheme[0], need)
+            found[scheme] = job.cost(scheme[0], known.cost[scheme], steps, need), steps, still, need
         else:
-            reached[method] = best
+            reached[scheme] = best
     if not found:
-        listed = ", ".join(f"{name} reaches {value:.2g} with law {law}" for name, (value, law) in reached.items())
+        listed = ", ".join(f"{' '.join(s)} reaches {value:.2g} with law {law}" for s, (value, law) in reached.items())
         msg = (
-            f"accuracy {spec.accuracy:g} was not reached with precision {spec.precision} when errors were measured "
+            f"accuracy {spec.accuracy:g} was not reached when errors were measured "
             f"({listed}); ask for less, for other laws or another method, or give dt and see the cube's audit"
         )
         raise SweepError(msg)
-    method = min(found, key=lambda name: found[name][0])
-    cost, steps, still, need = found[method]
-    others = {name: values[0] / cost for name, values in found.items() if name != method and cost > 0}
-    return Advice(method, steps, still, job.sentence(known, method, need, steps, still, others))
+    scheme = min(found, key=lambda name: found[name][0])
+    cost, steps, still, need = found[scheme]
+    others = {name: values[0] / cost for name, values in found.items() if name != scheme and cost > 0}
+    return Advice(
+        *scheme, _finer(scheme[0], need), steps, still, job.sentence(known, scheme, need, steps, still, others)
+    )
 
 
 def _needed(
-    known: Measured, spec: SweepSpec, method: str, laws: Sequence[Law]
+    known: Measured, spec: SweepSpec, scheme: Scheme, laws: Sequence[Law]
 ) -> tuple[dict[str, float], tuple[float, str]]:
-    """Return the steps that each law needs in the shortest time, and the error that the worst of them reached."""
+    """Return what each law needs (of exact flight its `finer`, else steps in the shortest time) and the worst error."""
     assert spec.accuracy is not None
     need, best = {}, (0.0, "")
     for law in laws:
-        curves = [known.curves.get((method, spec.precision, law.key, kind)) for kind in classes_of(spec.outputs)]
+        curves = [known.curves.get((*scheme, law.key, kind)) for kind in classes_of(spec.outputs)]
         if None in curves:
             msg = (
-                f"accuracy: no errors of law {law.key!r} with {method} and precision {spec.precision} were measured; "
+                f"accuracy: no errors of law {law.key!r} with {' and precision '.join(scheme)} were measured; "
                 "give method and dt instead, or measure them: python -m pounding_sweep.accuracy.calibrate"
             )
             raise SweepError(msg)
@@ -261,100 +276,137 @@ def _needed(
     return need, best
 
 
+def _finer(method: str, need: dict[str, float]) -> float:
+    """Divisor of sub-steps and flight steps: exact flight is refined by it, the other schemes by their steps alone."""
+    return max(need.values()) if method == "exact" else 1.0
+
+
 class _Job:
     """The times that the scenarios of a sweep must resolve, and what steps then cost."""
 
-    def __init__(self, spec: SweepSpec, laws: Sequence[Law], table: Scenarios, initial_speed: float) -> None:
-        self.spec, self.laws, self.table = spec, laws, table
+    def __init__(
+        self, spec: SweepSpec, laws: Sequence[Law], table: Scenarios, variants: Variants, initial_speed: float
+    ) -> None:
+        self.spec, self.laws, self.table, self.variants = spec, laws, table, variants
         self.contact = np.full(len(table), np.inf)
-        self.mode = math.pi / highest_frequency(spec.scene)
+        self.mode = math.pi / highest_frequency(variants)
         speeds = [self._speeds(record) for record in spec.records]
         for i, law in enumerate(laws):
             for r in range(len(spec.records)):
                 rows = np.flatnonzero((table.law == i) & (table.record == r))
                 if len(rows) and law.exponent is not None and spec.scene.contacts:
-                    each = np.abs(table.scale[rows])[:, None] * speeds[r][None, :] + initial_speed
+                    each = np.abs(table.scale[rows])[:, None] * speeds[r][table.variant[rows]] + initial_speed
                     self.contact[rows] = shortest_contact(
-                        spec.scene, law, table.stiffness[rows], table.restitution[rows], each, spec.restitution_basis
+                        variants[table.variant[rows]],
+                        law,
+                        table.stiffness[rows],
+                        table.restitution[rows],
+                        each,
+                        spec.restitution_basis,
                     )
 
     def _speeds(self, record: Record) -> np.ndarray:
-        """Speeds of approach; zeros where no law of the sweep depends on them."""
+        """Speeds of approach, shape (variants, pairs); zeros where no law of the sweep depends on them."""
         if all(law.exponent in (None, 1.0) for law in self.laws):
-            return np.zeros(len(self.spec.scene.pair_names))
-        return approach_speeds(self.spec.scene, record)
+            return np.zeros((len(self.variants), len(self.spec.scene.pair_names)))
+        return approach_speeds(self.variants, record)
 
-    def steps(self, method: str, need: dict[str, float]) -> tuple[np.ndarray, tuple[int, ...]]:
-        """Return steps per record interval of each scenario, and of the run without pounding of each record."""
+    def steps(self, method: str, need: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Return steps per record interval of each scenario, and of the run without pounding by record and variant."""
         spec, table = self.spec, self.table
         interval = np.array([record.dt for record in spec.records])
-        wanted = np.array([need[law.key] for law in self.laws])[table.law] / np.minimum(self.contact, self.mode)
-        wanted = np.maximum(
-            wanted, need["none"] / self.mode
-        )  # where contacts are followed with sub-steps, modes decide
+        mode = self.mode[table.variant]
+        alone = np.ones(len(self.variants))
+        if method == "exact":  # contacts have sub-steps of their own
+            still_need = EXACT_STEPS * _finer(method, need)
+            wanted = still_need / mode
+        else:
+            still_need = need["none"]
+            wanted = np.array([need[law.key] for law in self.laws])[table.law] / np.minimum(self.contact, mode)
+            wanted = np.maximum(wanted, still_need / mode)  # where contacts are followed with sub-steps, modes decide
         wanted = np.maximum(wanted, CONTACT_MARGIN * MIN_STEPS_PER_CONTACT[method, True] / self.contact)
         for i, law in enumerate(self.laws):
             rows = np.flatnonzero(table.law == i)
-            limit = self._limit(method, law, table.stiffness[rows], table.restitution[rows])
+            limit = self._limit(
+                self.variants[table.variant[rows]], method, law, table.stiffness[rows], table.restitution[rows]
+            )
             wanted[rows] = np.maximum(wanted[rows], 1.0 / limit)
-        least = np.array([self._motion_steps(method, record) for record in spec.records])
-        open_limit = float(self._limit(method, self.laws[-1], np.zeros(1), np.ones(1))[0])
-        still = np.maximum(whole_steps(max(need["none"] / self.mode, 1.0 / open_limit) * interval), least)
-        steps = np.maximum(whole_steps(wanted * interval[table.record]), least[table.record])
-        return steps, tuple(still.tolist())
+        least = np.stack([self._motion_steps(method, record) for record in spec.records])
+        open_limit = self._limit(self.variants, method, self.laws[-1], 0.0 * alone, alone)
+        still = whole_steps(np.maximum(still_need / self.mode, 1.0 / open_limit) * interval[:, None])
+        steps = np.maximum(whole_steps(wanted * interval[table.record]), least[table.record, table.variant])
+        return steps.astype(np.int32), np.maximum(still, least).astype(np.int32)
 
-    def _motion_steps(self, method: str, record: Record) -> int:
-        """Least steps per interval at which the buildings keep their phase over so long a record.
+    def _motion_steps(self, method: str, record: Record) -> np.ndarray:
+        """Least steps per interval at which the buildings of each variant keep their phase over so long a record.
 
         The measured records are short and the measured buildings damped; over a
         long record of undamped ones, the lengthening of the period adds up.
         """
         assert self.spec.accuracy is not None
-        steps, limit = 1, min(self.spec.accuracy, MAX_PHASE_ERROR)
-        while True:
+        limit = min(self.spec.accuracy, MAX_PHASE_ERROR)
+        result = np.zeros(len(self.variants), dtype=int)
+        steps = 1
+        while not result.all():
             numerics = Numerics(method, record.dt / steps)
-            late = phase_error(self.spec.scene, record, numerics) > limit
-            if not late and not loses_ground(record, numerics):
-                return steps
+            late = phase_error(self.variants, record, numerics) > limit
+            result[(result == 0) & ~late & (not loses_ground(record, numerics))] = steps
             steps = int(whole_steps(np.array([steps + 1.0]))[0])
+        return result
 
-    def _limit(self, method: str, law: Law, stiffness: np.ndarray, restitution: np.ndarray) -> np.ndarray:
-        basis = self.spec.restitution_basis
-        limit = largest_step(self.spec.scene, law, stiffness, restitution, method=method, basis=basis)
+    def _limit(
+        self, row: Variants, method: str, law: Law, stiffness: np.ndarray, restitution: np.ndarray
+    ) -> np.ndarray:
+        limit = largest_step(row, law, stiffness, restitution, method=method, basis=self.spec.restitution_basis)
         return limit * (1.0 - 1e-6)  # the step itself must not exceed the limit by its rounding
 
-    def cost(self, each: float, steps: np.ndarray) -> float:
+    def cost(self, method: str, each: float, steps: np.ndarray, need: dict[str, float]) -> float:
         """Seconds of all scenarios on one core, by the measured cost of a step."""
-        points = np.array([record.n_points - 1 for record in self.spec.records])[self.table.record]
-        return float((points * steps).sum()) * self.spec.scene.n_dof * each * 1e-9
+        total, finer = 0.0, _finer(method, need)
+        for r, record in enumerate(self.spec.records):
+            for count in np.unique(steps[self.table.record == r]).tolist():
+                rows = np.flatnonzero((self.table.record == r) & (steps == count))
+                each_interval = float(count)
+                if method == "exact":
+                    numerics = Numerics(method, record.dt / count, finer=finer)
+                    kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
+                    each_interval = float(kernel.glides(record, self.variants[self.table.variant[rows]]).mean())
+                total += (record.n_points - 1) * each_interval * len(rows)
+        return total * self.spec.scene.n_dof * each * 1e-9
 
     def sentence(
         self,
         known: Measured,
-        method: str,
+        scheme: Scheme,
         need: dict[str, float],
         steps: np.ndarray,
-        still: tuple[int, ...],
-        others: dict[str, float],
+        still: np.ndarray,
+        others: dict[Scheme, float],
     ) -> str:
         """Say what was chosen and why."""
         spec, about = self.spec, known.about
-        counts = np.concatenate([steps, still])
-        lengths = np.array([r.dt for r in spec.records])[np.append(self.table.record, range(len(still)))] / counts
-        named = "as the sweep names it" if spec.method else "the cheapest"
+        still = still[:, np.unique(self.table.variant)]
+        counts = np.concatenate([steps, still.ravel()])
+        interval = np.array([r.dt for r in spec.records])
+        lengths = np.concatenate([interval[self.table.record] / steps, (interval[:, None] / still).ravel()])
+        named = "as the sweep names it" if spec.method and spec.precision else "the cheapest"
         text = (
-            f"for a relative error of {spec.accuracy:g}: {method} ({named}; {spec.precision}, located) with "
+            f"for a relative error of {spec.accuracy:g}: {scheme[0]} ({named}; {scheme[1]}, located) with "
             f"{_range(counts, 'd')} steps per record interval, {_range(lengths, '.3g')} s. "
-            f"Steps in the shortest contact or half period of the highest mode, as measured in "
-            f"{about['quantile']:.0%} of scenarios with a safety factor of {about['safety']:g}: "
+            + (
+                "Sub-steps of contacts and long steps of flight are divided by"
+                if scheme[0] == "exact"
+                else "Steps in the shortest contact or half period of the highest mode"
+            )
+            + f", as measured in {about['quantile']:.0%} of scenarios with a safety factor of {about['safety']:g}: "
             + ", ".join(f"{law} {value:.3g}" for law, value in need.items())
-            + f"; at least {CONTACT_MARGIN * MIN_STEPS_PER_CONTACT[method, True]:g} in a contact, for its status. "
-            f"Half period of the highest mode: {self.mode:.3g} s"
+            + f"; at least {CONTACT_MARGIN * MIN_STEPS_PER_CONTACT[scheme[0], True]:g} in a contact, for its status. "
+            f"Half period of the highest mode: {_range(self.mode, '.3g')} s"
         )
         lasting = self.contact[np.isfinite(self.contact)]
         if lasting.size:
             text += f"; contacts last {_range(lasting, '.3g')} s"
-        text += "".join(f". {name} would cost {ratio:.3g} times as much" for name, ratio in others.items())
+        text += "".join(f". {' '.join(name)} would cost {ratio:.3g} times as much" for name, ratio in others.items())
         return text
 
 

@@ -14,8 +14,10 @@ left out.
 
 from __future__ import annotations
 
+import math
 import warnings
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,8 +25,8 @@ import numpy as np
 from pounding_sweep.accuracy.measure import PERTURBATION, SENSITIVE, comparable, relative_errors
 from pounding_sweep.cube.variables import STATUS, Status
 from pounding_sweep.kernels.shape import LANES
-from pounding_sweep.sweep.execute import run_chunk
-from pounding_sweep.sweep.scenarios import Scenarios
+from pounding_sweep.sweep.dispatch import Dispatcher, Job
+from pounding_sweep.sweep.property_labels import row_coordinates
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,6 +40,8 @@ GROUP = LANES // 2
 FINER = 2
 #: Error of an ok scenario beyond which a warning is given, where the sweep asked for none.
 TOLERANCE = 0.05
+#: Tasks that the sample is cut into, and most lane groups of one.
+BATCHES, LARGEST_BATCH = 8, 64
 #: How the flag is spelt in a cube.
 FLAGS = {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "steady sensitive"}
 
@@ -111,9 +115,9 @@ def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
     """
     if outcome.left_out is None:
         return np.zeros(0, dtype=int)
-    valued = np.isin(outcome.values["status"], [int(s) for s in STATUS if s.has_values])
+    valued = np.isin(outcome.results.status, [int(s) for s in STATUS if s.has_values])
     impulsive = np.array([law.impulsive for law in plan.laws])[plan.unique.law]
-    touched = impulsive | np.isfinite(outcome.values["steps_per_contact"])
+    touched = impulsive | outcome.results.touched
     return np.flatnonzero(valued & touched & ~outcome.left_out)
 
 
@@ -144,26 +148,31 @@ def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
         return []
     random = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16)))
     table = plan.unique
-    kinds = np.stack([table.record[rows], table.law[rows], plan.steps[rows]], axis=1)
+    columns = (table.record[rows], table.law[rows], plan.steps[rows])
+    kinds = np.ravel_multi_index(columns, [int(column.max()) + 1 for column in columns])
     groups: list[Sample] = []
-    for record, law, steps in np.unique(kinds, axis=0).tolist():
-        mine = random.permutation(rows[(kinds == (record, law, steps)).all(axis=1)])
-        groups += [Sample(mine[i : i + GROUP], law, record, steps) for i in range(0, len(mine), GROUP)]
+    costs: list[int] = []
+    for kind in np.unique(kinds):
+        mine = random.permutation(rows[kinds == kind])
+        record, law, steps = int(table.record[mine[0]]), int(table.law[mine[0]]), int(plan.steps[mine[0]])
+        alike = [Sample(mine[i : i + GROUP], law, record, steps) for i in range(0, len(mine), GROUP)]
+        groups += alike
+        costs += [alike[0].cost(plan)] * len(alike)
     sizes = np.array([len(group.rows) for group in groups], dtype=float)
-    order = random.choice(len(groups), size=len(groups), replace=False, p=sizes / sizes.sum())
+    order = random.choice(len(groups), size=len(groups), replace=False, p=sizes / sizes.sum()).tolist()
     left, budget = max(1, len(rows) // 2), plan.spec.audit * sweep_cost(plan, rows)
-    drawn = [groups[index] for index in order.tolist()]
-    affordable = [group for group in drawn if group.cost(plan) <= budget] or drawn[:1]
+    affordable = [index for index in order if costs[index] <= budget] or order[:1]
     chosen: list[Sample] = []
-    for group in affordable:
-        if left and (not chosen or group.cost(plan) <= budget):
+    for index in affordable:
+        if left and (not chosen or costs[index] <= budget):
+            group = groups[index]
             chosen.append(Sample(np.sort(group.rows[:left]), group.law, group.record, group.steps))
             left -= len(chosen[-1].rows)
-            budget -= group.cost(plan)
+            budget -= costs[index]
     return chosen
 
 
-def audit(plan: Plan, outcome: Outcome) -> Audit | None:
+def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     """Run a sample of a sweep's scenarios again at half the step.
 
     Parameters
@@ -172,6 +181,8 @@ def audit(plan: Plan, outcome: Outcome) -> Audit | None:
         The sweep.
     outcome : Outcome
         Its results. The kernels are those that it compiled.
+    dispatcher : Dispatcher
+        Open; its workers run the sample.
 
     Returns
     -------
@@ -189,27 +200,28 @@ def audit(plan: Plan, outcome: Outcome) -> Audit | None:
     if not samples:
         return None
     tolerance = TOLERANCE if plan.spec.accuracy is None else plan.spec.accuracy
-    error, sensitivity, sensitive = [], [], []
-    for sample in samples:
-        found = _run(plan, sample)
+    batches, measured, failures = _batches(samples), [], []
+
+    def take(position: int, found: np.ndarray | str) -> None:
         if isinstance(found, str):
-            warnings.warn(f"the audit has no result: {found}", RuntimeWarning, stacklevel=3)
-            return None
-        fine, moved = found
-        own = {name: outcome.values[name][sample.rows] for name in outputs}
-        error.append(_table(relative_errors(outputs, own, fine)))
-        sensitivity.append(_table(relative_errors(outputs, moved, fine)))
-        sensitive.append(_counts_differ(moved, fine) | (sensitivity[-1].max(axis=1) > min(SENSITIVE, tolerance)))
-    where = np.concatenate([sample.rows for sample in samples])
+            failures.append(found)
+        else:
+            measured.append(_measure(outcome, batches[position], found, outputs, min(SENSITIVE, tolerance)))
+
+    dispatcher.run(len(batches), lambda position: _job(plan, batches[position], position), take)
+    if failures:
+        warnings.warn(f"the audit has no result: {failures[0]}", RuntimeWarning, stacklevel=3)
+        return None
+    where, error, sensitivity, sensitive = (np.concatenate(part) for part in zip(*measured, strict=True))
     order = np.argsort(where)
     where = where[order]
     result = Audit(
         rows=where,
         outputs=outputs,
-        error=np.concatenate(error)[order],
-        sensitivity=np.concatenate(sensitivity)[order],
-        status=outcome.values["status"][where],
-        sensitive=np.concatenate(sensitive)[order],
+        error=error[order],
+        sensitivity=sensitivity[order],
+        status=outcome.results.status[where],
+        sensitive=sensitive[order],
         touching=len(rows),
         share=sum(sample.cost(plan) for sample in samples) / sweep_cost(plan, rows),
         tolerance=tolerance,
@@ -218,28 +230,56 @@ def audit(plan: Plan, outcome: Outcome) -> Audit | None:
     return result
 
 
-def _run(plan: Plan, sample: Sample) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]] | str:
-    """Results at half the step, as they are and with everything a little changed; or what went wrong.
+def _batches(samples: list[Sample]) -> list[list[Sample]]:
+    """Put samples of one law, record and step together: enough of them that a task is worth its while."""
+    kinds: dict[tuple[int, int, int], list[Sample]] = {}
+    for sample in samples:
+        kinds.setdefault((sample.law, sample.record, sample.steps), []).append(sample)
+    size = min(LARGEST_BATCH, math.ceil(len(samples) / BATCHES))
+    return [alike[i : i + size] for alike in kinds.values() for i in range(0, len(alike), size)]
+
+
+def _places(batch: list[Sample]) -> tuple[np.ndarray, np.ndarray]:
+    """Where each scenario of a batch stands among its lanes, as it is and changed; each sample fills a lane group."""
+    first = [LANES * group + np.arange(len(sample.rows)) for group, sample in enumerate(batch)]
+    return np.concatenate(first), np.concatenate([own + len(own) for own in first])
+
+
+def _job(plan: Plan, batch: list[Sample], position: int) -> Job:
+    """Make the run of a batch at half of all steps, as it is and with everything a little changed.
 
     Gaps and stiffness are changed one way and the record the other: a linear
     contact that is scaled as a whole would answer in proportion.
     """
-    table, n = plan.unique[sample.rows], len(sample.rows)
-    change = PERTURBATION[plan.numerics.precision]
-    more, less = 1.0 + change, 1.0 - change
-    both = Scenarios(
-        np.concatenate([table.law, table.law]),
-        np.concatenate([table.record, table.record]),
-        np.concatenate([table.scale, table.scale * less]),
-        np.concatenate([table.stiffness, table.stiffness * more]),
-        np.concatenate([table.restitution, table.restitution]),
-        np.concatenate([table.gaps, table.gaps * more]),
+    own, _ = _places(batch)
+    row_of, lane = np.empty(LANES * len(batch), int), np.arange(LANES)
+    for group, sample in enumerate(batch):  # idle lanes repeat the last scenario
+        row_of[LANES * group + lane] = np.tile(sample.rows, 2)[np.minimum(lane, 2 * len(sample.rows) - 1)]
+    change = np.full(len(row_of), PERTURBATION[plan.numerics.precision])
+    change[own] = 0.0
+    table = plan.unique[row_of]
+    both = replace(
+        table,
+        scale=table.scale * (1.0 - change),
+        stiffness=table.stiffness * (1.0 + change),
+        gaps=table.gaps * (1.0 + change[:, None]),
     )
+    sample = batch[0]
     kernel = plan.kernel(sample.law, record=sample.record, steps=FINER * sample.steps)
-    found = run_chunk(kernel, plan.spec.records[sample.record], both, plan.outputs)
-    if isinstance(found, str):
-        return found
-    return {name: values[:n] for name, values in found.items()}, {name: values[n:] for name, values in found.items()}
+    kernel = replace(kernel, numerics=replace(kernel.numerics, finer=FINER * kernel.numerics.finer))
+    key = f"audit-{plan.digest[:32]}-{position}"
+    return Job(key, kernel, sample.record, both, plan.variants[both.variant], plan.outputs)
+
+
+def _measure(
+    outcome: Outcome, batch: list[Sample], found: np.ndarray, outputs: Sequence[str], limit: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of a batch, their errors and sensitivities by output, and which are sensitive."""
+    fine, moved = ({name: found[name][places] for name in found.dtype.names or ()} for places in _places(batch))
+    rows = np.concatenate([sample.rows for sample in batch])
+    error = _table(relative_errors(outputs, outcome.results.take(rows), fine))
+    sensitivity = _table(relative_errors(outputs, moved, fine))
+    return rows, error, sensitivity, _counts_differ(moved, fine) | (sensitivity.max(axis=1) > limit)
 
 
 def _counts_differ(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> np.ndarray:
@@ -312,6 +352,9 @@ def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit) -> xr.Dataset:
         "audit_gap": ((*rows, "pair"), table.gaps, "gap of the pair", "m"),
         "audit_time_step": (rows, dt, "time step in the sweep", "s"),
     }
+    if len(plan.variants) > 1:
+        for name, (dims, values, about) in row_coordinates(plan.variants[table.variant], "audit", "audit_").items():
+            coordinates[name] = (dims, values, about["long_name"], about["units"])
     import xarray as xr
 
     def array(dims: tuple[str, ...], values: np.ndarray, long_name: str, units: str) -> xr.Variable:

@@ -19,14 +19,14 @@ import platform
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.advice import CLASSES, MEASURED
+from pounding_sweep.accuracy.advice import CLASSES, EXACT_STEPS, MEASURED
 from pounding_sweep.accuracy.measure import PERTURBATION, SENSITIVE, relative_errors
 from pounding_sweep.accuracy.timescales import approach_speeds, highest_frequency, shortest_contact
 from pounding_sweep.contact.laws import LAWS, Law, get_law
@@ -34,19 +34,23 @@ from pounding_sweep.cube.assemble import package_version
 from pounding_sweep.cube.variables import Status, reducers_for
 from pounding_sweep.records import Record, synthetic_record
 from pounding_sweep.scene import Building, Scene
-from pounding_sweep.sweep.blocks import Numerics, RowKernel, variables_of
+from pounding_sweep.sweep.blocks import Numerics, RowKernel
+from pounding_sweep.sweep.readout import variables_of
 from pounding_sweep.sweep.stability import largest_step
 
 #: Share of the scenarios whose error the curves hold, and factor on it.
 QUANTILE, SAFETY = 0.95, 2.0
 #: Scenarios of each law, row and record: two lane groups.
 SCENARIOS = 32
-#: Steps per 0.01 s, by method and number format. Newmark's second order needs many; single precision uses no more.
+#: Steps per 0.01 s (of exact flight: its `finer`), by method and number format. Newmark's second order needs many;
+#: single precision uses no more.
 LADDERS = {
     ("rk4", "float64"): (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96),
     ("newmark", "float64"): (1, 2, 4, 8, 16, 32, 64, 128, 256),
+    ("exact", "float64"): (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0),
     ("rk4", "float32"): (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 64),
     ("newmark", "float32"): (1, 2, 4, 8, 16, 32, 64, 128),
+    ("exact", "float32"): (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0),
 }
 #: Steps per 0.01 s of the converged run (rk4, located, float64), and of the runs that find sensitive scenarios.
 CONVERGED, PERTURBED = 256, 32
@@ -121,17 +125,23 @@ class Cell:
         gaps = closing * random.uniform(0.3, 0.98, (n, len(closing)))
         return cls(law, scene, record, gaps, stiffness, restitution)
 
-    def kernel(self, method: str, precision: str, per_centisecond: int) -> RowKernel:
-        """Return the kernel with so many steps per 0.01 s."""
+    def kernel(self, method: str, precision: str, level: float) -> RowKernel:
+        """Return the kernel with so many steps per 0.01 s, or of exact flight that is so much finer."""
         host = HOSTS.get(self.law.key)
-        numerics = Numerics(method, 0.01 / per_centisecond, precision=precision)
+        numerics = Numerics(method, 0.01 / level, precision=precision)
+        if method == "exact":
+            numerics = replace(numerics, dt=self.exact_step(level), finer=level)
         return RowKernel(
             self.scene, self.law, numerics, reducers_for(OUTPUTS), host=get_law(host) if host is not None else None
         )
 
-    def run(self, method: str, precision: str, per_centisecond: int, change: float = 0.0) -> dict[str, Any]:
+    def exact_step(self, finer: float) -> float:
+        """Return the short step (s) of exact flight that the advice would take."""
+        return float(math.pi / highest_frequency(self.scene)[0] / (EXACT_STEPS * finer))
+
+    def run(self, method: str, precision: str, level: float, change: float = 0.0) -> dict[str, Any]:
         """Run the scenarios, their gaps and stiffness up and the record down by a relative `change`."""
-        kernel = self.kernel(method, precision, per_centisecond)
+        kernel = self.kernel(method, precision, level)
         raw = kernel.run(
             self.record,
             scale=np.full(len(self.gaps), 1.0 - change),
@@ -147,10 +157,10 @@ class Cell:
         contact = shortest_contact(self.scene, self.law, self.stiffness, self.restitution, speeds)
         return np.minimum(contact, math.pi / highest_frequency(self.scene))
 
-    def stable(self, method: str, per_centisecond: int) -> np.ndarray:
-        """Where a scheme is stable at such a step."""
+    def stable(self, method: str, level: float) -> np.ndarray:
+        """Where a scheme is stable at such a level."""
         limit = largest_step(self.scene, self.law, self.stiffness, self.restitution, method=method)
-        return np.asarray(limit >= 0.01 / per_centisecond)
+        return np.asarray(limit >= (self.exact_step(level) if method == "exact" else 0.01 / level))
 
 
 def _closing(scene: Scene, record: Record, pair: int) -> float:
@@ -172,7 +182,10 @@ def _by_class(values: dict[str, Any], reference: dict[str, Any]) -> dict[str, np
 
 
 def lines(cell: Cell, scheme: tuple[str, str], reference: dict[str, Any], kept: np.ndarray) -> dict[str, np.ndarray]:
-    """Error of each kept scenario at `NODES` by class, shape (kept, nodes); NaN beyond the steps that were run."""
+    """Error of each kept scenario by class at `NODES` (of exact flight: at its ladder), shape (kept, nodes).
+
+    It is NaN beyond the steps that were run.
+    """
     shortest = cell.shortest()
     ladder = LADDERS[scheme]
     errors = [_by_class(cell.run(*scheme, n), reference) for n in ladder]
@@ -180,20 +193,22 @@ def lines(cell: Cell, scheme: tuple[str, str], reference: dict[str, Any], kept: 
     result = {}
     for kind in CLASSES:
         table = np.clip(np.array([each[kind] for each in errors]), 1e-17, 1e3)
-        found = np.full((len(kept), len(NODES)), np.nan)
+        nodes = ladder if scheme[0] == "exact" else NODES
+        found = np.full((len(kept), len(nodes)), np.nan)
         for i, scenario in enumerate(kept):
             use = stable[:, scenario]
             if use.sum() > 1:
-                steps = np.log(np.array(ladder)[use] * shortest[scenario] / 0.01)
-                found[i] = np.interp(np.log(NODES), steps, np.log(table[use, scenario]), left=np.nan, right=np.nan)
+                each = 1.0 if scheme[0] == "exact" else shortest[scenario] / 0.01
+                steps = np.log(np.array(ladder)[use] * each)
+                found[i] = np.interp(np.log(nodes), steps, np.log(table[use, scenario]), left=np.nan, right=np.nan)
         result[kind] = found
     return result
 
 
-def curve(found: np.ndarray) -> list[list[float]]:
+def curve(found: np.ndarray, nodes: Sequence[float] = NODES) -> list[list[float]]:
     """Return the quantile of many lines (log of error, shape (scenarios, nodes)) as points (steps, error)."""
     points = []
-    for node, column in zip(NODES, found.T, strict=True):
+    for node, column in zip(nodes, found.T, strict=True):
         known = column[np.isfinite(column)]
         if len(known) >= FEWEST:
             points.append([node, float(f"{SAFETY * math.exp(np.quantile(known, QUANTILE)):.3g}")])
@@ -238,7 +253,10 @@ def calibrate(schemes: Sequence[tuple[str, str]] = tuple(LADDERS), say: Any = la
                 gathered[scheme].append(lines(cell, scheme, reference, kept))
         for scheme, parts in gathered.items():
             errors["/".join(scheme)][law.key] = {
-                kind: curve(np.concatenate([part[kind] for part in parts])) for kind in CLASSES
+                kind: curve(
+                    np.concatenate([part[kind] for part in parts]), LADDERS[scheme] if scheme[0] == "exact" else NODES
+                )
+                for kind in CLASSES
             }
         say(f"{law.key} done after {time.perf_counter() - started:.0f} s")
     about = {
@@ -262,16 +280,20 @@ def _cells(law: Law) -> Iterator[Cell]:
 
 
 def _cost(scheme: tuple[str, str], repeats: int = 3) -> float:
-    """Measured ns of one scenario, step and degree of freedom, over laws of every kind."""
+    """Measured ns of one scenario, step (of exact flight: long step) and degree of freedom, over laws of every kind."""
+    exact = scheme[0] == "exact"
+    level = 1.0 if exact else PERTURBED
     found = []
     for key in ("kelvin_voigt", "hertz_damped", "modified_kelvin_voigt"):
         for cell in _cells(get_law(key)):
-            steps = PERTURBED * round((cell.record.n_points - 1) * cell.record.dt / 0.01)
+            kernel = cell.kernel(*scheme, level)
+            each = int(kernel.glides(cell.record)[0]) if exact else kernel.numerics.steps(cell.record)
             seconds = []
             for _ in range(repeats):
                 begun = time.process_time()  # other programs on the core do not count
-                cell.run(*scheme, PERTURBED)
+                cell.run(*scheme, level)
                 seconds.append(time.process_time() - begun)
+            steps = (cell.record.n_points - 1) * each
             found.append(1e9 * min(seconds) / (steps * SCENARIOS * cell.scene.n_dof))
     return float(f"{np.median(found):.3g}")
 

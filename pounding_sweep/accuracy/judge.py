@@ -25,9 +25,9 @@ import numpy as np
 
 from pounding_sweep.accuracy.batches import PEAKS, Batch, run_batch, stable_step, take
 from pounding_sweep.accuracy.measure import relative_error
-from pounding_sweep.cube.assemble import scatter_contact, scatter_dof
+from pounding_sweep.cube.layout import scatter_contact, scatter_dof
 from pounding_sweep.cube.variables import OK_CLAIM, STATUS, Status, get_variable
-from pounding_sweep.sweep.blocks import NEEDS_FORCE
+from pounding_sweep.sweep.readout import NEEDS_FORCE
 from pounding_sweep.sweep.resolution import displacement_limit, energy_limit
 
 #: Condition number of a peak beyond which a scenario is sensitive: relative change of the peak over that of the input.

@@ -10,7 +10,6 @@ at all.
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,9 +17,13 @@ import numpy as np
 from pounding_sweep.contact.laws import RESTING_SPEED, Law
 from pounding_sweep.records import Record
 from pounding_sweep.scene import Building, Scene
+from pounding_sweep.sweep.variants import Variants, distinct, variants_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator
+
+#: Variants whose motions are estimated at a time.
+_BLOCK = 4096
 
 
 def elastic_duration(exponent: float, stiffness: np.ndarray, mass: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -50,38 +53,68 @@ def elastic_duration(exponent: float, stiffness: np.ndarray, mass: np.ndarray, s
     return np.asarray(factor * (np.asarray(mass) / np.asarray(stiffness)) ** share * slow)
 
 
-def highest_frequency(scene: Scene) -> float:
-    """Highest natural circular frequency of the buildings (rad/s)."""
-    return max((float(b.frequencies[-1]) for b in scene.buildings), default=0.0)
+def highest_frequency(row: Scene | Variants) -> np.ndarray:
+    """Highest natural circular frequency of the buildings (rad/s), shape (n,); one number for a scene."""
+    variants = variants_of(row)
+    return np.max([variants.frequencies(b)[:, -1] for b in range(len(variants.scene.buildings))], axis=0)
 
 
-def approach_speeds(scene: Scene, record: Record) -> np.ndarray:
+def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
     """Estimate how fast the neighbours of each pair approach each other (m/s).
 
     Parameters
     ----------
-    scene : Scene
-        The row.
+    row : Scene or Variants
+        The row, or n variants of it.
     record : Record
         Ground motion (m/s2).
 
     Returns
     -------
-    ndarray, shape (pairs,)
-        Largest difference of the roofs' velocities in their first modes, as if nothing touched.
+    ndarray, shape (n, pairs)
+        Largest difference of the roofs' velocities in their first modes, as if nothing
+        touched; one row for a scene.
     """
-    roofs = [np.zeros(record.n_points) if not isinstance(item, Building) else None for item in scene.row]
-    buildings = [item for item in scene.row if isinstance(item, Building)]
-    moving = iter(_roof_velocities(buildings, record))
-    found = [next(moving) if roof is None else roof for roof in roofs]
-    return np.array([np.abs(left - right).max() for left, right in pairwise(found)])
+    variants = variants_of(row)
+    scene = variants.scene
+
+    def compute(given: np.ndarray) -> np.ndarray:
+        found = np.empty((len(scene.pair_names), given.shape[1]))
+        for first in range(0, given.shape[1], _BLOCK):
+            some = given[:, first : first + _BLOCK].T
+            factors, ratio = some[:, :-1], np.where(some[:, -1] < 0.0, np.nan, some[:, -1])
+            found[:, first : first + _BLOCK] = _pair_speeds(
+                Variants(scene, factors, np.ones_like(factors), ratio), record
+            )
+        return found
+
+    # masses that vary with their stiffnesses change no motion
+    motion = np.vstack([variants.period_factor.T, np.nan_to_num(variants.damping_ratio, nan=-1.0)])
+    return np.asarray(distinct(motion, compute).T)
 
 
-def _roof_velocities(buildings: Sequence[Building], record: Record) -> np.ndarray:
-    """Velocity of each roof in the first mode (m/s), shape (buildings, points); exact for piecewise-linear ground."""
+def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
+    """Largest difference of velocities between neighbours (m/s), shape (pairs, n)."""
+    still = np.zeros((1, len(variants)))
+    moving = [isinstance(item, Building) for item in variants.scene.row]
+    fastest = np.zeros((len(moving) - 1, len(variants)))
+    for velocities in _roof_velocities(variants, record):
+        roofs = iter(velocities)
+        found = [next(roofs)[None, :] if moves else still for moves in moving]
+        fastest = np.maximum(fastest, np.abs(np.diff(np.concatenate(found), axis=0)))
+    return fastest
+
+
+def _roof_velocities(variants: Variants, record: Record) -> Iterator[np.ndarray]:
+    """Yield the velocity of each roof in the first mode (m/s), shape (buildings, n), point by point of the record.
+
+    Exact for piecewise-linear ground.
+    """
     h, ground = record.dt, record.acceleration
-    frequency = np.array([b.frequencies[0] for b in buildings])
-    damping = np.array([b.rayleigh[0] / w + b.rayleigh[1] * w for b, w in zip(buildings, frequency, strict=True)]) / 2.0
+    buildings = variants.scene.buildings
+    frequency = np.stack([variants.frequencies(b)[:, 0] for b in range(len(buildings))])
+    factors = [variants.rayleigh(b) for b in range(len(buildings))]
+    damping = np.stack([a / w + b * w for (a, b), w in zip(factors, frequency, strict=True)]) / 2.0
     shapes = [b.modes[1][:, 0] for b in buildings]
     share = np.array([phi[-1] * (phi @ b.masses) for phi, b in zip(shapes, buildings, strict=True)])
     # q'' + 2 zeta w q' + w^2 q = -a_g in the complex root s: z' = s z - a_g, q' = Im(s z) / Im(s)
@@ -89,16 +122,14 @@ def _roof_velocities(buildings: Sequence[Building], record: Record) -> np.ndarra
     grown = np.exp(root * h)
     late = (grown - 1.0 - root * h) / (root**2 * h)
     early = (grown - 1.0) / root - late
-    state = np.zeros(len(buildings), complex)
-    result = np.zeros((len(buildings), len(ground)))
+    state = np.zeros(root.shape, complex)
     for i in range(1, len(ground)):
         state = grown * state - early * ground[i - 1] - late * ground[i]
-        result[:, i] = (root * state).imag
-    return np.asarray(result * (share / root.imag)[:, None])
+        yield (root * state).imag * (share[:, None] / root.imag)
 
 
 def shortest_contact(
-    scene: Scene,
+    row: Scene | Variants,
     law: Law,
     stiffness: np.ndarray,
     restitution: np.ndarray,
@@ -109,8 +140,8 @@ def shortest_contact(
 
     Parameters
     ----------
-    scene : Scene
-        The row.
+    row : Scene or Variants
+        The row, or the variant of it that each scenario has.
     law : Law
         Contact law.
     stiffness, restitution : ndarray, shape (n,)
@@ -128,7 +159,8 @@ def shortest_contact(
     result = np.full(len(stiffness), np.inf)
     if law.exponent is None:
         return result
-    for mass, pair in sorted({(contact.mass, contact.pair) for contact in scene.contacts}):
-        lasting = elastic_duration(law.exponent, stiffness, np.asarray(mass), speeds[:, pair])
-        result = np.minimum(result, lasting / law.quickening(restitution, basis))
-    return result
+    variants = variants_of(row)
+    for j, contact in enumerate(variants.scene.contacts):
+        lasting = elastic_duration(law.exponent, stiffness, variants.contact_mass(j), speeds[:, contact.pair])
+        result = np.minimum(result, lasting)
+    return result / law.quickening(restitution, basis)

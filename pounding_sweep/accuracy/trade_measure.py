@@ -15,9 +15,10 @@ from pounding_sweep.accuracy.measure import PERTURBATION, SENSITIVE, comparable,
 from pounding_sweep.accuracy.trade_sample import Group, Sample, draw
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.errors import InputError
-from pounding_sweep.sweep.blocks import Numerics, variables_of
+from pounding_sweep.sweep.blocks import Numerics
 from pounding_sweep.sweep.execute import Progress
 from pounding_sweep.sweep.plan import Plan, make_plan
+from pounding_sweep.sweep.readout import variables_of
 from pounding_sweep.sweep.spec import SweepSpec
 from pounding_sweep.sweep.sweep import Sweep
 
@@ -209,8 +210,10 @@ def _run_rows(
     gaps = table.gaps
     if change_gaps:
         gaps = np.where(gaps > 0.0, gaps * (1.0 + GAP_CHANGE), ZERO_GAP_CHANGE)
-    raw = kernel.run(record, scale=table.scale, gaps=gaps, stiffness=table.stiffness, restitution=table.restitution)
-    return variables_of(kernel, raw, outputs, record)
+    variants = plan.variants[table.variant]
+    values = {"scale": table.scale, "stiffness": table.stiffness, "restitution": table.restitution}
+    raw = kernel.run(record, gaps=gaps, variants=variants, **values)
+    return variables_of(kernel, raw, outputs, record, variants)
 
 
 def _run(
@@ -224,7 +227,7 @@ def _run(
     skip: np.ndarray | None = None,
 ) -> Values:
     """Run all scenarios of a sample but those to `skip`, which are given as refused."""
-    from pounding_sweep.cube.assemble import inner_shape
+    from pounding_sweep.cube.layout import inner_shape
 
     n = sum(len(group.rows) for group in groups)
     result = {name: np.full((n, *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}

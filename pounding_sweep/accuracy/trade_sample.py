@@ -13,8 +13,9 @@ import numpy as np
 
 from pounding_sweep.errors import InputError
 from pounding_sweep.kernels.shape import LANES
-from pounding_sweep.sweep.blocks import Numerics, variables_of
+from pounding_sweep.sweep.blocks import Numerics
 from pounding_sweep.sweep.plan import Plan, untouched
+from pounding_sweep.sweep.readout import variables_of
 from pounding_sweep.sweep.stability import largest_step
 
 #: Largest step (s) of the runs without pounding that tell which scenarios can touch.
@@ -81,18 +82,21 @@ def find_touching(plan: Plan) -> np.ndarray:
     contacts = plan.spec.scene.contacts
     if not contacts:
         return np.zeros(len(plan.unique), bool)
-    limit = largest_step(plan.spec.scene, plan.laws[last], np.zeros(1), np.ones(1), method="rk4")
-    step = min(CLOSING_STEP, 0.5 * float(limit[0]))
+    one = np.ones(len(plan.variants))
+    limit = largest_step(plan.variants, plan.laws[last], 0.0 * one, one, method="rk4")
+    step = min(CLOSING_STEP, 0.5 * float(limit.min()))
     kernel = replace(plan.kernel(last, closing=True), numerics=Numerics("rk4", step))
-    closing: dict[tuple[int, float], np.ndarray] = {}
-    for record in sorted({r for r, _ in plan.motions}):
-        scales = np.array([s for r, s in plan.motions if r == record])
-        n, motion = len(scales), plan.spec.records[record]
-        gaps = np.full((n, len(plan.spec.scene.pair_names)), np.inf)
-        raw = kernel.run(motion, scale=scales, gaps=gaps, stiffness=np.zeros(n), restitution=np.ones(n))
-        found = variables_of(kernel, raw, ("closing_max",), motion)["closing_max"]
-        for i, scale in enumerate(scales):
-            closing[record, float(scale)] = np.array([found[i, c.pair, c.storey - 1] for c in contacts])
+    motions = plan.motions
+    closing = np.full((len(motions), len(contacts)), np.inf)
+    for record in np.unique(motions.record):
+        rows, motion = np.flatnonzero(motions.record == record), plan.spec.records[record]
+        table = motions[rows]
+        variants = plan.variants[table.variant]
+        values = {"scale": table.scale, "stiffness": table.stiffness, "restitution": table.restitution}
+        raw = kernel.run(motion, gaps=table.gaps, variants=variants, **values)
+        found = variables_of(kernel, raw, ("closing_max",), motion, variants)["closing_max"]
+        for j, contact in enumerate(contacts):
+            closing[rows, j] = found[:, contact.pair, contact.storey - 1]
     return ~untouched(plan, closing)
 
 

@@ -114,7 +114,7 @@ def plan_command(sweep: SweepFile, workers: Workers = None, accuracy: Accuracy =
             ("kernels", f"{found['kernels']}"),
             ("steps", f"{steps} per scenario"),
             ("time", f"about {seconds_text(found['seconds'])} with {n_workers} workers, compilation of kernels apart"),
-            ("cube", f"{bytes_text(found['cube_bytes'])} of values in memory"),
+            ("cube", f"{bytes_text(found['cube_bytes'])} of values"),
         ]
         if limit is not None:
             remedy = f"{Status.BEYOND_STABILITY_LIMIT.remedy}; every scenario is stable at dt <= {limit:.3g} s"
@@ -126,7 +126,7 @@ def plan_command(sweep: SweepFile, workers: Workers = None, accuracy: Accuracy =
 
 def _run_report(asked: int, outcome: Outcome) -> dict[str, Any]:
     """Collect the counts and times of a run."""
-    unique = len(outcome.values["status"])
+    unique = len(outcome.results.status)
     seconds = outcome.run_seconds
     return {
         "scenarios": {

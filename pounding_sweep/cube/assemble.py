@@ -1,15 +1,13 @@
 """From arrays of results to a labelled dataset with CF attributes.
 
-Only this module knows where a degree of freedom or a contact of the kernels
-stands in the cube. Attributes that `pounding_sweep.cube.describe` understands
-are listed there.
+Attributes that `pounding_sweep.cube.describe` understands are listed there.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
@@ -17,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.contact.laws import LAWS
-from pounding_sweep.cube.variables import INNER_DIMS, INTEGER_FILL, STATUS, VARIABLES, Variable, get_variable
+from pounding_sweep.cube.layout import inner_shape, mask_invalid, scatter_contact, scatter_dof
+from pounding_sweep.cube.variables import INNER_DIMS, STATUS, VARIABLES, Variable
 from pounding_sweep.errors import InputError
 from pounding_sweep.scene import Scene
 
@@ -46,12 +45,15 @@ class Axis:
         In UDUNITS spelling; "" for labels.
     long_name : str
         For axes and tables; the name where not given.
+    comment : str
+        What else is to be said of it.
     """
 
     name: str
     values: Sequence[Any] | np.ndarray
     units: str = ""
     long_name: str = ""
+    comment: str = ""
 
     @property
     def size(self) -> int:
@@ -67,121 +69,6 @@ def package_version() -> str:
         return version("pounding-sweep")
     except PackageNotFoundError:
         return "unknown"
-
-
-def inner_shape(variable: str | Variable, scene: Scene) -> tuple[int, ...]:
-    """Return the shape of one scenario's values of `variable`.
-
-    Raises
-    ------
-    InputError
-        The variable is unknown.
-    """
-    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_names), "storey": scene.n_storeys}
-    return tuple(sizes[dim] for dim in get_variable(variable).dims)
-
-
-def _missing(dtype: np.dtype[Any]) -> Any:
-    return INTEGER_FILL if np.issubdtype(dtype, np.integer) else np.nan
-
-
-def _check_last(values: np.ndarray, size: int, what: str) -> None:
-    if values.ndim == 0 or values.shape[-1] != size:
-        msg = f"the last dimension of the values must be the scene's {size} {what}, not shape {values.shape}"
-        raise InputError(msg)
-
-
-def scatter_dof(values: Any, scene: Scene) -> np.ndarray:
-    """Put values per degree of freedom where their building and storey are.
-
-    Parameters
-    ----------
-    values : array_like
-        Shape (..., scene.n_dof).
-    scene : Scene
-        The row.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., building, storey): NaN (integers: -1) above a lower building.
-
-    Raises
-    ------
-    InputError
-        The last dimension is not ``scene.n_dof``.
-    """
-    values = np.asarray(values)
-    _check_last(values, scene.n_dof, "degrees of freedom")
-    shape = (*values.shape[:-1], len(scene.buildings), scene.n_storeys)
-    result = np.full(shape, _missing(values.dtype), dtype=values.dtype)
-    for i, (start, stop) in enumerate(zip(scene.offsets[:-1], scene.offsets[1:], strict=True)):
-        result[..., i, : stop - start] = values[..., start:stop]
-    return result
-
-
-def scatter_contact(values: Any, scene: Scene) -> np.ndarray:
-    """Put values per contact where their pair and storey are.
-
-    Parameters
-    ----------
-    values : array_like
-        Shape (..., len(scene.contacts)).
-    scene : Scene
-        The row.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., pair, storey): NaN (integers: -1) where no floors meet.
-
-    Raises
-    ------
-    InputError
-        The last dimension is not ``len(scene.contacts)``.
-    """
-    values = np.asarray(values)
-    _check_last(values, len(scene.contacts), "contacts")
-    shape = (*values.shape[:-1], len(scene.pair_names), scene.n_storeys)
-    result = np.full(shape, _missing(values.dtype), dtype=values.dtype)
-    for i, contact in enumerate(scene.contacts):
-        result[..., contact.pair, contact.storey - 1] = values[..., i]
-    return result
-
-
-def mask_invalid(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Remove the values of scenarios that have none: diverged, refused or not run.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        Results by variable, shape (*scenario axes, *inner), ``status`` among them.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The same with NaN (integers: -1) where ``status`` says that there are no
-        values. Arrays that need no change are not copied.
-
-    Raises
-    ------
-    InputError
-        There is no ``status``, or a variable is unknown.
-    """
-    if "status" not in arrays:
-        msg = f"the results have no 'status', only {', '.join(sorted(arrays)) or 'nothing'}"
-        raise InputError(msg)
-    status = np.asarray(arrays["status"])
-    bad = np.isin(status, [int(s) for s in STATUS if not s.has_values])
-    result: dict[str, np.ndarray] = {}
-    for name, given in arrays.items():
-        values = np.asarray(given)
-        fill = get_variable(name).fill
-        if fill is not None and bad.any():
-            values = values.copy()
-            values[bad] = fill
-        result[name] = values
-    return result
 
 
 #: A power that is no whole number, which UDUNITS reads as something else: "m-1.5" is m-1 times 0.5.
@@ -294,8 +181,9 @@ def _data_attributes(variable: Variable) -> dict[str, Any]:
     return attributes
 
 
-def _data_values(variable: Variable, values: np.ndarray) -> np.ndarray:
-    """Values as they are after reading a file: missing integers are NaN, and then all are float64."""
+def as_read(name: str, values: np.ndarray) -> np.ndarray:
+    """Return stored values of a variable as a file gives them: missing integers are NaN, and then all are float64."""
+    variable = VARIABLES[name]
     if variable.dtype == "f8":
         return np.asarray(values, dtype=np.float64)
     if variable.fill is None:
@@ -343,9 +231,6 @@ def assemble(
     -----
     Scenarios whose status says that they have no values lose any they carry.
     """
-    import xarray as xr
-
-    lengths = tuple(axis.size for axis in axes)
     names = [axis.name for axis in axes]
     reserved = set(INNER_DIMS) | set(VARIABLES)
     for name in (*names, *(extra_coords or {})):
@@ -354,6 +239,7 @@ def assemble(
                 f"axis name {name!r} is taken; give each axis a name of its own, none of {', '.join(sorted(reserved))}"
             )
             raise InputError(msg)
+    lengths = tuple(axis.size for axis in axes)
     for variable in VARIABLES.values():
         if variable.always and variable.name not in arrays:
             msg = f"the results have no {variable.name!r}, which is in every cube"
@@ -368,23 +254,58 @@ def assemble(
     if strange.size:
         msg = f"status {strange.tolist()} has no meaning; valid: {', '.join(f'{int(s)} {s.label}' for s in STATUS)}"
         raise InputError(msg)
+    data = {name: as_read(name, values) for name, values in mask_invalid(arrays).items()}
+    return label(scene, axes, data, attributes, extra_coords)
+
+
+def frame(
+    scene: Scene,
+    axes: Sequence[Axis],
+    names: Iterable[str],
+    attributes: Mapping[str, Any] | None = None,
+    extra_coords: Coordinates | None = None,
+) -> xr.Dataset:
+    """Make the dataset of results that are still to come: like `assemble`, its values zeros that take no memory.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Variables.
+    scene, axes, attributes, extra_coords
+        As for `assemble`.
+    """
+    lengths = tuple(axis.size for axis in axes)
+    data = {
+        name: np.broadcast_to(as_read(name, np.zeros((), VARIABLES[name].dtype)), (*lengths, *inner_shape(name, scene)))
+        for name in names
+    }
+    return label(scene, axes, data, attributes, extra_coords)
+
+
+def label(
+    scene: Scene,
+    axes: Sequence[Axis],
+    data: Mapping[str, np.ndarray],
+    attributes: Mapping[str, Any] | None = None,
+    extra_coords: Coordinates | None = None,
+) -> xr.Dataset:
+    """Label values that are as they are to be read (see `as_read`); arguments as for `assemble`, nothing is checked."""
+    import xarray as xr
 
     coordinates: dict[str, Any] = {}
     for axis in axes:
-        details = {"units": axis.units, "long_name": axis.long_name or axis.name}
+        details = {"units": axis.units, "long_name": axis.long_name or axis.name, "comment": axis.comment or None}
         coordinates[axis.name] = ((axis.name,), axis.values, details)
     coordinates.update(extra_coords or {})
     if "law" in coordinates:
         coordinates = {**_law_coordinates(*coordinates["law"][:2]), **coordinates}
     coordinates = {**coordinates, **_scene_coordinates(scene)}
 
-    valid = mask_invalid(arrays)
-    data = {}
-    for name, variable in VARIABLES.items():
-        if name in valid and not (variable.per_pair and not scene.pair_names):
-            dims = (*names, *variable.dims)
-            data[name] = (dims, _data_values(variable, valid[name]), _data_attributes(variable))
-
+    labelled = {
+        name: ((*(axis.name for axis in axes), *variable.dims), data[name], _data_attributes(variable))
+        for name, variable in VARIABLES.items()
+        if name in data and not (variable.per_pair and not scene.pair_names)
+    }
     version = package_version()
     found = {
         "Conventions": CONVENTIONS,
@@ -395,7 +316,7 @@ def assemble(
         **(attributes or {}),
     }
     coords = {k: (tuple(dims), _labels(v), _attributes(more)) for k, (dims, v, more) in coordinates.items()}
-    dataset = xr.Dataset(data, coords=coords, attrs=_attributes(found))
+    dataset = xr.Dataset(labelled, coords=coords, attrs=_attributes(found))
     for key, stored in dataset.variables.items():
         stored.encoding = {"_FillValue": None} if key in dataset.coords else encoding_of(key, stored)
     return dataset

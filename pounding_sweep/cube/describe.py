@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.cube.audited import AUDIT_DIMS, audit_sentence, audit_table
+from pounding_sweep.cube.slabs import cuts, status_counts
 from pounding_sweep.cube.variables import INNER_DIMS, STATUS, Status
 
 if TYPE_CHECKING:
@@ -80,24 +81,28 @@ def _coordinates(dataset: xr.Dataset) -> list[str]:
     return _table(rows)
 
 
-def _range(values: xr.DataArray, ok: xr.DataArray | None) -> str:
+def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
+    """Smallest and largest finite value, of the scenarios that are ok where there is a status."""
     if values.dtype.kind not in "iuf":
         return "-"
-    kept = values.astype(float)
-    if ok is not None and set(ok.dims) <= set(kept.dims):
-        kept = kept.where(ok)
-    array = kept.values[np.isfinite(kept.values)]
-    return f"{_number(array.min())} to {_number(array.max())}" if array.size else "no values"
+    low, high = np.inf, -np.inf
+    for cut in cuts(values):
+        kept = values.isel(cut).astype(float)
+        if status is not None and set(status.dims) <= set(kept.dims):
+            kept = kept.where(status.isel(cut, missing_dims="ignore") == int(Status.OK))
+        array = kept.values[np.isfinite(kept.values)]
+        low, high = min(low, array.min(initial=np.inf)), max(high, array.max(initial=-np.inf))
+    return f"{_number(low)} to {_number(high)}" if low <= high else "no values"
 
 
-def _variables(dataset: xr.Dataset, ok: xr.DataArray | None) -> list[str]:
+def _variables(dataset: xr.Dataset, status: xr.DataArray | None) -> list[str]:
     rows = []
     for name in dataset.data_vars:
         variable = dataset[name]
         if name != "status" and AUDIT_DIMS[0] not in variable.dims:
             long_name = str(variable.attrs.get("long_name", ""))
             inner = [str(dim) for dim in variable.dims if dim in INNER_DIMS]
-            rows.append((str(name), _units(variable) or "-", _range(variable, ok), _per(inner, long_name)))
+            rows.append((str(name), _units(variable) or "-", _range(variable, status), _per(inner, long_name)))
     return _table(rows)
 
 
@@ -106,10 +111,9 @@ def _per(inner: list[str], long_name: str) -> str:
 
 
 def _statuses(status: xr.DataArray) -> list[str]:
-    codes, counts = np.unique(status.values, return_counts=True)
     known = {int(s): s for s in STATUS}
     rows = []
-    for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
+    for code, count in status_counts(status).items():
         found = known.get(int(code))
         label = found.label if found is not None else f"code {code}"
         text = found.meaning if found is not None else "no known meaning"
@@ -168,11 +172,10 @@ def describe(dataset: xr.Dataset) -> str:
 
     Notes
     -----
-    Reads every variable once, one at a time.
+    Reads every variable once, a part at a time.
     """
     attributes = dataset.attrs
     status = dataset["status"] if "status" in dataset.data_vars else None
-    ok = status == int(Status.OK) if status is not None else None
     inner = [str(dim) for dim in dataset.sizes if dim in INNER_DIMS]
     outer = [str(dim) for dim in dataset.sizes if dim not in (*INNER_DIMS, *AUDIT_DIMS)]
 
@@ -196,7 +199,7 @@ def describe(dataset: xr.Dataset) -> str:
         "Scenario axes": _axes(dataset, outer),
         "Within a scenario": _axes(dataset, inner),
         "Further coordinates": _coordinates(dataset),
-        "Variables (range over scenarios that are ok)" if ok is not None else "Variables": _variables(dataset, ok),
+        f"Variables{'' if status is None else ' (range over scenarios that are ok)'}": _variables(dataset, status),
         "Scenarios by status": _statuses(status) if status is not None else [],
         "Audit: relative error, by the difference to half the step": _audit(dataset),
         "Records": _records(dataset),

@@ -10,10 +10,11 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import shutil
 import stat
 import tempfile
 import threading
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,10 +23,15 @@ from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, encoding_of
 from pounding_sweep.errors import OutputError
 
 if TYPE_CHECKING:
+    import netCDF4
+    import numpy as np
     import xarray as xr
 
 NETCDF_LOCK = threading.RLock()
-#: How every array is compressed.
+#: Memory (bytes) in which a variable of an opened cube keeps what was read last; the library's 64 MiB are too much
+#: for the many variables of a cube.
+READ_CACHE = 2**22
+#: How the arrays of a dataset that is written in one piece are compressed.
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
 _TEMPORARY = re.compile(r"\.pounding_sweep-[0-9a-f]{16}\.part")
 
@@ -46,14 +52,18 @@ def sync_folder(folder: Path) -> None:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Give a temporary name beside `path`; when the block ends well, make it `path` for good.
+def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
+    """Give a temporary name; when the block ends well, make the file `path` for good.
+
+    It stands in `folder`, where there is one on the same disk, else beside `path`.
 
     The content is on disk before the name changes, and the name before the block
     is left. When the block fails, the temporary file is removed and `path` is as
     it was.
     """
-    temporary = path.with_name(f".pounding_sweep-{secrets.token_hex(8)}.part")
+    if folder is None or folder.stat().st_dev != path.parent.stat().st_dev:
+        folder = path.parent
+    temporary = folder / f".pounding_sweep-{secrets.token_hex(8)}.part"
     try:
         yield temporary
         handle = os.open(temporary, os.O_RDONLY)
@@ -131,6 +141,17 @@ def check_output(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
     return target
 
 
+def check_space(folder: Path, needed: int, what: str) -> None:
+    """Raise `OutputError` where the disk of `folder` has less than `needed` bytes free for `what`."""
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        msg = (
+            f"{what} needs about {needed / 2**30:.2f} GiB of disk, {free / 2**30:.2f} GiB are free in "
+            f"{str(folder)!r}; free some space, give a path on another disk, or take fewer values on an axis"
+        )
+        raise OutputError(msg)
+
+
 def _encoding(name: Hashable, variable: xr.Variable, is_coordinate: bool) -> dict[str, Any]:
     encoding: dict[str, Any] = {"_FillValue": None} if is_coordinate else encoding_of(name, variable)
     if variable.ndim and variable.dtype.kind in "iuf":
@@ -174,6 +195,108 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
     return target
 
 
+def write_in_slabs(
+    dataset: xr.Dataset,
+    path: str | os.PathLike[str],
+    blocks: Mapping[str, Sequence[int]],
+    slabs: Iterable[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]],
+    *,
+    overwrite: bool = False,
+    folder: Path | None = None,
+) -> Path:
+    """Write a cube, some variables of which are made while it is written, as `write_cube` would.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        The cube; of the variables in `blocks` only type, dimensions and attributes are used.
+    path : path-like
+        Where it is to stand.
+    blocks : mapping of str to sequence of int
+        Variables that come in slabs -> shape of the blocks in which the file stores them.
+    slabs : iterable of (slices, mapping of str to ndarray)
+        Part of the outer dimensions -> values as they are stored, by variable.
+    overwrite : bool
+        Whether a file that is there may be replaced; it stays until the new one is complete.
+    folder : Path, optional
+        Where the unfinished file stands, if it is on the same disk; by default beside `path`.
+
+    Returns
+    -------
+    Path
+        The absolute path of the file.
+
+    Raises
+    ------
+    OutputError
+        See `check_output`; or the disk is full or failed while writing.
+
+    Notes
+    -----
+    What comes in slabs is not compressed: that would take longer than to compute it.
+    """
+    import netCDF4
+    from xarray.conventions import encode_dataset_coordinates
+
+    target = check_output(path, overwrite)
+    variables, attributes = encode_dataset_coordinates(dataset)
+    labels = dataset.drop_vars(list(dataset.data_vars))
+    encoding = {name: _encoding(name, v, True) for name, v in labels.variables.items()}
+    try:
+        with NETCDF_LOCK, replacing(target, folder) as temporary:
+            labels.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
+            with netCDF4.Dataset(temporary, "a") as file:
+                file.set_fill_off()
+                if "coordinates" in file.ncattrs():  # those of no variable, and now there are variables
+                    file.delncattr("coordinates")
+                file.setncatts({key: value for key, value in attributes.items() if key == "coordinates"})
+                for name in map(str, dataset.data_vars):
+                    _declare(file, name, variables[name], blocks.get(name))
+                    if name not in blocks:
+                        file[name][...] = dataset[name].values
+                for slab, values in slabs:
+                    for name in blocks:
+                        file[name][slab] = values[name]
+    except (OSError, RuntimeError) as error:
+        msg = f"writing {str(path)!r} failed ({error}); free some space or give another path. Nothing was replaced"
+        raise OutputError(msg) from error
+    return target
+
+
+def _declare(file: netCDF4.Dataset, name: str, variable: xr.Variable, block: Sequence[int] | None) -> None:
+    """Make a variable of numbers in an open file, stored in blocks of that shape or in one piece."""
+    dims = tuple(str(dim) for dim in variable.dims)
+    for dim, size in zip(dims, variable.shape, strict=True):
+        if dim not in file.dimensions:
+            file.createDimension(dim, size)
+    encoding = encoding_of(name, variable)
+    fill = encoding["_FillValue"]
+    stored = file.createVariable(
+        name,
+        encoding.get("dtype", variable.dtype),
+        dims,
+        chunksizes=block,
+        fill_value=False if fill is None else fill,
+    )
+    stored.set_auto_maskandscale(False)
+    if block is not None:
+        stored.set_var_chunk_cache(size=1)  # none: whole blocks are written (0 stands for the default)
+    stored.setncatts(variable.attrs)
+
+
+@contextmanager
+def _chunk_cache(size: int) -> Iterator[None]:
+    """Let variables of files that are opened in the block keep at most so many bytes in memory."""
+    import netCDF4
+
+    before = netCDF4.get_chunk_cache()
+    netCDF4.set_chunk_cache(size)
+    try:
+        yield
+    finally:
+        netCDF4.set_chunk_cache(*before)
+
+
 def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     """Open a cube; its values are read where they are used.
 
@@ -200,7 +323,7 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         msg = f"cube {str(path)!r} {what}; give the path of a file made by 'pounding-sweep run'"
         raise OutputError(msg)
     try:
-        with NETCDF_LOCK:
+        with NETCDF_LOCK, _chunk_cache(READ_CACHE):
             dataset = xr.open_dataset(target, engine="netcdf4")
     except (OSError, RuntimeError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error

@@ -24,12 +24,13 @@ from threading import RLock
 from types import ModuleType
 from typing import Any
 
-from pounding_sweep.kernels.driver import kernel_text
+from pounding_sweep.kernels.driver import ROW_NAME, kernel_text
 from pounding_sweep.kernels.shape import KernelShape
 
 #: Environment variable that names another folder for compiled kernels.
 CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
 _LOCK = RLock()
+_LOADED: set[KernelShape] = set()
 
 #: One signature per kernel: compiled when loaded, never again for another kind of array.
 SIGNATURE = "void(float64[::1], float64, int64, int64, {real}[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])"
@@ -53,9 +54,10 @@ def module_name(text: str) -> str:
 
 def _texts(shape: KernelShape) -> list[tuple[str, str]]:
     """Name and text of the row module and of the main module, with disk caching switched on."""
-    row = kernel_text(shape).row.replace("@njit(**OPTIONS)", "@njit(cache=True, **OPTIONS)")
+    text = kernel_text(shape)
+    row = text.row.replace("@njit(**OPTIONS)", "@njit(cache=True, **OPTIONS)")
     row_name = module_name(row)
-    main = kernel_text(shape, row_name).main
+    main = text.main.replace(f"from {ROW_NAME} import *", f"from {row_name} import *")
     signature = SIGNATURE.format(real=shape.precision)
     main = main.replace("\n@njit(**OPTIONS)\ndef run(", f"\n@njit({signature!r}, cache=True, **ENTRY)\ndef run(")
     return [(row_name, row), (module_name(main), main)]
@@ -64,6 +66,11 @@ def _texts(shape: KernelShape) -> list[tuple[str, str]]:
 def source_digest(shape: KernelShape) -> str:
     """Return the name of the kernel's main module, which its whole text decides."""
     return _texts(shape)[-1][0]
+
+
+def is_loaded(shape: KernelShape) -> bool:
+    """Whether this process has the kernel already."""
+    return shape in _LOADED
 
 
 def is_cached(shape: KernelShape) -> bool:
@@ -139,5 +146,6 @@ def get_kernel(shape: KernelShape) -> Callable[..., Any]:
             except OSError:
                 path = _write(_own_folder(), name, text)
             module = _load(name, path)
+    _LOADED.add(shape)
     run: Callable[..., Any] = module.run
     return run

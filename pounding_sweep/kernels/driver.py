@@ -8,7 +8,14 @@ from importlib.resources import files
 from typing import Any
 
 from pounding_sweep.contact.laws import RESTING_SPEED
-from pounding_sweep.kernels import templates
+from pounding_sweep.kernels import march, templates
+from pounding_sweep.kernels.contact import (
+    emit_ends,
+    emit_give_back,
+    emit_look_ahead,
+    emit_measure,
+    emit_plain_contacts,
+)
 from pounding_sweep.kernels.exact import emit_flight
 from pounding_sweep.kernels.loop import (
     emit_back,
@@ -16,7 +23,9 @@ from pounding_sweep.kernels.loop import (
     emit_copy,
     emit_finish,
     emit_fly,
-    emit_plain_contacts,
+    emit_ground,
+    emit_note,
+    emit_reduce_flight,
     emit_reduce_step,
     emit_run,
 )
@@ -32,21 +41,20 @@ from pounding_sweep.kernels.shape import (
     output_slots,
     property_slots,
 )
+from pounding_sweep.kernels.vary import vary
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged).
 MAX_TRIES = 1000
 #: Sweeps over the contacts before the implicit solution is given up (the lane is flagged).
 MAX_SWEEPS = 500
-#: Largest product of sub-step and contact rate in located RK4: a stiffer contact gets sub-steps of its own.
-CONTACT_CAP = 0.25
 #: Share of an elastic contact's duration over which sub-steps grow to a whole step, where they are graded.
 GRADED_SHARE = 0.5
 #: Product of step and frequency of the spring on which floors rest that a velocity jump has stopped.
 REST_RATE = 4.0
 #: Product of sub-step and contact rate beyond which Newmark lets the contact's end force act over all of the sub-step.
 STIFF_RATE = 2.0
-#: Orders of the schemes.
-ORDERS = {"rk4": 4, "newmark": 2, "exact": 4}
+#: Reducers that look at forces or penetrations between the ends of a sub-step.
+ENDS = frozenset({"force", "penetration", "acceleration", "transfer"})
 
 STEPS = {"rk4": Rk4Step, "newmark": NewmarkStep, "exact": Rk4Step}
 
@@ -105,21 +113,21 @@ def state_slots(shape: KernelShape) -> Slots:
         for name in ("ACC0", "ACC1", "RATE0", "RATE1", "RELATIVE"):
             slots.add(name, n)
     slots.add("TURN")
-    slots.add("G1")
-    if contact or not shape.fused:
-        slots.add("HL")
-        slots.add("G0")
+    for name in ("HL", "G0", "G1"):  # length and ground of the step, lane by lane
+        slots.add(name)
     if contact:
-        for name in ("HIT", "REM", "THETA"):
+        for name in ("HIT", "REM", "THETA", "AHEAD", "GA", "GB", "LOOK", "LONGEST", "RATE"):
             slots.add(name)
         for name in ("KE", "CE", "KL", "CL", "TJ", "FORCE", "FS", "FE", "RS", "RE", "VRUN", "AGE", "LASTS"):
+            slots.add(name, nc)
+        for name in ("D0", "D1", "V0", "V1"):
             slots.add(name, nc)
         for reducer, name in (("work", "DWORK"), ("impulse", "DIMP")):
             if reducer in shape.reducers:
                 slots.add(name, nc)
         slots.add("TNOW", nb)
         slots.add("KIN0", nb)
-    if shape.scheme != "newmark" and (contact or not shape.fused):
+    if shape.scheme != "newmark" and not shape.fused:
         for name in ("_x", "_y", "_a1", "_a2", "_a3", "_a4"):
             slots.add(name, n)
         slots.add("_F", nc)
@@ -134,8 +142,12 @@ class KernelText:
     main: str
 
 
-def kernel_text(shape: KernelShape, row_name: str = "row") -> KernelText:
-    """Return the kernel of `shape`; its main module imports the row module as `row_name`.
+#: Name by which the main module of a kernel imports its row module.
+ROW_NAME = "row"
+
+
+def kernel_text(shape: KernelShape) -> KernelText:
+    """Return the kernel of `shape`; its main module imports the row module as `ROW_NAME`.
 
     Its function ``run(ag, dt_record, steps, glides, props, X, O, H)`` integrates every
     lane group of ``X`` (groups, inputs * LANES) over the record ``ag`` (m/s2)
@@ -145,8 +157,15 @@ def kernel_text(shape: KernelShape, row_name: str = "row") -> KernelText:
     slots = state_slots(shape)
     contact = shape.law is not None and len(shape.contacts) > 0
     make: Any = STEPS[shape.scheme]
-    texts = _row_text(shape, slots, contact, make), _main_text(shape, slots, contact, make, row_name)
-    return KernelText(*(narrow(text) for text in texts) if shape.precision == "float32" else texts)
+    texts: tuple[str, ...] = (
+        _row_text(shape, slots, contact, make),
+        _main_text(shape, slots, contact, make),
+    )
+    if shape.varied:
+        texts = tuple(vary(text) for text in texts)
+    if shape.precision == "float32":
+        texts = tuple(narrow(text) for text in texts)
+    return KernelText(*texts)
 
 
 def _row_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str:
@@ -161,36 +180,45 @@ def _row_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str
         if shape.scheme == "newmark":
             parts.append(_functions("compliance"))
     parts.append(emit_copy(shape))
-    if shape.scheme == "exact" and contact:
-        parts.append(emit_back())
+    if shape.located and contact:
+        parts.append(emit_back(shape))
+    if shape.scheme != "exact":
+        parts.append(emit_ground())
     if "_x" in slots.first:
         parts.append("\n\n" + "".join(f"{n.upper()} = {slots.first[n] * LANES}\n" for n in ("_x", "_y", "_F")))
-        if not shape.fused or shape.located:
-            parts.append(Rk4Step(shape, slots, "trial").emit_stages())
+        parts.append(Rk4Step(shape, slots, "trial").emit_stages())
     if shape.located or not contact:
         parts.append(emit_flight(shape, slots) if shape.scheme == "exact" else make(shape, slots, "flight").emit())
-    parts.append(emit_turns(shape, slots) if shape.located else emit_samples(shape, slots))
+    parts.append(emit_samples(shape, slots))
+    if shape.located:
+        parts.append(emit_turns(shape))
     parts.append(emit_energy(shape, slots))
     if "acceleration" in shape.reducers:
         parts.append(_functions("acceleration", () if contact else ("storey_pull",)))
-        parts.append(emit_accelerations(shape, slots, contact))
+        parts.append(emit_accelerations(shape, contact))
     if shape.scheme == "newmark" and not contact:
         parts.append(_functions("implicit", ("equilibrium",)).partition("    if LOCATED:")[0])
     parts += [emit_begin(shape, slots, contact), emit_finish(shape, contact)]
     if shape.located or not contact:
-        parts.append(emit_fly(shape, contact))
+        parts.append(emit_reduce_flight(shape))
+        if shape.scheme != "exact":
+            parts.append(emit_fly(shape, contact))
+        elif not contact:
+            parts.append(march.emit_fly(contact))
     return "".join(parts)
 
 
-def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any, row_name: str) -> str:
+def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str:
     """Write the parts that hold the law, and the loop over time."""
-    parts = [PRELUDE.partition("import math")[0], f"import math\n\nimport numpy as np\nfrom {row_name} import *\n"]
+    parts = [PRELUDE.partition("import math")[0], f"import math\n\nimport numpy as np\nfrom {ROW_NAME} import *\n"]
     if "_x" in slots.first:  # names with an underscore are not imported by the line above
         parts.append("\n" + "".join(f"{n.upper()} = {slots.first[n] * LANES}\n" for n in ("_x", "_y", "_F")))
     newmark = shape.scheme == "newmark"
     if contact:
         parts.append(_law(shape))
         if shape.located:
+            parts += [emit_measure(shape, slots), emit_give_back(shape), emit_ends(shape, slots)]
+            parts.append(emit_look_ahead(shape, slots))
             parts.append(_functions("located"))
             if shape.law is not None and shape.law.impulsive:
                 parts.append(_functions("impulse"))
@@ -199,7 +227,11 @@ def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any, row_n
             if shape.located:
                 parts.append(_functions("stiff"))
         parts.append(make(shape, slots, "trial" if shape.located else "plain").emit())
-        parts.append(emit_reduce_step(shape) if shape.located else emit_plain_contacts(shape))
+        parts.append(emit_reduce_step(shape) if shape.located else emit_plain_contacts(shape, slots))
+        if shape.scheme == "exact":
+            parts += [_functions("march"), march.emit_fly(contact)]
+    if shape.history:
+        parts.append(emit_note(shape, slots))
     parts.append(emit_run(shape, slots, contact))
     return "".join(parts)
 
@@ -227,13 +259,20 @@ def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
     values["LOCATED"] = shape.located
     for name, slot in slots.first.items():
         values[name.upper()] = slot * LANES
-    for name in ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short", "newmark_beta", "newmark_gamma"):
-        if name in props.first:
-            values[f"P_{name.upper()}"] = props.first[name]
+    for name, first_slot in props.first.items():
+        values[f"P_{name.upper()}"] = slots.first.get(f"p_{name}", first_slot)
+    values["REACH"] = 4.0 / 27.0
+    nc = len(shape.contacts)
+    marks = ("TRIES", "SHUT", "FALLBACK", "UNSOLVED", "STIFF", "LAND", "TAKEN", "STEP", "KIND")
+    for slot, name in enumerate(marks, 2 * nc):
+        values[name] = slot * LANES
+    if shape.scheme == "exact":
+        values |= march.KINDS | {"WINDOW": march.WINDOW, "LEAVE": march.LEAVE}
     left = tuple(c[0] for c in shape.contacts)
     right = tuple(c[1] for c in shape.contacts)
     if shape.contacts:
         values |= {"LEFT": left, "RIGHT": right}
+    newmark = shape.scheme == "newmark"
     if contact:
         building = shape.building_of
         values |= {
@@ -241,7 +280,7 @@ def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
             "BLEFT": tuple(building[i] if i >= 0 else -1 for i in left),
             "BRIGHT": tuple(building[i] if i >= 0 else -1 for i in right),
             "RESTING_SPEED": RESTING_SPEED,
-            "CONTACT_CAP": 0.0 if shape.scheme == "newmark" else CONTACT_CAP,
+            "CAPPED": shape.scheme != "newmark",
             "REST_RATE": REST_RATE,
             "STIFF_RATE": STIFF_RATE,
             "MAX_TRIES": MAX_TRIES,
@@ -254,9 +293,7 @@ def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
         }
         for reducer in ("force", "penetration", "count", "first_time", "approach_speed", "impulse", "work"):
             values[f"HAS_{reducer.upper()}"] = reducer in r
-        nc = len(shape.contacts)
-        ints = {"MODE": 0, "NEXT": nc, "TRIES": 2 * nc, "SHUT": 2 * nc + 1, "FALLBACK": 2 * nc + 2}
-        values |= {name: slot * LANES for name, slot in {**ints, "UNSOLVED": 2 * nc + 3, "STIFF": 2 * nc + 4}.items()}
+        values |= {"MODE": 0, "NEXT": nc * LANES, "HAS_ENDS": bool(r & ENDS), "CONCLUDES": "transfer" in r or newmark}
         for name in ("FORCE", "FMAX", "DMAX", "COUNT", "TFIRST", "VMAX", "IMPULSE", "WORK", "TMAX", "TMIN"):
             values.setdefault(name, 0)
     for name, value in values.items():
@@ -274,7 +311,7 @@ def _law(shape: KernelShape) -> str:
     cut = "p" if law.tension else "max(p, 0.0)"
     # a pulling force jumps to zero at the release; there the frozen law must go on, for the step that locates it
     guard = "pass" if law.tension else "if not (d > 0.0): return 0.0"
-    grading = law.grading(ORDERS[shape.scheme])
+    grading = law.grading(shape.order)
     flags: dict[str, Any] = {
         "APPROACH_ONLY": law.approach_only,
         "CLIPS": law.clips,
@@ -283,7 +320,7 @@ def _law(shape: KernelShape) -> str:
         "TOUCH_POWER": grading[0],
         "RELEASE_POWER": grading[1],
         # least root of a graded sub-step, in durations of the contact: its error is that of rounding
-        "LEAST_SHARE": TOLERANCES[shape.precision]["EXACT"] ** (1.0 / (ORDERS[shape.scheme] + 1)),
+        "LEAST_SHARE": TOLERANCES[shape.precision]["EXACT"] ** (1.0 / (shape.order + 1)),
         "GRADED": max(grading) > 1.0,
         "SUBSTEPS": max(grading) > 1.0 or shape.scheme != "newmark",
     }

@@ -30,9 +30,9 @@ class NewmarkStep:
         if trial:
             src.function("trial(S, I, W, props)")
         elif self.variant == "plain":
-            src.function("plain(S, I, W, props, ga, gb, h)")
+            src.function("plain(S, I, W, props, h)")
         else:
-            src.function("flight(S, props, ga, gb, h)")
+            src.function("flight(S, props, h)")
         src(f"nb = {self.t.prop('newmark_beta')}; ng = {self.t.prop('newmark_gamma')}")
         blocks = self._buildings()
         if shape.fused:
@@ -55,17 +55,12 @@ class NewmarkStep:
                 watch_in_loops(src, shape)
         elif shape.law is not None and shape.contacts:
             with src.block("for l in range(L):"):
-                if not trial:
-                    src(f"{at('G1')} = {at('scale')} * gb")
                 src(f"implicit(S, I, W, l, {at('HL') if trial else 'h'}, props)")
         if "energy" in shape.reducers:
             for dofs in blocks:
                 self.t.load_constants(src, dofs)
                 with src.block("for l in range(L):"):
-                    if trial:
-                        src(f"g0 = {at('G0')}; g1 = {at('G1')}")
-                    else:
-                        src(f"s = {at('scale')}; g0 = s * ga; g1 = s * gb")
+                    src(f"g0 = {at('G0')}; g1 = {at('G1')}")
                     self._energy(dofs)
         return str(src)
 
@@ -79,9 +74,8 @@ class NewmarkStep:
     def _lane_values(self, trial: bool) -> None:
         src, at = self.src, self.slots.at
         if trial:
-            src(f"h = {at('HL')}; g1 = {at('G1')}")
-        else:
-            src(f"g1 = {at('scale')} * gb")
+            src(f"h = {at('HL')}")
+        src(f"g1 = {at('G1')}")
         src("be = nb * (h * h); gg = ng * h; pu = h * h * (0.5 - nb); pv = h * (1.0 - ng)")
 
     def _building(self, dofs: list[int], trial: bool) -> None:

@@ -19,6 +19,7 @@ TOLERANCES: dict[str, dict[str, float]] = {
         "UNSWEPT": 1e-9,  # and above which they have failed
         "SAME_TIME": 1e-12,  # events this close (in steps) are simultaneous
         "AT_RELEASE": 1e-9,  # and this close to a release, part of it
+        "AT_PEAK": 1e-7,  # as near to a peak (in steps) as its size asks for
         "DONE": 1e-13,  # remainder of a step (in steps) that is none
         "FAR": 1e300,
         "TINY": 1e-300,
@@ -30,6 +31,7 @@ TOLERANCES: dict[str, dict[str, float]] = {
         "UNSWEPT": 1e-3,
         "SAME_TIME": 1e-6,
         "AT_RELEASE": 1e-5,
+        "AT_PEAK": 1e-3,
         "DONE": 1e-6,
         "FAR": 1e38,
         "TINY": 1e-37,

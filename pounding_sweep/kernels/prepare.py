@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from pounding_sweep.kernels.cache import get_kernel, is_cached
+from pounding_sweep.kernels.cache import get_kernel, is_cached, is_loaded
 from pounding_sweep.kernels.shape import KernelShape, LawShape
 
 
@@ -34,6 +34,7 @@ def from_json(data: dict[str, Any]) -> KernelShape:
         reducers=frozenset(data["reducers"]),
         history=data["history"],
         precision=data["precision"],
+        varied=data["varied"],
     )
 
 
@@ -50,7 +51,7 @@ def prepare(shapes: Sequence[KernelShape], workers: int = 1, notify: Callable[[i
         Called with (ready, total) as kernels become ready.
     """
     wanted = list(dict.fromkeys(shapes))
-    missing = [shape for shape in wanted if not is_cached(shape)]
+    missing = [shape for shape in wanted if not (is_loaded(shape) or is_cached(shape))]
     share = -(-len(missing) // max(1, workers))
     children = []
     for first in range(share, len(missing), max(1, share)):

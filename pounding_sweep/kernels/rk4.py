@@ -10,14 +10,13 @@ which is the classical fourth-order method of Kutta with fewer operations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from pounding_sweep.kernels.contact import plain_contact
+from pounding_sweep.kernels.reduce import sample
 from pounding_sweep.kernels.shape import LANES, KernelShape, Slots
-from pounding_sweep.kernels.text import Source, StepText, relative
-
-#: Addresses of the two floors of a contact; None is a wall.
-Ends = list[str | None]
+from pounding_sweep.kernels.text import Source, StepText, over_contacts, relative
 
 #: Number, ground acceleration and weight (of h/6) of the stages.
 STAGES = ((1, "g0", "1.0"), (2, "gm", "2.0"), (3, "gm", "2.0"), (4, "g1", "1.0"))
@@ -30,15 +29,14 @@ class Rk4Step:
     ``trial``: located contact, modes frozen in KE and CE; from UO, VO with each
     lane's own step to U, V. ``plain``: the sign of d decides at each stage.
 
-    A fused flight or plain step is one straight line. The trial step is rare, and
-    longer rows compile badly as one line: there the four stages are functions of
-    their own (`emit_stages`) that hold no law and are shared by all variants, and
-    only the small function ``forces`` is compiled for a law.
+    A fused step is one straight line. Longer rows compile badly as one line: there the
+    four stages are functions of their own (`emit_stages`) that hold no law and are shared
+    by all variants, and only the small function ``forces`` is compiled for a law.
     """
 
     def __init__(self, shape: KernelShape, slots: Slots, variant: str) -> None:
         self.shape, self.slots, self.variant = shape, slots, variant
-        self.fused = shape.fused and variant != "trial"
+        self.fused = shape.fused
         self.t = StepText(shape, slots, in_memory=not self.fused)
         self.contact = "F" if variant != "flight" and shape.contacts and shape.law else None
         self.energy = "energy" in shape.reducers
@@ -60,38 +58,56 @@ class Rk4Step:
     def emit(self) -> str:
         """Return the text of the function named like the variant."""
         src, shape = self.src, self.shape
-        if self.variant == "trial":
-            self._forces()
-            src.function("trial(S, I, W, props)")
-            self._call_stages()
-            return str(src)
+        trial = self.variant == "trial"
         if not self.fused and self.contact:
             self._forces()
-        src.function(f"{self.variant}(S, props, ga, gb, h)")
+        if self.variant == "plain":
+            src.function("plain(S, I, props, h, time)")
+        else:
+            src.function("trial(S, I, W, props)" if trial else "flight(S, props, h)")
         if not self.fused:
-            self._begin_split()
+            if not trial:
+                self._begin_split()
             self._call_stages()
             if self.variant == "flight":
                 watch_in_loops(src, shape)
             return str(src)
-        src("hh = 0.5 * h; q = hh * hh; h2 = hh * h; h6 = h * SIXTH; h26 = h * h6")
+        lengths = "hh = 0.5 * h; q = hh * hh; h2 = hh * h; h6 = h * SIXTH; h26 = h * h6"
+        if not trial:
+            src(lengths)
         self.t.load_constants(src, list(range(shape.n_dof)))
         with src.block("for l in range(L):"):
-            src(f"s = {self.slots.at('scale')}; g0 = s * ga; g1 = s * gb; gm = 0.5 * (g0 + g1)")
+            if trial:
+                src(f"h = {self.slots.at('HL')}; {lengths}")
+            src(f"g0 = {self.slots.at('G0')}; g1 = {self.slots.at('G1')}; gm = 0.5 * (g0 + g1)")
             for i in range(shape.n_dof):
                 self._load(i)
             for stage in STAGES:
                 self._stage(*stage)
             if self.variant == "flight":
                 watch(src, shape, self.slots)
+            elif not trial:
+                self._ends()
         return str(src)
 
+    def _ends(self) -> None:
+        """Write the peaks at the end of a fused plain step, whose values are still held."""
+        src, shape = self.src, self.shape
+        src("S[LOOK + l] = -1.0")
+        write = plain_contact(src, shape)
+        for j, (left, right, pair) in enumerate(shape.contacts):
+            names = {"U": "u", "V": "v", "VO": "before"}
+
+            def between(slot: str, left: int = left, right: int = right, names: dict[str, str] = names) -> str:
+                return relative(*(None if i < 0 else f"{names[slot]}{i}" for i in (left, right)))
+
+            write(between, self.slots.at("gap", pair), str(j * LANES), f"props[P_REDUCED + {j}]")
+        sample(src, shape, self.slots, [f"u{i}" for i in range(shape.n_dof)])
+
     def _begin_split(self) -> None:
-        """Begin a step of all lanes: the start of the step, its length, its ground, and no contact force."""
+        """Begin a step of all lanes: its start, and no contact force."""
         src = self.src
         src("copy(S)")
-        with src.block("for l in range(L):"):
-            src("S[HL + l] = h; S[G0 + l] = S[SCALE + l] * ga; S[G1 + l] = S[SCALE + l] * gb")
         if self.variant == "flight" and self.shape.law is not None and self.shape.contacts:
             with src.block("for c in range(NC * L):"):
                 src("S[_F + c] = 0.0")
@@ -108,48 +124,28 @@ class Rk4Step:
             src(f"stage{stage}(S, props)")
 
     def _forces(self) -> None:
-        """Write ``forces``: contact forces of a stage from the motion in slots X and Y.
-
-        Few contacts are written out one by one, with addresses that are known to differ:
-        a loop over contacts whose addresses come from a table is not vectorised.
-        """
-        src, shape = self.src, self.shape
-        src.function("forces(S, X, Y, weight)")
-        if shape.fused:
-            with src.block("for l in range(L):"):
-                for j, (left, right, pair) in enumerate(shape.contacts):
-                    ends: Ends = [None if i < 0 else f"S[{{0}} + {i * LANES} + l]" for i in (left, right)]
-                    self._one_force(ends, self.slots.at("gap", pair), str(j * LANES))
-            return
-        with src.block("for j in range(NC):"):
-            src("left = LEFT[j] * L; right = RIGHT[j] * L; gap = GAP + PAIR[j] * L; j0 = j * L")
-            sides: list[tuple[str, Ends]] = [
-                ("if left >= 0 and right >= 0:", ["S[{0} + left + l]", "S[{0} + right + l]"]),
-                ("elif left >= 0:", ["S[{0} + left + l]", None]),
-                ("else:", [None, "S[{0} + right + l]"]),
-            ]
-            for head, ends in sides:
-                with src.block(head), src.block("for l in range(L):"):
-                    self._one_force(ends, "S[gap + l]", "j0")
-
-    def _one_force(self, ends: Ends, gap: str, j0: str) -> None:
-        """Write the force of one contact; `ends` are its floors' addresses, with the motion's slot left open."""
+        """Write ``forces``: contact forces of a stage from the motion in slots X and Y."""
         src, shape, law = self.src, self.shape, self.shape.law
         assert law is not None
-        d, v = (relative(*(None if x is None else x.format(name) for x in ends)) for name in "XY")
-        src(f"d = {d} - {gap}; v = {v}")
-        if self.variant == "trial":
-            src(f"k = S[KE + {j0} + l]; c = S[CE + {j0} + l]; r = math.sqrt(max(d, 0.0))")
-            src(f"f = {law.elastic} + ({law.damper}) * v" if law.damper else f"f = {law.elastic}")
-        else:
-            src(f"f = memoryless(S[K + l], S[C + {j0} + l], S[VRUN + {j0} + l], d, v)")
-        src(f"S[_F + {j0} + l] = f")
-        for reducer, slot, value in (("work", "DWORK", "f * v"), ("impulse", "DIMP", "f")):
-            if reducer in shape.reducers:
-                src(f"S[{slot} + {j0} + l] += weight * {value}")
+        src.function("forces(S, X, Y, weight)")
+
+        def body(between: Callable[[str], str], gap: str, j0: str, reduced: str) -> None:
+            del reduced
+            src(f"d = {between('X')} - {gap}; v = {between('Y')}")
+            if self.variant == "trial":
+                src(f"k = S[KE + {j0} + l]; c = S[CE + {j0} + l]; r = math.sqrt(max(d, 0.0))")
+                src(f"f = {law.elastic} + ({law.damper}) * v" if law.damper else f"f = {law.elastic}")
+            else:
+                src(f"f = memoryless(S[K + l], S[C + {j0} + l], S[VRUN + {j0} + l], d, v)")
+            src(f"S[_F + {j0} + l] = f")
+            for reducer, slot, value in (("work", "DWORK", "f * v"), ("impulse", "DIMP", "f")):
+                if reducer in shape.reducers:
+                    src(f"S[{slot} + {j0} + l] += weight * {value}")
+
+        over_contacts(src, shape, self.slots, body)
 
     def emit_stages(self) -> str:
-        """Return the text of the trial step's four stages, which hold no law."""
+        """Return the text of the four stages of a longer row, which hold no law."""
         for stage in STAGES:
             self.src.function(f"stage{stage[0]}(S, props)")
             self._stage(*stage)
@@ -158,6 +154,12 @@ class Rk4Step:
 
     def _load(self, i: int) -> None:
         src, at = self.src, self.slots.at
+        if self.variant == "trial":
+            src(f"u{i} = {at('UO', i)}; v{i} = {at('VO', i)}")
+            return
+        if self.variant == "plain":
+            src(f"u{i} = {at('U', i)}; v{i} = {at('V', i)}")
+            return
         src(f"u{i} = {at('U', i)}; v{i} = {at('V', i)}; {at('UO', i)} = u{i}; {at('VO', i)} = v{i}")
 
     def _stage(self, stage: int, ground: str, weight: str) -> None:
@@ -196,7 +198,7 @@ class Rk4Step:
             x, y = ref("x", i), ref("y", i)
             if stage == 1:
                 src(f"{x} = fma(hh, {v}, {u}); {y} = fma(hh, {a}, {v})")
-                if not self.fused and "AO" in self.slots.first:
+                if self.variant == "trial" and "AO" in self.slots.first:
                     src(f"{at('AO', i)} = {a}")
             elif stage == 2:
                 src(f"{x} = fma(q, {ref('a1', i)}, {x}); {y} = fma(hh, {a}, {v})")
@@ -204,11 +206,17 @@ class Rk4Step:
                 src(f"{x} = fma(h2, {ref('a2', i)}, fma(h, {v}, {u})); {y} = fma(h, {a}, {v})")
             else:
                 a1, a2, a3 = (ref(f"a{n}", i) for n in (1, 2, 3))
-                src(f"{at('U', i)} = fma(h26, {a1} + {a2} + {a3}, fma(h, {v}, {u}))")
-                src(f"{at('V', i)} = fma(h6, fma(2.0, {a2} + {a3}, {a1} + {a}), {v})")
+                ends = (
+                    f"fma(h26, {a1} + {a2} + {a3}, fma(h, {v}, {u}))",
+                    f"fma(h6, fma(2.0, {a2} + {a3}, {a1} + {a}), {v})",
+                )
+                if self.fused and self.variant == "plain":
+                    src(f"before{i} = {v}; {u} = {ends[0]}; {v} = {ends[1]}")
+                    ends = u, v
+                src(f"{at('U', i)} = {ends[0]}; {at('V', i)} = {ends[1]}")
 
     def _force(self, j: int, x: str, y: str, weight: str, first: bool) -> None:
-        """Force of the unlocated step: nothing while d <= 0, else the law, cut at zero."""
+        """Force of a fused step: by the frozen mode in a trial; else nothing while d <= 0, and the law, cut at zero."""
         src, shape, at, law = self.src, self.shape, self.slots.at, self.shape.law
         assert law is not None
         left, right, pair = shape.contacts[j]
@@ -218,8 +226,12 @@ class Rk4Step:
         src(f"d = {d} - {at('gap', pair)}")
         if law.damper or "work" in shape.reducers:
             src(f"v = {v}")
-        src(f"r = math.sqrt(max(d, 0.0)); k = {at('k')}")
-        if law.damper:
+        force, trial = self.t.ref("F", j), self.variant == "trial"
+        src(f"r = math.sqrt(max(d, 0.0)); k = {at('KE', j) if trial else at('k')}")
+        if trial:
+            src(f"c = {at('CE', j)}")
+            src(f"{force} = {law.elastic} + ({law.damper}) * v" if law.damper else f"{force} = {law.elastic}")
+        elif law.damper:
             src(f"c = {at('c', j)}")
             if law.per_speed:
                 src(f"c = c / max(max({at('VRUN', j)}, v), RESTING_SPEED)")
@@ -227,16 +239,16 @@ class Rk4Step:
             src(f"p = {law.elastic} + ({law.damper}) * {pull}")
         else:
             src(f"p = {law.elastic}")
-        force = self.t.ref("F", j)
-        src(f"{force} = ({'p' if law.tension else 'max(p, 0.0)'} if d > 0.0 else 0.0)")
+        if not trial:
+            src(f"{force} = ({'p' if law.tension else 'max(p, 0.0)'} if d > 0.0 else 0.0)")
         for reducer, slot, value in (("work", "DWORK", f"{force} * v"), ("impulse", "DIMP", force)):
             if reducer in shape.reducers:
                 old = "" if first else f"{at(slot, j)} + "
                 src(f"{at(slot, j)} = {old}{weight} * {value}")
 
 
-def watch(src: Source, shape: KernelShape, slots: Slots) -> None:
-    """Write, per lane, whether a floor may have touched (HIT > 0) and whether a kept peak turned (TURN <= 0)."""
+def watch(src: Source, shape: KernelShape, slots: Slots, flies: str = "") -> None:
+    """Write, per lane (that `flies`), whether a floor may have touched (HIT > 0) and a kept peak turned (TURN <= 0)."""
     at = slots.at
 
     def ends(slot: str, contact: tuple[int, int, int]) -> str:
@@ -250,7 +262,7 @@ def watch(src: Source, shape: KernelShape, slots: Slots) -> None:
             src(f"d0 = {ends('UO', contact)} - {gap}; d1 = {ends('U', contact)} - {gap}")
             src(f"v0 = {ends('VO', contact)}; v1 = {ends('V', contact)}")
             src("hit = max(hit, max(d1, min(fma(h, v0, d0), fma(-h, v1, d1))))")
-        src(f"{at('HIT')} = hit")
+        src(f"{at('HIT')} = hit if {flies} else -1.0" if flies else f"{at('HIT')} = hit")
     if shape.reducers & {"displacement", "drift", "closing"}:
         src("turn = 1.0")
         if "displacement" in shape.reducers:
@@ -268,7 +280,7 @@ def watch(src: Source, shape: KernelShape, slots: Slots) -> None:
         src(f"{at('TURN')} = turn")
 
 
-def watch_in_loops(src: Source, shape: KernelShape) -> None:
+def watch_in_loops(src: Source, shape: KernelShape, flies: str = "") -> None:
     """Write the same as `watch` in loops over floors and contacts, for longer rows."""
     contact = shape.law is not None and shape.contacts
     with src.block("for l in range(L):"):
@@ -299,3 +311,6 @@ def watch_in_loops(src: Source, shape: KernelShape) -> None:
                     src("g = S[GAP + PAIR[j] * L + l]; d0 = d0 - g; d1 = d1 - g")
                     src("near = max(d1, min(fma(h, v0, d0), fma(-h, v1, d1)))")
                     src("S[HIT + l] = max(S[HIT + l], near)")
+        if contact and flies:
+            with src.block("for l in range(L):"):
+                src(f"S[HIT + l] = S[HIT + l] if {flies} else -1.0")

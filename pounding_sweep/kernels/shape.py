@@ -35,6 +35,14 @@ CONTACT_REDUCERS = frozenset(
     {"force", "count", "penetration", "impulse", "first_time", "approach_speed", "work", "closing"}
 )
 
+#: Order of each scheme.
+ORDERS = {"rk4": 4, "newmark": 2, "exact": 4}
+
+#: Properties that may differ from lane to lane.
+VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short")
+
+#: Largest product of sub-step and contact rate in located RK4: a stiffer contact gets sub-steps of its own.
+CONTACT_CAP = 0.25
 #: Most degrees of freedom emitted as one straight line; longer rows are split.
 FUSED_DOF = 16
 #: Floors of one lane loop in a split kernel.
@@ -102,6 +110,8 @@ class KernelShape:
         Lane 0 leaves its state after every step.
     precision : {"float64", "float32"}
         Number format of the state and of all arithmetic.
+    varied : bool
+        Building properties differ from lane to lane: they are inputs, not constants.
     """
 
     storeys: tuple[int, ...]
@@ -113,6 +123,12 @@ class KernelShape:
     reducers: frozenset[str]
     history: bool = False
     precision: str = "float64"
+    varied: bool = False
+
+    @property
+    def order(self) -> int:
+        """Order of the scheme, in contact."""
+        return ORDERS[self.scheme]
 
     @property
     def n_dof(self) -> int:
@@ -180,7 +196,10 @@ class Slots:
 
 
 def input_slots(shape: KernelShape) -> Slots:
-    """Layout of the values a scenario brings: record scale, contact stiffness, gaps, damping."""
+    """Layout of the values a scenario brings: record scale, contact stiffness, gaps, damping.
+
+    Building properties that vary are there too, under their names in `property_slots` with ``p_`` in front.
+    """
     slots = Slots()
     slots.add("scale")
     if shape.contacts:
@@ -188,6 +207,11 @@ def input_slots(shape: KernelShape) -> Slots:
     if shape.law is not None:
         slots.add("k")
         slots.add("c", len(shape.contacts))
+    if shape.varied:
+        shared = property_slots(shape)
+        for name in VARIED:
+            if shared.count.get(name):
+                slots.add(f"p_{name}", shared.count[name])
     return slots
 
 
@@ -204,6 +228,7 @@ def property_slots(shape: KernelShape) -> Slots:
         size = sum(2 * n * (2 * n + 2) for n in shape.storeys)
         slots.add("glide", size)
         slots.add("short", size)
+    slots.add("cap")
     slots.add("newmark_beta")
     slots.add("newmark_gamma")
     return slots

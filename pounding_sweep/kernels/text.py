@@ -7,10 +7,10 @@ the contact step of a lane that touches nothing give the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from pounding_sweep.kernels.shape import KernelShape, Slots, property_slots
+from pounding_sweep.kernels.shape import LANES, KernelShape, Slots, property_slots
 
 
 class Source:
@@ -67,7 +67,7 @@ class StepText:
 
     def prop(self, name: str, i: int = 0) -> str:
         """Text of a scene constant."""
-        return f"props[{self.props.first[name] + i}]"
+        return f"props[P_{name.upper()} + {i}]"
 
     def load_constants(self, src: Source, dofs: list[int]) -> None:
         """Local copies of the scene constants that these floors (and the storeys above them) use."""
@@ -125,6 +125,39 @@ class StepText:
                 slot = self.slots.at(name, b)
                 old = "" if begins else f"{slot} + "
                 src(f"{slot} = {old}{weight} * ({value})")
+
+
+#: Writes one contact in a lane loop: text of left minus right in a slot, address of its gap, its first lane, its mass.
+ContactBody = Callable[[Callable[[str], str], str, str, str], None]
+
+
+def over_contacts(src: Source, shape: KernelShape, slots: Slots, body: ContactBody) -> None:
+    """Write `body` for every contact, in lane loops.
+
+    Few contacts are written out one by one, with addresses that are known to differ:
+    a loop over contacts whose addresses come from a table is not vectorised as well.
+    """
+    if shape.fused:
+        with src.block("for l in range(L):"):
+            for j, (left, right, pair) in enumerate(shape.contacts):
+                ends = [None if i < 0 else f"S[{{0}} + {i * LANES} + l]" for i in (left, right)]
+                body(_between(ends), slots.at("gap", pair), str(j * LANES), f"props[P_REDUCED + {j}]")
+        return
+    with src.block("for j in range(NC):"):
+        src("left = LEFT[j] * L; right = RIGHT[j] * L; gap = GAP + PAIR[j] * L; j0 = j * L")
+        sides: list[tuple[str, list[str | None]]] = [
+            ("if left >= 0 and right >= 0:", ["S[{0} + left + l]", "S[{0} + right + l]"]),
+            ("elif left >= 0:", ["S[{0} + left + l]", None]),
+            ("else:", [None, "S[{0} + right + l]"]),
+        ]
+        for head, ends in sides:
+            with src.block(head), src.block("for l in range(L):"):
+                body(_between(ends), "S[gap + l]", "j0", "props[P_REDUCED + j]")
+
+
+def _between(ends: list[str | None]) -> Callable[[str], str]:
+    """Return what writes left minus right of the motion in a slot."""
+    return lambda slot: relative(*(None if end is None else end.format(slot) for end in ends))
 
 
 def relative(ref_left: str | None, ref_right: str | None) -> str:

@@ -9,8 +9,9 @@ from contextlib import contextmanager
 from typing import Any
 
 
-def clients(scheduler: str, workers: int) -> Iterator[Any]:
-    """Give one client of the cluster at an address, or of processes that are started here and end with it."""
+@contextmanager
+def cluster_client(scheduler: str, workers: int) -> Iterator[Any]:
+    """Give a client of the cluster at an address, or of processes that are started here and end with it."""
     from distributed import Client, LocalCluster
 
     if "://" in scheduler:

@@ -1,6 +1,6 @@
-"""Running a plan: kernels made ready, chunks fanned out by dask, results gathered.
+"""Running a plan: kernels made ready, chunks fanned out by dask, results kept.
 
-Workers return arrays; only this process writes. A chunk that fails costs its
+Workers return tables; only this process writes. A chunk that fails costs its
 own scenarios (status ``not_run``), never the batch.
 """
 
@@ -10,20 +10,24 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from pounding_sweep.cube.assemble import inner_shape
-from pounding_sweep.cube.variables import Status, cube_variables, get_variable
+from pounding_sweep.cube.variables import Status, cube_variables
 from pounding_sweep.errors import InputError, unknown
 from pounding_sweep.records import Record
-from pounding_sweep.sweep.blocks import RowKernel, variables_of
-from pounding_sweep.sweep.cluster import clients
-from pounding_sweep.sweep.plan import Chunk, Plan, untouched
+from pounding_sweep.sweep.blocks import RowKernel
+from pounding_sweep.sweep.chunks import Chunk
+from pounding_sweep.sweep.dispatch import Dispatcher, Job
+from pounding_sweep.sweep.plan import Plan, untouched
+from pounding_sweep.sweep.readout import variables_of
+from pounding_sweep.sweep.results import Results, to_table
+from pounding_sweep.sweep.saving import Saver
 from pounding_sweep.sweep.scenarios import Scenarios
 from pounding_sweep.sweep.store import ChunkCorrupt, ChunkStore
+from pounding_sweep.sweep.variants import Variants
 
 #: Names of the schedulers that start on this machine.
 SCHEDULERS = ("threads", "processes", "synchronous")
@@ -52,10 +56,10 @@ class Outcome:
 
     Attributes
     ----------
-    values : dict of str to ndarray
-        Variable -> shape (unique, *inner).
+    results : Results
+        What each of them ended with.
     run : int
-        Scenarios integrated.
+        Scenarios integrated, runs without pounding included.
     untouched : int
         Unique scenarios answered by the run without pounding.
     reused : int
@@ -70,7 +74,7 @@ class Outcome:
         Unique scenarios answered by a run without pounding; None where nothing was run.
     """
 
-    values: dict[str, np.ndarray]
+    results: Results
     run: int = 0
     untouched: int = 0
     reused: int = 0
@@ -82,7 +86,7 @@ class Outcome:
 
 
 def run_chunk(
-    kernel: RowKernel, record: Record, table: Scenarios, outputs: Sequence[str]
+    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
 ) -> dict[str, np.ndarray] | str:
     """Run the scenarios of one chunk; returns variables of shape (n, *inner), or what went wrong."""
     try:
@@ -92,10 +96,19 @@ def run_chunk(
             gaps=table.gaps,
             stiffness=table.stiffness,
             restitution=table.restitution,
+            variants=variants,
         )
-        return variables_of(kernel, raw, outputs, record)
+        return variables_of(kernel, raw, outputs, record, variants)
     except Exception as error:  # reported with the chunk: a batch never dies of one scenario
         return f"{type(error).__name__}: {error}"
+
+
+def run_table(
+    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
+) -> np.ndarray | str:
+    """Run the scenarios of one chunk; returns their table of results, or what went wrong."""
+    found = run_chunk(kernel, record, table, variants, outputs)
+    return found if isinstance(found, str) else to_table(found, found, kernel.scene)
 
 
 def check_scheduler(scheduler: str, workers: int | None) -> int:
@@ -111,40 +124,33 @@ def check_scheduler(scheduler: str, workers: int | None) -> int:
     return 1 if scheduler == "synchronous" else len(os.sched_getaffinity(0))
 
 
+def dispatcher_for(plan: Plan, scheduler: str = "threads", workers: int | None = None) -> Dispatcher:
+    """Return the workers of a run; see `check_scheduler` for what is valid."""
+    return Dispatcher(scheduler, check_scheduler(scheduler, workers), plan.spec.records, run_table)
+
+
 def execute(
-    plan: Plan,
-    *,
-    scheduler: str = "threads",
-    workers: int | None = None,
-    store: ChunkStore | None = None,
-    progress: Progress | None = None,
+    plan: Plan, dispatcher: Dispatcher, *, store: ChunkStore | None = None, progress: Progress | None = None
 ) -> Outcome:
-    """Run a plan and gather the results of its unique scenarios.
+    """Run a plan and keep the results of its unique scenarios.
 
     Parameters
     ----------
     plan : Plan
         What to run.
-    scheduler : str
-        "threads", "processes", "synchronous", or the address of a dask scheduler.
-    workers : int, optional
-        Threads or processes; by default one per core.
+    dispatcher : Dispatcher
+        Open; see `dispatcher_for`.
     store : ChunkStore, optional
         Open store: completed chunks are read from it, new ones written to it.
     progress : Progress, optional
-        Display.
+        Display; it is not closed.
 
     Returns
     -------
     Outcome
-        Values that do not depend on scheduler, workers or what was resumed.
+        Results that do not depend on scheduler, workers or what was resumed.
     """
-    n_workers = check_scheduler(scheduler, workers)
-    progress = progress or Progress()
-    try:
-        outcome = _execute(plan, scheduler, n_workers, store, progress)
-    finally:
-        progress.close()
+    outcome = _execute(plan, dispatcher, store, progress or Progress())
     if outcome.failures:
         shown_failures = "; ".join(sorted(set(outcome.failures))[:3])
         warnings.warn(
@@ -155,7 +161,7 @@ def execute(
     return outcome
 
 
-def _execute(plan: Plan, scheduler: str, workers: int, store: ChunkStore | None, progress: Progress) -> Outcome:
+def _execute(plan: Plan, dispatcher: Dispatcher, store: ChunkStore | None, progress: Progress) -> Outcome:
     from pounding_sweep.kernels.prepare import prepare
 
     kernels = plan.kernels()
@@ -170,207 +176,116 @@ def _execute(plan: Plan, scheduler: str, workers: int, store: ChunkStore | None,
         progress.advance(ready - shown)
         shown = ready
 
-    compiled = prepare(shapes, workers, notify)
-    outcome = Outcome(_empty(plan), compiled=compiled, compile_seconds=time.perf_counter() - started)
-    outcome.values["status"][plan.refused] = Status.BEYOND_STABILITY_LIMIT
+    compiled = prepare(shapes, dispatcher.workers, notify)
+    results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
+    results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
+    outcome = Outcome(results, compiled=compiled, compile_seconds=time.perf_counter() - started)
     started = time.perf_counter()
     if kernels:
-        _run_all(plan, store, progress, scheduler, workers, outcome)
+        with ExitStack() as contexts:
+            saver = None if store is None else contexts.enter_context(Saver(store, results))
+            stages = _Stages(plan, outcome, store, saver, dispatcher, progress)
+            stages.without_pounding()
+            stages.scenarios()
     outcome.run_seconds = time.perf_counter() - started
     return outcome
 
 
-def _empty(plan: Plan) -> dict[str, np.ndarray]:
-    values = {}
-    for name in cube_variables(plan.outputs):
-        variable = get_variable(name)
-        fill: Any = int(Status.NOT_RUN) if name == "status" else variable.fill
-        values[name] = np.full((len(plan.unique), *inner_shape(name, plan.spec.scene)), fill, dtype=variable.dtype)
-    return values
+#: (chunk, its table, what the rows of the table are known by)
+_Place = Callable[[Chunk, np.ndarray, np.ndarray], None]
 
 
-def _run_all(
-    plan: Plan,
-    store: ChunkStore | None,
-    progress: Progress,
-    scheduler: str,
-    workers: int,
-    outcome: Outcome,
-) -> None:
-    table, last = plan.unique, len(plan.laws) - 1
-    outputs = plan.outputs
-    motions = [
-        (r, s) for r, s in plan.motions if bool(((table.record == r) & (table.scale == s) & ~plan.refused).any())
-    ]
-    # the run without pounding of each motion decides which scenarios can touch at all
-    progress.stage("no pounding", len(motions))
-    closing: dict[tuple[int, float], np.ndarray] = {}
-    still: dict[tuple[int, float], dict[str, np.ndarray]] = {}
-    wide = (*outputs, "closing_max")
-    for record in sorted({r for r, _ in motions}):
-        mine = [s for r, s in motions if r == record]
-        n = len(mine)
-        rows = Scenarios(
-            np.full(n, last),
-            np.full(n, record),
-            np.array(mine),
-            np.zeros(n),
-            np.ones(n),
-            np.full((n, table.gaps.shape[1]), np.inf),
-        )
-        kernel = plan.kernel(last, closing=True, record=record, steps=plan.still[record])
-        result = run_chunk(kernel, plan.spec.records[record], rows, wide)
-        progress.advance(n)
-        if isinstance(result, str):
-            outcome.failures.append(result)
-            continue
-        contacts = plan.spec.scene.contacts
-        for i, scale in enumerate(mine):
-            still[record, scale] = {name: values[i] for name, values in result.items() if name != "closing_max"}
-            if contacts:
-                found = np.array([result["closing_max"][i, c.pair, c.storey - 1] for c in contacts])
-                ok = result["status"][i] == Status.OK
-                closing[record, scale] = found if ok else np.full(len(contacts), np.inf)
-            if "closing_max" in outputs:
-                still[record, scale]["closing_max"] = result["closing_max"][i]
-        outcome.run += n
-    left_out = untouched(plan, closing) & ~plan.refused
-    outcome.left_out = left_out
-    outcome.untouched = int((left_out & ~plan.no_contact).sum())
-    for (record, scale), values in still.items():
-        rows_of = np.flatnonzero(left_out & (table.record == record) & (table.scale == scale))
-        for name, value in values.items():
-            outcome.values[name][rows_of] = value
+@dataclass
+class _Stages:
+    """The two stages of a run: the runs without pounding, and what may touch by them."""
 
-    chunks = plan.chunks(np.flatnonzero(~left_out & ~plan.refused))
-    progress.stage("scenarios", int(sum(len(c.rows) for c in chunks)))
-    waiting: list[Chunk] = []
-    done = store.completed() if store is not None else set()
-    for chunk in chunks:
-        if store is not None and chunk.key in done:
-            try:
-                _place(outcome, chunk, store.read(chunk.key))
-            except ChunkCorrupt as error:
-                warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=4)
-                store.forget(chunk.key)
-            else:
-                outcome.reused += len(chunk.rows)
-                progress.advance(len(chunk.rows))
-                continue
-        waiting.append(chunk)
+    plan: Plan
+    outcome: Outcome
+    store: ChunkStore | None
+    saver: Saver | None
+    dispatcher: Dispatcher
+    progress: Progress
 
-    def take(chunk: Chunk, found: dict[str, np.ndarray] | str) -> None:
-        if isinstance(found, str):
-            outcome.failures.append(found)
-        else:
-            if store is not None:
-                store.write(chunk.key, found)
-            _place(outcome, chunk, found)
-            outcome.run += len(chunk.rows)
-        progress.advance(len(chunk.rows))
+    def without_pounding(self) -> None:
+        """Run each motion that is worth it, and find the scenarios that never touch: they are answered by it."""
+        plan, outcome, results = self.plan, self.outcome, self.outcome.results
+        contacts, n = plan.spec.scene.contacts, len(plan.motions)
+        last, wide = len(plan.laws) - 1, (*plan.outputs, "closing_max")
+        closing = np.full((n, len(contacts)), np.inf)
+        status, slot = np.full(n, int(Status.NOT_RUN), np.int8), np.full(n, -1)
 
-    run = _run_distributed if scheduler == "processes" or "://" in scheduler else _run_local
-    run(plan, waiting, scheduler, workers, take)
+        def job(chunk: Chunk) -> Job:
+            kernel = plan.kernel(last, closing=True, record=chunk.record, steps=chunk.steps)
+            table = plan.motions[chunk.rows]
+            return Job(chunk.key, kernel, chunk.record, table, plan.variants[table.variant], wide)
 
+        def place(chunk: Chunk, table: np.ndarray, slots: np.ndarray) -> None:
+            status[chunk.rows], slot[chunk.rows] = table["status"], slots
+            ok = table["status"] == Status.OK
+            for j, contact in enumerate(contacts):
+                found = table["closing_max"][:, contact.pair, contact.storey - 1]
+                closing[chunk.rows, j] = np.where(ok, found, np.inf)
 
-def _place(outcome: Outcome, chunk: Chunk, found: dict[str, np.ndarray]) -> None:
-    for name, values in outcome.values.items():
-        values[chunk.rows] = found[name]
+        self._run("no pounding", plan.motion_chunks(), job, place)
+        left_out = untouched(plan, closing) & ~plan.refused
+        outcome.left_out = left_out
+        outcome.untouched = int((left_out & ~plan.no_contact).sum())
+        rows = np.flatnonzero(left_out)
+        motion = plan.motion_of[rows]
+        results.answer(rows, slot[motion], status[motion], touched=False)
 
+    def scenarios(self) -> None:
+        """Run the scenarios that may touch."""
+        plan, outcome = self.plan, self.outcome
+        assert outcome.left_out is not None
 
-Take = Callable[[Chunk, "dict[str, np.ndarray] | str"], None]
-
-
-def _run_local(
-    plan: Plan,
-    chunks: list[Chunk],
-    scheduler: str,
-    workers: int,
-    take: Take,
-) -> None:
-    """Threads (or this thread) of this process; results are taken as they come."""
-    import dask
-    from dask.callbacks import Callback
-
-    by_key: dict[str, Chunk] = {}
-    tasks = []
-    for chunk in chunks:
-        name = f"chunk-{chunk.key}"
-        by_key[name] = chunk
-        tasks.append(dask.delayed(_Task(plan, chunk), pure=False)(dask_key_name=name))
-
-    class Gather(Callback):
-        def _posttask(self, key: str, result: Any, dsk: Any, state: Any, worker_id: Any) -> None:
-            del dsk, worker_id
-            if key in by_key:
-                take(by_key[key], result.value)
-                result.value = None  # the values are placed; nothing is kept twice
-
-    with Gather():
-        dask.compute(*tasks, scheduler=scheduler, num_workers=workers, optimize_graph=False)
-
-
-class _Box:
-    """A result that can be emptied once it is taken."""
-
-    def __init__(self, value: Any) -> None:
-        self.value = value
-
-
-class _Task:
-    """One chunk as a callable of no arguments."""
-
-    def __init__(self, plan: Plan, chunk: Chunk) -> None:
-        self.plan, self.chunk = plan, chunk
-
-    def __call__(self) -> _Box:
-        plan, chunk = self.plan, self.chunk
-        kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
-        return _Box(run_chunk(kernel, plan.spec.records[chunk.record], plan.unique[chunk.rows], plan.outputs))
-
-
-def _run_distributed(
-    plan: Plan,
-    chunks: list[Chunk],
-    scheduler: str,
-    workers: int,
-    take: Take,
-) -> None:
-    """Run in processes of a dask cluster; each record is sent once, and few results are in flight at a time."""
-    from distributed import as_completed
-
-    if not chunks:
-        return
-    for client in clients(scheduler, workers):
-        records = {
-            r: client.scatter(plan.spec.records[r], broadcast=True, hash=False) for r in {c.record for c in chunks}
-        }
-
-        def submit(chunk: Chunk, client: Any = client, records: Any = records) -> Any:
+        def job(chunk: Chunk) -> Job:
             kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
-            args = (kernel, records[chunk.record], plan.unique[chunk.rows], plan.outputs)
-            return client.submit(run_chunk, *args, key=f"chunk-{chunk.key}", pure=False)
+            table = plan.unique[chunk.rows]
+            return Job(chunk.key, kernel, chunk.record, table, plan.variants[table.variant], plan.outputs)
 
-        queue = iter(chunks)
-        at_once = max(8, 4 * sum(client.nthreads().values()))
-        flying: dict[str, Chunk] = {}
-        completed = as_completed(loop=client.loop)  # the client is not the process's default one
-        for chunk in queue:
-            future = submit(chunk)
-            flying[future.key] = chunk
-            completed.add(future)
-            if len(flying) >= at_once:
-                break
-        for future in completed:
-            chunk = flying.pop(future.key)
-            try:
-                found = future.result()
-            except Exception as error:  # a lost worker costs its chunk
-                found = f"{type(error).__name__}: {error}"
-            take(chunk, found)
-            future.release()
-            following = next(queue, None)
-            if following is not None:
-                started = submit(following)
-                flying[started.key] = following
-                completed.add(started)
+        def place(chunk: Chunk, table: np.ndarray, slots: np.ndarray) -> None:
+            touched = np.isfinite(table["steps_per_contact"])
+            outcome.results.answer(chunk.rows, slots, table["status"], touched)
+
+        chunks = plan.chunks(np.flatnonzero(~outcome.left_out & ~plan.refused))
+        self._run("scenarios", chunks, job, place)
+
+    def _run(self, stage: str, chunks: list[Chunk], job: Callable[[Chunk], Job], place: _Place) -> None:
+        """Take up the chunks that are in the store, and run the others."""
+        outcome, results = self.outcome, self.outcome.results
+        self.progress.stage(stage, sum(len(chunk.rows) for chunk in chunks))
+        done = self.store.completed() if self.store is not None else set()
+        waiting = []
+        for chunk in chunks:
+            kept = self._kept(chunk) if chunk.key in done else None
+            if self.store is None or kept is None:
+                waiting.append(chunk)
+                continue
+            place(chunk, kept, results.hold(kept, self.store.path(chunk.key))[1])
+            outcome.reused += len(chunk.rows)
+            self.progress.advance(len(chunk.rows))
+
+        def take(position: int, found: np.ndarray | str) -> None:
+            chunk = waiting[position]
+            if isinstance(found, str):
+                outcome.failures.append(found)
+            else:
+                index, slots = results.hold(found)
+                place(chunk, found, slots)
+                outcome.run += len(chunk.rows)
+                if self.saver is not None:
+                    self.saver.save(chunk.key, found, index)
+            self.progress.advance(len(chunk.rows))
+
+        self.dispatcher.run(len(waiting), lambda position: job(waiting[position]), take)
+
+    def _kept(self, chunk: Chunk) -> np.ndarray | None:
+        """Return the table of a chunk that was finished before; None where it is damaged."""
+        assert self.store is not None
+        try:
+            return self.store.read(chunk.key)
+        except ChunkCorrupt as error:
+            warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
+            self.store.forget(chunk.key)
+            return None

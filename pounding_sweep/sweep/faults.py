@@ -14,7 +14,8 @@ import numpy as np
 
 from pounding_sweep.errors import InputError, PoundingSweepError, unknown
 from pounding_sweep.scene import check_gap
-from pounding_sweep.sweep.spec import MAX_AXIS, Range
+from pounding_sweep.sweep.axes import Range
+from pounding_sweep.sweep.spec import MAX_AXIS
 
 #: Stands for a part that was found at fault already: nothing more is said about it.
 FAILED: Any = object()
@@ -59,6 +60,18 @@ def is_number(value: object) -> bool:
 def is_flag(value: object) -> bool:
     """Whether `value` is true or false."""
     return isinstance(value, (bool, np.bool_))
+
+
+def has_failed(items: Iterable[Any]) -> bool:
+    """Whether any part was found at fault already."""
+    return any(item is FAILED for item in items)
+
+
+def listed(given: Any, single: tuple[type, ...]) -> list[Any] | None:
+    """Return one item or several as a list; None if `given` is neither."""
+    if isinstance(given, single):
+        return [given]
+    return list(given) if isinstance(given, Iterable) and not isinstance(given, (bytes, dict)) else None
 
 
 def gap_check(value: float) -> None:
@@ -137,7 +150,7 @@ def _size(given: Any) -> tuple[Any, int]:
 
 
 def axis_values(
-    faults: Faults, sizes: dict[str, int], name: str, given: Any, check: Callable[[float], None], *, what: str
+    faults: Faults, sizes: dict[str, int], place: Place, given: Any, check: Callable[[float], None], *, what: str
 ) -> tuple[float, ...] | None:
     """Convert and check the values of one axis; those at fault are noted and left out.
 
@@ -145,7 +158,7 @@ def axis_values(
     """
     if given is None or given is FAILED:
         return None
-    place: Place = (name,)
+    name = spell(place)
     if hasattr(given, "__array__"):
         given = np.asarray(given).tolist()
     if is_number(given):

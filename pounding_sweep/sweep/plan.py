@@ -13,7 +13,6 @@ each scenario by what it must resolve.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,41 +23,26 @@ import numpy as np
 from pounding_sweep.contact.laws import Law, get_law
 from pounding_sweep.cube.variables import check_outputs, cube_variables, get_variable, reducers_for
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.scenarios import Scenarios, unique_scenarios
+from pounding_sweep.sweep.chunks import Chunk, cut
+from pounding_sweep.sweep.scenarios import Scenarios, motions_of, unique_scenarios
 from pounding_sweep.sweep.spec import SweepSpec, digest
 from pounding_sweep.sweep.stability import largest_step
+from pounding_sweep.sweep.variants import Variants
 
 #: Cost of one scenario and step (ns per degree of freedom), for estimates and chunk sizes only.
 NS_PER_DOF_AND_STEP = {"rk4": 2.6, "newmark": 4.5, "exact": 0.8}
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
 CHUNK_SECONDS = 0.25
+#: Largest size (bytes) of the results of one chunk.
+CHUNK_BYTES = 2**23
 #: Memory of one scenario while it is planned, by measurement.
-PLAN_BYTES = 400
+PLAN_BYTES = 300
+#: Scenarios whose largest steps are found at a time.
+LIMIT_BLOCK = 1 << 16
+#: Scenarios that must share a run without pounding for it to be run: it costs about what one of them does.
+LEAST_SHARED = 4
 #: Margin by which a gap must exceed the closing displacement to be left out.
 CLOSING_MARGIN = 1e-9
-
-
-@dataclass(frozen=True)
-class Chunk:
-    """Scenarios of one kernel and one record that one task runs.
-
-    Attributes
-    ----------
-    key : str
-        Digest of the sweep and of the scenarios: the same chunk of the same sweep has the same key.
-    law, record : int
-        Index into the plan's laws and records.
-    rows : ndarray of int
-        Rows of the plan's table of unique scenarios, neighbouring gaps side by side.
-    steps : int
-        Steps per record interval.
-    """
-
-    key: str
-    law: int
-    record: int
-    rows: np.ndarray
-    steps: int
 
 
 @dataclass(frozen=True)
@@ -71,6 +55,8 @@ class Plan:
         The sweep.
     unique : Scenarios
         Scenarios that differ in something that matters.
+    variants : Variants
+        Building properties by the index that `unique` uses; row 0 is the scene as given.
     inverse : ndarray of int, shape (n_asked,)
         Row of `unique` that answers each asked scenario, in the order of the cube.
     refused : ndarray of bool
@@ -81,20 +67,21 @@ class Plan:
         Scheme and largest step of the sweep.
     steps : ndarray of int
         Steps per record interval of each row.
-    still : tuple of int
-        Steps per record interval of the runs without pounding, by record.
+    still : ndarray of int, shape (records, variants)
+        Steps per record interval of the runs without pounding.
     choice : str
         What was chosen for the accuracy asked for, and why; "" where the sweep gives scheme and step.
     """
 
     spec: SweepSpec
     unique: Scenarios
+    variants: Variants
     inverse: np.ndarray
     refused: np.ndarray
     limit: np.ndarray
     numerics: Numerics
     steps: np.ndarray
-    still: tuple[int, ...]
+    still: np.ndarray
     choice: str = ""
 
     @cached_property
@@ -145,6 +132,7 @@ class Plan:
             reducers,
             host=self._host(law),
             basis=self.spec.restitution_basis,
+            varied=len(self.variants) > 1,
         )
 
     def kernels(self) -> dict[tuple[int, bool], RowKernel]:
@@ -170,45 +158,54 @@ class Plan:
         return simple[0] if simple else None
 
     @cached_property
-    def motions(self) -> list[tuple[int, float]]:
-        """Record and scale of each run without pounding that decides which scenarios can touch.
+    def _motions(self) -> tuple[Scenarios, np.ndarray]:
+        return motions_of(self.unique, len(self.laws) - 1)
 
-        Only where a scenario could be left out, or asks for no pounding itself.
+    @property
+    def motions(self) -> Scenarios:
+        """Distinct runs without pounding of all rows of `unique`."""
+        return self._motions[0]
+
+    @property
+    def motion_of(self) -> np.ndarray:
+        """Row of `motions` for each row of `unique`, shape (unique,)."""
+        return self._motions[1]
+
+    @cached_property
+    def motions_to_run(self) -> np.ndarray:
+        """Rows of `motions` that are worth running, rising.
+
+        Those that are asked for themselves, and those that tell of at least `LEAST_SHARED`
+        other scenarios whether they touch: fewer are as soon run themselves.
         """
-        found = np.unique(np.stack([self.unique.record.astype(float), self.unique.scale]), axis=1)
-        return [(int(r), float(s)) for r, s in found.T]
+        runnable = ~self.refused
+        count = np.bincount(self.motion_of[runnable & ~self.no_contact], minlength=len(self.motions))
+        asked = np.bincount(self.motion_of[runnable & self.no_contact], minlength=len(self.motions))
+        return np.flatnonzero((asked > 0) | (count >= LEAST_SHARED))
 
     def chunks(self, rows: np.ndarray) -> list[Chunk]:
         """Cut `rows` of the unique table into chunks; depends on nothing but the sweep and the rows."""
-        table = self.unique
-        result: list[Chunk] = []
-        order = rows[
-            np.lexsort(
-                (
-                    *(table.gaps[rows, p] for p in reversed(range(table.gaps.shape[1]))),
-                    table.restitution[rows],
-                    table.stiffness[rows],
-                    table.scale[rows],
-                    self.steps[rows],
-                    table.law[rows],
-                    table.record[rows],
-                )
-            )
-        ]
-        kinds = np.stack([table.record[order], table.law[order], self.steps[order]], axis=1)
-        edges = np.flatnonzero(np.any(np.diff(kinds, axis=0) != 0, axis=1)) + 1
-        for part in np.split(order, edges):
-            if not len(part):
-                continue
-            record, law, steps = (int(values[part[0]]) for values in (table.record, table.law, self.steps))
-            seconds = self.scenario_seconds(record, steps)
-            size = max(16, 16 * int(CHUNK_SECONDS / max(seconds, 1e-12) // 16))
-            for first in range(0, len(part), size):
-                mine = part[first : first + size]
-                text = f"{self.digest}:{record}:{law}:{self.numerics.method}:{steps}:".encode()
-                text += np.ascontiguousarray(mine, dtype="<i8").tobytes()
-                result.append(Chunk(hashlib.sha256(text).hexdigest()[:32], law, record, mine, steps))
-        return result
+        name = f"{self.digest}:{self.numerics.method}"
+        return self._cut(self.unique, rows, self.steps, name)
+
+    def motion_chunks(self) -> list[Chunk]:
+        """Cut the runs without pounding that are worth it into chunks; their rows are those of `motions`."""
+        steps = self.still[self.motions.record, self.motions.variant]
+        name = f"{self.digest}:{self.numerics.method}:without pounding"
+        return self._cut(self.motions, self.motions_to_run, steps, name)
+
+    def _cut(self, table: Scenarios, rows: np.ndarray, steps: np.ndarray, name: str) -> list[Chunk]:
+        flights = np.broadcast_to(np.int16(0), len(table))
+        if self.numerics.method == "exact" and len(self.variants) > 1:
+            flights = np.zeros(len(table), np.int32)
+            for record, motion in enumerate(self.spec.records):
+                for count in np.unique(steps[table.record == record]).tolist():
+                    mine = np.flatnonzero((table.record == record) & (steps == count))
+                    kernel = self.kernel(len(self.laws) - 1, record=record, steps=count)
+                    flights[mine] = kernel.glides(motion, self.variants[table.variant[mine]])
+        most = CHUNK_BYTES // self.bytes_per_scenario
+        seconds = self.scenario_seconds
+        return cut(table, rows, steps, flights, name=name, longest=CHUNK_SECONDS, most=most, seconds=seconds)
 
     def scenario_seconds(self, record: int, steps: Any) -> Any:
         """Estimated seconds of one scenario on one core, with `steps` (one number or an array) per record interval."""
@@ -218,7 +215,7 @@ class Plan:
     @property
     def bytes_per_scenario(self) -> int:
         """Bytes of one scenario's values."""
-        from pounding_sweep.cube.assemble import inner_shape
+        from pounding_sweep.cube.layout import inner_shape
 
         return sum(
             np.dtype(get_variable(name).dtype).itemsize * math.prod(inner_shape(name, self.spec.scene))
@@ -241,7 +238,7 @@ class Plan:
         for index, motion in enumerate(self.spec.records):
             mine = self.steps[rows[self.unique.record[rows] == index]]
             seconds += float(self.scenario_seconds(index, mine).sum())
-            each = mine if len(mine) else np.array([self.still[index]])
+            each = mine if len(mine) else self.still[index]
             most[motion.name] = (motion.n_points - 1) * int(each.max())
             least[motion.name] = (motion.n_points - 1) * int(each.min())
         return {
@@ -283,35 +280,41 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
         The accuracy asked for was not reached by any scheme when errors were measured.
     """
     laws = _laws(spec)
-    unique, inverse = unique_scenarios(spec, laws)
+    unique, variants, inverse = unique_scenarios(spec, laws)
     advice = None
     if spec.accuracy is None:
         assert spec.method is not None
         assert spec.dt is not None
+        assert spec.precision is not None
         numerics = Numerics(spec.method, spec.dt, spec.locate, spec.beta, spec.gamma, spec.precision)
-        still = tuple(numerics.steps(r) for r in spec.records)
-        steps = np.array(still)[unique.record]
+        each = np.array([numerics.steps(r) for r in spec.records], np.int32)
+        still = np.broadcast_to(each[:, None], (len(each), len(variants)))
+        steps = each[unique.record]
     else:
         from pounding_sweep.accuracy.advice import advise
 
-        advice = advise(spec, laws, unique, initial_speed=initial_speed)
+        advice = advise(spec, laws, unique, variants, initial_speed=initial_speed)
         still, steps = advice.still, advice.steps
-        largest = max(r.dt / n for r, n in zip(spec.records, still, strict=True))
-        numerics = Numerics(advice.method, largest, spec.locate, spec.beta, spec.gamma, spec.precision)
-    limit = _limits(spec, laws, unique, numerics)
+        largest = max(r.dt / int(n.min()) for r, n in zip(spec.records, still, strict=True))
+        numerics = Numerics(advice.method, largest, spec.locate, spec.beta, spec.gamma, advice.precision, advice.finer)
+    limit = _limits(spec, laws, unique, variants, numerics)
     step = np.array([r.dt for r in spec.records])[unique.record] / steps
     refused = np.zeros(len(unique), bool) if spec.force_unstable else step > limit
-    return Plan(spec, unique, inverse, refused, limit, numerics, steps, still, advice.sentence if advice else "")
+    choice = advice.sentence if advice else ""
+    return Plan(spec, unique, variants, inverse, refused, limit, numerics, steps, still, choice)
 
 
-def _limits(spec: SweepSpec, laws: tuple[Law, ...], unique: Scenarios, numerics: Numerics) -> np.ndarray:
+def _limits(
+    spec: SweepSpec, laws: tuple[Law, ...], unique: Scenarios, variants: Variants, numerics: Numerics
+) -> np.ndarray:
     """Largest stable step (s) of each row."""
     limit = np.full(len(unique), np.inf)
     for i, item in enumerate(laws):
-        rows = np.flatnonzero(unique.law == i)
-        if len(rows):
+        mine = np.flatnonzero(unique.law == i)
+        for first in range(0, len(mine), LIMIT_BLOCK):
+            rows = mine[first : first + LIMIT_BLOCK]
             limit[rows] = largest_step(
-                spec.scene,
+                variants[unique.variant[rows]],
                 item,
                 unique.stiffness[rows],
                 unique.restitution[rows],
@@ -323,27 +326,29 @@ def _limits(spec: SweepSpec, laws: tuple[Law, ...], unique: Scenarios, numerics:
     return limit
 
 
-def untouched(plan: Plan, closing: dict[tuple[int, float], np.ndarray]) -> np.ndarray:
+def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
     """Rows of the unique table in which no pair can ever touch.
 
     Parameters
     ----------
     plan : Plan
         The plan.
-    closing : dict
-        (record, scale) -> largest closing displacement (m) of each contact without pounding.
+    closing : ndarray, shape (motions, contacts)
+        Largest closing displacement (m) of each contact without pounding, by row of
+        `Plan.motions`; infinite where it is not known.
 
     Returns
     -------
     ndarray of bool
         True where every gap is at least the closing displacement at all of its floors.
     """
-    table = plan.unique
-    result = plan.no_contact.copy()
-    pairs = np.array([c.pair for c in plan.spec.scene.contacts], dtype=int)
-    for (record, scale), displacement in closing.items():
-        rows = np.flatnonzero((table.record == record) & (table.scale == scale) & ~result)
-        if len(rows) and np.all(np.isfinite(displacement)):
-            limit = np.maximum(displacement, 0.0) * (1.0 + CLOSING_MARGIN)
-            result[rows] = np.all(table.gaps[np.ix_(rows, pairs)] >= limit[None, :], axis=1)
-    return result
+    scene, table = plan.spec.scene, plan.unique
+    needed = np.full((len(closing), len(scene.pair_names)), -np.inf)
+    for j, contact in enumerate(scene.contacts):
+        needed[:, contact.pair] = np.maximum(needed[:, contact.pair], np.maximum(closing[:, j], 0.0))
+    needed *= 1.0 + CLOSING_MARGIN
+    known = np.isfinite(closing).all(axis=1)
+    result = known[plan.motion_of]
+    for pair in range(needed.shape[1]):
+        result &= table.gaps[:, pair] >= needed[plan.motion_of, pair]
+    return result | plan.no_contact

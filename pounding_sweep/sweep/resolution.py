@@ -18,6 +18,7 @@ import numpy as np
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.records import Record
 from pounding_sweep.scene import Scene
+from pounding_sweep.sweep.variants import Variants, variants_of
 
 if TYPE_CHECKING:
     from pounding_sweep.sweep.blocks import Numerics
@@ -40,7 +41,7 @@ MAX_ENERGY = 2.0
 MIN_GROUND_STEPS = 8.0
 
 
-def phase_error(scene: Scene, record: Record, numerics: Numerics) -> float:
+def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np.ndarray:
     """Phase by which a scheme misses a building's first two modes (rad), the largest of all buildings.
 
     A scheme lengthens a period by a share that grows with the step, and damps (or
@@ -49,8 +50,8 @@ def phase_error(scene: Scene, record: Record, numerics: Numerics) -> float:
 
     Parameters
     ----------
-    scene : Scene
-        The row.
+    row : Scene or Variants
+        The row, or n variants of it.
     record : Record
         Ground motion; only its time step and its length matter.
     numerics : Numerics
@@ -58,8 +59,9 @@ def phase_error(scene: Scene, record: Record, numerics: Numerics) -> float:
 
     Returns
     -------
-    float
-        Largest over the buildings and their first two modes, the second weighted by `SECOND_MODE`.
+    ndarray, shape (n,)
+        Largest over the buildings and their first two modes, the second weighted by
+        `SECOND_MODE`; one number for a scene.
 
     Notes
     -----
@@ -70,17 +72,18 @@ def phase_error(scene: Scene, record: Record, numerics: Numerics) -> float:
     of a cycle apart, and so add like the sides of a right angle.
     """
     h = record.dt / numerics.steps(record)
-    worst = 0.0
-    for building in scene.buildings:
-        a, b = building.rayleigh
-        for w, weight in zip(building.frequencies.tolist(), (1.0, SECOND_MODE), strict=False):
-            memory = min(record.duration, 2.0 / max(a + b * w * w, 1e-300))
+    variants = variants_of(row)
+    worst = np.zeros(len(variants))
+    for index in range(len(variants.scene.buildings)):
+        a, b = variants.rayleigh(index)
+        for w, weight in zip(variants.frequencies(index).T, (1.0, SECOND_MODE), strict=False):
+            memory = np.minimum(record.duration, 2.0 / np.maximum(a + b * w * w, 1e-300))
             x = w * h
             if numerics.method == "newmark":
-                share = math.hypot((0.5 * numerics.beta - 1.0 / 24.0) * x * x, 0.5 * (numerics.gamma - 0.5) * x)
+                share = np.hypot((0.5 * numerics.beta - 1.0 / 24.0) * x * x, 0.5 * (numerics.gamma - 0.5) * x)
             else:
-                share = math.hypot(x**4 / 120.0, x**5 / 144.0)
-            worst = max(worst, weight * w * memory * share)
+                share = np.hypot(x**4 / 120.0, x**5 / 144.0)
+            worst = np.maximum(worst, weight * w * memory * share)
     return worst
 
 
@@ -110,7 +113,7 @@ def loses_ground(record: Record, numerics: Numerics) -> bool:
 
 
 def energy_limit(
-    scene: Scene, record: Record, scale: np.ndarray, initial_velocity: Sequence[float] | None = None
+    row: Scene | Variants, record: Record, scale: np.ndarray, initial_velocity: Sequence[float] | None = None
 ) -> np.ndarray:
     """Most energy that a row can ever hold (kN m), shape of `scale`.
 
@@ -121,8 +124,8 @@ def energy_limit(
 
     Parameters
     ----------
-    scene : Scene
-        The row.
+    row : Scene or Variants
+        The row, or the variant of it that each scenario has.
     record : Record
         Ground motion (m/s2).
     scale : ndarray, shape (n,)
@@ -130,29 +133,33 @@ def energy_limit(
     initial_velocity : sequence of float, optional
         Velocity (m/s) of every floor at the start, building by building.
     """
-    masses = np.concatenate([b.masses for b in scene.buildings])
+    masses = variants_of(row).masses
     a = np.abs(record.acceleration)
     pushed = 0.5 * float(np.sum(a[1:] + a[:-1])) * record.dt  # never less than the integral
-    start = 0.0 if initial_velocity is None else math.sqrt(float((masses * np.square(initial_velocity)).sum()))
-    return np.asarray(0.5 * (math.sqrt(masses.sum()) * pushed * np.abs(scale) + start) ** 2)
+    start = 0.0 if initial_velocity is None else np.sqrt((masses * np.square(initial_velocity)).sum(axis=1))
+    return np.asarray(0.5 * (np.sqrt(masses.sum(axis=1)) * pushed * np.abs(scale) + start) ** 2)
 
 
-def displacement_limit(scene: Scene, energy: np.ndarray) -> np.ndarray:
+def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
     """Largest displacement of every floor (m) that the energies (kN m) allow, shape (n, floors)."""
+    variants = variants_of(row)
     # a push at floor i bends all storeys below it, each by 1 / k
-    softness = np.concatenate([np.cumsum(1.0 / np.asarray(b.stiffnesses)) for b in scene.buildings])
-    return np.asarray(np.sqrt(2.0 * np.asarray(energy)[:, None] * softness[None, :]))
+    softness = [np.cumsum(1.0 / np.asarray(b.stiffnesses)) for b in variants.scene.buildings]
+    reach = np.concatenate(
+        [own / variants.stiffness_factor[:, index, None] for index, own in enumerate(softness)], axis=1
+    )
+    return np.asarray(np.sqrt(2.0 * np.asarray(energy)[:, None] * reach))
 
 
 def resolution_status(
-    scene: Scene, record: Record, numerics: Numerics, steps_per_contact: np.ndarray, quickening: np.ndarray
+    row: Scene | Variants, record: Record, numerics: Numerics, steps_per_contact: np.ndarray, quickening: np.ndarray
 ) -> np.ndarray:
     """Status of scenarios by what their step resolves.
 
     Parameters
     ----------
-    scene : Scene
-        The row.
+    row : Scene or Variants
+        The row, or the variant of it that each scenario has.
     record : Record
         Ground motion.
     numerics : Numerics
@@ -167,8 +174,9 @@ def resolution_status(
     ndarray of int8, shape (n,)
         ``OK``, ``UNDER_RESOLVED_MOTION`` or ``UNDER_RESOLVED_CONTACT``.
     """
-    blurred = phase_error(scene, record, numerics) > MAX_PHASE_ERROR or loses_ground(record, numerics)
-    status = np.full(len(steps_per_contact), Status.UNDER_RESOLVED_MOTION if blurred else Status.OK, dtype=np.int8)
+    blurred = (phase_error(row, record, numerics) > MAX_PHASE_ERROR) | loses_ground(record, numerics)
+    status = np.full(len(steps_per_contact), Status.OK, dtype=np.int8)
+    status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
     need = MIN_STEPS_PER_CONTACT[(numerics.method, numerics.locate)]
     status[np.nan_to_num(steps_per_contact / quickening, nan=math.inf) < need] = Status.UNDER_RESOLVED_CONTACT
     return status

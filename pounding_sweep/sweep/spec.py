@@ -11,14 +11,15 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 from pounding_sweep.contact.laws import Law, get_law
 from pounding_sweep.errors import SweepError
 from pounding_sweep.records import Record
 from pounding_sweep.scene import Building, Scene
+from pounding_sweep.sweep.axes import FACTOR_KINDS, Case, PropertyAxis, Range, property_axes
 
 #: Time-stepping schemes by name.
 METHODS = ("rk4", "newmark", "exact")
@@ -32,84 +33,8 @@ AUDIT_SHARE = 0.05
 MAX_SCENARIOS = 1_000_000_000
 #: More values than this on one axis are refused.
 MAX_AXIS = 1_000_000
-#: Property of `ContactProperties` that holds the reference stiffness of a force exponent.
+#: Property of `ContactProperties` that holds a force exponent's reference stiffness.
 REFERENCE_PROPERTIES = {1.0: "linear_stiffness", 1.5: "hertz_stiffness"}
-
-
-@dataclass(frozen=True)
-class Range:
-    """Evenly spaced values of an axis, expanded only once the sweep's size is known.
-
-    Values are rounded to 12 significant digits (of the larger end, where the
-    spacing is linear), so that 0.002 to 0.024 in 12 values holds 0.006 itself;
-    the ends are exact.
-
-    Parameters
-    ----------
-    start, stop : float
-        First and last value, in the axis' unit.
-    count : int
-        Number of values, >= 1.
-    spacing : {"linear", "log"}
-        Equal differences or equal ratios.
-
-    Examples
-    --------
-    >>> Range(0.0, 0.3, 4).values()
-    (0.0, 0.1, 0.2, 0.3)
-    """
-
-    start: float
-    stop: float
-    count: int
-    spacing: Literal["linear", "log"] = "linear"
-
-    def __len__(self) -> int:
-        return self.count
-
-    def values(self) -> tuple[float, ...]:
-        """Return the values, ``count`` of them."""
-        first, last, steps = float(self.start), float(self.stop), self.count - 1
-        if not steps:
-            return (first,)
-        if self.spacing == "log":
-            inner = [float(f"{first * (last / first) ** (i / steps):.12g}") for i in range(1, steps)]
-        else:
-            largest = max(abs(first), abs(last))
-            digits = 12 - math.ceil(math.log10(largest)) if largest else 12
-            inner = [round(first + (last - first) * (i / steps), digits) + 0.0 for i in range(1, steps)]
-        return (first, *inner, last)
-
-
-@dataclass(frozen=True)
-class Case:
-    """One listed scenario of a sweep that is no product of axes.
-
-    Parameters
-    ----------
-    law : str
-        Contact law.
-    gap : float or tuple of float, optional
-        Gap of every pair, or one per pair (m); the scene's own where not given.
-    stiffness : float, optional
-        Contact stiffness (kN/m**exponent of the law).
-    stiffness_factor : float, optional
-        Factor on the scene's reference stiffness instead; 1 where neither is given.
-    restitution : float, optional
-        Coefficient of restitution; the scene's where not given.
-    record : str, optional
-        Name of one of the sweep's records; needed where it has more than one.
-    scale : float
-        Factor on the record.
-    """
-
-    law: str
-    gap: float | tuple[float, ...] | None = None
-    stiffness: float | None = None
-    stiffness_factor: float | None = None
-    restitution: float | None = None
-    record: str | None = None
-    scale: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -141,7 +66,7 @@ class SweepSpec:
         Listed scenarios instead of the product. Then `gaps` and both stiffness
         axes are None, `restitutions` and `scales` empty, and in every case the
         record's name, the stiffness or factor of a law with contact, and the
-        restitution of a law that takes one are filled in.
+        restitution of a law that takes one are filled in; factors of 1 are left out.
     method : {"rk4", "newmark", "exact"} or None
         Time-stepping scheme; None: chosen for `accuracy`.
     dt : float or None
@@ -156,8 +81,8 @@ class SweepSpec:
         Run even beyond the stability limit.
     title : str
         Title of the cube.
-    precision : {"float64", "float32"}
-        Number format of the kernels.
+    precision : str or None
+        Number format of the kernels, "float64" or "float32"; None: chosen with the accuracy.
     restitution_basis : {"published", "realised"}
         Whether damping follows from the restitution by the law's published formula,
         or so that two free masses rebound at exactly it.
@@ -165,6 +90,10 @@ class SweepSpec:
         Relative error asked for; the engine then chooses scheme and step.
     audit : float
         Share of the sweep's cost spent on running a sample again at a finer step; 0: none.
+    period_factors, mass_factors : tuple of (str, tuple of float)
+        Axes of factors on all periods, or all masses, of a building, in the order of the row.
+    damping_ratios : tuple of float or None
+        Axis of damping ratios of all buildings; None: their own.
     """
 
     scene: Scene
@@ -184,10 +113,19 @@ class SweepSpec:
     gamma: float = 0.5
     force_unstable: bool = False
     title: str = ""
-    precision: str = "float64"
+    precision: str | None = "float64"
     restitution_basis: str = "published"
     accuracy: float | None = None
     audit: float = AUDIT_SHARE
+    period_factors: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    mass_factors: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    damping_ratios: tuple[float, ...] | None = None
+
+    @property
+    def property_axes(self) -> tuple[PropertyAxis, ...]:
+        """Axes over building properties; none for listed cases."""
+        factors = {kind: getattr(self, name) for name, kind in FACTOR_KINDS.items()}
+        return property_axes(factors, self.damping_ratios)
 
     @property
     def axes(self) -> dict[str, tuple[Any, ...]]:
@@ -197,15 +135,16 @@ class SweepSpec:
         """
         if self.cases is not None:
             return {}
-        absolute = self.stiffnesses is not None
+        absolute, relative = ("stiffness", self.stiffnesses), ("stiffness_factor", self.stiffness_factors)
+        name, stiffnesses = relative if self.stiffnesses is None else absolute
         return {
             "law": self.laws,
             "gap": (None,) if self.gaps is None else self.gaps,
-            "stiffness" if absolute else "stiffness_factor": (self.stiffnesses if absolute else self.stiffness_factors)
-            or (),
+            name: stiffnesses or (),
             "restitution": self.restitutions,
             "record": tuple(record.name for record in self.records),
             "scale": self.scales,
+            **{axis.dimension: axis.values for axis in self.property_axes},
         }
 
     @property
@@ -295,6 +234,9 @@ def build_spec(
     stiffness_factors: float | Range | Iterable[float] | None = None,
     restitutions: float | Range | Iterable[float] | None = None,
     scales: float | Range | Iterable[float] | None = None,
+    period_factors: Mapping[str, float | Range | Iterable[float]] | None = None,
+    mass_factors: Mapping[str, float | Range | Iterable[float]] | None = None,
+    damping_ratios: float | Range | Iterable[float] | None = None,
     cases: Iterable[Case | dict[str, Any]] | None = None,
     method: str | None = None,
     dt: float | None = None,
@@ -304,7 +246,7 @@ def build_spec(
     gamma: float | None = None,
     force_unstable: bool = False,
     title: str = "",
-    precision: str = "float64",
+    precision: str | None = None,
     restitution_basis: str = "published",
     accuracy: float | None = None,
     audit: float = AUDIT_SHARE,
@@ -332,6 +274,15 @@ def build_spec(
         Coefficients of restitution; by default the scene's.
     scales : float, Range, or several, optional
         Factors on the records; 1 by default.
+    period_factors : mapping of str to float, Range, or several, optional
+        Factors on all natural periods of a building, by its name, one axis each:
+        stiffnesses are divided by the square, masses kept.
+    mass_factors : mapping of str to float, Range, or several, optional
+        Factors on all masses of a building, by its name, one axis each: stiffnesses
+        take the same factor, so that periods are kept.
+    damping_ratios : float, Range, or several, optional
+        Rayleigh damping ratios of the first two modes of all buildings, in [0, 1);
+        by default each building's own.
     cases : iterable of Case or dict, optional
         Listed scenarios instead of laws and axes.
     method : {"rk4", "newmark", "exact"}, optional
@@ -348,8 +299,8 @@ def build_spec(
         Run even beyond the stability limit.
     title : str
         Title of the cube.
-    precision : {"float64", "float32"}
-        Number format of the kernels.
+    precision : {"float64", "float32"}, optional
+        Number format of the kernels; "float64" by default, with `accuracy` the cheaper that reaches it.
     restitution_basis : {"published", "realised"}
         Whether damping follows from the restitution by each law's published formula,
         or so that two free masses rebound at exactly it.
@@ -413,12 +364,9 @@ def _scene_data(scene: Scene) -> dict[str, Any]:
             )
         else:
             row.append({"wall": True, "name": item.name})
-    contact = {name: _plain(getattr(scene.contact, name)) for name in (*REFERENCE_PROPERTIES.values(), "restitution")}
+    given = {name: getattr(scene.contact, name) for name in (*REFERENCE_PROPERTIES.values(), "restitution")}
+    contact = {name: None if value is None else float(value) for name, value in given.items()}
     return {"row": row, "gaps": list(scene.gaps), "contact": contact}
-
-
-def _plain(value: float | None) -> float | None:
-    return None if value is None else float(value)
 
 
 def to_json(spec: SweepSpec) -> str:

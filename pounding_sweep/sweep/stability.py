@@ -3,38 +3,20 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 
 from pounding_sweep.contact.laws import Law
 from pounding_sweep.scene import Scene
+from pounding_sweep.sweep.variants import Variants, variants_of
 
 #: Radius of RK4's stability region: along the imaginary axis, and its least over the left half-plane.
 RK4_UNDAMPED = 2.0 * math.sqrt(2.0)
 RK4_DAMPED = 2.615
 
 
-@lru_cache(maxsize=64)
-def _row_sums(scene: Scene) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Per floor: stiffness and damping row sums over the mass (1/s2, 1/s), and contact weights over the mass (1/t)."""
-    stiff, damp = [], []
-    for building in scene.buildings:
-        masses = np.asarray(building.masses)
-        rows = np.abs(building.stiffness_matrix).sum(axis=1)
-        alpha, beta = building.rayleigh
-        stiff.append(rows / masses)
-        damp.append(alpha + beta * rows / masses)
-    masses = np.concatenate([b.masses for b in scene.buildings])
-    weights = np.zeros(len(masses))
-    for contact in scene.contacts:
-        ends = [i for i in (contact.left, contact.right) if i >= 0]
-        weights[ends] += len(ends)  # k on the diagonal, and -k beside it unless the other end is a wall
-    return np.concatenate(stiff), np.concatenate(damp), weights / masses
-
-
 def largest_step(
-    scene: Scene,
+    row: Scene | Variants,
     law: Law,
     stiffness: np.ndarray,
     restitution: np.ndarray,
@@ -53,8 +35,8 @@ def largest_step(
 
     Parameters
     ----------
-    scene : Scene
-        The row.
+    row : Scene or Variants
+        The row, or the variant of it that each scenario has.
     law : Law
         Contact law.
     stiffness : ndarray, shape (n,)
@@ -74,22 +56,52 @@ def largest_step(
         Seconds.
     """
     stiffness = np.asarray(stiffness, dtype=float)
-    stiff, damp, weights = _row_sums(scene)
+    variants = variants_of(row)
+    scene = variants.scene
     contact_k = np.zeros_like(stiffness)
     contact_c = np.zeros_like(stiffness)
     if law.exponent == 1.0 and scene.contacts and method != "exact":
         contact_k = stiffness
         if law.damping == "viscous":
-            largest = max(c.mass for c in scene.contacts)
+            largest = variants.contact_mass(0)
+            for j in range(1, len(scene.contacts)):
+                largest = np.maximum(largest, variants.contact_mass(j))
             contact_c = law.damping_coefficient(restitution, stiffness, largest, basis)
-    w2 = np.max(stiff[None, :] + contact_k[:, None] * weights[None, :], axis=1)
-    rate = np.max(damp[None, :] + contact_c[:, None] * weights[None, :], axis=1)
+    w2, rate = np.zeros_like(stiffness), np.zeros_like(stiffness)
+    weights = _contact_weights(scene)
+    for index, building in enumerate(scene.buildings):
+        a, b = variants.rayleigh(index)
+        masses = np.asarray(building.masses)
+        rows = np.abs(building.stiffness_matrix).sum(axis=1) / masses
+        # floors that differ only in a smaller row sum or weight can't decide
+        for own, weight in _decisive(rows, weights[scene.offsets[index] : scene.offsets[index + 1]] / masses):
+            stiff = own / np.square(variants.period_factor[:, index])
+            contact = weight / variants.mass_factor[:, index]
+            w2 = np.maximum(w2, stiff + contact_k * contact)
+            rate = np.maximum(rate, a + b * stiff + contact_c * contact)
     if method == "newmark":
-        if beta >= 0.25 * (gamma + 0.5) ** 2:
-            return np.full(stiffness.shape, np.inf)
-        if gamma / 2.0 - beta <= 0.0:
+        if beta >= 0.25 * (gamma + 0.5) ** 2 or gamma / 2.0 - beta <= 0.0:
             return np.full(stiffness.shape, np.inf)
         return np.asarray(1.0 / np.sqrt(w2 * (gamma / 2.0 - beta)))
     # an overdamped mode has no frequency: its rate is at most that of the dampers, in whatever floor they are largest
     fastest = np.maximum(np.sqrt(w2), rate)
     return np.asarray(np.where(rate > 0.0, RK4_DAMPED, RK4_UNDAMPED) / fastest)
+
+
+def _contact_weights(scene: Scene) -> np.ndarray:
+    """Row sums of the contacts' stiffness matrices by the stiffness of one, shape (floors,)."""
+    weights = np.zeros(scene.n_dof)
+    for contact in scene.contacts:
+        ends = [i for i in (contact.left, contact.right) if i >= 0]
+        weights[ends] += len(ends)  # k on the diagonal, and -k beside it unless the other end is a wall
+    return weights
+
+
+def _decisive(stiffness: np.ndarray, weights: np.ndarray) -> list[tuple[float, float]]:
+    """Row sums of stiffness and of contact, over the mass, of those floors that no other exceeds in both."""
+    pairs = sorted(set(zip(stiffness.tolist(), weights.tolist(), strict=True)), reverse=True)
+    kept: list[tuple[float, float]] = []
+    for pair in pairs:
+        if not kept or pair[1] > kept[-1][1]:
+            kept.append(pair)
+    return kept

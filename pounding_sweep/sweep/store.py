@@ -1,9 +1,13 @@
 """Results of finished chunks on disk, so that an interrupted sweep continues where it stopped.
 
 A folder holds ``identity.json`` (which sweep it belongs to), one
-``chunk-<key>.nc`` per finished chunk and ``manifest.jsonl``, one line per
+``chunk-<key>.npy`` per finished chunk and ``manifest.jsonl``, one line per
 chunk, written after the chunk is safely on disk. A chunk is complete when the
 manifest says so and at no other time.
+
+A chunk is a table in numpy's own format, one row per scenario and one field
+per variable: it is written in one piece, and any of its rows can be read
+without the others.
 """
 
 from __future__ import annotations
@@ -18,15 +22,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pounding_sweep.cube.write import NETCDF_LOCK, is_temporary, replacing, sync_folder
+from pounding_sweep.cube.write import is_temporary, replacing, sync_folder
 from pounding_sweep.errors import OutputError
 
-FORMAT = 1
+FORMAT = 2
 IDENTITY = "identity.json"
 MANIFEST = "manifest.jsonl"
 
 _KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,127}")
-_CHUNK_FILE = re.compile(rf"chunk-{_KEY.pattern}\.nc")
+_CHUNK_FILE = re.compile(rf"chunk-{_KEY.pattern}\.npy")
 
 
 class ChunkCorrupt(OutputError):  # noqa: N818 - an event of the store, caught by the executor
@@ -43,37 +47,15 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _save(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
-    import netCDF4
-
-    with NETCDF_LOCK, netCDF4.Dataset(path, "w", format="NETCDF4") as file:
-        file.set_fill_off()
-        for name, array in arrays.items():
-            dims = []
-            for i, size in enumerate(array.shape if array.size else ()):
-                dims.append(f"{name}_{i}")
-                file.createDimension(dims[-1], size)
-            variable = file.createVariable(name, array.dtype, tuple(dims), fill_value=False)
-            variable.set_auto_maskandscale(False)
-            if array.size:
-                variable[...] = array
-            else:  # a netCDF dimension of length zero means an unlimited one
-                variable.setncattr("empty_shape", np.array(array.shape, dtype=np.int64))
+def _save(path: Path, table: np.ndarray) -> None:
+    with path.open("wb") as file:
+        np.lib.format.write_array(file, table, allow_pickle=False)
 
 
-def _load(path: Path) -> dict[str, np.ndarray]:
-    import netCDF4
-
-    result = {}
-    with NETCDF_LOCK, netCDF4.Dataset(path, "r") as file:
-        for name, variable in file.variables.items():
-            variable.set_auto_maskandscale(False)
-            if "empty_shape" in variable.ncattrs():
-                shape = tuple(int(n) for n in np.atleast_1d(variable.getncattr("empty_shape")))
-                result[name] = np.empty(shape, dtype=variable.dtype)
-            else:
-                result[name] = np.asarray(variable[...])
-    return result
+def _is_table(table: np.ndarray) -> bool:
+    """Whether the array is a row or more of named real numbers."""
+    fields = (table.dtype.fields or {}).values()
+    return table.ndim == 1 and len(table) > 0 and bool(fields) and all(f[0].base.kind in "iuf" for f in fields)
 
 
 class ChunkStore:
@@ -93,21 +75,21 @@ class ChunkStore:
     --------
     >>> import tempfile
     >>> store = ChunkStore(tempfile.mkdtemp(), "3f2a").open()
-    >>> store.write("0", {"status": np.zeros(2, "i1")})
+    >>> store.write("0", np.array([(0, 1.5), (2, np.nan)], [("status", "i1"), ("drift_max", "f8")]))
     >>> store.completed(), store.read("0")["status"].tolist()
-    ({'0'}, [0, 0])
+    ({'0'}, [0, 2])
     >>> store.discard()
 
     Notes
     -----
-    One process writes; the netCDF library allows one thread at a time, which a
-    lock sees to.
+    One thread of one process writes.
     """
 
     def __init__(self, folder: str | os.PathLike[str], identity: str, details: Mapping[str, str] | None = None) -> None:
         self.folder = Path(folder).expanduser()
         self.identity = identity
         self.details = {str(key): str(value) for key, value in (details or {}).items()}
+        self._entries: dict[str, dict[str, Any]] = {}
 
     @property
     def _manifest(self) -> Path:
@@ -124,7 +106,7 @@ class ChunkStore:
         if not _KEY.fullmatch(key):
             msg = f"chunk key {key!r} must be 1 to 128 letters, digits, '_', '-' and '.', not beginning with '-' or '.'"
             raise OutputError(msg)
-        return self.folder / f"chunk-{key}.nc"
+        return self.folder / f"chunk-{key}.npy"
 
     def open(self, mode: Literal["resume", "fresh", "read"] = "resume") -> ChunkStore:
         """Make the folder ready.
@@ -154,6 +136,7 @@ class ChunkStore:
             if mode == "fresh":
                 self._clear()
             elif self._check():
+                self._entries = self._lines()
                 return self
             if mode == "read":
                 msg = f"there are no chunks in {str(self.folder)!r}; run the sweep first"
@@ -163,6 +146,7 @@ class ChunkStore:
             with replacing(self.folder / IDENTITY) as temporary:
                 temporary.write_text(text + "\n", encoding="utf-8")
             sync_folder(self.folder.parent)
+            self._entries = {}
         except OutputError:
             raise
         except OSError as error:
@@ -223,47 +207,37 @@ class ChunkStore:
             raise OutputError(msg) from None
         return found
 
-    def write(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store the arrays of a chunk; when this returns, they outlast a power cut.
+    def write(self, key: str, table: np.ndarray) -> None:
+        """Store a chunk; when this returns, it outlasts a power cut.
 
         Parameters
         ----------
         key : str
             Name of the chunk, the same in every run of the same sweep.
-        arrays : mapping of str to ndarray
-            Numbers of any shape; they are read back bit for bit.
+        table : ndarray, shape (n,)
+            Structured: one row per scenario, one field of numbers (of any shape) per
+            variable; it is read back bit for bit.
 
         Raises
         ------
         OutputError
-            An array holds no real numbers, a name is not valid, or the disk is full or failed.
+            The array is no such table, or the disk is full or failed.
         """
         path = self.path(key)
-        plain = {name: np.asarray(array) for name, array in arrays.items()}
-        for name, array in plain.items():
-            if array.dtype.kind not in "iuf" or array.dtype.itemsize > 8 or array.dtype == np.float16:
-                msg = f"chunk {key!r}: {name!r} has type {array.dtype}; only real numbers of 1 to 8 bytes can be stored"
-                raise OutputError(msg)
-            if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
-                msg = f"chunk {key!r}: {name!r} is no valid name; use letters, digits and '_', a letter first"
-                raise OutputError(msg)
-        # Only this machine's byte order, so that reading gives plain arrays.
-        native = {name: array.astype(array.dtype.newbyteorder("="), copy=False) for name, array in plain.items()}
+        if not _is_table(table):
+            msg = f"chunk {key!r}: an array of shape {table.shape} and type {table.dtype} is no table; give one row "
+            msg += "per scenario, with a named field of real numbers for each variable"
+            raise OutputError(msg)
         try:
             with replacing(path) as temporary:
-                _save(temporary, native)
+                _save(temporary, table)
                 digest, size = _sha256(temporary), temporary.stat().st_size
-            line = {
-                "key": key,
-                "file": path.name,
-                "sha256": digest,
-                "bytes": size,
-                "arrays": {name: [array.dtype.str, list(array.shape)] for name, array in native.items()},
-            }
+            line = {"key": key, "file": path.name, "sha256": digest, "bytes": size, "rows": len(table)}
             self._append(json.dumps(line, sort_keys=True))
-        except (OSError, RuntimeError) as error:
+        except OSError as error:
             msg = f"writing chunk {key!r} to {str(self.folder)!r} failed ({error}); free some space and run again"
             raise OutputError(msg) from error
+        self._entries[key] = line
 
     def _append(self, line: str) -> None:
         new = not self._manifest.exists()
@@ -284,7 +258,7 @@ class ChunkStore:
         """Read the manifest by key, later lines winning; a line that is no entry is passed over."""
         try:
             text = self._manifest.read_bytes()
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return {}
         entries: dict[str, dict[str, Any]] = {}
         for line in text.split(b"\n"):
@@ -299,10 +273,16 @@ class ChunkStore:
 
     def completed(self) -> set[str]:
         """Return the keys of the chunks that the manifest lists and whose file is there."""
-        return {key for key in self._lines() if self.path(key).is_file()}
+        self._entries = self._lines()
+        return {key for key in self._entries if self.path(key).is_file()}
 
-    def read(self, key: str) -> dict[str, np.ndarray]:
-        """Return the arrays of a chunk.
+    def read(self, key: str) -> np.ndarray:
+        """Return a chunk, after a check that it is what was written.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            The table, mapped from its file: what is used of it is read.
 
         Raises
         ------
@@ -312,7 +292,7 @@ class ChunkStore:
             There is no such complete chunk.
         """
         path = self.path(key)
-        entry = self._lines().get(key)
+        entry = self._entries.get(key)
         if entry is None or not path.is_file():
             msg = f"chunk {key!r} is not complete in {str(self.folder)!r}; run the sweep again to make it"
             raise OutputError(msg)
@@ -323,19 +303,24 @@ class ChunkStore:
             if digest != entry["sha256"]:
                 msg = f"{damaged}its SHA-256 is {digest[:12]}..., it was written as {entry['sha256'][:12]}...{remedy}"
                 raise ChunkCorrupt(msg)
-            return _load(path)
+            table: np.ndarray = np.load(path, mmap_mode="r")
+            return table
         except ChunkCorrupt:
             raise
-        except (OSError, RuntimeError) as error:
+        except (OSError, ValueError) as error:
             msg = f"{damaged}{error}{remedy}"
             raise ChunkCorrupt(msg) from error
+
+    def size(self) -> int:
+        """Bytes of the chunks that are complete."""
+        return sum(self.path(key).stat().st_size for key in self.completed())
 
     def forget(self, key: str) -> None:
         """Remove a chunk, so that the next run makes it again; no error where it is not there."""
         self.path(key).unlink(missing_ok=True)
 
     def discard(self) -> None:
-        """Remove the store's own files, and the folder if nothing else is in it.
+        """Remove the store's own files, and the folder if nothing else is in it and it is no link.
 
         Raises
         ------
@@ -346,7 +331,7 @@ class ChunkStore:
         if self.folder.is_dir():
             try:
                 (self.folder / IDENTITY).unlink(missing_ok=True)
-                if not any(self.folder.iterdir()):
+                if not self.folder.is_symlink() and not any(self.folder.iterdir()):
                     self.folder.rmdir()
             except OSError as error:
                 msg = f"the chunks in {str(self.folder)!r} can't be removed ({error}); remove the folder by hand"

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.cube.slabs import cuts, status_counts
 from pounding_sweep.cube.variables import INNER_DIMS, STATUS, Status
 
 if TYPE_CHECKING:
@@ -46,27 +49,67 @@ def summary_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     pairs = [str(name) for name in np.atleast_1d(cube["pair"].values)]
     rows = []
     for law, part in _by_law(cube):
-        ok = _ok(part)
-        force = _floors(part, "impact_force_max", ok)
-        count = _floors(part, "impact_count", ok)
-        found = count if count is not None else force
-        for index, pair in enumerate(pairs):
-            most = None if count is None else _finite(np.max(count[index], axis=-1, initial=-np.inf))
-            touched = None if found is None else np.max(found[index], axis=-1, initial=-np.inf) > 0
-            hit = None if most is None else most[most > 0]
-            rows.append(
-                {
-                    "law": law,
-                    "title": _title(law),
-                    "pair": pair,
-                    "scenarios": int(ok.sum()),
-                    "touching": None if touched is None else int(touched.sum()),
-                    "peak_force": None if force is None else _largest(force[index]),
-                    "impacts_max": None if most is None or not most.size else int(most.max()),
-                    "impacts_median": None if hit is None or not hit.size else float(np.median(hit)),
-                }
-            )
+        scenarios, found = _impacts(part, len(pairs))
+        for pair, impacts in zip(pairs, found, strict=True):
+            rows.append({"law": law, "title": _title(law), "pair": pair, "scenarios": scenarios, **impacts.row()})
     return rows
+
+
+@dataclass
+class _Impacts:
+    """What happened at one pair, over the parts of a cube that were seen."""
+
+    forces: bool
+    counted: bool
+    peak: float = -np.inf
+    touching: int = 0
+    #: Scenarios by the largest count at one floor.
+    most: Counter[float] = field(default_factory=Counter)
+
+    def add(self, force: np.ndarray | None, count: np.ndarray | None) -> None:
+        """Take up scenarios: force and count of their floors, shape (n, storey)."""
+        found = count if count is not None else force
+        if found is not None:
+            self.touching += int((np.max(found, axis=-1, initial=-np.inf) > 0).sum())
+        if force is not None:
+            self.peak = max(self.peak, float(np.max(force, initial=-np.inf)))
+        if count is not None:
+            largest = np.max(count, axis=-1, initial=-np.inf)
+            values, times = np.unique(largest[np.isfinite(largest)], return_counts=True)
+            self.most.update(dict(zip(values.tolist(), times.tolist(), strict=True)))
+
+    def row(self) -> dict[str, Any]:
+        """Return the columns of a summary."""
+        hit = {value: times for value, times in self.most.items() if value > 0}
+        return {
+            "touching": self.touching if self.forces or self.counted else None,
+            "peak_force": self.peak if np.isfinite(self.peak) else None,
+            "impacts_max": int(max(self.most)) if self.most else None,
+            "impacts_median": _median(hit) if hit else None,
+        }
+
+
+def _impacts(cube: xr.Dataset, n_pairs: int) -> tuple[int, list[_Impacts]]:
+    """Go once through a cube of one law: its ok scenarios, and what happened at each pair."""
+    present = [name for name in ("impact_force_max", "impact_count", "status") if name in cube.data_vars]
+    found = [_Impacts("impact_force_max" in present, "impact_count" in present) for _ in range(n_pairs)]
+    scenarios = 0
+    for cut in cuts(cube[present[0]]) if present else [{}]:
+        part = cube.isel(cut, missing_dims="ignore")
+        ok = _ok(part)
+        scenarios += int(ok.sum())
+        force, count = (_floors(part, name, ok) for name in ("impact_force_max", "impact_count"))
+        for index, impacts in enumerate(found):
+            impacts.add(None if force is None else force[index], None if count is None else count[index])
+    return scenarios, found
+
+
+def _median(times: dict[float, int]) -> float:
+    """Median of values that occur so many times each."""
+    values = np.array(sorted(times))
+    upto = np.cumsum([times[value] for value in values.tolist()])
+    middle = np.searchsorted(upto, [(upto[-1] - 1) // 2, upto[-1] // 2], side="right")
+    return float(values[middle].mean())
 
 
 def status_table(cube: xr.Dataset) -> list[dict[str, Any]]:
@@ -83,8 +126,7 @@ def status_table(cube: xr.Dataset) -> list[dict[str, Any]]:
         ``status`` (code), ``label``, ``count``, ``meaning``, ``remedy`` of each status
         that occurs, ok first.
     """
-    codes, counts = np.unique(cube["status"].values, return_counts=True)
-    found = dict(zip(codes.tolist(), counts.tolist(), strict=True))
+    found = status_counts(cube["status"])
     return [
         {"status": int(s), "label": s.label, "count": found[int(s)], "meaning": s.meaning, "remedy": s.remedy}
         for s in STATUS
@@ -131,12 +173,3 @@ def _floors(cube: xr.Dataset, name: str, ok: xr.DataArray) -> np.ndarray | None:
     array = values.transpose("pair", ..., "storey").values.astype(float)
     array = np.where(np.isfinite(array), array, -np.inf)
     return array.reshape(array.shape[0], -1, array.shape[-1])
-
-
-def _finite(values: np.ndarray) -> np.ndarray:
-    return values[np.isfinite(values)]
-
-
-def _largest(values: np.ndarray) -> float | None:
-    found = _finite(values)
-    return float(found.max()) if found.size else None

@@ -6,16 +6,13 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from pounding_sweep.contact.laws import get_law
-from pounding_sweep.contact.restitution import realised_restitution
-from pounding_sweep.cube.assemble import Axis, assemble, package_version
+from pounding_sweep.cube.assemble import package_version
 from pounding_sweep.errors import SweepError
-from pounding_sweep.sweep.spec import SweepSpec, build_spec, contact_stiffness, to_json
+from pounding_sweep.sweep.spec import SweepSpec, build_spec
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,21 +22,6 @@ if TYPE_CHECKING:
     from pounding_sweep.scene import Scene
     from pounding_sweep.sweep.execute import Outcome, Progress
     from pounding_sweep.sweep.plan import Plan
-
-_AXES = {
-    "law": ("", "contact law"),
-    "gap": ("m", "gap of every pair"),
-    "stiffness_factor": ("1", "factor on the scene's reference contact stiffness"),
-    "restitution": ("1", "nominal coefficient of restitution"),
-    "record": ("", "ground-motion record"),
-    "scale": ("1", "factor on the record"),
-}
-_REALISED = {
-    "units": "1",
-    "long_name": "realised coefficient of restitution",
-    "comment": "restitution of two free masses under the damping that the sweep used (see restitution_basis); "
-    "1 for laws without damping, missing without contact",
-}
 
 
 class Sweep:
@@ -58,6 +40,10 @@ class Sweep:
         Contact laws.
     gaps, stiffnesses, stiffness_factors, restitutions, scales : float or several, optional
         Axes (m; kN/m**exponent; dimensionless).
+    period_factors, mass_factors : mapping of str to float or several, optional
+        Axes of factors on all periods, or all masses, of a building, by its name.
+    damping_ratios : float or several, optional
+        Axis of damping ratios of all buildings.
     **settings
         ``cases``, ``method``, ``dt``, ``accuracy``, ``locate``, ``outputs``, ``beta``, ``gamma``,
         ``precision``, ``restitution_basis``, ``audit``, ``force_unstable``, ``title``, ``folders``, ``base``.
@@ -86,6 +72,9 @@ class Sweep:
         stiffness_factors: Any = None,
         restitutions: Any = None,
         scales: Any = None,
+        period_factors: Any = None,
+        mass_factors: Any = None,
+        damping_ratios: Any = None,
         **settings: Any,
     ) -> None:
         self.spec: SweepSpec = build_spec(
@@ -97,6 +86,9 @@ class Sweep:
             stiffness_factors=stiffness_factors,
             restitutions=restitutions,
             scales=scales,
+            period_factors=period_factors,
+            mass_factors=mass_factors,
+            damping_ratios=damping_ratios,
             **settings,
         )
         self.last_outcome: Outcome | None = None
@@ -138,7 +130,8 @@ class Sweep:
         ----------
         out : path, optional
             netCDF file for the cube; None keeps it in memory. Finished chunks wait in
-            ``OUT.parts`` until the cube is written, and an interrupted run continues there.
+            ``OUT.parts`` until the cube is written, and an interrupted run continues there;
+            no more than a few chunks are in memory at a time.
         scheduler : str
             "threads", "processes", "synchronous", or the address of a dask scheduler.
         workers : int, optional
@@ -151,47 +144,62 @@ class Sweep:
         Returns
         -------
         xarray.Dataset
-            The cube, in memory.
+            The cube: in memory, or opened from `out` so that values are read where they are used.
 
         Raises
         ------
         InputError
             Unknown scheduler.
+        SweepError
+            The cube does not fit into memory, without `out`.
         OutputError
-            The file can't be written, exists, or belongs to another sweep.
+            The file can't be written, exists, does not fit on the disk, or belongs to another sweep.
         """
-        from pounding_sweep.accuracy.audit import add_to_cube, audit
-        from pounding_sweep.cube.write import check_output, write_cube
-        from pounding_sweep.sweep.execute import check_scheduler, execute
+        from pounding_sweep.accuracy.audit import audit
+        from pounding_sweep.cube.write import check_output, check_space, open_cube
+        from pounding_sweep.sweep.execute import Progress, check_scheduler, dispatcher_for, execute
+        from pounding_sweep.sweep.filling import cube_in_memory, write_cube_of
         from pounding_sweep.sweep.store import ChunkStore
 
         check_scheduler(scheduler, workers)
         target = check_output(out, overwrite) if out is not None else None
         plan = self.plan()
-        _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of")
-        store = None
-        if target is not None:
+        if target is None:
+            _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of")
+            store = None
+        else:
             details = {"sweep": plan.digest, "package": package_version(), "source": package_digest()}
             identity = hashlib.sha256(json.dumps(details, sort_keys=True).encode()).hexdigest()
-            store = ChunkStore(Path(f"{target}.parts"), identity, details).open()
-        outcome = execute(plan, scheduler=scheduler, workers=workers, store=store, progress=progress)
-        self.last_outcome = outcome
-        cube = make_cube(plan, outcome)
-        self.last_audit = audit(plan, outcome)
-        if self.last_audit is not None:
-            cube = add_to_cube(cube, plan, self.last_audit)
-        if target is not None:
-            write_cube(cube, target, overwrite=overwrite)
-            if store is not None and not outcome.failures:
-                store.discard()
+            store = ChunkStore(Path(f"{target}.parts"), identity, details)
+            needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario - store.size()
+            check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
+            store.open()
+        progress = progress or Progress()
+        try:
+            with dispatcher_for(plan, scheduler, workers) as dispatcher:
+                outcome = self.last_outcome = execute(plan, dispatcher, store=store, progress=progress)
+                progress.stage("audit", 0)
+                self.last_audit = audit(plan, outcome, dispatcher)
+            progress.stage("cube", plan.n_asked)
+            if target is None or store is None:
+                cube = cube_in_memory(plan, outcome, self.last_audit, progress)
+            else:
+                write_cube_of(
+                    plan, outcome, self.last_audit, target, progress, overwrite=overwrite, folder=store.folder
+                )
+                cube = open_cube(target)
+        finally:
+            progress.close()
+        outcome.results.let_go()
+        if store is not None and not outcome.failures:
+            store.discard()
         return cube
 
 
 def _check_memory(scenarios: int, each: int, what: str) -> None:
     """Raise `SweepError` where `scenarios` times `each` bytes are more than this machine has free."""
-    try:
-        free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, OSError):
+    free = _free_memory()
+    if free is None:
         return
     if scenarios * each > free:
         msg = (
@@ -199,6 +207,16 @@ def _check_memory(scenarios: int, each: int, what: str) -> None:
             f"{free / 2**30:.1f} GiB are free; take fewer values on an axis, fewer outputs, or several sweeps"
         )
         raise SweepError(msg)
+
+
+def _free_memory() -> int | None:
+    """Memory (bytes) that can be had without swapping; None where the system does not tell."""
+    with suppress(OSError, ValueError, IndexError):
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
+    with suppress(ValueError, OSError):
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return None
 
 
 def load_sweep(path: str | os.PathLike[str]) -> Sweep:
@@ -232,130 +250,3 @@ def package_digest() -> str:
             elif entry.name.endswith(".py"):
                 found.update(entry.name.encode() + b"\0" + entry.read_bytes())
     return found.hexdigest()
-
-
-def make_cube(plan: Plan, outcome: Outcome) -> xr.Dataset:
-    """Broadcast the results of the unique scenarios to all that were asked for, and label them."""
-    spec = plan.spec
-    axes, extra = _case_axes(plan) if spec.cases is not None else _product_axes(plan)
-    sizes = tuple(axis.size for axis in axes)
-    arrays = {name: values[plan.inverse].reshape(*sizes, *values.shape[1:]) for name, values in outcome.values.items()}
-    return assemble(spec.scene, axes, arrays, _attributes(plan, outcome), extra)
-
-
-def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
-    spec = plan.spec
-    axes = []
-    for name, given in spec.axes.items():
-        values = given
-        units, long_name = _AXES.get(name, ("", name))
-        if name == "gap" and spec.gaps is None:
-            uniform = len(set(spec.scene.gaps)) == 1
-            values = (spec.scene.gaps[0],) if uniform else (min(spec.scene.gaps, default=np.nan),)
-            long_name = "gap of every pair" if uniform else "smallest gap of the scene (see pair_gap)"
-        if name == "stiffness":
-            exponents = {law.exponent for law in plan.laws if law.exponent is not None}
-            exponent = exponents.pop() if exponents else 1.0
-            units = "kN m-1" if exponent == 1 else f"kN m-{exponent:g}"
-            long_name = "contact stiffness"
-        axes.append(Axis(name, values, units, long_name))
-    extra: dict[str, Any] = {}
-    n_pairs = len(spec.scene.pair_names)
-    if n_pairs:
-        gaps = [spec.scene.gaps] if spec.gaps is None else [[g] * n_pairs for g in spec.gaps]
-        extra["pair_gap"] = (("gap", "pair"), np.array(gaps, float), {"units": "m", "long_name": "gap of the pair"})
-    if spec.stiffness_factors is not None:
-        table = [
-            [
-                contact_stiffness(spec.scene, key, stiffness_factor=f) if get_law(key).exponent is not None else np.nan
-                for f in spec.stiffness_factors
-            ]
-            for key in spec.laws
-        ]
-        about = {"long_name": "contact stiffness", "comment": "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"}
-        extra["contact_stiffness"] = (("law", "stiffness_factor"), np.array(table, float), about)
-    realised = [realised_restitution(get_law(key), spec.restitutions, spec.restitution_basis) for key in spec.laws]
-    extra["restitution_realised"] = (("law", "restitution"), np.array(realised, float), _REALISED)
-    extra["record_pga"] = (
-        ("record",),
-        np.array([r.pga for r in spec.records]),
-        {"units": "m s-2", "long_name": "peak ground acceleration of the record at scale 1"},
-    )
-    return axes, extra
-
-
-def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
-    spec = plan.spec
-    cases = spec.cases or ()
-    first = spec.records[0].name
-
-    def number(value: float | None) -> float:
-        return np.nan if value is None else float(value)
-
-    extra: dict[str, Any] = {
-        "law": (("case",), [c.law for c in cases], {"long_name": "contact law"}),
-        "record": (("case",), [c.record or first for c in cases], {"long_name": "ground-motion record"}),
-        "scale": (("case",), [c.scale for c in cases], {"units": "1", "long_name": "factor on the record"}),
-        "restitution": (
-            ("case",),
-            [number(c.restitution) for c in cases],
-            {"units": "1", "long_name": "nominal coefficient of restitution"},
-        ),
-        "contact_stiffness": (
-            ("case",),
-            [
-                np.nan
-                if get_law(c.law).exponent is None
-                else contact_stiffness(spec.scene, c.law, stiffness=c.stiffness, stiffness_factor=c.stiffness_factor)
-                for c in cases
-            ],
-            {"long_name": "contact stiffness", "comment": "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"},
-        ),
-    }
-    keys, nominal = np.array([c.law for c in cases]), np.array([number(c.restitution) for c in cases])
-    realised = np.empty(len(cases))
-    for key in np.unique(keys):
-        rows = keys == key
-        realised[rows] = realised_restitution(get_law(str(key)), nominal[rows], spec.restitution_basis)
-    extra["restitution_realised"] = (("case",), realised, _REALISED)
-    n_pairs = len(spec.scene.pair_names)
-    if n_pairs:
-        gaps = np.empty((len(cases), n_pairs))
-        for i, case in enumerate(cases):
-            gaps[i] = spec.scene.gaps if case.gap is None else case.gap
-        extra["pair_gap"] = (("case", "pair"), gaps, {"units": "m", "long_name": "gap of the pair"})
-    return [Axis("case", np.arange(1, len(cases) + 1), "1", "listed scenario")], extra
-
-
-def _attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
-    import numba
-    import xarray
-
-    spec = plan.spec
-    records = [
-        {"name": r.name, "pga": r.pga, "dt": r.dt, "points": r.n_points, "sha256": r.sha256, "source": r.source}
-        for r in spec.records
-    ]
-    found: dict[str, Any] = {
-        "records": records,
-        "scenarios_asked": plan.n_asked,
-        "scenarios_run": outcome.run + outcome.reused,
-        "scenarios_never_touching": outcome.untouched,
-        "method": plan.numerics.method,
-        "precision": plan.numerics.precision,
-        "located": spec.locate,
-        "restitution_basis": spec.restitution_basis,
-        "unit_system": "kN, t, m, s",
-        "sweep": to_json(spec),
-        "sweep_sha256": plan.digest,
-        "numba_version": numba.__version__,
-        "numpy_version": np.__version__,
-        "xarray_version": xarray.__version__,
-    }
-    if spec.accuracy is None:
-        found["time_step"] = [r.dt / n for r, n in zip(spec.records, plan.still, strict=True)]
-    else:
-        found |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
-    if spec.title:
-        found["title"] = spec.title
-    return found

@@ -9,199 +9,47 @@ import tomllib
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from pounding_sweep.contact.hertz import hertz_stiffness
 from pounding_sweep.errors import PoundingSweepError, SweepError, unknown
 from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.sweep.axes import FACTOR_KINDS, Case, Range
 from pounding_sweep.sweep.checks import check_sweep
 from pounding_sweep.sweep.faults import FAILED, Faults, Place, gap_check, is_number, one_number, spell
-from pounding_sweep.sweep.spec import AUDIT_SHARE, Case, Range, SweepSpec, sweep_error
+from pounding_sweep.sweep.spec import SweepSpec, sweep_error
 from pounding_sweep.sweep.toml_lines import key_lines, line_of
+from pounding_sweep.sweep.toml_tables import (
+    RECORD_TABLES,
+    SECTIONS,
+    BuildingTable,
+    ContactTable,
+    FactorTable,
+    FileTable,
+    HertzTable,
+    OutputTable,
+    RangeTable,
+    SceneTable,
+    SolverTable,
+    SweepTable,
+    Table,
+    WallTable,
+)
 
 
-class _Table(BaseModel):
-    """A table of the file: its keys and their types. Other keys are faults."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, title="table")
-
-
-class FileTable(_Table):
-    """The whole file."""
-
-    title: str = ""
-    scene: dict[str, Any] = Field(description="a table [scene]")
-    sweep: dict[str, Any] = Field(description="a table [sweep]")
-    solver: dict[str, Any] = Field(default_factory=dict, description="a table [solver]")
-    output: dict[str, Any] = Field(default_factory=dict, description="a table [output]")
-
-
-class SceneTable(_Table):
-    """[scene]: a preset, or a row of its own."""
-
-    preset: str | None = Field(None, description="name of a preset")
-    row: list[dict[str, Any]] | None = Field(None, description="tables [[scene.row]], left to right")
-    gaps: list[Any] | None = Field(None, description="a list of numbers, the gap of each pair in m")
-    contact: dict[str, Any] | None = Field(None, description="a table [scene.contact]")
-
-
-class BuildingTable(_Table):
-    """[[scene.row]]: a building."""
-
-    name: str = Field(description="a text")
-    masses: list[Any] = Field(description="a list of numbers, floor masses in t, bottom first")
-    stiffnesses: list[Any] = Field(description="a list of numbers, storey stiffnesses in kN/m, bottom first")
-    damping_ratio: Any = 0.05
-    storey_heights: list[Any] | None = Field(None, description="a list of numbers, storey heights in m, bottom first")
-
-
-class WallTable(_Table):
-    """[[scene.row]]: a rigid wall, with ``wall = true``."""
-
-    wall: Literal[True] = Field(description="true")
-    name: str = Field("wall", description="a text")
-
-
-class ContactTable(_Table):
-    """[scene.contact]: reference contact properties."""
-
-    linear_stiffness: float | None = Field(None, description="a number in kN/m")
-    hertz_stiffness: float | None = Field(None, description="a number in kN/m^1.5")
-    hertz: dict[str, Any] | None = Field(None, description="a table of material and masses or radii")
-    restitution: float | None = Field(None, description="a number")
-
-
-class HertzTable(_Table):
-    """scene.contact.hertz: what a Hertz stiffness follows from."""
-
-    young_modulus: float = Field(25.0e6, description="a number in kN/m2")
-    poisson_ratio: float = Field(0.2, description="a number")
-    density: float = Field(2.5, description="a number in t/m3")
-    mass_1: float | None = Field(None, description="a number in t")
-    mass_2: float | None = Field(None, description="a number in t")
-    radii: list[float] | None = Field(None, min_length=2, max_length=2, description="two numbers in m")
-
-
-class SweepTable(_Table):
-    """[sweep]: records, laws and axes, or records and cases."""
-
-    records: list[Any] | str = Field(description="a list of names, files and tables")
-    laws: list[Any] | str | None = Field(None, description="a name or a list of names")
-    gaps: Any = None
-    stiffnesses: Any = None
-    stiffness_factors: Any = None
-    restitutions: Any = None
-    restitution_basis: str = Field("published", description="a text")
-    scales: Any = None
-    cases: list[Any] | None = Field(None, description="tables [[sweep.cases]]")
-
-
-class RangeTable(_Table):
-    """An axis as evenly spaced values."""
-
-    start: Any = Field(description="a number, the first value")
-    stop: Any = Field(description="a number, the last value")
-    count: Any = Field(description="a whole number, how many values")
-    spacing: Any = "linear"
-
-
-class SolverTable(_Table):
-    """[solver]: scheme and step."""
-
-    method: str | None = Field(None, description="a text")
-    dt: float | None = Field(None, description="a number in s")
-    accuracy: float | None = Field(None, description="a number, the relative error asked for")
-    precision: str = Field("float64", description="a text")
-    locate: bool = Field(True, description="true or false")
-    beta: float | None = Field(None, description="a number")
-    gamma: float | None = Field(None, description="a number")
-    force_unstable: bool = Field(False, description="true or false")
-    audit: float = Field(AUDIT_SHARE, description="a number, the share of the cost spent on the audit")
-
-
-class OutputTable(_Table):
-    """[output]: variables of the cube."""
-
-    variables: list[Any] | str = Field("default", description="a name or a list of names")
-
-
-class PathRecord(_Table):
-    """A record from a file."""
-
-    path: str = Field(description="a text")
-    units: str | None = Field(None, description="a text")
-    dt: float | None = Field(None, description="a number in s")
-    name: str | None = Field(None, description="a text")
-    scale: float = Field(1.0, description="a number")
-    pga: float | None = Field(None, description="a number in m/s2")
-
-
-class NamedRecord(_Table):
-    """A record found by name, scaled or renamed."""
-
-    record: str = Field(description="a text")
-    name: str | None = Field(None, description="a text")
-    scale: float = Field(1.0, description="a number")
-    pga: float | None = Field(None, description="a number in m/s2")
-
-
-class SyntheticRecord(_Table):
-    """A synthetic earthquake; ``synthetic`` is the seed."""
-
-    synthetic: int = Field(description="a whole number, the seed")
-    duration: float = Field(20.0, description="a number in s")
-    dt: float = Field(0.01, description="a number in s")
-    pga: float = Field(3.0, description="a number in m/s2")
-    ground_frequency: float = Field(15.6, description="a number in rad/s")
-    ground_damping: float = Field(0.6, description="a number")
-    filter_frequency: float = Field(1.5, description="a number in rad/s")
-    filter_damping: float = Field(0.6, description="a number")
-    rise: float = Field(0.1, description="a number")
-    strong: float = Field(0.4, description="a number")
-    end_level: float = Field(0.05, description="a number")
-    name: str | None = Field(None, description="a text")
-
-
-class PulseRecord(_Table):
-    """A simple pulse; ``pulse`` is its shape."""
-
-    pulse: str = Field(description="a text")
-    amplitude: float = Field(description="a number in m/s2")
-    period: float = Field(description="a number in s")
-    dt: float = Field(description="a number in s")
-    duration: float | None = Field(None, description="a number in s")
-    name: str | None = Field(None, description="a text")
-
-
-#: Kinds of record tables, by the key that tells them.
-RECORD_TABLES: dict[str, type[_Table]] = {
-    "path": PathRecord,
-    "record": NamedRecord,
-    "synthetic": SyntheticRecord,
-    "pulse": PulseRecord,
-}
-
-
-#: Tables of settings: a key put into the wrong one is told where it belongs.
-_SECTIONS: dict[str, type[_Table]] = {
-    "[scene]": SceneTable,
-    "[scene.contact]": ContactTable,
-    "[sweep]": SweepTable,
-    "[solver]": SolverTable,
-    "[output]": OutputTable,
-}
-_SECTION_MODELS = (FileTable, *_SECTIONS.values())
-
-
-def _say(error: ErrorDetails, model: type[_Table]) -> str:
+def _say(error: ErrorDetails, model: type[Table]) -> str:
     """Word one fault that pydantic found."""
     key, value = error["loc"][0], error["input"]
     if error["type"] == "extra_forbidden":
-        homes = [name for name, table in _SECTIONS.items() if model in _SECTION_MODELS and key in table.model_fields]
+        homes = [
+            name
+            for name, table in SECTIONS.items()
+            if model in (FileTable, *SECTIONS.values()) and key in table.model_fields
+        ]
         return unknown("key", key, model.model_fields) + (f"; it belongs in {homes[0]}" if homes else "")
     what = model.model_fields[str(key)].description or "a valid value"
     if error["type"] == "missing":
@@ -209,7 +57,7 @@ def _say(error: ErrorDetails, model: type[_Table]) -> str:
     return f"{value!r} won't do; it must be {what}" if len(error["loc"]) == 1 else f"{value!r} won't do in {what}"
 
 
-def _read_table(faults: Faults, model: type[_Table], given: object, place: Place) -> dict[str, Any]:
+def _read_table(faults: Faults, model: type[Table], given: object, place: Place) -> dict[str, Any]:
     """Check a table's keys and types; return the values of all fields, `FAILED` for those at fault."""
     if not isinstance(given, dict):
         faults.add(place, f"must be a table of {', '.join(model.model_fields)}, not {given!r}")
@@ -378,15 +226,45 @@ def _record(faults: Faults, given: Any, place: Place, folder: Path) -> Any:
     return _attempt(faults, place, make)
 
 
+def _factors(faults: Faults, given: Any, place: Place) -> dict[str, Any]:
+    """Read tables building.NAME into the arguments of `build_spec`, or the fields of a case."""
+    found: dict[str, Any] = dict.fromkeys(FACTOR_KINDS)
+    if given is FAILED:
+        return dict.fromkeys(FACTOR_KINDS, FAILED)
+    for name, item in (given or {}).items():
+        table = _read_table(faults, FactorTable, item, (*place, name))
+        for argument, kind in FACTOR_KINDS.items():
+            if table[kind] is not None:
+                found[argument] = {**(found[argument] or {}), name: table[kind]}
+    return found
+
+
 def _case(faults: Faults, given: Any, place: Place) -> Any:
-    if isinstance(given, dict):
+    names = [name for name in Case.__dataclass_fields__ if name not in FACTOR_KINDS] + ["building"]
+    if not isinstance(given, dict):
+        faults.add(place, f"must be a table of {', '.join(names)}, not {given!r}")
+        return FAILED
+    for key in given:
+        if key not in names:
+            faults.add((*place, key), unknown("key", key, names))
+    case = {key: value for key, value in given.items() if key in names[:-1]}
+    building = given.get("building", {})
+    if not isinstance(building, dict):
+        faults.add((*place, "building"), f"must be tables building.NAME of factors, not {building!r}")
+        building = FAILED
+    factors = _factors(faults, building, (*place, "building"))
+    return case | {name: value for name, value in factors.items() if value is not None}
+
+
+_AXES = ("gaps", "stiffnesses", "stiffness_factors", "restitutions", "scales", "damping_ratios")
+
+
+def _axis(faults: Faults, given: Any, place: Place) -> Any:
+    """Read an axis; a table is evenly spaced values."""
+    if not isinstance(given, dict):
         return given
-    names = ", ".join(Case.__dataclass_fields__)
-    faults.add(place, f"must be a table of {names}, not {given!r}")
-    return FAILED
-
-
-_AXES = ("gaps", "stiffnesses", "stiffness_factors", "restitutions", "scales")
+    values = _read_table(faults, RangeTable, given, place)
+    return FAILED if _failed(values.values()) else Range(**values)
 
 
 def _sweep(faults: Faults, given: object, folder: Path) -> dict[str, Any]:
@@ -398,10 +276,12 @@ def _sweep(faults: Faults, given: object, folder: Path) -> dict[str, Any]:
     if isinstance(table["cases"], list):
         table["cases"] = [_case(faults, item, ("sweep", "cases", index)) for index, item in enumerate(table["cases"])]
     for name in _AXES:
-        if isinstance(table[name], dict):
-            place = ("sweep", name)
-            values = _read_table(faults, RangeTable, table[name], place)
-            table[name] = FAILED if _failed(values.values()) else Range(**values)
+        table[name] = _axis(faults, table[name], ("sweep", name))
+    for argument, axes in _factors(faults, table.pop("building"), ("sweep", "building")).items():
+        table[argument] = axes
+        if isinstance(axes, dict):
+            at = FACTOR_KINDS[argument]
+            table[argument] = {k: _axis(faults, v, ("sweep", "building", k, at)) for k, v in axes.items()}
     return table
 
 
@@ -413,13 +293,25 @@ _PLACES: dict[str, Place] = {
 }
 
 
+def _place_in_file(place: Place) -> Place:
+    """Return where an argument of `build_spec`, or a part of it, stands in a file."""
+    if not place:
+        return ("sweep",)
+    first, *rest = place
+    if first in FACTOR_KINDS:
+        return ("sweep", "building", *rest[:1], *([FACTOR_KINDS[str(first)]] if rest else []), *rest[1:])
+    if first == "cases" and len(rest) > 1 and rest[1] in FACTOR_KINDS:
+        return ("sweep", "cases", rest[0], *_place_in_file(tuple(rest[1:]))[1:])
+    return (*_PLACES.get(str(first), (first,)), *rest)
+
+
 def _check_file(faults: Faults, data: dict[str, Any], folder: Path) -> SweepSpec | None:
     top = _read_table(faults, FileTable, data, ())
     given: dict[str, Any] = {"title": top["title"], "folders": None, "base": folder}
     given["scene"] = FAILED if top["scene"] in (None, FAILED) else _scene(faults, top["scene"])
     for key, model in (("sweep", SweepTable), ("solver", SolverTable), ("output", OutputTable)):
         if top[key] is FAILED:
-            values = dict.fromkeys(model.model_fields, FAILED)
+            values = dict.fromkeys((*model.model_fields, *FACTOR_KINDS), FAILED)
         elif key == "sweep":
             values = _sweep(faults, top[key], folder)
         else:
@@ -428,7 +320,7 @@ def _check_file(faults: Faults, data: dict[str, Any], folder: Path) -> SweepSpec
     found = Faults()
     spec = check_sweep(found, given)
     for place, text in found.found:
-        faults.add((*_PLACES.get(str(place[0]), place[:1]), *place[1:]) if place else ("sweep",), text)
+        faults.add(_place_in_file(place), text)
     return None if faults.found else spec
 
 

@@ -2,8 +2,8 @@
 
 
 @njit(**OPTIONS)
-def columns(W, j, i, b, h, props):
-    """Acceleration of every floor of building b for a unit force on its floor i, in row j of W."""
+def columns(S, l, W, j, i, b, h, props):
+    """Acceleration of every floor of building b of lane l for a unit force on its floor i, in row j of W."""
     first = FIRST[b]
     n = FIRST[b + 1] - first
     be = props[P_NEWMARK_BETA] * h * h

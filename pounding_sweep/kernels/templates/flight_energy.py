@@ -2,13 +2,13 @@
 
 
 @njit(**OPTIONS)
-def flight_energies(S, props, ga, gb, h):
+def flight_energies(S, props, h):
     """Add what the ground put in and what damping took over the step from UO, VO to U, V.
 
     The equation of motion, integrated over the step, gives the integral of the
     displacements, K int u = -M (1 int a_g + dv) - C du, a tridiagonal system that is solved
     storey by storey; the input -1'M int a_g v follows by parts, and the loss is what is
-    missing in the kinetic and the strain energy.
+    missing in the kinetic and the strain energy. Lanes that do not fly (HL = 0) gain nothing.
     """
     for b in range(NB):
         alpha = props[P_ALPHA + b]
@@ -23,7 +23,7 @@ def flight_energies(S, props, ga, gb, h):
             for l in range(L):
                 q = i * L + l
                 dv = S[V + q] - S[VO + q] + alpha * (S[U + q] - S[UO + q])
-                S[PASSED + l] -= m * (S[SCALE + l] * (0.5 * h * (ga + gb)) + dv)
+                S[PASSED + l] -= m * (0.5 * h * (S[G0 + l] + S[G1 + l]) + dv)
                 S[PULL + q] = S[PASSED + l]
                 S[GAINED + l] += 0.5 * m * ((S[V + q] - S[VO + q]) * (S[V + q] + S[VO + q]))
         for l in range(L):
@@ -34,16 +34,17 @@ def flight_energies(S, props, ga, gb, h):
             k = props[P_K + i]
             low = (i - 1) * L if i > first else i * L
             held = 1.0 if i > first else 0.0
-            slope = (gb - ga) / h
             for l in range(L):
                 q = i * L + l
                 S[PASSED + l] += S[PULL + q] / k
                 area = S[PASSED + l] - beta * (S[U + q] - S[UO + q])
-                S[GIVEN + l] -= m * S[SCALE + l] * (gb * S[U + q] - ga * S[UO + q] - slope * area)
+                slope = (S[G1 + l] - S[G0 + l]) / h
+                S[GIVEN + l] -= m * (S[G1 + l] * S[U + q] - S[G0 + l] * S[UO + q] - slope * area)
                 end = S[U + q] - held * S[U + low + l]
                 start = S[UO + q] - held * S[UO + low + l]
                 S[GAINED + l] += 0.5 * k * ((end - start) * (end + start))
         for l in range(L):
-            S[E_IN + b * L + l] += S[GIVEN + l]
+            flies = 1.0 if S[HL + l] > 0.0 else 0.0
+            S[E_IN + b * L + l] += flies * S[GIVEN + l]
             if alpha != 0.0 or beta != 0.0:  # else what is missing is rounding
-                S[E_DAMP + b * L + l] += S[GIVEN + l] - S[GAINED + l]
+                S[E_DAMP + b * L + l] += flies * (S[GIVEN + l] - S[GAINED + l])

@@ -83,9 +83,9 @@ def implicit(S, I, W, l, h, props):
         if LOCATED and S[KE + q] == 0.0:
             continue
         if LEFT[j] >= 0:
-            columns(W, 2 * j, LEFT[j], BLEFT[j], h, props)
+            columns(S, l, W, 2 * j, LEFT[j], BLEFT[j], h, props)
         if RIGHT[j] >= 0:
-            columns(W, 2 * j + 1, RIGHT[j], BRIGHT[j], h, props)
+            columns(S, l, W, 2 * j + 1, RIGHT[j], BRIGHT[j], h, props)
     for _ in range(MAX_SWEEPS):
         largest = 0.0
         moved = 0.0

@@ -2,7 +2,7 @@
 
 
 @njit(**OPTIONS)
-def jump(S, l, j, v, time, props):
+def jump(S, l, j, v, props):
     """Velocities of two floors that meet at the rate v jump: v -> -e v, momentum kept (Newton's impact law)."""
     q = j * L + l
     e = S[C + q]

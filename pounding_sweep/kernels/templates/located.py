@@ -27,22 +27,33 @@ def press_root(lo, hi, k, c, h, x0, b1, b2, b3, b4, sign):
 
 
 @njit(**OPTIONS)
-def near(S):
-    """Leave in HIT, per lane, whether an open contact may have touched in the trial sub-step (> 0)."""
-    for l in range(L):
-        S[HIT + l] = -1.0
-    for j in range(NC):
-        left = max(LEFT[j], 0) * L
-        right = max(RIGHT[j], 0) * L
-        a = 1.0 if LEFT[j] >= 0 else 0.0
-        b = 1.0 if RIGHT[j] >= 0 else 0.0
-        gap = GAP + PAIR[j] * L
-        for l in range(L):
-            d0 = a * S[UO + left + l] - b * S[UO + right + l] - S[gap + l]
-            d1 = a * S[U + left + l] - b * S[U + right + l] - S[gap + l]
-            v0 = S[HL + l] * (a * S[VO + left + l] - b * S[VO + right + l])
-            v1 = S[HL + l] * (a * S[V + left + l] - b * S[V + right + l])
-            S[HIT + l] = max(S[HIT + l], max(d1, min(d0 + v0, d1 - v1)))
+def rate_root(k, c, h, d0, b1, b2, b3, b4, r0, r1):
+    """Where the force of a contact peaks: its rate turns from r0 > 0 to r1 < 0 (Illinois)."""
+    lo = 0.0
+    hi = 1.0
+    per = 1.0 / h
+    side = 0
+    for _ in range(40):
+        t = lo + (hi - lo) * (r0 / (r0 - r1))
+        d = quartic(t, d0, b1, b2, b3, b4)
+        v = quartic(t, b1, 2.0 * b2, 3.0 * b3, 4.0 * b4, 0.0) * per
+        a = quartic(t, 2.0 * b2, 6.0 * b3, 12.0 * b4, 0.0, 0.0) * (per * per)
+        r = pressing_rate(k, c, d, v, a)
+        if r > 0.0:
+            done = t - lo < AT_PEAK
+            lo, r0 = t, r
+            if side == 1:
+                r1 *= 0.5
+            side = 1
+        else:
+            done = hi - t < AT_PEAK
+            hi, r1 = t, r
+            if side == -1:
+                r0 *= 0.5
+            side = -1
+        if done:
+            break
+    return t
 
 
 @njit(**OPTIONS)
@@ -63,11 +74,10 @@ def first_event(S, I, l, h, props):
     for j in range(NC):
         q = j * L + l
         mode = I[MODE + q]
-        gap = S[GAP + PAIR[j] * L + l]
-        d0 = relative(S, UO, j, l) - gap
-        d1 = relative(S, U, j, l) - gap
-        v0 = relative(S, VO, j, l)
-        v1 = relative(S, V, j, l)
+        d0 = S[D0 + q]
+        d1 = S[D1 + q]
+        v0 = S[V0 + q]
+        v1 = S[V1 + q]
         theta = 2.0
         nxt = mode
         if NEWMARK and mode != 0 and I[STIFF + l] == 1:  # its mode follows from the end of the sub-step
@@ -131,10 +141,10 @@ def first_event(S, I, l, h, props):
                             t = press_root(0.0, end, k, c, h, d0, b1, b2, b3, b4, 1.0)
                         if t < theta:
                             theta, nxt = t, 1
-            if CONTACT_CAP > 0.0 and (mode == 1 or mode == 2):
+            if CAPPED and (mode == 1 or mode == 2):
                 fast = h * contact_rate(S, j, l, max(d0, d1), props)
-                if fast > 2.0 * CONTACT_CAP:  # deeper than foreseen
-                    cap = min(cap, max(CONTACT_CAP / fast, 1e-3))
+                if fast > 2.0 * props[P_CAP]:  # deeper than foreseen
+                    cap = min(cap, max(props[P_CAP] / fast, 1e-3))
         S[TJ + q] = theta
         I[NEXT + q] = nxt
         if theta < first:
@@ -157,11 +167,10 @@ def contact_peaks(S, I, l, h, whole):
         r0 = 0.0
         r1 = 0.0
         if mode != 0:
-            gap = S[GAP + PAIR[j] * L + l]
-            d0 = relative(S, UO, j, l) - gap
-            d1 = relative(S, U, j, l) - gap
-            v0 = relative(S, VO, j, l)
-            v1 = relative(S, V, j, l)
+            d0 = S[D0 + q]
+            d1 = S[D1 + q]
+            v0 = S[V0 + q]
+            v1 = S[V1 + q]
             a0 = relative(S, AO, j, l)
             b1, b2, b3, b4 = coefficients(h, d0, d1, v0, v1, a0)
             if HAS_PENETRATION:
@@ -185,19 +194,9 @@ def contact_peaks(S, I, l, h, whole):
                     r1 = r0
                 best = max(f0, f1)
                 if r0 > 0.0 and r1 < 0.0:
-                    lo = 0.0
-                    hi = 1.0
-                    for _ in range(30):
-                        t = 0.5 * (lo + hi)
-                        d = quartic(t, d0, b1, b2, b3, b4)
-                        v = quartic(t, b1, 2.0 * b2, 3.0 * b3, 4.0 * b4, 0.0) / h
-                        a = quartic(t, 2.0 * b2, 6.0 * b3, 12.0 * b4, 0.0, 0.0) / (h * h)
-                        if pressing_rate(k, c, d, v, a) > 0.0:
-                            lo = t
-                        else:
-                            hi = t
-                    d = quartic(lo, d0, b1, b2, b3, b4)
-                    v = quartic(lo, b1, 2.0 * b2, 3.0 * b3, 4.0 * b4, 0.0) / h
+                    t = rate_root(k, c, h, d0, b1, b2, b3, b4, r0, r1)
+                    d = quartic(t, d0, b1, b2, b3, b4)
+                    v = quartic(t, b1, 2.0 * b2, 3.0 * b3, 4.0 * b4, 0.0) / h
                     best = max(best, pressing(k, c, d, v))
                 if HAS_FORCE:
                     S[FMAX + q] = max(S[FMAX + q], best)
@@ -214,46 +213,7 @@ def contact_peaks(S, I, l, h, whole):
 
 
 @njit(**OPTIONS)
-def grown(age, share, power):
-    """Sub-step a time `age` after the touch, both in durations of the contact: times are (i share)**power."""
-    return (age ** (1.0 / power) + share) ** power - age
-
-
-@njit(**OPTIONS)
-def longest_step(S, I, l, h, props):
-    """Longest sub-step from the present state that resolves the contacts that press.
-
-    It is short beside their fastest rate (CONTACT_CAP) and, where their force is not smooth
-    in time, graded: lengths of time are in units of each contact's elastic duration, its
-    penetration over its rate is the time left until the release.
-    """
-    longest = h
-    for j in range(NC):
-        q = j * L + l
-        if I[MODE + q] == 1 or I[MODE + q] == 2:
-            lasts = S[LASTS + q]
-            if CONTACT_CAP > 0.0:
-                d = relative(S, U, j, l) - S[GAP + PAIR[j] * L + l]
-                ahead = d + max(relative(S, V, j, l), 0.0) * min(h, lasts)
-                fast = contact_rate(S, j, l, max(ahead, 0.0), props)
-                if fast * longest > CONTACT_CAP:
-                    longest = CONTACT_CAP / fast
-            if TOUCH_POWER > 1.0:
-                share = max(TOUCH_SHARE * h / lasts, LEAST_SHARE)
-                longest = min(longest, lasts * grown(S[AGE + q] / lasts, share, TOUCH_POWER))
-            if RELEASE_POWER > 1.0:
-                v = relative(S, V, j, l)
-                if v < 0.0:
-                    left = (relative(S, U, j, l) - S[GAP + PAIR[j] * L + l]) / (-v * lasts)
-                    share = max(RELEASE_SHARE * h / lasts, LEAST_SHARE)
-                    end = max(left, 0.0) ** (1.0 / RELEASE_POWER) - share
-                    if end > share:  # else the release is within this sub-step
-                        longest = min(longest, lasts * (left - end**RELEASE_POWER))
-    return longest
-
-
-@njit(**OPTIONS)
-def apply_events(S, I, l, theta, time, h, props):
+def apply_events(S, I, l, theta, h, props):
     """Switch the contacts whose event ends this sub-step; returns whether any did.
 
     Contacts are taken pair by pair from the left, floor by floor from the bottom; a
@@ -292,11 +252,11 @@ def apply_events(S, I, l, theta, time, h, props):
             if HAS_COUNT:
                 S[COUNT + q] += 1.0
             if HAS_FIRST_TIME and S[TFIRST + q] < 0.0:
-                S[TFIRST + q] = time
+                S[TFIRST + q] = I[STEP + l] * h + (h - S[REM + l])
             if HAS_APPROACH_SPEED:
                 S[VMAX + q] = max(S[VMAX + q], v)
             if IMPULSIVE and v > RESTING_SPEED:
-                jump(S, l, j, v, time, props)
+                jump(S, l, j, v, props)
                 continue
             S[KL + q] = k
             S[CL + q] = c
@@ -317,138 +277,159 @@ def apply_events(S, I, l, theta, time, h, props):
 
 
 @njit(**OPTIONS)
-def contact_step(S, I, W, props, ga, gb, h, time):
-    """One step in which some lane is, or comes, in contact: sub-steps between events.
-
-    The start of the step is in the slots UO, VO (and AO). Returns the number of
-    contacts that are closed at the end, over all lanes.
-    """
-    for l in range(L):
-        S[REM + l] = h
-        S[HL + l] = longest_step(S, I, l, h, props) if SUBSTEPS and I[SHUT + l] > 0 else h
-        set_ground(S, l, ga, gb, h)
-        I[TRIES + l] = 0
-        if NEWMARK:
-            I[STIFF + l] = 0
-            if I[SHUT + l] > 0:
-                soften(S, I, l, S[HL + l], props)
-    while True:
-        trial(S, I, W, props)
-        near(S)
-        again = False
-        for l in range(L):
-            S[THETA + l] = 1.0
-            waits = not (S[REM + l] > 0.0) or I[TRIES + l] >= MAX_TRIES
-            if waits or (I[SHUT + l] == 0 and not (S[HIT + l] > 0.0)):
-                continue  # the lane is done with this step, or nothing happens in it
+def judge(S, I, l, h, props):
+    """Whether lane l refuses its trial, because an event ends it earlier; the length of the next one is in AHEAD."""
+    if I[LAND + l] == 0:
+        if S[LOOK + l] > 0.0 and I[TRIES + l] < MAX_TRIES:
             theta = first_event(S, I, l, S[HL + l], props)
             if theta < 1.0:
-                again = True
                 S[THETA + l] = theta
-                S[HL + l] *= theta
-                set_ground(S, l, ga, gb, h)
-        if again:
-            trial(S, I, W, props)
-        if NEWMARK and again:
-            # at large steps the quartic misses the touch by enough for a stiff contact to feel; Newton on the step
-            for _ in range(4):
-                missed = False
-                for l in range(L):
-                    if S[REM + l] > 0.0 and S[THETA + l] < 1.0:
-                        change = touch_miss(S, I, l)
-                        if change != 0.0:
-                            missed = True
-                            S[HL + l] = min(max(S[HL + l] - change, 0.0), S[REM + l])
-                            set_ground(S, l, ga, gb, h)
-                if not missed:
-                    break
-                trial(S, I, W, props)
-        left = False
+                S[AHEAD + l] = S[HL + l] * theta
+                return True
+    elif NEWMARK and I[LAND + l] <= 4:
+        # at large steps the quartic misses the touch by enough for a stiff contact to feel; Newton on the step
+        change = touch_miss(S, I, l)
+        if change != 0.0:
+            S[AHEAD + l] = min(max(S[HL + l] - change, 0.0), S[REM + l])
+            return True
+    return False
+
+
+@njit(**OPTIONS)
+def newmark_ends(S, I, l, h):
+    """Peaks of a Newmark lane over the sub-step just taken, and its contact forces at both ends."""
+    taken = I[TAKEN + l] != 0
+    if taken and I[STIFF + l] == 0 and I[SHUT + l] > 0:
+        contact_peaks(S, I, l, S[HL + l], h)
+        return
+    if not NEEDS_ENDS:
+        return
+    for j in range(NC):
+        q = j * L + l
+        if not taken:  # it stays where it is
+            S[FS + q] = S[FE + q]
+            S[RS + q] = S[RE + q]
+        else:
+            force = S[FORCE + q] if I[STIFF + l] == 1 else 0.0
+            S[FS + q] = force
+            S[FE + q] = force
+            S[RS + q] = 0.0
+            S[RE + q] = 0.0
+
+
+@njit(**OPTIONS)
+def conclude(S, I, l, h, props):
+    """What a lane does at the end of a sub-step that it takes: energies transferred, modes, velocity jumps."""
+    if HAS_TRANSFER and I[SHUT + l] > 0:
+        transfer_peaks(S, I, l, S[HL + l], props)
+    elif HAS_TRANSFER:
+        for b in range(NB):
+            S[TNOW + b * L + l] = transfer_now(S, l, b, props)
+    switched = False
+    if NEWMARK and I[STIFF + l] == 1:
+        settle(S, I, l, S[HL + l], props)
+        switched = True
+    if I[LAND + l] > 0:
+        I[LAND + l] = 0
+        switched = apply_events(S, I, l, S[THETA + l], h, props) or switched
+    if NEWMARK and switched:
+        equilibrium(S, l, S[G1 + l], True, props)
+
+
+@njit(**OPTIONS)
+def contact_pass(S, I, W, props, h):
+    """One trial sub-step of every lane that has some of its step of length h left; returns how many still have.
+
+    A trial in which an event is found is refused: the lane tries again up to the event, while
+    the others go on. Lanes with nothing left wait with a sub-step of length 0.
+    """
+    look_ahead(S, I, props, h)
+    if NEWMARK:
         for l in range(L):
-            if NEWMARK and S[REM + l] > 0.0 and I[STIFF + l] == 1:
-                if NEEDS_ENDS:
-                    for j in range(NC):
-                        q = j * L + l
-                        S[FS + q] = S[FORCE + q]
-                        S[FE + q] = S[FORCE + q]
-                        S[RS + q] = 0.0
-                        S[RE + q] = 0.0
-            elif S[REM + l] > 0.0 and I[SHUT + l] > 0:
-                contact_peaks(S, I, l, S[HL + l], h)
-            elif NEEDS_ENDS and not (S[REM + l] > 0.0):
-                for j in range(NC):  # done: its state and its forces stay those it ended with
-                    q = j * L + l
-                    S[FS + q] = S[FE + q]
-                    S[RS + q] = S[RE + q]
-            elif NEEDS_ENDS:
-                for j in range(NC):
-                    q = j * L + l
-                    S[FS + q] = 0.0
-                    S[FE + q] = 0.0
-                    S[RS + q] = 0.0
-                    S[RE + q] = 0.0
-        reduce_step(S, props)
-        for l in range(L):
-            rem = S[REM + l]
-            if not (rem > 0.0):
-                continue
-            hl = S[HL + l]
-            if HAS_TRANSFER and I[SHUT + l] > 0:
-                transfer_peaks(S, I, l, hl, props)
-            elif HAS_TRANSFER:
-                for b in range(NB):
-                    S[TNOW + b * L + l] = transfer_now(S, l, b, props)
-            rem = 0.0 if hl >= rem else rem - hl
-            theta = S[THETA + l]
-            if GRADED and I[SHUT + l] > 0:
-                for j in range(NC):
-                    S[AGE + j * L + l] += hl
-            switched = False
-            if NEWMARK and I[STIFF + l] == 1:
-                settle(S, I, l, hl, props)
-                switched = True
-            if theta < 1.0:
-                switched = apply_events(S, I, l, theta, time + (h - rem), h, props) or switched
-            if NEWMARK and switched:
-                equilibrium(S, l, S[G1 + l], True, props)
-            if rem <= DONE * h:
-                rem = 0.0
-            S[REM + l] = rem
-            I[TRIES + l] += 1
-            if rem > 0.0:
-                left = True
-                if I[TRIES + l] >= MAX_TRIES:
-                    I[FALLBACK + l] = 1
-                hl = rem
-                if SUBSTEPS and I[SHUT + l] > 0 and I[TRIES + l] < MAX_TRIES:
-                    hl = min(rem, longest_step(S, I, l, h, props))
-                S[HL + l] = hl
-            else:
+            if S[REM + l] > 0.0 and I[LAND + l] == 0:
+                I[STIFF + l] = 0
+                if I[SHUT + l] > 0:
+                    soften(S, I, l, S[HL + l], props)
+    trial(S, I, W, props)
+    measure(S, I, props)
+    refused = 0
+    for l in range(L):
+        I[TAKEN + l] = 1 if S[REM + l] > 0.0 else 0
+    for l in range(L):
+        if (I[LAND + l] > 0 or S[LOOK + l] > 0.0) and I[TAKEN + l] != 0:
+            if judge(S, I, l, h, props):
+                I[LAND + l] += 1
+                I[TAKEN + l] = 0
                 S[HL + l] = 0.0
-        if not left:
-            break
-        for i in range(N):
-            for l in range(L):
-                S[UO + i * L + l] = S[U + i * L + l]
-                S[VO + i * L + l] = S[V + i * L + l]
-                if NEWMARK:
-                    S[AO + i * L + l] = S[A + i * L + l]
+                refused += 1
+    if refused > 0:
+        give_back(S, I)
+    if NEWMARK:
         for l in range(L):
-            if S[REM + l] > 0.0:
-                set_ground(S, l, ga, gb, h)
-                if NEWMARK:
-                    I[STIFF + l] = 0
-                    if I[SHUT + l] > 0:
-                        soften(S, I, l, S[HL + l], props)
-            else:
-                S[G0 + l] = S[G1 + l]
+            newmark_ends(S, I, l, h)
+    elif HAS_ENDS:
+        ends(S, I, h)
+        for l in range(L):
+            if S[LOOK + l] > 0.0:
+                contact_peaks(S, I, l, S[HL + l], h)
+    reduce_step(S, props)
+    if GRADED:
+        for j in range(NC):
+            for l in range(L):
+                S[AGE + j * L + l] += S[HL + l]
+    for l in range(L):
+        rest = S[REM + l] - S[HL + l]
+        S[REM + l] = rest if rest > DONE * h else 0.0
+        I[TRIES + l] += I[TAKEN + l]
+    for l in range(L):
+        if I[TAKEN + l] != 0 and (CONCLUDES or I[LAND + l] > 0):
+            conclude(S, I, l, h, props)
+    copy(S)
+    left = 0
+    for l in range(L):
+        rest = S[REM + l]
+        left += 1 if rest > 0.0 else 0
+        I[FALLBACK + l] |= 1 if (rest > 0.0) & (I[TRIES + l] >= MAX_TRIES) else 0
+    return left
+
+
+@njit(**OPTIONS)
+def contact_step(S, I, W, props, ga, gb, h, number):
+    """Step `number`, of length h, of all lanes, in which some are, or come, in contact.
+
+    Returns the number of contacts that are closed at its end.
+    """
+    back(S)
+    for l in range(L):
+        engage(S, I, l, S[SCALE + l] * ga, S[SCALE + l] * gb, h)
+        I[STEP + l] = number
+    while contact_pass(S, I, W, props, h) > 0:
+        pass
     closed = 0
     for l in range(L):
         closed += I[SHUT + l]
     if NEEDS_ENDS and closed == 0:
-        for c in range(NC * L):  # flight goes on without contact forces
-            S[FS + c] = 0.0
-            S[FE + c] = 0.0
-            S[RS + c] = 0.0
-            S[RE + c] = 0.0
+        for l in range(L):
+            part(S, l)
     return closed
+
+
+@njit(**OPTIONS)
+def engage(S, I, l, g0, g1, h):
+    """Lane l begins a step of length h that its contacts may cut; g0 and g1 are its ground at both ends."""
+    S[REM + l] = h
+    S[GA + l] = g0
+    S[GB + l] = g1
+    I[TRIES + l] = 0
+    I[LAND + l] = 0
+
+
+@njit(**OPTIONS)
+def part(S, l):
+    """Flight goes on without contact forces."""
+    for j in range(NC):
+        q = j * L + l
+        S[FS + q] = 0.0
+        S[FE + q] = 0.0
+        S[RS + q] = 0.0
+        S[RE + q] = 0.0

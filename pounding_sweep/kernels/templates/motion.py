@@ -1,4 +1,4 @@
-"""What the contacts of a lane need of any law: relative motion, roots, ground, transferred energy."""
+"""What the contacts of a lane need of any law: relative motion, roots, transferred energy."""
 
 
 @njit(**OPTIONS)
@@ -57,20 +57,6 @@ def root(lo, hi, x0, b1, b2, b3, b4, sign):
         else:
             return t
     return hi
-
-
-@njit(**OPTIONS)
-def set_ground(S, l, ga, gb, h):
-    """Ground acceleration of this lane at both ends of its next sub-step."""
-    done = h - S[REM + l]
-    s = S[SCALE + l]
-    g0 = s * ga
-    g1 = s * gb
-    start = g0 if done <= 0.0 else g0 + (g1 - g0) * (done / h)
-    full = S[HL + l] >= S[REM + l]
-    end = g1 if full else g0 + (g1 - g0) * ((done + S[HL + l]) / h)
-    S[G0 + l] = start
-    S[G1 + l] = end
 
 
 @njit(**OPTIONS)

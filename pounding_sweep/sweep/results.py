@@ -1,0 +1,154 @@
+"""Results of a sweep's scenarios: each stays in the table of its chunk, in memory or on disk.
+
+Of every scenario only the place of its results, its status and whether it
+touched are held here; what is asked for is gathered from the tables. Memory
+therefore does not grow with the outputs of a sweep whose chunks are on disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pounding_sweep.cube.layout import inner_shape
+from pounding_sweep.cube.variables import Status, get_variable
+from pounding_sweep.scene import Scene
+
+
+def table_type(names: Iterable[str], scene: Scene) -> np.dtype:
+    """Return the type of a table of results: one row per scenario, one field per variable."""
+    return np.dtype([(name, get_variable(name).dtype, inner_shape(name, scene)) for name in names], align=True)
+
+
+def to_table(found: Mapping[str, np.ndarray], names: Iterable[str], scene: Scene) -> np.ndarray:
+    """Put variables of shape (n, *inner) side by side, one row per scenario.
+
+    Examples
+    --------
+    >>> from pounding_sweep.presets import get_preset
+    >>> table = to_table({"status": np.zeros(2, "i1")}, ["status"], get_preset("mate2015"))
+    >>> table["status"].tolist()
+    [0, 0]
+    """
+    kind = table_type(names, scene)
+    fields = kind.names or ()
+    table = np.empty(len(found[fields[0]]), kind)
+    for name in fields:
+        table[name] = found[name]
+    return table
+
+
+class _Filed(NamedTuple):
+    """A table in a file of numpy's format: `n` rows of type `kind`, at the end of it."""
+
+    path: Path
+    kind: np.dtype
+    n: int
+
+    def open(self) -> np.ndarray:
+        """Map the table; its header, always the same, is not read again."""
+        offset = self.path.stat().st_size - self.n * self.kind.itemsize
+        return np.memmap(self.path, self.kind, mode="r", offset=offset, shape=(self.n,))
+
+
+class Results:
+    """Where the results of scenarios stand.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Variables of the cube.
+    scene : Scene
+        The row, for their shapes.
+    n : int
+        Scenarios.
+
+    Attributes
+    ----------
+    status : ndarray of int8, shape (n,)
+        How each ended; not run, until it is answered.
+    touched : ndarray of bool, shape (n,)
+        Whether floors met, as far as a contact that lasted tells.
+    """
+
+    def __init__(self, names: Iterable[str], scene: Scene, n: int) -> None:
+        self.names = tuple(names)
+        self.scene = scene
+        self.status = np.full(n, int(Status.NOT_RUN), np.int8)
+        self.touched = np.zeros(n, bool)
+        self._slot = np.full(n, -1, np.int64)
+        self._tables: list[np.ndarray | _Filed] = []
+        self._first = [0]
+
+    def hold(self, table: np.ndarray, path: Path | None = None) -> tuple[int, np.ndarray]:
+        """Take up a table.
+
+        Parameters
+        ----------
+        table : ndarray, shape (m,)
+            Of `table_type`; further fields are passed over.
+        path : Path, optional
+            File that holds it already; then it is read from there.
+
+        Returns
+        -------
+        index : int
+            Number of the table, for `move`.
+        slots : ndarray of int64, shape (m,)
+            What its rows are known by.
+        """
+        self._tables.append(table if path is None else _Filed(path, table.dtype, len(table)))
+        self._first.append(self._first[-1] + len(table))
+        return len(self._tables) - 1, np.arange(self._first[-2], self._first[-1])
+
+    def move(self, index: int, path: Path) -> None:
+        """Let go of a table that is now in a file, to be read from there."""
+        table = self._tables[index]
+        assert isinstance(table, np.ndarray)
+        self._tables[index] = _Filed(path, table.dtype, len(table))
+
+    def answer(self, rows: np.ndarray, slots: np.ndarray, status: np.ndarray, touched: np.ndarray | bool) -> None:
+        """Say which rows of tables answer the scenarios `rows`, how they ended and whether they touched."""
+        self._slot[rows] = slots
+        self.status[rows] = status
+        self.touched[rows] = touched
+
+    def take(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """Gather the results of scenarios.
+
+        Parameters
+        ----------
+        rows : ndarray of int, shape (m,)
+            Scenarios, in any order, repeated or not.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Variable -> shape (m, *inner); those of scenarios without result are missing.
+        """
+        kind = table_type(self.names, self.scene)
+        found = {name: np.empty((len(rows), *kind[name].shape), kind[name].base) for name in self.names}
+        slots = self._slot[rows]
+        order = np.argsort(slots, kind="stable")
+        slots = slots[order]
+        edges = np.searchsorted(slots, self._first)
+        nowhere = order[: edges[0]]
+        for name, values in found.items():
+            values[nowhere] = self.status[rows[nowhere]] if name == "status" else get_variable(name).fill
+        for index in np.flatnonzero(np.diff(edges)).tolist():
+            here = slice(edges[index], edges[index + 1])
+            table = self._tables[index]
+            whole = table if isinstance(table, np.ndarray) else table.open()
+            part = np.asarray(whole).take(slots[here] - self._first[index])
+            for name, values in found.items():
+                values[order[here]] = part[name]
+        return found
+
+    def let_go(self) -> None:
+        """Let go of all tables; status and touched remain."""
+        self._tables.clear()
+        self._first = [0]
+        self._slot[:] = -1

@@ -1,0 +1,379 @@
+"""Sweeps that are larger than what may be held of them: memory, slabs, disk, and what a kill leaves behind."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from collections import namedtuple
+
+import netCDF4
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import AXES, OUTPUTS, motions, row
+
+from pounding_sweep.cube import slabs as slabbing
+from pounding_sweep.cube import write as writing
+from pounding_sweep.cube.describe import describe
+from pounding_sweep.cube.slabs import block_shape, cuts, slab_shape, slabs
+from pounding_sweep.cube.variables import Status, cube_variables
+from pounding_sweep.cube.write import write_cube
+from pounding_sweep.errors import OutputError, SweepError
+from pounding_sweep.sweep import filling
+from pounding_sweep.sweep import sweep as sweeping
+from pounding_sweep.sweep.execute import dispatcher_for, execute
+from pounding_sweep.sweep.results import Results, table_type, to_table
+from pounding_sweep.sweep.saving import Saver
+from pounding_sweep.sweep.store import ChunkStore
+from pounding_sweep.sweep.summary import summary_table
+from pounding_sweep.sweep.sweep import Sweep
+
+MIB = 2**20
+
+
+def make(**changes):
+    return Sweep(**{"scene": row(), "records": motions(), **AXES, **changes})
+
+
+def equal(found, expected):
+    """The data of two cubes, bit for bit."""
+    assert list(found.data_vars) == list(expected.data_vars)
+    assert set(found.coords) == set(expected.coords)
+    for name in expected.variables:
+        assert found[name].dtype == expected[name].dtype, name
+        assert found[name].values.tobytes() == expected[name].values.tobytes(), name
+
+
+# -- memory ------------------------------------------------------------------------------------------------------------
+
+MANY = """
+import json, os, sys
+import numpy as np
+import pounding_sweep as ps
+from pounding_sweep.cube.describe import describe
+from pounding_sweep.sweep.summary import summary_table
+
+jolt = ps.Record("jolt", 0.02, 3.0 * np.sin(np.arange(4)))
+
+def memory(what):
+    with open("/proc/self/status") as file:
+        return next(int(line.split()[1]) * 1024 for line in file if line.startswith(what))
+
+def sweep(gaps, factors, restitutions, out):
+    job = ps.Sweep(
+        "mate2015", jolt, "linear", gaps=np.linspace(0.0, 1e-6, gaps), dt=0.01, audit=0,
+        stiffness_factors=np.linspace(0.01, 0.02, factors), restitutions=np.linspace(0.1, 0.9, restitutions),
+    )
+    with job.run(out, overwrite=True) as cube:
+        describe(cube), summary_table(cube)
+        status = np.unique(cube["status"].values).tolist()
+    return {"run": job.last_outcome.run, "status": status, "file": os.path.getsize(out)}
+
+sizes, out = json.loads(sys.argv[1]), sys.argv[2]
+sweep(10, 2, 2, out)  # what is loaded and compiled once is no part of the question
+before = memory("VmRSS")
+with open("/proc/self/clear_refs", "w") as file:
+    file.write("5")  # the peak is that of what follows
+print(json.dumps({**sweep(*sizes, out), "before": before, "peak": memory("VmHWM")}))
+"""
+
+
+def peak_of(sizes, folder):
+    if not os.access("/proc/self/clear_refs", os.W_OK):
+        pytest.skip("needs /proc")
+    command = [sys.executable, "-c", MANY, json.dumps(sizes), str(folder / "out.nc")]
+    return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+
+
+def test_a_broadcast_cube_is_never_in_memory(tmp_path):
+    """60,000 scenarios that answer twenty asked ones each."""
+    found = peak_of([600, 100, 20], tmp_path)
+    assert found["run"] == 60_000 + 1
+    assert found["status"] == [Status.OK]
+    assert found["file"] > 500 * MIB
+    assert found["peak"] - found["before"] < 300 * MIB
+
+
+@pytest.mark.slow
+def test_a_million_scenarios_stay_below_a_gibibyte(tmp_path):
+    found = peak_of([10_000, 100, 1], tmp_path)
+    assert found["run"] == 1_000_000 + 1
+    assert found["file"] > 440 * MIB
+    assert found["peak"] - found["before"] < 300 * MIB
+    assert found["peak"] < 1024 * MIB
+
+
+def test_a_cube_that_does_not_fit_is_refused_before_it_is_run(monkeypatch):
+    sweep = make()
+    needed = 3 * sweep.plan().bytes_per_scenario * sweep.spec.n_scenarios
+    monkeypatch.setattr("pounding_sweep.sweep.plan.PLAN_BYTES", 1)
+    monkeypatch.setattr(sweeping, "_free_memory", lambda: needed - 1)
+    with pytest.raises(SweepError, match=r"the cube of 180 scenarios needs about .* GiB of memory, .* are free"):
+        sweep.run()
+
+
+def test_free_memory_counts_what_the_system_can_give_back():
+    assert 2**20 < sweeping._free_memory() <= os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+# -- slabs -------------------------------------------------------------------------------------------------------------
+
+SIZES = st.lists(st.integers(1, 7), min_size=1, max_size=5).map(tuple)
+
+
+@given(SIZES, st.integers(1, 400), st.integers(1, 4000))
+def test_slabs_are_whole_blocks_and_together_the_cube(sizes, block_most, slab_most):
+    block = block_shape(sizes, block_most)
+    assert math.prod(block) <= block_most
+    shape = slab_shape(sizes, block, slab_most)
+    assert math.prod(shape) <= max(slab_most, math.prod(block))
+    seen = np.zeros(sizes, int)
+    for slab in slabs(sizes, shape):
+        for part, own, size in zip(slab, block, sizes, strict=True):
+            assert part.start % own == 0
+            assert part.stop % own == 0 or part.stop == size
+        seen[slab] += 1
+    assert (seen == 1).all()
+
+
+@given(SIZES, st.integers(1, 400))
+def test_blocks_are_as_large_as_they_may_be(sizes, most):
+    """Inner dimensions whole; the one that is cut, in as few parts as can be."""
+    block = block_shape(sizes, most)
+    split = next((axis for axis in reversed(range(len(sizes))) if block[axis] < sizes[axis]), 0)
+    assert block[split + 1 :] == sizes[split + 1 :]
+    assert set(block[:split]) <= {1}
+    room = max(1, most // math.prod(sizes[split + 1 :]))
+    assert math.ceil(sizes[split] / block[split]) == math.ceil(sizes[split] / room)
+
+
+@pytest.fixture
+def small_slabs(monkeypatch):
+    """Blocks of four scenarios, slabs of some blocks, chunks of a lane group."""
+    for module in (slabbing, filling):
+        monkeypatch.setattr(module, "SLAB_BYTES", 2000)
+    monkeypatch.setattr(filling, "BLOCK_BYTES", 100)
+    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """The small sweep, in memory and in one piece, some of it refused."""
+    return make(stiffness_factors=[1.0, 1e3]).run(scheduler="synchronous")
+
+
+@pytest.mark.usefixtures("small_slabs")
+def test_slabs_change_no_bit(reference, tmp_path):
+    sweep = make(stiffness_factors=[1.0, 1e3])
+    with sweep.run(tmp_path / "out.nc", workers=2) as stored:
+        equal(stored, reference)
+    equal(sweep.run(workers=2), reference)
+    write_cube(reference, tmp_path / "whole.nc")
+    with netCDF4.Dataset(tmp_path / "out.nc") as file, netCDF4.Dataset(tmp_path / "whole.nc") as whole:
+        assert set(file.ncattrs()) == set(whole.ncattrs())
+        assert file.coordinates == whole.coordinates
+        assert set(file.variables) == set(whole.variables)
+        for name, other in whole.variables.items():
+            assert file[name].dtype == other.dtype, name
+            assert file[name].dimensions == other.dimensions, name
+            assert set(file[name].ncattrs()) == set(other.ncattrs()), name
+            for key in other.ncattrs():
+                np.testing.assert_array_equal(file[name].getncattr(key), other.getncattr(key), err_msg=f"{name} {key}")
+        for name in cube_variables(OUTPUTS):
+            assert file[name].chunking() == [1, 1, 1, 2, 2, 1, *file[name].shape[6:]], name
+            assert not file[name].filters()["zlib"]
+
+
+@pytest.mark.usefixtures("small_slabs")
+def test_a_large_cube_is_described_in_parts(reference, tmp_path, monkeypatch):
+    with make(stiffness_factors=[1.0, 1e3]).run(tmp_path / "out.nc") as stored:
+        assert len(list(cuts(stored["displacement_max"]))) == 3
+        text, summary = describe(stored), summary_table(stored)
+    monkeypatch.undo()
+    assert list(cuts(reference["displacement_max"])) == [{}]
+
+    def body(lines):
+        return [line for line in lines.splitlines() if "made by" not in line]
+
+    assert body(text) == body(describe(reference))
+    assert summary == summary_table(reference)
+
+
+def test_a_median_is_that_of_all_values():
+    from pounding_sweep.sweep.summary import _median
+
+    for values in ([3.0], [1.0, 2.0], [1.0, 1.0, 7.0], [5.0, 1.0, 1.0, 4.0], [2.0] * 6 + [9.0] * 6):
+        times = {value: values.count(value) for value in values}
+        assert _median(times) == np.median(values)
+
+
+# -- results that stand in several tables ------------------------------------------------------------------------------
+
+
+@given(st.data())
+def test_results_are_gathered_from_wherever_they_are(tmp_path_factory, data):
+    names, scene, n = ("displacement_max", "impact_count", "status", "steps_per_contact"), row(), 12
+    random = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    whole = np.empty(n, table_type(names, scene))
+    whole["displacement_max"], whole["steps_per_contact"] = random.random((n, 3, 1)), random.random(n)
+    whole["impact_count"], whole["status"] = random.integers(0, 9, (n, 2, 1)), 0
+    results = Results(names, scene, n)
+    folder = tmp_path_factory.mktemp("tables")
+    order = random.permutation(n)[: data.draw(st.integers(0, n))]
+    for number, rows in enumerate(np.array_split(order, data.draw(st.integers(1, 4)))):
+        if len(rows):
+            index, slots = results.hold(whole[rows])
+            results.answer(rows, slots, whole["status"][rows], True)
+            if data.draw(st.booleans()):
+                np.save(folder / f"{number}.npy", whole[rows])
+                results.move(index, folder / f"{number}.npy")
+    rows = random.integers(0, n, 20)
+    known = np.isin(rows, order)
+    found = results.take(rows)
+    for name in names:
+        np.testing.assert_array_equal(found[name][known], whole[name][rows[known]], err_msg=name)
+    assert (found["status"][~known] == Status.NOT_RUN).all()
+    assert (found["impact_count"][~known] == -1).all()
+    assert np.isnan(found["displacement_max"][~known]).all()
+    assert (results.touched[rows] == known).all()
+
+
+def test_results_in_memory_and_in_files_are_the_same(tmp_path):
+    plan = make().plan()
+    here = execute(plan, dispatcher_for(plan, "synchronous")).results
+    store = ChunkStore(tmp_path / "parts", plan.digest).open()
+    there = execute(plan, dispatcher_for(plan, workers=2), store=store).results
+    again = execute(plan, dispatcher_for(plan, workers=2), store=store)
+    assert again.run == 0
+    assert again.reused == plan.n_unique - again.untouched
+    rows = np.arange(len(plan.unique))
+    for name, values in here.take(rows).items():
+        for other in (there, again.results):
+            assert other.take(rows)[name].tobytes() == values.tobytes(), name
+
+
+# -- disk --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_cube_that_does_not_fit_on_the_disk(tmp_path, monkeypatch):
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: usage(10**6, 10**6 - 9000, 9000))
+    with pytest.raises(OutputError, match=r"the cube of 180 scenarios, .*needs about .* GiB of disk.*path on another"):
+        make().run(tmp_path / "out.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_chunks_that_are_there_need_no_room_again(tmp_path, monkeypatch):
+    def stop(*arguments, **more):
+        raise KeyboardInterrupt
+
+    sweep, out = make(), tmp_path / "out.nc"
+    with monkeypatch.context() as patch:
+        patch.setattr(filling, "write_cube_of", stop)
+        with pytest.raises(KeyboardInterrupt):
+            sweep.run(out)
+    there, asked = sum(p.stat().st_size for p in (tmp_path / "out.nc.parts").glob("chunk-*")), []
+    assert there > 0
+    monkeypatch.setattr(writing, "check_space", lambda folder, needed, what: asked.append(needed))
+    sweep.run(out).close()
+    plan = sweep.plan()
+    assert asked == [(plan.n_asked + plan.n_unique) * plan.bytes_per_scenario - there]
+
+
+def test_chunks_may_stand_on_another_disk(reference, tmp_path):
+    if not os.path.isdir("/dev/shm") or os.stat("/dev/shm").st_dev == tmp_path.stat().st_dev:
+        pytest.skip("needs a second disk")
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as elsewhere:
+        (tmp_path / "out.nc.parts").symlink_to(elsewhere)
+        with make(stiffness_factors=[1.0, 1e3]).run(tmp_path / "out.nc") as cube:
+            equal(cube, reference)
+        assert os.listdir(elsewhere) == []
+        assert sorted(p.name for p in tmp_path.iterdir()) == ["out.nc", "out.nc.parts"]
+
+
+def test_a_parts_path_that_is_a_file(tmp_path):
+    (tmp_path / "out.nc.parts").write_text("mine")
+    with pytest.raises(OutputError, match="is not a folder"):
+        make().run(tmp_path / "out.nc")
+
+
+KILLED = """
+import os, signal, sys
+sys.path.insert(0, sys.argv[2])
+from pounding_sweep.sweep import filling
+from test_memory import make
+
+filling.SLAB_BYTES, filling.BLOCK_BYTES = 2000, 100
+true_slabs = filling._slabs
+
+def killed(*arguments):
+    for number, slab in enumerate(true_slabs(*arguments)):
+        if number == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield slab
+
+filling._slabs = killed
+make(stiffness_factors=[1.0, 1e3]).run(sys.argv[1])
+"""
+
+
+def test_killed_while_the_cube_is_written(reference, tmp_path):
+    out, parts = tmp_path / "out.nc", tmp_path / "out.nc.parts"
+    code = [sys.executable, "-c", KILLED, str(out), os.path.dirname(__file__)]
+    assert subprocess.run(code, check=False).returncode == -signal.SIGKILL
+    assert [p.name for p in tmp_path.iterdir()] == [parts.name]  # no half cube, and nothing beside it
+    assert [p for p in parts.iterdir() if p.name.startswith(".pounding_sweep")]
+    sweep = make(stiffness_factors=[1.0, 1e3])
+    with sweep.run(out) as cube:
+        equal(cube.drop_attrs(), reference.drop_attrs())
+    assert sweep.last_outcome.run == 0
+    assert sweep.last_outcome.reused > 0
+    assert [p.name for p in tmp_path.iterdir()] == [out.name]
+
+
+# -- writing beside the run --------------------------------------------------------------------------------------------
+
+
+def saved(results, store, error=None):
+    """Save three tables, and fail in between."""
+    with Saver(store, results) as saver:
+        for key in "abc":
+            table = to_table({"status": np.zeros(2, "i1")}, ["status"], row())
+            index, slots = results.hold(table)
+            results.answer(np.arange(2), slots, table["status"], False)
+            saver.save(key, table, index)
+            if error is not None and key == "b":
+                raise error
+
+
+def test_what_was_to_be_saved_is_saved_whatever_ends_the_run(tmp_path):
+    for error, keys in ((None, "abc"), (KeyboardInterrupt(), "ab")):
+        store = ChunkStore(tmp_path / keys, "x").open()
+        results = Results(["status"], row(), 2)
+        if error is None:
+            saved(results, store)
+            assert results.take(np.arange(2))["status"].tolist() == [0, 0]
+        else:
+            with pytest.raises(KeyboardInterrupt):
+                saved(results, store, error)
+        assert store.completed() == set(keys)
+
+
+def test_a_failed_write_is_told_once_and_by_its_cause(tmp_path, monkeypatch):
+    def full(self, key, table):
+        msg = f"no space for {key}"
+        raise OutputError(msg)
+
+    monkeypatch.setattr(ChunkStore, "write", full)
+    results = Results(["status"], row(), 2)
+    store = ChunkStore(tmp_path / "parts", "x").open()
+    with pytest.raises(OutputError, match="no space for a"):
+        saved(results, store)
+    with pytest.raises((KeyboardInterrupt, OutputError)):
+        saved(results, store, KeyboardInterrupt())

@@ -1,0 +1,783 @@
+"""Axes over building properties, against scenes whose buildings are built with the properties themselves."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import textwrap
+import tracemalloc
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import OUTPUTS, motions, row
+from scipy.linalg import expm
+
+import pounding_sweep as ps
+from pounding_sweep.accuracy.timescales import approach_speeds, highest_frequency, shortest_contact
+from pounding_sweep.accuracy.trade_sample import find_touching
+from pounding_sweep.contact.laws import get_law
+from pounding_sweep.cube.variables import reducers_for
+from pounding_sweep.errors import SweepError
+from pounding_sweep.kernels import cache
+from pounding_sweep.kernels.shape import LANES, input_slots, property_slots
+from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.sweep import plan as planning
+from pounding_sweep.sweep.axes import Case
+from pounding_sweep.sweep.blocks import Numerics, RowKernel
+from pounding_sweep.sweep.flight import transitions
+from pounding_sweep.sweep.plan import PLAN_BYTES, make_plan
+from pounding_sweep.sweep.resolution import displacement_limit, energy_limit, phase_error
+from pounding_sweep.sweep.spec import build_spec, to_json
+from pounding_sweep.sweep.stability import largest_step
+from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.sweep.toml_file import load_spec
+from pounding_sweep.sweep.variants import Variants, variants_of
+
+PERIODS, MASSES, RATIOS = {"a": [0.8, 1.0, 1.5]}, {"b": [2.0, 1.0]}, [0.02, 0.05]
+AXES = {"period_factors": PERIODS, "mass_factors": MASSES, "damping_ratios": RATIOS}
+
+
+def built(scene, periods=(), masses=(), ratio=None):
+    """The scene with buildings made anew from their factored masses and stiffnesses."""
+    f, g = dict(periods), dict(masses)
+    items = [
+        item
+        if isinstance(item, Wall)
+        else Building(
+            item.name,
+            [m * g.get(item.name, 1.0) for m in item.masses],
+            [k * g.get(item.name, 1.0) / f.get(item.name, 1.0) ** 2 for k in item.stiffnesses],
+            item.damping_ratio if ratio is None else ratio,
+            item.storey_heights,
+        )
+        for item in scene.row
+    ]
+    return Scene(items, scene.gaps, scene.contact)
+
+
+def tall():
+    """Two buildings of several storeys, one with a damping ratio of its own for each mode, and a wall."""
+    return Scene(
+        [
+            Building("a", [100.0, 90.0, 80.0], [9e4, 8e4, 7e4], (0.03, 0.05)),
+            Building("b", [120.0, 60.0], [2e5, 1e5]),
+            Wall("moat"),
+        ],
+        gaps=[0.004, 0.006],
+        contact=ContactProperties(linear_stiffness=2e5, hertz_stiffness=1e6, restitution=0.5),
+    )
+
+
+def some_variants(scene, n, seed=0):
+    """Random variants, the first the scene as given, the second with its own damping."""
+    rng = np.random.default_rng(seed)
+    size = (n, len(scene.buildings))
+    found = Variants(scene, rng.uniform(0.4, 2.5, size), rng.uniform(0.3, 3.0, size), rng.uniform(0.0, 0.3, n))
+    found.period_factor[0] = found.mass_factor[0] = 1.0
+    found.damping_ratio[:2] = np.nan
+    return found
+
+
+def scenes_of(variants):
+    """Each row as a scene that is built so."""
+    names = [b.name for b in variants.scene.buildings]
+    return [
+        built(
+            variants.scene,
+            zip(names, variants.period_factor[i], strict=True),
+            zip(names, variants.mass_factor[i], strict=True),
+            None if np.isnan(variants.damping_ratio[i]) else float(variants.damping_ratio[i]),
+        )
+        for i in range(len(variants))
+    ]
+
+
+# -- what follows from the factors -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scene", [row(), tall()], ids=["one storey", "several"])
+def test_properties_are_those_of_buildings_built_so(scene):
+    variants = some_variants(scene, 20)
+    for i, other in enumerate(scenes_of(variants)):
+        exact = {"rtol": 1e-13}
+        np.testing.assert_allclose(variants.masses[i], np.concatenate([b.masses for b in other.buildings]), **exact)
+        stiffness = np.concatenate([b.stiffnesses for b in other.buildings])
+        np.testing.assert_allclose(variants.stiffnesses[i], stiffness, **exact)
+        np.testing.assert_allclose(variants.contact_masses[i], [c.mass for c in other.contacts], **exact)
+        for j, building in enumerate(other.buildings):
+            np.testing.assert_allclose(variants.frequencies(j)[i], building.frequencies, rtol=1e-12)
+            found = [factor[i] for factor in variants.rayleigh(j)]
+            np.testing.assert_allclose(found, building.rayleigh, rtol=1e-11, atol=1e-15)
+
+
+def test_a_period_factor_keeps_masses_and_a_mass_factor_keeps_periods():
+    scene = row()
+    slower = Variants(scene, np.array([[2.0, 1.0, 1.0]]), np.ones((1, 3)), np.array([np.nan]))
+    heavier = Variants(scene, np.ones((1, 3)), np.array([[2.0, 1.0, 1.0]]), np.array([np.nan]))
+    own = variants_of(scene)
+    assert slower.frequencies(0)[0, 0] == 0.5 * own.frequencies(0)[0, 0]
+    assert (slower.masses == own.masses).all()
+    assert heavier.frequencies(0)[0, 0] == own.frequencies(0)[0, 0]
+    assert heavier.masses[0].tolist() == [200.0, 80.0, 120.0]
+    assert heavier.contact_masses[0, 0] == pytest.approx(200.0 * 80.0 / 280.0)
+
+
+def by_exponential(building, h):
+    """A, p and q from the exponential of the whole building's matrix, the ground's line two more states."""
+    m, n = np.array(building.masses), building.n_storeys
+    a, b = building.rayleigh
+    big = np.zeros((2 * n + 2, 2 * n + 2))
+    big[:n, n : 2 * n] = np.eye(n)
+    big[n : 2 * n, :n] = -building.stiffness_matrix / m[:, None]
+    big[n : 2 * n, n : 2 * n] = -a * np.eye(n) - b * building.stiffness_matrix / m[:, None]
+    big[n : 2 * n, 2 * n] = -1.0
+    big[2 * n, 2 * n + 1] = 1.0 / h
+    moved = expm(big * h)[: 2 * n]
+    return np.column_stack([moved[:, : 2 * n], moved[:, 2 * n] - moved[:, 2 * n + 1], moved[:, 2 * n + 1]])
+
+
+def close_by_blocks(found, want):
+    """Each block (of displacements, velocities and ground) relative to its largest number."""
+    n = len(want) // 2
+    for rows in (slice(0, n), slice(n, 2 * n)):
+        for columns in (slice(0, n), slice(n, 2 * n), slice(2 * n, 2 * n + 2)):
+            block = want[rows, columns]
+            np.testing.assert_allclose(found[rows, columns], block, rtol=0, atol=1e-11 * np.abs(block).max())
+
+
+storey = st.tuples(st.floats(10.0, 500.0), st.floats(1e3, 1e6))
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(storey, min_size=1, max_size=5),
+    st.sampled_from([0.0, 0.02, 0.2, 0.7, 0.95]),  # beyond the first two modes, the last are over-damped
+    st.floats(-2.5, 0.4),
+    st.floats(0.3, 3.0),
+)
+def test_transitions_are_those_of_the_matrix_exponential(storeys, ratio, log_turn, factor):
+    masses, stiffnesses = zip(*storeys, strict=True)
+    scene = Scene([Building("a", masses, stiffnesses)])
+    variants = Variants(scene, np.array([[1.0], [factor]]), np.ones((2, 1)), np.array([np.nan, ratio]))
+    h = 10.0**log_turn / float(scene.buildings[0].frequencies[-1])
+    found = transitions(variants, h)
+    n = len(masses)
+    for i, other in enumerate(scenes_of(variants)):
+        close_by_blocks(found[:, i].reshape(2 * n, 2 * n + 2), by_exponential(other.buildings[0], h))
+
+
+def test_critical_damping_is_no_special_case():
+    w, h = 10.0, 0.05
+    for ratio in (1.0 - 1e-7, 1.0, 1.0 + 1e-7):
+        # one storey with c = a m: a = 2 zeta w
+        spring = Building("a", [1.0], [w**2], damping_ratio=0.5)
+        variants = Variants(Scene([spring]), np.ones((1, 1)), np.ones((1, 1)), np.array([ratio]))
+        found = transitions(variants, h)[:, 0].reshape(2, 4)
+        free = expm(np.array([[0.0, 1.0], [-(w**2), -2.0 * ratio * w]]) * h)
+        np.testing.assert_allclose(found[:, :2], free, rtol=1e-12)
+
+
+def test_variants_that_repeat_are_found_like_single_ones():
+    scene = tall()
+    variants = some_variants(scene, 40)[np.arange(3000) % 40]
+    once = transitions(variants[np.arange(40)], 0.01)
+    assert np.array_equal(transitions(variants, 0.01), np.tile(once, 75))
+
+
+@pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "hertz_damped"])
+@pytest.mark.parametrize("method", ["rk4", "exact", "newmark"])
+def test_limits_are_those_of_buildings_built_so(law, method):
+    variants, k, e = some_variants(tall(), 12), np.geomspace(1e3, 1e7, 12), np.linspace(0.2, 1.0, 12)
+    more = {"method": method, "beta": 0.1}
+    found = largest_step(variants, get_law(law), k, e, **more)
+    want = [largest_step(s, get_law(law), k[[i]], e[[i]], **more)[0] for i, s in enumerate(scenes_of(variants))]
+    np.testing.assert_allclose(found, want, rtol=1e-12)
+    assert len(set(want)) > 6
+
+
+def test_estimates_are_those_of_buildings_built_so():
+    variants, record = some_variants(tall(), 12), motions()[0]
+    scenes, k, e = scenes_of(variants), np.geomspace(1e3, 1e7, 12), np.linspace(0.2, 1.0, 12)
+    speeds = approach_speeds(variants, record)
+    for method in ("rk4", "newmark"):
+        numerics = Numerics(method, 0.004)
+        want = [phase_error(s, record, numerics)[0] for s in scenes]
+        np.testing.assert_allclose(phase_error(variants, record, numerics), want, rtol=1e-11)
+    for i, scene in enumerate(scenes):
+        np.testing.assert_allclose(highest_frequency(variants)[i], highest_frequency(scene)[0], rtol=1e-12)
+        np.testing.assert_allclose(speeds[i], approach_speeds(scene, record)[0], rtol=1e-10)
+        one, some = np.ones(1), np.ones(12)
+        energy = energy_limit(scene, record, one)
+        np.testing.assert_allclose(energy_limit(variants, record, some)[i], energy[0], rtol=1e-12)
+        far = displacement_limit(scene, energy)[0]
+        np.testing.assert_allclose(displacement_limit(variants, energy_limit(variants, record, some))[i], far)
+        for law in ("kelvin_voigt", "hertz_damped"):
+            lasting = shortest_contact(scene, get_law(law), k[[i]], e[[i]], speeds[[i]])
+            found = shortest_contact(variants, get_law(law), k, e, speeds)[i]
+            np.testing.assert_allclose(found, lasting[0], rtol=1e-12)
+
+
+# -- what a kernel is given --------------------------------------------------------------------------------------------
+
+
+def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
+    """What the kernel is called with: steps of flight, constants, and inputs of each scenario."""
+    taken = {}
+
+    def kernel_of(shape):
+        del shape
+
+        def run(acceleration, dt, steps, glides, constants, lanes, results, history):
+            del acceleration, dt, steps, results, history
+            taken["glides"], taken["constants"] = glides, constants.copy()
+            taken.setdefault("lanes", []).append(lanes.copy())
+
+        return run
+
+    monkeypatch.setattr(cache, "get_kernel", kernel_of)
+    pairs = len(kernel.scene.pair_names)
+    given = {"scale": np.ones(n), "gaps": np.full((n, pairs), 0.01), "stiffness": np.full(n, 2e5)}
+    kernel.run(record, **given, restitution=np.full(n, 0.5), variants=variants)
+    slots = input_slots(kernel.shape).size
+    lanes = np.concatenate(taken["lanes"]).reshape(-1, slots, LANES).transpose(0, 2, 1).reshape(-1, slots)
+    return taken["glides"], taken["constants"], lanes
+
+
+@pytest.mark.parametrize("law", ["none", "linear", "kelvin_voigt"])
+@pytest.mark.parametrize("method", ["rk4", "newmark", "exact"])
+def test_lanes_hold_the_constants_of_buildings_built_so(law, method, monkeypatch):
+    monkeypatch.setattr("pounding_sweep.sweep.blocks.SLAB_BYTES", 20_000)  # handed over in several parts
+    scene, record = tall(), motions()[0]
+    variants = some_variants(scene, 50)
+    more = (get_law(law), Numerics(method, 0.002), reducers_for(["impact_force_max", "displacement_max"]))
+    kernel = RowKernel(scene, *more, varied=True)
+    assert not RowKernel(scene, *more).shape.varied
+    glides, _, lanes = inputs_of(kernel, record, monkeypatch, variants, 50)
+    assert len(lanes) == 64
+    assert (lanes[50:] == lanes[49]).all()  # idle lanes repeat the last scenario
+    inputs = input_slots(kernel.shape)
+    for i, other in enumerate(scenes_of(variants)):
+        own = RowKernel(other, *more)
+        _, _, alone = inputs_of(own, record, monkeypatch)
+        theirs = property_slots(own.shape)
+        constants = own.constants_for(record, glides)
+        for name, first in inputs.first.items():
+            values = lanes[i, first : first + inputs.count[name]]
+            if name.startswith("p_"):
+                at = theirs.first[name[2:]]
+                want = constants[at : at + inputs.count[name]]
+                np.testing.assert_allclose(values, want, rtol=1e-11, atol=1e-13 * np.abs(want).max(), err_msg=name)
+            else:
+                at = input_slots(own.shape).first[name]
+                np.testing.assert_allclose(values, alone[0, at : at + len(values)], rtol=1e-12, err_msg=name)
+    varied = {name for name in inputs.first if name.startswith("p_")}
+    contact = {"p_reduced"} if law != "none" else set()
+    flight = {"p_glide", "p_short"} if method == "exact" else set()
+    assert varied == {"p_m", "p_im", "p_k", "p_alpha", "p_beta"} | contact | flight
+
+
+def test_flights_suit_the_fastest_of_a_chunk():
+    scene, record = tall(), motions()[0]
+    variants = some_variants(scene, 30)
+    kernel = RowKernel(scene, get_law("linear"), Numerics("exact", 0.001), frozenset({"force"}), varied=True)
+    each = kernel.glides(record, variants)
+    want = [
+        RowKernel(s, get_law("linear"), Numerics("exact", 0.001), frozenset({"force"})).glides(record)[0]
+        for s in scenes_of(variants)
+    ]
+    assert each.tolist() == want
+    assert len(set(want)) > 2
+    sweep = Sweep(
+        scene, record, "linear", gaps=[0.001, 0.002], period_factors={"a": ps.Range(0.3, 3.0, 40)}, method="exact"
+    )
+    plan = sweep.plan()
+    kinds = set()
+    for chunk in plan.chunks(np.arange(len(plan.unique))):
+        kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
+        steps = kernel.glides(record, plan.variants[plan.unique.variant[chunk.rows]])
+        assert len(set(steps.tolist())) == 1  # so that a result does not depend on how scenarios are cut
+        kinds |= set(steps.tolist())
+    assert len(kinds) > 1
+
+
+# -- sweeps ------------------------------------------------------------------------------------------------------------
+
+WHOLE = {
+    "laws": ["linear", "none", "kelvin_voigt"],
+    "gaps": [0.0005, 0.5, 0.002],
+    "dt": 0.005,
+    "audit": 0,
+    "outputs": [*OUTPUTS, "storey_shear_max", "energy_input", "energy_kinetic"],
+}
+COUNTED = ("status", "impact_count")
+
+
+def same_values(found, want, rtol, told=""):
+    for name in want.data_vars:
+        x, y = found[name].values, want[name].values
+        if name in COUNTED:
+            np.testing.assert_array_equal(x, y, err_msg=f"{told} {name}")
+        else:
+            np.testing.assert_allclose(x, y, rtol=rtol, atol=rtol * np.nanmax(np.abs(y), initial=0.0), err_msg=told)
+
+
+@pytest.mark.parametrize(("method", "rtol"), [("rk4", 1e-12), ("newmark", 1e-10), ("exact", 1e-5)])
+def test_a_sweep_equals_those_of_scenes_built_so(method, rtol):
+    whole = {**WHOLE, "records": motions(), "method": method}
+    sweep = Sweep(row(), **whole, **AXES)
+    cube = sweep.run(scheduler="synchronous")
+    assert np.isfinite(cube["displacement_max"]).all()
+    assert cube["impact_count"].sel(gap=0.0005, law="linear").min(["period_factor_a"]).sum() > 0
+    for f, g, z in itertools.product(PERIODS["a"], MASSES["b"], RATIOS):
+        own = Sweep(built(row(), {"a": f}, {"b": g}, z), **whole).run(scheduler="synchronous")
+        same_values(cube.sel(period_factor_a=f, mass_factor_b=g, damping_ratio=z), own, rtol, f"{f} {g} {z}")
+    outcome = sweep.last_outcome
+    # 2 records and 12 variants: none once, two laws with three gaps each
+    assert sweep.plan().n_unique == 2 * 12 * (1 + 2 * 3)
+    assert outcome.run + outcome.untouched == sweep.plan().n_unique
+    if method == "rk4":
+        assert outcome.untouched == 2 * 12 * 2  # 0.5 m never closes
+
+
+def test_listed_cases_equal_scenes_built_so():
+    scene, records = tall(), motions()
+    more = {"dt": 0.002, "audit": 0, "outputs": WHOLE["outputs"]}
+    cases = [
+        Case("linear", record="one"),
+        Case("linear", record="one", period_factors={"b": 1.4}),
+        Case("kelvin_voigt", record="two", mass_factors={"a": 0.5, "b": 2.0}, damping_ratio=0.1, gap=0.001),
+        {"law": "none", "record": "two", "period_factors": {"a": 0.7}, "mass_factors": {"a": 3.0}},
+    ]
+    cube = Sweep(scene, records, cases=cases, **more).run(scheduler="synchronous")
+    by_name = {record.name: record for record in records}
+    for i, case in enumerate(cases):
+        given = case if isinstance(case, dict) else vars(case)
+        f, g = (dict(given.get(name) or {}) for name in ("period_factors", "mass_factors"))
+        other = built(scene, f, g, given.get("damping_ratio"))
+        alone = {"law": given["law"], **({"gap": given["gap"]} if given.get("gap") else {})}
+        own = Sweep(other, by_name[given["record"]], cases=[alone], **more).run(scheduler="synchronous")
+        same_values(cube.isel(case=[i]), own, 1e-11, str(i))
+        np.testing.assert_allclose(cube["fundamental_period"][i], [b.periods[0] for b in other.buildings], rtol=1e-12)
+        assert cube["period_factor"][i].values.tolist() == [f.get("a", 1.0), f.get("b", 1.0)]
+        assert cube["mass_factor"][i].values.tolist() == [g.get("a", 1.0), g.get("b", 1.0)]
+    np.testing.assert_array_equal(cube["damping_ratio"], [np.nan, np.nan, 0.1, np.nan])
+
+
+def test_results_do_not_depend_on_how_scenarios_are_cut(monkeypatch):
+    axes = {"period_factors": {"a": ps.Range(0.5, 2.0, 9)}, "damping_ratios": RATIOS}
+    more = {**WHOLE, "records": motions()[0], "laws": "kelvin_voigt", "gaps": [0.0005, 0.002, 0.003]}
+    whole = Sweep(row(), **more, **axes).run(scheduler="synchronous")
+    monkeypatch.setattr(planning, "CHUNK_SECONDS", 1e-9)
+    sweep = Sweep(row(), **more, **axes)
+    assert len(sweep.plan().chunks(np.arange(54))) == 4
+    xr.testing.assert_identical(sweep.run(scheduler="threads", workers=2).drop_attrs(), whole.drop_attrs())
+
+
+def test_who_can_touch_follows_the_buildings():
+    gaps = [0.02, 0.06, 0.1, 0.15, 0.2]
+    plan = plan_of(laws="linear", gaps=gaps, records=motions()[0], period_factors=PERIODS, mass_factors=MASSES)
+    touching = find_touching(plan)
+    assert 0 < touching.sum() < len(touching)
+    for f, g in itertools.product(PERIODS["a"], MASSES["b"]):
+        mine = plan.variants.period_factor[plan.unique.variant, 0] == f
+        mine &= plan.variants.mass_factor[plan.unique.variant, 1] == g
+        own = plan_of(built(row(), {"a": f}, {"b": g}), laws="linear", gaps=gaps, records=motions()[0])
+        assert touching[mine].tolist() == find_touching(own).tolist()
+
+
+def test_the_audit_of_a_sweep_over_properties_is_of_its_own_scenarios():
+    sweep = Sweep(row(), **{**WHOLE, "records": motions(), "audit": 0.2, "laws": "linear", "dt": 0.002}, **AXES)
+    cube = sweep.run(scheduler="synchronous")
+    found, plan = sweep.last_audit, sweep.plan()
+    variants = plan.variants[plan.unique.variant[found.rows]]
+    assert len(set(plan.unique.variant[found.rows].tolist())) > 2
+    np.testing.assert_array_equal(cube["audit_period_factor"], variants.period_factor)
+    np.testing.assert_array_equal(cube["audit_mass_factor"], variants.mass_factor)
+    np.testing.assert_array_equal(cube["audit_damping_ratio"], variants.damping_ratio)
+    assert found.error.max() < 1e-2  # the same buildings again, not others
+
+
+# -- planning ----------------------------------------------------------------------------------------------------------
+
+
+def plan_of(scene=None, **changes):
+    return make_plan(build_spec(scene=scene or row(), **{**WHOLE, "records": motions(), **changes}))
+
+
+def test_a_scene_that_does_not_vary_holds_and_computes_nothing_more():
+    for axes in ({}, {"period_factors": {"a": 1.0}, "damping_ratios": 0.05}):
+        plan = plan_of(**axes)
+        assert len(plan.variants) == 1
+        assert not plan.unique.variant.strides[0]  # one number, repeated
+        assert not any(kernel.shape.varied for kernel in plan.kernels().values())
+    assert all(kernel.shape.varied for kernel in plan_of(damping_ratios=0.04).kernels().values())
+
+
+def test_runs_without_pounding_are_shared_by_what_they_have_in_common():
+    plan = plan_of(**AXES, scales=[0.5, 1.0])
+    assert len(plan.motions) == 2 * 2 * 12
+    table, of = plan.unique, plan.motion_of
+    for name in ("record", "scale", "variant"):
+        np.testing.assert_array_equal(getattr(plan.motions, name)[of], getattr(table, name))
+    assert set(plan.motions_to_run) == set(range(48))
+    # what a motion could spare must be worth its own run
+    assert not len(plan_of(laws="linear", gaps=[0.01, 0.02, 0.03], **AXES).motions_to_run)
+    assert len(plan_of(laws="linear", gaps=[0.01, 0.02, 0.03, 0.04], **AXES).motions_to_run) == 24
+    assert len(plan_of(laws="none", gaps=0.01, **AXES).motions_to_run) == 24
+
+
+def test_neighbours_in_a_lane_are_those_most_alike():
+    """The longest axis is innermost."""
+    few_gaps = plan_of(
+        laws="linear", records=motions()[0], gaps=[0.02, 0.01], period_factors={"a": [1.2, 0.9, 1.0, 1.1]}
+    )
+    factor = few_gaps.variants.period_factor[few_gaps.unique.variant, 0]
+    assert factor.tolist() == [0.9, 1.0, 1.1, 1.2] * 2
+    assert few_gaps.unique.gaps[:, 0].tolist() == [0.01] * 4 + [0.02] * 4
+    many_gaps = plan_of(laws="linear", records=motions()[0], gaps=[0.02, 0.01, 0.03], period_factors={"a": [1.2, 0.9]})
+    assert many_gaps.unique.gaps[:, 0].tolist() == [0.01, 0.02, 0.03] * 2
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(st.sampled_from([0.5, 0.8, 1.0, 2.0]), min_size=1, max_size=3, unique=True),
+    st.lists(st.sampled_from([0.5, 1.0, 3.0]), min_size=1, max_size=3, unique=True),
+    st.none() | st.lists(st.sampled_from([0.0, 0.05, 0.3]), min_size=1, max_size=3, unique=True),
+    st.lists(st.sampled_from([0.001, 0.01, 0.02]), min_size=1, max_size=3, unique=True),
+)
+def test_every_asked_scenario_is_answered_by_one_of_its_properties(periods, masses, ratios, gaps):
+    laws = ["kelvin_voigt", "none", "linear"]
+    axes = {"period_factors": {"c": periods}, "mass_factors": {"a": masses}, "damping_ratios": ratios}
+    plan = plan_of(laws=laws, gaps=gaps, records=motions()[0], restitutions=[0.5, 0.9], **axes)
+    asked = itertools.product(laws, gaps, [0.5, 0.9], periods, masses, ratios or [math.nan])
+    seen = {}
+    for i, (law, gap, e, f, g, z) in enumerate(asked):
+        own = 0.05 if math.isnan(z) else z
+        effective = (law, None if law == "none" else gap, e if law == "kelvin_voigt" else None, f, g, own)
+        at = int(plan.inverse[i])
+        assert seen.setdefault(effective, at) == at
+        variants, variant = plan.variants, int(plan.unique.variant[at])
+        assert variants.period_factor[variant].tolist() == [1.0, 1.0, f]
+        assert variants.mass_factor[variant].tolist() == [g, 1.0, 1.0]
+        found = variants.damping_ratio[variant]
+        assert (0.05 if math.isnan(found) else found) == own
+        assert plan.laws[plan.unique.law[at]].key == law
+        assert plan.unique.gaps[at, 0] == (math.inf if law == "none" else gap)
+    assert len(set(seen.values())) == len(seen) == len(plan.unique)
+
+
+def test_steps_and_limits_follow_the_buildings():
+    factors = [0.1, 1.0, 3.0]
+    common = {"records": motions(), "laws": ["hertz", "none"], "gaps": [0.002], "audit": 0, "outputs": OUTPUTS}
+    plan = make_plan(build_spec(scene=tall(), **common, period_factors={"b": factors}, accuracy=1e-4))
+    assert len(set(plan.steps.tolist())) > 2
+    chosen = {"method": plan.numerics.method, "precision": plan.numerics.precision}
+    refusing = make_plan(build_spec(scene=tall(), **common, period_factors={"b": factors}, dt=0.015))
+    assert 0 < refusing.refused.sum() < len(refusing.unique)
+    for i, factor in enumerate(factors):
+        other = built(tall(), {"b": factor})
+        own = make_plan(build_spec(scene=other, **common, accuracy=1e-4, **chosen))
+        mine = plan.unique.variant == 1 + i
+        assert plan.steps[mine].tolist() == own.steps.tolist()
+        assert plan.still[:, 1 + i].tolist() == own.still[:, 0].tolist()
+        alone = make_plan(build_spec(scene=other, **common, dt=0.015))
+        assert refusing.refused[mine].tolist() == alone.refused.tolist()
+        np.testing.assert_allclose(refusing.limit[mine], alone.limit, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        {"gaps": ps.Range(0.001, 0.05, 500), "restitutions": ps.Range(0.3, 0.9, 100), "scales": [0.5, 1.0]},
+        {"gaps": ps.Range(0.001, 0.05, 400), "period_factors": {"left": ps.Range(0.5, 2.0, 250)}},
+        {
+            "gaps": [0.01],
+            "period_factors": {"left": ps.Range(0.5, 2.0, 100)},
+            "mass_factors": {"right": ps.Range(0.5, 2.0, 100)},
+            "damping_ratios": ps.Range(0.01, 0.1, 10),
+        },
+    ],
+    ids=["gaps", "periods", "properties"],
+)
+def test_planning_takes_the_memory_it_says(axes):
+    spec = build_spec(scene="mate2015", records="el_centro", laws="kelvin_voigt", **axes)
+    make_plan(build_spec(scene="mate2015", records="el_centro", laws="kelvin_voigt"))  # what is made once
+    tracemalloc.start()
+    try:
+        plan = make_plan(spec)
+        plan.motion_chunks()
+        plan.chunks(np.arange(len(plan.unique)))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert spec.n_scenarios >= 100_000
+    assert peak <= PLAN_BYTES * spec.n_scenarios
+
+
+# -- cubes -------------------------------------------------------------------------------------------------------------
+
+
+def named(*names):
+    return Scene(
+        [Building(name, [100.0 + i], [1e4]) for i, name in enumerate(names)],
+        [0.01] * (len(names) - 1),
+        ContactProperties(2e5, 1e6, 0.5),
+    )
+
+
+def test_a_cube_says_what_its_buildings_are(tmp_path):
+    out = tmp_path / "out.nc"
+    sweep = Sweep(
+        row(), motions()[0], "none", outputs=["displacement_max"], **AXES | {"period_factors": {"c": [2.0], **PERIODS}}
+    )
+    made = sweep.run(out, scheduler="synchronous")
+    with ps.open_cube(out) as cube:
+        dims = ["period_factor_a", "period_factor_c", "mass_factor_b", "damping_ratio"]
+        assert list(cube["status"].dims[-4:]) == dims
+        for dim, values in zip(dims, (PERIODS["a"], [2.0], MASSES["b"], RATIOS), strict=True):
+            assert cube[dim].values.tolist() == values
+            assert cube[dim].attrs["units"] == "1"
+        own = row().buildings
+        np.testing.assert_allclose(cube["period_a"], own[0].periods[0] * np.array(PERIODS["a"]))
+        assert cube["period_a"].attrs["units"] == "s"
+        np.testing.assert_allclose(cube["mass_b"], [160.0, 80.0])
+        ratio = cube["period_ratio_b_c"]
+        assert ratio.dims == ("period_factor_c",)
+        np.testing.assert_allclose(ratio, own[1].periods[0] / (2.0 * own[2].periods[0]))
+        assert cube["mass_ratio_a_b"].values.tolist() == [100.0 / 160.0, 100.0 / 80.0]
+        assert "mass_a" not in cube
+        assert json.loads(cube.attrs["sweep"])["mass_factors"] == [["b", [2.0, 1.0]]]
+        xr.testing.assert_equal(cube.load(), made)
+
+
+def test_a_ratio_of_two_varied_neighbours_has_both_their_axes():
+    sweep = Sweep(
+        row(),
+        motions()[0],
+        "none",
+        outputs=["displacement_max"],
+        period_factors={"a": [1.0, 2.0], "b": [1.0, 3.0, 4.0]},
+    )
+    ratio = sweep.run(scheduler="synchronous")["period_ratio_a_b"]
+    assert ratio.dims == ("period_factor_a", "period_factor_b")
+    own = row().buildings
+    want = own[0].periods[0] / own[1].periods[0] * np.array([[1.0], [2.0]]) / np.array([[1.0, 3.0, 4.0]])
+    np.testing.assert_allclose(ratio, want)
+
+
+def test_names_of_buildings_become_names_of_netcdf():
+    scene = named("tower 1", "tower-1", "Süd")
+    spec = build_spec(
+        scene=scene,
+        records=motions()[0],
+        laws="none",
+        mass_factors={name: [1.0, 2.0] for name in ("Süd", "tower-1", "tower 1")},
+    )
+    assert [axis.dimension for axis in spec.property_axes] == [
+        "mass_factor_tower_1",
+        "mass_factor_tower_1_no2",
+        "mass_factor_S_d",
+    ]
+    assert [axis.building for axis in spec.property_axes] == ["tower 1", "tower-1", "Süd"]  # as in the row
+    assert spec.property_axes[0].key == "building.tower 1.mass_factor"
+
+
+# -- what a user writes ------------------------------------------------------------------------------------------------
+
+
+def problems(**changes):
+    with pytest.raises(SweepError) as raised:
+        build_spec(**{"scene": row(), "records": motions(), "laws": "linear", **changes})
+    return raised.value.problems
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"period_factors": [1.0]}, "period_factors: must be a table by name of the building"),
+        ({"period_factors": {"A": [1.0]}}, "period_factors.A: unknown building 'A'; valid: a, b, c"),
+        ({"mass_factors": {"a": [1.0, 0.0]}}, "mass_factors.a[1]: factor is 0.0; it must be in [0.001, 1000]"),
+        ({"mass_factors": {"a": [1.0, 1]}}, "mass_factors.a[1]: 1.0 repeats mass_factors.a[0]; the values"),
+        ({"mass_factors": {"a": []}}, "mass_factors.a: is empty"),
+        ({"mass_factors": {"a": "x"}}, "mass_factors.a: must be a number or a list of numbers (factors), not 'x'"),
+        ({"period_factors": {"b": ps.Range(1.0, math.nan, 3)}}, "period_factors.b.stop: stop is nan"),
+        ({"damping_ratios": [0.05, 1.0]}, "damping_ratios[1]: damping ratio is 1.0; it must be in [0, 1)"),
+        (
+            {"laws": None, "cases": [{"law": "linear", "damping_ratio": -0.1, "record": "one"}]},
+            "cases[0].damping_ratio: ",
+        ),
+        (
+            {"laws": None, "cases": [{"law": "linear", "record": "one", "mass_factors": {"d": 1.0}}]},
+            "cases[0].mass_factors.d: unknown building 'd'",
+        ),
+        (
+            {"laws": None, "cases": [{"law": "linear", "record": "one", "period_factors": {"a": 1e-4}}]},
+            "cases[0].period_factors.a: factor is 0.0001",
+        ),
+        (
+            {
+                "laws": None,
+                "cases": [Case("linear", record="one"), Case("linear", record="one", mass_factors={"a": 1.0})],
+            },
+            "cases[1]: is the same scenario as cases[0]",
+        ),
+    ],
+)
+def test_faults(changes, message):
+    found = problems(**changes)
+    assert len(found) == 1, found
+    assert found[0].startswith(message)
+
+
+def test_faults_are_found_together():
+    places = [
+        text.partition(":")[0]
+        for text in problems(
+            laws="nonsense", gaps=-1.0, period_factors={"x": [1.0], "a": [0.0]}, damping_ratios=[2.0], scales="y"
+        )
+    ]
+    assert sorted(places) == [
+        "damping_ratios[0]",
+        "gaps[0]",
+        "laws",
+        "period_factors.a[0]",
+        "period_factors.x",
+        "scales",
+    ]
+    listed = problems(
+        laws=None, cases=[{"law": "linear", "record": "one"}], mass_factors={"a": 1.0}, damping_ratios=0.1
+    )
+    assert [text.partition(":")[0] for text in listed] == ["damping_ratios", "mass_factors"]
+    assert (
+        "x 200001 period_factors.a"
+        in problems(gaps=ps.Range(0.0, 1.0, 10_000), period_factors={"a": ps.Range(0.5, 2.0, 200_001)})[0]
+    )
+
+
+FILE = """
+[scene]
+gaps = [0.01]
+contact = { linear_stiffness = 2e5 }
+
+[[scene.row]]
+name = "left"
+masses = [100.0]
+stiffnesses = [1e4]
+
+[[scene.row]]
+name = "tower 1"
+masses = [80.0]
+stiffnesses = [2e4]
+
+[sweep]
+records = ["el_centro"]
+"""
+
+
+def load(tmp_path, text):
+    file = tmp_path / "sweep.toml"
+    file.write_text(FILE + textwrap.dedent(text), encoding="utf-8")
+    return load_spec(file)
+
+
+def test_a_file_and_python_say_the_same(tmp_path):
+    spec = load(
+        tmp_path,
+        """
+        laws = "linear"
+        damping_ratios = [0.02, 0.05]
+        building."tower 1".mass_factor = { start = 0.5, stop = 2.0, count = 4, spacing = "log" }
+        building.left.period_factor = [0.8, 1.25]
+        building.left.mass_factor = 2
+        """,
+    )
+    same = build_spec(
+        scene=spec.scene,
+        records="el_centro",
+        laws="linear",
+        damping_ratios=[0.02, 0.05],
+        period_factors={"left": [0.8, 1.25]},
+        mass_factors={"tower 1": ps.Range(0.5, 2.0, 4, "log"), "left": 2},
+    )
+    assert to_json(spec) == to_json(same)
+    assert {k: len(v) for k, v in spec.axes.items() if "_" in k} == {
+        "stiffness_factor": 1,
+        "period_factor_left": 2,
+        "mass_factor_left": 1,
+        "mass_factor_tower_1": 4,
+        "damping_ratio": 2,
+    }
+
+
+def test_cases_in_a_file(tmp_path):
+    spec = load(
+        tmp_path,
+        """
+        [[sweep.cases]]
+        law = "linear"
+        building.left.period_factor = 1.25
+        building."tower 1" = { mass_factor = 2.0, period_factor = 1.0 }
+        damping_ratio = 0.02
+
+        [[sweep.cases]]
+        law = "linear"
+        """,
+    )
+    first, second = spec.cases
+    assert first.period_factors == (("left", 1.25),)
+    assert first.mass_factors == (("tower 1", 2.0),)
+    assert first.damping_ratio == 0.02
+    assert (second.period_factors, second.mass_factors, second.damping_ratio) == ((), (), None)
+
+
+def test_faults_of_a_file_have_their_lines(tmp_path):
+    with pytest.raises(SweepError) as raised:
+        load(
+            tmp_path,
+            """
+            laws = "linear"
+            building.left.period_factor = [
+                1.0,
+                -1.0,
+            ]
+            building.right.mass_factor = 2.0
+            building.left.colour = "red"
+            building."tower 1".mass_factor = { start = 1.0, stop = 2.0 }
+            damping_ratios = [1.5]
+            """,
+        )
+    found = [text.partition("sweep.toml:")[2] for text in raised.value.problems]
+    start = FILE.count("\n") + 1
+    for line, text in zip(
+        found,
+        [
+            f"{start + 4}: sweep.building.left.period_factor[1]: factor is -1.0",
+            f"{start + 6}: sweep.building.right.mass_factor: unknown building 'right'",
+            f"{start + 7}: sweep.building.left.colour: unknown key 'colour'",
+            f"{start + 8}: sweep.building.tower 1.mass_factor.count: is missing",
+            f"{start + 9}: sweep.damping_ratios[0]: damping ratio is 1.5",
+        ],
+        strict=True,
+    ):
+        assert line.startswith(text), (line, text)
+
+
+@pytest.mark.parametrize(
+    ("case", "message"),
+    [
+        ("building.left.period_factor = 0.0", "sweep.cases[0].building.left.period_factor: factor is 0.0"),
+        ("building.west.mass_factor = 2.0", "sweep.cases[0].building.west.mass_factor: unknown building 'west'"),
+        ("building = 3", "sweep.cases[0].building: must be tables building.NAME of factors, not 3"),
+        ("period_factors = { left = 2.0 }", "sweep.cases[0].period_factors: unknown key 'period_factors'"),
+        ("building.left = 2.0", "sweep.cases[0].building.left: must be a table of period_factor, mass_factor, not 2.0"),
+    ],
+)
+def test_faults_of_cases_in_a_file(tmp_path, case, message):
+    with pytest.raises(SweepError) as raised:
+        load(tmp_path, f'[[sweep.cases]]\nlaw = "linear"\n{case}\n')
+    assert len(raised.value.problems) == 1, raised.value.problems
+    assert raised.value.problems[0].partition(": ")[2].startswith(message)
