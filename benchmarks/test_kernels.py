@@ -1,56 +1,78 @@
-"""What locating costs and what reducers cost, as ratios of interleaved medians; and that the lanes are vectors."""
+"""What a kernel's arithmetic costs: beside C, beside other modes of its own; and that its lanes are vectors."""
 
 from __future__ import annotations
 
-import statistics
-import time
-
+import numpy as np
 import pytest
 
+from benchmarks import arithmetic
+from benchmarks.c_kernel import find_compiler
+from benchmarks.engine import OUTPUTS, run_chunks
+from benchmarks.sizes import row_of
+from benchmarks.timing import medians
+from benchmarks.work import neighbouring_gaps
 from pounding_sweep.cube.variables import VARIABLES
+from pounding_sweep.kernels.cache import CACHE_VARIABLE, get_kernel
+from pounding_sweep.sweep.sweep import Sweep
 
-ROUNDS = 7
-
-
-def medians(*jobs):
-    """Median seconds of each job, the jobs taking turns."""
-    taken = [[] for _ in jobs]
-    for _ in range(ROUNDS):
-        for seconds, job in zip(taken, jobs, strict=True):
-            started = time.perf_counter()
-            job()
-            seconds.append(time.perf_counter() - started)
-    return [statistics.median(seconds) for seconds in taken]
+needs_compiler = pytest.mark.skipif(
+    find_compiler() is None, reason="no C compiler: install one, or name it in CC, to compare with the C kernel"
+)
 
 
-@pytest.mark.parametrize(("law", "stiffness"), [("linear", 2e6), ("hertz", 1.88e7)])
-def test_locating_costs_less_than_a_smaller_step(law, stiffness, runner, benchmark):
+def job(scene, record, **settings):
+    """Return what runs two lane groups of neighbouring gaps, compiled and warm."""
+    sweep = Sweep(
+        scene, record, "linear", gaps=neighbouring_gaps(32), method="rk4", dt=1e-3, **{"outputs": OUTPUTS, **settings}
+    )
+    plan = sweep.plan()
+    run_chunks(plan)
+    return lambda: run_chunks(plan)
+
+
+@needs_compiler
+def test_the_c_kernel_finds_what_the_engine_finds(short_work):
+    own = arithmetic.engine_job(short_work, locate=False)()
+    for run in arithmetic.c_jobs(short_work).values():
+        found = run()
+        np.testing.assert_allclose(found["highest"], own["umax"], rtol=1e-6)
+        np.testing.assert_allclose(found["lowest"], own["umin"], rtol=1e-6)
+        np.testing.assert_allclose(found["force"], own["fmax"], rtol=1e-6)
+        np.testing.assert_array_equal(found["onsets"], own["count"])
+
+
+@needs_compiler
+def test_arithmetic_is_close_to_hand_written_c(work, benchmark):
+    """The generated kernel takes at most 1.15 times as long as C written by hand for this very row."""
+    found = benchmark.pedantic(lambda: arithmetic.measure_c(work, 7), rounds=1)
+    benchmark.extra_info |= {"plain_over_c": found.plain, "located_over_c": found.located}
+    assert found.plain <= 1.15
+
+
+def test_locating_costs_less_than_a_smaller_step(short_work, benchmark):
     """A located step must cost far less than the ten smaller steps that it is worth in accuracy."""
-    located, plain = runner(law, stiffness, True), runner(law, stiffness, False)
+    located, plain = (job(short_work.scene, short_work.record, locate=locate) for locate in (True, False))
     with_events, without = medians(located, plain)
     benchmark.extra_info["located_over_plain"] = with_events / without
     benchmark.pedantic(located, rounds=3)
     assert with_events / without < 4.0
 
 
-def test_unasked_reducers_cost_nothing(runner, benchmark):
+def test_unasked_reducers_cost_nothing(short_work, benchmark):
     """A kernel of few outputs is faster than one of all: what nobody asks for is not run."""
-    few = runner("linear", 2e6, True)
-    every = runner("linear", 2e6, True, outputs=tuple(name for name in VARIABLES if name != "closing_max"))
-    some, all_of_them = medians(few, every)
+    every = [name for name in VARIABLES if name != "closing_max"]
+    few, whole = (job(row_of(2, 1), short_work.record, outputs=outputs) for outputs in (OUTPUTS, every))
+    some, all_of_them = medians(few, whole)
     benchmark.extra_info["all_over_few"] = all_of_them / some
     benchmark.pedantic(few, rounds=3)
     assert all_of_them / some > 1.2
 
 
-def test_the_flight_step_is_vectorised(tmp_path, monkeypatch):
-    """The compiled flight step works on packed doubles (AVX-512, AVX or SSE2, whatever the processor has)."""
-    from pounding_sweep.kernels import cache
-    from pounding_sweep.kernels.shape import KernelShape
-
-    monkeypatch.setenv(cache.CACHE_VARIABLE, str(tmp_path))
-    shape = KernelShape((2, 2), (), 1, None, "rk4", True, frozenset({"displacement"}))
-    run = cache.get_kernel(shape)
-    text = next(iter(run.inspect_asm().values()))
+@pytest.mark.parametrize("method", ["rk4", "exact"])
+def test_lanes_are_vectors(method, short_work, tmp_path, monkeypatch):
+    """A freshly compiled flight works on packed doubles (AVX-512, AVX or SSE2, whatever the processor has)."""
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))  # what comes from disk can't be inspected
+    sweep = Sweep(row_of(2, 2), short_work.record, "none", method=method, outputs=["displacement_max"])
+    text = next(iter(get_kernel(sweep.plan().kernel(0).shape).inspect_asm().values()))
     packed = [word for word in ("vfmadd231pd", "vfmadd213pd", "vfmadd132pd", "vmulpd", "mulpd") if word in text]
     assert packed, "no packed arithmetic in the compiled kernel"

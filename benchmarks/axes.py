@@ -1,0 +1,65 @@
+"""Sweeps over other things than gaps: what a scenario costs along each axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from benchmarks.engine import BATCH, OUTPUTS, run_chunks
+from benchmarks.timing import medians
+from benchmarks.work import GAPS, Work
+from pounding_sweep.sweep.plan import Plan
+from pounding_sweep.sweep.sweep import Sweep
+
+#: Values of each axis, of one building where an axis has one; the gap axis is what the others are compared with.
+AXES: dict[str, dict[str, Any]] = {
+    "gap": {"gaps": np.linspace(*GAPS, BATCH)},
+    "building.left.period_factor": {"period_factors": {"left": np.linspace(0.8, 1.25, BATCH)}},
+    "building.left.mass_factor": {"mass_factors": {"left": np.linspace(0.5, 2.0, BATCH)}},
+    "damping_ratio": {"damping_ratios": np.linspace(0.02, 0.10, BATCH)},
+    "scale": {"scales": np.linspace(0.5, 2.0, BATCH)},
+}
+
+
+def plan_axis(work: Work, axis: str, **settings: Any) -> Plan:
+    """Return the plan of a sweep of the work along one of `AXES`, all else as the scene has it.
+
+    Parameters
+    ----------
+    work : Work
+        Row, record and law.
+    axis : str
+        A key of `AXES`.
+    **settings
+        ``method``, ``dt`` and others of `pounding_sweep.Sweep`.
+    """
+    sweep = Sweep(
+        work.scene, work.record, work.law, stiffnesses=work.stiffness, outputs=OUTPUTS, **AXES[axis], **settings
+    )
+    return sweep.plan()
+
+
+def relative_throughput(
+    work: Work, rounds: int, axes: Sequence[str] = tuple(AXES), **settings: Any
+) -> dict[str, float]:
+    """Return scenarios per second along each axis over those along gaps, the plans taking turns.
+
+    Parameters
+    ----------
+    work : Work
+        Row, record and law.
+    rounds : int
+        Turns, of which the median is kept.
+    axes : sequence of str
+        Keys of `AXES`; gaps are always among what is run.
+    **settings
+        Of `pounding_sweep.Sweep`.
+    """
+    plans = {axis: plan_axis(work, axis, **settings) for axis in dict.fromkeys(("gap", *axes))}
+    jobs = [lambda plan=plan: run_chunks(plan) for plan in plans.values()]
+    for job in jobs:  # compiled
+        job()
+    seconds = dict(zip(plans, medians(*jobs, rounds=rounds), strict=True))
+    return {axis: seconds["gap"] / seconds[axis] for axis in axes if axis != "gap"}

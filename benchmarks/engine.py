@@ -1,0 +1,121 @@
+"""The engine on the same work, called like its peers: chunks of a planned sweep, as a worker runs them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.peers import Peer, Run
+from benchmarks.work import Peaks, Work
+from pounding_sweep.contact.laws import get_law
+from pounding_sweep.scene import Scene
+from pounding_sweep.sweep.execute import run_chunk
+from pounding_sweep.sweep.plan import Plan
+from pounding_sweep.sweep.sweep import Sweep
+
+#: What every tool reports, and nothing else.
+OUTPUTS = ("displacement_max", "displacement_min", "impact_force_max", "impact_count")
+#: Scenarios timed together: whole lane groups.
+BATCH = 256
+
+
+def plan_gaps(work: Work, gaps: np.ndarray, **settings: Any) -> Plan:
+    """Return the plan of a sweep of the work over gaps (m).
+
+    Parameters
+    ----------
+    work : Work
+        Row, record and law.
+    gaps : ndarray, shape (n,)
+        Gaps (m), the same between all neighbours.
+    **settings
+        ``method``, ``dt``, ``locate``, ``precision``, ``accuracy`` and others of `pounding_sweep.Sweep`; ``outputs``
+        are those that every tool reports, where not given.
+    """
+    axes = {"gaps": gaps, "stiffnesses": work.stiffness}
+    if get_law(work.law).takes_restitution:
+        axes["restitutions"] = work.restitution
+    return Sweep(work.scene, work.record, work.law, **axes, **{"outputs": OUTPUTS, **settings}).plan()
+
+
+def run_chunks(plan: Plan) -> dict[str, np.ndarray]:
+    """Run all scenarios of a plan in this thread; returns variables of shape (unique scenarios, *inner).
+
+    Raises
+    ------
+    RuntimeError
+        A chunk has no result.
+    """
+    found: dict[str, np.ndarray] = {}
+    for chunk in plan.chunks(np.arange(len(plan.unique))):
+        kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
+        table = plan.unique[chunk.rows]
+        record = plan.spec.records[chunk.record]
+        part = run_chunk(kernel, record, table, plan.variants[table.variant], plan.outputs)
+        if isinstance(part, str):
+            raise RuntimeError(part)
+        for name, values in part.items():
+            whole = found.setdefault(name, np.empty((len(plan.unique), *values.shape[1:]), values.dtype))
+            whole[chunk.rows] = values
+    return found
+
+
+def peaks_of(scene: Scene, found: dict[str, np.ndarray]) -> Peaks:
+    """Return the peaks of a cube's variables, shape (n, *inner), by floor and by contact."""
+    contact = tuple(np.array([(c.pair, c.storey - 1) for c in scene.contacts]).T)
+    floor = tuple(np.array([(b, s) for b, one in enumerate(scene.buildings) for s in range(one.n_storeys)]).T)
+    return Peaks(
+        found["impact_force_max"][:, *contact],
+        found["impact_count"][:, *contact].astype(float),
+        found["displacement_max"][:, *floor],
+        found["displacement_min"][:, *floor],
+    )
+
+
+def prepare(work: Work, **settings: Any) -> Run:
+    """Return what runs scenarios of the work through the engine; each set of gaps is planned once."""
+    plans: dict[bytes, Plan] = {}
+
+    def run(gaps: np.ndarray) -> Peaks:
+        key = np.ascontiguousarray(gaps).tobytes()
+        if key not in plans:
+            plans[key] = plan_gaps(work, gaps, **settings)
+        plan = plans[key]
+        found = run_chunks(plan)
+        return peaks_of(work.scene, {name: found[name][plan.inverse] for name in OUTPUTS})
+
+    return run
+
+
+def _scheme(
+    key: str, title: str, knob: str, settings: tuple[float, ...], short: tuple[float, ...], **fixed: Any
+) -> Peer:
+    return Peer(
+        key=key,
+        title=title,
+        package="pounding-sweep",
+        module="pounding_sweep",
+        knob=knob,
+        settings=settings,
+        short=short,
+        prepare=lambda work, value: prepare(work, **{knob: value}, **fixed),
+        laws=("linear", "hertz_damped", "nonlinear_viscoelastic"),
+        batch=BATCH,
+    )
+
+
+#: The engine's own rows.
+SCHEMES = (
+    _scheme("exact", "engine exact", "dt", (5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4), (2.5e-3,), method="exact"),
+    _scheme("rk4", "engine rk4", "dt", (1e-2, 5e-3, 2.5e-3, 1e-3, 5e-4, 2.5e-4), (2.5e-3, 1e-3), method="rk4"),
+    _scheme("newmark", "engine newmark", "dt", (2.5e-3, 1e-3, 5e-4, 2.5e-4), (), method="newmark"),
+    _scheme(
+        "exact-float32", "engine exact, float32", "dt", (5e-3, 2.5e-3, 1e-3), (), method="exact", precision="float32"
+    ),
+    _scheme(
+        "rk4-float32", "engine rk4, float32", "dt", (1e-2, 5e-3, 2.5e-3, 1e-3), (), method="rk4", precision="float32"
+    ),
+    _scheme("rk4-plain", "engine rk4, not located", "dt", (1e-3, 2.5e-4), (), method="rk4", locate=False),
+    _scheme("accuracy", "engine, accuracy asked for", "accuracy", (1e-2, 1e-3, 1e-4, 1e-5, 1e-6), ()),
+)

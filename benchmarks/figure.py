@@ -1,0 +1,54 @@
+"""Error against time of every tool, on logarithmic axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from benchmarks.compare import Point
+from pounding_sweep.figures.style import look, styled, subplots
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: What the engine's rows begin with; they are drawn in filled markers, the peers in hollow ones.
+ENGINE = "engine"
+
+
+@styled
+def speed(points: Sequence[Point], caption: str) -> Figure:
+    """Draw the worst error of the peak impact forces against milliseconds per scenario, one line per tool.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        What `benchmarks.compare.measure` found, of one contact law.
+    caption : str
+        What was measured, above the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Colours and markers differ; hollow markers on dashed lines are other tools.
+    """
+    figure, axes = subplots(1, 1, (6.4, 5.2))
+    ax = axes[0, 0]
+    titles = list(dict.fromkeys(p.title for p in points))
+    for number, title in enumerate(titles):
+        own = [p for p in points if p.title == title and p.error > 0.0]
+        mine = title.startswith(ENGINE)
+        style = look(number) | {
+            "linestyle": "-" if mine else "--",
+            "markerfacecolor": look(number)["color"] if mine else "white",
+            "label": title,
+        }
+        ax.plot([p.milliseconds for p in own], [p.error for p in own], **style)
+    ax.set(
+        xscale="log",
+        yscale="log",
+        xlabel="processor time of one scenario (ms)",
+        ylabel="worst relative error of a peak impact force",
+    )
+    ax.set_title(caption)
+    figure.legend(loc="outside lower center", ncols=3, fontsize=7)
+    return figure

@@ -1,0 +1,117 @@
+"""OpenSees through OpenSeesPy: Newmark's average acceleration with its own gap and impact materials."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pounding_sweep as ps
+from benchmarks.peers import Peer, Run
+from benchmarks.work import Peaks, Work
+
+#: Convergence of Newton's method, as a norm of displacement increments (m), and its most iterations.
+INCREMENT, ITERATIONS = 1e-12, 50
+#: Material of each contact law.
+MATERIALS = {
+    "linear": "ElasticPPGap",
+    "hertz_damped": "Hertzdamp",
+    "nonlinear_viscoelastic": "JankowskiImpact",
+}
+
+
+def _material(work: Work, contact: int, gap: float) -> tuple[Any, ...]:
+    """Arguments of a contact's material: pressing is negative in OpenSees, and so are gaps."""
+    name, law = MATERIALS[work.law], ps.get_law(work.law)
+    if name == "ElasticPPGap":
+        return name, work.stiffness, -1e20, -gap  # it never yields
+    assert law.number is not None
+    number = float(law.number(np.asarray(work.restitution)))
+    if name == "Hertzdamp":
+        return name, work.stiffness, number, -gap, 1.5
+    return name, work.stiffness, number, float(work.row.reduced[contact]), -gap, 1.5
+
+
+def _build(ops: Any, work: Work, gap: float, dt: float, folder: Path) -> None:
+    """Describe one scenario: a spring to the floor below for each floor, a gap element for each contact."""
+    row = work.row
+    n, contacts = len(row.mass), len(row.left)
+    ops.wipe()
+    ops.model("basic", "-ndm", 1, "-ndf", 1)
+    ops.node(1000, 0.0)
+    ops.fix(1000, 1)
+    for i in range(n):
+        ops.node(i + 1, 0.0)
+        ops.mass(i + 1, float(row.mass[i]))
+    for i in range(n):
+        ops.uniaxialMaterial("Elastic", i + 1, float(row.stiffness[i]))
+        below = 1000 if row.bottom[i] else i
+        # without -doRayleigh 1 a zeroLength element drops stiffness-proportional damping and says nothing
+        ops.element("zeroLength", i + 1, below, i + 1, "-mat", i + 1, "-dir", 1, "-doRayleigh", 1)
+    for j in range(contacts):
+        material, element = 100 + j, 100 + j
+        name, *values = _material(work, j, gap)
+        ops.uniaxialMaterial(name, material, *values)
+        # the left floor that comes nearer shortens the element
+        ends = int(row.left[j]) + 1, int(row.right[j]) + 1
+        ops.element("zeroLength", element, *ends, "-mat", material, "-dir", 1)
+    for building, (first, last) in enumerate(zip(np.flatnonzero(row.bottom), np.flatnonzero(row.top), strict=True)):
+        elements = range(int(first) + 1, int(last) + 2)
+        damping = float(row.alpha[first]), float(row.beta[first])
+        ops.region(building + 1, "-ele", *elements, "-rayleigh", *damping, 0.0, 0.0)  # and of the nodes they join
+    ops.timeSeries("Path", 1, "-dt", work.record.dt, "-values", *map(float, work.record.acceleration))
+    ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
+    contact = ("-ele", *range(100, 100 + contacts), "material", 1, "stress")
+    ops.recorder("EnvelopeElement", "-file", str(folder / "force"), "-precision", 16, *contact)
+    ops.recorder("Element", "-file", str(folder / "stress"), *contact)
+    floors = ("-node", *range(1, n + 1), "-dof", 1, "disp")
+    ops.recorder("EnvelopeNode", "-file", str(folder / "floors"), "-precision", 16, *floors)
+    ops.constraints("Plain")
+    ops.numberer("RCM")
+    ops.system("BandGeneral")
+    ops.test("NormDispIncr", INCREMENT, ITERATIONS)
+    ops.algorithm("Newton")
+    ops.integrator("Newmark", 0.5, 0.25)
+    ops.analysis("Transient")
+
+
+def _prepare(work: Work, dt: float) -> Run:
+    import openseespy.opensees as ops
+
+    ops.logFile("/dev/null", "-noEcho")  # some materials print every impact
+    steps = max(1, round(work.record.dt / dt))
+    count, h = (work.record.n_points - 1) * steps, work.record.dt / steps
+
+    def one(gap: float) -> Peaks:
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            _build(ops, work, gap, h, folder)
+            failed = ops.analyze(count, h)
+            ops.wipe()  # closes the recorders' files
+            if failed:
+                msg = f"OpenSees did not converge at dt = {h:g} s, gap = {gap:g} m"
+                raise RuntimeError(msg)
+            force = np.loadtxt(folder / "force", ndmin=2)
+            closed = np.loadtxt(folder / "stress", ndmin=2) < 0.0
+            lowest, highest, _ = np.loadtxt(folder / "floors", ndmin=2)
+        onsets = closed[0] + (closed[1:] & ~closed[:-1]).sum(axis=0)
+        return Peaks(force[-1:], onsets[None].astype(float), highest[None], lowest[None])
+
+    return lambda gaps: Peaks.stack([one(float(gap)) for gap in gaps])
+
+
+PEERS = (
+    Peer(
+        key="opensees",
+        title="OpenSees Newmark",
+        package="openseespy",
+        module="openseespy.opensees",
+        knob="dt",
+        settings=(2e-3, 1e-3, 5e-4, 2e-4, 1e-4),
+        short=(1e-3,),
+        prepare=_prepare,
+        laws=tuple(MATERIALS),
+    ),
+)

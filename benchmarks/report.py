@@ -1,0 +1,246 @@
+"""What was measured, as markdown and as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from benchmarks.arithmetic import Arithmetic
+from benchmarks.compare import Point, best_cost, cost_at
+from benchmarks.figure import ENGINE
+from benchmarks.million import Run
+from benchmarks.reference import STEP
+from benchmarks.scaling import Growth
+from benchmarks.sizes import Start
+from benchmarks.throughput import Throughput
+
+#: Errors at which tools are compared.
+EQUAL_ERRORS = (1e-3, 1e-4)
+
+
+@dataclass(frozen=True)
+class Size:
+    """Cost of one row of another size.
+
+    Attributes
+    ----------
+    buildings, storeys : int
+        The row.
+    nanoseconds : float
+        Processor time (ns) of one degree of freedom, scenario and step of located rk4.
+    relative : float
+        The same over that of the first row.
+    start : Start or None
+        Seconds to compile its kernel and to load it; None where not measured.
+    """
+
+    buildings: int
+    storeys: int
+    nanoseconds: float
+    relative: float
+    start: Start | None
+
+
+@dataclass
+class Report:
+    """Everything that one run of the suite found; parts that were not run are None or empty.
+
+    Attributes
+    ----------
+    machine : dict
+        Machine, versions, date.
+    work : str
+        The work, in a sentence.
+    points : list of Point
+        Error and cost of every tool and setting.
+    agreement : float or None
+        Largest relative difference of a peak force between the converged solution and the tests' slow twin.
+    missing : list of str
+        Peers that could not be used, and why.
+    arithmetic : Arithmetic or None
+        The engine's kernels beside a C kernel; None without a compiler.
+    sizes : list of Size
+        Rows of other sizes.
+    growth : list of Growth
+        How cost grows.
+    axes : dict
+        Axis -> scenarios per second over those of a sweep over gaps.
+    throughput : list of Throughput
+        Sweeps from plan to file.
+    plan_seconds : dict
+        Scenarios -> seconds to plan them.
+    start : dict
+        Seconds of starting each command.
+    million : Run or None
+        The sweep of a million scenarios.
+    """
+
+    machine: dict[str, str]
+    work: str
+    points: list[Point] = field(default_factory=list)
+    agreement: float | None = None
+    missing: list[str] = field(default_factory=list)
+    arithmetic: Arithmetic | None = None
+    sizes: list[Size] = field(default_factory=list)
+    growth: list[Growth] = field(default_factory=list)
+    axes: dict[str, float] = field(default_factory=dict)
+    throughput: list[Throughput] = field(default_factory=list)
+    plan_seconds: dict[int, float] = field(default_factory=dict)
+    start: dict[str, float] = field(default_factory=dict)
+    million: Run | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything as plain data, with what follows from it; numbers that are none become null."""
+        data = asdict(self)
+        data["equal_error"] = [
+            {"law": law, "error": error, "tool": title, "milliseconds": cost, "times_the_engine": ratio}
+            for law in _laws(self.points)
+            for error in EQUAL_ERRORS
+            for title, cost, ratio in equal_error(self.points, law, error)
+        ]
+        for one, growth in zip(data["growth"], self.growth, strict=True):
+            one["exponent"] = growth.exponent
+        for one, sweep in zip(data["throughput"], self.throughput, strict=True):
+            one["efficiency"] = sweep.efficiency
+        return _plain(data)
+
+    def to_json_text(self) -> str:
+        """Return `to_json` as text."""
+        return json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n"
+
+    def to_markdown(self) -> str:
+        """Return all tables."""
+        lines = [self.work, ""]
+        lines += _table(("", ""), self.machine.items())
+        for law in _laws(self.points):
+            lines += [f"\n**Every tool and setting, law `{law}`**\n"]
+            lines += _table(
+                ("tool", "setting", "worst error", "ms per scenario"),
+                [
+                    (p.title, f"{p.knob} = {p.setting:g}", f"{p.error:.1e}", _number(p.milliseconds))
+                    for p in self.points
+                    if p.law == law
+                ],
+            )
+            lines += [f"\n**At equal error, law `{law}`**, interpolated between settings\n"]
+            lines += _table(
+                ("error", "tool", "ms per scenario", "times the engine"),
+                [
+                    (f"{error:g}", title, _number(cost), _number(ratio))
+                    for error in EQUAL_ERRORS
+                    for title, cost, ratio in equal_error(self.points, law, error)
+                ],
+            )
+        if self.agreement is not None:
+            lines += [
+                "",
+                f"Errors are relative to a converged solution (rk4 located at a step of {1e3 * STEP:g} ms). Its peak "
+                f"forces differ by at most {self.agreement:.1e} from those of another program with adaptive steps.",
+            ]
+        lines += [f"\nNot measured: {reason}." for reason in self.missing]
+        if self.arithmetic is not None:
+            a = self.arithmetic
+            lines += [
+                "",
+                f"Arithmetic: beside a C kernel written by hand for this row (vectors of {a.width} doubles), the rk4 "
+                f"kernel takes {a.plain:.2f} times as long where it does just the same, contacts not located, and "
+                f"{a.located:.2f} times as long as sweeps use it.",
+            ]
+        lines += self._sizes() + self._axes() + self._growth() + self._engine()
+        return "\n".join(lines) + "\n"
+
+    def _sizes(self) -> list[str]:
+        if not self.sizes:
+            return []
+        rows = [
+            (
+                f"{s.buildings} x {s.storeys}",
+                str(s.buildings * s.storeys),
+                _number(s.nanoseconds),
+                f"{s.relative:.2f}",
+                "-" if s.start is None else _number(s.start.compiled),
+                "-" if s.start is None else _number(s.start.loaded),
+            )
+            for s in self.sizes
+        ]
+        heads = ("row", "degrees of freedom", "ns each and step", "over the first", "compiled (s)", "loaded (s)")
+        return ["\n**Rows of other sizes**, rk4 located, nothing touching\n", *_table(heads, rows)]
+
+    def _axes(self) -> list[str]:
+        if not self.axes:
+            return []
+        rows = [(f"`{axis}`", f"{ratio:.2f}") for axis, ratio in self.axes.items()]
+        return ["\n**Sweeps over other axes**, exact\n", *_table(("axis", "throughput over that of gaps"), rows)]
+
+    def _growth(self) -> list[str]:
+        if not self.growth:
+            return []
+        rows = [
+            (
+                g.quantity,
+                g.unit,
+                ", ".join(f"{value:g}: {_number(cost)}" for value, cost in zip(g.values, g.costs, strict=True)),
+                "-" if math.isnan(g.exponent) else f"{g.exponent:.2f}",
+            )
+            for g in self.growth
+        ]
+        return ["\n**How cost grows**\n", *_table(("with", "cost", "measured", "exponent"), rows)]
+
+    def _engine(self) -> list[str]:
+        rows = [
+            (f"{t.scenarios:,} scenarios, {t.workers} threads, plan to file: time in kernels", f"{t.efficiency:.0%}")
+            for t in self.throughput
+        ]
+        rows += [(f"{n:,} scenarios planned", f"{_number(s)} s") for n, s in self.plan_seconds.items()]
+        rows += [(f"start: {name}", f"{_number(s)} s") for name, s in self.start.items()]
+        if self.million is not None:
+            m = self.million
+            rows += [
+                (f"{m.scenarios:,} scenarios from the command line, cube written", f"{_number(m.seconds)} s"),
+                ("scenarios per second", f"{m.scenarios / m.seconds:,.0f}"),
+                ("peak resident memory", f"{m.peak_bytes / 2**20:.0f} MiB"),
+                ("cube", f"{m.cube_bytes / 2**20:.0f} MiB"),
+            ]
+        return ["\n**The engine around the kernels**\n", *_table(("", ""), rows)] if rows else []
+
+
+def equal_error(points: Sequence[Point], law: str, error: float) -> list[tuple[str, float, float]]:
+    """Tools by cost at a given error: title, milliseconds, and how many times the engine's cheapest row that is.
+
+    Tools that do not reach the error are left out.
+    """
+    own = [p for p in points if p.law == law]
+    _, best = best_cost([p for p in own if p.title.startswith(ENGINE)], error)
+    found = []
+    for title in dict.fromkeys(p.title for p in own):
+        cost = cost_at([p for p in own if p.title == title], error)
+        if not math.isnan(cost):
+            found.append((title, cost, cost / best))
+    return sorted(found, key=lambda row: row[1])
+
+
+def _laws(points: Sequence[Point]) -> list[str]:
+    return list(dict.fromkeys(p.law for p in points))
+
+
+def _number(value: float) -> str:
+    """Three figures, without an exponent."""
+    if not math.isfinite(value):
+        return "-"
+    digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
+    return f"{value:,.{digits}f}" if abs(value) < 1000 else f"{float(f'{value:.3g}'):,.0f}"
+
+
+def _table(heads: Sequence[str], rows: Any) -> list[str]:
+    return [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}", *(f"| {' | '.join(row)} |" for row in rows)]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

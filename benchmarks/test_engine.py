@@ -1,0 +1,104 @@
+"""The engine around the kernels: planning, scheduling, writing, starting, and what it leaves on disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from benchmarks.engine import plan_gaps, run_chunks
+from benchmarks.million import SWEEP, run_file
+from benchmarks.start import COMMANDS, loaded_by, start_seconds
+from benchmarks.throughput import grid_sweep, plan_seconds, run_sweep
+from benchmarks.timing import medians
+from benchmarks.work import neighbouring_gaps
+from pounding_sweep.kernels.cache import CACHE_VARIABLE
+from pounding_sweep.sweep.sweep import load_sweep
+
+EXACT = {"method": "exact", "dt": 2.5e-3}
+
+
+def test_most_of_the_workers_time_is_integration(work, benchmark):
+    """From plan to file, at least 85 % of all workers' time passes in compiled kernels."""
+    run_sweep(grid_sweep(work, 100, **EXACT))  # compiled
+    sweep = grid_sweep(work, 20_000, **EXACT)
+    found = benchmark.pedantic(lambda: run_sweep(sweep), rounds=1)
+    benchmark.extra_info["efficiency"] = found.efficiency
+    assert found.efficiency >= 0.85
+
+
+def test_planning_is_cheap_beside_running(work, benchmark):
+    """Planning a million scenarios takes less than a tenth of the time that all cores need to integrate them."""
+    plan = plan_gaps(work, neighbouring_gaps(512), **EXACT)
+    run_chunks(plan)
+    (integrated,) = medians(lambda: run_chunks(plan), rounds=3)
+    planned = benchmark.pedantic(lambda: plan_seconds(work, 1_000_000), rounds=1)
+    share = planned / (1_000_000 * integrated / 512 / len(os.sched_getaffinity(0)))
+    benchmark.extra_info |= {"seconds_for_a_million": planned, "share": share}
+    assert share < 0.1
+
+
+def test_nothing_heavy_is_loaded_at_the_start():
+    assert loaded_by("import pounding_sweep") == []
+    helped = """
+from pounding_sweep.cli import main
+sys.argv = ["pounding-sweep", "--help"]
+try:
+    main()
+except SystemExit:
+    pass
+"""
+    assert loaded_by(helped) == []
+
+
+def test_start_is_a_few_times_that_of_python(benchmark):
+    seconds = benchmark.pedantic(start_seconds, rounds=1)
+    ratios = {name: seconds[name] / seconds["python"] for name in COMMANDS}
+    benchmark.extra_info |= ratios
+    assert ratios["import"] < 5.0
+    assert ratios["--help"] < 15.0
+
+
+_SWEEP = """
+import json, sys, time
+import numpy as np
+import pounding_sweep as ps
+
+scene = ps.Scene([ps.Building("a", [100.0], [1.0e4]), ps.Building("b", [80.0], [2.5e4])], gaps=[0.01])
+record = ps.Record("sine", 0.02, 3.0 * np.sin(0.14 * np.arange(150)))
+sweep = ps.Sweep(scene, record, ["linear", "kelvin_voigt"], gaps=[0.002, 0.004], stiffnesses=2e5, restitutions=0.5,
+                 method="rk4", dt=5e-3, locate=False)
+sweep.run()
+print(json.dumps(sweep.last_outcome.compiled))
+"""
+
+
+def test_a_second_process_compiles_nothing(tmp_path):
+    """Two laws of one elastic force share a kernel beside the one without contact; another process loads both."""
+    environment = {**os.environ, CACHE_VARIABLE: str(tmp_path)}
+    compiled, files = [], []
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-c", _SWEEP], check=True, capture_output=True, text=True, env=environment
+        )
+        compiled.append(json.loads(done.stdout))
+        files.append({str(path): path.stat().st_size for path in tmp_path.rglob("*") if path.is_file()})
+    assert compiled == [2, 0]
+    assert files[0] == files[1]
+
+
+def test_the_million_scenarios_are_all_different():
+    plan = load_sweep(SWEEP).plan()
+    assert plan.n_asked == len(plan.unique) == 1_000_000
+
+
+@pytest.mark.slow
+def test_a_million_scenarios_need_little_memory(benchmark):
+    """A sweep of a million scenarios stays below 1 GiB resident, its cube written."""
+    found = benchmark.pedantic(run_file, rounds=1)
+    benchmark.extra_info |= {"seconds": found.seconds, "peak_mebibytes": found.peak_bytes / 2**20}
+    assert found.scenarios == 1_000_000
+    assert found.peak_bytes < 2**30
