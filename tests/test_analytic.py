@@ -267,7 +267,8 @@ def shake(law="linear", scene=PAIR, record=None, *, e=0.6, k=None, **options):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_the_first_impact_knows_no_law(method):
-    first = {law: shake(law, method=method).first_impact_time.values for law in CONTACT_LAWS}
+    laws = ["linear", "kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic"]
+    first = {law: shake(law, method=method).first_impact_time.values for law in laws}
     earliest = np.nanmin(first["linear"])
     assert 0 < earliest < 2.0
     assert {float(np.nanmin(times)) for times in first.values()} == {earliest}

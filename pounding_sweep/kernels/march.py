@@ -35,6 +35,8 @@ def march(src: Source, shape: KernelShape, contact: bool) -> None:
         src("row = 0")
     if contact:
         src("inside = False")
+        with src.block("for l in range(L):"):
+            src("I[KIND + l] = GLIDING if last > 0 else ENDED  # a record of one point has no motion")
     with src.block("while True:"):
         if contact:
             src("ended = 0; touching = 0; limit = last")
