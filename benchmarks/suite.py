@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 
@@ -62,15 +63,17 @@ def run(peers: Sequence[Peer], *, short: bool, notify: Notify, save: Callable[[R
     parts = _Parts(report, work, able, short, notify)
     laws = LAWS[:1] if short else LAWS
     comparisons = [partial(parts.compare, law) for law in laws]
-    alone: list[Callable[[], None]] = [parts.arithmetic, *comparisons, parts.axes, parts.sizes]
-    together: list[Callable[[], None]] = [parts.engine] if short else [parts.engine, parts.growth, parts.million]
-    with one_core():
-        for part in alone:
-            part()
+    single: list[Callable[[], None]] = [parts.arithmetic, *comparisons, parts.axes]
+    # what takes longest comes last: the report is saved after each part
+    groups: list[tuple[bool, list[Callable[[], None]]]] = [(True, single), (False, [parts.engine])]
+    groups += (
+        [(True, [parts.sizes])] if short else [(False, [parts.million]), (True, [parts.sizes]), (False, [parts.growth])]
+    )
+    for alone, members in groups:
+        for part in members:
+            with one_core() if alone else nullcontext():
+                part()
             save(report)
-    for part in together:
-        part()
-        save(report)
     return report
 
 

@@ -389,7 +389,7 @@ class _Job:
         counts = np.concatenate([steps, still.ravel()])
         interval = np.array([r.dt for r in spec.records])
         lengths = np.concatenate([interval[self.table.record] / steps, (interval[:, None] / still).ravel()])
-        named = "as the sweep names it" if spec.method and spec.precision else "the cheapest"
+        named = "as the sweep names it" if spec.method else "the cheapest"
         text = (
             f"for a relative error of {spec.accuracy:g}: {scheme[0]} ({named}; {scheme[1]}, located) with "
             f"{_range(counts, 'd')} steps per record interval, {_range(lengths, '.3g')} s. "

@@ -163,8 +163,8 @@ def _sub_step(src: Source, law: LawShape, capped: bool, touch: float, release: f
             src(f"x = {_root('age', touch)} + share; grown = lasts * ({_power('x', touch)} - age)")
             src("S[LONGEST + l] = min(S[LONGEST + l], grown if k > 0.0 else h)")
         if release > 1.0:
-            src("left = max(now, 0.0) / (-v * lasts); share = max(RELEASE_SHARE * h / lasts, LEAST_SHARE)")
-            src(f"x = {_root('left', release)} - share; shrunk = lasts * (left - {_power('x', release)})")
+            src("rest = max(now, 0.0) / (-v * lasts); share = max(RELEASE_SHARE * h / lasts, LEAST_SHARE)")
+            src(f"x = {_root('rest', release)} - share; shrunk = lasts * (rest - {_power('x', release)})")
             src("near = (k > 0.0) & (v < 0.0) & (x > share)  # else the release is within this sub-step")
             src("S[LONGEST + l] = min(S[LONGEST + l], shrunk if near else h)")
 

@@ -208,6 +208,7 @@ def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
     for i, law in enumerate(law_of):
         ignored = {"stiffness", "restitution", "gap"} if law == last else set()
         ignored |= set() if laws[law].takes_restitution else {"restitution"}
+        ignored |= {"stiffness"} if laws[law].exponent is None else set()  # velocities jump
         block = np.arange(len(spec.records)) * len(laws) + law
         block = block.reshape([-1 if dim == "record" else 1 for dim in dims])
         for name in order:
