@@ -92,7 +92,8 @@ def test_thousands_of_scenes_under_many_laws(keys):
     found = run_extremes(1600, seed=5, laws=keys, families=["random"], workers=2)
     ok = sum(result.statuses[Status.OK.label] for result in found.results)
     assert ok > 1000
-    missed = [fault for fault in found.faults if fault["fault"].startswith("is ok, but a peak is off")]
+    rare = ("is ok, but a peak is off", "its contacts created energy")
+    missed = [fault for fault in found.faults if fault["fault"].startswith(rare)]
     assert len(missed) <= 5e-4 * ok, missed
     assert max((result.error for result in found.results), default=0.0) < 0.2
     # energy that the ground can't have brought in: never in an ok scenario, hardly in any other
