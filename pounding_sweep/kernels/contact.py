@@ -210,13 +210,16 @@ def fused_ends(shape: KernelShape) -> bool:
 
 
 def plain_contact(src: Source, shape: KernelShape) -> ContactBody:
-    """Return what writes one contact of an unlocated kernel at the end of a step."""
+    """Return what writes one contact of an unlocated kernel at the end of a step.
+
+    Its names end in no figure: a fused step, in which it may stand, has v0, f0 and so on of its floors.
+    """
     r, law = shape.reducers, shape.law
     assert law is not None
 
     def body(between: Callable[[str], str], gap: str, j0: str, reduced: str) -> None:
         del reduced
-        src(f"d = {between('U')} - {gap}; v = {between('V')}; v0 = {between('VO')}; speed = max(v, v0)")
+        src(f"d = {between('U')} - {gap}; v = {between('V')}; vold = {between('VO')}; speed = max(v, vold)")
         src(f"closed = d > 0.0; fresh = closed & (S[KE + {j0} + l] == 0.0); look = S[LOOK + l]")
         src("S[LOOK + l] = 1.0 if fresh else look")
         src(f"S[KE + {j0} + l] = 1.0 if closed else 0.0; S[CE + {j0} + l] = 1.0 if fresh else 0.0")
@@ -240,11 +243,11 @@ def plain_contact(src: Source, shape: KernelShape) -> ContactBody:
             src(f"p = {law.elastic} + ({law.damper}) * {'max(v, 0.0)' if law.approach_only else 'v'}")
         else:
             src(f"p = {law.elastic}")
-        src(f"cut = {'p' if law.tension else 'max(p, 0.0)'}; f0 = S[FE + {j0} + l]; f = cut if closed else 0.0")
+        src(f"cut = {'p' if law.tension else 'max(p, 0.0)'}; fold = S[FE + {j0} + l]; f = cut if closed else 0.0")
         src(f"S[FE + {j0} + l] = f")
         if "force" in r:
             src(f"S[FMAX + {j0} + l] = max(S[FMAX + {j0} + l], f)")
-        for reducer, slot, rate in (("impulse", "IMPULSE", "f0 + f"), ("work", "WORK", "f0 * v0 + f * v")):
+        for reducer, slot, rate in (("impulse", "IMPULSE", "fold + f"), ("work", "WORK", "fold * vold + f * v")):
             if shape.scheme == "newmark" and reducer in r:
                 src(f"S[{slot} + {j0} + l] += 0.5 * h * ({rate})")
 

@@ -41,7 +41,9 @@ from pounding_sweep.kernels.shape import (
     output_slots,
     property_slots,
 )
+from pounding_sweep.kernels.text import OF_RUN, OF_STEP, emit_spread
 from pounding_sweep.kernels.vary import vary
+from pounding_sweep.kernels.watch import emit_watch
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged).
 MAX_TRIES = 1000
@@ -107,8 +109,8 @@ def state_slots(shape: KernelShape) -> Slots:
         for name, count in (("PASSED", 1), ("GIVEN", 1), ("GAINED", 1), ("PULL", n)):
             slots.add(name, count)
     if "energy" in shape.reducers:
-        slots.add("DIN", nb)
-        slots.add("DDAMP", nb)
+        slots.add("DIN", nb if shape.fused else n)
+        slots.add("DDAMP", nb if shape.fused else n)
     if "acceleration" in shape.reducers:
         for name in ("ACC0", "ACC1", "RATE0", "RATE1", "RELATIVE"):
             slots.add(name, n)
@@ -130,7 +132,12 @@ def state_slots(shape: KernelShape) -> Slots:
     if shape.scheme != "newmark" and not shape.fused:
         for name in ("_x", "_y", "_a1", "_a2", "_a3", "_a4"):
             slots.add(name, n)
-        slots.add("_F", nc)
+        if contact:
+            slots.add("_F", nc)
+            slots.add("PUSH", n)
+    if not shape.fused:
+        for name in (*OF_STEP, *OF_RUN, "OWN_HIT", "OWN_TURN"):
+            slots.add(name, n)
     return slots
 
 
@@ -184,8 +191,13 @@ def _row_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str
         parts.append(emit_back(shape))
     if shape.scheme != "exact":
         parts.append(emit_ground())
+    if not shape.fused:
+        parts += [
+            emit_spread(shape, slots),
+            emit_watch(shape, slots, "S[HL + l] > 0.0" if shape.scheme == "exact" else ""),
+        ]
     if "_x" in slots.first:
-        parts.append("\n\n" + "".join(f"{n.upper()} = {slots.first[n] * LANES}\n" for n in ("_x", "_y", "_F")))
+        parts.append("\n" + _hidden(slots))
         parts.append(Rk4Step(shape, slots, "trial").emit_stages())
     if shape.located or not contact:
         parts.append(emit_flight(shape, slots) if shape.scheme == "exact" else make(shape, slots, "flight").emit())
@@ -212,7 +224,7 @@ def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> st
     """Write the parts that hold the law, and the loop over time."""
     parts = [PRELUDE.partition("import math")[0], f"import math\n\nimport numpy as np\nfrom {ROW_NAME} import *\n"]
     if "_x" in slots.first:  # names with an underscore are not imported by the line above
-        parts.append("\n" + "".join(f"{n.upper()} = {slots.first[n] * LANES}\n" for n in ("_x", "_y", "_F")))
+        parts.append(_hidden(slots))
     newmark = shape.scheme == "newmark"
     if contact:
         parts.append(_law(shape))
@@ -234,6 +246,12 @@ def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> st
         parts.append(emit_note(shape, slots))
     parts.append(emit_run(shape, slots, contact))
     return "".join(parts)
+
+
+def _hidden(slots: Slots) -> str:
+    """Addresses of what only the stages of a longer row hold."""
+    lines = [f"{n.upper()} = {slots.first[n] * LANES}\n" for n in ("_x", "_y", "_F") if n in slots.first]
+    return "\n" + "".join(lines)
 
 
 def _functions(template: str, only: tuple[str, ...] = ()) -> str:

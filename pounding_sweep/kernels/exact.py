@@ -11,9 +11,9 @@ A, p and q are constants of the scene and the step.
 
 from __future__ import annotations
 
-from pounding_sweep.kernels.rk4 import watch, watch_in_loops
 from pounding_sweep.kernels.shape import LANES, KernelShape, Slots
 from pounding_sweep.kernels.text import Source
+from pounding_sweep.kernels.watch import watch
 
 #: Constants of one lane loop: as many as a processor's registers hold beside the motion.
 CONSTANTS = 16
@@ -45,7 +45,7 @@ def emit_flight(shape: KernelShape, slots: Slots) -> str:
         with src.block("for l in range(L):"):
             watch(src, shape, slots, "S[HL + l] > 0.0")
     else:
-        watch_in_loops(src, shape, "S[HL + l] > 0.0")
+        src("watch(S, h)")
     return str(src)
 
 

@@ -74,6 +74,15 @@ def emit_begin(shape: KernelShape, slots: Slots, contact: bool) -> str:
             src(f"S[{state} + i * L + l] = props[P_{given} + i]")
         if "displacement" in r:
             src("S[UMAX + i * L + l] = S[U + i * L + l]; S[UMIN + i * L + l] = S[U + i * L + l]")
+    if not shape.fused:
+        with src.block("for b in range(NB):"), src.block("for l in range(L):"):
+            for name in ("alpha", "beta"):
+                src(f"S[OWN_{name.upper()} + FIRST[b] * L + l] = props[P_{name.upper()} + b]")
+            if shape.law is not None:
+                src("S[OWN_K + FIRST[b] * L + l] = S[K + l]")
+        for neighbours in (pair for alike in shape.alike for pair in alike if len(alike) > 1):
+            with src.block("for l in range(L):"):
+                src(f"{slots.at('OWN_GAP', neighbours.home)} = {slots.at('gap', neighbours.pair)}")
     with src.block("for l in range(L):"):
         src("S[G1 + l] = S[SCALE + l] * start")
         if shape.law is not None:

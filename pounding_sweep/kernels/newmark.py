@@ -10,9 +10,9 @@ u' = u~ + beta h^2 a', v' = v~ + gamma h a'. The matrix is tridiagonal per build
 
 from __future__ import annotations
 
-from pounding_sweep.kernels.rk4 import watch, watch_in_loops
-from pounding_sweep.kernels.shape import KernelShape, Slots
+from pounding_sweep.kernels.shape import Floors, KernelShape, Slots
 from pounding_sweep.kernels.text import Source, StepText
+from pounding_sweep.kernels.watch import watch
 
 
 class NewmarkStep:
@@ -24,62 +24,67 @@ class NewmarkStep:
         self.src = Source()
 
     def emit(self) -> str:
-        """Return the function's text."""
+        """Return the function's text, after those of buildings of equal height in a longer row."""
         src, shape, at = self.src, self.shape, self.slots.at
-        trial = self.variant == "trial"
+        trial, energy = self.variant == "trial", "energy" in shape.reducers
+        step, gain = f"{self.variant}_step", f"{self.variant}_gain"
+        if not shape.fused:
+            for kind, members in enumerate(shape.heights):
+                self.t.function(src, f"{step}{kind}(S, props, h", members)
+                self._step([members[0].all()], trial)
+                if energy:
+                    self.t.function(src, f"{gain}{kind}(S, props", members)
+                    self._energy(members[0].all())
         if trial:
             src.function("trial(S, I, W, props)")
         elif self.variant == "plain":
             src.function("plain(S, I, W, props, h)")
         else:
             src.function("flight(S, props, h)")
-        src(f"nb = {self.t.prop('newmark_beta')}; ng = {self.t.prop('newmark_gamma')}")
-        blocks = self._buildings()
+        buildings = [Floors(shape.home(b), n).all() for b, n in enumerate(shape.storeys)]
         if shape.fused:
-            self.t.load_constants(src, list(range(shape.n_dof)))
-            with src.block("for l in range(L):"):
-                self._lane_values(trial)
-                for dofs in blocks:
-                    self._building(dofs, trial)
+            self._step(buildings, trial)
         else:
-            for dofs in blocks:
-                self.t.load_constants(src, dofs)
-                with src.block("for l in range(L):"):
-                    self._lane_values(trial)
-                    self._building(dofs, trial)
+            src("spread(S)")
+            for kind, members in enumerate(shape.heights):
+                self.t.call(src, f"{step}{kind}(S, props, {'0.0' if trial else 'h'}", members)
         if self.variant == "flight":
             if shape.fused:
                 with src.block("for l in range(L):"):
                     watch(src, shape, self.slots)
             else:
-                watch_in_loops(src, shape)
+                src("watch(S, h)")
         elif shape.law is not None and shape.contacts:
             with src.block("for l in range(L):"):
                 src(f"implicit(S, I, W, l, {at('HL') if trial else 'h'}, props)")
-        if "energy" in shape.reducers:
-            for dofs in blocks:
-                self.t.load_constants(src, dofs)
-                with src.block("for l in range(L):"):
-                    src(f"g0 = {at('G0')}; g1 = {at('G1')}")
-                    self._energy(dofs)
+        if energy and shape.fused:
+            for dofs in buildings:
+                self._energy(dofs)
+        elif energy:
+            for kind, members in enumerate(shape.heights):
+                self.t.call(src, f"{gain}{kind}(S, props", members)
         return str(src)
 
-    def _buildings(self) -> list[list[int]]:
-        result, first = [], 0
-        for n in self.shape.storeys:
-            result.append(list(range(first, first + n)))
-            first += n
-        return result
+    def _step(self, buildings: list[list[int]], trial: bool) -> None:
+        """Write the step of these buildings without their contacts."""
+        src = self.src
+        src("nb = props[P_NEWMARK_BETA]; ng = props[P_NEWMARK_GAMMA]")
+        self.t.load_constants(src, [i for dofs in buildings for i in dofs])
+        with src.block("for l in range(L):"):
+            self.t.load_own(src, buildings[0])
+            self._lane_values(trial, buildings[0][0])
+            for dofs in buildings:
+                self._building(dofs, trial)
 
-    def _lane_values(self, trial: bool) -> None:
-        src, at = self.src, self.slots.at
+    def _lane_values(self, trial: bool, home: int) -> None:
+        src = self.src
         if trial:
-            src(f"h = {at('HL')}")
-        src(f"g1 = {at('G1')}")
+            src(f"h = {self.t.own('OWN_H', home)}")
+        src(f"g1 = {self.t.own('OWN_G1', home)}")
         src("be = nb * (h * h); gg = ng * h; pu = h * h * (0.5 - nb); pv = h * (1.0 - ng)")
 
     def _building(self, dofs: list[int], trial: bool) -> None:
-        src, shape, at = self.src, self.shape, self.slots.at
+        src, shape, at = self.src, self.shape, self.t.floor
         b = shape.building_of[dofs[0]]
         for i in dofs:
             if trial:
@@ -108,15 +113,20 @@ class NewmarkStep:
 
     def _energy(self, dofs: list[int]) -> None:
         """Powers of input and damping at both ends, in the weights of Simpson's h/6 (3 and 3: the trapezoid)."""
-        src, shape, at = self.src, self.shape, self.slots.at
+        src, shape, at = self.src, self.shape, self.t.floor
         b = shape.building_of[dofs[0]]
-        for name, old, ground in (("0", "VO", "g0"), ("1", "V", "g1")):
-            momentum = " + ".join(f"m{i} * {at(old, i)}" for i in dofs)
-            mass = " + ".join(f"m{i} * {at(old, i)} * {at(old, i)}" for i in dofs)
-            stiff = []
-            for i in dofs:
-                dv = at(old, i) if shape.bottom[i] else f"({at(old, i)} - {at(old, i - 1)})"
-                stiff.append(f"k{i} * {dv} * {dv}")
-            src(f"pin{name} = -{ground} * ({momentum})")
-            src(f"pd{name} = al{b} * ({mass}) + be{b} * ({' + '.join(stiff)})")
-        src(f"{at('DIN', b)} = 3.0 * (pin0 + pin1); {at('DDAMP', b)} = 3.0 * (pd0 + pd1)")
+        self.t.load_constants(src, dofs)
+        with src.block("for l in range(L):"):
+            self.t.load_own(src, dofs)
+            src(f"g0 = {self.t.own('OWN_G0', dofs[0])}; g1 = {self.t.own('OWN_G1', dofs[0])}")
+            for name, old, ground in (("0", "VO", "g0"), ("1", "V", "g1")):
+                momentum = " + ".join(f"m{i} * {at(old, i)}" for i in dofs)
+                mass = " + ".join(f"m{i} * {at(old, i)} * {at(old, i)}" for i in dofs)
+                stiff = []
+                for i in dofs:
+                    dv = at(old, i) if shape.bottom[i] else f"({at(old, i)} - {at(old, i - 1)})"
+                    stiff.append(f"k{i} * {dv} * {dv}")
+                src(f"pin{name} = -{ground} * ({momentum})")
+                src(f"pd{name} = al{b} * ({mass}) + be{b} * ({' + '.join(stiff)})")
+            given, lost = self.t.building("DIN", b), self.t.building("DDAMP", b)
+            src(f"{given} = 3.0 * (pin0 + pin1); {lost} = 3.0 * (pd0 + pd1)")

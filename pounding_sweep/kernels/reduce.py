@@ -131,8 +131,9 @@ def emit_energy(shape: KernelShape, slots: Slots) -> str:
         src(f"h6 = {at('HL')} * SIXTH")
         if "energy" in shape.reducers:
             for b in range(shape.n_buildings):
-                src(f"{at('e_in', b)} = fma(h6, {at('DIN', b)}, {at('e_in', b)})")
-                src(f"{at('e_damp', b)} = fma(h6, {at('DDAMP', b)}, {at('e_damp', b)})")
+                own = b if shape.fused else shape.home(b)
+                src(f"{at('e_in', b)} = fma(h6, {at('DIN', own)}, {at('e_in', b)})")
+                src(f"{at('e_damp', b)} = fma(h6, {at('DDAMP', own)}, {at('e_damp', b)})")
     if rk4 and shape.law is not None and shape.contacts and shape.reducers & {"work", "impulse"}:
         src.function("contact_energies(S)")
         with src.block("for l in range(L):"):

@@ -10,13 +10,14 @@ which is the classical fourth-order method of Kutta with fewer operations.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from pounding_sweep.kernels.contact import plain_contact
 from pounding_sweep.kernels.reduce import sample
-from pounding_sweep.kernels.shape import LANES, KernelShape, Slots
-from pounding_sweep.kernels.text import Source, StepText, over_contacts, relative
+from pounding_sweep.kernels.shape import LANES, KernelShape, Neighbours, Slots
+from pounding_sweep.kernels.text import Source, StepText, relative
+from pounding_sweep.kernels.watch import watch
 
 #: Number, ground acceleration and weight (of h/6) of the stages.
 STAGES = ((1, "g0", "1.0"), (2, "gm", "2.0"), (3, "gm", "2.0"), (4, "g1", "1.0"))
@@ -31,7 +32,7 @@ class Rk4Step:
 
     A fused step is one straight line. Longer rows compile badly as one line: there the
     four stages are functions of their own (`emit_stages`) that hold no law and are shared
-    by all variants, and only the small function ``forces`` is compiled for a law.
+    by all variants, and only the small functions ``forces1`` and ``forces`` are compiled for a law.
     """
 
     def __init__(self, shape: KernelShape, slots: Slots, variant: str) -> None:
@@ -48,10 +49,12 @@ class Rk4Step:
         if self.fused:
             yield
             return
-        src, at = self.src, self.slots.at
+        src, home = self.src, self.shape.home(self.shape.building_of[dofs[0]])
         self.t.load_constants(src, dofs)
         with src.block("for l in range(L):"):
-            src(f"h = {at('HL')}; g0 = {at('G0')}; g1 = {at('G1')}; gm = 0.5 * (g0 + g1)")
+            self.t.load_own(src, dofs)
+            h, g0, g1 = (self.t.own(name, home) for name in ("OWN_H", "OWN_G0", "OWN_G1"))
+            src(f"h = {h}; g0 = {g0}; g1 = {g1}; gm = 0.5 * (g0 + g1)")
             src("hh = 0.5 * h; q = hh * hh; h2 = hh * h; h6 = h * SIXTH; h26 = h * h6")
             yield
 
@@ -70,7 +73,7 @@ class Rk4Step:
                 self._begin_split()
             self._call_stages()
             if self.variant == "flight":
-                watch_in_loops(src, shape)
+                src("watch(S, h)")
             return str(src)
         lengths = "hh = 0.5 * h; q = hh * hh; h2 = hh * h; h6 = h * SIXTH; h26 = h * h6"
         if not trial:
@@ -83,7 +86,7 @@ class Rk4Step:
             for i in range(shape.n_dof):
                 self._load(i)
             for stage in STAGES:
-                self._stage(*stage)
+                self._stage(*stage, [list(range(shape.n_dof))])
             if self.variant == "flight":
                 watch(src, shape, self.slots)
             elif not trial:
@@ -109,47 +112,67 @@ class Rk4Step:
         src = self.src
         src("copy(S)")
         if self.variant == "flight" and self.shape.law is not None and self.shape.contacts:
-            with src.block("for c in range(NC * L):"):
-                src("S[_F + c] = 0.0")
+            with src.block("for c in range(N * L):"):
+                src("S[PUSH + c] = 0.0")
 
     def _call_stages(self) -> None:
         src = self.src
+        src("spread(S)")
         for reducer, slot in (("work", "DWORK"), ("impulse", "DIMP")):
             if self.contact and reducer in self.shape.reducers:
                 with src.block("for c in range(NC * L):"):
                     src(f"S[{slot} + c] = 0.0")
         for stage, _, weight in STAGES:
             if self.contact:
-                src(f"forces(S, {'UO, VO' if stage == 1 else '_X, _Y'}, {weight})")
+                src(f"{'forces1' if stage == 1 else 'forces'}(S, {weight})")
             src(f"stage{stage}(S, props)")
 
     def _forces(self) -> None:
-        """Write ``forces``: contact forces of a stage from the motion in slots X and Y."""
-        src, shape, law = self.src, self.shape, self.shape.law
+        """Write ``forces1`` and ``forces``: contact forces of the first stage and of the others, and what they push."""
+        for name, x, y in (("forces1", "UO", "VO"), ("forces", "_x", "_y")):
+            for kind, members in enumerate(self.shape.alike):
+                self.t.function(self.src, f"{name}_{kind}(S, weight", members)
+                self._pair_forces(members[0], x, y)
+            self.src.function(f"{name}(S, weight)")
+            with self.src.block("for c in range(N * L):"):
+                self.src("S[PUSH + c] = 0.0")
+            for kind, members in enumerate(self.shape.alike):
+                self.t.call(self.src, f"{name}_{kind}(S, weight", members)
+
+    def _pair_forces(self, pair: Neighbours, x: str, y: str) -> None:
+        src, shape, law, at = self.src, self.shape, self.shape.law, self.t.floor
         assert law is not None
-        src.function("forces(S, X, Y, weight)")
-
-        def body(between: Callable[[str], str], gap: str, j0: str, reduced: str) -> None:
-            del reduced
-            src(f"d = {between('X')} - {gap}; v = {between('Y')}")
-            if self.variant == "trial":
-                src(f"k = S[KE + {j0} + l]; c = S[CE + {j0} + l]; r = math.sqrt(max(d, 0.0))")
-                src(f"f = {law.elastic} + ({law.damper}) * v" if law.damper else f"f = {law.elastic}")
-            else:
-                src(f"f = memoryless(S[K + l], S[C + {j0} + l], S[VRUN + {j0} + l], d, v)")
-            src(f"S[_F + {j0} + l] = f")
-            for reducer, slot, value in (("work", "DWORK", "f * v"), ("impulse", "DIMP", "f")):
-                if reducer in shape.reducers:
-                    src(f"S[{slot} + {j0} + l] += weight * {value}")
-
-        over_contacts(src, shape, self.slots, body)
+        for contacts in pair.chunks():
+            with src.block("for l in range(L):"):
+                src(f"g = {self.t.gap(pair)}")
+                if self.variant == "plain":
+                    src(f"stiffness = {self.t.own('OWN_K', pair.home)}")
+                for j, left, right in contacts:
+                    d, v = (relative(*(at(slot, i) if i >= 0 else None for i in (left, right))) for slot in (x, y))
+                    src(f"d = {d} - g; v = {v}")
+                    if self.variant == "trial":
+                        src(f"k = {at('KE', j)}; c = {at('CE', j)}; r = math.sqrt(max(d, 0.0))")
+                        src(f"f = {law.elastic} + ({law.damper}) * v" if law.damper else f"f = {law.elastic}")
+                    else:
+                        src(f"f = memoryless(stiffness, {at('c', j)}, {at('VRUN', j)}, d, v)")
+                    for i, sign in ((left, "-"), (right, "+")):
+                        if i >= 0:
+                            src(f"{at('PUSH', i)} {sign}= f")
+                    for reducer, slot, value in (("work", "DWORK", "f * v"), ("impulse", "DIMP", "f")):
+                        if reducer in shape.reducers:
+                            src(f"{at(slot, j)} += weight * {value}")
 
     def emit_stages(self) -> str:
         """Return the text of the four stages of a longer row, which hold no law."""
+        src, heights = self.src, self.shape.heights
         for stage in STAGES:
-            self.src.function(f"stage{stage[0]}(S, props)")
-            self._stage(*stage)
-        text, self.src = str(self.src), Source()
+            for kind, members in enumerate(heights):
+                self.t.function(src, f"stage{stage[0]}_{kind}(S, props", members)
+                self._stage(*stage, members[0].chunks())
+            src.function(f"stage{stage[0]}(S, props)")
+            for kind, members in enumerate(heights):
+                self.t.call(src, f"stage{stage[0]}_{kind}(S, props", members)
+        text, self.src = str(src), Source()
         return text
 
     def _load(self, i: int) -> None:
@@ -162,22 +185,22 @@ class Rk4Step:
             return
         src(f"u{i} = {at('U', i)}; v{i} = {at('V', i)}; {at('UO', i)} = u{i}; {at('VO', i)} = v{i}")
 
-    def _stage(self, stage: int, ground: str, weight: str) -> None:
+    def _stage(self, stage: int, ground: str, weight: str, chunks: list[list[int]]) -> None:
         """Write forces and accelerations of a stage, then its state: two passes where floors lie in several loops."""
         shape = self.shape
         x, y = ("u", "v") if stage == 1 else ("x", "y")
         if self.contact and self.fused:
             for j in range(len(shape.contacts)):
                 self._force(j, x, y, weight, stage == 1)
-        if len(shape.chunks) == 1:
-            with self._loop(shape.chunks[0]):
-                self._accelerate(shape.chunks[0], stage, x, y, ground, weight)
-                self._advance(shape.chunks[0], stage)
+        if len(chunks) == 1:
+            with self._loop(chunks[0]):
+                self._accelerate(chunks[0], stage, x, y, ground, weight)
+                self._advance(chunks[0], stage)
             return
-        for dofs in shape.chunks:
+        for dofs in chunks:
             with self._loop(dofs):
                 self._accelerate(dofs, stage, x, y, ground, weight)
-        for dofs in shape.chunks:
+        for dofs in chunks:
             with self._loop(dofs):
                 self._advance(dofs, stage)
 
@@ -192,7 +215,7 @@ class Rk4Step:
             self.t.rates(src, dofs, y, ground, weight, stage == 1)
 
     def _advance(self, dofs: list[int], stage: int) -> None:
-        src, ref, at = self.src, self.t.ref, self.slots.at
+        src, ref, at = self.src, self.t.ref, self.t.floor
         for i in dofs:
             u, v, a = ref("u", i), ref("v", i), ref(f"a{stage}", i)
             x, y = ref("x", i), ref("y", i)
@@ -245,72 +268,3 @@ class Rk4Step:
             if reducer in shape.reducers:
                 old = "" if first else f"{at(slot, j)} + "
                 src(f"{at(slot, j)} = {old}{weight} * {value}")
-
-
-def watch(src: Source, shape: KernelShape, slots: Slots, flies: str = "") -> None:
-    """Write, per lane (that `flies`), whether a floor may have touched (HIT > 0) and a kept peak turned (TURN <= 0)."""
-    at = slots.at
-
-    def ends(slot: str, contact: tuple[int, int, int]) -> str:
-        left, right, _ = contact
-        return relative(at(slot, left) if left >= 0 else None, at(slot, right) if right >= 0 else None)
-
-    if shape.law is not None and shape.contacts:
-        src("hit = -1.0")
-        for contact in shape.contacts:
-            gap = at("gap", contact[2])
-            src(f"d0 = {ends('UO', contact)} - {gap}; d1 = {ends('U', contact)} - {gap}")
-            src(f"v0 = {ends('VO', contact)}; v1 = {ends('V', contact)}")
-            src("hit = max(hit, max(d1, min(fma(h, v0, d0), fma(-h, v1, d1))))")
-        src(f"{at('HIT')} = hit if {flies} else -1.0" if flies else f"{at('HIT')} = hit")
-    if shape.reducers & {"displacement", "drift", "closing"}:
-        src("turn = 1.0")
-        if "displacement" in shape.reducers:
-            for i in range(shape.n_dof):
-                src(f"turn = min(turn, {at('VO', i)} * {at('V', i)})")
-        if "drift" in shape.reducers:
-            for i in range(shape.n_dof):
-                if not shape.bottom[i]:
-                    src(f"turn = min(turn, ({at('VO', i)} - {at('VO', i - 1)}) * ({at('V', i)} - {at('V', i - 1)}))")
-                elif "displacement" not in shape.reducers:
-                    src(f"turn = min(turn, {at('VO', i)} * {at('V', i)})")
-        if "closing" in shape.reducers:
-            for contact in shape.contacts:
-                src(f"turn = min(turn, {ends('VO', contact)} * {ends('V', contact)})")
-        src(f"{at('TURN')} = turn")
-
-
-def watch_in_loops(src: Source, shape: KernelShape, flies: str = "") -> None:
-    """Write the same as `watch` in loops over floors and contacts, for longer rows."""
-    contact = shape.law is not None and shape.contacts
-    with src.block("for l in range(L):"):
-        src("S[TURN + l] = 1.0")
-        if contact:
-            src("S[HIT + l] = -1.0")
-    if "displacement" in shape.reducers:
-        with src.block("for c in range(N):"), src.block("for l in range(L):"):
-            src("S[TURN + l] = min(S[TURN + l], S[VO + c * L + l] * S[V + c * L + l])")
-    if "drift" in shape.reducers:
-        with src.block("for b in range(NB):"), src.block("for c in range(FIRST[b], FIRST[b + 1]):"):
-            src("low = L if c > FIRST[b] else 0; keep = 1.0 if c > FIRST[b] else 0.0")
-            with src.block("for l in range(L):"):
-                for name, slot in (("v0", "VO"), ("v1", "V")):
-                    src(f"{name} = S[{slot} + c * L + l] - keep * S[{slot} + c * L - low + l]")
-                src("S[TURN + l] = min(S[TURN + l], v0 * v1)")
-    closing = "closing" in shape.reducers
-    if contact or closing:
-        with src.block("for j in range(NC):"):
-            src("left = max(LEFT[j], 0) * L; right = max(RIGHT[j], 0) * L")
-            src("a = 1.0 if LEFT[j] >= 0 else 0.0; b = 1.0 if RIGHT[j] >= 0 else 0.0")
-            with src.block("for l in range(L):"):
-                for name, slot in (("d0", "UO"), ("d1", "U"), ("v0", "VO"), ("v1", "V")):
-                    src(f"{name} = a * S[{slot} + left + l] - b * S[{slot} + right + l]")
-                if closing:
-                    src("S[TURN + l] = min(S[TURN + l], v0 * v1)")
-                if contact:
-                    src("g = S[GAP + PAIR[j] * L + l]; d0 = d0 - g; d1 = d1 - g")
-                    src("near = max(d1, min(fma(h, v0, d0), fma(-h, v1, d1)))")
-                    src("S[HIT + l] = max(S[HIT + l], near)")
-        if contact and flies:
-            with src.block("for l in range(L):"):
-                src(f"S[HIT + l] = S[HIT + l] if {flies} else -1.0")

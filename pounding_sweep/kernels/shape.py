@@ -45,7 +45,7 @@ VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short")
 CONTACT_CAP = 0.25
 #: Most degrees of freedom emitted as one straight line; longer rows are split.
 FUSED_DOF = 16
-#: Floors of one lane loop in a split kernel.
+#: Floors (or contacts) of one lane loop in a longer row.
 CHUNK_DOF = 10
 
 
@@ -84,6 +84,40 @@ class LawShape:
 
         damper = [self.damper_exponent] if self.damper else []
         return power([self.exponent, *damper]), power([self.exponent, *([] if self.approach_only else damper)])
+
+
+@dataclass(frozen=True)
+class Floors:
+    """Degrees of freedom of a building in a longer row, from its lowest, `home`."""
+
+    home: int
+    storeys: int
+
+    def all(self) -> list[int]:
+        """All of them."""
+        return list(range(self.home, self.home + self.storeys))
+
+    def chunks(self) -> list[list[int]]:
+        """Degrees of freedom of each lane loop."""
+        parts = -(-self.storeys // CHUNK_DOF)
+        edges = [self.home + (self.storeys * p) // parts for p in range(parts + 1)]
+        return [list(range(a, b)) for a, b in pairwise(edges)]
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """A pair of neighbours in a longer row: its contacts (number, left, right), and its left building's lowest floor.
+
+    Of a wall on the left, `home` is that of the building beside it.
+    """
+
+    home: int
+    pair: int
+    contacts: tuple[tuple[int, int, int], ...]
+
+    def chunks(self) -> list[tuple[tuple[int, int, int], ...]]:
+        """Contacts of each lane loop."""
+        return [self.contacts[i : i + CHUNK_DOF] for i in range(0, len(self.contacts), CHUNK_DOF)]
 
 
 @dataclass(frozen=True)
@@ -146,17 +180,30 @@ class KernelShape:
         return self.n_dof <= FUSED_DOF
 
     @property
-    def chunks(self) -> list[list[int]]:
-        """Degrees of freedom of each lane loop."""
-        if self.fused:
-            return [list(range(self.n_dof))]
-        result, first = [], 0
-        for n in self.storeys:
-            parts = -(-n // CHUNK_DOF)
-            edges = [first + (n * p) // parts for p in range(parts + 1)]
-            result += [list(range(a, b)) for a, b in pairwise(edges)]
-            first += n
-        return result
+    def heights(self) -> list[list[Floors]]:
+        """Buildings of equal numbers of storeys, by the first of each kind."""
+        found: dict[int, list[Floors]] = {}
+        for b, n in enumerate(self.storeys):
+            found.setdefault(n, []).append(Floors(self.home(b), n))
+        return list(found.values())
+
+    @property
+    def alike(self) -> list[list[Neighbours]]:
+        """Pairs whose floors meet alike, and whose contacts lie alike, by the first of each kind."""
+        found: dict[object, list[Neighbours]] = {}
+        building = self.building_of
+        for pair in range(self.n_pairs):
+            contacts = tuple((j, left, right) for j, (left, right, p) in enumerate(self.contacts) if p == pair)
+            if contacts:
+                _, left, right = contacts[0]
+                home = self.home(building[left if left >= 0 else right])
+                key = tuple(tuple(x - home if x >= 0 else None for x in contact) for contact in contacts)
+                found.setdefault(key, []).append(Neighbours(home, pair, contacts))
+        return list(found.values())
+
+    def home(self, b: int) -> int:
+        """Lowest floor of a building: in a longer row, the slot of a value that each building has one of."""
+        return sum(self.storeys[:b])
 
     @property
     def building_of(self) -> list[int]:

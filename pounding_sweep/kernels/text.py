@@ -7,10 +7,10 @@ the contact step of a lane that touches nothing give the same bits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from pounding_sweep.kernels.shape import LANES, KernelShape, Slots, property_slots
+from pounding_sweep.kernels.shape import LANES, Floors, KernelShape, Neighbours, Slots, property_slots
 
 
 class Source:
@@ -45,12 +45,23 @@ class Source:
         return "\n".join(self.lines) + "\n"
 
 
+#: What each building of a longer row has a copy of, in the slot of its lowest floor: values of the step, of the run.
+OF_STEP = {"OWN_H": "HL", "OWN_G0": "G0", "OWN_G1": "G1"}
+OF_RUN = {"OWN_ALPHA": "alpha", "OWN_BETA": "beta", "OWN_K": "k", "OWN_GAP": "gap"}
+
+
 class StepText:
-    """Where the quantities of one step live: locals in a fused step, slots otherwise."""
+    """Where the quantities of one step live: locals in a fused step, slots otherwise.
+
+    In a longer row, buildings of one height (and pairs that meet alike) share a function, written for the first of
+    them: the others lie ``d`` floors (``o`` lanes) further on. All addresses of a lane loop move together, or a
+    compiler could not tell that they differ, and would not put the lanes into vectors.
+    """
 
     def __init__(self, shape: KernelShape, slots: Slots, in_memory: bool) -> None:
         self.shape, self.slots, self.props = shape, slots, property_slots(shape)
         self.in_memory = in_memory
+        self.moves = False
         self.contacts_of: list[list[tuple[int, str]]] = [[] for _ in range(shape.n_dof)]
         for j, (left, right, _) in enumerate(shape.contacts):
             if left >= 0:
@@ -62,22 +73,57 @@ class StepText:
         """Text of quantity `kind` of degree of freedom (or contact) `i` inside a lane loop."""
         if not self.in_memory:
             return f"{kind}{i}"
-        home = {"u": "UO", "v": "VO"}.get(kind, f"_{kind}")
-        return self.slots.at(home, i)
+        return self.floor({"u": "UO", "v": "VO"}.get(kind, f"_{kind}"), i)
 
-    def prop(self, name: str, i: int = 0) -> str:
-        """Text of a scene constant."""
-        return f"props[P_{name.upper()} + {i}]"
+    def floor(self, name: str, i: int) -> str:
+        """Text of slot `name` of floor `i`."""
+        text = self.slots.at(name, i)
+        return text.replace("S[", "S[o + ", 1) if self.moves else text
+
+    def building(self, name: str, b: int) -> str:
+        """Text of slot `name` of building `b`."""
+        return self.slots.at(name, b) if self.shape.fused else self.floor(name, self.shape.home(b))
+
+    def own(self, name: str, home: int) -> str:
+        """Text of a value of the step or the run in a lane loop of the building whose lowest floor is `home`."""
+        return self.floor(name, home) if self.moves else self.slots.at((OF_STEP | OF_RUN)[name])
+
+    def gap(self, pair: Neighbours) -> str:
+        """Text of the gap of a pair of a longer row."""
+        return self.floor("OWN_GAP", pair.home) if self.moves else self.slots.at("gap", pair.pair)
+
+    def prop(self, name: str, i: int) -> str:
+        """Text of a constant of floor `i`."""
+        return f"props[P_{name.upper()} + {i}{' + d' if self.moves else ''}]"
+
+    def function(self, src: Source, head: str, members: Sequence[Floors | Neighbours]) -> None:
+        """Begin a function for buildings or pairs that are alike, written for the first of them."""
+        src.function(f"{head}, d)")
+        self.moves = len(members) > 1
+        if self.moves:
+            src("o = d * L")
+
+    def call(self, src: Source, head: str, members: Sequence[Floors | Neighbours]) -> None:
+        """Call such a function for all of them."""
+        first = members[0].home
+        with src.block(f"for d in {tuple(each.home - first for each in members)!r}:"):
+            src(f"{head}, d)")
 
     def load_constants(self, src: Source, dofs: list[int]) -> None:
-        """Local copies of the scene constants that these floors (and the storeys above them) use."""
+        """Scene constants of these floors (and of the storeys above them), before a lane loop."""
         shape = self.shape
         for i in dofs:
             src(f"im{i} = {self.prop('im', i)}; k{i} = {self.prop('k', i)}; m{i} = {self.prop('m', i)}")
             if not shape.top[i] and i + 1 not in dofs:
                 src(f"k{i + 1} = {self.prop('k', i + 1)}")
-        for b in sorted({shape.building_of[i] for i in dofs}):
-            src(f"al{b} = {self.prop('alpha', b)}; be{b} = {self.prop('beta', b)}")
+        for b in sorted({shape.building_of[i] for i in dofs}) if not self.moves else ():
+            src(f"al{b} = props[P_ALPHA + {b}]; be{b} = props[P_BETA + {b}]")
+
+    def load_own(self, src: Source, dofs: list[int]) -> None:
+        """Rayleigh factors of a building that shares its function, in a lane loop."""
+        if self.moves:
+            b = self.shape.building_of[dofs[0]]
+            src(f"al{b} = {self.building('OWN_ALPHA', b)}; be{b} = {self.building('OWN_BETA', b)}")
 
     def storey_forces(self, src: Source, dofs: list[int], x: str, y: str) -> None:
         """Storey forces f = k (w_i - w_(i-1)), w = x + beta y, of these floors and the storeys above them."""
@@ -99,8 +145,10 @@ class StepText:
                 src(f"f{i} = k{i} * w{i}" if shape.bottom[i] else f"f{i} = k{i} * (w{i} - w{i - 1})")
 
     def net_force(self, i: int, contact: str | None) -> str:
-        """Force on floor `i` from its storeys and, where `contact` names it, its contacts."""
+        """Force on floor `i` from its storeys and, where `contact` names it, its contacts (a longer row: PUSH)."""
         text = f"-f{i}" if self.shape.top[i] else f"(f{i + 1} - f{i})"
+        if contact is not None and self.in_memory:
+            return f"({text} + {self.floor('PUSH', i)})"
         if contact is not None:
             for j, sign in self.contacts_of[i]:
                 text = f"({text} {sign} {self.ref(contact, j)})"
@@ -122,9 +170,21 @@ class StepText:
                 ("DIN", f"-{ground} * ({momentum})"),
                 ("DDAMP", f"al{b} * ({mass}) + be{b} * ({' + '.join(stiff)})"),
             ):
-                slot = self.slots.at(name, b)
+                slot = self.building(name, b)
                 old = "" if begins else f"{slot} + "
                 src(f"{slot} = {old}{weight} * ({value})")
+
+
+def emit_spread(shape: KernelShape, slots: Slots) -> str:
+    """Write ``spread(S)``, which gives the buildings of a longer row their copies of the step's length and ground."""
+    src = Source()
+    src.function("spread(S)")
+    with src.block("for l in range(L):"):
+        for own, name in OF_STEP.items():
+            src(f"x = {slots.at(name)}")
+            for b in range(shape.n_buildings):
+                src(f"{slots.at(own, shape.home(b))} = x")
+    return str(src)
 
 
 #: Writes one contact in a lane loop: text of left minus right in a slot, address of its gap, its first lane, its mass.

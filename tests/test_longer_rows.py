@@ -1,0 +1,71 @@
+"""Rows compiled floor by floor in loops, as longer ones are, against the same rows in one straight line."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pounding_sweep as ps
+from pounding_sweep.cube.variables import VARIABLES
+from pounding_sweep.kernels import shape
+from pounding_sweep.kernels.cache import get_kernel
+
+OUTPUTS = [name for name in VARIABLES if name not in ("status", "energy_residual", "steps_per_contact")]
+#: A wall; three buildings alike, two pairs that meet alike; a lower building, whose pair is another kind.
+ROW = ps.Scene(
+    [
+        ps.Wall(),
+        ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
+        ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5]),
+        ps.Building("c", [100.0, 100.0], [1.1e5, 1.3e5]),
+        ps.Building("low", [140.0], [9.0e4]),
+    ],
+    gaps=[0.003, 0.004, 0.005, 0.004],
+    contact=ps.ContactProperties(linear_stiffness=8e5, restitution=0.6),
+)
+EL_CENTRO = ps.find_record("el_centro")
+SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[60:160])
+VARIED = {"period_factors": {"b": [0.8, 1.2]}, "damping_ratios": [0.02, 0.08]}
+
+
+def both(monkeypatch, **settings):
+    found = []
+    for most in (shape.FUSED_DOF, 0):
+        monkeypatch.setattr(shape, "FUSED_DOF", most)
+        get_kernel.cache_clear()
+        found.append(
+            ps.Sweep(ROW, SHORT, "kelvin_voigt", dt=1e-3, outputs=OUTPUTS, audit=0.0, **settings).run(
+                scheduler="synchronous"
+            )
+        )
+    get_kernel.cache_clear()
+    return found
+
+
+slow = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"method": "rk4"},
+        {"method": "rk4", "locate": False},
+        pytest.param({"method": "newmark"}, marks=slow),
+        pytest.param({"method": "exact"}, marks=slow),
+        pytest.param({"method": "rk4", **VARIED}, marks=slow),
+        pytest.param({"method": "newmark", **VARIED}, marks=slow),
+    ],
+    ids=lambda settings: (
+        " ".join(f"{name}={value}" for name, value in settings.items() if name not in VARIED)
+        + (" varied" if "damping_ratios" in settings else "")
+    ),
+)
+def test_loops_over_floors_give_the_numbers_of_a_straight_line(settings, monkeypatch):
+    line, loops = both(monkeypatch, **settings)
+    assert not line.status.any()
+    assert (line.impact_count.sum(["pair", "storey"]) > 3).all()
+    assert (line.impact_force_max.max("storey") > 0).all()  # every pair meets
+    for name in line.data_vars:
+        want, got = line[name].values, loops[name].values
+        size = np.nanmax(np.abs(want)) if want.dtype.kind == "f" else 1.0
+        np.testing.assert_allclose(got, want, rtol=0, atol=1e-9 * size, err_msg=str(name))
