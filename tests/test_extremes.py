@@ -35,8 +35,10 @@ from pounding_sweep.sweep.resolution import (
     phase_error,
 )
 
-#: One law whose force jumps at the touch, one that divides by the approach speed.
+#: A law whose force jumps at the touch.
 FAST_LAWS = ("kelvin_voigt",)
+#: Families whose rows are of many shapes, each with kernels of its own.
+OF_MANY_SHAPES = ("row", "walls", "together", "random")
 CONTACT_LAWS = tuple(key for key, law in LAWS.items() if law.has_contact)
 
 
@@ -49,16 +51,34 @@ def by_family(found):
 
 @pytest.fixture(scope="module")
 def fast():
-    return run_extremes(160, seed=11, laws=FAST_LAWS, workers=2)
+    families = [family for family in FAMILIES if family not in OF_MANY_SHAPES]
+    return run_extremes(0, laws=FAST_LAWS, families=families, workers=2)
+
+
+@pytest.fixture(scope="module")
+def rest():
+    return run_extremes(160, seed=11, laws=FAST_LAWS, families=OF_MANY_SHAPES, workers=2)
 
 
 def test_no_scenario_fails_a_demand(fast):
     assert fast.faults == []
+    check_counts(fast, [family for family in FAMILIES if family not in OF_MANY_SHAPES])
 
 
-def test_every_family_is_run_in_both_schemes_and_has_resolved_scenarios(fast):
-    found = by_family(fast)
-    assert set(found) == {(family, method) for family in (*FAMILIES, "random") for method in suite.METHODS}
+@pytest.mark.slow
+def test_no_scenario_of_the_other_families_fails_a_demand(rest):
+    assert rest.faults == []
+    check_counts(rest, OF_MANY_SHAPES)
+    found = by_family(rest)
+    assert found["random", "rk4"].statuses["beyond_stability_limit"] > 0
+    assert found["random", "newmark"].statuses["under_resolved_contact"] > 0
+    assert found["random", "newmark"].statuses["beyond_stability_limit"] == 0
+
+
+def check_counts(suite_run, families):
+    """Every family is run in every scheme, and has resolved scenarios."""
+    found = by_family(suite_run)
+    assert set(found) == {(family, method) for family in families for method in suite.METHODS}
     for result in found.values():
         assert result.statuses.total() == result.scenarios > 0
         assert result.statuses["ok"] > 0
@@ -77,7 +97,7 @@ def test_what_is_ok_is_judged_against_a_reference(fast):
 def test_the_suite_reaches_the_ends(fast):
     """Stiffness and step are extreme only if they are too much for one scheme or the other."""
     found = by_family(fast)
-    for family in ("stiffness", "mass ratio", "step", "random"):
+    for family in ("stiffness", "mass ratio", "step"):
         assert found[family, "rk4"].statuses["beyond_stability_limit"] > 0
         assert found[family, "newmark"].statuses["under_resolved_contact"] > 0
         assert found[family, "newmark"].statuses["beyond_stability_limit"] == 0  # it has no limit
@@ -86,10 +106,9 @@ def test_the_suite_reaches_the_ends(fast):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("keys", [CONTACT_LAWS[0::3], CONTACT_LAWS[1::3]], ids=lambda k: k[0])
-def test_thousands_of_scenes_under_many_laws(keys):
+def test_thousands_of_scenes_under_many_laws():
     """The claim is kept but for rare misses in scenes that nobody tuned the rules on, and those by little."""
-    found = run_extremes(1600, seed=5, laws=keys, families=["random"], workers=2)
+    found = run_extremes(1200, seed=5, laws=CONTACT_LAWS[0::3], families=["random"], workers=2)
     ok = sum(result.statuses[Status.OK.label] for result in found.results)
     assert ok > 1000
     rare = ("is ok, but a peak is off", "its contacts created energy")

@@ -130,6 +130,7 @@ def _load(name: str, path: Path) -> ModuleType:
     except BaseException:
         del sys.modules[name]
         raise
+    del module.__file__  # programs that read the source of all loaded modules need not read generated text
     return module
 
 
