@@ -30,6 +30,17 @@ class RecordError(InputError):
     """A ground-motion record can't be read, found or used."""
 
 
+class MissingRecordError(RecordError):
+    """A ground-motion record is not at hand; ``record`` is the name it would have had."""
+
+    def __init__(self, message: str, record: str) -> None:
+        super().__init__(message)
+        self.record = record
+
+    def __reduce__(self) -> tuple[type[MissingRecordError], tuple[str, str]]:
+        return MissingRecordError, (str(self), self.record)
+
+
 class SweepError(InputError):
     """A sweep description is not valid; ``problems`` lists every fault found."""
 

@@ -14,7 +14,7 @@ from pounding_sweep.cube.assemble import assemble
 from pounding_sweep.cube.layout import scatter_contact, scatter_dof
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.errors import InputError, StabilityError
-from pounding_sweep.records import Record, resolve_records
+from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.scene import Building, Scene
 from pounding_sweep.sweep.spec import build_spec, contact_stiffness
 
@@ -104,7 +104,7 @@ def simulate(
     from pounding_sweep.sweep.plan import make_plan
     from pounding_sweep.sweep.readout import variables_of
 
-    motion = record if isinstance(record, Record) else resolve_records([record])[0]
+    motion = resolve_record(record)
     found = get_law(law)
     spec = build_spec(
         scene=scene,
@@ -176,7 +176,8 @@ def simulate(
     }
     if spec.accuracy is not None:
         attributes |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
-    dataset = assemble(row, [], values, attributes)
+    extra = {"pair_gap": (("pair",), row.gaps, {"units": "m", "long_name": "gap of the pair"})} if row.gaps else None
+    dataset = assemble(row, [], values, attributes, extra)
     if int(values["status"]) != Status.DIVERGED:
         dataset = dataset.assign(_histories(kernel, history, motion, n_steps))
     return dataset

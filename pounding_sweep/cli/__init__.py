@@ -9,12 +9,28 @@ in which ``--help`` lists them.
 # isort: off
 from pounding_sweep.cli import run
 from pounding_sweep.cli import cubes
+from pounding_sweep.cli import compare
+from pounding_sweep.cli import histories
 from pounding_sweep.cli import tradeoff
 from pounding_sweep.cli import extremes
+from pounding_sweep.cli import paper
 from pounding_sweep.cli import lists
+from pounding_sweep.cli import records
 from pounding_sweep.cli import doctor
 
 # isort: on
 from pounding_sweep.cli.app import main
 
-__all__ = ["cubes", "doctor", "extremes", "lists", "main", "run", "tradeoff"]
+__all__ = [
+    "compare",
+    "cubes",
+    "doctor",
+    "extremes",
+    "histories",
+    "lists",
+    "main",
+    "paper",
+    "records",
+    "run",
+    "tradeoff",
+]

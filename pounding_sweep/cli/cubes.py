@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pounding_sweep.cli.app import CubeFile, app
 from pounding_sweep.cli.reporting import reporting
-from pounding_sweep.figures import FIGURES
+from pounding_sweep.errors import InputError
+from pounding_sweep.figures import FIGURES, SOURCES
+from pounding_sweep.tables import print_table
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @app.command("info")
@@ -25,16 +30,70 @@ def info_command(cube: CubeFile) -> None:
 
 @app.command("plot")
 def plot_command(
-    cube: CubeFile,
-    kind: Annotated[str, typer.Argument(metavar="FIGURE", help=f"One of: {', '.join(FIGURES)}.", show_default=False)],
+    cube: Annotated[
+        Path | None,
+        typer.Argument(metavar="CUBE.nc", help="Cube made by 'run', or another file made here.", show_default=False),
+    ] = None,
+    kind: Annotated[
+        str | None,
+        typer.Argument(metavar="FIGURE", help="Figure; without it, figures are listed.", show_default=False),
+    ] = None,
     out: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE", help="PNG, SVG or PDF file.", show_default=False)
-    ],
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="PNG, SVG or PDF file.", show_default=False)
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option("--at", metavar="AXIS=VALUE", help="Draw this value of an axis; repeat for several axes."),
+    ] = None,
+    dpi: Annotated[float, typer.Option(metavar="N", help="Dots per inch of a PNG.")] = 150.0,
+    only_list: Annotated[
+        bool, typer.Option("--list", help="List the figures, and what of them CUBE.nc allows.")
+    ] = False,
 ) -> None:
-    """Draw a figure of a cube into a file."""
+    """Draw a figure of a cube into a file, or list the figures."""
     with reporting():
+        from pounding_sweep.cube.select import select
         from pounding_sweep.cube.write import open_cube
         from pounding_sweep.figures import plot
 
+        if cube is None:
+            if not only_list:
+                msg = "a file is missing; give CUBE.nc FIGURE -o FILE, or --list for the figures there are"
+                raise InputError(msg)
+            print_table(
+                ["figure", "shows", "drawn from"], [[k.key, k.title, SOURCES[k.source]] for k in FIGURES.values()]
+            )
+            return
         with open_cube(cube) as found:
-            print(plot(found, kind, out))
+            chosen = select(found, _values(at or []))
+            if only_list or kind is None:
+                _list(chosen)
+            elif out is None:
+                msg = f"-o is missing; give the file to draw into, such as -o {kind}.png"
+                raise InputError(msg)
+            else:
+                print(plot(chosen, kind, out, dpi=dpi))
+
+
+def _values(given: list[str]) -> dict[str, str]:
+    """Read AXIS=VALUE."""
+    values = {}
+    for text in given:
+        axis, equals, value = text.partition("=")
+        if not equals:
+            msg = f"--at {text!r} won't do; give AXIS=VALUE, such as gap=0.01"
+            raise InputError(msg)
+        values[axis.strip()] = value.strip()
+    return values
+
+
+def _list(dataset: xr.Dataset) -> None:
+    """Print which figures a dataset allows, and what the others lack."""
+    lacks = {kind.key: kind.lacks(dataset) for kind in FIGURES.values()}
+    possible = [[key, FIGURES[key].title] for key, missing in lacks.items() if not missing]
+    if possible:
+        print_table(["figure", "shows"], possible)
+    others = [[key, ", ".join(missing).replace("|", " or ")] for key, missing in lacks.items() if missing]
+    if others:
+        print()
+        print_table(["not possible", "lacks"], others)

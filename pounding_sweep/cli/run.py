@@ -19,10 +19,16 @@ Accuracy = Annotated[
     float | None,
     typer.Option(metavar="ERROR", help="Relative error asked for, 1e-2 to 1e-6, in place of the file's step."),
 ]
+SkipMissing = Annotated[
+    bool, typer.Option("--skip-missing-records", help="Go on without the records that are not found.")
+]
 
 
-def _asking(job: Sweep, accuracy: float | None) -> Sweep:
-    """Return the sweep, asking for `accuracy` if one is given."""
+def _job(sweep: Path, accuracy: float | None, skip: bool) -> Sweep:
+    """Read a sweep file; ask for `accuracy` if one is given."""
+    from pounding_sweep.sweep.sweep import load_sweep
+
+    job = load_sweep(sweep, skip_missing_records=skip)
     if accuracy is None:
         return job
     from pounding_sweep.sweep.spec import with_accuracy
@@ -42,6 +48,7 @@ def run_command(
     ] = "threads",
     workers: Workers = None,
     accuracy: Accuracy = None,
+    skip_missing: SkipMissing = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT.nc if it exists.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
     as_json: AsJson = False,
@@ -51,9 +58,8 @@ def run_command(
         from pounding_sweep.cube.audited import audit_sentence, audit_table
         from pounding_sweep.progress import make_progress
         from pounding_sweep.sweep.summary import status_table, summary_table
-        from pounding_sweep.sweep.sweep import load_sweep
 
-        job = _asking(load_sweep(sweep), accuracy)
+        job = _job(sweep, accuracy, skip_missing)
         progress = make_progress(quiet)
         try:
             cube = job.run(out, scheduler=scheduler, workers=workers, overwrite=overwrite, progress=progress)
@@ -64,6 +70,7 @@ def run_command(
         report = {
             **_run_report(job.spec.n_scenarios, outcome),
             "accuracy_choice": cube.attrs.get("accuracy_choice", ""),
+            "records_left_out": list(job.spec.records_left_out),
             "audit": audit_table(cube),
             "audit_sentence": audit_sentence(cube),
             "statuses": status_table(cube),
@@ -84,19 +91,25 @@ def run_command(
 
 
 @app.command("plan")
-def plan_command(sweep: SweepFile, workers: Workers = None, accuracy: Accuracy = None, as_json: AsJson = False) -> None:
+def plan_command(
+    sweep: SweepFile,
+    workers: Workers = None,
+    accuracy: Accuracy = None,
+    skip_missing: SkipMissing = False,
+    as_json: AsJson = False,
+) -> None:
     """Say what a sweep would run, and at what cost; nothing is run."""
     with reporting():
         from pounding_sweep.cube.variables import Status
         from pounding_sweep.sweep.execute import check_scheduler
-        from pounding_sweep.sweep.sweep import load_sweep
 
         n_workers = check_scheduler("threads", workers)
-        job = _asking(load_sweep(sweep), accuracy)
+        job = _job(sweep, accuracy, skip_missing)
         plan = job.plan()
         found = {**plan.summary(n_workers), "workers": n_workers, "sweep_sha256": plan.digest}
         limit = float(plan.limit[plan.refused].min()) if plan.refused.any() else None
         found["largest_stable_step"] = limit
+        found["records_left_out"] = list(job.spec.records_left_out)
         if as_json:
             print_json(found)
             return
@@ -121,6 +134,7 @@ def plan_command(sweep: SweepFile, workers: Workers = None, accuracy: Accuracy =
             rows.insert(3, ("refused", f"{found['refused']}: beyond the stability limit; {remedy}"))
         if found["accuracy_choice"]:
             rows.insert(-2, ("accuracy", found["accuracy_choice"]))
+        rows += _left_out(found)
         print_pairs(rows)
 
 
@@ -175,12 +189,19 @@ def _print_run(report: dict[str, Any]) -> None:
     ]
     if report["accuracy_choice"]:
         lines.append(("accuracy", report["accuracy_choice"]))
+    lines += _left_out(report)
     lines += _audit_lines(report)
     for item in report["statuses"]:
         if item["remedy"]:
             lines.append((item["label"], f"{item['count']}: {item['meaning']}; {item['remedy']}"))
     print_pairs(lines)
     print(report["cube"])
+
+
+def _left_out(report: dict[str, Any]) -> list[tuple[str, str]]:
+    """Name the missing records that the sweep goes without."""
+    names = report["records_left_out"]
+    return [("left out", f"{', '.join(names)}: no such record at hand")] if names else []
 
 
 def _audit_lines(report: dict[str, Any]) -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""Figures of cubes: each takes a dataset and returns a matplotlib figure.
+"""Figures: each takes a dataset and returns a matplotlib figure.
 
 matplotlib is imported here and nowhere else in the package.
 """
@@ -17,6 +17,15 @@ from pounding_sweep.errors import InputError, OutputError, unknown
 if TYPE_CHECKING:
     import xarray as xr
 
+#: What figures are drawn from: name -> where such a file comes from.
+SOURCES: dict[str, str] = {
+    "cube": "a cube of 'pounding-sweep run'",
+    "histories": "histories of 'pounding-sweep simulate'",
+    "trade": "the file of 'pounding-sweep tradeoff'",
+    "map": "the file of 'pounding-sweep extremes --map MAP.nc'",
+    "spectra": "the file of 'pounding-sweep records plot --data MOTIONS.nc'",
+}
+
 
 @dataclass(frozen=True)
 class Kind:
@@ -30,17 +39,29 @@ class Kind:
         What it shows.
     place : str
         ``module:function`` that draws it.
+    source : str
+        What it is drawn from, a key of `SOURCES`.
+    needs : tuple of str
+        Variables, coordinates or dimensions that the dataset must have; of
+        alternatives, separated by ``|``, any one.
     """
 
     key: str
     title: str
     place: str
+    source: str = "cube"
+    needs: tuple[str, ...] = ()
 
     def load(self) -> Callable[..., Any]:
         """Return the function that draws it."""
         module, _, name = self.place.partition(":")
         found: Callable[..., Any] = getattr(import_module(module), name)
         return found
+
+    def lacks(self, dataset: xr.Dataset) -> tuple[str, ...]:
+        """Return what of `needs` a dataset has not."""
+        there = {*map(str, dataset.variables), *map(str, dataset.sizes)}
+        return tuple(need for need in self.needs if there.isdisjoint(need.split("|")))
 
 
 #: All figures by name.
@@ -51,46 +72,175 @@ FIGURES: dict[str, Kind] = {
             "force-gap",
             "peak impact force and impacts of each pair against the gap, law by law",
             "pounding_sweep.figures.force_gap:force_gap",
+            needs=("law", "gap", "pair", "impact_force_max", "impact_count"),
+        ),
+        Kind(
+            "profiles",
+            "peak displacement, drift, storey shear and acceleration over the height, law by law",
+            "pounding_sweep.figures.profiles:profiles",
+            needs=(
+                "law",
+                "floor_elevation",
+                "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max",
+            ),
+        ),
+        Kind(
+            "amplification",
+            "responses with pounding over responses without, by building and law",
+            "pounding_sweep.figures.amplification:amplification",
+            needs=(
+                "law",
+                "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max"
+                "|displacement_max_ratio|displacement_min_ratio|drift_max_ratio|storey_shear_max_ratio"
+                "|acceleration_max_ratio",
+            ),
+        ),
+        Kind(
+            "law-comparison",
+            "impact forces over those of a reference law, at equal nominal and at equal realised restitution",
+            "pounding_sweep.figures.law_comparison:law_comparison",
+            needs=(
+                "law",
+                "pair",
+                "impact_force_max|penetration_max|impulse|approach_speed_max|impact_count|impact_force_max_compared"
+                "|penetration_max_compared|impulse_compared|approach_speed_max_compared|impact_count_compared",
+            ),
+        ),
+        Kind(
+            "required-gap",
+            "the gap that each pair needs, exactly and by separation rules",
+            "pounding_sweep.figures.required_gap:required_gap",
+            needs=("pair",),
+        ),
+        Kind(
+            "energy-budget",
+            "where the energy of each building went, law by law",
+            "pounding_sweep.figures.energy_budget:energy_budget",
+            needs=("building", "energy_input", "energy_damping", "energy_kinetic", "energy_strain"),
+        ),
+        Kind(
+            "incremental",
+            "response against intensity, record by record, with the fractiles of the suite",
+            "pounding_sweep.figures.incremental:incremental",
+            needs=("scale",),
+        ),
+        Kind(
+            "fragility",
+            "probability that a pair touches, against intensity, with its confidence",
+            "pounding_sweep.figures.fragility:fragility",
+            needs=("record|scale",),
+        ),
+        Kind(
+            "histories",
+            "ground acceleration, floor displacements and contact forces against time, from 'simulate'",
+            "pounding_sweep.figures.histories:histories",
+            source="histories",
+            needs=("time", "ground_acceleration", "displacement"),
+        ),
+        Kind(
+            "row",
+            "the row at the instant of its strongest impact, from 'simulate'",
+            "pounding_sweep.figures.row:row",
+            source="histories",
+            needs=("time", "floor_elevation", "displacement"),
+        ),
+        Kind(
+            "floor-spectra",
+            "5 % response spectra of the floors' total accelerations, from 'simulate'",
+            "pounding_sweep.figures.response_spectra:floor_response",
+            source="histories",
+            needs=("time", "acceleration"),
+        ),
+        Kind(
+            "response-spectra",
+            "response or floor spectra: pseudo-acceleration and displacement against period",
+            "pounding_sweep.figures.response_spectra:response_spectra",
+            source="spectra",
+            needs=("period", "pseudo_acceleration", "spectral_displacement"),
+        ),
+        Kind(
+            "ground-motion",
+            "acceleration histories and response spectra of records, as 'records plot' draws them",
+            "pounding_sweep.figures.ground_motion:ground_motion",
+            source="spectra",
+            needs=("record", "time", "ground_acceleration", "period", "pseudo_acceleration", "damping_ratio"),
         ),
         Kind(
             "work-precision",
             "worst error of schemes, steps and number formats against their cost, from 'tradeoff'",
             "pounding_sweep.figures.work_precision:work_precision",
+            source="trade",
+            needs=("scheme", "located", "error", "cost"),
         ),
         Kind(
             "stability-map",
             "error and status over contact stiffness and time step, from 'extremes --map'",
             "pounding_sweep.figures.stability_map:stability_map",
+            source="map",
+            needs=("peak_force_error", "status", "scheme", "stiffness", "dt"),
         ),
     )
 }
 
 
-def plot(cube: xr.Dataset, kind: str, path: str | os.PathLike[str]) -> Path:
-    """Draw a figure of a cube into a file (PNG, SVG, PDF by its suffix).
+def require(dataset: xr.Dataset, key: str) -> None:
+    """Raise `InputError` where a dataset lacks what a figure needs.
 
     Parameters
     ----------
-    cube : xarray.Dataset
-        A cube.
-    kind : str
+    dataset : xarray.Dataset
+        What is to be drawn.
+    key : str
         A key of `FIGURES`.
-    path : path
-        File to write.
 
     Raises
     ------
     InputError
-        The figure is unknown, or the cube lacks what it needs.
+        Something is missing; the message says what, and where such a file comes from.
+    """
+    kind = FIGURES[key]
+    lacking = kind.lacks(dataset)
+    if lacking:
+        names = ", ".join(" or ".join(map(repr, need.split("|"))) for need in lacking)
+        msg = f"figure {key!r} needs {names}, which this file has not; it is drawn from {SOURCES[kind.source]}"
+        if kind.source == "cube" and "status" in dataset.variables:
+            msg += ": run the sweep again with such an axis or output"
+        raise InputError(msg)
+
+
+def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: float = 150.0) -> Path:
+    """Draw a figure of a dataset into a file (PNG, SVG, PDF by its suffix).
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A cube, or what else the figure is drawn from.
+    kind : str
+        A key of `FIGURES`.
+    path : path
+        File to write.
+    dpi : float
+        Dots per inch of a PNG.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    InputError
+        The figure is unknown, or the dataset lacks what it needs.
     OutputError
         The file can't be written.
     """
     if kind not in FIGURES:
         raise InputError(unknown("figure", kind, FIGURES))
-    figure = FIGURES[kind].load()(cube)
+    require(dataset, kind)
+    figure = FIGURES[kind].load()(dataset)
     target = Path(path)
     try:
-        figure.savefig(target)
+        figure.savefig(target, dpi=dpi)
     except (OSError, ValueError) as error:
         msg = (
             f"can't write {str(target)!r} ({error}); give a file in a folder that exists, ending in .png, .svg or .pdf"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pounding_sweep.errors import InputError
+from pounding_sweep.figures import require
+from pounding_sweep.figures.chosen import along, middle
 from pounding_sweep.figures.style import look, styled, subplots
 
 if TYPE_CHECKING:
@@ -19,8 +20,8 @@ def force_gap(cube: xr.Dataset) -> Figure:
     """Draw peak impact force and impacts of each pair against the gap.
 
     One column per pair, one line per law: the largest value over storeys. Of the
-    other axes (stiffness, restitution, record, scale) the middle value is shown
-    and named in the title.
+    other axes (stiffness, restitution, record, building properties) the middle value
+    is shown and named in the title.
 
     Parameters
     ----------
@@ -37,18 +38,9 @@ def force_gap(cube: xr.Dataset) -> Figure:
     InputError
         The cube lacks what the figure needs.
     """
-    for name in ("law", "gap", *(row[0] for row in _ROWS)):
-        if name not in cube.variables:
-            msg = f"figure 'force-gap' needs {name!r}, which this cube has not; run a sweep with it"
-            raise InputError(msg)
-    shown = []
-    for axis in ("stiffness_factor", "stiffness", "restitution", "record", "scale"):
-        if axis in cube.dims:
-            middle = (cube.sizes[axis] - 1) // 2
-            if cube.sizes[axis] > 1 or axis == "record":
-                value = cube[axis].values[middle]
-                shown.append(f"{axis.replace('_', ' ')} {value if isinstance(value, str) else format(value, 'g')}")
-            cube = cube.isel({axis: middle})
+    require(cube, "force-gap")
+    cube, shown = middle(along(along(cube, "law"), "gap"), ("law", "gap"))
+    cube = cube.sortby("gap")
     laws = [law for law in cube.law.values.tolist() if law != "none"]
     pairs = cube.pair.values.tolist()
     figure, axes = subplots(len(_ROWS), len(pairs), (2.0 + 3.2 * len(pairs), 5.2))
@@ -69,5 +61,5 @@ def force_gap(cube: xr.Dataset) -> Figure:
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(3, max(1, len(labels))))
     if shown:
-        figure.suptitle("; ".join(shown), fontsize=9)
+        figure.suptitle(shown, fontsize=9)
     return figure

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.cube.variables import Status
-from pounding_sweep.errors import InputError
+from pounding_sweep.figures import require
 from pounding_sweep.figures.style import styled, subplots
 
 if TYPE_CHECKING:
@@ -44,10 +44,7 @@ def stability_map(cube: xr.Dataset) -> Figure:
     """
     from matplotlib.colors import LogNorm
 
-    for name in ("peak_force_error", "status", "scheme", "stiffness", "dt"):
-        if name not in cube.variables:
-            msg = f"figure 'stability-map' needs {name!r}; make its file with 'pounding-sweep extremes --map MAP.nc'"
-            raise InputError(msg)
+    require(cube, "stability-map")
     schemes = cube.scheme.values.tolist()
     columns = min(2, len(schemes))
     rows = -(-len(schemes) // columns)

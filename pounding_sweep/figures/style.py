@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from typing import TYPE_CHECKING, Any
 
@@ -26,23 +27,29 @@ _SETTINGS: dict[str, Any] = {
     "lines.linewidth": 1.4,
     "lines.markersize": 4,
     "legend.frameon": False,
-    "savefig.dpi": 150,
 }
 
 
+@contextmanager
+def in_style() -> Iterator[None]:
+    """Draw in the package's style, whatever the reader's matplotlib settings are."""
+    import matplotlib as mpl
+
+    settings: Any = dict(mpl.rcParamsDefault)
+    settings.update(_SETTINGS)
+    with mpl.rc_context(settings):
+        yield
+
+
 def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Draw a figure in the package's style, whatever the reader's matplotlib settings are."""
+    """Make a function draw in the package's style."""
 
     @wraps(draw)
-    def in_style(*args: Any, **kwargs: Any) -> Figure:
-        import matplotlib as mpl
-
-        settings: Any = dict(mpl.rcParamsDefault)
-        settings.update(_SETTINGS)
-        with mpl.rc_context(settings):
+    def drawn(*args: Any, **kwargs: Any) -> Figure:
+        with in_style():
             return draw(*args, **kwargs)
 
-    return in_style
+    return drawn
 
 
 def subplots(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:

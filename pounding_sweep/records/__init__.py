@@ -6,10 +6,14 @@ from pounding_sweep.records.catalogue import (
     KnownRecord,
     find_record,
     list_records,
-    resolve_records,
 )
-from pounding_sweep.records.reading import MAX_FILE_BYTES, RECORD_SUFFIXES, read_record
+from pounding_sweep.records.dataset import records_dataset
+from pounding_sweep.records.fema_p695 import RECORD_SETS, RecordSet, read_record_set
+from pounding_sweep.records.loading import MAX_FILE_BYTES
+from pounding_sweep.records.measures import RecordMeasures, record_measures
+from pounding_sweep.records.reading import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.record import STANDARD_GRAVITY, UNITS, Record
+from pounding_sweep.records.resolve import resolve_record, resolve_records
 from pounding_sweep.records.synthetic import PULSES, Pulse, pulse_record, synthetic_record
 
 __all__ = [
@@ -17,16 +21,23 @@ __all__ = [
     "MAX_FILE_BYTES",
     "PULSES",
     "RECORDS_VARIABLE",
+    "RECORD_SETS",
     "RECORD_SUFFIXES",
     "STANDARD_GRAVITY",
     "UNITS",
     "KnownRecord",
     "Pulse",
     "Record",
+    "RecordMeasures",
+    "RecordSet",
     "find_record",
     "list_records",
     "pulse_record",
     "read_record",
+    "read_record_set",
+    "record_measures",
+    "records_dataset",
+    "resolve_record",
     "resolve_records",
     "synthetic_record",
 ]

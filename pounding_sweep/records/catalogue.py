@@ -6,11 +6,12 @@ import difflib
 import importlib.resources
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pounding_sweep.errors import RecordError, unknown
+from pounding_sweep.errors import MissingRecordError, RecordError, unknown
+from pounding_sweep.records.fema_p695 import RECORD_SETS, read_component, set_components
 from pounding_sweep.records.reading import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.record import Record
 
@@ -105,7 +106,8 @@ KNOWN_RECORDS: dict[str, KnownRecord] = {
 Folders = str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None
 
 
-def _plain(name: str) -> str:
+def plain_name(name: str) -> str:
+    """Return a name as registries spell it: "El Centro" is "el_centro"."""
     return re.sub(r"[\s_-]+", "_", name.strip().lower())
 
 
@@ -135,7 +137,7 @@ def _searched(folders: Sequence[Path]) -> str:
 
 def _known(name: str) -> KnownRecord | None:
     """Find the known record that `name` means: key, alias or RSN."""
-    plain = _plain(name)
+    plain = plain_name(name)
     match = re.fullmatch(r"(?:rsn)?_?(\d{1,6})", plain, re.ASCII)
     for entry in KNOWN_RECORDS.values():
         if plain == entry.key or plain in entry.aliases or (match and entry.rsn == int(match[1])):
@@ -178,7 +180,8 @@ def find_record(name: str, folders: Folders = None) -> Record:
     ----------
     name
         "el_centro" (bundled), the key, alias or RSN ("RSN949", "949") of a record in
-        `KNOWN_RECORDS`, or the name of a file in a folder, with or without its ending.
+        `KNOWN_RECORDS`, the name of a file in a folder, with or without its ending, or
+        ``SET/RECORD`` with a key of `RECORD_SETS`: "fema_p695_far_field/RSN953_NORTHR_MUL009".
     folders
         Folder or folders to search, in order; by default those in the environment variable ``POUNDING_SWEEP_RECORDS``.
 
@@ -189,9 +192,10 @@ def find_record(name: str, folders: Folders = None) -> Record:
 
     Raises
     ------
+    MissingRecordError
+        If there is no such record (the message says where to get it or what is valid).
     RecordError
-        If there is no such record (the message says where to get it or what is valid),
-        several files match, or its file can't be read.
+        If several files match, or the file can't be read.
 
     Examples
     --------
@@ -202,6 +206,9 @@ def find_record(name: str, folders: Folders = None) -> Record:
         msg = f"a record's name must be a non-empty text, not {name!r}"
         raise RecordError(msg)
     name = name.strip()
+    group, _, component = name.partition("/")
+    if plain_name(group) in RECORD_SETS:
+        return _from_set(plain_name(group), component)
     entry = _known(name)
     if entry is not None and entry.bundled:
         return _bundled(entry)
@@ -227,8 +234,20 @@ def find_record(name: str, folders: Folders = None) -> Record:
             f"{_searched(searched)}. Its terms forbid shipping it: get it from {entry.place}, {number}, "
             f"and put it into a folder named by {RECORDS_VARIABLE}"
         )
-        raise RecordError(msg)
-    raise RecordError(_unknown_record(name, searched, [file for folder in searched for file in files[folder]]))
+        raise MissingRecordError(msg, entry.key)
+    found = [file for folder in searched for file in files[folder]]
+    raise MissingRecordError(_unknown_record(name, searched, found), Path(name).stem)
+
+
+def _from_set(group: str, component: str) -> Record:
+    if component:
+        return read_component(group, component)
+    first = next(iter(set_components(group)))
+    msg = (
+        f"{group!r} is a set of {RECORD_SETS[group].components} records; give it as an item of a sweep's records, "
+        f"or one of its records, such as {group + '/' + first!r}"
+    )
+    raise RecordError(msg)
 
 
 def _unknown_record(name: str, searched: Sequence[Path], files: Sequence[Path]) -> str:
@@ -239,7 +258,7 @@ def _unknown_record(name: str, searched: Sequence[Path], files: Sequence[Path]) 
         text = unknown("record", name, [*KNOWN_RECORDS, stem])
         text = text if "did you mean" in text else f"{text}; did you mean {stem!r}?"
     else:
-        text = unknown("record", name, KNOWN_RECORDS)
+        text = unknown("record", name, [*KNOWN_RECORDS, *RECORD_SETS])
     more = f" and {len(found) - _SHOWN_NAMES} more" if len(found) > _SHOWN_NAMES else ""
     listing = f"; found there: {', '.join(found[:_SHOWN_NAMES])}{more}" if found else ""
     return (
@@ -281,79 +300,3 @@ def list_records(folders: Folders = None) -> list[tuple[str, Record | str]]:
             except RecordError as error:
                 found[name] = str(error)
     return list(found.items())
-
-
-def resolve_records(
-    items: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
-    folders: Folders = None,
-    base: str | os.PathLike[str] | None = None,
-) -> list[Record]:
-    """Turn records, paths and names into records, in order.
-
-    Parameters
-    ----------
-    items
-        Records, paths, or texts: a text with a path separator or a record file's
-        ending (.at2, .csv, .txt, .dat) is a path, any other a name for `find_record`.
-        A path without folder that is not in `base` is looked for in `folders`.
-    folders
-        As in `find_record`.
-    base
-        Folder that relative paths start from; by default the current one.
-
-    Returns
-    -------
-    list of Record
-        One per item.
-
-    Raises
-    ------
-    RecordError
-        If an item is not found, can't be read or is of another type, or if two
-        records have the same name: they could not be told apart on an axis.
-
-    Examples
-    --------
-    >>> resolve_records(["el_centro", Record("step", dt=1.0, acceleration=[1.0, 1.0])])
-    [Record('el_centro', 1560 points, dt=0.02 s, PGA 3.128 m/s2), Record('step', 2 points, dt=1 s, PGA 1 m/s2)]
-    """
-    given = [items] if isinstance(items, Record | str | os.PathLike) else list(items)
-    records = [_resolve(item, folders, Path() if base is None else Path(base)) for item in given]
-    seen: dict[str, int] = {}
-    for index, record in enumerate(records):
-        if record.name in seen:
-            msg = (
-                f"records {seen[record.name] + 1} and {index + 1} have the same name {record.name!r}; "
-                "rename one: record.renamed('other')"
-            )
-            raise RecordError(msg)
-        seen[record.name] = index
-    return records
-
-
-def _resolve(item: object, folders: Folders, base: Path) -> Record:
-    if isinstance(item, Record):
-        return item
-    if not isinstance(item, str | os.PathLike):
-        msg = f"a record must be a Record, a path or a name, not {item!r}"
-        raise RecordError(msg)
-    text = os.fspath(item)
-    if not isinstance(text, str):
-        msg = f"a record's path must be text, not {item!r}"
-        raise RecordError(msg)
-    separated = any(separator in text for separator in {"/", os.sep, os.altsep or os.sep})
-    if isinstance(item, str) and not separated and Path(text).suffix.lower() not in RECORD_SUFFIXES:
-        return find_record(text, folders)
-    try:
-        path = base / Path(text).expanduser()
-        absent = not path.exists()
-    except (OSError, ValueError, RuntimeError) as error:
-        msg = f"{text!r} is no usable path: {error}"
-        raise RecordError(msg) from None
-    if absent and not separated:
-        try:
-            return find_record(text, folders)
-        except RecordError as error:
-            msg = f"no file {path}, and as a name: {error}"
-            raise RecordError(msg) from None
-    return read_record(path)

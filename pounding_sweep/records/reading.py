@@ -8,18 +8,14 @@ from __future__ import annotations
 
 import os
 import re
-import stat
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 
 from pounding_sweep.errors import RecordError
+from pounding_sweep.records.loading import fail, load_text
 from pounding_sweep.records.record import UNITS, Record, match_unit, number, require_unit
-
-MAX_FILE_BYTES = 64 * 2**20
-"""Larger files are refused: the longest strong-motion records have a few MiB."""
 
 RECORD_SUFFIXES = (".at2", ".csv", ".txt", ".dat")
 """File name endings taken for record files when a folder is searched."""
@@ -54,11 +50,6 @@ class _Content:
     header: str
     title: str
     default_units: str | None
-
-
-def _fail(path: Path, text: str) -> NoReturn:
-    msg = f"{path}: {text}"
-    raise RecordError(msg)
 
 
 def read_record(
@@ -99,6 +90,8 @@ def read_record(
 
     Raises
     ------
+    MissingRecordError
+        If there is no such file.
     RecordError
         If the file can't be read, holds no record, holds fewer or more points than its header says,
         values that are not finite, an uneven time step, or if time step or units are not known.
@@ -122,56 +115,17 @@ def read_record(
         raise RecordError(msg)
     given_units = None if units is None else require_unit(units)
     given_dt = None if dt is None else number(dt, f"{file}: dt (s)", positive=True)
-    content = parse_text(file, _load_text(file), given_dt)
+    label = file.stem if name is None else name
+    content = parse_text(file, load_text(file, label), given_dt)
     factor = UNITS[_choose_units(file, content, given_units)]
     with np.errstate(over="ignore"):
         motion = np.array(content.values, dtype=np.float64) * factor
     source = f"{content.title} ({file.name})" if content.title else file.name
     try:
-        record = Record(file.stem if name is None else name, content.dt, motion, source)
+        record = Record(label, content.dt, motion, source)
         return record.scaled_to(pga) if pga is not None else record.scaled(scale)
     except RecordError as error:
-        _fail(file, str(error))
-
-
-def _load_text(file: Path) -> str:
-    """Read a regular file of bounded size as text, whatever its encoding."""
-    try:
-        status = file.stat()
-    except FileNotFoundError:
-        _fail(file, "no such file; check the path, or name a folder of records in POUNDING_SWEEP_RECORDS")
-    except (OSError, ValueError) as error:
-        _fail(file, f"can't be read: {getattr(error, 'strerror', None) or error}")
-    if stat.S_ISDIR(status.st_mode):
-        _fail(file, "is a folder; give a file in it")
-    if not stat.S_ISREG(status.st_mode):  # opening a pipe would wait for ever
-        _fail(file, "is not a regular file; save the record to a file first")
-    if status.st_size > MAX_FILE_BYTES:
-        size, limit = status.st_size / 2**20, MAX_FILE_BYTES // 2**20
-        _fail(file, f"has {size:.0f} MiB; files of more than {limit} MiB are refused: is it a record? If so, cut it")
-    try:
-        with file.open("rb") as stream:
-            raw = stream.read(MAX_FILE_BYTES + 1)
-    except OSError as error:
-        _fail(file, f"can't be read: {error.strerror or error}")
-    if raw.startswith((b"PK\x03\x04", b"\x1f\x8b", b"BZh")):
-        _fail(file, "is compressed; unpack it first")
-    if raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-        try:
-            text = raw.decode("utf-16")
-        except UnicodeDecodeError:
-            _fail(file, "has a UTF-16 mark but is no UTF-16 text; save it as plain text")
-    else:
-        try:
-            text = raw.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = raw.decode("latin-1")
-    text = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a\n\t ")  # DOS files may end in ^Z
-    if not text.strip():
-        _fail(file, "is empty; a record needs at least 1 point")
-    if re.search(r"[\x00-\x08\x0b\x0e-\x1f\x7f]", text):
-        _fail(file, "is binary, not text; give a PEER AT2, CSV or text file")
-    return text
+        fail(file, str(error))
 
 
 def parse_text(file: Path, text: str, dt: float | None) -> _Content:
@@ -212,27 +166,25 @@ def _parse_at2(file: Path, lines: list[str], npts_line: int, dt: float | None) -
     header = "\n".join(lines[:start])
     wrong = _NOT_ACCELERATION.search(header)
     if wrong:
-        _fail(file, f"holds {wrong[1].lower()}, not acceleration; take the .AT2 file of the same record")
+        fail(file, f"holds {wrong[1].lower()}, not acceleration; take the .AT2 file of the same record")
     old = _NPTS_OLD.search(lines[npts_line])
     points = old or _NPTS_NEW.search(header)
     if points is None:
         shown = _shown(lines[npts_line].strip())
-        _fail(
-            file, f"line {npts_line + 1}: no readable number of points in {shown}; write e.g. NPTS= 2000, DT= .02 SEC"
-        )
+        fail(file, f"line {npts_line + 1}: no readable number of points in {shown}; write e.g. NPTS= 2000, DT= .02 SEC")
     step = old[2] if old else (match[1] if (match := _DT.search(header)) else None)
     dt = _agreed_dt(file, None if step is None else _float(step), dt)
     values: list[float] = []
     for row, line in enumerate(lines[start:], start + 1):
         found = _words(line)
         if isinstance(found, str):
-            _fail(file, f"line {row}: {_shown(found)} is not a number, nor numbers that touch but can be told apart")
+            fail(file, f"line {row}: {_shown(found)} is not a number, nor numbers that touch but can be told apart")
         values += found
     expected = int(points[1])
     if len(values) != expected or expected == 0:
         cause = "it was cut short" if len(values) < expected else "the header or the file is damaged"
         found_points = f"its header says {expected} points, it holds {len(values)}"
-        _fail(file, f"{found_points}: {cause}; get the file again, or mend NPTS")
+        fail(file, f"{found_points}: {cause}; get the file again, or mend NPTS")
     titles = [line.strip() for line in lines[:npts_line] if line.strip()]
     title = titles[1] if len(titles) > 1 else "".join(titles)
     peer = bool(_PEER.search(header)) or file.suffix.lower() == ".at2"
@@ -243,11 +195,11 @@ def _agreed_dt(file: Path, stated: float | None, given: float | None) -> float:
     """Choose between the header's time step and the caller's, in s."""
     if stated is None:
         if given is None:
-            _fail(file, "has no time step; give dt= in seconds")
+            fail(file, "has no time step; give dt= in seconds")
         return given
     stated = number(stated, f"{file}: DT of its header (s)", positive=True)
     if given is not None and abs(given - stated) > 1e-6 * stated:
-        _fail(file, f"its time step is {stated:g} s, dt={given:g} was given; leave dt out")
+        fail(file, f"its time step is {stated:g} s, dt={given:g} was given; leave dt out")
     return stated
 
 
@@ -294,21 +246,21 @@ def _parse_columns(file: Path, lines: list[str], dt: float | None) -> _Content:
             if not rows:
                 header.append(plain)
             elif not plain.startswith(("#", "%", "!", "//")):
-                _fail(
+                fail(
                     file,
                     f"line {index}: {_shown(found if isinstance(found, str) and found else plain)} is not a number",
                 )
             continue
         if rows and len(found) != len(rows[0]):
-            _fail(file, f"line {index} has {len(found)} columns where line {numbers[0]} has {len(rows[0])}")
+            fail(file, f"line {index} has {len(found)} columns where line {numbers[0]} has {len(rows[0])}")
         rows.append(found)
         times.append(cells[0])
         numbers.append(index)
     if not rows:
-        _fail(file, "holds no numbers; give a PEER AT2 file, two columns (time, acceleration) or one of acceleration")
+        fail(file, "holds no numbers; give a PEER AT2 file, two columns (time, acceleration) or one of acceleration")
     columns = len(rows[0])
     if columns > 2:
-        _fail(
+        fail(
             file,
             f"line {numbers[0]} has {columns} columns; give time and acceleration, or acceleration alone "
             "(a PEER file needs its header with NPTS and DT)",
@@ -316,13 +268,11 @@ def _parse_columns(file: Path, lines: list[str], dt: float | None) -> _Content:
     text = "\n".join(header)
     if columns == 2:
         if _TIME_NOT_SECONDS.search(text):
-            _fail(file, f"its times are not in seconds ({_shown(text)}); convert them")
+            fail(file, f"its times are not in seconds ({_shown(text)}); convert them")
         step = _even_step(file, np.array([row[0] for row in rows]), times, numbers, dt)
         before = _words(_cells(header[-1])[0]) if header and _cells(header[-1]) else []
         if isinstance(before, list) and len(before) == 1 and abs(rows[0][0] - step - before[0]) < step / 2:
-            _fail(
-                file, f"{_shown(header[-1])} before line {numbers[0]} is a row of data with a value that is no number"
-            )
+            fail(file, f"{_shown(header[-1])} before line {numbers[0]} is a row of data with a value that is no number")
     else:
         match = _DT.search(text)
         step = _agreed_dt(file, None if match is None else _float(match[1]), dt)
@@ -342,14 +292,14 @@ def _even_step(file: Path, time: np.ndarray, words: list[str], rows: list[int], 
     remedy = "a record needs a constant time step; resample it"
     bad = ~np.isfinite(time)
     if bad.any():
-        _fail(file, f"line {rows[int(bad.argmax())]}: its time is not a finite number")
+        fail(file, f"line {rows[int(bad.argmax())]}: its time is not a finite number")
     if time.size == 1:
         if dt is None:
-            _fail(file, "has one point only, so no time step; give dt= in seconds")
+            fail(file, "has one point only, so no time step; give dt= in seconds")
         return dt
     steps = np.diff(time)
     if (steps <= 0).any():
-        _fail(file, f"line {rows[int((steps <= 0).argmax()) + 1]}: its time does not increase; {remedy}")
+        fail(file, f"line {rows[int((steps <= 0).argmax()) + 1]}: its time does not increase; {remedy}")
     # Writers drop trailing zeros, and "%g" coarsens as time grows: the finest place still to come is the one in use.
     places = np.minimum.accumulate(np.array([_resolution(word) for word in words])[::-1])[::-1]
     slack = (0.51 if time[0] == 0 else 1.02) * places[1:] + 2e-7 * np.abs(time[1:])  # the latter for float32 times
@@ -358,13 +308,13 @@ def _even_step(file: Path, time: np.ndarray, words: list[str], rows: list[int], 
     low = np.maximum.accumulate((time[1:] - time[0] - slack) / index)
     high = np.minimum.accumulate((time[1:] - time[0] + slack) / index)
     if not 1e-9 < low[-1] + high[-1] < 1e9:
-        _fail(file, f"its time step of about {(low[-1] + high[-1]) / 2:g} s makes no sense; times must be in seconds")
+        fail(file, f"its time step of about {(low[-1] + high[-1]) / 2:g} s makes no sense; times must be in seconds")
     if low[-1] > high[-1]:
         row = int((low > high).argmax()) + 1
-        _fail(file, f"line {rows[row]}: time {words[row]} s does not continue the steps before it; {remedy}")
+        fail(file, f"line {rows[row]}: time {words[row]} s does not continue the steps before it; {remedy}")
     if dt is not None:
         if not low[-1] * (1 - 1e-6) <= dt <= high[-1] * (1 + 1e-6):
-            _fail(file, f"its time step is {(low[-1] + high[-1]) / 2:g} s, dt={dt:g} was given; leave dt out")
+            fail(file, f"its time step is {(low[-1] + high[-1]) / 2:g} s, dt={dt:g} was given; leave dt out")
         return dt
     middle = float(low[-1] + high[-1]) / 2
     rounded = [float(f"{middle:.{digits}e}") for digits in range(6)]
@@ -397,11 +347,11 @@ def _header_units(header: str) -> tuple[str | None, str]:
 def _choose_units(file: Path, content: _Content, given: str | None) -> str:
     found, text = _header_units(content.header)
     if found and given and found != given:
-        _fail(file, f"its header says {found!r}, units={given!r} was given; leave units out, or mend the header")
+        fail(file, f"its header says {found!r}, units={given!r} was given; leave units out, or mend the header")
     if found or given:
         return found or given or ""
     stated = bool(_UNITS_STATED.search(content.header))
     if content.default_units and not stated:
         return content.default_units
     said = f"; its header says {_shown(text)}" if text else ""
-    _fail(file, f"its units are not known{said}; give units= one of {', '.join(map(repr, UNITS))}")
+    fail(file, f"its units are not known{said}; give units= one of {', '.join(map(repr, UNITS))}")

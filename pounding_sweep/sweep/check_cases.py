@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Collection, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -120,12 +121,23 @@ def _factors(faults: Faults, place: Place, given: Any, scene: Scene | None) -> F
     return tuple(found.items())
 
 
+def _record_of(item: Any) -> Any:
+    """Return the record that a listed case names, or None."""
+    return item.get("record") if isinstance(item, dict) else getattr(item, "record", None)
+
+
 def check_cases(
-    faults: Faults, given: Any, scene: Scene | None, records: Sequence[Record] | None, basis: str
+    faults: Faults,
+    given: Any,
+    scene: Scene | None,
+    records: Sequence[Record] | None,
+    basis: str,
+    left_out: Collection[str] = (),
 ) -> tuple[Case, ...]:
     """Check listed cases and fill in what they leave to the scene; those at fault are left out.
 
     `records` is None where not all of them are known, because one is at fault itself.
+    Cases that name a record of `left_out` are left out too, with a warning.
     """
     items = None if isinstance(given, (str, Case)) else listed(given, ())
     if items is None:
@@ -137,7 +149,14 @@ def check_cases(
         faults.add(("cases",), f"{len(items)} cases are too many; give at most {MAX_SCENARIOS}")
         return ()
     seen: dict[Case, int] = {}
-    for index, item in enumerate(items):
+    kept = [(index, item) for index, item in enumerate(items) if _record_of(item) not in left_out]
+    if len(kept) < len(items):
+        text = f"{len(items) - len(kept)} of {len(items)} listed cases name records that are missing"
+        if kept:
+            warnings.warn(f"{text}; they are left out too, and the others are numbered anew", UserWarning, stacklevel=4)
+        else:
+            faults.add(("cases",), f"none is left: {text}")
+    for index, item in kept:
         case = None if item is FAILED else _case(faults, ("cases", index), item, scene, records, basis)
         if case is not None and case in seen:
             faults.add(("cases", index), f"is the same scenario as cases[{seen[case]}]")

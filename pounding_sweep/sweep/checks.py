@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
 from typing import Any
 
 from pounding_sweep.contact.laws import get_law
 from pounding_sweep.contact.restitution import RESTITUTION_BASES
-from pounding_sweep.errors import PoundingSweepError, RecordError, SceneError, SweepError, unknown
+from pounding_sweep.errors import MissingRecordError, PoundingSweepError, RecordError, SceneError, SweepError, unknown
 from pounding_sweep.presets import get_preset
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.scene import Scene
@@ -71,32 +72,46 @@ def _scene(faults: Faults, given: Any) -> Scene | None:
         return None
 
 
-def _records(faults: Faults, given: Any, folders: Any, base: Any) -> tuple[Record, ...]:
+def _records(faults: Faults, given: Any, folders: Any, base: Any, skip: bool) -> tuple[list[Record], list[str]]:
+    """Find the records; with `skip`, the names of those that are missing too."""
+    left_out: list[str] = []
+    found: list[Record] = []
     if given is FAILED:
-        return ()
+        return found, left_out
     items = listed(given, (Record, str, os.PathLike))
     if not items:
         faults.add(("records",), "no records: a sweep of zero scenarios; give records, names or files")
-        return ()
+        return found, left_out
     seen: dict[str, int] = {}
-    found: list[Record] = []
     for index, item in enumerate(items):
         if item is FAILED:
             continue
         try:
-            (record,) = resolve_records([item], folders=folders, base=base)
+            if isinstance(item, MissingRecordError):  # a table of a sweep file that names a missing record
+                raise item
+            records = resolve_records([item], folders=folders, base=base)
+        except MissingRecordError as error:
+            if not skip:
+                faults.add(("records", index), str(error))
+                continue
+            left_out.append(error.record)
+            warnings.warn(f"records[{index}] is left out: {error}", UserWarning, stacklevel=5)
+            continue
         except RecordError as error:
             faults.add(("records", index), str(error))
             continue
-        if record.name in seen:
-            faults.add(
-                ("records", index),
-                f"has the same name {record.name!r} as records[{seen[record.name]}]; give it another name",
-            )
-            continue
-        seen[record.name] = index
-        found.append(record)
-    return tuple(found)
+        for record in records:
+            if record.name in seen:
+                faults.add(
+                    ("records", index),
+                    f"has the same name {record.name!r} as records[{seen[record.name]}]; give it another name",
+                )
+                continue
+            seen[record.name] = index
+            found.append(record)
+    if left_out and not seen and not faults.found:
+        faults.add(("records",), f"none is left: {', '.join(left_out)} missing; get at least one of them")
+    return found, left_out
 
 
 def _outputs(faults: Faults, given: Any) -> tuple[str, ...]:
@@ -204,7 +219,7 @@ def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
     scene = _scene(faults, given["scene"])
     before = len(faults.found)
     items = given["records"]
-    records = _records(faults, items, given["folders"], given["base"])
+    records, left_out = _records(faults, items, given["folders"], given["base"], given["skip_missing_records"])
     complete = not (len(faults.found) > before or items is FAILED or (isinstance(items, list) and has_failed(items)))
     realised = given["restitution_basis"] == "realised"  # any other text is published, or a fault of its own
     basis = "realised" if realised else "published"
@@ -219,7 +234,7 @@ def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
                     (name,), "listed cases take the place of laws and axes; leave it out, or leave out the cases"
                 )
         if given["cases"] is not FAILED:
-            cases = check_cases(faults, given["cases"], scene, records if complete else None, basis)
+            cases = check_cases(faults, given["cases"], scene, records if complete else None, basis, left_out)
         laws = list(dict.fromkeys(case.law for case in cases or ()))
     else:
         found = check_laws(faults, given["laws"])
@@ -262,7 +277,8 @@ def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
         return None
     return SweepSpec(
         scene=scene,
-        records=records,
+        records=tuple(records),
+        records_left_out=tuple(left_out),
         laws=tuple(laws),
         gaps=axes["gaps"],
         stiffnesses=axes["stiffnesses"],

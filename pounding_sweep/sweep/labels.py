@@ -157,6 +157,8 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         found["time_step"] = [r.dt / plan.numerics.steps(r) for r in spec.records]
     else:
         found |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
+    if spec.records_left_out:
+        found["records_left_out"] = spec.records_left_out
     if spec.title:
         found["title"] = spec.title
     return found

@@ -94,6 +94,8 @@ class SweepSpec:
         Axes of factors on all periods, or all masses, of a building, in the order of the row.
     damping_ratios : tuple of float or None
         Axis of damping ratios of all buildings; None: their own.
+    records_left_out : tuple of str
+        Records asked for that are missing, where going on without them was allowed.
     """
 
     scene: Scene
@@ -120,6 +122,7 @@ class SweepSpec:
     period_factors: tuple[tuple[str, tuple[float, ...]], ...] = ()
     mass_factors: tuple[tuple[str, tuple[float, ...]], ...] = ()
     damping_ratios: tuple[float, ...] | None = None
+    records_left_out: tuple[str, ...] = ()
 
     @property
     def property_axes(self) -> tuple[PropertyAxis, ...]:
@@ -252,6 +255,7 @@ def build_spec(
     audit: float = AUDIT_SHARE,
     folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
     base: str | os.PathLike[str] | None = None,
+    skip_missing_records: bool = False,
 ) -> SweepSpec:
     """Check everything a user gave and make the sweep's description of it.
 
@@ -313,6 +317,9 @@ def build_spec(
         Where to find records by name.
     base : path, optional
         Folder that relative record paths start from.
+    skip_missing_records : bool
+        Go on without the records that are not found, with a warning for each, as long as
+        one is left. A file that is found but can't be read is always an error.
 
     Returns
     -------

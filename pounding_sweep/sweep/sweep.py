@@ -46,7 +46,8 @@ class Sweep:
         Axis of damping ratios of all buildings.
     **settings
         ``cases``, ``method``, ``dt``, ``accuracy``, ``locate``, ``outputs``, ``beta``, ``gamma``,
-        ``precision``, ``restitution_basis``, ``audit``, ``force_unstable``, ``title``, ``folders``, ``base``.
+        ``precision``, ``restitution_basis``, ``audit``, ``force_unstable``, ``title``, ``folders``, ``base``,
+        ``skip_missing_records``.
 
     Raises
     ------
@@ -219,13 +220,16 @@ def _free_memory() -> int | None:
     return None
 
 
-def load_sweep(path: str | os.PathLike[str]) -> Sweep:
+def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = False) -> Sweep:
     """Read a sweep file (TOML).
 
     Parameters
     ----------
     path : path
         The file; relative paths of records in it start from its folder.
+    skip_missing_records : bool
+        Go on without the records that are not found, with a warning for each, as long
+        as one is left; the cube's attribute ``records_left_out`` names them.
 
     Raises
     ------
@@ -234,7 +238,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Sweep:
     """
     from pounding_sweep.sweep.toml_file import load_spec
 
-    return Sweep.from_spec(load_spec(path))
+    return Sweep.from_spec(load_spec(path, skip_missing_records=skip_missing_records))
 
 
 def package_digest() -> str:

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from pounding_sweep.contact.hertz import hertz_stiffness
-from pounding_sweep.errors import PoundingSweepError, SweepError, unknown
+from pounding_sweep.errors import MissingRecordError, PoundingSweepError, SweepError, unknown
 from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.sweep.axes import FACTOR_KINDS, Case, Range
@@ -80,9 +80,11 @@ def _read_table(faults: Faults, model: type[Table], given: object, place: Place)
 
 
 def _attempt(faults: Faults, place: Place, make: Callable[[], Any]) -> Any:
-    """Make something; on an error note it and return `FAILED`."""
+    """Make something; on an error note it and return `FAILED`. A record that is only missing is no fault yet."""
     try:
         return make()
+    except MissingRecordError:
+        raise
     except PoundingSweepError as error:
         faults.add(place, str(error))
     except ArithmeticError as error:  # numbers so large or small that nothing can be computed from them
@@ -223,7 +225,10 @@ def _record(faults: Faults, given: Any, place: Place, folder: Path) -> Any:
         found = found.scaled(table["scale"]) if table["pga"] is None else found.scaled_to(table["pga"])
         return found if table["name"] is None else found.renamed(table["name"])
 
-    return _attempt(faults, place, make)
+    try:
+        return _attempt(faults, place, make)
+    except MissingRecordError as error:  # judged with the records that are named without a table
+        return MissingRecordError(str(error), table["name"] or error.record)
 
 
 def _factors(faults: Faults, given: Any, place: Place) -> dict[str, Any]:
@@ -305,9 +310,9 @@ def _place_in_file(place: Place) -> Place:
     return (*_PLACES.get(str(first), (first,)), *rest)
 
 
-def _check_file(faults: Faults, data: dict[str, Any], folder: Path) -> SweepSpec | None:
+def _check_file(faults: Faults, data: dict[str, Any], folder: Path, skip: bool) -> SweepSpec | None:
     top = _read_table(faults, FileTable, data, ())
-    given: dict[str, Any] = {"title": top["title"], "folders": None, "base": folder}
+    given: dict[str, Any] = {"title": top["title"], "folders": None, "base": folder, "skip_missing_records": skip}
     given["scene"] = FAILED if top["scene"] in (None, FAILED) else _scene(faults, top["scene"])
     for key, model in (("sweep", SweepTable), ("solver", SolverTable), ("output", OutputTable)):
         if top[key] is FAILED:
@@ -336,13 +341,15 @@ def _syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> Sweep
     return SweepError(problem, [problem])
 
 
-def load_spec(path: str | os.PathLike[str]) -> SweepSpec:
+def load_spec(path: str | os.PathLike[str], *, skip_missing_records: bool = False) -> SweepSpec:
     """Read a sweep file.
 
     Parameters
     ----------
     path : str or path
         A TOML file; relative paths of records in it start from its folder.
+    skip_missing_records : bool
+        As in `build_spec`.
 
     Returns
     -------
@@ -375,7 +382,7 @@ def load_spec(path: str | os.PathLike[str]) -> SweepSpec:
         msg = f"{shown}: no usable TOML: {error}"
         raise SweepError(msg, [msg]) from None
     faults = Faults()
-    spec = _check_file(faults, data, file.parent)
+    spec = _check_file(faults, data, file.parent, skip_missing_records)
     if spec is not None:
         return spec
     lines = key_lines(text)

@@ -1,0 +1,131 @@
+"""From a cube back to what it was made of: the row, the records, the building properties that vary.
+
+A cube carries its sweep as JSON (attribute ``sweep``), in which records stand by
+name and digest only: their motions must be found again, and are taken only where
+the digest agrees.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from pounding_sweep.errors import InputError, RecordError
+from pounding_sweep.records import Record, find_record, list_records
+from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Records that an error names.
+_NAMED = 3
+
+
+def sweep_of(cube: xr.Dataset) -> dict[str, Any]:
+    """Return a cube's sweep as it is stored.
+
+    Raises
+    ------
+    InputError
+        The cube does not carry its sweep.
+    """
+    try:
+        found = json.loads(cube.attrs["sweep"])
+        if not isinstance(found, dict) or "scene" not in found:
+            raise ValueError
+    except (KeyError, TypeError, ValueError):
+        msg = "this cube does not carry its sweep (attribute 'sweep'), from which the row of buildings would be known"
+        raise InputError(msg) from None
+    return found
+
+
+def scene_of(sweep: Mapping[str, Any]) -> Scene:
+    """Return the row of a stored sweep."""
+    row: list[Building | Wall] = []
+    for item in sweep["scene"]["row"]:
+        if item.get("wall"):
+            row.append(Wall(item["name"]))
+            continue
+        ratio = item["damping_ratio"]
+        heights = item["storey_heights"] or None
+        row.append(
+            Building(
+                item["name"],
+                item["masses"],
+                item["stiffnesses"],
+                tuple(ratio) if isinstance(ratio, list) else ratio,
+                heights,
+            )
+        )
+    return Scene(row, sweep["scene"]["gaps"], ContactProperties(**sweep["scene"]["contact"]))
+
+
+def records_of(
+    sweep: Mapping[str, Any],
+    given: Iterable[Record] = (),
+    folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+) -> list[Record]:
+    """Find the records of a stored sweep again.
+
+    Parameters
+    ----------
+    sweep : mapping
+        From `sweep_of`.
+    given : iterable of Record
+        Looked through first, whatever their names.
+    folders : path or several, optional
+        Where to find records by name, as for `find_record`.
+
+    Returns
+    -------
+    list of Record
+        In the sweep's order and by its names; each has the digest of the motion that was run.
+
+    Raises
+    ------
+    InputError
+        Some can't be found; each is named, with the reason.
+    """
+    offered = {record.sha256: record for record in given}
+    at_hand = cache(lambda: [record for _, record in list_records(folders) if isinstance(record, Record)])
+    found, missing = [], []
+    for entry in sweep["records"]:
+        record = offered.get(entry["sha256"]) or _by_name(entry, folders, at_hand)
+        if isinstance(record, Record):
+            found.append(record.renamed(entry["name"]))
+        else:
+            missing.append(f"{entry['name']!r} ({record})")
+    if missing:
+        more = f" and {len(missing) - _NAMED} more" if len(missing) > _NAMED else ""
+        msg = (
+            f"{len(missing)} of the {len(sweep['records'])} records of this cube's sweep can't be found again: "
+            f"{', '.join(missing[:_NAMED])}{more}; give the folder of their files, or the records themselves"
+        )
+        raise InputError(msg)
+    return found
+
+
+def _by_name(entry: Mapping[str, Any], folders: Any, at_hand: Callable[[], list[Record]]) -> Record | str:
+    """Return the record of that name and digest, as found or scaled as the sweep says; or why there is none."""
+    try:
+        record = find_record(entry["name"], folders)
+    except RecordError:
+        record = None
+    if record is not None and (same := _same_motion(record, entry)) is not None:
+        return same
+    for other in at_hand():  # a record may have been renamed
+        if other.dt == entry["dt"] and other.n_points == entry["n_points"]:
+            same = _same_motion(other, entry)
+            if same is not None:
+                return same
+    return "the record found by that name is another motion" if record is not None else "none of that name or motion"
+
+
+def _same_motion(record: Record, entry: Mapping[str, Any]) -> Record | None:
+    for candidate in (record, record.scaled(entry["scale"] / record.scale) if record.scale else record):
+        if candidate.sha256 == entry["sha256"]:
+            return candidate
+    return None

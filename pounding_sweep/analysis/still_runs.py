@@ -1,0 +1,198 @@
+"""Runs without pounding of a row or of a cube: taken from the cube where it holds them, made again where it does not.
+
+They are the planner's own runs, by which scenarios that never touch are left out of
+sweeps: the law "none" with the output ``closing_max``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.analysis.rebuild import records_of, scene_of, sweep_of
+from pounding_sweep.analysis.scenarios import (
+    NO_POUNDING,
+    law_keys,
+    present,
+    scenarios_only,
+    still_cases,
+    values,
+    without_pounding,
+)
+from pounding_sweep.errors import InputError
+from pounding_sweep.records import Record, resolve_records
+from pounding_sweep.scene import Building, Scene
+from pounding_sweep.sweep.axes import FACTOR_KINDS, Case, PropertyAxis, property_axes
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: What a run without pounding must report.
+OUTPUTS = ("displacement_max", "displacement_min", "closing_max")
+#: Axes that a run without pounding ignores.
+_IGNORED = ("gap", "stiffness", "stiffness_factor", "restitution")
+#: Step (s) of the exact scheme, whose free flight has no error: peaks are looked for inside it.
+STEP = 1e-3
+
+
+@dataclass(frozen=True)
+class StillRuns:
+    """Runs without pounding.
+
+    Attributes
+    ----------
+    scene : Scene
+        The row.
+    cube : xarray.Dataset
+        `OUTPUTS` on ``record``, and on ``scale``, building properties or ``case``.
+    periods : DataArray
+        First periods (s) of the buildings, along ``building`` and what varies them.
+    damping : DataArray
+        Damping ratios of their first modes.
+    """
+
+    scene: Scene
+    cube: xr.Dataset
+    periods: xr.DataArray
+    damping: xr.DataArray
+
+
+def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
+    """Run a row without pounding, once for each record."""
+    from pounding_sweep.sweep.sweep import Sweep
+
+    sweep = Sweep(scene, records, NO_POUNDING, folders=folders, **_settings())
+    _check_pairs(sweep.spec.scene)
+    cube = _reduced(sweep.run()).isel(scale=0, drop=True)
+    return StillRuns(sweep.spec.scene, cube, *_first_modes(sweep.spec.scene, ()))
+
+
+def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
+    """Return the runs without pounding that belong to a cube; see `pounding_sweep.analysis.gaps.required_gap`."""
+    cube = scenarios_only(cube)
+    sweep = sweep_of(cube)
+    scene = scene_of(sweep)
+    _check_pairs(scene)
+    whole = {"building", "pair", "storey"} <= set(cube.dims)  # a part of the row is no row
+    there = whole and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
+    if sweep["cases"] is not None:
+        if there and min(still_cases(cube)) >= 0:
+            runs = cube.isel(case=np.flatnonzero(cube["law"].values.astype(str) == NO_POUNDING))
+        else:
+            runs = _run_cases(scene, sweep, records, folders)
+        return StillRuns(scene, runs, *_first_modes_of_cases(scene, runs))
+    factors = {
+        kind: tuple((building, tuple(axis)) for building, axis in sweep[name]) for name, kind in FACTOR_KINDS.items()
+    }
+    ratios = sweep["damping_ratios"]
+    axes = property_axes(factors, None if ratios is None else tuple(ratios))
+    runs = _reduced(cube) if there else _run_product(scene, sweep, records, folders)
+    modes = [_where(part, cube if there else runs) for part in _first_modes(scene, axes)]
+    return StillRuns(scene, runs, *modes)
+
+
+def _check_pairs(scene: Scene) -> None:
+    if not scene.pair_names:
+        msg = "the required gap needs a pair of neighbours, and this row is a single building"
+        raise InputError(msg)
+
+
+def _settings() -> dict[str, Any]:
+    return {"outputs": list(OUTPUTS), "method": "exact", "dt": STEP, "audit": 0.0}
+
+
+def _reduced(cube: xr.Dataset) -> xr.Dataset:
+    """Return the runs without pounding of a product without the axes that they ignore."""
+    still = without_pounding(cube, "the required gap")
+    return still.isel(dict.fromkeys((dim for dim in _IGNORED if dim in still.dims), 0)).reset_coords(drop=True)
+
+
+def _found_again(sweep: dict[str, Any], records: Any, folders: Any) -> list[Record]:
+    try:
+        return records_of(sweep, resolve_records(records, folders), folders)
+    except InputError as error:
+        msg = f"{error}; or run the sweep with the law {NO_POUNDING!r} and the outputs {', '.join(OUTPUTS)}"
+        raise InputError(msg) from None
+
+
+def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) -> xr.Dataset:
+    """Run a product sweep without pounding, once for each sign of its scales: responses grow with the scale."""
+    import xarray as xr
+
+    from pounding_sweep.sweep.sweep import Sweep
+
+    about = {"units": "1", "long_name": "factor on the record"}
+    scales = xr.DataArray(sweep["scales"], dims="scale", coords={"scale": sweep["scales"]}, attrs=about)
+    signs = [-1.0 if scale < 0.0 else 1.0 for scale in sweep["scales"]]
+    job = Sweep(
+        scene,
+        _found_again(sweep, records, folders),
+        NO_POUNDING,
+        scales=sorted(set(signs)),
+        period_factors=dict(sweep["period_factors"]) or None,
+        mass_factors=dict(sweep["mass_factors"]) or None,
+        damping_ratios=sweep["damping_ratios"],
+        **_settings(),
+    )
+    unit = _reduced(job.run()).sel(scale=signs).assign_coords(scale=scales)
+    grown = {name: (values(unit, name) * abs(unit["scale"])).assign_attrs(unit[name].attrs) for name in OUTPUTS}
+    return unit.assign(grown)
+
+
+def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) -> xr.Dataset:
+    """Run each record, scale and building of listed cases once without pounding."""
+    from pounding_sweep.sweep.sweep import Sweep
+
+    cases = [
+        Case(
+            NO_POUNDING,
+            record=case["record"],
+            scale=case["scale"],
+            period_factors=tuple((name, factor) for name, factor in case["period_factors"]),
+            mass_factors=tuple((name, factor) for name, factor in case["mass_factors"]),
+            damping_ratio=case["damping_ratio"],
+        )
+        for case in sweep["cases"]
+    ]
+    found = _found_again(sweep, records, folders)
+    return Sweep(scene, found, cases=list(dict.fromkeys(cases)), **_settings()).run()
+
+
+def _first_modes(scene: Scene, axes: Sequence[PropertyAxis]) -> tuple[xr.DataArray, xr.DataArray]:
+    """First periods (s) and damping ratios of the buildings, along ``building`` and the axes that vary them."""
+    import xarray as xr
+
+    def own(building: Building) -> float:
+        ratio = building.damping_ratio
+        return ratio[0] if isinstance(ratio, tuple) else ratio
+
+    names = [b.name for b in scene.buildings]
+    periods = xr.DataArray([float(b.periods[0]) for b in scene.buildings], dims="building", coords={"building": names})
+    damping = periods.copy(data=[own(b) for b in scene.buildings])
+    for axis in axes:
+        along = xr.DataArray(list(axis.values), dims=axis.dimension, coords={axis.dimension: list(axis.values)})
+        if axis.kind == "period_factor":
+            periods = periods * xr.where(periods["building"] == axis.building, along, 1.0)
+        elif axis.kind == "damping_ratio":
+            damping = xr.zeros_like(damping) + along
+    return periods, damping
+
+
+def _where(part: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:
+    """Take those values of building properties that a cube, or a selection from one, has."""
+    kept = {dim: cube[dim].values for dim in part.dims if dim != "building" and dim in cube.coords}
+    return part.sel(kept).reset_coords(drop=True)
+
+
+def _first_modes_of_cases(scene: Scene, cube: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray]:
+    """First periods (s) and damping ratios of the buildings along listed cases, as their coordinates say."""
+    periods, damping = _first_modes(scene, ())
+    if "fundamental_period" in cube.coords:
+        periods = cube["fundamental_period"].reset_coords(drop=True)
+    if "damping_ratio" in cube.coords:
+        given = cube["damping_ratio"].reset_coords(drop=True)
+        damping = given.where(given.notnull(), damping)
+    return periods, damping

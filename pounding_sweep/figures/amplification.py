@@ -1,0 +1,91 @@
+"""Responses with pounding over responses without, by building."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pounding_sweep.errors import InputError
+from pounding_sweep.figures.chosen import along, middle
+from pounding_sweep.figures.compared import drawn_axis, first_varied, result_of
+from pounding_sweep.figures.style import look, styled, subplots
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+#: Responses, the first three of which that are there are drawn.
+_ROWS = (
+    ("displacement_peak_ratio", "displacement"),
+    ("drift_max_ratio", "drift"),
+    ("acceleration_max_ratio", "acceleration"),
+    ("storey_shear_max_ratio", "storey shear"),
+    ("displacement_max_ratio", "displacement to the right"),
+    ("displacement_min_ratio", "displacement to the left"),
+)
+
+
+@styled
+def amplification(cube: xr.Dataset) -> Figure:
+    """Draw the amplification by pounding against gap, stiffness, scale, restitution or a building property.
+
+    One column per building, one row per response, one line per law: the largest
+    value over storeys; over the storeys themselves where no axis varies. Of several
+    records the median is shown, of the other axes the middle value, which the title
+    names. The thin line at 1 is no change.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with the law "none", or the result of `pounding_sweep.analysis.amplification`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        The cube allows no amplification, or lists its scenarios as cases.
+    """
+    result = result_of(cube, "amplification")
+    if "case" in result.dims:
+        msg = (
+            "figure 'amplification' needs axes, and this cube lists its scenarios as cases; give the axes of the sweep"
+        )
+        raise InputError(msg)
+    result = along(along(along(result, "law"), "building"), "storey")
+    shown_of = ""
+    if result.sizes.get("record", 1) > 1:
+        shown_of = f"median of {result.sizes['record']} records; "
+        result = result.median("record", keep_attrs=True)
+    axis = first_varied(result)
+    result, shown = middle(result, ("law", axis or "storey"))
+    result = result.sortby(axis or "storey")
+    rows = [row for row in _ROWS if row[0] in result][:3]
+    if not rows:
+        msg = (
+            "figure 'amplification' shows displacements, drifts, accelerations and shears, none of which this cube has"
+        )
+        raise InputError(msg)
+    buildings = result["building"].values.tolist()
+    figure, axes = subplots(len(rows), len(buildings), (1.6 + 2.4 * len(buildings), 1.3 + 1.7 * len(rows)))
+    x, label = drawn_axis(result, axis) if axis else (result["storey"].values, "storey (-)")
+    for row, (name, text) in enumerate(rows):
+        for column, building in enumerate(buildings):
+            ax = axes[row, column]
+            ax.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
+            for number, law in enumerate(result["law"].values.tolist()):
+                values = result[name].sel(law=law, building=building)
+                ax.plot(x, values.max("storey") if axis else values, label=law, **look(number))
+            if axis is None:
+                ax.set_xticks(x)
+            if row == 0:
+                ax.set_title(f"building {building}")
+            if row == len(rows) - 1:
+                ax.set_xlabel(label)
+            if column == 0:
+                ax.set_ylabel(f"{text}\nover no pounding (-)")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)))
+    figure.suptitle(shown_of + shown, fontsize=9)
+    return figure

@@ -1,0 +1,103 @@
+"""Where the energy of each building went, law by law, and what the contacts took."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.errors import InputError
+from pounding_sweep.figures.chosen import along, middle
+from pounding_sweep.figures.compared import result_of
+from pounding_sweep.figures.style import COLOURS, styled
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+#: Parts of the input, from below; told apart by colour and hatching.
+_PARTS: tuple[tuple[str, str, dict[str, Any]], ...] = (
+    ("energy_damping", "lost in damping", {"color": COLOURS[1]}),
+    ("stored", "kinetic and strain at the end", {"color": COLOURS[6], "hatch": ".."}),
+    ("energy_transfer", "given to neighbours and contacts", {"color": COLOURS[2], "hatch": "//"}),
+)
+
+
+@styled
+def energy_budget(cube: xr.Dataset) -> Figure:
+    """Draw each building's energy budget at the end of the record, one bar per law.
+
+    One panel per building: what was lost in damping, what is left and what was given
+    away, stacked; energy taken from neighbours hangs below zero. A line marks the
+    input, which the bar's parts sum to. The last panel is the work that the contacts
+    of each pair took. Of all axes but ``law`` the middle value is shown: an energy
+    balance is one scenario's.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with energies, or the result of `pounding_sweep.analysis.energy_budget`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        The cube lacks an energy, or the scenario shown is not ok.
+    """
+    from matplotlib.figure import Figure
+
+    result = result_of(cube, "energy")
+    result, shown = middle(result, ("law",))
+    result = along(result, "law") if "law" in result.coords else result.expand_dims(law=[""])
+    if not bool(result["energy_input"].notnull().any()):
+        msg = f"figure 'energy-budget' has nothing to show: the middle scenario ({shown}) is not ok; select another one"
+        raise InputError(msg)
+    result["stored"] = result["energy_kinetic"] + result["energy_strain"]
+    laws, buildings = result["law"].values.tolist(), result["building"].values.tolist()
+    panels = len(buildings) + ("contact_work" in result)
+    figure = Figure(figsize=(1.0 + 1.9 * panels, 3.6 + 0.09 * max(map(len, laws))), layout="constrained")
+    axes = figure.subplots(1, panels, squeeze=False)[0]
+    for ax in axes[1 : len(buildings)]:  # the contacts' work has a scale of its own
+        ax.sharey(axes[0])
+        ax.tick_params(labelleft=False)
+    x = np.arange(len(laws))
+    for ax, building in zip(axes, buildings, strict=False):
+        part = result.sel(building=building)
+        above, below = np.zeros(len(laws)), np.zeros(len(laws))
+        for name, label, style in _PARTS:
+            values = np.nan_to_num(part[name].values)
+            ax.bar(
+                x, values, 0.7, bottom=np.where(values >= 0.0, above, below), label=label, edgecolor="white", **style
+            )
+            above, below = above + np.maximum(values, 0.0), below + np.minimum(values, 0.0)
+        ends = part["energy_input"].values
+        ax.hlines(ends, x - 0.42, x + 0.42, color="black", linewidth=1.6, label="input")
+        ax.set_title(f"building {building}")
+    if "contact_work" in result:
+        _work(axes[-1], result, x)
+    for ax in axes:
+        ax.axhline(0.0, color="black", linewidth=0.8)
+        ax.set_xticks(x, laws, rotation=60, ha="right", rotation_mode="anchor")
+        ax.grid(visible=False, axis="x")
+        ax.set_axisbelow(True)
+    axes[0].set_ylabel("energy (kN m)")
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    figure.suptitle(shown, fontsize=9)
+    return figure
+
+
+def _work(ax: Any, result: xr.Dataset, x: np.ndarray) -> None:
+    """Draw bars of the work of each pair's contacts, side by side, each with its name."""
+    pairs = result["pair"].values.tolist()
+    width = 0.7 / len(pairs)
+    shades = np.linspace(0.25, 0.75, len(pairs))
+    for number, (pair, shade) in enumerate(zip(pairs, shades, strict=True)):
+        at = x - 0.35 + (number + 0.5) * width
+        ax.bar(at, result["contact_work"].sel(pair=pair).values, width, color=str(shade), label=pair)
+    ax.set_title("work of the contacts (kN m)")
+    ax.margins(y=0.3)  # room for the legend above the bars
+    ax.legend(loc="upper right", fontsize=8)

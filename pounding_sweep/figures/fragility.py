@@ -1,0 +1,104 @@
+"""Fragility curves: fitted probability with its band, and the shares that were observed."""
+
+from __future__ import annotations
+
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.analysis.events import EVENTS
+from pounding_sweep.analysis.fragilities import sentence
+from pounding_sweep.analysis.lognormal import FitStatus
+from pounding_sweep.figures.chosen import along, middle
+from pounding_sweep.figures.compared import first_varied, result_of
+from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, styled, subplots
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+#: Trials are put together into so many classes of about equal size to show their shares.
+_CLASSES = 6
+#: Lines in a panel at most.
+_LINES_SHOWN = 5
+
+
+@styled
+def fragility(cube: xr.Dataset) -> Figure:
+    """Draw the probability of an event against intensity.
+
+    One panel per pair or building. Lines are the values of the first axis that varies
+    (gap, stiffness, ...), five at most, evenly chosen, or else the laws; of the other axes
+    the middle value is shown, of the laws the first. Bands are the bootstrap's confidence
+    intervals; marks are the shares observed in classes of about equal numbers of trials.
+    Where there is no fit, the legend says why.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube, whose fragility of touching is drawn, or the result of
+        `pounding_sweep.analysis.fragility`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        The cube allows no fragility.
+    """
+    result = result_of(cube, "fragility")
+    own = ("record", "scale", "interval", "bound", "intensity")
+    per = EVENTS[result.attrs["event"]].per
+    for dim in ("law", per):
+        result = along(result, dim) if dim in result.coords else result
+    axis = first_varied(result, but=own) or "law"
+    if axis != "law" and "law" in result.dims:
+        result = result.isel(law=0)
+    result, shown = middle(result, (*own, axis))
+    result = result if axis in result.dims else result.expand_dims({axis: [""]})
+    chosen = np.unique(np.linspace(0, result.sizes[axis] - 1, _LINES_SHOWN).round().astype(int))
+    ends = result[per].values.tolist()
+    figure, axes = subplots(1, len(ends), (1.4 + 3.4 * len(ends), 4.6))
+    for ax, end in zip(axes[0], ends, strict=True):
+        for number, place in enumerate(chosen):
+            part = result.isel({axis: int(place)}).sel({per: end})
+            _line(ax, part, number, _value(result[axis], int(place)))
+        ax.set(ylim=(-0.02, 1.02), xlim=(0.0, None), title=f"{per} {end}")
+        ax.set_xlabel(f"{result['intensity'].attrs['long_name']} ({result['intensity'].attrs['units']})")
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
+    axes[0, 0].set_ylabel(f"probability that\n{result.attrs['event_in_words']} (-)")
+    figure.suptitle("; ".join(part for part in (result.attrs["event_in_words"], shown) if part), fontsize=9)
+    return figure
+
+
+def _value(axis: xr.DataArray, place: int) -> str:
+    value = axis.values[place]
+    if axis.dtype.kind not in "iuf":
+        return str(value)
+    units = str(axis.attrs.get("units", "1"))
+    return f"{axis.name} {value:g}{'' if units == '1' else f' {units}'}".replace("_", " ")
+
+
+def _line(ax: Any, part: xr.Dataset, number: int, label: str) -> None:
+    """Draw one fit with its band and the observed shares."""
+    colour, at = COLOURS[number % len(COLOURS)], part["intensity"].values
+    if int(part["fit_status"]) == FitStatus.FITTED:
+        band = part["probability_interval"].values
+        if np.isfinite(band).all():
+            ax.fill_between(at, *band, color=colour, alpha=0.15, linewidth=0)
+        units = part["median"].attrs["units"]
+        fitted = f"{label}: median {float(part['median']):.3g} {units}, dispersion {float(part['dispersion']):.2g}"
+        ax.plot(at, part["probability"].values, color=colour, linestyle=LINES[number % len(LINES)], label=fitted)
+    else:
+        ax.plot(
+            [], [], color=colour, marker=MARKERS[number], linestyle="none", label=f"{label}: {fill(sentence(part), 46)}"
+        )
+    x, happened = part["trial_intensity"].values.ravel(), part["happened"].values.ravel()
+    there = np.isfinite(happened)
+    order = np.argsort(x[there], kind="stable")
+    for group in np.array_split(order, min(_CLASSES, max(1, order.size))):
+        if group.size:
+            ax.plot(x[there][group].mean(), happened[there][group].mean(), color=colour, marker=MARKERS[number])

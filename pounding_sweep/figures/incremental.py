@@ -1,0 +1,107 @@
+"""Response against intensity: one thin line per record, thick lines for the fractiles of the suite."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pounding_sweep.cube.variables import VARIABLES
+from pounding_sweep.errors import InputError
+from pounding_sweep.figures.chosen import along, middle
+from pounding_sweep.figures.compared import result_of
+from pounding_sweep.figures.style import COLOURS, styled, subplots
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+#: Responses that are drawn, the first that is there, with their label and factor.
+_RESPONSES = (
+    ("impact_force_max", "peak impact force (MN)", 1e-3),
+    ("drift_max", "peak drift (mm)", 1e3),
+    ("displacement_max", "peak displacement (mm)", 1e3),
+    ("acceleration_max", "peak acceleration (m/s2)", 1.0),
+    ("storey_shear_max", "peak storey shear (MN)", 1e-3),
+)
+_LINES = ("--", "-", "-.", ":")
+#: Rows of panels at most.
+_LAWS = 3
+
+
+@styled
+def incremental(cube: xr.Dataset) -> Figure:
+    """Draw responses against intensity as records are scaled up.
+
+    One column per pair or building, one row per law (three at most, no pounding last):
+    grey lines are the records, thick ones their fractiles, as far as all records go. Of the storeys that with the
+    largest response is shown, named above the panel, of the other axes the middle value.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with the axis ``scale``, or the result of `pounding_sweep.analysis.incremental_curves`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        The cube has fewer than two scales, or no response that is drawn.
+    """
+    result = result_of(cube, "incremental")
+    found = [row for row in _RESPONSES if row[0] in result]
+    if not found:
+        msg = f"figure 'incremental' needs one of {', '.join(row[0] for row in _RESPONSES)}, which this cube lacks"
+        raise InputError(msg)
+    name, label, factor = found[0]
+    per = VARIABLES[name].dims[0]
+    for dim in ("law", per, "storey"):
+        result = along(result, dim) if dim in result.coords else result
+    keep = ("law", "record", "scale", "quantile", "level")
+    result, shown = middle(result, keep)
+    result = result if "law" in result.dims else result.expand_dims(law=[""])
+    laws = [law for law in result["law"].values.tolist() if per == "building" or law != "none"][:_LAWS]
+    ends = result[per].values.tolist()
+    figure, axes = subplots(len(laws), len(ends), (1.6 + 2.6 * len(ends), 1.3 + 2.0 * len(laws)))
+    units, intensity = result["intensity"].attrs["units"], result["intensity"].attrs["long_name"]
+    for row, law in enumerate(laws):
+        for column, end in enumerate(ends):
+            ax = axes[row, column]
+            part = result.sel({"law": law, per: end})
+            largest = part[name].max(["record", "scale"])
+            storey = int(largest.fillna(-np.inf).argmax("storey"))
+            part = part.isel(storey=storey)
+            for record in range(part.sizes["record"]):
+                one = part.isel(record=record).sortby("intensity")
+                ax.plot(
+                    one["intensity"],
+                    one[name] * factor,
+                    color="0.7",
+                    linewidth=0.8,
+                    label="record" if not record else None,
+                )
+            for number, q in enumerate(part["quantile"].values.tolist()):
+                whole = part[f"{name}_count"] == part.sizes["record"]  # of fewer records, a curve would jump
+                line = part[f"{name}_fractiles"].sel(quantile=q).where(whole) * factor
+                ax.plot(
+                    part["level"],
+                    line,
+                    color=COLOURS[0] if q == 0.5 else COLOURS[2],
+                    linestyle="-" if q == 0.5 else _LINES[number % len(_LINES)],
+                    linewidth=1.8,
+                    label="median" if q == 0.5 else f"{q:.0%} fractile",
+                )
+            ax.set(xlim=(0.0, None), ylim=(0.0, None))
+            ax.set_title(f"{law + ', ' if law else ''}{per} {end}, storey {storey + 1}")
+            if row == len(laws) - 1:
+                ax.set_xlabel(f"{intensity} ({units})")
+            if column == 0:
+                ax.set_ylabel(label)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    if shown:
+        figure.suptitle(shown, fontsize=9)
+    return figure

@@ -1,0 +1,89 @@
+"""Contact laws over a reference law, at equal nominal and at equal realised restitution."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pounding_sweep.errors import InputError
+from pounding_sweep.figures.chosen import along, middle
+from pounding_sweep.figures.compared import drawn_axis, first_varied, over_storeys, result_of
+from pounding_sweep.figures.style import look, styled, subplots
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+#: Outputs by which laws are compared in pictures, the first that is there, and in words.
+_OUTPUTS = {
+    "impact_force_max": "peak impact force",
+    "penetration_max": "penetration",
+    "impulse": "impulse",
+    "approach_speed_max": "approach speed",
+    "impact_count": "number of impacts",
+}
+
+
+@styled
+def law_comparison(cube: xr.Dataset) -> Figure:
+    """Draw the peak impact force of each law over that of the reference law.
+
+    One column per pair; above at equal nominal, below at equal realised restitution,
+    where it can be had: the largest value over storeys, against the restitution where
+    it varies, else against the first axis that does. Of several records the median of
+    the ratios is shown, of the other axes the middle value.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with two or more laws with contact, or the result of
+        `pounding_sweep.analysis.compare_laws`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        The cube allows no comparison of laws, or has no output of contacts.
+    """
+    result = result_of(cube, "laws")
+    name = next((key for key in _OUTPUTS if f"{key}_compared" in result), None)
+    if name is None:
+        msg = (
+            f"figure 'law-comparison' needs one of {', '.join(_OUTPUTS)}, which this cube lacks; run the sweep with it"
+        )
+        raise InputError(msg)
+    reference = result.attrs["reference_law"]
+    peak = over_storeys(along(result, "pair")[f"{name}_compared"])
+    base = peak.sel(law=reference, drop=True).reset_coords(drop=True)
+    ratio = (peak / base.where(base != 0.0)).to_dataset(name="ratio")
+    shown_of = f"reference law {reference}"
+    if ratio.sizes.get("record", 1) > 1:
+        shown_of += f"; median of {ratio.sizes['record']} records"
+        ratio = ratio.median("record")
+    axis = "restitution" if ratio.sizes.get("restitution", 1) > 1 else first_varied(ratio, but=["basis"])
+    if axis is None:
+        msg = "figure 'law-comparison' needs an axis along which values vary: gap, stiffness, restitution, scale, ..."
+        raise InputError(msg)
+    ratio, shown = middle(ratio, ("law", "basis", axis))
+    bases, pairs = ratio["basis"].values.tolist(), ratio["pair"].values.tolist()
+    figure, axes = subplots(len(bases), len(pairs), (1.8 + 2.8 * len(pairs), 1.4 + 2.1 * len(bases)))
+    ratio = ratio.sortby(axis)
+    x, label = drawn_axis(ratio, axis)
+    label = "coefficient of restitution (-)" if axis == "restitution" else label  # nominal or realised
+    for row, basis in enumerate(bases):
+        for column, pair in enumerate(pairs):
+            ax = axes[row, column]
+            for number, law in enumerate(ratio["law"].values.tolist()):
+                line = ratio["ratio"].sel(basis=basis, pair=pair, law=law)
+                ax.plot(x, line, label=law, **look(number))
+            ax.set_title(f"pair {pair}, equal {basis} restitution")
+            if row == len(bases) - 1:
+                ax.set_xlabel(label)
+            if column == 0:
+                ax.set_ylabel(f"{_OUTPUTS[name]}\nover the reference's (-)")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)))
+    figure.suptitle("; ".join(part for part in (shown_of, shown) if part), fontsize=9)
+    return figure

@@ -1,0 +1,200 @@
+"""The two readings of the paper's data, and the sweep that stands for each.
+
+The paper's text and its tables can't both be right. `READINGS` holds the row
+as it is printed, and the row that its tables fit.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pounding_sweep.errors import InputError, MissingRecordError
+from pounding_sweep.paper.published import GROUND_MOTIONS
+from pounding_sweep.presets import PRESETS
+from pounding_sweep.records import Record, find_record
+from pounding_sweep.records.record import STANDARD_GRAVITY
+from pounding_sweep.sweep.spec import AUDIT_SHARE
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from pounding_sweep.records.catalogue import Folders
+    from pounding_sweep.sweep.sweep import Sweep
+
+#: Gap (m) and restitution of every scenario.
+GAP, RESTITUTION = 0.01, 0.6
+#: Scheme and largest time step (s); the report measures what error they leave.
+METHOD, STEP = "rk4", 5e-4
+#: Outputs that the tables, figures and conclusions are made of.
+OUTPUTS = (
+    "displacement_max",
+    "displacement_min",
+    "storey_shear_max",
+    "acceleration_max",
+    "impact_force_max",
+    "impact_count",
+    "first_impact_time",
+    "energy_input",
+    "energy_damping",
+    "energy_kinetic",
+    "energy_strain",
+    "energy_transfer_max",
+    "energy_transfer_min",
+    "contact_work",
+    "energy_residual",
+)
+#: Records that are brought to the paper's peak ground acceleration, because at hand is another processing of them.
+RESCALED = frozenset({"san_fernando"})
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read the paper's data.
+
+    Attributes
+    ----------
+    key : str
+        Label on the ``reading`` axis.
+    preset : str
+        Key in `PRESETS`.
+    label : str
+        In figures and tables.
+    note : str
+        What it takes, and why.
+    """
+
+    key: str
+    preset: str
+    label: str
+    note: str
+
+
+READINGS: dict[str, Reading] = {
+    reading.key: reading
+    for reading in (
+        Reading(
+            "as_printed",
+            "mate2015",
+            "as printed",
+            "Masses and storey stiffnesses of Section 5.1 with the subscripts read as (storey, building): only so do "
+            "the columns' 12 E I / h^3 give the stiffnesses. Gap stiffness 2e6 kN/m, which Section 5.2 adopts. The "
+            "Hertz stiffness is not printed; 1.88e7 kN/m^1.5 follows from Eqs 9 to 11 as in their sources (cube root, "
+            "1 - nu^2) with E = 25e6 kN/m2 for the roofs of 134 and 136 t; nu = 0.2 and 2.5 t/m3 are taken here.",
+        ),
+        Reading(
+            "as_run",
+            "mate2015_as_run",
+            "as probably run",
+            "Inferred from the tables: right building's stiffness twice the printed one; gap stiffness 2e5 kN/m, what "
+            "2e5 tonne-force per metre entered as kN/m would give; Hertz stiffness 2.79e4 kN/m^1.5, what Eqs 9 to 11 "
+            "exactly as printed (square root, 1 - nu) give with E = 25 000, as IS 456 states it in N/mm2, entered as "
+            "kN/m2. The paper states none of the three.",
+        ),
+    )
+}
+"""Readings by key, in the order of the report."""
+
+
+def sweep_of(reading: Reading, records: Sequence[Record], step: float = STEP, audit: float = AUDIT_SHARE) -> Sweep:
+    """Return the sweep of a reading: Models I to VII, all records.
+
+    Parameters
+    ----------
+    reading : Reading
+        Which row.
+    records : sequence of Record
+        Ground motions, named as in `GROUND_MOTIONS`.
+    step : float
+        Largest time step (s).
+    audit : float
+        Share of the cost spent on the cube's own audit.
+
+    Returns
+    -------
+    Sweep
+        By default the same as that of the file in ``sweeps/`` named after the preset.
+    """
+    from pounding_sweep.sweep.sweep import Sweep
+
+    return Sweep(
+        reading.preset,
+        records,
+        "mate2015",
+        gaps=[GAP],
+        restitutions=[RESTITUTION],
+        method=METHOD,
+        dt=step,
+        outputs=OUTPUTS,
+        audit=audit,
+        title=f"Mate, Bakre & Jaiswal (2015), {reading.label}: Models I to VII",
+    )
+
+
+def paper_records(folders: Folders = None) -> tuple[list[Record], dict[str, str]]:
+    """Find the paper's four records.
+
+    Parameters
+    ----------
+    folders : path or several, optional
+        Where to look; by default the folders in ``POUNDING_SWEEP_RECORDS``.
+
+    Returns
+    -------
+    records : list of Record
+        Those at hand; of `RESCALED` ones the peak ground acceleration is the paper's.
+    missing : dict of str to str
+        Key of each other -> where to get it.
+
+    Raises
+    ------
+    RecordError
+        A record's file is there but can't be read.
+    """
+    found, missing = [], {}
+    for key in GROUND_MOTIONS:
+        try:
+            record = find_record(key, folders)
+        except MissingRecordError as error:
+            missing[key] = str(error)
+            continue
+        pga, _ = GROUND_MOTIONS[key]
+        found.append(record.scaled_to(pga * STANDARD_GRAVITY) if key in RESCALED else record)
+    return found, missing
+
+
+def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
+    """Tell which reading a cube was run for, by the scene in its attributes.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube made by ``run``.
+    name : str
+        What to call it in messages.
+
+    Raises
+    ------
+    InputError
+        It is no cube of one of the readings, or lacks outputs that the report needs.
+    """
+    from pounding_sweep.sweep.spec import build_spec, to_json
+
+    try:
+        scene = json.loads(cube.attrs["sweep"])["scene"]
+    except (KeyError, ValueError):
+        msg = f"{name} does not say which scene it was run for; make it with 'pounding-sweep run sweeps/mate2015.toml'"
+        raise InputError(msg) from None
+    lacking = [output for output in OUTPUTS if output not in cube]
+    if lacking:
+        msg = f"{name} lacks {', '.join(lacking)}; make it with the outputs of sweeps/mate2015.toml"
+        raise InputError(msg)
+    for reading in READINGS.values():
+        own = build_spec(scene=reading.preset, records="el_centro", laws="none")
+        if json.loads(to_json(own))["scene"] == scene:
+            return reading
+    presets = ", ".join(f"{r.preset} ({PRESETS[r.preset].title})" for r in READINGS.values())
+    msg = f"{name} was run for another row of buildings; the report compares the presets {presets}"
+    raise InputError(msg)

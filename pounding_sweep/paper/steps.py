@@ -1,0 +1,124 @@
+"""The paper's own question of accuracy: which time step? Answered on its scene, under El Centro, for Model I."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from pounding_sweep.accuracy.tradeoff import tradeoff
+from pounding_sweep.cube.variables import STATUS, Status
+from pounding_sweep.paper.readings import GAP, Reading
+from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.sweep.sweep import Sweep
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Steps (s) compared. The paper names 0.02 s, the record's own, as the least that is in use.
+STEPS = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4)
+#: Relative error of displacements and forces that an engineer may accept.
+LIMIT = 0.01
+#: The response that the paper varied the step for.
+RECORD, LAW = "el_centro", "linear"
+OUTPUTS = ("displacement_max", "displacement_min", "impact_force_max", "impact_count")
+
+
+def step_errors(readings: Iterable[Reading], progress: Progress | None = None) -> xr.Dataset:
+    """Measure what each scheme and step errs by.
+
+    Parameters
+    ----------
+    readings : iterable of Reading
+        Rows to measure on.
+    progress : Progress, optional
+        Display.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``error`` (relative, against a converged run) on ``reading``, ``scheme``, ``located``, ``step`` (s) and
+        ``output``; ``status`` of the scenario (a refused one has no error).
+    """
+    import xarray as xr
+
+    found = []
+    labels = []
+    for reading in readings:
+        sweep = Sweep(reading.preset, RECORD, LAW, gaps=[GAP], outputs=OUTPUTS)
+        trade = tradeoff(
+            sweep,
+            steps=STEPS,
+            methods=("rk4", "newmark"),
+            precisions=("float64",),
+            scenarios=1,
+            repeats=1,
+            progress=progress,
+        )
+        one = trade[["scenario_error", "scenario_status"]].isel(scenario=0, precision=0, drop=True)
+        found.append(one.rename(scenario_error="error", scenario_status="status").reset_coords(drop=True))
+        labels.append(reading.key)
+    axis = xr.DataArray(labels, dims="reading", attrs={"long_name": "reading of the paper's data"})
+    return xr.concat(found, axis, combine_attrs="drop_conflicts")
+
+
+def step_rows(steps: xr.Dataset, reading: str) -> tuple[list[str], list[list[str]]]:
+    """Return the headings and rows of the table: one row per scheme, locating and step.
+
+    Parameters
+    ----------
+    steps : xarray.Dataset
+        What `step_errors` returned.
+    reading : str
+        Which row of buildings.
+    """
+    one = steps.sel(reading=reading)
+    headings = ["scheme", "contacts located", "step ms", *(_title(name) for name in one["output"].values), "status"]
+    rows = []
+    for scheme in one["scheme"].values:
+        for located in one["located"].values[::-1]:
+            for step in one["step"].values:
+                at = {"scheme": scheme, "located": located, "step": step}
+                status = next(s for s in STATUS if int(s) == int(one["status"].sel(at)))
+                errors = [float(one["error"].sel({**at, "output": name})) for name in one["output"].values]
+                texts = [error_text(error) if status.has_values else "-" for error in errors]
+                said = "ok" if status is Status.OK else status.label.replace("_", " ")
+                rows.append([str(scheme), "yes" if located else "no", f"{step * 1e3:g}", *texts, said])
+    return headings, rows
+
+
+def largest_steps(steps: xr.Dataset) -> xr.DataArray:
+    """Return the largest step from which on all errors are within `LIMIT` and the number of impacts is right.
+
+    Parameters
+    ----------
+    steps : xarray.Dataset
+        What `step_errors` returned.
+
+    Returns
+    -------
+    xarray.DataArray
+        Step (s) on ``reading``, ``scheme`` and ``located``; NaN where no step will do.
+    """
+    rising = steps.sortby("step")
+    valued = rising["status"].isin([int(s) for s in STATUS if s.has_values])
+    within = (rising["error"].drop_sel(output="impact_count") <= LIMIT).all("output")
+    fine = valued & within & (rising["error"].sel(output="impact_count", drop=True) == 0.0)
+    still = fine.astype(int).cumprod("step") == 1
+    found = rising["step"].where(still).max("step")
+    return found.assign_attrs(units="s", long_name=f"largest step with errors within {LIMIT:.0%}")
+
+
+def _title(output: str) -> str:
+    return {
+        "displacement_max": "displacement, forth",
+        "displacement_min": "displacement, back",
+        "impact_force_max": "peak force",
+        "impact_count": "number of impacts",
+    }[output]
+
+
+def error_text(error: float) -> str:
+    """Write a relative error: small ones as powers of ten, others in percent."""
+    if error == 0.0:
+        return "0"
+    return f"{error:.1e}" if error < 0.01 else f"{error:.1%}"

@@ -1,0 +1,121 @@
+"""Datasets that figures are drawn from, made by hand: nothing is integrated for them."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from pounding_sweep.accuracy.trade_dataset import KIND, KIND_ATTRIBUTE
+from pounding_sweep.cube.assemble import Axis, assemble
+from pounding_sweep.cube.layout import inner_shape
+from pounding_sweep.cube.variables import VARIABLES
+from pounding_sweep.records import pulse_record
+from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.sweep.spec import build_spec, to_json
+
+LAWS = ("linear", "kelvin_voigt", "none")
+
+
+def scene(left_wall=False, right_wall=False):
+    """Two buildings of three and two storeys, walls beside them where asked for."""
+    row = [Building("a", [200.0] * 3, [2e5] * 3), Building("b", [100.0] * 2, [1.5e5] * 2)]
+    row = [*([Wall("w1")] if left_wall else []), *row, *([Wall("w2")] if right_wall else [])]
+    contact = ContactProperties(linear_stiffness=1e6, hertz_stiffness=1e7, restitution=0.6)
+    return Scene(row, gaps=[0.01 * (i + 1) for i in range(len(row) - 1)], contact=contact)
+
+
+def cube(seed=0, **sizes):
+    """A cube of every output, its values random and above zero; axes of the sizes given, or of one value."""
+    rng = np.random.default_rng(seed)
+    row = scene()
+    n = {"law": 3, "gap": 4, "stiffness_factor": 1, "restitution": 2, "record": 1, "scale": 1} | sizes
+    axes = [
+        Axis("law", list(LAWS[: n["law"]])),
+        Axis("gap", [0.002 * (i + 1) for i in range(n["gap"])], "m", "gap of every pair"),
+        Axis("stiffness_factor", [2.0**i for i in range(n["stiffness_factor"])], "1"),
+        Axis("restitution", [round(0.4 + 0.2 * i, 1) for i in range(n["restitution"])], "1"),
+        Axis("record", [f"r{i + 1}" for i in range(n["record"])]),
+        Axis("scale", [0.5 * (i + 1) for i in range(n["scale"])], "1", "factor on the record"),
+    ]
+    shape = tuple(axis.size for axis in axes)
+    arrays = {}
+    for name, variable in VARIABLES.items():
+        values = rng.uniform(0.1, 1.0, (*shape, *inner_shape(variable, row)))
+        arrays[name] = np.ceil(9.0 * values).astype(np.int32) if variable.dtype == "i4" else values
+    arrays["status"] = np.zeros(shape, np.int8)
+    for name in ("displacement_max", "displacement_min", "drift_max", "penetration_max", "closing_max"):
+        arrays[name] = 0.02 * arrays[name]
+    arrays["displacement_min"] = -arrays["displacement_min"]
+    realised = np.array([[1.0 if law == "linear" else e for e in axes[3].values] for law in axes[0].values])
+    extra = {
+        "record_pga": (("record",), np.linspace(1.0, 3.0, n["record"]), {"units": "m s-2"}),
+        "restitution_realised": (("law", "restitution"), realised, {"units": "1"}),
+    }
+    records = [pulse_record("sine", amplitude=1.0, period=0.5, dt=0.02, name=name) for name in axes[4].values]
+    spec = build_spec(scene=row, records=records, laws=axes[0].values, gaps=axes[1].values, scales=axes[5].values)
+    return assemble(row, axes, arrays, {"title": "by hand", "sweep": to_json(spec)}, extra)
+
+
+def histories(left_wall=False, right_wall=False, touch=True):
+    """Histories of two seconds: floors that sway against each other, and forces where they overlap."""
+    row = scene(left_wall, right_wall)
+    time = np.linspace(0.0, 2.0, 401)
+    sway = np.array([[0.6, 0.8, 1.0], [-0.7, -1.0, np.nan]]) * (0.02 if touch else 0.004)
+    phase = np.sin(2.0 * np.pi * 2.0 * time) * np.exp(-0.5 * time)
+    displacement = phase[:, None, None] * sway
+    first = 1 if left_wall else 0
+    closing = np.full((len(time), len(row.pair_names), 3), np.nan)
+    for contact in row.contacts:
+        ends = [(contact.pair - first, 1.0), (contact.pair + 1 - first, -1.0)]
+        total = sum(s * displacement[:, b, contact.storey - 1] for b, s in ends if 0 <= b < 2)
+        closing[:, contact.pair, contact.storey - 1] = total - row.gaps[contact.pair]
+    arrays = {
+        "displacement": (("time", "building", "storey"), displacement, {"units": "m"}),
+        "velocity": (("time", "building", "storey"), np.gradient(displacement, time, axis=0), {"units": "m s-1"}),
+        "acceleration": (("time", "building", "storey"), -160.0 * displacement, {"units": "m s-2"}),
+        "ground_acceleration": (("time",), np.cos(9.0 * time), {"units": "m s-2"}),
+        "contact_force": (("time", "pair", "storey"), 1e6 * np.maximum(closing, 0.0), {"units": "kN"}),
+    }
+    base = assemble(row, [], {"status": np.int8(0), "steps_per_contact": np.float64(9.0)}, {"title": "by hand"})
+    coords = {"time": ("time", time, {"units": "s"}), "pair_gap": ("pair", list(row.gaps), {"units": "m"})}
+    return base.assign_coords(coords).assign(arrays)
+
+
+def trade():
+    """Errors that fall with the step and costs that rise."""
+    steps = np.array([5e-3, 2e-3, 1e-3])
+    coords = {
+        "output": ["impact_force_max", "displacement_max"],
+        "population": ["all", "steady"],
+        "statistic": ["median", "worst"],
+        "scheme": ["newmark", "rk4"],
+        "located": [0, 1],
+        "precision": ["float64"],
+        "step": steps,
+    }
+    names = list(coords)
+    shape = [len(values) for values in coords.values()]
+    error = np.broadcast_to((steps / 5e-3) ** 2 * 1e-2, shape)
+    cost_dims = names[3:]
+    return xr.Dataset(
+        {
+            "error": (names, error),
+            "resolution": (names[:3], np.full(shape[:3], 1e-7)),
+            "cost": (cost_dims, np.broadcast_to(1e-3 / steps, shape[3:])),
+            "pareto": (("output", "population", "statistic", *cost_dims), np.ones(shape, np.int8)),
+        },
+        coords,
+        {KIND_ATTRIBUTE: KIND, "sample_scenarios": 9, "sensitive_scenarios": 1},
+    )
+
+
+def stability_map():
+    """Errors that grow with step and stiffness; the worst corner is refused."""
+    steps, stiffnesses = np.array([1e-3, 2e-3, 4e-3]), np.array([1e5, 1e6])
+    error = np.array([[[1e-6, 1e-5, 1e-4], [1e-4, 1e-3, np.nan]]])
+    status = np.array([[[0, 0, 0], [0, 2, 4]]], np.int8)
+    dims = ("scheme", "stiffness", "dt")
+    return xr.Dataset(
+        {"peak_force_error": (dims, error), "status": (dims, status)},
+        {"scheme": ["rk4"], "stiffness": ("stiffness", stiffnesses, {"units": "kN m-1"}), "dt": steps},
+    )

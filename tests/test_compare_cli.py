@@ -1,0 +1,167 @@
+"""``pounding-sweep compare`` as users meet it, on a cube of a real sweep."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from analysis_cubes import hand_cube, random_fill
+from matplotlib.figure import Figure
+from scenes import AXES, motions, row
+from typer.testing import CliRunner
+
+from pounding_sweep import Sweep
+from pounding_sweep.analysis.comparisons import COMPARISONS
+from pounding_sweep.analysis.rows import table_rows
+from pounding_sweep.cli import app as cli_app
+from pounding_sweep.cube.write import open_cube, write_cube
+from pounding_sweep.figures import FIGURES
+
+SCALES = [0.1, 0.3, 1.0, 2.0]
+
+
+@pytest.fixture(scope="module")
+def cube_file(tmp_path_factory):
+    """Make the cube of a small sweep; most scenarios touch."""
+    settings = AXES | {"scales": SCALES, "gaps": [0.002, 0.01], "stiffness_factors": 1.0}
+    path = tmp_path_factory.mktemp("compare") / "cube.nc"
+    Sweep(row(), motions(), **settings).run(path, workers=1).close()
+    return path
+
+
+def run(*arguments):
+    """Run the command; return what it printed."""
+    result = CliRunner().invoke(cli_app.app, ["compare", *map(str, arguments)])
+    return result
+
+
+def test_summary_lists_what_is_possible_and_why_the_rest_is_not(cube_file):
+    result = run(cube_file)
+    assert result.exit_code == 0, result.stderr
+    possible, _, impossible = result.stdout.partition("Not possible with this cube")
+    for key in ("amplification", "laws", "impacts", "fractiles", "incremental", "fragility"):
+        assert f"  {key}" in possible
+        assert f"\n{key}: {COMPARISONS[key].title}" in result.stdout
+    assert "required-gap  2 of the 2 records" in impossible
+    assert "energy        the energy budget needs the outputs 'energy_input'" in impossible
+
+
+@pytest.mark.parametrize("key", ["amplification", "laws", "impacts", "fragility"])
+def test_one_comparison_prints_the_rows_of_its_result(cube_file, key):
+    result = run(cube_file, "--what", key, "--json")
+    assert result.exit_code == 0, result.stderr
+    told = json.loads(result.stdout)
+    assert list(told) == [key]
+    with open_cube(cube_file) as cube:
+        rows = table_rows(COMPARISONS[key].load()(cube), COMPARISONS[key])
+    assert told[key]["rows"] == json.loads(json.dumps(rows))
+    text = run(cube_file, "--what", key).stdout
+    assert text.startswith(f"{key}: ")
+    assert len(text.splitlines()) >= len(rows) + 2
+
+
+def test_files(cube_file, tmp_path):
+    folder = tmp_path / "new" / "folder"
+    result = run(cube_file, "-o", folder)
+    assert result.exit_code == 0, result.stderr
+    made = {path.name for path in folder.iterdir()}
+    for key in ("amplification", "laws", "incremental", "fragility"):
+        assert {f"{key}.csv", f"{key}.nc", f"{key}.png"} <= made
+    assert {"impacts.csv", "impacts.nc", "fractiles.csv", "fractiles.nc"} <= made
+    with open_cube(cube_file) as cube:
+        expected = COMPARISONS["amplification"].load()(cube).load()
+    with open_cube(folder / "amplification.nc") as stored:
+        xr.testing.assert_allclose(stored, expected)
+        assert stored.displacement_peak_ratio.attrs["units"] == "1"
+    with (folder / "amplification.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    first = rows[0]
+    assert first["variable"] == "displacement_max_ratio"
+    touching = expected.displacement_max_ratio.where(expected.touches == 1.0).sel(law="linear", building="a")
+    assert float(first["largest"]) == float(touching.max())
+    assert float(first["median"]) == pytest.approx(float(touching.median()))
+
+
+def test_fractiles_of_counts_are_kept_as_they_are(cube_file, tmp_path):
+    """They are no whole numbers, as counts are."""
+    run(cube_file, "--what", "fractiles", "-o", tmp_path)
+    with xr.open_dataset(tmp_path / "fractiles.nc") as stored, open_cube(cube_file) as cube:
+        expected = cube.impact_count.median("record")
+        np.testing.assert_allclose(stored.impact_count_fractiles.sel(quantile=0.5), expected)
+        assert float((expected % 1.0).max()) == 0.5
+
+
+def test_settings(cube_file):
+    told = json.loads(run(cube_file, "--what", "laws", "--reference", "linear", "--json").stdout)
+    assert told["laws"]["attributes"]["reference_law"] == "linear"
+    told = json.loads(run(cube_file, "--what", "fragility", "--event", "force", "--level", "50", "--json").stdout)
+    assert told["fragility"]["attributes"]["event_in_words"] == "contact force above 50 kN"
+
+
+def test_wrong_usage(cube_file, tmp_path):
+    result = run(cube_file, "--what", "amplificaton")
+    assert result.exit_code == 2
+    assert "did you mean 'amplification'" in result.stderr
+    result = run(cube_file, "--what", "energy")
+    assert result.exit_code == 2
+    assert "energy_input" in result.stderr
+    result = run(tmp_path / "none.nc")
+    assert result.exit_code == 2
+    assert "does not exist" in result.stderr
+    result = run(cube_file, "-o", cube_file / "below")
+    assert result.exit_code == 2
+    assert "can't write" in result.stderr
+
+
+def test_listed_cases_have_tables_and_say_why_there_is_no_figure(tmp_path):
+    coords = {"law": (("case",), ["none", "linear", "hertz"], {}), "record": (("case",), ["one"] * 3, {})}
+    fill = random_fill(1, "drift_max") | {"impact_count": np.ones(1)}
+    cube = hand_cube({"case": [1, 2, 3]}, fill, coords=coords)
+    path = write_cube(cube, tmp_path / "cases.nc")
+    result = run(path, "--what", "amplification", "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.stderr
+    assert "no figure of amplification: figure 'amplification' needs axes" in result.stderr
+    assert "linear" in result.stdout
+    assert "hertz" in result.stdout
+
+
+class TestFigures:
+    def test_each_is_registered_and_takes_cube_or_result(self, cube_file):
+        with open_cube(cube_file) as cube:
+            for key in ("amplification", "laws", "incremental", "fragility"):
+                comparison = COMPARISONS[key]
+                draw = FIGURES[comparison.figure].load()
+                for given in (cube, comparison.load()(cube)):
+                    figure = draw(given)
+                    assert isinstance(figure, Figure)
+                    for ax in figure.axes:
+                        assert ax.has_data()
+
+    def test_axes_have_labels_with_units(self, cube_file):
+        with open_cube(cube_file) as cube:
+            for key in ("amplification", "law-comparison", "incremental", "fragility"):
+                figure = FIGURES[key].load()(cube)
+                labelled = [ax.get_xlabel() for ax in figure.axes] + [ax.get_ylabel() for ax in figure.axes]
+                assert all("(" in label for label in labelled if label)
+                assert any(ax.get_xlabel() for ax in figure.axes)
+
+    def test_required_gap_and_energy(self):
+        from pounding_sweep.analysis import required_gap
+
+        gaps = required_gap(row(), motions())
+        figure = FIGURES["required-gap"].load()(gaps)
+        bars = [patch.get_height() for patch in figure.axes[0].patches]
+        np.testing.assert_allclose(sorted(bars), sorted(gaps.exact.sel(pair="a-b").values * 1e3))
+        names = ["energy_input", "energy_damping", "energy_kinetic", "energy_strain", "contact_work"]
+        for axes in ({"law": ["linear", "hertz"], "gap": [0.1, 0.2]}, {"case": [1]}):
+            coords = {"law": (("case",), ["linear"], {})} if "case" in axes else None
+            figure = FIGURES["energy-budget"].load()(hand_cube(axes, random_fill(1, *names), coords=coords))
+            assert figure.axes[0].get_ylabel() == "energy (kN m)"
+            assert len(figure.axes) == 3
+
+    def test_every_comparison_names_a_figure_that_is_there(self):
+        for comparison in COMPARISONS.values():
+            assert comparison.figure in FIGURES or not comparison.figure

@@ -1,0 +1,182 @@
+"""The documentation: what it says of the package's names, keys, commands and figures, and that its blocks run."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+import pounding_sweep as ps
+from pounding_sweep import analysis
+from pounding_sweep.contact.laws import LAWS
+from pounding_sweep.cube.variables import VARIABLES
+from pounding_sweep.figures import FIGURES
+from pounding_sweep.presets import PRESETS
+from pounding_sweep.sweep import toml_tables
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def docs_modules():
+    """The scripts of the documentation can be imported while this module is tested."""
+    pytest.importorskip("numpydoc", reason="the documentation's own requirements are not installed")
+    sys.path.insert(0, str(DOCS))
+    yield
+    sys.path.remove(str(DOCS))
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """Text of every generated page, by file name."""
+    from generate import write_pages
+
+    folder = tmp_path_factory.mktemp("docs") / "generated"
+    write_pages(folder)
+    return {path.name: path.read_text(encoding="utf-8") for path in folder.iterdir()}
+
+
+def test_every_public_name_is_documented(pages):
+    text = (DOCS / "api.rst").read_text(encoding="utf-8") + pages["analysis_api.txt"] + pages["figures_api.txt"]
+    for name in (*ps.__all__, *(n for n in dir(analysis) if not n.isupper())):
+        if not name.startswith("__"):
+            assert re.search(rf"[.:\s,]{name}\b", text), name
+    for kind in FIGURES.values():
+        assert kind.place.replace(":", ".") in text
+
+
+def test_registries_are_listed(pages):
+    for law in LAWS:
+        assert f"## `{law}`" in pages["laws.md"]
+    for variable in VARIABLES:
+        assert f"| `{variable}`" in pages["variables.md"]
+    for preset, found in PRESETS.items():
+        assert f"**`{preset}`**" in pages["presets.txt"]
+        for building in found.scene.buildings:
+            assert f"{building.periods[0]:.4f}" in pages["presets.txt"]
+
+
+def test_every_key_of_a_sweep_file_is_explained(pages):
+    """Each table has all keys of its model, with the default that the model gives."""
+    text = pages["sweep_keys.txt"]
+    models = [model for model in vars(toml_tables).values() if isinstance(model, type)]
+    models = [model for model in models if issubclass(model, toml_tables.Table)]
+    for model in models:
+        if model not in (toml_tables.Table, toml_tables.FileTable):
+            wanted = list(model.model_fields)
+            tables = [re.findall(r"^\| `(\w+)` \|", part, re.MULTILINE) for part in text.split("### ")]
+            assert wanted in tables, model
+    assert re.search(r"^\| `audit` \|.*\| `0\.05` \| Share of the sweep's cost", text, re.MULTILINE)
+    assert re.search(r"^\| `locate` \| true or false \| `true` \| Split steps", text, re.MULTILINE)
+    assert re.search(r"^\| `masses` \|.*\| needed \| Floor masses \(t\)", text, re.MULTILINE)
+
+
+def test_a_key_that_nothing_explains_is_an_error(monkeypatch):
+    import sweep_keys
+
+    monkeypatch.setitem(sweep_keys._TABLES, "[solver]", (toml_tables.SolverTable, None))
+    with pytest.raises(KeyError, match="nothing explains 'method'"):
+        sweep_keys.key_tables()
+
+
+def test_every_command_has_its_help(pages):
+    for name in ("run", "plot", "simulate", "animate", "laws", "records", "records plot"):
+        assert f"## {name}\n" in pages["commands.md"]
+        assert f"Usage: pounding-sweep {name} [OPTIONS]" in pages["commands.md"]
+
+
+def test_the_gallery_has_every_figure(pages):
+    from gallery import ENTRIES, SWEEPS
+
+    assert {entry.key for entry in ENTRIES} == {*FIGURES, "animation"}
+    for entry in ENTRIES:
+        with Image.open(entry.place) as picture:
+            assert min(picture.size) > 200
+        assert entry.elsewhere or entry.place.stat().st_size < (400_000 if entry.picture.endswith(".gif") else 100_000)
+        for command in entry.commands:
+            assert f"pounding-sweep {command}\n" in pages["gallery.md"]
+    for sweep in SWEEPS:
+        assert ps.load_sweep(sweep).spec.n_scenarios > 100
+
+
+def test_links_between_pages_lead_somewhere(pages):
+    """Those to pages and pictures, from every page that is not run."""
+    run = re.search(r"_RUN = \((.*?)\)", (DOCS / "conf.py").read_text(encoding="utf-8"))[1]
+    known = {f"generated/{name}" for name in (*pages, *re.findall(r"[\w.]+\.md", run))}
+    known |= {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*") if path.is_file()}
+    texts = {f"generated/{name}": text for name, text in pages.items() if name.endswith(".md")}
+    texts |= {path.name: path.read_text(encoding="utf-8") for path in DOCS.glob("*.md") if path.name not in run}
+    for name, text in texts.items():
+        for link in re.findall(r"\]\(([^)#:]+)\)", re.sub(r"`[^`]*`", "", text)):
+            target = (DOCS / Path(name).parent / link).resolve().relative_to(DOCS.resolve()).as_posix()
+            assert any(target + suffix in known for suffix in ("", ".md", ".rst")), (name, link)
+
+
+# -- pages that are run ------------------------------------------------------------------------------------------------
+
+
+def write(folder, name, text):
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_blocks_run_in_order_in_one_folder(tmp_path):
+    from notebook import run_pages
+
+    first = write(
+        tmp_path,
+        "one.md",
+        "# One\n\n```python\nx = 3\nopen('made.png', 'w').close()\n```\n\n```python\nprint(x + 1)\n```\n\n"
+        "```toml\n# name.toml\ntitle = 'a'\n```\n\n```sh\ncat name.toml\n```\n\n```console\nexit 1\n```\n\nEnd\n",
+    )
+    second = write(tmp_path, "two.md", "```sh\nls made.png\n```\n")
+    out = tmp_path / "out"
+    out.mkdir()
+    run_pages([first, second], out)
+    assert (out / "one.md").read_text() == (
+        "# One\n\n```python\nx = 3\nopen('made.png', 'w').close()\n```\n\n```python\nprint(x + 1)\n```\n\n"
+        "```text\n4\n```\n\n"
+        "```toml\n# name.toml\ntitle = 'a'\n```\n\n```sh\ncat name.toml\n```\n\n"
+        "```text\n# name.toml\ntitle = 'a'\n```\n\n```console\nexit 1\n```\n\nEnd\n"
+    )
+    assert "```text\nmade.png\n```" in (out / "two.md").read_text()
+    assert (out / "made.png").exists()
+
+
+def test_a_block_that_fails_ends_the_build(tmp_path):
+    from notebook import run_pages
+
+    page = write(tmp_path, "page.md", "text\n\n```sh\necho no >&2\nfalse\n```\n")
+    with pytest.raises(RuntimeError, match=r"page\.md, line 4: a command failed:[\s\S]*no"):
+        run_pages([page], tmp_path)
+    page = write(tmp_path, "page.md", "text\n\n```python\nx = 1\n1 / 0\n```\n")
+    with pytest.raises(ZeroDivisionError) as error:
+        run_pages([page], tmp_path)
+    assert error.traceback[-1].lineno + 1 == 5
+
+
+@pytest.mark.slow
+def test_a_newcomer_can_follow_the_pages(tmp_path):
+    """From an empty folder to a cube, comparisons, figures and an animation of two buildings of one's own."""
+    from notebook import run_pages
+
+    run_pages([DOCS / name for name in ("start.md", "tutorial.md", "reading.md")], tmp_path)
+    made = {path.name for path in tmp_path.iterdir()}
+    assert {"force_gap.png", "profiles.png", "row.gif", "tutorial_force_gap.png", "tutorial_profiles.png"} <= made
+    for name in ("start.md", "tutorial.md", "reading.md"):
+        text = (tmp_path / name).read_text(encoding="utf-8")
+        for picture in re.findall(r"!\[[^]]*\]\((\w+\.(?:png|gif))\)", text):
+            assert picture in made
+    tutorial = (tmp_path / "tutorial.md").read_text(encoding="utf-8")
+    gaps = re.search(r"gap mm  force kN  impacts\n(.*?)```", tutorial, re.DOTALL)[1]
+    forces = [float(line.split()[1]) for line in gaps.splitlines()]
+    assert forces[0] > 1000.0
+    octave = re.findall(r"^ +(\d\.\d{4}e-0\d) +(\S+)$", (DOCS / "reading.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert [float(force) for _, force in octave] == pytest.approx(forces, abs=1.0)
+    needed = float(re.search(r"exact +([\d.]+) mm", tutorial)[1])
+    touching = [force > 0 for force in forces]
+    assert touching == [1e3 * gap < needed for gap in (0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04)]

@@ -1,0 +1,470 @@
+"""Figures: every one of the registry drawn, what their lines show, the row in motion, and the commands for them."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import io
+import re
+
+import figure_data as made
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+from typer.testing import CliRunner
+
+import pounding_sweep as ps
+from pounding_sweep.analysis import response_spectrum
+from pounding_sweep.choice import scenario_of, simulate_one
+from pounding_sweep.cli.app import app
+from pounding_sweep.cube.select import select
+from pounding_sweep.cube.write import open_cube, write_cube
+from pounding_sweep.errors import InputError, OutputError
+from pounding_sweep.figures import FIGURES, SOURCES, plot, require
+from pounding_sweep.figures.animation import _Picture, animate
+from pounding_sweep.figures.chosen import middle
+from pounding_sweep.figures.row import Stage, _round_down, strongest, walls
+from pounding_sweep.records import records_dataset
+from pounding_sweep.sweep.axes import Case
+from pounding_sweep.sweep.spec import build_spec
+from pounding_sweep.sweep.variants import case_variants
+
+#: Words of labels that have no unit.
+NO_UNIT = re.compile(r"impacts|error|probability|restitution|ratio|factor|share|pounding over|storey|law")
+
+
+def spectra():
+    """Histories and response spectra of two pulses, for both figures of records."""
+    records = [ps.pulse_record("sine", amplitude=a, period=0.5, dt=0.02, name=f"pulse {a:g}") for a in (1.0, 2.0)]
+    return xr.merge([records_dataset(records), response_spectrum(records, [0.1, 0.5, 1.0], 0.05)])
+
+
+def _numbers(ticks):
+    """Whether tick labels are numbers, which need a name, and not names themselves, or none."""
+    texts = [tick.get_text() for tick in ticks if tick.get_text()]
+    return bool(texts) and all(re.match(r"[−-]?[\d.]|\$", text) for text in texts)
+
+
+MAKERS = {
+    "cube": lambda: made.cube(record=4, scale=5),
+    "histories": made.histories,
+    "trade": made.trade,
+    "map": made.stability_map,
+    "spectra": spectra,
+}
+
+
+# -- the registry ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", FIGURES)
+def test_every_figure_is_drawn_with_labelled_axes(key, tmp_path):
+    kind = FIGURES[key]
+    assert kind.source in SOURCES
+    figure = kind.load()(MAKERS[kind.source]())
+    shown = [ax for ax in figure.axes if ax.get_visible()]
+    assert any(ax.lines or ax.collections or ax.patches or ax.images for ax in shown)
+    figure.savefig(tmp_path / "figure.png")
+    labels = [text for ax in shown for text in (ax.get_xlabel(), ax.get_ylabel()) if text]
+    assert any(ax.get_xlabel() or not _numbers(ax.get_xticklabels()) for ax in shown)
+    assert any(ax.get_ylabel() for ax in shown)
+    for label in labels:
+        assert re.search(r"\([^()]+\)", label) or NO_UNIT.search(label), label
+
+
+@pytest.mark.parametrize("key", FIGURES)
+def test_a_dataset_that_lacks_something_is_refused_in_words(key):
+    kind = FIGURES[key]
+    with pytest.raises(InputError, match=re.escape(SOURCES[kind.source])) as error:
+        require(xr.Dataset(), key)
+    for need in kind.needs:
+        assert repr(need.split("|")[0]) in str(error.value)
+
+
+def test_one_of_several_names_is_enough():
+    cube = made.cube()
+    assert FIGURES["profiles"].lacks(cube.drop_vars(["displacement_max", "drift_max", "acceleration_max"])) == ()
+    none = cube.drop_vars([n for n in cube.data_vars if n not in ("status", "impact_count")])
+    assert FIGURES["profiles"].lacks(none)[0].startswith("displacement_max|")
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_files_of_every_kind(suffix, tmp_path):
+    path = plot(made.cube(), "force-gap", tmp_path / f"x.{suffix}")
+    start = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[suffix]
+    assert path.read_bytes().startswith(start)
+
+
+def test_dots_per_inch(tmp_path):
+    sizes = []
+    for dpi in (50, 100):
+        with Image.open(plot(made.cube(), "force-gap", tmp_path / f"{dpi}.png", dpi=dpi)) as picture:
+            sizes.append(picture.size)
+    np.testing.assert_allclose(2 * np.array(sizes[0]), sizes[1], atol=2)
+
+
+def test_what_cannot_be_written_is_said(tmp_path):
+    with pytest.raises(OutputError, match=r"ending in \.png"):
+        plot(made.cube(), "force-gap", tmp_path / "x.xyz")
+    with pytest.raises(InputError, match="did you mean 'profiles'"):
+        plot(made.cube(), "profile", tmp_path / "x.png")
+
+
+# -- what lines show ---------------------------------------------------------------------------------------------------
+
+
+def test_force_gap_shows_the_largest_of_all_storeys():
+    cube = made.cube(restitution=3)
+    figure = FIGURES["force-gap"].load()(cube.isel(gap=[2, 0, 3, 1]))
+    force, count = figure.axes
+    for ax, name, factor in ((force, "impact_force_max", 1e-3), (count, "impact_count", 1.0)):
+        assert [line.get_label() for line in ax.lines] == ["linear", "kelvin_voigt"]
+        for line in ax.lines:
+            want = [
+                factor * np.nanmax(cube[name].sel(law=line.get_label(), gap=gap, restitution=0.6).values)
+                for gap in cube.gap.values
+            ]
+            np.testing.assert_allclose(line.get_xdata(), cube.gap.values * 1e3)
+            np.testing.assert_allclose(line.get_ydata(), want)
+
+
+def test_force_gap_of_one_gap_and_of_a_scalar_law():
+    cube = made.cube(gap=1, restitution=1).sel(law="linear")
+    (force, _) = FIGURES["force-gap"].load()(cube).axes
+    assert [line.get_label() for line in force.lines] == ["linear"]
+    assert force.lines[0].get_ydata() == pytest.approx([1e-3 * float(cube.impact_force_max.max())])
+
+
+def test_profiles_show_floors_and_storeys():
+    cube = made.cube(gap=1, restitution=1)
+    axes = np.array(FIGURES["profiles"].load()(cube).axes).reshape(4, 2)
+    flat = cube.squeeze()
+    for column, (building, floors) in enumerate((("a", 3), ("b", 2))):
+        here = flat.sel(building=building, law="kelvin_voigt").isel(storey=slice(floors))
+        displacement = axes[0, column].lines[2]
+        np.testing.assert_allclose(displacement.get_xdata(), [0.0, *(1e3 * here.displacement_max.values)])
+        np.testing.assert_allclose(displacement.get_ydata(), [0.0, *here.floor_elevation.values])
+        drift = axes[1, column].lines[1]
+        np.testing.assert_allclose(drift.get_xdata(), np.repeat(1e3 * here.drift_max.values, 3))
+        np.testing.assert_allclose(drift.get_ydata()[drift.get_markevery()], [1.5, 4.5, 7.5][:floors])
+        acceleration = axes[3, column].lines[1]
+        np.testing.assert_allclose(acceleration.get_xdata(), here.acceleration_max.values)
+
+
+def test_histories_show_floors_and_forces():
+    one = made.histories()
+    ground, top, force = FIGURES["histories"].load()(one).axes
+    np.testing.assert_allclose(ground.lines[0].get_ydata(), one.ground_acceleration)
+    np.testing.assert_allclose(top.lines[1].get_ydata(), 1e3 * one.displacement.sel(building="b", storey=2))
+    assert [line.get_label() for line in force.lines] == ["storey 1", "storey 2"]
+    np.testing.assert_allclose(force.lines[1].get_ydata(), 1e-3 * one.contact_force.sel(pair="a-b", storey=2))
+    apart = FIGURES["histories"].load()(made.histories(touch=False)).axes[2]
+    assert not apart.lines
+    assert apart.texts[0].get_text() == "no contact"
+
+
+def test_the_middle_of_the_other_axes():
+    cube = made.cube(restitution=3, record=3, scale=2)
+    found, shown = middle(cube, ("law", "gap"))
+    xr.testing.assert_identical(found, cube.isel(stiffness_factor=0, restitution=1, record=1, scale=0))
+    assert shown == "restitution 0.6; record r2; scale 0.5"
+    assert middle(cube.isel(gap=2, scale=1), ("law",))[1].startswith("gap 0.006 m; restitution 0.6; record r2")
+
+
+def test_listed_cases_are_drawn_one_by_one():
+    cube = made.cube(law=1, gap=1, restitution=1).squeeze(drop=True)
+    cases = xr.concat([cube, cube], "case").assign_coords(case=[1, 2], law=("case", ["linear", "hertz"]))
+    with pytest.raises(InputError, match="--at case=N"):
+        FIGURES["profiles"].load()(cases)
+    figure = FIGURES["profiles"].load()(select(cases, {"case": 2}))
+    assert {line.get_label() for line in figure.axes[2].lines} == {"hertz"}
+    assert figure.get_suptitle() == "case 2"
+
+
+@pytest.mark.parametrize(
+    "module", ["choice", "cube.select", "figures.chosen", "figures.histories", "figures.animation"]
+)
+def test_examples_of_docstrings(module):
+    assert doctest.testmod(importlib.import_module(f"pounding_sweep.{module}")).failed == 0
+
+
+# -- the row -----------------------------------------------------------------------------------------------------------
+
+ENDS = [(False, False), (True, False), (False, True), (True, True)]
+
+
+@pytest.mark.parametrize("ends", ENDS)
+def test_walls_are_found(ends):
+    assert walls(made.histories(*ends)) == ends
+
+
+@pytest.mark.parametrize("ends", ENDS)
+def test_floors_overlap_in_the_drawing_as_far_as_they_penetrate(ends):
+    """Faces of neighbours are as far apart as gap and displacements make them, times the factor."""
+    one = made.histories(*ends)
+    stage = Stage(one)
+    ax = stage.figure()[1]
+    stage.draw(ax)
+    row = made.scene(*ends)
+    first = 1 if ends[0] else 0
+    for number in (0, 7, 25, 60, 400):
+        stage.show(number, np.zeros(one.penetration.shape[1:] if "penetration" in one else (len(row.gaps), 3)))
+        floors = [frame[2].get_xdata().reshape(-1, 3) for frame in stage._frames]
+        for contact in row.contacts:
+            i, s = contact.pair - first, contact.storey - 1
+            left = floors[i][s, 1] if i >= 0 else stage.wall_faces[0]
+            right = floors[i + 1][s, 0] if i + 1 < 2 else stage.wall_faces[1]
+            u = [one.displacement.values[number, j, s] if 0 <= j < 2 else 0.0 for j in (i, i + 1)]
+            penetration = u[0] - u[1] - row.gaps[contact.pair]
+            assert left - right == pytest.approx(stage.factor * penetration, abs=1e-12)
+
+
+def test_a_single_building_has_no_contacts_to_draw(tmp_path):
+    alone = made.histories().isel(building=[0]).drop_dims("pair")
+    figure = FIGURES["row"].load()(alone)
+    assert "force" not in figure.get_suptitle()
+    assert len(FIGURES["histories"].load()(alone).axes) == 2
+    with Image.open(animate(alone, tmp_path / "row.gif", frames=3)) as gif:
+        assert gif.n_frames == 3
+
+
+@given(st.floats(1e-6, 1e6))
+def test_the_factor_is_a_round_number_below(value):
+    found = _round_down(value)
+    assert found <= value * (1 + 1e-9) < 2.5 * found * (1 + 1e-6)
+    assert f"{found:e}"[0] in "125"
+    assert float(f"{found:.0e}") == pytest.approx(found)
+
+
+def test_the_strongest_impact():
+    one = made.histories()
+    total = one.contact_force.max(["pair", "storey"])
+    assert total.sel(time=strongest(one)) == total.max() > 0.0
+    apart = made.histories(touch=False)
+    assert np.abs(apart.displacement).sel(time=strongest(apart)).max() == np.abs(apart.displacement).max()
+
+
+def test_the_row_stands_at_its_strongest_impact():
+    one = made.histories()
+    figure = FIGURES["row"].load()(one)
+    (marks,) = [c for c in figure.axes[0].collections if len(c.get_offsets())]
+    assert marks.get_offsets()[:, 1].tolist() == [3.0, 6.0]
+    assert f"{strongest(one):.3f} s" in figure.get_suptitle()
+    assert f"drawn {Stage(one).factor:g} times" in figure.get_suptitle()
+
+
+# -- the animation -----------------------------------------------------------------------------------------------------
+
+
+def test_a_gif_moves(tmp_path):
+    path = animate(made.histories(True, False), tmp_path / "row.gif", frames=6, speed=0.25, start=0.0, end=0.5)
+    with Image.open(path) as gif:
+        assert gif.format == "GIF"
+        assert gif.n_frames == 6
+        pictures, pauses = [], []
+        for number in range(gif.n_frames):
+            gif.seek(number)
+            pictures.append(gif.convert("RGB").tobytes())
+            pauses.append(gif.info["duration"])
+    assert len(set(pictures)) == 6
+    assert sum(pauses[1:]) == pytest.approx(1e3 * 0.5 / 0.25, rel=0.05)
+
+
+def test_a_short_impact_between_two_pictures_is_marked_and_fades():
+    one = made.histories()
+    pulse = np.zeros((401, 1, 3))
+    pulse[203, 0, 1] = 500.0
+    pulse[300, 0, 0] = 1000.0
+    picture = _Picture(one.assign(contact_force=(one.contact_force.dims, pulse)), 0.0, 2.0)
+    seen = []
+    for before, now in ((190, 200), (200, 210), (210, 220), (220, 230)):
+        picture.show(before, now)
+        seen.append(picture.marks[0, 1])
+    assert seen[0] == 0.0
+    assert seen[1] == pytest.approx(0.5)
+    assert 0.5 > seen[2] > seen[3] > 0.0
+
+
+def test_by_default_it_shows_some_periods_round_the_strongest_impact(tmp_path):
+    one = made.histories()
+    path = animate(one, tmp_path / "row.gif", frames=3)
+    with Image.open(path) as gif:
+        assert gif.n_frames == 3
+    with pytest.raises(InputError, match="nothing lies between"):
+        animate(one, tmp_path / "x.gif", start=5.0, end=6.0)
+
+
+def test_what_cannot_be_animated_is_said(tmp_path, monkeypatch):
+    one = made.histories()
+    monkeypatch.setattr("matplotlib.animation.FFMpegWriter.isAvailable", lambda: False)
+    for name, options, text in (
+        ("row.mp4", {}, "no ffmpeg"),
+        ("row.txt", {}, "ending in .gif or .mp4"),
+        ("no_folder/row.gif", {}, "can't write"),
+        ("row.gif", {"frames": 1}, "at least 2"),
+        ("row.gif", {"speed": 0.0}, "positive number"),
+    ):
+        with pytest.raises((InputError, OutputError), match=text):
+            animate(one, tmp_path / name, **options)
+    with pytest.raises(InputError, match="pounding-sweep simulate"):
+        animate(made.cube(), tmp_path / "row.gif")
+
+
+# -- parts of cubes, one scenario of a sweep ---------------------------------------------------------------------------
+
+
+def test_select_by_value():
+    cube = made.cube()
+    xr.testing.assert_identical(select(cube, {"gap": "0.004", "law": "none"}), cube.isel(gap=1, law=2))
+    for values, text in (
+        ({"gap": "0.005"}, "has 0.002, 0.004"),
+        ({"gap": "wide"}, "is no number"),
+        ({"law": "liner"}, "did you mean 'linear'"),
+        ({"gab": "1"}, "did you mean 'gap'"),
+    ):
+        with pytest.raises(InputError, match=text):
+            select(cube, values)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """What `simulate` is asked for; nothing is run."""
+    calls = []
+    monkeypatch.setattr("pounding_sweep.scenario.simulate", lambda *args, **more: calls.append((args, more)))
+    return calls
+
+
+def pulses(*names):
+    return [ps.pulse_record("sine", amplitude=1.0, period=0.5, dt=0.01, name=name) for name in names]
+
+
+def test_the_scenario_in_the_middle(asked):
+    spec = build_spec(
+        scene=made.scene(),
+        records=pulses("one", "two", "three"),
+        laws=["none", "kelvin_voigt", "linear"],
+        gaps=[0.01, 0.02, 0.03, 0.04],
+        stiffness_factors=[0.5, 2.0, 4.0],
+        restitutions=[0.4, 0.6],
+        scales=[1.0, 2.0],
+        period_factors={"b": [1.0, 1.5, 2.0]},
+        mass_factors={"a": [3.0]},
+        damping_ratios=[0.02, 0.04],
+        method="newmark",
+        dt=2e-3,
+        gamma=0.6,
+        beta=0.35,
+    )
+    case = Case("kelvin_voigt", 0.02, None, 2.0, 0.4, "two", 1.0, {"b": 1.5}, {"a": 3.0}, 0.02)
+    assert scenario_of(spec) == case
+    simulate_one(spec)
+    simulate_one(spec, gap=0.5, law="linear", record="one", scale=3.0, stiffness_factor=0.1)
+    (scene, record), first = asked[0]
+    assert (first["law"].key, first["stiffness"], first["restitution"]) == ("kelvin_voigt", 2e6, 0.4)
+    assert (first["method"], first["dt"], first["beta"], first["gamma"]) == ("newmark", 2e-3, 0.35, 0.6)
+    assert record == spec.record("two")
+    assert scene.gaps == (0.02,)
+    want = case_variants(made.scene(), [case])[0]
+    np.testing.assert_allclose(np.concatenate([b.masses for b in scene.buildings]), want.masses[1])
+    np.testing.assert_allclose(np.concatenate([b.stiffnesses for b in scene.buildings]), want.stiffnesses[1])
+    for i, building in enumerate(scene.buildings):
+        np.testing.assert_allclose(building.rayleigh, [x[1] for x in want.rayleigh(i)])
+    (scene, record), second = asked[1]
+    assert (scene.gaps, second["law"].key, second["stiffness"]) == ((0.5,), "linear", 1e5)
+    np.testing.assert_allclose(record.acceleration, 3.0 * spec.record("one").acceleration)
+
+
+def test_a_listed_case(asked):
+    cases = [{"law": "none"}, {"law": "hertz", "gap": [0.01, 0.03], "stiffness": 3e6}, {"law": "linear"}]
+    spec = build_spec(scene=made.scene(right_wall=True), records=pulses("one"), cases=cases)
+    for number in (None, 2):
+        simulate_one(spec, case=number)
+        (scene, _), given_ = asked[-1]
+        assert (scene.gaps, given_["law"].key, given_["stiffness"]) == ((0.01, 0.03), "hertz", 3e6)
+    simulate_one(spec, case=1)
+    assert asked[-1][1]["stiffness"] is None
+    with pytest.raises(InputError, match="cases 1 to 3"):
+        simulate_one(spec, case=4)
+
+
+def test_choices_are_checked(asked):
+    spec = build_spec(scene=made.scene(), records=pulses("one"), laws="linear")
+    for choice, text in (
+        ({"case": 1}, "product of axes"),
+        ({"record": "ono"}, "did you mean 'one'"),
+        ({"stiffness": 1.0, "stiffness_factor": 1.0}, "exclude each other"),
+        ({"gaps": 1.0}, "did you mean 'gap'"),
+    ):
+        with pytest.raises(InputError, match=text):
+            simulate_one(spec, **choice)
+    assert not asked
+
+
+# -- the commands ------------------------------------------------------------------------------------------------------
+
+SWEEP = """\
+[scene]
+gaps = [0.002]
+contact = { linear_stiffness = 1e6, restitution = 0.6 }
+row = [
+    { name = "high", masses = [100.0, 90.0], stiffnesses = [8e4, 7e4] },
+    { name = "low", masses = [120.0], stiffnesses = [2e5] },
+]
+
+[sweep]
+records = [{ pulse = "sine", amplitude = 5.0, period = 0.5, dt = 0.01, duration = 2.0 }]
+laws = ["kelvin_voigt", "none"]
+gaps = [0.001, 0.005, 9.0]
+"""
+
+
+def command(*words, code=0):
+    done = CliRunner().invoke(app, list(map(str, words)))
+    assert done.exit_code == code, done.output
+    return done
+
+
+def test_a_scenario_from_its_file_to_its_pictures(tmp_path):
+    sweep, one, gif = tmp_path / "s.toml", tmp_path / "one.nc", tmp_path / "row.gif"
+    sweep.write_text(SWEEP)
+    done = command("simulate", sweep, "-o", one)
+    assert done.stdout.splitlines() == [str(one)]
+    assert "Kelvin-Voigt without tension; gap 5 mm" in done.stderr
+    want = ps.simulate(
+        ps.load_sweep(sweep).spec.scene.with_gaps([0.005]), ps.load_sweep(sweep).spec.records[0], law="kelvin_voigt"
+    )
+    with open_cube(one) as found:
+        assert found.pair_gap.values.tolist() == [0.005]
+        np.testing.assert_array_equal(found.contact_force, want.contact_force)
+    assert command("plot", one, "histories", "-o", tmp_path / "h.png").stdout.strip() == str(tmp_path / "h.png")
+    possible, others = command("plot", one).stdout.split("not possible")
+    assert re.search(r"^row ", possible, re.MULTILINE)
+    assert re.search(r"^force-gap +law, gap$", others, re.MULTILINE)
+    command("animate", sweep, "-o", gif, "--frames", "3", "--gap", "0.001", "--start", "0.2", "--end", "1.0")
+    with Image.open(io.BytesIO(gif.read_bytes())) as picture:
+        assert picture.n_frames == 3
+    assert "exists" in command("simulate", sweep, "-o", one, code=2).stderr
+    assert "ending in .gif" in command("animate", sweep, "-o", tmp_path / "x.avi", code=2).stderr
+
+
+def test_plot_lists_and_selects(tmp_path):
+    cube, picture = tmp_path / "cube.nc", tmp_path / "x.png"
+    write_cube(made.cube(), cube)
+    listed = command("plot", "--list").stdout
+    for kind in FIGURES.values():
+        assert re.search(rf"^{kind.key} ", listed, re.MULTILINE)
+    possible, others = command("plot", cube).stdout.split("not possible")
+    assert re.search(r"^force-gap ", possible, re.MULTILINE)
+    assert re.search(r"^histories +time, ground_acceleration, displacement$", others, re.MULTILINE)
+    command("plot", cube, "profiles", "-o", picture, "--at", "gap=0.004", "--at", "law=linear")
+    assert picture.stat().st_size > 5_000
+    for words, text in (
+        ((), "give CUBE.nc FIGURE"),
+        ((cube, "profiles"), "-o is missing"),
+        ((cube, "profiles", "-o", picture, "--at", "gap"), "AXIS=VALUE"),
+        ((cube, "histories", "-o", picture), "pounding-sweep simulate"),
+    ):
+        assert text in command("plot", *words, code=2).stderr

@@ -1,0 +1,193 @@
+"""``records``, ``records plot``, and sweeps that go on without a missing record."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from test_cli import TINY, at2, write
+from typer.testing import CliRunner
+
+import pounding_sweep as ps
+from pounding_sweep.cli.app import app
+from pounding_sweep.errors import MissingRecordError, SweepError
+from pounding_sweep.records import RECORD_SETS, find_record, record_measures
+
+PULSE = '{ pulse = "sine", amplitude = 5.0, period = 0.5, dt = 0.01, duration = 2.0 }'
+assert TINY.count(PULSE) == 1
+
+
+def asking(*records):
+    """Return the tiny sweep with more records."""
+    return TINY.replace(PULSE, ", ".join((PULSE, *records)))
+
+
+@pytest.fixture(autouse=True)
+def _no_records(monkeypatch):
+    monkeypatch.delenv("POUNDING_SWEEP_RECORDS", raising=False)
+
+
+def call(*args, code=0):
+    """Run the command line in this process; returns what it printed, having checked its exit code."""
+    done = CliRunner().invoke(app, list(map(str, args)))
+    assert done.exit_code == code, done.output
+    return done
+
+
+def refusal(*args):
+    """Return the message of what must be refused."""
+    done = call(*args, code=2)
+    assert done.stdout == ""
+    return done.stderr
+
+
+@pytest.fixture
+def folder(tmp_path):
+    path = tmp_path / "records"
+    path.mkdir()
+    (path / "ARL090.AT2").write_text(at2(50))
+    return path
+
+
+# -- records -----------------------------------------------------------------------------------------------------------
+
+
+def test_list_has_the_measures_of_each_record(folder):
+    found = json.loads(call("records", "--records", folder, "--json").stdout)
+    row = found["records"][0]
+    measures = record_measures(find_record("el_centro"))
+    assert row["name"] == "el_centro"
+    for name in ("pga", "pgv", "arias_intensity", "significant_duration", "duration", "end_velocity"):
+        assert row[name] == getattr(measures, name)
+    assert {each["name"]: each["records"] for each in found["sets"]} == {
+        key: each.components for key, each in RECORD_SETS.items()
+    }
+    text = call("records", "--records", folder).stdout
+    assert re.search(r"^record +PGA g +PGV m/s +Arias m/s +5-95 % s +duration s +dt s +points +source$", text, re.M)
+    assert f"{measures.pgv:.3g} " in text
+    assert f"{measures.significant_duration:.2f} " in text
+    assert re.search(r"^fema_p695_far_field +FEMA P695 far-field set, as recorded +44$", text, re.M)
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_plot_draws_the_records_at_hand(folder, suffix):
+    out = folder / f"motions.{suffix}"
+    assert call("records", "plot", "--records", folder, "-o", out).stdout.strip() == str(out)
+    assert out.stat().st_size > 5000
+    if suffix == "svg":
+        text = out.read_text()
+        assert all(name in text for name in ("el_centro", "arleta", "damping ratio 0.05", "pseudo-acceleration"))
+
+
+def test_plot_draws_the_records_named(folder):
+    out = folder / "one.svg"
+    call("records", "--records", folder, "plot", "arleta", "--damping", "0.02", "-o", out)
+    text = out.read_text()
+    assert "arleta" in text
+    assert "el_centro" not in text
+    assert "damping ratio 0.02" in text
+
+
+def test_plot_keeps_what_it_draws(folder):
+    data, out = folder / "motions.nc", folder / "motions.png"
+    printed = call("records", "plot", "el_centro", "-o", out, "--data", data).stdout.split()
+    assert printed == [str(out), str(data)]
+    with ps.open_cube(data) as found:
+        assert found["pgv"].attrs["units"] == "m s-1"
+        assert found["pgv"].item() == record_measures(find_record("el_centro")).pgv
+        assert found["pseudo_acceleration"].dims == ("record", "period")
+    call("plot", data, "response-spectra", "-o", folder / "again.png")
+    assert (folder / "again.png").stat().st_size > 5000
+    assert "exists" in refusal("records", "plot", "el_centro", "-o", out, "--data", data)
+
+
+def test_plot_says_what_is_wrong(folder):
+    assert "ngawest2" in refusal("records", "plot", "santa_monica", "--records", folder, "-o", folder / "a.png")
+    assert "it must be in [0, 1)" in refusal("records", "plot", "--damping", "1", "-o", folder / "a.png")
+    assert ".png, .svg or .pdf" in refusal("records", "plot", "-o", folder / "a.what")
+
+
+# -- sweeps without a missing record -----------------------------------------------------------------------------------
+
+
+def test_a_missing_record_stops_a_sweep_unless_told_otherwise(tmp_path):
+    path = write(tmp_path, asking('"arleta"', '{ record = "santa_monica", scale = 2.0 }', '{ path = "gone.csv" }'))
+    with pytest.raises(SweepError) as caught:
+        ps.load_sweep(path)
+    assert [re.search(r"sweep\.records\[(\d)\]", text)[1] for text in caught.value.problems] == ["1", "2", "3"]
+    assert "RSN 949" in caught.value.problems[0]
+    assert "RSN 1077" in caught.value.problems[1]
+    assert "no such file" in caught.value.problems[2]
+    with pytest.warns(UserWarning, match="is left out") as warned:
+        sweep = ps.load_sweep(path, skip_missing_records=True)
+    assert len(warned) == 3
+    assert "RSN 949" in str(warned[0].message)
+    assert [record.name for record in sweep.spec.records] == ["sine"]
+    assert sweep.spec.records_left_out == ("arleta", "santa_monica", "gone")
+    assert sweep.plan().digest != ps.load_sweep(write(tmp_path, TINY, "whole.toml")).plan().digest
+
+
+def test_a_sweep_in_python_goes_on_without_too(folder):
+    given = {"scene": "mate2015", "laws": "none", "folders": folder, "skip_missing_records": True}
+    with pytest.warns(UserWarning, match=r"records\[1\] is left out: record 'santa_monica'"):
+        sweep = ps.Sweep(records=["arleta", "santa_monica"], **given)
+    assert sweep.spec.axes["record"] == ("arleta",)
+    assert ps.Sweep(records=["arleta"], **given).spec.records_left_out == ()
+
+
+def test_going_on_without_hides_no_other_fault(folder):
+    given = {"scene": "mate2015", "laws": "none", "folders": folder, "skip_missing_records": True}
+    with (
+        pytest.warns(UserWarning, match="santa_monica"),
+        pytest.raises(SweepError, match="none is left: santa_monica, nothing missing; get at least one"),
+    ):
+        ps.Sweep(records=["santa_monica", "nothing"], **given)
+    (folder / "short.AT2").write_text(at2(50, said=60))
+    with pytest.raises(SweepError, match=r"records\[1\].*60"):
+        ps.Sweep(records=["arleta", "short"], **given)
+
+
+def test_listed_cases_of_a_missing_record_are_left_out_too(tmp_path):
+    head = TINY.partition("[sweep]")[0]
+    sweep = f'[sweep]\nrecords = [{PULSE}, {{ record = "arleta", name = "A", scale = 2.0 }}]\n'
+    names = ("A", "sine", "A", "sine")
+    cases = [f'[[sweep.cases]]\nlaw = "linear"\nrecord = "{name}"\ngap = 0.00{i}\n' for i, name in enumerate(names, 1)]
+    path = write(tmp_path, head + sweep + "\n".join(cases))
+    with pytest.raises(SweepError, match="RSN 949"):
+        ps.load_sweep(path)
+    with pytest.warns(UserWarning, match="left out") as warned:
+        spec = ps.load_sweep(path, skip_missing_records=True).spec
+    assert re.search(r"records\[1\] is left out: .* RSN 949", str(warned[0].message))
+    assert re.search(r"2 of 4 listed cases .* numbered anew", str(warned[1].message))
+    assert spec.records_left_out == ("A",)
+    assert [(case.record, case.gap) for case in spec.cases] == [("sine", 0.002), ("sine", 0.004)]
+    path = write(tmp_path, head + sweep + cases[0])
+    with pytest.warns(UserWarning, match="left out"), pytest.raises(SweepError, match="cases: none is left: 1 of 1"):
+        ps.load_sweep(path, skip_missing_records=True)
+
+
+def test_missing_records_are_told_from_faulty_ones(folder):
+    for name in ("santa_monica", "no_such_name"):
+        with pytest.raises(MissingRecordError) as caught:
+            find_record(name, folder)
+        assert caught.value.record == name
+    with pytest.raises(MissingRecordError, match="no such file"):
+        ps.read_record(folder / "gone.csv")
+
+
+@pytest.mark.filterwarnings("always:records:UserWarning")  # printed, as in a process of its own
+def test_plan_and_cube_say_what_was_left_out(tmp_path):
+    path = write(tmp_path, asking('"arleta"'))
+    assert "RSN 949" in refusal("plan", path)
+    assert "RSN 949" in refusal("run", path, "-o", tmp_path / "out.nc")
+    planned = call("plan", path, "--skip-missing-records")
+    assert re.search(r"^left out +arleta: no such record at hand$", planned.stdout, re.M)
+    assert "records[1] is left out: record 'arleta'" in planned.stderr
+    assert json.loads(call("plan", path, "--skip-missing-records", "--json").stdout)["records_left_out"] == ["arleta"]
+    done = call("run", path, "-o", tmp_path / "out.nc", "--skip-missing-records", "--quiet")
+    assert re.search(r"^left out +arleta: no such record at hand$", done.stdout, re.M)
+    with ps.open_cube(tmp_path / "out.nc") as cube:
+        assert json.loads(cube.attrs["records_left_out"]) == ["arleta"]
+        assert cube["record"].values.tolist() == ["sine"]
+    assert re.search(r'records_left_out +\["arleta"\]$', call("info", tmp_path / "out.nc").stdout, re.M)

