@@ -8,6 +8,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 from generate import write_pages
+from notebook import run_pages
 
 project = "pounding_sweep"
 author = "The pounding_sweep developers"
@@ -16,7 +17,8 @@ project_copyright = "2026, the pounding_sweep developers"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "numpydoc"]
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["_build"]
+_RUN = ("start.md", "tutorial.md", "reading.md")  # pages that are run; what they printed is added in generated/
+exclude_patterns = ["_build", *_RUN]
 html_theme = "alabaster"
 html_static_path = ["_static"]
 html_theme_options = {"description": "Parametric sweeps of seismic pounding", "page_width": "1000px"}
@@ -24,4 +26,6 @@ numpydoc_show_class_members = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 
-write_pages(Path(__file__).parent / "generated")
+_generated = Path(__file__).parent / "generated"
+write_pages(_generated)
+run_pages([Path(__file__).parent / page for page in _RUN], _generated)

@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+from gallery import gallery_page
+from sweep_keys import key_tables
+from typer.main import get_command
+
+import pounding_sweep.cli  # noqa: F401  (its import registers the commands)
+from pounding_sweep import analysis
+from pounding_sweep.analysis.comparisons import COMPARISONS
+from pounding_sweep.analysis.events import EVENTS
+from pounding_sweep.analysis.separation_rules import SEPARATION_RULES
+from pounding_sweep.cli.app import app
+from pounding_sweep.cli.reporting import NAME
 from pounding_sweep.contact.laws import LAWS, RESTING_SPEED
 from pounding_sweep.contact.restitution import RELATIONS
 from pounding_sweep.cube.variables import DEFAULT_OUTPUTS, STATUS, VARIABLES
-from pounding_sweep.records import KNOWN_RECORDS
+from pounding_sweep.figures import FIGURES
+from pounding_sweep.presets import PRESETS
+from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS
 
 
 def _laws() -> str:
@@ -57,11 +73,120 @@ def _records() -> str:
     lines = ["# Records by name", "", "| name | event | file |", "|---|---|---|"]
     for known in KNOWN_RECORDS.values():
         lines.append(f"| `{known.key}` | {known.event}, {known.component} | {', '.join(known.files)} |")
+    lines += ["", "## Sets", "", "| name | what | records |", "|---|---|---:|"]
+    lines += [f"| `{each.key}` | {each.title} | {each.components} |" for each in RECORD_SETS.values()]
     return "\n".join([*lines, ""])
+
+
+def _presets() -> str:
+    """Return the rows of the presets as Markdown tables."""
+    lines = []
+    for preset in PRESETS.values():
+        scene, contact = preset.scene, preset.scene.contact
+        lines += [f"**`{preset.key}`**: {preset.title}. Source: {preset.reference}.", ""]
+        lines += [
+            "| building | masses (t) | stiffnesses (kN/m) | damping ratio | first period (s) |",
+            "|---|---|---|---|---|",
+        ]
+        for b in scene.buildings:
+            masses, stiffnesses = (", ".join(f"{v:g}" for v in values) for values in (b.masses, b.stiffnesses))
+            lines.append(f"| {b.name} | {masses} | {stiffnesses} | {b.damping_ratio} | {b.periods[0]:.4f} |")
+        gaps = ", ".join(f"{gap:g}" for gap in scene.gaps)
+        lines += [
+            "",
+            f"Gaps {gaps} m; contact {contact.linear_stiffness:g} kN/m, {contact.hertz_stiffness:g} kN/m^1.5, "
+            f"restitution {contact.restitution:g}.",
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def _commands() -> str:
+    """Return every command of the command line with its help."""
+    lines = [
+        "# Command line",
+        "",
+        "What `pounding-sweep COMMAND --help` prints. Data go to stdout; progress, warnings and errors to stderr. Exit "
+        "codes: 0, 1 failed, 2 wrong usage or bad input, 130 interrupted.",
+        "",
+    ]
+    for name, text in _helps(get_command(app), NAME):
+        lines += [f"## {name}", "", "```text", text.rstrip(), "```", ""]
+    return "\n".join(lines)
+
+
+def _helps(command: Any, name: str, parent: Any = None) -> Iterator[tuple[str, str]]:
+    """Give the help of a command's own commands, at any depth, by name."""
+    with command.make_context(name, [], parent=parent, resilient_parsing=True, terminal_width=100) as context:
+        for key in command.list_commands(context):
+            found = command.get_command(context, key)
+            label = f"{context.command_path} {key}".removeprefix(f"{NAME} ")
+            with found.make_context(key, [], parent=context, resilient_parsing=True, terminal_width=100) as inner:
+                yield label, found.get_help(inner)
+            if hasattr(found, "list_commands"):
+                yield from _helps(found, key, context)
+
+
+def _figures_api() -> str:
+    """Return directives that document the functions of all figures."""
+    return "".join(f".. autofunction:: {kind.place.replace(':', '.')}\n" for kind in FIGURES.values())
+
+
+def _analysis_api() -> str:
+    """Return directives that document the public functions and classes of the comparisons."""
+    lines = []
+    for name in dir(analysis):
+        found = getattr(analysis, name)
+        if inspect.isfunction(found) or inspect.isclass(found):
+            directive = "autofunction" if inspect.isfunction(found) else "autoclass"
+            lines.append(f".. {directive}:: {found.__module__}.{name}\n")
+    return "".join(lines)
+
+
+def _comparisons() -> str:
+    lines = ["| comparison | what it shows | what the cube must have | figure |", "|---|---|---|---|"]
+    for item in COMPARISONS.values():
+        drawn = f"`{item.figure}`" if item.figure else "-"
+        lines.append(f"| `{item.key}` | {item.title} | {item.needs} | {drawn} |")
+    return "\n".join([*lines, ""])
+
+
+def _separation_rules() -> str:
+    lines = ["| rule | what it is | needed gap | clause | edition | note |", "|---|---|---|---|---|---|"]
+    for rule in SEPARATION_RULES.values():
+        cells = (f"`{rule.key}`", rule.title, f"`{rule.formula}`", rule.clause, rule.edition, rule.note)
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join([*lines, ""])
+
+
+def _events() -> str:
+    lines = ["| event | in words | output | unit of the level |", "|---|---|---|---|"]
+    for event in EVENTS.values():
+        words = event.title.format(level="the level")
+        lines.append(
+            f"| `{event.key}` | {words} | {f'`{event.variable}`' if event.variable else '-'} | {event.units or '-'} |"
+        )
+    return "\n".join([*lines, ""])
+
+
+_PAGES = {
+    "laws.md": _laws,
+    "variables.md": _variables,
+    "records.md": _records,
+    "presets.txt": _presets,
+    "sweep_keys.txt": key_tables,
+    "commands.md": _commands,
+    "figures_api.txt": _figures_api,
+    "analysis_api.txt": _analysis_api,
+    "comparisons.txt": _comparisons,
+    "separation_rules.txt": _separation_rules,
+    "events.txt": _events,
+    "gallery.md": gallery_page,
+}
 
 
 def write_pages(folder: Path) -> None:
     """Write all generated pages below `folder`."""
     folder.mkdir(exist_ok=True)
-    for name, text in (("laws", _laws()), ("variables", _variables()), ("records", _records())):
-        (folder / f"{name}.md").write_text(text, encoding="utf-8")
+    for name, text in _PAGES.items():
+        (folder / name).write_text(text(), encoding="utf-8")

@@ -1,0 +1,178 @@
+"""The gallery: every figure of the registry, drawn by the commands that its page shows.
+
+``python docs/gallery.py`` runs small sweeps on El Centro and draws all pictures
+into ``docs/_static/gallery``; with names of figures, only those. The page itself
+is written at every build from the pictures that are there.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image
+
+from pounding_sweep.figures import FIGURES
+from pounding_sweep.records import RECORDS_VARIABLE
+
+DOCS = Path(__file__).parent
+PICTURES = DOCS / "_static" / "gallery"
+#: Sweep files that the commands name.
+SWEEPS = (DOCS.parent / "sweeps" / "quickstart.toml", DOCS / "gallery_sweeps" / "suite.toml")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One picture of the gallery.
+
+    Attributes
+    ----------
+    key : str
+        A key of `FIGURES`, or "animation".
+    commands : tuple of str
+        Arguments of ``pounding-sweep``, in order; the last draws the picture, unless `code` does.
+    picture : str
+        File that the last command writes.
+    code : str
+        Python that draws the picture from what the commands wrote.
+    elsewhere : bool
+        The picture is made with another page of the documentation and only shown here.
+    """
+
+    key: str
+    commands: tuple[str, ...]
+    picture: str
+    code: str = ""
+    elsewhere: bool = False
+
+    @property
+    def title(self) -> str:
+        """What it shows."""
+        return FIGURES[self.key].title if self.key in FIGURES else "the row in motion, impacts marked"
+
+    @property
+    def place(self) -> Path:
+        """The picture as it is kept."""
+        return (PICTURES.parent if self.elsewhere else PICTURES) / self.picture
+
+
+_QUICK = "run quickstart.toml -o quickstart.nc"
+_SUITE = "run suite.toml -o suite.nc"
+_ONE = "simulate quickstart.toml -o one.nc --law hertz_damped --gap 0.006"
+_SPECTRA = """\
+import pounding_sweep as ps
+from pounding_sweep.analysis import response_spectrum
+from pounding_sweep.figures import plot
+
+spectra = response_spectrum(ps.find_record("el_centro"), damping_ratio=[0.02, 0.05, 0.1])
+plot(spectra, "response-spectra", "response_spectra.png", dpi=100)
+"""
+
+
+def _plot(run: str, key: str, options: str = "") -> Entry:
+    """Return the entry of a figure that `plot` draws from what a command wrote."""
+    data = shlex.split(run)[3]
+    picture = f"{key.replace('-', '_')}.png"
+    return Entry(key, (run, f"plot {data} {key} -o {picture}{options}"), picture)
+
+
+ENTRIES: tuple[Entry, ...] = (
+    _plot(_QUICK, "force-gap"),
+    _plot(_QUICK, "profiles", " --at gap=0.006"),
+    _plot(_QUICK, "amplification"),
+    _plot(_QUICK, "law-comparison"),
+    _plot(_QUICK, "required-gap"),
+    _plot(_SUITE, "energy-budget", " --at record=synthetic-1 --at scale=3"),
+    _plot(_SUITE, "incremental"),
+    _plot(_SUITE, "fragility"),
+    _plot(_ONE, "histories"),
+    _plot(_ONE, "floor-spectra"),
+    _plot(_ONE, "row"),
+    Entry("animation", ("animate quickstart.toml -o row.gif --gap 0.006 --frames 30",), "row.gif"),
+    Entry("response-spectra", (), "response_spectra.png", code=_SPECTRA),
+    Entry("ground-motion", ("records plot el_centro -o ground_motion.png",), "ground_motion.png"),
+    Entry(
+        "work-precision",
+        ("tradeoff quickstart.toml --plot work_precision.png",),
+        "work_precision.png",
+        elsewhere=True,
+    ),
+    Entry("stability-map", ("extremes --plot stability_map.png",), "stability_map.png", elsewhere=True),
+)
+
+
+def draw(keys: list[str]) -> None:
+    """Run the commands of entries, each command once, and keep the pictures."""
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        for sweep in SWEEPS:
+            shutil.copy(sweep, folder)
+        done = set()
+        for entry in ENTRIES:
+            if entry.elsewhere or (keys and entry.key not in keys):
+                continue
+            for command in entry.commands:
+                if command not in done:
+                    small = ["--dpi", "100"] if command.startswith("plot") else []
+                    _python(["-m", "pounding_sweep", *shlex.split(command), *small], folder)
+                    done.add(command)
+            if entry.code:
+                _python(["-c", entry.code], folder)
+            _keep(Path(folder) / entry.picture, entry.place)
+            print(entry.place)
+
+
+def _python(words: list[str], folder: str) -> None:
+    """Run Python in a folder, with no records but those of the package."""
+    env = {name: value for name, value in os.environ.items() if name != RECORDS_VARIABLE}
+    subprocess.run([sys.executable, *words], cwd=folder, env=env, check=True, stdout=subprocess.DEVNULL)
+
+
+def _keep(made: Path, place: Path) -> None:
+    """Keep a picture; a PNG in 256 colours, which is all it has but for the smoothing of its edges."""
+    if made.suffix == ".png":
+        with Image.open(made) as picture:
+            picture.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(place, optimize=True)
+    else:
+        shutil.copy(made, place)
+
+
+def gallery_page() -> str:
+    """Return the page as Markdown, of the pictures that are there."""
+    lines = [
+        "# Gallery",
+        "",
+        "Every figure of the package, with the commands that drew it. `pounding-sweep plot --list` lists all of them, "
+        "`pounding-sweep plot CUBE.nc` says which of them a cube allows. `--at AXIS=VALUE` draws another "
+        "value of an axis than the middle one. From Python, each is a function of a dataset that returns a matplotlib "
+        "figure, see [`pounding_sweep.figures`](../api).",
+        "",
+        "The commands use [quickstart.toml](../sweep_file) and this `suite.toml`:",
+        "",
+        "```{literalinclude} ../gallery_sweeps/suite.toml",
+        ":language: toml",
+        "```",
+        "",
+    ]
+    for entry in ENTRIES:
+        if entry.place.exists():
+            title = entry.title[0].upper() + entry.title[1:]
+            lines += [f"## {entry.key}", "", f"{title}.", ""]
+            if entry.commands:
+                lines += ["```sh", *(f"pounding-sweep {command}" for command in entry.commands), "```", ""]
+            lines += ["```python", *entry.code.rstrip().splitlines(), "```", ""] if entry.code else []
+            lines += [f"![{title}](../{entry.place.relative_to(DOCS).as_posix()})", ""]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    unknown = set(sys.argv[1:]) - {entry.key for entry in ENTRIES}
+    if unknown:
+        sys.exit(f"unknown: {', '.join(sorted(unknown))}; valid: {', '.join(entry.key for entry in ENTRIES)}")
+    draw(sys.argv[1:])

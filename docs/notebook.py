@@ -1,0 +1,85 @@
+"""Pages whose blocks are run when the documentation is built, with what they print put under them.
+
+- ``python`` blocks run in order, as one program;
+- ``sh`` blocks run in bash, each by itself;
+- ``toml`` blocks whose first line is ``# NAME.toml`` are written to that file.
+
+Everything happens in one folder, empty at first, which all pages share;
+pictures made there are kept beside the pages. Blocks of other languages are
+only shown.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from contextlib import chdir, redirect_stdout
+from pathlib import Path
+
+_BLOCK = re.compile(r"^```(python|sh|toml)\n(.*?)^```\n", re.DOTALL | re.MULTILINE)
+_NAME = re.compile(r"# (\w+\.toml)\n")
+_PICTURES = (".png", ".svg", ".gif")
+
+
+def run_pages(sources: Sequence[Path], target: Path) -> None:
+    """Run the blocks of pages in order, and write the pages, with what was printed, to the folder `target`.
+
+    An error ends the build: a page never shows what its blocks do not do.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        for source in sources:
+            with chdir(folder):
+                text = _run(source)
+            (target / source.name).write_text(text, encoding="utf-8")
+        for made in sorted(Path(folder).iterdir()):
+            if made.suffix in _PICTURES:
+                shutil.copy(made, target)
+
+
+def _run(source: Path) -> str:
+    """Run the blocks of one page in the current folder; return the page with what they printed."""
+    text = source.read_text(encoding="utf-8")
+    namespace: dict[str, object] = {"__name__": "__main__"}
+
+    def run(block: re.Match[str]) -> str:
+        language, code = block.groups()
+        if language == "toml":
+            name = _NAME.match(code)
+            if name:
+                Path(name[1]).write_text(code, encoding="utf-8")
+            return block[0]
+        line = text.count("\n", 0, block.start(2))
+        said = _python(code, str(source), line, namespace) if language == "python" else _shell(code, str(source), line)
+        return block[0] + (f"\n```text\n{said}\n```\n" if said else "")
+
+    return _BLOCK.sub(run, text)
+
+
+def _python(code: str, name: str, line: int, namespace: dict[str, object]) -> str:
+    """Run Python code that stands below line `line` of a page; return what it printed."""
+    printed = io.StringIO()
+    with redirect_stdout(printed):
+        exec(compile("\n" * line + code, name, "exec"), namespace)
+    return printed.getvalue().rstrip()
+
+
+def _shell(code: str, name: str, line: int) -> str:
+    """Run commands with this environment's programs first; return what they printed."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", code],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PATH": path},
+        check=False,
+    )
+    if done.returncode:
+        msg = f"{name}, line {line + 1}: a command failed:\n{code}{done.stderr}"
+        raise RuntimeError(msg)
+    return done.stdout.rstrip()
