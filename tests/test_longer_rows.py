@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pounding_sweep as ps
-from pounding_sweep.cube.variables import VARIABLES
+from pounding_sweep.cube.variables import VARIABLES, Status
 from pounding_sweep.kernels import shape
 from pounding_sweep.kernels.cache import get_kernel
 
@@ -34,7 +34,7 @@ def both(monkeypatch, **settings):
         monkeypatch.setattr(shape, "FUSED_DOF", most)
         get_kernel.cache_clear()
         found.append(
-            ps.Sweep(ROW, SHORT, "kelvin_voigt", dt=1e-3, outputs=OUTPUTS, audit=0.0, **settings).run(
+            ps.Sweep(ROW, SHORT, "kelvin_voigt", outputs=OUTPUTS, audit=0.0, **{"dt": 1e-3, **settings}).run(
                 scheduler="synchronous"
             )
         )
@@ -50,10 +50,8 @@ slow = pytest.mark.slow
     [
         {"method": "rk4"},
         {"method": "rk4", "locate": False},
-        pytest.param({"method": "newmark"}, marks=slow),
         pytest.param({"method": "exact"}, marks=slow),
-        pytest.param({"method": "rk4", **VARIED}, marks=slow),
-        pytest.param({"method": "newmark", **VARIED}, marks=slow),
+        pytest.param({"method": "newmark", "dt": 2e-4, **VARIED}, marks=slow),
     ],
     ids=lambda settings: (
         " ".join(f"{name}={value}" for name, value in settings.items() if name not in VARIED)
@@ -62,7 +60,7 @@ slow = pytest.mark.slow
 )
 def test_loops_over_floors_give_the_numbers_of_a_straight_line(settings, monkeypatch):
     line, loops = both(monkeypatch, **settings)
-    assert not line.status.any()
+    assert (line.status == Status.OK).all()
     assert (line.impact_count.sum(["pair", "storey"]) > 3).all()
     assert (line.impact_force_max.max("storey") > 0).all()  # every pair meets
     for name in line.data_vars:

@@ -175,13 +175,11 @@ def test_every_output_has_an_error(trade):
 
 
 def test_a_refused_configuration_is_marked(trade):
-    """20 ms is beyond RK4's limit with a closed linear contact; a Hertz one has no stiffness before it closes."""
+    """20 ms is beyond RK4's limit with a closed contact of a linear spring."""
     coarse = chosen(trade, scheme="rk4", located=1, precision="float64", step=2e-2, output="impact_force_max")
-    assert coarse.status_count.sel(status="beyond_stability_limit").item() == 3
-    assert np.isnan(coarse.law_error.sel(law="kelvin_voigt").item())
-    assert np.isfinite(coarse.law_error.sel(law="hertz").item())
-    assert np.isnan(coarse.law_cost.sel(law="kelvin_voigt").item())
-    assert coarse.law_cost.sel(law="hertz").item() > 0.0
+    assert coarse.status_count.sel(status="beyond_stability_limit").item() == 6
+    assert np.isnan(coarse.law_error).all()
+    assert np.isnan(coarse.law_cost).all()
     assert np.isnan(coarse.cost.item())  # the sweep can't be run like this
     assert coarse.pareto.item() == 0
     assert (chosen(trade, scheme="newmark").status_count.sel(status="beyond_stability_limit") == 0).all()
@@ -426,7 +424,7 @@ def test_the_table_has_a_row_per_configuration(trade):
     assert len(rows) == (2 * 2 + 1) * 2 * len(STEPS)  # exact flight is always located
     refused = next(row for row in rows if row[0] == "rk4" and row[3] == "0.02")
     assert refused[headings.index("s per 1000")] == "-"
-    assert "3 beyond_stability_limit" in refused[headings.index("not ok")]
+    assert "6 beyond_stability_limit" in refused[headings.index("not ok")]
     marked = {row[0] for row in rows if row[headings.index("force worst")].endswith("*")}
     assert "rk4" in marked
 
