@@ -127,6 +127,15 @@ def _helps(command: Any, name: str, parent: Any = None) -> Iterator[tuple[str, s
                 yield from _helps(found, key, context)
 
 
+def _sweeps() -> str:
+    """Return directives that show every sweep file of the repository."""
+    lines = []
+    for path in sorted((Path(__file__).parents[1] / "sweeps").glob("*.toml")):
+        lines += [f"```{{literalinclude}} ../sweeps/{path.name}", f":caption: {path.name}", ":language: toml"]
+        lines += ["```", ""]
+    return "\n".join(lines)
+
+
 def _figures_api() -> str:
     """Return directives that document the functions of all figures."""
     return "".join(f".. autofunction:: {kind.place.replace(':', '.')}\n" for kind in FIGURES.values())
@@ -174,6 +183,7 @@ _PAGES = {
     "variables.md": _variables,
     "records.md": _records,
     "presets.txt": _presets,
+    "sweeps.txt": _sweeps,
     "sweep_keys.txt": key_tables,
     "commands.md": _commands,
     "figures_api.txt": _figures_api,

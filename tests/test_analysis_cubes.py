@@ -396,6 +396,10 @@ class TestSuites:
         with pytest.raises(InputError, match="needs the axis 'record'; this cube's axes: law"):
             analysis.fractiles(hand_cube({"law": LAWS}, random_fill(1, "drift_max")))
 
+    def test_one_record_has_no_fractiles(self):
+        with pytest.raises(InputError, match="needs several values of 'record', and this cube has one"):
+            analysis.fractiles(hand_cube({"law": LAWS, "record": ["one"]}, random_fill(1, "drift_max")))
+
     def test_incremental_curves_by_a_plain_loop(self):
         axes = {"law": ["linear"], "record": list(PGA), "scale": [2.0, 0.5, 1.0]}
         status = np.zeros((1, 3, 3))
@@ -434,15 +438,15 @@ class TestSuites:
             analysis.incremental_curves(cube, intensity="sa")
 
     def test_one_scale_is_not_enough(self):
-        with pytest.raises(InputError, match="several scales, and this cube has one"):
+        with pytest.raises(InputError, match="needs several values of 'scale', and this cube has one"):
             analysis.incremental_curves(hand_cube({"record": ["one"], "scale": [1.0]}, random_fill(1, "drift_max")))
 
 
 def test_sweep_attribute_reads_back():
     """The rebuilt row is the row, whatever it is made of."""
-    from pounding_sweep.analysis.rebuild import scene_of, sweep_of
+    from pounding_sweep.analysis.rebuild import scene_of, stored_sweep
 
     for scene in (low_and_high(), Scene([Building("x", [1.0, 2.0], [3.0, 4.0], (0.02, 0.03), [4.0, 3.0])])):
         cube = hand_cube({"law": ["none"]}, random_fill(1, "drift_max"), scene=scene)
         cube.attrs |= sweep_attribute(scene, "el_centro", laws="none")
-        assert scene_of(sweep_of(cube)) == scene
+        assert scene_of(stored_sweep(cube)) == scene

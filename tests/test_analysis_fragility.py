@@ -274,6 +274,8 @@ class TestCube:
             fragility(cube, levels=[0.0])
         with pytest.raises(InputError, match="a law with contact"):
             fragility(cube.sel(law=["none"]))
+        with pytest.raises(InputError, match="one record at one scale"):
+            fragility(cube.isel(record=[0], scale=[1]))
         with pytest.raises(InputError, match="needs the axis 'record'"):
             fragility(hand_cube({"law": LAWS}, random_fill(1, "impact_count")))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -14,7 +15,7 @@ from scenes import AXES, motions, row
 
 from pounding_sweep import Sweep
 from pounding_sweep.analysis import SEPARATION_RULES, BehaviourFactors, required_gap
-from pounding_sweep.analysis.rebuild import records_of, sweep_of
+from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.separation_rules import FROM_MEMORY, cqc_correlation
 from pounding_sweep.errors import InputError
 from pounding_sweep.scene import Building, Scene, Wall
@@ -225,9 +226,9 @@ class TestExact:
 class TestMissing:
     def test_records_are_found_by_name_and_digest(self):
         cube = told(low_and_high(), records=["el_centro"])
-        (record,) = records_of(sweep_of(cube))
+        (record,) = records_of(stored_sweep(cube))
         assert record.name == "el_centro"
-        sweep = sweep_of(cube)
+        sweep = stored_sweep(cube)
         sweep["records"][0] |= {"name": "elsewhere", "scale": 1.0}
         assert records_of(sweep)[0].name == "elsewhere"  # renamed: known by its motion
 
@@ -236,7 +237,7 @@ class TestMissing:
 
         carried = sweep_attribute(low_and_high(), find_record("el_centro").scaled_to(2.0).renamed("half"), laws="none")
         cube = hand_cube({"law": ["none"]}, random_fill(1, *OUTPUTS), attributes=carried)
-        (record,) = records_of(sweep_of(cube))
+        (record,) = records_of(stored_sweep(cube))
         assert record.pga == pytest.approx(2.0)
 
     def test_what_is_missing_is_said(self):
@@ -249,6 +250,9 @@ class TestMissing:
             required_gap(single, motions())
         carried = sweep_attribute(low_and_high(), motions(), laws="linear", stiffnesses=1e5)
         cube = hand_cube({"law": ["linear"]}, random_fill(1, "impact_count"), attributes=carried)
+        part = {key: value for key, value in stored_sweep(cube).items() if key != "period_factors"}
+        with pytest.raises(InputError, match=r"lacks period_factors: .* run the sweep again"):
+            required_gap(cube.assign_attrs(sweep=json.dumps(part)))
         with pytest.raises(
             InputError,
             match=r"2 of the 2 records.*'one' \(none of that name or motion\).*or run the sweep with the law",

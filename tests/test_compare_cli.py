@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -47,6 +48,31 @@ def test_summary_lists_what_is_possible_and_why_the_rest_is_not(cube_file):
         assert f"\n{key}: {COMPARISONS[key].title}" in result.stdout
     assert "required-gap  2 of the 2 records" in impossible
     assert "energy        the energy budget needs the outputs 'energy_input'" in impossible
+
+
+def test_what_one_record_does_not_allow(tmp_path):
+    axes = {"law": ["linear", "none"], "gap": [0.01, 0.02], "record": ["one"], "scale": [1.0]}
+    path = write_cube(hand_cube(axes, random_fill(1, "drift_max", "impact_count")), tmp_path / "one.nc")
+    result = run(path)
+    assert result.exit_code == 0, result.stderr
+    possible, _, rest = result.stdout.partition("Not possible with this cube")
+    assert "  amplification" in possible
+    for key, why in (("fractiles", "'record'"), ("incremental", "'scale'"), ("fragility", "one record at one scale")):
+        assert f"  {key}" not in possible
+        assert re.search(rf"  {key} .*{why}", rest)
+
+
+def test_one_scenario_with_its_histories(tmp_path):
+    counts = random_fill(1, "impact_count", "drift_max")
+    one = hand_cube({"law": ["linear"]}, counts).isel(law=0, drop=True)
+    one["velocity"] = (("time", "building"), np.zeros((5, one.sizes["building"])))
+    result = run(write_cube(one, tmp_path / "one.nc"), "--json")
+    assert result.exit_code == 0, result.stderr
+    told = json.loads(result.stdout)
+    assert [key for key, part in told.items() if part["possible"]] == ["impacts"]
+    shares = [row for row in told["impacts"]["rows"] if row["variable"] == "pair_touching_share"]
+    touched = (one.impact_count > 0).max("storey")
+    assert [row["median"] for row in shares] == touched.values.tolist()
 
 
 @pytest.mark.parametrize("key", ["amplification", "laws", "impacts", "fragility"])

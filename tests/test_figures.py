@@ -80,15 +80,28 @@ def test_a_dataset_that_lacks_something_is_refused_in_words(key):
     kind = FIGURES[key]
     with pytest.raises(InputError, match=re.escape(SOURCES[kind.source])) as error:
         require(xr.Dataset(), key)
-    for need in kind.needs:
-        assert repr(need.split("|")[0]) in str(error.value)
+    for need in (*kind.needs, *kind.several):
+        assert need.split("|")[0] in str(error.value)
 
 
 def test_one_of_several_names_is_enough():
     cube = made.cube()
     assert FIGURES["profiles"].lacks(cube.drop_vars(["displacement_max", "drift_max", "acceleration_max"])) == ()
     none = cube.drop_vars([n for n in cube.data_vars if n not in ("status", "impact_count")])
-    assert FIGURES["profiles"].lacks(none)[0].startswith("displacement_max|")
+    assert FIGURES["profiles"].lacks(none)[0].startswith("displacement_max or ")
+
+
+def test_comparisons_need_something_to_compare():
+    for key, sizes, words in (
+        ("law-comparison", {"law": 3}, "several laws with contact"),
+        ("incremental", {"scale": 3}, "several scales"),
+        ("fragility", {"record": 3}, "several records or scales"),
+        ("fragility", {"scale": 3}, "several records or scales"),
+    ):
+        assert FIGURES[key].lacks(made.cube(**sizes)) == ()
+        assert words in FIGURES[key].lacks(made.cube(**dict.fromkeys(sizes, 1)))
+    contact = made.cube().sel(law=["linear", "none"])  # no pounding is no law to compare with
+    assert FIGURES["law-comparison"].lacks(contact) == ("several laws with contact",)
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
@@ -166,6 +179,28 @@ def test_histories_show_floors_and_forces():
     assert apart.texts[0].get_text() == "no contact"
 
 
+@pytest.mark.parametrize("key", ["force-gap", "amplification", "law-comparison", "incremental", "required-gap"])
+def test_legends_stand_inside_their_figures(key):
+    """Of one pair or building, with long names of laws."""
+    cube = made.cube(scale=3).assign_coords(law=["nonlinear_viscoelastic", "modified_kelvin_voigt", "none"])
+    figure = FIGURES[key].load()(cube.sel(building=["a"]) if key == "amplification" else cube)
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    inside, whole = legend.get_window_extent(), figure.bbox
+    assert whole.x0 <= inside.x0 <= inside.x1 <= whole.x1
+    assert whole.y0 <= inside.y0 <= inside.y1 <= whole.y1
+
+
+def test_energies_end_below_the_frame():
+    figure = FIGURES["energy-budget"].load()(made.cube())
+    for ax in figure.axes[:-1]:
+        low, high = ax.get_ylim()
+        tops = [bar.get_y() + max(bar.get_height(), 0.0) for bar in ax.patches]
+        bottoms = [bar.get_y() + min(bar.get_height(), 0.0) for bar in ax.patches]
+        assert max(tops) < high
+        assert min(bottoms) > low
+
+
 def test_the_middle_of_the_other_axes():
     cube = made.cube(restitution=3, record=3, scale=2)
     found, shown = middle(cube, ("law", "gap"))
@@ -185,7 +220,7 @@ def test_listed_cases_are_drawn_one_by_one():
 
 
 @pytest.mark.parametrize(
-    "module", ["choice", "cube.select", "figures.chosen", "figures.histories", "figures.animation"]
+    "module", ["choice", "cube.select", "figures.chosen", "figures.histories", "figures.animation", "figures.style"]
 )
 def test_examples_of_docstrings(module):
     assert doctest.testmod(importlib.import_module(f"pounding_sweep.{module}")).failed == 0

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import pounding_sweep as ps
+from pounding_sweep.analysis import required_gap
 from pounding_sweep.sweep.spec import contact_stiffness
 
 pytestmark = pytest.mark.slow
@@ -32,6 +33,15 @@ def test_it_is_the_job_that_was_asked_for(cube):
     assert cube.sizes["restitution"] == 4
     assert cube.record.values.tolist() == ["el_centro"]
     assert not cube.status.values.any()
+
+
+def test_a_required_gap_holds_only_together_with_those_of_the_other_pairs(cube):
+    exact = required_gap(cube).exact.squeeze(drop=True)
+    count = cube.impact_count.fillna(0)
+    touches = (count > 0).any([dim for dim in count.dims if dim not in ("gap", "pair")])
+    assert not touches.sel(gap=cube.gap > float(exact.max())).any()
+    beyond = touches.sel(pair="middle-right", gap=cube.gap > float(exact.sel(pair="middle-right")))
+    assert beyond.any()  # left and middle pound, and bring the middle one nearer to the right
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -191,3 +191,12 @@ def test_plan_and_cube_say_what_was_left_out(tmp_path):
         assert json.loads(cube.attrs["records_left_out"]) == ["arleta"]
         assert cube["record"].values.tolist() == ["sine"]
     assert re.search(r'records_left_out +\["arleta"\]$', call("info", tmp_path / "out.nc").stdout, re.M)
+
+
+def test_a_sweep_finds_its_records_in_a_named_folder(folder, tmp_path):
+    path = write(tmp_path, asking('"arleta"', '{ record = "arleta", pga = 2.0, name = "twice" }'))
+    assert "arleta" in refusal("plan", path)
+    call("plan", path, "--records", folder)
+    spec = ps.load_sweep(path, folders=folder).spec
+    assert [record.name for record in spec.records][1:] == ["arleta", "twice"]
+    assert spec.records[2].pga == pytest.approx(2.0)

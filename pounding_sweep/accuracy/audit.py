@@ -341,11 +341,13 @@ def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit) -> xr.Dataset:
         "audit_status": (rows, found.status.astype(np.int8), "status of the scenario in the sweep", "1"),
     }
     names = np.array([law.key for law in plan.laws])
+    records = np.array([record.name for record in plan.spec.records])
+    laws = np.array(names[table.law].tolist(), dtype=np.str_)  # no wider than a file gives them back
     coordinates = {
         "audit": (rows, np.arange(1, len(found.rows) + 1, dtype=np.int32), "scenario run again", "1"),
         "output": (("output",), np.array(found.outputs), "output whose error it is", ""),
-        "audit_law": (rows, names[table.law], "contact law", ""),
-        "audit_record": (rows, np.array([r.name for r in plan.spec.records])[table.record], "ground-motion record", ""),
+        "audit_law": (rows, laws, "contact law", ""),
+        "audit_record": (rows, np.array(records[table.record].tolist(), dtype=np.str_), "ground-motion record", ""),
         "audit_scale": (rows, table.scale, "factor on the record", "1"),
         "audit_stiffness": (rows, table.stiffness, "contact stiffness (kN/m**exponent of the law)", ""),
         "audit_restitution": (rows, table.restitution, "nominal coefficient of restitution, 1 for laws without", "1"),

@@ -108,8 +108,7 @@ def fractiles_over(
 
     rows = given.stack(_together=list(over), create_index=False) if over else given.expand_dims("_together")
     found, count = fractiles_along(rows.values, quantiles, int(rows.get_axis_num("_together")))
-    one = rows.isel(_together=0, drop=True)
-    kept = one.drop_vars([name for name in one.coords if name not in one.dims])
+    kept = rows.isel(_together=0, drop=True).reset_coords(drop=True)
     index = xr.DataArray(list(quantiles), dims="quantile", coords={"quantile": list(quantiles)}, attrs=_QUANTILE)
     fractiles = xr.DataArray(found, dims=("quantile", *kept.dims), coords={**kept.coords, "quantile": index})
     return fractiles.assign_attrs(given.attrs), xr.DataArray(count, dims=kept.dims, coords=kept.coords)

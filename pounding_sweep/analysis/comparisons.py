@@ -112,7 +112,7 @@ COMPARISONS: dict[str, Comparison] = {
         Comparison(
             key="fractiles",
             title="median and fractiles of responses over a suite of records",
-            needs="an axis of records",
+            needs="an axis of several records",
             place="pounding_sweep.analysis.suites:fractiles",
             columns=("law", "building", "pair", "quantile"),
             variables=(),

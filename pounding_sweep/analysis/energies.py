@@ -71,7 +71,7 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     if law_keys(cube) not in ([], ["none"]):
         cube = pounding_only(cube)
     if 0 in cube.sizes.values():
-        msg = f"{what} needs a scenario, and this cube has none"
+        msg = f"{what} needs a scenario, and this cube has none; select at least one"
         raise InputError(msg)
     found = {name: values(cube, name) for name in TERMS}
     given, damping, kinetic, strain = found.values()

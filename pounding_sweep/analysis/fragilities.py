@@ -251,6 +251,12 @@ def _tails(found: Sequence[float] | Sequence[np.ndarray], confidence: float) -> 
 def _check(cube: xr.Dataset, confidence: float, resamples: int) -> None:
     if not set(TRIALS) & set(cube.dims):
         need_dims(cube, "a fragility", TRIALS[:1])
+    if all(cube.sizes.get(dim, 1) < 2 for dim in TRIALS):
+        msg = (
+            "a fragility needs ground motions of several intensities, and this cube has one record at one scale; run "
+            "a sweep over several records or scales"
+        )
+        raise InputError(msg)
     if not 0.0 < confidence < 1.0:
         msg = f"confidence is {confidence!r}; it must be between 0 and 1, 0.95 for instance"
         raise InputError(msg)
@@ -264,7 +270,7 @@ def _happened(cube: xr.Dataset, event: Event, level: float | None) -> tuple[xr.D
     what = f"the fragility of {event.key!r}"
     if event.per == "pair":
         if "pair" not in cube.coords or law_keys(cube) == ["none"]:
-            msg = f"{what} needs a pair of neighbours and a law with contact, which this cube lacks"
+            msg = f"{what} needs a pair of neighbours and a law with contact, which this cube lacks; sweep over such"
             raise InputError(msg)
         cube = pounding_only(cube)
     if event.variable and level is not None:
@@ -282,7 +288,7 @@ def _levels(levels: Sequence[float] | None, x: np.ndarray) -> np.ndarray:
     if levels is None:
         highest = float(x.max())
         if highest <= 0.0:
-            msg = "every ground motion of this cube has intensity 0, so that nothing can be said against it"
+            msg = "every ground motion of this cube has intensity 0; run the sweep with scales above zero"
             raise InputError(msg)
         return np.linspace(highest / LEVELS, highest, LEVELS)
     found = np.asarray(levels, dtype=float)
@@ -301,5 +307,4 @@ def _draws(records: int, resamples: int, seed: int) -> np.ndarray:
 
 
 def _plain(part: xr.DataArray, units: str, text: str) -> xr.DataArray:
-    kept = part.drop_vars([name for name in part.coords if name not in part.dims])
-    return described(kept, units, text)
+    return described(part.reset_coords(drop=True), units, text)

@@ -1,8 +1,8 @@
 """The gap that each pair needs so that nothing touches: exactly, and by separation rules.
 
-Floors of a pair never touch where the gap is at least the largest value of
-u_left - u_right in the run without pounding, in which buildings don't know of each
-other.
+As long as nothing touches, buildings don't know of each other, and floors of a pair
+meet where u_left - u_right of the run without pounding reaches the gap. So nothing
+touches in a row whose every gap is at least the largest such value of its own pair.
 """
 
 from __future__ import annotations
@@ -66,6 +66,11 @@ def required_gap(
     InputError
         A row without records, a row without pairs, or a cube whose row or records can't
         be known; the message says what is missing.
+
+    Notes
+    -----
+    The exact gap of a pair holds only where every pair of the row has at least its own: once
+    another pair pounds, the buildings move otherwise, and this pair may touch at a larger gap.
 
     Examples
     --------

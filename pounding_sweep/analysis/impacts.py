@@ -75,7 +75,7 @@ def impact_statistics(
     cube = scenarios_only(cube)
     check_quantiles(quantiles)
     if "pair" not in cube.coords:
-        msg = f"{what} need pairs of neighbours, and the row of this cube is a single building"
+        msg = f"{what} need pairs of neighbours, and this row is a single building; add a wall or a building"
         raise InputError(msg)
     cube = pounding_only(cube)
     if 0 in cube.sizes.values() or law_keys(cube) == ["none"]:

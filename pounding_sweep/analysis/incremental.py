@@ -12,7 +12,7 @@ from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
-    need_dims,
+    need_several,
     need_variables,
     scenarios_only,
     values,
@@ -80,10 +80,7 @@ def incremental_curves(
     what = "an incremental curve"
     cube = scenarios_only(cube)
     check_quantiles(quantiles)
-    need_dims(cube, what, ["scale"])
-    if cube.sizes["scale"] < 2:
-        msg = f"{what} need several scales, and this cube has one; run the sweep over scales = [...]"
-        raise InputError(msg)
+    need_several(cube, what, "scale")
     names = responses(cube) if outputs is None else need_variables(cube, what, list(outputs))
     strength = intensity_of(cube, intensity)
     if "record" not in cube.dims:

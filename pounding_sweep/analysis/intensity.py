@@ -79,7 +79,10 @@ def _pga(cube: xr.Dataset) -> xr.DataArray:
         peaks = {str(entry["name"]): float(entry["pga"]) for entry in json.loads(cube.attrs["records"])}
         found = [peaks[str(name)] for name in np.atleast_1d(cube["record"].values)]
     except (KeyError, TypeError, ValueError):
-        msg = "this cube does not say the peak ground accelerations of its records (coordinate 'record_pga')"
+        msg = (
+            "this cube does not say the peak ground accelerations of its records (coordinate 'record_pga'); give the "
+            "intensity as a DataArray along 'record'"
+        )
         raise InputError(msg) from None
     record = cube["record"]
     return xr.DataArray(np.reshape(found, record.shape), dims=record.dims, coords={"record": record}, attrs=about)

@@ -22,23 +22,33 @@ if TYPE_CHECKING:
 
 #: Records that an error names.
 _NAMED = 3
+#: What is read of a stored sweep.
+_KEYS = {"scene", "records", "cases", "scales", "period_factors", "mass_factors", "damping_ratios"}
 
 
-def sweep_of(cube: xr.Dataset) -> dict[str, Any]:
+def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:
     """Return a cube's sweep as it is stored.
 
     Raises
     ------
     InputError
-        The cube does not carry its sweep.
+        The cube does not carry its sweep, or not all of it.
     """
     try:
         found = json.loads(cube.attrs["sweep"])
-        if not isinstance(found, dict) or "scene" not in found:
-            raise ValueError
+        lacking = sorted(_KEYS - set(found))
     except (KeyError, TypeError, ValueError):
-        msg = "this cube does not carry its sweep (attribute 'sweep'), from which the row of buildings would be known"
+        msg = (
+            "this cube does not carry its sweep (attribute 'sweep'), from which the row of buildings would be known; "
+            "give a cube as 'pounding-sweep run' wrote it"
+        )
         raise InputError(msg) from None
+    if lacking:
+        msg = (
+            f"the sweep that this cube carries (attribute 'sweep') lacks {', '.join(lacking)}: the cube was made by "
+            "another version of this package, or changed; run the sweep again"
+        )
+        raise InputError(msg)
     return found
 
 
@@ -73,7 +83,7 @@ def records_of(
     Parameters
     ----------
     sweep : mapping
-        From `sweep_of`.
+        From `stored_sweep`.
     given : iterable of Record
         Looked through first, whatever their names.
     folders : path or several, optional

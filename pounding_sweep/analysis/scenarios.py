@@ -31,8 +31,8 @@ def scenario_dims(cube: xr.Dataset | xr.DataArray) -> tuple[str, ...]:
 
 
 def scenarios_only(cube: xr.Dataset) -> xr.Dataset:
-    """Return the cube without its audit, which has dimensions of its own."""
-    return cube.drop_dims([dim for dim in AUDIT_DIMS if dim in cube.dims])
+    """Return the cube without what has dimensions of its own: its audit, and histories on ``time`` of one scenario."""
+    return cube.drop_dims([dim for dim in (*AUDIT_DIMS, "time") if dim in cube.dims])
 
 
 def trusted(cube: xr.Dataset) -> xr.DataArray:
@@ -65,7 +65,9 @@ def need_variables(cube: xr.Dataset, what: str, names: Sequence[str], *, one: bo
     if found if one else not lacking:
         return found
     quoted = (" or " if one else ", ").join(map(repr, lacking))
-    msg = f"{what} needs the output{'s' * (len(lacking) > 1)} {quoted}, which this cube lacks; run the sweep with it"
+    which = "the output" if len(lacking) == 1 else "one of the outputs" if one else "the outputs"
+    remedy = "it" if one or len(lacking) == 1 else "them"
+    msg = f"{what} needs {which} {quoted}, which this cube lacks; run the sweep with {remedy}"
     raise InputError(msg)
 
 
@@ -79,6 +81,14 @@ def need_dims(cube: xr.Dataset, what: str, dims: Iterable[str]) -> None:
         else:
             has = ", ".join(scenario_dims(cube)) or "none"
             msg = f"{what} needs the axis {dim!r}; this cube's axes: {has}. Run a sweep over several values of it"
+        raise InputError(msg)
+
+
+def need_several(cube: xr.Dataset, what: str, dim: str) -> None:
+    """Raise `InputError` unless the cube has that dimension with more than one value."""
+    need_dims(cube, what, [dim])
+    if cube.sizes[dim] < 2:
+        msg = f"{what} needs several values of {dim!r}, and this cube has one; run a sweep over several"
         raise InputError(msg)
 
 

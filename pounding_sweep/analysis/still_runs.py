@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.rebuild import records_of, scene_of, sweep_of
+from pounding_sweep.analysis.rebuild import records_of, scene_of, stored_sweep
 from pounding_sweep.analysis.scenarios import (
     NO_POUNDING,
     law_keys,
@@ -73,7 +73,7 @@ def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
 def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
     """Return the runs without pounding that belong to a cube; see `pounding_sweep.analysis.gaps.required_gap`."""
     cube = scenarios_only(cube)
-    sweep = sweep_of(cube)
+    sweep = stored_sweep(cube)
     scene = scene_of(sweep)
     _check_pairs(scene)
     whole = {"building", "pair", "storey"} <= set(cube.dims)  # a part of the row is no row
@@ -96,7 +96,7 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
 
 def _check_pairs(scene: Scene) -> None:
     if not scene.pair_names:
-        msg = "the required gap needs a pair of neighbours, and this row is a single building"
+        msg = "the required gap needs a pair of neighbours, and this row is a single building; add a wall or a building"
         raise InputError(msg)
 
 

@@ -11,7 +11,7 @@ from pounding_sweep.analysis.along import check_quantiles, fractiles_over
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
-    need_dims,
+    need_several,
     need_variables,
     present,
     scenarios_only,
@@ -62,7 +62,7 @@ def fractiles(
     Raises
     ------
     InputError
-        The cube has no such axis or output; a quantile is outside [0, 1].
+        The cube has no such axis, one value of it, or no such output; a quantile is outside [0, 1].
 
     Examples
     --------
@@ -76,7 +76,7 @@ def fractiles(
     what = "taking fractiles"
     cube = scenarios_only(cube)
     check_quantiles(quantiles)
-    need_dims(cube, what, [dim])
+    need_several(cube, what, dim)
     names = responses(cube) if outputs is None else need_variables(cube, what, list(outputs))
     ok = trusted(cube)
     found: dict[str, xr.DataArray] = {}
@@ -103,5 +103,4 @@ def responses(cube: xr.Dataset) -> list[str]:
 
 def _count(flags: xr.DataArray, dim: str, text: str) -> xr.DataArray:
     found = flags.sum(dim).astype(np.int64)
-    kept = found.drop_vars([name for name in found.coords if name not in found.dims])
-    return described(kept, "1", text)
+    return described(found.reset_coords(drop=True), "1", text)

@@ -21,6 +21,10 @@ app = typer.Typer(
 SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Sweep file.", show_default=False)]
 CubeFile = Annotated[Path, typer.Argument(metavar="CUBE.nc", help="Cube made by 'run'.", show_default=False)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON value instead of text.")]
+Folders = Annotated[
+    list[Path] | None,
+    typer.Option("--records", metavar="FOLDER", help="Folder of record files, instead of POUNDING_SWEEP_RECORDS."),
+]
 Workers = Annotated[
     int | None, typer.Option("--workers", metavar="N", help="Threads or processes; one per core by default.")
 ]

@@ -11,7 +11,7 @@ import typer
 
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.events import EVENTS
-from pounding_sweep.cli.app import AsJson, CubeFile, app
+from pounding_sweep.cli.app import AsJson, CubeFile, Folders, app
 from pounding_sweep.cli.reporting import reporting, say
 from pounding_sweep.tables import number_text, print_json, print_pairs, print_table
 
@@ -50,10 +50,7 @@ def compare_command(
     level: Annotated[
         float | None, typer.Option("--level", metavar="X", help="What the event must exceed, in its own unit.")
     ] = None,
-    folders: Annotated[
-        list[Path] | None,
-        typer.Option("--records", metavar="FOLDER", help="Folder of record files, instead of POUNDING_SWEEP_RECORDS."),
-    ] = None,
+    folders: Folders = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare laws, gaps, buildings and records of a cube."""

@@ -8,24 +8,55 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pounding_sweep.cli.app import CubeFile, app
-from pounding_sweep.cli.reporting import reporting
+from pounding_sweep.cli.reporting import parts_folder, reporting
 from pounding_sweep.errors import InputError
 from pounding_sweep.figures import FIGURES, SOURCES
-from pounding_sweep.tables import print_table
+from pounding_sweep.tables import print_pairs, print_table
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pounding_sweep.sweep.unfinished import Survey
+
 
 @app.command("info")
 def info_command(cube: CubeFile) -> None:
-    """Describe a cube: axes, variables, statuses, records."""
+    """Describe a cube: axes, variables, statuses, records; or what is done of one that is not finished."""
     with reporting():
         from pounding_sweep.cube.describe import describe
         from pounding_sweep.cube.write import open_cube
+        from pounding_sweep.sweep.unfinished import survey
 
+        parts = cube if cube.is_dir() else parts_folder(cube)
+        if parts.is_dir() and not cube.is_file():
+            _print_unfinished(survey(parts))
+            return
         with open_cube(cube) as found:
             print(describe(found))
+
+
+def _print_unfinished(found: Survey) -> None:
+    """Print what is done and what is missing of a sweep."""
+    at_work = f"{found.now} is at work on it" if found.now else "nobody; the same command goes on from here"
+    rows = [("unfinished", str(found.folder)), *([("title", found.title)] if found.title else [])]
+    rows += [*found.details.items(), ("now", at_work)]
+    if found.asked is None:
+        rows.append(("scenarios", "no run came as far as its first stage"))
+    else:
+        rows.append(("scenarios", f"{found.asked} asked, at most {found.at_most} to run"))
+        if not found.planned:
+            rows.append(("", "(which of them have to is known after the runs without pounding)"))
+    print_pairs(rows)
+    if found.parts:
+        print()
+        headings = ["stage", "law", "record", "chunks", "done", "missing", "scenarios", "done", "missing"]
+        cells = [
+            [part.stage, part.law, part.record]
+            + [str(n) for n in (part.chunks, part.chunks_done, part.chunks - part.chunks_done)]
+            + [str(n) for n in (part.scenarios, part.scenarios_done, part.scenarios - part.scenarios_done)]
+            for part in found.parts
+        ]
+        print_table(headings, cells, right=range(3, 9))
 
 
 @app.command("plot")
@@ -65,7 +96,7 @@ def plot_command(
             )
             return
         with open_cube(cube) as found:
-            chosen = select(found, _values(at or []))
+            chosen = select(found, axis_values(at or []))
             if only_list or kind is None:
                 _list(chosen)
             elif out is None:
@@ -75,8 +106,8 @@ def plot_command(
                 print(plot(chosen, kind, out, dpi=dpi))
 
 
-def _values(given: list[str]) -> dict[str, str]:
-    """Read AXIS=VALUE."""
+def axis_values(given: list[str]) -> dict[str, str]:
+    """Read texts AXIS=VALUE; raises `InputError` for any other text."""
     values = {}
     for text in given:
         axis, equals, value = text.partition("=")
@@ -93,7 +124,7 @@ def _list(dataset: xr.Dataset) -> None:
     possible = [[key, FIGURES[key].title] for key, missing in lacks.items() if not missing]
     if possible:
         print_table(["figure", "shows"], possible)
-    others = [[key, ", ".join(missing).replace("|", " or ")] for key, missing in lacks.items() if missing]
+    others = [[key, ", ".join(missing)] for key, missing in lacks.items() if missing]
     if others:
         print()
         print_table(["not possible", "lacks"], others)

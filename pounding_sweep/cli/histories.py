@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pounding_sweep.cli.app import SweepFile, app
+from pounding_sweep.cli.app import Folders, SweepFile, app
 from pounding_sweep.cli.reporting import reporting, say
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ def simulate_command(
     record: RecordName = None,
     scale: Scale = None,
     case: CaseNumber = None,
+    folders: Folders = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Run one scenario of a sweep, the middle one by default, and write its histories."""
@@ -43,7 +44,7 @@ def simulate_command(
         from pounding_sweep.cube.write import check_output, write_cube
 
         check_output(out, overwrite)
-        one = _simulate(sweep, case, law, gap, stiffness_factor, restitution, record, scale)
+        one = _simulate(sweep, folders, case, law, gap, stiffness_factor, restitution, record, scale)
         write_cube(one, out, overwrite)
         print(out)
 
@@ -61,6 +62,7 @@ def animate_command(
     record: RecordName = None,
     scale: Scale = None,
     case: CaseNumber = None,
+    folders: Folders = None,
     start: Annotated[float | None, typer.Option(metavar="S", help="First instant of the record shown (s).")] = None,
     end: Annotated[float | None, typer.Option(metavar="S", help="Last instant (s).")] = None,
     frames: Annotated[int, typer.Option(metavar="N", help="Number of pictures.")] = 40,
@@ -76,12 +78,13 @@ def animate_command(
 
         check_output(out, overwrite)
         check_movie(out, frames, speed)
-        one = _simulate(sweep, case, law, gap, stiffness_factor, restitution, record, scale)
+        one = _simulate(sweep, folders, case, law, gap, stiffness_factor, restitution, record, scale)
         print(animate(one, out, start=start, end=end, frames=frames, speed=speed))
 
 
 def _simulate(
     sweep: Path,
+    folders: list[Path] | None,
     case: int | None,
     law: str | None,
     gap: float | None,
@@ -96,7 +99,7 @@ def _simulate(
     from pounding_sweep.sweep.sweep import load_sweep
 
     one = simulate_one(
-        load_sweep(sweep).spec,
+        load_sweep(sweep, folders=folders or None).spec,
         case=case,
         law=law,
         gap=gap,

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from pounding_sweep.cli.app import AsJson, app
+from pounding_sweep.cli.app import AsJson, Folders, app
 from pounding_sweep.cli.reporting import reporting, say
 from pounding_sweep.tables import print_json, print_table
 
@@ -32,10 +32,7 @@ def paper_command(
             show_default=False,
         ),
     ] = None,
-    records: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Folder of records; by default those in POUNDING_SWEEP_RECORDS."),
-    ] = None,
+    folders: Folders = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help=f"Replace FOLDER/{REPORT} if it exists.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
     as_json: AsJson = False,
@@ -59,7 +56,7 @@ def paper_command(
         opened = [stack.enter_context(open_cube(path)) for path in cubes or ()]
         progress = make_progress(quiet)
         try:
-            found = study(opened, folders=records, progress=progress)
+            found = study(opened, folders=folders or None, progress=progress)
             for text in found.missing.values():
                 say(f"left out: {text}")
             pictures = save_figures(found, out, progress)

@@ -8,17 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
-from pounding_sweep.cli.app import AsJson, app
+from pounding_sweep.cli.app import AsJson, Folders, app
 from pounding_sweep.cli.reporting import reporting, say
 from pounding_sweep.tables import number_text, print_json, print_table
 
 records_app = typer.Typer(rich_markup_mode=None)
 app.add_typer(records_app, name="records")
-
-Folders = Annotated[
-    list[Path] | None,
-    typer.Option("--records", metavar="FOLDER", help="Folder of record files, instead of POUNDING_SWEEP_RECORDS."),
-]
 
 
 @records_app.callback(invoke_without_command=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.cli.app import AsJson, SweepFile, Workers, app
+from pounding_sweep.cli.app import AsJson, Folders, SweepFile, Workers, app
 from pounding_sweep.cli.reporting import reporting
 from pounding_sweep.tables import print_json, print_table
 
@@ -30,6 +30,7 @@ def tradeoff_command(
     figure: Annotated[
         Path | None, typer.Option("--plot", metavar="FILE", help="PNG, SVG or PDF file for the work-precision figure.")
     ] = None,
+    folders: Folders = None,
     workers: Workers = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace TRADE.nc if it exists.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
@@ -47,7 +48,7 @@ def tradeoff_command(
             check_output(out, overwrite)
         if figure is not None:
             check_output(figure, overwrite=True)
-        job = load_sweep(sweep)
+        job = load_sweep(sweep, folders=folders or None)
         progress = make_progress(quiet)
         try:
             trade = tradeoff(

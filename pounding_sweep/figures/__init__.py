@@ -44,6 +44,9 @@ class Kind:
     needs : tuple of str
         Variables, coordinates or dimensions that the dataset must have; of
         alternatives, separated by ``|``, any one.
+    several : tuple of str
+        Axes of which it must have more than one value, again with alternatives; of the
+        laws those with contact count.
     """
 
     key: str
@@ -51,6 +54,7 @@ class Kind:
     place: str
     source: str = "cube"
     needs: tuple[str, ...] = ()
+    several: tuple[str, ...] = ()
 
     def load(self) -> Callable[..., Any]:
         """Return the function that draws it."""
@@ -59,9 +63,24 @@ class Kind:
         return found
 
     def lacks(self, dataset: xr.Dataset) -> tuple[str, ...]:
-        """Return what of `needs` a dataset has not."""
+        """Return in words what of `needs` and `several` a dataset has not."""
         there = {*map(str, dataset.variables), *map(str, dataset.sizes)}
-        return tuple(need for need in self.needs if there.isdisjoint(need.split("|")))
+        needs = [need.split("|") for need in self.needs]
+        several = [axes.split("|") for axes in self.several]
+        absent = [" or ".join(names) for names in needs if there.isdisjoint(names)]
+        single = [axes for axes in several if all(_size(dataset, axis) < 2 for axis in axes)]
+        return (*absent, *(f"several {' or '.join(_PLURAL[axis] for axis in axes)}" for axes in single))
+
+
+#: What several values of an axis are called.
+_PLURAL = {"law": "laws with contact", "record": "records", "scale": "scales"}
+
+
+def _size(dataset: xr.Dataset, axis: str) -> int:
+    """Return the number of values along an axis, of laws with contact where it is theirs; 1 where it is none."""
+    if axis == "law" and axis in dataset.dims:
+        return int((dataset[axis] != "none").sum())
+    return int(dataset.sizes.get(axis, 1))
 
 
 #: All figures by name.
@@ -105,12 +124,13 @@ FIGURES: dict[str, Kind] = {
                 "impact_force_max|penetration_max|impulse|approach_speed_max|impact_count|impact_force_max_compared"
                 "|penetration_max_compared|impulse_compared|approach_speed_max_compared|impact_count_compared",
             ),
+            several=("law",),
         ),
         Kind(
             "required-gap",
             "the gap that each pair needs, exactly and by separation rules",
             "pounding_sweep.figures.required_gap:required_gap",
-            needs=("pair",),
+            needs=("pair", "record|case|exact"),
         ),
         Kind(
             "energy-budget",
@@ -122,13 +142,13 @@ FIGURES: dict[str, Kind] = {
             "incremental",
             "response against intensity, record by record, with the fractiles of the suite",
             "pounding_sweep.figures.incremental:incremental",
-            needs=("scale",),
+            several=("scale",),
         ),
         Kind(
             "fragility",
             "probability that a pair touches, against intensity, with its confidence",
             "pounding_sweep.figures.fragility:fragility",
-            needs=("record|scale",),
+            several=("record|scale",),
         ),
         Kind(
             "histories",
@@ -201,8 +221,10 @@ def require(dataset: xr.Dataset, key: str) -> None:
     kind = FIGURES[key]
     lacking = kind.lacks(dataset)
     if lacking:
-        names = ", ".join(" or ".join(map(repr, need.split("|"))) for need in lacking)
-        msg = f"figure {key!r} needs {names}, which this file has not; it is drawn from {SOURCES[kind.source]}"
+        msg = (
+            f"figure {key!r} needs {', '.join(lacking)}, which this file has not; it is drawn from "
+            f"{SOURCES[kind.source]}"
+        )
         if kind.source == "cube" and "status" in dataset.variables:
             msg += ": run the sweep again with such an axis or output"
         raise InputError(msg)

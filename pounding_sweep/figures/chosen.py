@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from pounding_sweep.cube.audited import AUDIT_DIMS
 from pounding_sweep.cube.variables import INNER_DIMS
 from pounding_sweep.errors import InputError
+from pounding_sweep.figures.style import unit_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,9 +50,8 @@ def middle(cube: xr.Dataset, keep: Collection[str]) -> tuple[xr.Dataset, str]:
         value, alone = cube[name].item(), varied.get(name, 0) == 1
         silent = alone or cube[name].isnull().item() or (name == "scale" and value == 1.0)
         if name in ("law", "record") or not silent:
-            unit = str(cube[name].attrs.get("units", cube[name].attrs.get("unit_text", "")))
             text = value if isinstance(value, str) else f"{value:g}"
-            said.append(f"{name.replace('_', ' ')} {text}" + (f" {unit}" if unit not in ("", "1") else ""))
+            said.append(f"{name.replace('_', ' ')} {text} {unit_text(cube[name].attrs)}".rstrip())
     return cube, "; ".join(said)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.scenarios import COMPARISON, scenario_dims
+from pounding_sweep.figures.style import axis_label
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,6 +51,5 @@ def drawn_axis(result: xr.Dataset, axis: str) -> tuple[np.ndarray, str]:
         return np.asarray(result[axis].values) * 1e3, "gap (mm)"
     ratios = [str(name) for name in result.coords if "_ratio_" in str(name) and result[name].dims == (axis,)]
     drawn = result[ratios[0] if ratios else axis]
-    units = str(drawn.attrs.get("units", drawn.attrs.get("unit_text", "1")))
     name = str(drawn.attrs.get("long_name", axis.replace("_", " ")))
-    return np.asarray(drawn.values), fill(f"{name} ({'-' if units == '1' else units})", _LABEL)
+    return np.asarray(drawn.values), fill(axis_label(name, drawn.attrs), _LABEL)

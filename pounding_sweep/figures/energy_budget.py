@@ -9,7 +9,7 @@ import numpy as np
 from pounding_sweep.errors import InputError
 from pounding_sweep.figures.chosen import along, middle
 from pounding_sweep.figures.compared import result_of
-from pounding_sweep.figures.style import COLOURS, styled
+from pounding_sweep.figures.style import COLOURS, legend_below, styled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -64,6 +64,8 @@ def energy_budget(cube: xr.Dataset) -> Figure:
         ax.sharey(axes[0])
         ax.tick_params(labelleft=False)
     x = np.arange(len(laws))
+    highest = [np.nanmax(result["energy_input"].values)]
+    lowest = [0.0]
     for ax, building in zip(axes, buildings, strict=False):
         part = result.sel(building=building)
         above, below = np.zeros(len(laws)), np.zeros(len(laws))
@@ -73,6 +75,8 @@ def energy_budget(cube: xr.Dataset) -> Figure:
                 x, values, 0.7, bottom=np.where(values >= 0.0, above, below), label=label, edgecolor="white", **style
             )
             above, below = above + np.maximum(values, 0.0), below + np.minimum(values, 0.0)
+        highest.append(above.max())
+        lowest.append(below.min())
         ends = part["energy_input"].values
         ax.hlines(ends, x - 0.42, x + 0.42, color="black", linewidth=1.6, label="input")
         ax.set_title(f"building {building}")
@@ -83,9 +87,11 @@ def energy_budget(cube: xr.Dataset) -> Figure:
         ax.set_xticks(x, laws, rotation=60, ha="right", rotation_mode="anchor")
         ax.grid(visible=False, axis="x")
         ax.set_axisbelow(True)
+    low, high = min(lowest), max(highest)
+    margin = 0.05 * (high - low) or 1.0  # else bars would end at the frame
+    axes[0].set_ylim(low - margin if low < 0.0 else 0.0, high + margin)
     axes[0].set_ylabel("energy (kN m)")
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    legend_below(figure, axes[0], most=2)
     figure.suptitle(shown, fontsize=9)
     return figure
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from pounding_sweep.figures import require
 from pounding_sweep.figures.chosen import along, middle
-from pounding_sweep.figures.style import look, styled, subplots
+from pounding_sweep.figures.style import legend_below, look, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,8 +58,7 @@ def force_gap(cube: xr.Dataset) -> Figure:
                 ax.set_xlabel("gap (mm)")
             if column == 0:
                 ax.set_ylabel(label)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(3, max(1, len(labels))))
+    legend_below(figure, axes[0, 0])
     if shown:
         figure.suptitle(shown, fontsize=9)
     return figure

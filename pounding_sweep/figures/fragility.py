@@ -12,7 +12,7 @@ from pounding_sweep.analysis.fragilities import sentence
 from pounding_sweep.analysis.lognormal import FitStatus
 from pounding_sweep.figures.chosen import along, middle
 from pounding_sweep.figures.compared import first_varied, result_of
-from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, styled, subplots
+from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, axis_label, styled, subplots, unit_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,7 +51,8 @@ def fragility(cube: xr.Dataset) -> Figure:
     """
     result = result_of(cube, "fragility")
     own = ("record", "scale", "interval", "bound", "intensity")
-    per = EVENTS[result.attrs["event"]].per
+    event = EVENTS[result.attrs["event"]]
+    per, words = event.per, _spelt(result.attrs["event_in_words"], event.units)
     for dim in ("law", per):
         result = along(result, dim) if dim in result.coords else result
     axis = first_varied(result, but=own) or "law"
@@ -67,19 +68,23 @@ def fragility(cube: xr.Dataset) -> Figure:
             part = result.isel({axis: int(place)}).sel({per: end})
             _line(ax, part, number, _value(result[axis], int(place)))
         ax.set(ylim=(-0.02, 1.02), xlim=(0.0, None), title=f"{per} {end}")
-        ax.set_xlabel(f"{result['intensity'].attrs['long_name']} ({result['intensity'].attrs['units']})")
+        ax.set_xlabel(axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs))
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
-    axes[0, 0].set_ylabel(f"probability that\n{result.attrs['event_in_words']} (-)")
-    figure.suptitle("; ".join(part for part in (result.attrs["event_in_words"], shown) if part), fontsize=9)
+    axes[0, 0].set_ylabel(f"probability that\n{words} (-)")
+    figure.suptitle("; ".join(part for part in (words, shown) if part), fontsize=9)
     return figure
+
+
+def _spelt(text: str, units: str) -> str:
+    """Write the unit in a text as figures do."""
+    return text.replace(f" {units}", f" {unit_text({'units': units})}") if units else text
 
 
 def _value(axis: xr.DataArray, place: int) -> str:
     value = axis.values[place]
     if axis.dtype.kind not in "iuf":
         return str(value)
-    units = str(axis.attrs.get("units", "1"))
-    return f"{axis.name} {value:g}{'' if units == '1' else f' {units}'}".replace("_", " ")
+    return f"{axis.name} {value:g} {unit_text(axis.attrs)}".replace("_", " ").rstrip()
 
 
 def _line(ax: Any, part: xr.Dataset, number: int, label: str) -> None:
@@ -89,13 +94,12 @@ def _line(ax: Any, part: xr.Dataset, number: int, label: str) -> None:
         band = part["probability_interval"].values
         if np.isfinite(band).all():
             ax.fill_between(at, *band, color=colour, alpha=0.15, linewidth=0)
-        units = part["median"].attrs["units"]
+        units = unit_text(part["median"].attrs)
         fitted = f"{label}: median {float(part['median']):.3g} {units}, dispersion {float(part['dispersion']):.2g}"
         ax.plot(at, part["probability"].values, color=colour, linestyle=LINES[number % len(LINES)], label=fitted)
     else:
-        ax.plot(
-            [], [], color=colour, marker=MARKERS[number], linestyle="none", label=f"{label}: {fill(sentence(part), 46)}"
-        )
+        why = fill(_spelt(sentence(part), part["median"].attrs["units"]), 46)
+        ax.plot([], [], color=colour, marker=MARKERS[number], linestyle="none", label=f"{label}: {why}")
     x, happened = part["trial_intensity"].values.ravel(), part["happened"].values.ravel()
     there = np.isfinite(happened)
     order = np.argsort(x[there], kind="stable")

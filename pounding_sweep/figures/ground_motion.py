@@ -44,7 +44,7 @@ def ground_motion(motions: xr.Dataset) -> Figure:
 
     n = motions.sizes["record"]
     if not n:
-        msg = "there is no record to draw"
+        msg = "there is no record to draw; give at least one"
         raise InputError(msg)
     columns = math.ceil(n / _ROWS)
     rows = math.ceil(n / columns)

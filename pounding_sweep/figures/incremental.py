@@ -10,7 +10,7 @@ from pounding_sweep.cube.variables import VARIABLES
 from pounding_sweep.errors import InputError
 from pounding_sweep.figures.chosen import along, middle
 from pounding_sweep.figures.compared import result_of
-from pounding_sweep.figures.style import COLOURS, styled, subplots
+from pounding_sweep.figures.style import COLOURS, axis_label, legend_below, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,7 +21,7 @@ _RESPONSES = (
     ("impact_force_max", "peak impact force (MN)", 1e-3),
     ("drift_max", "peak drift (mm)", 1e3),
     ("displacement_max", "peak displacement (mm)", 1e3),
-    ("acceleration_max", "peak acceleration (m/s2)", 1.0),
+    ("acceleration_max", "peak acceleration (m/s²)", 1.0),
     ("storey_shear_max", "peak storey shear (MN)", 1e-3),
 )
 _LINES = ("--", "-", "-.", ":")
@@ -66,7 +66,7 @@ def incremental(cube: xr.Dataset) -> Figure:
     laws = [law for law in result["law"].values.tolist() if per == "building" or law != "none"][:_LAWS]
     ends = result[per].values.tolist()
     figure, axes = subplots(len(laws), len(ends), (1.6 + 2.6 * len(ends), 1.3 + 2.0 * len(laws)))
-    units, intensity = result["intensity"].attrs["units"], result["intensity"].attrs["long_name"]
+    intensity = axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs)
     for row, law in enumerate(laws):
         for column, end in enumerate(ends):
             ax = axes[row, column]
@@ -97,11 +97,10 @@ def incremental(cube: xr.Dataset) -> Figure:
             ax.set(xlim=(0.0, None), ylim=(0.0, None))
             ax.set_title(f"{law + ', ' if law else ''}{per} {end}, storey {storey + 1}")
             if row == len(laws) - 1:
-                ax.set_xlabel(f"{intensity} ({units})")
+                ax.set_xlabel(intensity)
             if column == 0:
                 ax.set_ylabel(label)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    legend_below(figure, axes[0, 0], most=4)
     if shown:
         figure.suptitle(shown, fontsize=9)
     return figure

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from pounding_sweep.errors import InputError
 from pounding_sweep.figures.chosen import along, middle
 from pounding_sweep.figures.compared import drawn_axis, first_varied, over_storeys, result_of
-from pounding_sweep.figures.style import look, styled, subplots
+from pounding_sweep.figures.style import legend_below, look, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -83,7 +83,6 @@ def law_comparison(cube: xr.Dataset) -> Figure:
                 ax.set_xlabel(label)
             if column == 0:
                 ax.set_ylabel(f"{_OUTPUTS[name]}\nover the reference's (-)")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)))
+    legend_below(figure, axes[0, 0])
     figure.suptitle("; ".join(part for part in (shown_of, shown) if part), fontsize=9)
     return figure

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.figures.paper_grid import label_grid, model_label, model_look, record_grid
-from pounding_sweep.figures.style import COLOURS, styled
+from pounding_sweep.figures.style import COLOURS, legend_below, styled
 from pounding_sweep.paper.published import record_title
 from pounding_sweep.paper.readings import READINGS
 
@@ -111,8 +111,7 @@ def _by_model(values: xr.DataArray, label: str, alone: bool) -> Figure:
         axes[0, column].set_title(title, loc="left", fontsize=8)
         axes[-1, column].set_xlabel("time (s)")
     if alone:
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=2)
+        legend_below(figure, axes[0, 0], most=2)
     else:
         for ax in axes.ravel():
             ax.set_ylim(bottom=0)

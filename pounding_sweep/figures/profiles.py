@@ -8,7 +8,7 @@ import numpy as np
 
 from pounding_sweep.figures import require
 from pounding_sweep.figures.chosen import along, middle
-from pounding_sweep.figures.style import look, styled
+from pounding_sweep.figures.style import legend_below, look, styled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -80,8 +80,7 @@ def profiles(cube: xr.Dataset) -> Figure:
         if len(names) == 1:
             axes[line, 0].set_xlim(left=0)
     axes[0, 0].set_ylim(bottom=0)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(4, len(labels)))
+    legend_below(figure, axes[0, 0], most=4)
     if shown:
         figure.suptitle(shown, fontsize=9)
     return figure

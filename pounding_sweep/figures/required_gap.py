@@ -8,7 +8,7 @@ import numpy as np
 
 from pounding_sweep.figures.chosen import middle
 from pounding_sweep.figures.compared import result_of
-from pounding_sweep.figures.style import COLOURS, MARKERS, styled
+from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, styled
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,8 +59,7 @@ def required_gap(cube: xr.Dataset) -> Figure:
     axes[0, 0].set_ylim(bottom=0.0)
     axes[0, 0].set_ylabel("required gap (mm)")
     axes[1, 0].set_ylabel("rule over exact (-)")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    legend_below(figure, axes[0, 0], most=4)
     if shown:
         figure.suptitle(shown, fontsize=9)
     return figure

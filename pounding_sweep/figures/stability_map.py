@@ -8,7 +8,7 @@ import numpy as np
 
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.figures import require
-from pounding_sweep.figures.style import styled, subplots
+from pounding_sweep.figures.style import axis_label, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,7 +69,7 @@ def stability_map(cube: xr.Dataset) -> Figure:
         if number // columns == rows - 1:
             ax.set_xlabel("time step (s)")
         if number % columns == 0:
-            ax.set_ylabel(f"contact stiffness ({cube.stiffness.attrs.get('units', '')})")
+            ax.set_ylabel(axis_label("contact stiffness", cube.stiffness.attrs))
     for ax in axes.ravel()[len(schemes) :]:
         ax.set_visible(False)
     if mesh is not None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
 from typing import TYPE_CHECKING, Any
@@ -58,6 +59,49 @@ def subplots(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure
 
     figure = Figure(figsize=size, layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, sharex=True, sharey="row")
+
+
+def unit_text(attributes: Mapping[str, Any]) -> str:
+    """Write the unit of a variable as engineers do; "" where it has none.
+
+    Parameters
+    ----------
+    attributes : mapping
+        Of the variable: ``units`` in UDUNITS spelling, or ``unit_text``.
+
+    Examples
+    --------
+    >>> unit_text({"units": "m s-2"}), unit_text({"unit_text": "kN m-1.5"}), unit_text({"units": "1"})
+    ('m/s²', 'kN/m^1.5', '')
+    """
+    units = str(attributes.get("units", attributes.get("unit_text", "1")))
+    above: list[str] = []
+    below: list[str] = []
+    for name, sign, power in re.findall(r"([A-Za-z%]+)(-?)([\d.]*)", units):
+        raised = {"": "", "1": "", "2": "²", "3": "³"}.get(power, f"^{power}")
+        (below if sign else above).append(name + raised)
+    under = f"/({' '.join(below)})" if len(below) > 1 else f"/{below[0]}" if below else ""
+    return (" ".join(above) or "1" * bool(below)) + under
+
+
+def axis_label(name: str, attributes: Mapping[str, Any]) -> str:
+    """Return the label of an axis: its name and its unit, "-" where it has none.
+
+    Examples
+    --------
+    >>> axis_label("peak ground acceleration", {"units": "m s-2"}), axis_label("restitution", {"units": "1"})
+    ('peak ground acceleration (m/s²)', 'restitution (-)')
+    """
+    return f"{name} ({unit_text(attributes) or '-'})"
+
+
+def legend_below(figure: Figure, ax: Any, most: int = 3) -> None:
+    """Put a legend of the lines of one panel below all, in so many columns at most as the figure is wide enough for."""
+    handles, labels = ax.get_legend_handles_labels()
+    if labels:
+        each = 0.6 + 0.07 * max(map(len, labels))  # width of an entry (inches): line, name, space
+        columns = max(1, min(most, len(labels), int(figure.get_figwidth() / each)))
+        figure.legend(handles, labels, loc="outside lower center", ncols=columns)
 
 
 def look(number: int) -> dict[str, Any]:

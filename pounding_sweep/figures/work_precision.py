@@ -10,7 +10,7 @@ import numpy as np
 from pounding_sweep.accuracy.trade_report import check_trade, leading_outputs
 from pounding_sweep.cube.variables import get_variable
 from pounding_sweep.errors import InputError
-from pounding_sweep.figures.style import COLOURS, MARKERS, styled, subplots
+from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,8 +63,7 @@ def work_precision(trade: xr.Dataset) -> Figure:
         if limit > bottom:
             ax.axhspan(bottom, limit, color="0.9", zorder=0, linewidth=0)
     axes[0, 0].set_ylim(bottom=bottom)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
+    legend_below(figure, axes[0, 0], most=2)
     count = int(trade.attrs["sample_scenarios"]) - int(trade.attrs["sensitive_scenarios"])
     steps = trade["step"].values * 1e3
     figure.suptitle(f"{count} scenarios; steps {steps[0]:g} ms (left) to {steps[-1]:g} ms (right)", fontsize=9)

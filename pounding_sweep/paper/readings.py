@@ -196,5 +196,8 @@ def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
         if json.loads(to_json(own))["scene"] == scene:
             return reading
     presets = ", ".join(f"{r.preset} ({PRESETS[r.preset].title})" for r in READINGS.values())
-    msg = f"{name} was run for another row of buildings; the report compares the presets {presets}"
+    msg = (
+        f"{name} was run for another row of buildings; make it with 'pounding-sweep run sweeps/mate2015.toml', as the "
+        f"report compares the presets {presets}"
+    )
     raise InputError(msg)

@@ -171,7 +171,10 @@ def _paper_slice(cube: xr.Dataset) -> xr.Dataset:
             continue
         at = np.flatnonzero(np.isclose(cube[axis].values, value, rtol=1e-9))
         if not len(at):
-            msg = f"the cube has no {axis} of {value:g}, the paper's; its values are {cube[axis].values.tolist()}"
+            msg = (
+                f"the cube has no {axis} of {value:g}, the paper's; its values are {cube[axis].values.tolist()}. "
+                "Make it with 'pounding-sweep run sweeps/mate2015.toml'"
+            )
             raise InputError(msg)
         cube = cube.isel({axis: int(at[0])}, drop=True)
     for axis, names in (("law", MATE2015_MODELS), ("record", RECORDS)):

@@ -37,7 +37,7 @@ def load_text(file: Path, record: str) -> str:
         fail(file, f"has {size:.0f} MiB; files of more than {limit} MiB are refused: is it a record? If so, cut it")
     try:
         with file.open("rb") as stream:
-            raw = stream.read(MAX_FILE_BYTES + 1)
+            raw = stream.read(status.st_size + 1)  # memory for what is asked is taken at once
     except OSError as error:
         fail(file, f"can't be read: {error.strerror or error}")
     if raw.startswith((b"PK\x03\x04", b"\x1f\x8b", b"BZh")):
