@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import platform
+import secrets
+import shutil
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -27,6 +30,9 @@ PACKAGES = (
 #: Register width (bits) by the processor feature that brings it, widest first.
 _WIDTHS = {"avx512f": 512, "avx": 256, "sse2": 128, "neon": 128}
 
+#: Variables of the environment that limit the threads of the libraries below.
+_THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
 
 def diagnose() -> dict[str, Any]:
     """Look at the installation; changes nothing.
@@ -35,29 +41,44 @@ def diagnose() -> dict[str, Any]:
     -------
     dict
         ``versions`` (distribution -> version or None), ``processor`` (name, features,
-        vector width in bits, cores), ``kernel_cache`` (folder, kernels, bytes),
-        ``record_folders`` (path, record files), ``problems`` (texts with remedies).
+        vector width in bits, cores), ``threads`` (workers of a run, limits set in the
+        environment), ``kernel_cache`` (folder, kernels, bytes), ``record_folders`` (path,
+        record files), ``output`` (the current folder: whether it can be written, free
+        bytes), ``problems`` (texts with remedies).
     """
-    problems: list[str] = []
+    versions = installed_versions()
+    problems = [
+        f"{name} is not installed; install the package: pip install ."
+        for name, found in versions.items()
+        if found is None
+    ]
+    cache = _cache(problems)
+    return {
+        "versions": versions,
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "processor": processor(),
+        "threads": _threads(),
+        "kernel_cache": cache,
+        "record_folders": _record_folders(problems),
+        "output": _output(problems),
+        "problems": problems,
+    }
+
+
+@cache
+def installed_versions() -> dict[str, str | None]:
+    """Return the version of Python and of each distribution that matters; None where it is not installed."""
     versions: dict[str, str | None] = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
             versions[name] = version(name)
         except PackageNotFoundError:
             versions[name] = None
-            problems.append(f"{name} is not installed; install the package: pip install .")
-    cache = _cache(problems)
-    return {
-        "versions": versions,
-        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
-        "processor": _processor(),
-        "kernel_cache": cache,
-        "record_folders": _record_folders(problems),
-        "problems": problems,
-    }
+    return versions
 
 
-def _processor() -> dict[str, Any]:
+def processor() -> dict[str, Any]:
+    """Return name, features, vector width (bits) and cores of the processor."""
     from llvmlite import binding
 
     from pounding_sweep.kernels.shape import LANES
@@ -73,6 +94,26 @@ def _processor() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "features": features,
     }
+
+
+def _threads() -> dict[str, Any]:
+    from pounding_sweep.sweep.execute import check_scheduler
+
+    named = {name: os.environ[name] for name in _THREAD_LIMITS if name in os.environ}
+    return {"workers": check_scheduler("threads", None), "environment": named}
+
+
+def _output(problems: list[str]) -> dict[str, Any]:
+    from pounding_sweep.cube.write import check_output
+    from pounding_sweep.errors import OutputError
+
+    folder = Path.cwd()
+    try:
+        check_output(folder / f"{secrets.token_hex(8)}.nc")
+    except OutputError:
+        problems.append(f"the current folder {str(folder)!r} can't be written; give runs an output path elsewhere")
+        return {"folder": str(folder), "writable": False, "free_bytes": None}
+    return {"folder": str(folder), "writable": True, "free_bytes": shutil.disk_usage(folder).free}
 
 
 def _cache(problems: list[str]) -> dict[str, Any]:

@@ -57,6 +57,10 @@ class OutputError(PoundingSweepError, OSError):
     """The output can't be written or read back."""
 
 
+class WriteError(OutputError):
+    """A run can't go on writing: the disk is full or failed, or its folder is gone; what is finished is kept."""
+
+
 def unknown(kind: str, given: object, valid: Iterable[str]) -> str:
     """Say that `given` is no known `kind`, suggest the closest, list all.
 

@@ -1,20 +1,26 @@
-"""The display of a running sweep on the terminal."""
+"""The display of a running sweep: bars on a terminal, now and then a line elsewhere."""
 
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import TYPE_CHECKING, TextIO
 
 from rich.progress import BarColumn, ProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 from rich.text import Text
 
 from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.tables import seconds_text
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Task, TaskID
 
+#: Seconds between two lines of progress.
+BETWEEN_LINES = 30.0
 #: What the stages of a run are called on the display.
 STAGES = {
     "kernels": "kernels",
@@ -94,6 +100,51 @@ class TerminalProgress(Progress):
         self._task = None
 
 
+class LineProgress(Progress):
+    """Lines of plain text, for stderr that goes into a file or a pipe: stage, done and total, time left.
+
+    Parameters
+    ----------
+    stream : text file, optional
+        Where to write; by default stderr.
+    clock : callable, optional
+        Seconds from any beginning.
+
+    Notes
+    -----
+    A line at most every `BETWEEN_LINES` seconds, so that short runs say nothing. A reader
+    that has gone does not end the run.
+    """
+
+    def __init__(self, stream: TextIO | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+        self._stream, self._clock = stream or sys.stderr, clock
+        self._name, self._total, self._done = "", 0, 0
+        self._since = self._last = clock()
+
+    def stage(self, name: str, total: int) -> None:
+        """Begin a stage of `total` steps; 0 stands for an unknown number."""
+        self._name, self._total, self._done = STAGES.get(name, name), total, 0
+        self._since = self._clock()
+
+    def advance(self, count: int) -> None:
+        """Count steps of the stage as done."""
+        self._done += count
+        now = self._clock()
+        if now - self._last < BETWEEN_LINES:
+            return
+        self._last = now
+        text = f"{self._name} {self._done:,}"
+        if self._total:
+            text += f" of {self._total:,} ({self._done / self._total:.0%})"
+        rate = self._done / (now - self._since) if now > self._since else 0.0
+        if rate and self._total:
+            text += f", about {seconds_text((self._total - self._done) / rate)} left"
+        with suppress(OSError):
+            print(text, file=self._stream, flush=True)
+
+
 def make_progress(quiet: bool = False) -> Progress:
-    """Return a display for this process: silent if `quiet` or where stderr is not a terminal."""
-    return Progress() if quiet or not sys.stderr.isatty() else TerminalProgress()
+    """Return a display for this process: silent if `quiet`, bars on a terminal, lines where stderr is none."""
+    if quiet:
+        return Progress()
+    return TerminalProgress() if sys.stderr.isatty() else LineProgress()

@@ -23,7 +23,7 @@ from rich.console import Console
 
 from pounding_sweep.contact import LAWS
 from pounding_sweep.cube.variables import STATUS, Status
-from pounding_sweep.progress import TerminalProgress, make_progress
+from pounding_sweep.progress import LineProgress, TerminalProgress, make_progress
 from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.sweep.execute import Progress
 from pounding_sweep.sweep.store import MANIFEST
@@ -209,11 +209,11 @@ def test_records_lists_what_is_there_and_what_is_missing(tmp_path):
 
 def test_doctor(tmp_path):
     env = {"POUNDING_SWEEP_CACHE": str(tmp_path / "kernels"), "POUNDING_SWEEP_RECORDS": str(tmp_path / "gone")}
-    text = cli("doctor", env=env).stdout
+    text = cli("doctor", "--no-check", env=env).stdout
     for part in ("numba", "llvmlite", "features", "vectors", "cores", str(tmp_path / "kernels"), "gone", "Problems"):
         assert part in text
     assert not (tmp_path / "kernels").exists()
-    found = json.loads(cli("doctor", "--json", env=env).stdout)
+    found = json.loads(cli("doctor", "--no-check", "--json", env=env).stdout)
     assert found["kernel_cache"] == {"folder": str(tmp_path / "kernels"), "kernels": 0, "bytes": 0}
     assert found["processor"]["cores_usable"] >= 1
     assert found["versions"]["numba"]
@@ -272,7 +272,7 @@ def test_run_prints_a_summary_and_the_path(tiny):
     assert 0.0 < float(re.search(r"impact_force_max (\S+?)(,|$)", errors)[1]) < 1e-3
     assert lines[-1] == "out.nc"
     assert done.stderr == ""  # no terminal, no progress
-    assert sorted(path.name for path in folder.iterdir()) == ["out.nc", "sweep.toml"]
+    assert sorted(path.name for path in folder.iterdir()) == ["out.nc", "out.nc.log", "sweep.toml"]
     with xr.open_dataset(folder / "out.nc") as cube:
         assert dict(cube.sizes)["gap"] == 3
         assert float(cube.impact_force_max.max()) > 0
@@ -456,9 +456,9 @@ def test_progress_counts_stages_and_bears_unknown_totals():
     assert "0/5" in shown
 
 
-def test_progress_is_silent_where_stderr_is_no_terminal(capsys):
+def test_progress_of_a_short_run_is_silent_where_stderr_is_no_terminal(capsys):
     progress = make_progress()
-    assert type(progress) is Progress
+    assert type(progress) is LineProgress
     assert type(make_progress(quiet=True)) is Progress
     progress.stage("kernels", 1)
     progress.advance(1)

@@ -339,6 +339,28 @@ class TestFile:
             xr.testing.assert_identical(plain.load(), cube)
             assert plain["first_impact_time"].dtype == np.float64
 
+    @pytest.mark.parametrize("values", [[0.5, 2.0], [3.0, 2.0**31], [-1.0, 4.0], [np.inf, 1.0]])
+    def test_derived_numbers_are_not_cut_to_integers(self, values, tmp_path):
+        """Under the name of an output of integers, whose file type can't hold them, or takes them for missing."""
+        counts = xr.DataArray([*values, np.nan], dims="gap")
+        path = write_cube(xr.Dataset({"impact_count": counts}), tmp_path / "derived.nc")
+        with xr.open_dataset(path) as again:
+            assert again["impact_count"].encoding["dtype"] == np.float64
+            np.testing.assert_array_equal(again["impact_count"], counts)
+
+    def test_derived_numbers_keep_their_integer_type_where_it_holds_them(self, cube, tmp_path):
+        path = write_cube(cube.max("gap", keep_attrs=True)[["impact_count", "status"]], tmp_path / "derived.nc")
+        with netCDF4.Dataset(path) as file:
+            assert (file["impact_count"].dtype, file["status"].dtype) == (np.int32, np.int8)
+        with xr.open_dataset(path) as again:
+            np.testing.assert_array_equal(again["impact_count"], cube["impact_count"].max("gap"))
+
+    def test_a_status_that_is_missing_stays_missing(self, cube, tmp_path):
+        path = write_cube(cube[["status"]].where(cube["gap"] > cube["gap"][0]), tmp_path / "some.nc")
+        with xr.open_dataset(path) as again:
+            assert again["status"].isel(gap=0).isnull().all()
+            assert again["status"].isel(gap=slice(1, None)).notnull().all()
+
     def test_every_bit_is_kept(self, tmp_path):
         arrays = results(SCENE, AXES)
         arrays["drift_max"][0, 0, 0, 0, :3] = [5e-324, -0.0, np.nextafter(1.0, 2.0)]

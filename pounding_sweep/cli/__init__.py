@@ -9,6 +9,7 @@ in which ``--help`` lists them.
 # isort: off
 from pounding_sweep.cli import run
 from pounding_sweep.cli import cubes
+from pounding_sweep.cli import exchange
 from pounding_sweep.cli import compare
 from pounding_sweep.cli import histories
 from pounding_sweep.cli import tradeoff
@@ -25,6 +26,7 @@ __all__ = [
     "compare",
     "cubes",
     "doctor",
+    "exchange",
     "extremes",
     "histories",
     "lists",

@@ -1,47 +1,107 @@
-"""``doctor``: the state of this installation."""
+"""``doctor``: the state of this installation, and whether it computes what it should."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import asdict
+from typing import Annotated, Any
+
+import typer
+
 from pounding_sweep.cli.app import AsJson, app
-from pounding_sweep.cli.reporting import reporting
-from pounding_sweep.tables import bytes_text, print_json, print_pairs
+from pounding_sweep.cli.reporting import FAILED, reporting, say
+from pounding_sweep.tables import bytes_text, print_json, print_pairs, seconds_text
 
 
 @app.command("doctor")
-def doctor_command(as_json: AsJson = False) -> None:
-    """Show versions, processor, kernel cache, problems."""
+def doctor_command(
+    no_check: Annotated[bool, typer.Option("--no-check", help="Only look; run no scenarios.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Show versions, processor, kernel cache, problems, and run a few scenarios whose results are known."""
     with reporting():
         from pounding_sweep.doctor import diagnose
 
         found = diagnose()
+        if not as_json:
+            _print_state(found)
+        if not no_check:
+            from pounding_sweep.self_check import TOLERANCE, self_check
+
+            if not as_json:
+                say("running the self-check; the first time its kernels are compiled, which may take a minute")
+            check = self_check()
+            found["self_check"] = {
+                **asdict(check),
+                "error_max": check.error_max if math.isfinite(check.error_max) else None,
+                "passed": check.passed,
+                "tolerance": TOLERANCE,
+            }
+            if not as_json:
+                _print_check(found["self_check"])
         if as_json:
             print_json(found)
-            return
-        cpu, cache = found["processor"], found["kernel_cache"]
-        bits = cpu["vector_bits"]
-        width = f"{bits} bit, {bits // 64} numbers at a time (guessed from the features)" if bits else "unknown"
-        folders = found["record_folders"]
-        print("Versions")
-        print_pairs([(name, text or "not installed") for name, text in found["versions"].items()], indent=2)
-        print("Processor")
-        print_pairs(
-            [
-                ("system", found["system"]),
-                ("name", cpu["name"]),
-                ("vectors", width),
-                ("scenarios", f"{cpu['lanes_per_kernel']} side by side in a kernel"),
-                ("cores", f"{cpu['cores_usable']} usable of {cpu['cores']}"),
-                ("features", " ".join(cpu["features"])),
-            ],
-            indent=2,
-        )
-        print("Kernel cache")
-        kernels = f"{cache['kernels']}, {bytes_text(cache['bytes'])}"
-        print_pairs([("folder", cache["folder"]), ("kernels", kernels)], indent=2)
-        print("Record folders")
-        print_pairs([(item["folder"], f"{item['files']} record files") for item in folders], indent=2)
-        if not folders:
-            print("  none (POUNDING_SWEEP_RECORDS is not set); el_centro is always there")
-        print("Problems" if found["problems"] else "No problems found")
-        for problem in found["problems"]:
-            print(f"  {problem}")
+        if not no_check and not found["self_check"]["passed"]:
+            say("failed: this installation does not compute the stored values; install it again, or report this")
+            raise typer.Exit(FAILED)
+
+
+def _print_state(found: dict[str, Any]) -> None:
+    """Print what `diagnose` found."""
+    cpu, cache = found["processor"], found["kernel_cache"]
+    bits = cpu["vector_bits"]
+    width = f"{bits} bit, {bits // 64} numbers at a time (guessed from the features)" if bits else "unknown"
+    folders = found["record_folders"]
+    print("Versions")
+    print_pairs([(name, text or "not installed") for name, text in found["versions"].items()], indent=2)
+    print("Processor")
+    print_pairs(
+        [
+            ("system", found["system"]),
+            ("name", cpu["name"]),
+            ("vectors", width),
+            ("scenarios", f"{cpu['lanes_per_kernel']} side by side in a kernel"),
+            ("cores", f"{cpu['cores_usable']} usable of {cpu['cores']}"),
+            ("features", " ".join(cpu["features"])),
+        ],
+        indent=2,
+    )
+    limits = " ".join(f"{name}={value}" for name, value in found["threads"]["environment"].items())
+    print("Threads")
+    print_pairs([("workers", str(found["threads"]["workers"])), ("limits", limits or "none set")], indent=2)
+    print("Kernel cache")
+    kernels = f"{cache['kernels']}, {bytes_text(cache['bytes'])}"
+    print_pairs([("folder", cache["folder"]), ("kernels", kernels)], indent=2)
+    print("Record folders")
+    print_pairs([(item["folder"], f"{item['files']} record files") for item in folders], indent=2)
+    if not folders:
+        print("  none (POUNDING_SWEEP_RECORDS is not set); el_centro is always there")
+    output = found["output"]
+    print("Output")
+    free = f"{bytes_text(output['free_bytes'])} free" if output["writable"] else "can't be written"
+    print_pairs([(output["folder"], free)], indent=2)
+    print("Problems" if found["problems"] else "No problems found")
+    for problem in found["problems"]:
+        print(f"  {problem}")
+
+
+def _print_check(check: dict[str, Any]) -> None:
+    """Print what the self-check found."""
+    print("Self-check")
+    largest = "infinite" if check["error_max"] is None else f"{check['error_max']:.1e}"
+    stored = f"converged values, themselves right to {check['error_stored']:.0e}"
+    print_pairs(
+        [
+            ("compared", f"{check['values']} numbers of {check['scenarios']} scenarios with {stored}"),
+            (
+                "largest error",
+                f"{largest} of the largest value; at most {check['tolerance']:g} is right",
+            ),
+            ("kernels", f"ready after {seconds_text(check['compile_seconds'])}"),
+            ("run", seconds_text(check["run_seconds"])),
+            ("result", "passed" if check["passed"] else "failed"),
+        ],
+        indent=2,
+    )
+    for fault in check["faults"]:
+        print(f"  {fault}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -22,9 +23,9 @@ FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 def reporting(out: Path | None = None) -> Iterator[list[str]]:
     """Turn errors into one message and an exit code; gives the list of warnings said so far.
 
-    `out` is the cube of a run, whose finished chunks outlast an interruption.
+    `out` is the cube of a run, whose finished chunks outlast an interruption. SIGTERM is one too.
     """
-    from pounding_sweep.errors import InputError, OutputError, PoundingSweepError
+    from pounding_sweep.errors import InputError, OutputError, PoundingSweepError, WriteError
 
     said: list[str] = []
 
@@ -34,24 +35,46 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
             said.append(text)
             say(f"warning: {text}")
 
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), _ended_by_sigterm():
         warnings.showwarning = show
         try:
             yield said
             sys.stdout.flush()
+        except WriteError as error:
+            say(f"failed: {error}{_kept(out)}")
+            raise typer.Exit(FAILED) from None
         except PoundingSweepError as error:
             say(f"error: {error}")
             raise typer.Exit(BAD_INPUT if isinstance(error, InputError | OutputError) else FAILED) from None
         except KeyboardInterrupt:
-            signal.signal(signal.SIGINT, signal.SIG_DFL)  # a second Ctrl-C doesn't wait for the chunks under way
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_DFL)  # a second one doesn't wait for the chunks under way
             say(f"interrupted{_kept(out)}")
             raise typer.Exit(INTERRUPTED) from None
         except (typer.Exit, BrokenPipeError):
             raise
-        except Exception as error:  # a fault of the package, or of the machine: the traceback is for the report
+        except Exception as error:
+            # values of a cube are read where they are used, so that damage may show late
+            if isinstance(error, RuntimeError) and str(error).startswith("NetCDF:"):
+                say(f"error: values of a netCDF file can't be read ({error}): it is damaged; make it again")
+                raise typer.Exit(BAD_INPUT) from None
+            # a fault of the package, or of the machine: the traceback is for the report
             traceback.print_exception(error)
             say(f"failed: {type(error).__name__}: {error}{_kept(out)}")
             raise typer.Exit(FAILED) from None
+
+
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Have SIGTERM do what Ctrl-C does, unless the process was started to ignore it; only a main thread can."""
+    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def say(text: str) -> None:
@@ -68,7 +91,7 @@ def _kept(out: Path | None) -> str:
     """Say what an unfinished run leaves behind; nothing for other commands."""
     from pounding_sweep.sweep.store import MANIFEST
 
-    if out is None:
+    if out is None or not parts_folder(out).is_dir():
         return ""
     try:
         chunks = len((parts_folder(out) / MANIFEST).read_bytes().splitlines())

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.cli.app import AsJson, SweepFile, Workers, app
+from pounding_sweep.cli.app import AsJson, Folders, SweepFile, Workers, app
 from pounding_sweep.cli.reporting import FAILED, parts_folder, reporting, say
 from pounding_sweep.tables import bytes_text, number_text, print_json, print_pairs, print_table, seconds_text
 
@@ -24,11 +25,11 @@ SkipMissing = Annotated[
 ]
 
 
-def _job(sweep: Path, accuracy: float | None, skip: bool) -> Sweep:
+def _job(sweep: Path, accuracy: float | None, skip: bool, folders: list[Path] | None) -> Sweep:
     """Read a sweep file; ask for `accuracy` if one is given."""
     from pounding_sweep.sweep.sweep import load_sweep
 
-    job = load_sweep(sweep, skip_missing_records=skip)
+    job = load_sweep(sweep, skip_missing_records=skip, folders=folders or None)
     if accuracy is None:
         return job
     from pounding_sweep.sweep.spec import with_accuracy
@@ -48,8 +49,13 @@ def run_command(
     ] = "threads",
     workers: Workers = None,
     accuracy: Accuracy = None,
+    folders: Folders = None,
     skip_missing: SkipMissing = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT.nc if it exists.")] = False,
+    extend: Annotated[
+        Path | None,
+        typer.Option(metavar="OLD.nc", help="Take from this cube what it holds of the sweep, and run the rest."),
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -59,16 +65,19 @@ def run_command(
         from pounding_sweep.progress import make_progress
         from pounding_sweep.sweep.summary import status_table, summary_table
 
-        job = _job(sweep, accuracy, skip_missing)
+        job = _job(sweep, accuracy, skip_missing, folders)
         progress = make_progress(quiet)
         try:
-            cube = job.run(out, scheduler=scheduler, workers=workers, overwrite=overwrite, progress=progress)
+            cube = job.run(
+                out, scheduler=scheduler, workers=workers, overwrite=overwrite, progress=progress, extend=extend
+            )
         finally:
             progress.close()
         outcome = job.last_outcome
         assert outcome is not None
         report = {
             **_run_report(job.spec.n_scenarios, outcome),
+            "extended_from": json.loads(cube.attrs.get("extended_from", "null")),
             "accuracy_choice": cube.attrs.get("accuracy_choice", ""),
             "records_left_out": list(job.spec.records_left_out),
             "audit": audit_table(cube),
@@ -95,6 +104,7 @@ def plan_command(
     sweep: SweepFile,
     workers: Workers = None,
     accuracy: Accuracy = None,
+    folders: Folders = None,
     skip_missing: SkipMissing = False,
     as_json: AsJson = False,
 ) -> None:
@@ -104,7 +114,7 @@ def plan_command(
         from pounding_sweep.sweep.execute import check_scheduler
 
         n_workers = check_scheduler("threads", workers)
-        job = _job(sweep, accuracy, skip_missing)
+        job = _job(sweep, accuracy, skip_missing, folders)
         plan = job.plan()
         found = {**plan.summary(n_workers), "workers": n_workers, "sweep_sha256": plan.digest}
         limit = float(plan.limit[plan.refused].min()) if plan.refused.any() else None
@@ -179,6 +189,8 @@ def _print_run(report: dict[str, Any]) -> None:
     run = f"{counts['asked']} asked, {counts['run']} run"
     if counts["reused"]:
         run += f", {counts['reused']} kept from an interrupted run"
+    if report["extended_from"]:
+        run += f", {report['extended_from']['scenarios_taken']} taken from {report['extended_from']['file']}"
     rate = report["scenarios_per_second"]
     compiled = report["kernels_compiled"]
     lines = [

@@ -191,6 +191,14 @@ def as_read(name: str, values: np.ndarray) -> np.ndarray:
     return np.where(np.asarray(values) == variable.fill, np.nan, np.asarray(values, dtype=np.float64))
 
 
+def as_stored(name: str, values: np.ndarray) -> np.ndarray:
+    """Return values of a variable as they are stored, from what a file gave: the inverse of `as_read`."""
+    variable = VARIABLES[name]
+    if variable.dtype != "f8" and variable.fill is not None:
+        values = np.where(np.isnan(values), variable.fill, values)
+    return np.asarray(values, dtype=variable.dtype)
+
+
 def assemble(
     scene: Scene,
     axes: Sequence[Axis],

@@ -19,20 +19,25 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, encoding_of
-from pounding_sweep.errors import OutputError
+from pounding_sweep.cube.form import wrong_form
+from pounding_sweep.cube.heaps import has_endless_heap
+from pounding_sweep.cube.slabs import cuts
+from pounding_sweep.errors import OutputError, WriteError
 
 if TYPE_CHECKING:
     import netCDF4
-    import numpy as np
+    import numpy.typing as npt
     import xarray as xr
 
 NETCDF_LOCK = threading.RLock()
 #: Memory (bytes) in which a variable of an opened cube keeps what was read last; the library's 64 MiB are too much
 #: for the many variables of a cube.
 READ_CACHE = 2**22
-#: How the arrays of a dataset that is written in one piece are compressed.
-COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True}
+#: How the arrays of a dataset that is written in one piece are compressed, and checked when they are read.
+COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
 _TEMPORARY = re.compile(r"\.pounding_sweep-[0-9a-f]{16}\.part")
 
 
@@ -152,11 +157,29 @@ def check_space(folder: Path, needed: int, what: str) -> None:
         raise OutputError(msg)
 
 
-def _encoding(name: Hashable, variable: xr.Variable, is_coordinate: bool) -> dict[str, Any]:
-    encoding: dict[str, Any] = {"_FillValue": None} if is_coordinate else encoding_of(name, variable)
-    if variable.ndim and variable.dtype.kind in "iuf":
+def _encoding(name: Hashable, array: xr.DataArray, is_coordinate: bool) -> dict[str, Any]:
+    encoding: dict[str, Any] = {"_FillValue": None} if is_coordinate else encoding_of(name, array.variable)
+    if array.dtype.kind == "f" and not _holds(encoding.get("dtype", array.dtype), encoding["_FillValue"], array):
+        encoding = {"_FillValue": array.dtype.type(np.nan)}  # such as the median of numbers of impacts
+    if array.ndim and array.dtype.kind in "iuf":
         encoding.update(COMPRESSION)
     return encoding
+
+
+def _holds(dtype: npt.DTypeLike, fill: Any, array: xr.DataArray) -> bool:
+    """Whether numbers stay what they are when they are stored as that type, where `fill` stands for a missing one."""
+    if not np.issubdtype(dtype, np.integer):
+        return True
+    limits = np.iinfo(np.dtype(dtype))
+    for cut in cuts(array):
+        numbers = array.isel(cut).values
+        missing = np.isnan(numbers)
+        there = numbers[~missing]
+        if missing.any() if fill is None else (there == fill).any():
+            return False
+        if ((there != np.rint(there)) | (there < limits.min) | (there > limits.max)).any():
+            return False
+    return True
 
 
 def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
@@ -165,7 +188,9 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
     Parameters
     ----------
     dataset : xarray.Dataset
-        A cube, or any dataset of numbers and text; truth values become int8.
+        A cube, or any dataset of numbers and text; truth values become int8. Numbers are stored
+        in the type of the output whose name they have, or that they were read in, unless that
+        is one of integers which can't hold them: a median of numbers of impacts stays what it is.
     path : path-like
         Where it is to stand.
     overwrite : bool
@@ -179,19 +204,21 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
     Raises
     ------
     OutputError
-        See `check_output`; or the disk is full or failed while writing.
+        See `check_output`.
+    WriteError
+        The disk is full or failed, or the folder is gone.
     """
     target = check_output(path, overwrite)
     truths = [name for name, variable in dataset.variables.items() if variable.dtype.kind == "b"]
     if truths:
         dataset = dataset.assign({name: dataset[name].astype("i1") for name in truths})
-    encoding = {name: _encoding(name, v, name in dataset.coords) for name, v in dataset.variables.items()}
+    encoding = {name: _encoding(name, dataset[name], name in dataset.coords) for name in dataset.variables}
     try:
         with NETCDF_LOCK, replacing(target) as temporary:
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
     except (OSError, RuntimeError) as error:
         msg = f"writing {str(path)!r} failed ({error}); free some space or give another path. Nothing was replaced"
-        raise OutputError(msg) from error
+        raise WriteError(msg) from error
     return target
 
 
@@ -229,7 +256,9 @@ def write_in_slabs(
     Raises
     ------
     OutputError
-        See `check_output`; or the disk is full or failed while writing.
+        See `check_output`.
+    WriteError
+        The disk is full or failed, or the folder is gone.
 
     Notes
     -----
@@ -241,7 +270,7 @@ def write_in_slabs(
     target = check_output(path, overwrite)
     variables, attributes = encode_dataset_coordinates(dataset)
     labels = dataset.drop_vars(list(dataset.data_vars))
-    encoding = {name: _encoding(name, v, True) for name, v in labels.variables.items()}
+    encoding = {name: _encoding(name, labels[name], True) for name in labels.variables}
     try:
         with NETCDF_LOCK, replacing(target, folder) as temporary:
             labels.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
@@ -259,7 +288,7 @@ def write_in_slabs(
                         file[name][slab] = values[name]
     except (OSError, RuntimeError) as error:
         msg = f"writing {str(path)!r} failed ({error}); free some space or give another path. Nothing was replaced"
-        raise OutputError(msg) from error
+        raise WriteError(msg) from error
     return target
 
 
@@ -276,6 +305,7 @@ def _declare(file: netCDF4.Dataset, name: str, variable: xr.Variable, block: Seq
         encoding.get("dtype", variable.dtype),
         dims,
         chunksizes=block,
+        fletcher32=bool(dims),  # damage is found when it is read; it costs next to nothing
         fill_value=False if fill is None else fill,
     )
     stored.set_auto_maskandscale(False)
@@ -297,6 +327,24 @@ def _chunk_cache(size: int) -> Iterator[None]:
         netCDF4.set_chunk_cache(*before)
 
 
+def _open_checked(target: Path) -> tuple[xr.Dataset | None, str | None]:
+    """Open a file whose header is in order, else say what is wrong; one handle, as two on a file may crash."""
+    import xarray as xr
+
+    if has_endless_heap(target):
+        return None, "a heap of its texts is broken"
+    store = xr.backends.NetCDF4DataStore.open(target)
+    try:
+        fault = wrong_form(store.ds, target.stat().st_size)
+        if fault is None:
+            return xr.open_dataset(store, decode_times=False), None
+    except BaseException:
+        store.close()
+        raise
+    store.close()
+    return None, fault
+
+
 def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     """Open a cube; its values are read where they are used.
 
@@ -314,9 +362,12 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     ------
     OutputError
         There is no such file, it can't be read as netCDF, or it is no cube of this package.
-    """
-    import xarray as xr
 
+    Notes
+    -----
+    The header is checked before values are read (`pounding_sweep.cube.form`), and every array carries
+    checksums: where the values of a damaged file are read later, the library raises RuntimeError.
+    """
     target, mode = _target(path)
     if mode is None or not stat.S_ISREG(mode):
         what = "does not exist" if mode is None else "is not a file"
@@ -324,14 +375,17 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         raise OutputError(msg)
     try:
         with NETCDF_LOCK, _chunk_cache(READ_CACHE):
-            dataset = xr.open_dataset(target, engine="netcdf4")
-    except (OSError, RuntimeError, ValueError) as error:
+            dataset, fault = _open_checked(target)
+    except Exception as error:  # the libraries raise anything at a damaged file
         reason = getattr(error, "strerror", None) or error
         msg = (
             f"cube {str(path)!r} can't be read as netCDF ({reason}); it is damaged or another kind of file. "
             "Run the sweep again or give a file made by 'pounding-sweep run'"
         )
         raise OutputError(msg) from None
+    if dataset is None:
+        msg = f"cube {str(path)!r} is damaged, or not made by this package ({fault}); run the sweep again"
+        raise OutputError(msg)
     if VERSION_ATTRIBUTE not in dataset.attrs:
         dataset.close()
         msg = (

@@ -36,6 +36,7 @@ from pounding_sweep.sweep.faults import (
     one_number,
     positive,
 )
+from pounding_sweep.sweep.lengths import long_axes_left_out
 from pounding_sweep.sweep.spec import (
     ACCURACY_RANGE,
     MAX_SCENARIOS,
@@ -240,6 +241,7 @@ def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
         found = check_laws(faults, given["laws"])
         laws = [law.key for law in found]
         sizes["laws"] = len(laws)
+        given = long_axes_left_out(given, _AXES, sizes)
         for name, check, what in (
             ("gaps", gap_check, "gaps in m"),
             ("stiffnesses", positive("contact stiffness"), "contact stiffnesses"),

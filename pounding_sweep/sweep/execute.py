@@ -27,6 +27,7 @@ from pounding_sweep.sweep.results import Results, to_table
 from pounding_sweep.sweep.saving import Saver
 from pounding_sweep.sweep.scenarios import Scenarios
 from pounding_sweep.sweep.store import ChunkCorrupt, ChunkStore
+from pounding_sweep.sweep.unfinished import expected
 from pounding_sweep.sweep.variants import Variants
 
 #: Names of the schedulers that start on this machine.
@@ -205,6 +206,7 @@ class _Stages:
     saver: Saver | None
     dispatcher: Dispatcher
     progress: Progress
+    expected: dict[str, list[Chunk]] = field(default_factory=dict)
 
     def without_pounding(self) -> None:
         """Run each motion that is worth it, and find the scenarios that never touch: they are answered by it."""
@@ -254,6 +256,9 @@ class _Stages:
     def _run(self, stage: str, chunks: list[Chunk], job: Callable[[Chunk], Job], place: _Place) -> None:
         """Take up the chunks that are in the store, and run the others."""
         outcome, results = self.outcome, self.outcome.results
+        if self.store is not None:
+            self.expected[stage] = chunks
+            self.store.expect(expected(self.plan, self.expected))
         self.progress.stage(stage, sum(len(chunk.rows) for chunk in chunks))
         done = self.store.completed() if self.store is not None else set()
         waiting = []

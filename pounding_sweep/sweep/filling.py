@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from pounding_sweep.sweep.plan import Plan
 
 
-def cube_in_memory(plan: Plan, outcome: Outcome, found: Audit | None, progress: Progress) -> xr.Dataset:
-    """Return the cube of a sweep and its audit, if there is one."""
+def cube_in_memory(
+    plan: Plan, outcome: Outcome, found: Audit | None, progress: Progress, more: Mapping[str, Any]
+) -> xr.Dataset:
+    """Return the cube of a sweep and its audit, if there is one; `more` are further global attributes."""
     axes, extra = scenario_axes(plan)
     sizes = tuple(axis.size for axis in axes)
     stored = table_type(outcome.results.names, plan.spec.scene)
@@ -34,7 +36,8 @@ def cube_in_memory(plan: Plan, outcome: Outcome, found: Audit | None, progress: 
     for slab, values in _slabs(plan, outcome, sizes, (1,) * len(sizes), progress):
         for name, array in data.items():
             array[slab] = as_read(name, values[name])
-    return _with_audit(label(plan.spec.scene, axes, data, global_attributes(plan, outcome), extra), plan, found)
+    attributes = {**global_attributes(plan, outcome), **more}
+    return _with_audit(label(plan.spec.scene, axes, data, attributes, extra), plan, found)
 
 
 def write_cube_of(
@@ -43,6 +46,7 @@ def write_cube_of(
     found: Audit | None,
     path: Path,
     progress: Progress,
+    more: Mapping[str, Any],
     *,
     overwrite: bool,
     folder: Path,
@@ -61,6 +65,8 @@ def write_cube_of(
         Where the cube is to stand.
     progress : Progress
         Is told of each slab.
+    more : mapping of str to object
+        Further global attributes.
     overwrite : bool
         Whether a file that is there may be replaced.
     folder : Path
@@ -75,7 +81,7 @@ def write_cube_of(
 
     scene, names = plan.spec.scene, outcome.results.names
     axes, extra = scenario_axes(plan)
-    cube = frame(scene, axes, names, global_attributes(plan, outcome), extra)
+    cube = frame(scene, axes, names, {**global_attributes(plan, outcome), **more}, extra)
     sizes = tuple(axis.size for axis in axes)
     kept = [name for name in names if name in cube]
     largest = max(table_type([name], scene).itemsize for name in kept)

@@ -1,9 +1,10 @@
 """Results of finished chunks on disk, so that an interrupted sweep continues where it stopped.
 
-A folder holds ``identity.json`` (which sweep it belongs to), one
-``chunk-<key>.npy`` per finished chunk and ``manifest.jsonl``, one line per
-chunk, written after the chunk is safely on disk. A chunk is complete when the
-manifest says so and at no other time.
+A folder holds ``identity.json`` (which sweep it belongs to), ``expected.json``
+(the chunks of which it will consist, as far as known), one ``chunk-<key>.npy``
+per finished chunk and ``manifest.jsonl``, one line per chunk, written after the
+chunk is safely on disk. A chunk is complete when the manifest says so and at no
+other time. ``lock`` is there while somebody runs.
 
 A chunk is a table in numpy's own format, one row per scenario and one field
 per variable: it is written in one piece, and any of its rows can be read
@@ -12,6 +13,7 @@ without the others.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -23,10 +25,12 @@ from typing import Any, Literal
 import numpy as np
 
 from pounding_sweep.cube.write import is_temporary, replacing, sync_folder
-from pounding_sweep.errors import OutputError
+from pounding_sweep.errors import OutputError, WriteError
+from pounding_sweep.sweep.lock import LOCK, FolderLock
 
 FORMAT = 2
 IDENTITY = "identity.json"
+EXPECTED = "expected.json"
 MANIFEST = "manifest.jsonl"
 
 _KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,127}")
@@ -39,7 +43,7 @@ class ChunkCorrupt(OutputError):  # noqa: N818 - an event of the store, caught b
 
 def _own(name: str) -> bool:
     """Whether a file of that name is the store's."""
-    return name in (IDENTITY, MANIFEST) or bool(_CHUNK_FILE.fullmatch(name)) or is_temporary(name)
+    return name in (IDENTITY, EXPECTED, MANIFEST) or bool(_CHUNK_FILE.fullmatch(name)) or is_temporary(name)
 
 
 def _sha256(path: Path) -> str:
@@ -50,6 +54,13 @@ def _sha256(path: Path) -> str:
 def _save(path: Path, table: np.ndarray) -> None:
     with path.open("wb") as file:
         np.lib.format.write_array(file, table, allow_pickle=False)
+
+
+def _remedy(error: OSError) -> str:
+    """Say what can be done about a write that failed."""
+    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+        return "make the folder writable and run again"
+    return "free some space and run again"
 
 
 def _is_table(table: np.ndarray) -> bool:
@@ -82,7 +93,7 @@ class ChunkStore:
 
     Notes
     -----
-    One thread of one process writes.
+    One thread of one process writes; `lock` keeps other processes out.
     """
 
     def __init__(self, folder: str | os.PathLike[str], identity: str, details: Mapping[str, str] | None = None) -> None:
@@ -107,6 +118,17 @@ class ChunkStore:
             msg = f"chunk key {key!r} must be 1 to 128 letters, digits, '_', '-' and '.', not beginning with '-' or '.'"
             raise OutputError(msg)
         return self.folder / f"chunk-{key}.npy"
+
+    def lock(self) -> FolderLock:
+        """Return the lock of the folder, a context, having looked whether the folder is this sweep's.
+
+        Raises
+        ------
+        OutputError
+            The folder belongs to another sweep or is no folder of chunks; it is left as it is.
+        """
+        self._check()
+        return FolderLock(self.folder)
 
     def open(self, mode: Literal["resume", "fresh", "read"] = "resume") -> ChunkStore:
         """Make the folder ready.
@@ -194,7 +216,7 @@ class ChunkStore:
             if not isinstance(found, dict):
                 raise TypeError
         except FileNotFoundError:
-            others = sorted(p.name for p in self.folder.iterdir() if not is_temporary(p.name))
+            others = sorted(p.name for p in self.folder.iterdir() if not is_temporary(p.name) and p.name != LOCK)
             if others:
                 msg = (
                     f"the folder {str(self.folder)!r} is not one of chunks: it has no {IDENTITY}, but "
@@ -221,7 +243,9 @@ class ChunkStore:
         Raises
         ------
         OutputError
-            The array is no such table, or the disk is full or failed.
+            The array is no such table.
+        WriteError
+            The disk is full or failed, or the folder is gone.
         """
         path = self.path(key)
         if not _is_table(table):
@@ -235,9 +259,31 @@ class ChunkStore:
             line = {"key": key, "file": path.name, "sha256": digest, "bytes": size, "rows": len(table)}
             self._append(json.dumps(line, sort_keys=True))
         except OSError as error:
-            msg = f"writing chunk {key!r} to {str(self.folder)!r} failed ({error}); free some space and run again"
-            raise OutputError(msg) from error
+            reason = error.strerror or error
+            msg = f"writing chunk {key!r} to {str(self.folder)!r} failed ({reason}); {_remedy(error)}"
+            raise WriteError(msg) from error
         self._entries[key] = line
+
+    def expect(self, chunks: Mapping[str, Any]) -> None:
+        """Note of which chunks the sweep will consist, for who looks at an unfinished folder.
+
+        Parameters
+        ----------
+        chunks : mapping
+            Anything that JSON can hold; see `pounding_sweep.sweep.unfinished`.
+
+        Raises
+        ------
+        WriteError
+            The disk is full or failed, or the folder is gone.
+        """
+        try:
+            with replacing(self.folder / EXPECTED) as temporary:
+                temporary.write_text(json.dumps(chunks) + "\n", encoding="utf-8")
+        except OSError as error:
+            reason = error.strerror or error
+            msg = f"writing to {str(self.folder)!r} failed ({reason}); {_remedy(error)}"
+            raise WriteError(msg) from error
 
     def _append(self, line: str) -> None:
         new = not self._manifest.exists()
@@ -330,7 +376,8 @@ class ChunkStore:
         self._clear()
         if self.folder.is_dir():
             try:
-                (self.folder / IDENTITY).unlink(missing_ok=True)
+                for name in (IDENTITY, LOCK):
+                    (self.folder / name).unlink(missing_ok=True)
                 if not self.folder.is_symlink() and not any(self.folder.iterdir()):
                     self.folder.rmdir()
             except OSError as error:

@@ -6,12 +6,13 @@ import hashlib
 import json
 import os
 from collections.abc import Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.cube.assemble import package_version
-from pounding_sweep.errors import SweepError
+from pounding_sweep.errors import SweepError, WriteError
 from pounding_sweep.sweep.spec import SweepSpec, build_spec
 
 if TYPE_CHECKING:
@@ -19,9 +20,11 @@ if TYPE_CHECKING:
 
     from pounding_sweep.accuracy.audit import Audit
     from pounding_sweep.records import Record
+    from pounding_sweep.records.catalogue import Folders
     from pounding_sweep.scene import Scene
     from pounding_sweep.sweep.execute import Outcome, Progress
     from pounding_sweep.sweep.plan import Plan
+    from pounding_sweep.sweep.store import ChunkStore
 
 
 class Sweep:
@@ -124,6 +127,7 @@ class Sweep:
         workers: int | None = None,
         overwrite: bool = False,
         progress: Progress | None = None,
+        extend: str | os.PathLike[str] | None = None,
     ) -> xr.Dataset:
         """Run the sweep.
 
@@ -132,7 +136,7 @@ class Sweep:
         out : path, optional
             netCDF file for the cube; None keeps it in memory. Finished chunks wait in
             ``OUT.parts`` until the cube is written, and an interrupted run continues there;
-            no more than a few chunks are in memory at a time.
+            no more than a few chunks are in memory at a time. ``OUT.log`` tells what ran.
         scheduler : str
             "threads", "processes", "synchronous", or the address of a dask scheduler.
         workers : int, optional
@@ -141,6 +145,10 @@ class Sweep:
             Whether a file `out` may be replaced.
         progress : Progress, optional
             Display.
+        extend : path, optional
+            Cube of the same scene, numerics and outputs, over other values of the axes: scenarios
+            that it holds are taken from it, and the cube is the one that running all of them gives.
+            It may be `out` itself, with `overwrite`. The attribute ``extended_from`` says how many.
 
         Returns
         -------
@@ -150,51 +158,84 @@ class Sweep:
         Raises
         ------
         InputError
-            Unknown scheduler.
+            Unknown scheduler; the cube `extend` is of another scene, numerics, outputs or version.
         SweepError
             The cube does not fit into memory, without `out`.
         OutputError
-            The file can't be written, exists, does not fit on the disk, or belongs to another sweep.
+            The file can't be written, exists, does not fit on the disk, belongs to another
+            sweep, or another process is making it.
+        WriteError
+            The disk is full or failed, or the folder was removed; what is finished is kept.
         """
         from pounding_sweep.accuracy.audit import audit
-        from pounding_sweep.cube.write import check_output, check_space, open_cube
+        from pounding_sweep.cube.write import check_output, open_cube
         from pounding_sweep.sweep.execute import Progress, check_scheduler, dispatcher_for, execute
+        from pounding_sweep.sweep.extend import SOURCE_ATTRIBUTE, EarlierCube, ExtendingDispatcher
         from pounding_sweep.sweep.filling import cube_in_memory, write_cube_of
-        from pounding_sweep.sweep.store import ChunkStore
+        from pounding_sweep.sweep.log_file import RunLog
 
-        check_scheduler(scheduler, workers)
+        n_workers = check_scheduler(scheduler, workers)
         target = check_output(out, overwrite) if out is not None else None
         plan = self.plan()
-        if target is None:
-            _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of")
-            store = None
-        else:
-            details = {"sweep": plan.digest, "package": package_version(), "source": package_digest()}
-            identity = hashlib.sha256(json.dumps(details, sort_keys=True).encode()).hexdigest()
-            store = ChunkStore(Path(f"{target}.parts"), identity, details)
-            needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario - store.size()
-            check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
-            store.open()
         progress = progress or Progress()
-        try:
-            with dispatcher_for(plan, scheduler, workers) as dispatcher:
-                outcome = self.last_outcome = execute(plan, dispatcher, store=store, progress=progress)
-                progress.stage("audit", 0)
-                self.last_audit = audit(plan, outcome, dispatcher)
-            progress.stage("cube", plan.n_asked)
-            if target is None or store is None:
-                cube = cube_in_memory(plan, outcome, self.last_audit, progress)
+        more: dict[str, Any] = {SOURCE_ATTRIBUTE: package_digest()}
+        earlier = None
+        if extend is not None:
+            earlier = EarlierCube(extend, plan, more[SOURCE_ATTRIBUTE], None if target is None else target.parent)
+        store = log = None
+        with ExitStack() as contexts:
+            if target is None:
+                _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of")
             else:
-                write_cube_of(
-                    plan, outcome, self.last_audit, target, progress, overwrite=overwrite, folder=store.folder
-                )
-                cube = open_cube(target)
-        finally:
-            progress.close()
-        outcome.results.let_go()
-        if store is not None and not outcome.failures:
-            store.discard()
+                store = _store(plan, target)
+                contexts.enter_context(store.lock())
+                check_output(target, overwrite)  # a run that ended just now may have made it
+                store.open()
+                progress = log = contexts.enter_context(RunLog(Path(f"{target}.log"), progress))
+                log.begin(plan, scheduler, n_workers)
+            try:
+                with dispatcher_for(plan, scheduler, workers) as dispatcher:
+                    runs = dispatcher if earlier is None else ExtendingDispatcher(dispatcher, earlier)
+                    outcome = self.last_outcome = execute(plan, runs, store=store, progress=progress)
+                    if earlier is not None:
+                        outcome.run -= earlier.taken
+                        more["extended_from"] = earlier.attribute
+                    progress.stage("audit", 0)
+                    self.last_audit = audit(plan, outcome, dispatcher)
+                progress.stage("cube", plan.n_asked)
+                if target is None or store is None:
+                    cube = cube_in_memory(plan, outcome, self.last_audit, progress, more)
+                else:
+                    write_cube_of(
+                        plan, outcome, self.last_audit, target, progress, more, overwrite=overwrite, folder=store.folder
+                    )
+                    cube = open_cube(target)
+            except OSError as error:
+                if store is None or store.folder.is_dir():
+                    raise
+                msg = f"the folder {str(store.folder)!r} was removed or moved during the run; run again, and leave it"
+                raise WriteError(msg) from error
+            finally:
+                progress.close()
+            outcome.results.let_go()
+            if log is not None and target is not None:
+                log.result(outcome, target)
+            if store is not None and not outcome.failures:
+                store.discard()
         return cube
+
+
+def _store(plan: Plan, target: Path) -> ChunkStore:
+    """Return the store of a sweep's chunks, not yet open; raise where the disk has no room for them and the cube."""
+    from pounding_sweep.cube.write import check_space
+    from pounding_sweep.sweep.store import ChunkStore
+
+    details = {"sweep": plan.digest, "package": package_version(), "source": package_digest()}
+    identity = hashlib.sha256(json.dumps(details, sort_keys=True).encode()).hexdigest()
+    store = ChunkStore(Path(f"{target}.parts"), identity, details)
+    needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario - store.size()
+    check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
+    return store
 
 
 def _check_memory(scenarios: int, each: int, what: str) -> None:
@@ -220,7 +261,7 @@ def _free_memory() -> int | None:
     return None
 
 
-def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = False) -> Sweep:
+def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = False, folders: Folders = None) -> Sweep:
     """Read a sweep file (TOML).
 
     Parameters
@@ -230,6 +271,8 @@ def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = Fal
     skip_missing_records : bool
         Go on without the records that are not found, with a warning for each, as long
         as one is left; the cube's attribute ``records_left_out`` names them.
+    folders : path or several, optional
+        Where records are looked for by name; by default in the folders of ``POUNDING_SWEEP_RECORDS``.
 
     Raises
     ------
@@ -238,11 +281,12 @@ def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = Fal
     """
     from pounding_sweep.sweep.toml_file import load_spec
 
-    return Sweep.from_spec(load_spec(path, skip_missing_records=skip_missing_records))
+    return Sweep.from_spec(load_spec(path, skip_missing_records=skip_missing_records, folders=folders))
 
 
+@cache
 def package_digest() -> str:
-    """Digest of the package's own source: chunks of another version of it are never taken up."""
+    """Digest of the package's own source: chunks and cubes of another version of it are never taken up."""
     from importlib.resources import files
 
     found = hashlib.sha256()

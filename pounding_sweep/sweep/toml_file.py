@@ -17,12 +17,14 @@ from pydantic_core import ErrorDetails
 from pounding_sweep.contact.hertz import hertz_stiffness
 from pounding_sweep.errors import MissingRecordError, PoundingSweepError, SweepError, unknown
 from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
+from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.sweep.axes import FACTOR_KINDS, Case, Range
 from pounding_sweep.sweep.checks import check_sweep
 from pounding_sweep.sweep.faults import FAILED, Faults, Place, gap_check, is_number, one_number, spell
 from pounding_sweep.sweep.spec import SweepSpec, sweep_error
 from pounding_sweep.sweep.toml_lines import key_lines, line_of
+from pounding_sweep.sweep.toml_read import read_bounded
 from pounding_sweep.sweep.toml_tables import (
     RECORD_TABLES,
     SECTIONS,
@@ -195,7 +197,7 @@ def _scene(faults: Faults, given: object) -> Any:
     return _attempt(faults, place, lambda: Scene(row, gaps, contact))
 
 
-def _record(faults: Faults, given: Any, place: Place, folder: Path) -> Any:
+def _record(faults: Faults, given: Any, place: Place, folder: Path, folders: Folders) -> Any:
     """Turn one entry of sweep.records into what `build_spec` takes."""
     if isinstance(given, str):
         return given
@@ -218,7 +220,7 @@ def _record(faults: Faults, given: Any, place: Place, folder: Path) -> Any:
             return synthetic_record(main, **table)
         if kind == "pulse":
             return pulse_record(main, **table)
-        found = find_record(main)
+        found = find_record(main, folders)
         if table["pga"] is not None and table["scale"] != 1.0:
             msg = "scale and pga exclude each other; give one of them"
             raise SweepError(msg)
@@ -272,11 +274,12 @@ def _axis(faults: Faults, given: Any, place: Place) -> Any:
     return FAILED if _failed(values.values()) else Range(**values)
 
 
-def _sweep(faults: Faults, given: object, folder: Path) -> dict[str, Any]:
+def _sweep(faults: Faults, given: object, folder: Path, folders: Folders) -> dict[str, Any]:
     table = _read_table(faults, SweepTable, given, ("sweep",))
     if isinstance(table["records"], list):
         table["records"] = [
-            _record(faults, item, ("sweep", "records", index), folder) for index, item in enumerate(table["records"])
+            _record(faults, item, ("sweep", "records", index), folder, folders)
+            for index, item in enumerate(table["records"])
         ]
     if isinstance(table["cases"], list):
         table["cases"] = [_case(faults, item, ("sweep", "cases", index)) for index, item in enumerate(table["cases"])]
@@ -310,15 +313,15 @@ def _place_in_file(place: Place) -> Place:
     return (*_PLACES.get(str(first), (first,)), *rest)
 
 
-def _check_file(faults: Faults, data: dict[str, Any], folder: Path, skip: bool) -> SweepSpec | None:
+def _check_file(faults: Faults, data: dict[str, Any], folder: Path, skip: bool, folders: Folders) -> SweepSpec | None:
     top = _read_table(faults, FileTable, data, ())
-    given: dict[str, Any] = {"title": top["title"], "folders": None, "base": folder, "skip_missing_records": skip}
+    given: dict[str, Any] = {"title": top["title"], "folders": folders, "base": folder, "skip_missing_records": skip}
     given["scene"] = FAILED if top["scene"] in (None, FAILED) else _scene(faults, top["scene"])
     for key, model in (("sweep", SweepTable), ("solver", SolverTable), ("output", OutputTable)):
         if top[key] is FAILED:
             values = dict.fromkeys((*model.model_fields, *FACTOR_KINDS), FAILED)
         elif key == "sweep":
-            values = _sweep(faults, top[key], folder)
+            values = _sweep(faults, top[key], folder, folders)
         else:
             values = _read_table(faults, model, top[key], (key,))
         given.update({"outputs": values["variables"]} if key == "output" else values)
@@ -341,14 +344,16 @@ def _syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> Sweep
     return SweepError(problem, [problem])
 
 
-def load_spec(path: str | os.PathLike[str], *, skip_missing_records: bool = False) -> SweepSpec:
+def load_spec(
+    path: str | os.PathLike[str], *, skip_missing_records: bool = False, folders: Folders = None
+) -> SweepSpec:
     """Read a sweep file.
 
     Parameters
     ----------
     path : str or path
         A TOML file; relative paths of records in it start from its folder.
-    skip_missing_records : bool
+    skip_missing_records, folders
         As in `build_spec`.
 
     Returns
@@ -363,15 +368,15 @@ def load_spec(path: str | os.PathLike[str], *, skip_missing_records: bool = Fals
         ``problems`` lists all faults, each with file, line and key:
         ``sweeps/x.toml:12: sweep.gaps[3]: ...``.
     """
-    file = Path(path).expanduser()
     shown = os.fspath(path)
     try:
-        text = file.read_bytes().decode("utf-8")
-    except OSError as error:
-        msg = f"{shown}: the sweep file can't be read: {error.strerror or error}"
-        raise SweepError(msg, [msg]) from None
+        file = Path(path).expanduser()
+        text = read_bounded(file).decode("utf-8")
     except UnicodeDecodeError as error:
         msg = f"{shown}: the sweep file is not UTF-8 text (byte {error.start}); save it as UTF-8"
+        raise SweepError(msg, [msg]) from None
+    except (OSError, ValueError, RuntimeError) as error:
+        msg = f"{shown}: the sweep file can't be read: {getattr(error, 'strerror', None) or error}"
         raise SweepError(msg, [msg]) from None
     text = text.replace("\r\n", "\n")
     try:
@@ -382,7 +387,7 @@ def load_spec(path: str | os.PathLike[str], *, skip_missing_records: bool = Fals
         msg = f"{shown}: no usable TOML: {error}"
         raise SweepError(msg, [msg]) from None
     faults = Faults()
-    spec = _check_file(faults, data, file.parent, skip_missing_records)
+    spec = _check_file(faults, data, file.parent, skip_missing_records, folders)
     if spec is not None:
         return spec
     lines = key_lines(text)

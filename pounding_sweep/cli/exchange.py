@@ -1,0 +1,74 @@
+"""``export`` and ``merge``: cubes in other formats, and cubes of one study put together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pounding_sweep.cli.app import CubeFile, app
+from pounding_sweep.cli.cubes import axis_values
+from pounding_sweep.cli.reporting import reporting
+from pounding_sweep.tables import print_pairs
+
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output file if it exists.")]
+
+
+@app.command("export")
+def export_command(
+    cube: CubeFile,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="What to write: .csv, .parquet or .zarr.", show_default=False
+        ),
+    ],
+    names: Annotated[
+        list[str] | None, typer.Option("--var", metavar="NAME", help="Only this variable; repeat for several.")
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option("--at", metavar="AXIS=VALUE", help="Only this value of an axis; repeat for several axes."),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr."""
+    with reporting():
+        from pounding_sweep.cube.export import export_cube
+        from pounding_sweep.cube.select import select
+        from pounding_sweep.cube.write import open_cube
+
+        with open_cube(cube) as found:
+            print(export_cube(select(found, axis_values(at or [])), out, names or (), overwrite=overwrite))
+
+
+@app.command("merge")
+def merge_command(
+    cubes: Annotated[
+        list[Path], typer.Argument(metavar="A.nc B.nc ...", help="Cubes of one study.", show_default=False)
+    ],
+    out: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="ALL.nc", help="netCDF file for the whole cube.", show_default=False),
+    ],
+    tolerance: Annotated[
+        float | None,
+        typer.Option(metavar="RATIO", help="Relative difference of two results of a scenario that is no conflict."),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Put cubes of one study together: same scene, numerics and outputs, other values on the axes."""
+    with reporting():
+        from pounding_sweep.cube.merge import TOLERANCE, merge_cubes
+
+        found = merge_cubes(cubes, out, overwrite=overwrite, tolerance=TOLERANCE if tolerance is None else tolerance)
+        rows = [
+            ("cubes", f"{len(cubes)}"),
+            ("scenarios", f"{found.scenarios}, {found.overlapping} of them in several cubes"),
+        ]
+        if found.missing:
+            more = ", ..." if found.missing > len(found.named) else ""
+            rows.append(("missing", f"{found.missing} (status not_run): {', '.join(found.named)}{more}"))
+        print_pairs(rows)
+        print(found.path)

@@ -1,0 +1,94 @@
+"""Whether a netCDF file has the form of the files of this package, told from its header before values are read.
+
+A damaged or hostile file may name types, sizes and attributes that make the libraries
+above take all memory or fail anywhere later; here it is refused, with what is wrong.
+HDF5 lets a file refer to other files for its values (external storage, links and virtual
+datasets), and the netCDF library follows them silently: that can't be told from here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.cube.audited import AUDIT_DIMS
+from pounding_sweep.cube.variables import VARIABLES
+
+if TYPE_CHECKING:
+    import netCDF4
+
+#: No compressed file holds more bytes per byte of its own: the limit of deflate, and something for headers.
+MOST_PACKED = 1100
+#: Attributes of variables that change what is read; this package writes none of them.
+_RECODING = ("scale_factor", "add_offset", "dtype", "_Unsigned", "missing_value", "valid_range")
+#: Attributes that are text where they are there.
+_TEXTS = ("units", "unit_text", "long_name", "coordinates", "standard_name", "comment")
+#: Numbers of the audit among the attributes of a cube.
+_AUDIT_NUMBERS = ("audit_touching", "audit_share", "audit_perturbation")
+
+
+def wrong_form(file: netCDF4.Dataset, size: int) -> str | None:
+    """Say what in a netCDF file's header is not as this package writes it; None if nothing is.
+
+    Parameters
+    ----------
+    file : netCDF4.Dataset
+        The file, open; the caller holds the lock of the library.
+    size : int
+        Its bytes.
+
+    Returns
+    -------
+    str or None
+        The first fault: a type that is neither number nor text, more values than the file
+        can hold, attributes that would change what is read, an audit that is not whole.
+
+    Raises
+    ------
+    Exception
+        Whatever the library raises at a file that it can't read.
+    """
+    return next(_faults(file, size), None)
+
+
+def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
+    if file.groups or file.cmptypes or file.vltypes or file.enumtypes:
+        yield "it has groups, or types of its own"
+    for name, variable in file.variables.items():
+        dtype: Any = variable.dtype
+        if dtype is not str and dtype.kind not in "iufS":
+            yield f"variable {name!r} has type {dtype}, neither number nor text"
+        if name in VARIABLES and (dtype is str or dtype.kind == "S"):
+            yield f"variable {name!r} is text"
+        if len(set(variable.dimensions)) < len(variable.dimensions):
+            yield f"variable {name!r} has a dimension twice"
+        count = math.prod(len(dim) for dim in variable.get_dims())
+        most = size if variable.chunking() == "contiguous" else MOST_PACKED * size
+        if count * (1 if dtype is str else dtype.itemsize) > most:
+            yield f"variable {name!r} has {count} values, more than a file of {size} bytes can hold"
+        attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
+        for key in _RECODING:
+            if key in attributes:
+                yield f"variable {name!r} has an attribute {key!r}"
+        for key in _TEXTS:
+            if not isinstance(attributes.get(key, ""), str):
+                yield f"attribute {key!r} of variable {name!r} is no text"
+    yield from _audit_faults(file)
+
+
+def _audit_faults(file: netCDF4.Dataset) -> Iterator[str]:
+    """Find what is missing of an audit that is there in part."""
+    if "audit_error" not in file.variables:
+        return
+    if set(file["audit_error"].dimensions) != set(AUDIT_DIMS):
+        yield f"variable 'audit_error' has dimensions {file['audit_error'].dimensions}, not {AUDIT_DIMS}"
+    for name, dimension in (("audit_sensitive", AUDIT_DIMS[0]), ("output", AUDIT_DIMS[1])):
+        if name not in file.variables or file[name].dimensions != (dimension,):
+            yield f"variable {name!r} is missing, or is not along {dimension!r}"
+    for name in _AUDIT_NUMBERS:
+        value = file.getncattr(name) if name in file.ncattrs() else None
+        if not isinstance(value, (int, float, np.number)):
+            yield f"attribute {name!r} is {value!r}, no number"

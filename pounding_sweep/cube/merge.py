@@ -1,0 +1,266 @@
+"""Cubes of one study, from several machines or days, put together along their axes."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.cube.assemble import as_read, as_stored
+from pounding_sweep.cube.merge_labels import (
+    attributes,
+    check_parts,
+    coordinates,
+    outer_dims,
+    places,
+    scenario_variables,
+    together,
+    with_audit,
+)
+from pounding_sweep.cube.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
+from pounding_sweep.cube.variables import VARIABLES, Status
+from pounding_sweep.cube.write import check_output, check_space, open_cube, write_in_slabs
+from pounding_sweep.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Scenarios, missing or in conflict, that are named.
+NAMED = 5
+#: Relative difference between two results of the same scenario that is no conflict.
+TOLERANCE = 1e-6
+
+
+@dataclass
+class Merged:
+    """What a merge found.
+
+    Attributes
+    ----------
+    path : Path
+        The cube of all parts.
+    scenarios : int
+        Scenarios of it, every combination of the values on its axes.
+    overlapping : int
+        Scenarios that several parts have a result of.
+    missing : int
+        Scenarios that no part has a result of; their status is not_run.
+    named : list of str
+        The first of the missing, by the values on their axes.
+    """
+
+    path: Path
+    scenarios: int
+    overlapping: int = 0
+    missing: int = 0
+    named: list[str] = field(default_factory=list)
+
+
+def merge_cubes(
+    paths: Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
+    tolerance: float = TOLERANCE,
+) -> Merged:
+    """Put cubes of one study together: same scene, numerics and outputs, other or overlapping values on the axes.
+
+    Parameters
+    ----------
+    paths : sequence of path-like
+        Cubes made by sweeps over axes, at least two.
+    out : path-like
+        netCDF file for the cube of all of them.
+    overwrite : bool
+        Whether a file `out` may be replaced.
+    tolerance : float
+        Relative difference at which two results of the same scenario are in conflict; of
+        a variable's largest value in the scenario.
+
+    Returns
+    -------
+    Merged
+        What was found. The cube's attribute ``merged_from`` says where each part is from.
+
+    Raises
+    ------
+    InputError
+        The cubes are not of one study, or have different results of the same scenario;
+        the message names what differs, where, and both values.
+    OutputError
+        A cube can't be read, or the file can't be written.
+
+    Notes
+    -----
+    No more than a slab of the cube is in memory at a time. Of identical results of a scenario the
+    first part's is taken. Counts of what was run are sums over the parts.
+    """
+    if len(paths) < 2 or not math.isfinite(tolerance) or tolerance < 0:
+        msg = f"merging takes at least two cubes and a tolerance >= 0, not {len(paths)} and {tolerance!r}"
+        raise InputError(msg)
+    target = check_output(out, overwrite)
+    with ExitStack() as files:
+        parts = {os.fspath(path): files.enter_context(open_cube(path)) for path in paths}
+        check_parts(parts)
+        base = next(iter(parts.values()))
+        axes = {dim: together(dim, [p[dim].values.tolist() for p in parts.values()]) for dim in outer_dims(base)}
+        merge = _Merge(parts, axes, places(parts, axes), tolerance)
+        blocks, values = merge.blocks(), merge.slabs()
+        check_space(target.parent, merge.n_bytes, f"the cube of {merge.scenarios:,} scenarios")
+        merge.found.path = write_in_slabs(merge.frame(), target, blocks, values, overwrite=overwrite)
+    return merge.found
+
+
+class _Merge:
+    """Parts on their way into one cube."""
+
+    def __init__(
+        self,
+        parts: Mapping[str, xr.Dataset],
+        axes: Mapping[str, list[Any]],
+        where: list[dict[str, np.ndarray]],
+        tolerance: float,
+    ) -> None:
+        self.parts, self.axes, self.where, self.tolerance = parts, axes, where, tolerance
+        base = next(iter(parts.values()))
+        self.base, self.names = base, [str(name) for name in scenario_variables(base)]
+        self.sizes = [len(values) for values in axes.values()]
+        self.scenarios = math.prod(self.sizes)
+        self.inner = {name: [base.sizes[dim] for dim in VARIABLES[name].dims] for name in self.names}
+        each = {name: np.dtype(VARIABLES[name].dtype).itemsize * math.prod(self.inner[name]) for name in self.names}
+        self.n_bytes = self.scenarios * sum(each.values())
+        self.block = block_shape(self.sizes, BLOCK_BYTES // max(each.values()))
+        self.slab = slab_shape(self.sizes, self.block, max(1, SLAB_BYTES // sum(each.values())))
+        self.found = Merged(Path(), self.scenarios)
+        self.conflicts: list[str] = []
+        self.n_conflicts = 0
+
+    def blocks(self) -> dict[str, tuple[int, ...]]:
+        """Shape of the blocks in which the file stores each variable."""
+        return {name: (*self.block, *self.inner[name]) for name in self.names}
+
+    def frame(self) -> xr.Dataset:
+        """Return the cube of all parts without its values, which would not fit into memory."""
+        import xarray as xr
+
+        data = {}
+        for name in self.names:
+            zero = as_read(name, np.zeros((), VARIABLES[name].dtype))
+            about = {key: v for key, v in self.base[name].attrs.items() if not str(key).startswith("audit_")}
+            whole = np.broadcast_to(zero, (*self.sizes, *self.inner[name]))
+            data[name] = ((*self.axes, *VARIABLES[name].dims), whole, about)
+        labels = coordinates(self.parts, self.axes, self.where)
+        cube = xr.Dataset(data, labels, attributes(self.parts, self.scenarios))
+        for name, variable in labels.items():
+            cube[name].encoding = variable.encoding
+        return with_audit(cube, self.parts)
+
+    def slabs(self) -> Iterator[tuple[tuple[slice, ...], dict[str, np.ndarray]]]:
+        """Values of all parts as they are stored; raises `InputError` at the end if some are in conflict."""
+        for slab in slabs(self.sizes, self.slab):
+            shape = [part.stop - part.start for part in slab]
+            values = {
+                name: np.full((*shape, *self.inner[name]), VARIABLES[name].fill, VARIABLES[name].dtype)
+                for name in self.names
+                if name != "status"
+            }
+            values["status"] = np.full(shape, int(Status.NOT_RUN), np.int8)
+            origin = np.full(shape, -1)
+            for index, at in enumerate(self.where):
+                self._lay(index, at, slab, values, origin)
+            gone = values["status"] == Status.NOT_RUN
+            self.found.missing += int(gone.sum())
+            self.found.named += self._names(gone, slab, NAMED - len(self.found.named))
+            yield slab, values
+        if self.conflicts:
+            more = self.n_conflicts - len(self.conflicts)
+            msg = (
+                f"parts have different results of {self.n_conflicts} scenarios: {'; '.join(self.conflicts)}"
+                f"{f'; and {more} more' if more else ''}. Leave one of the parts out, or allow a larger tolerance"
+            )
+            raise InputError(msg)
+
+    def _lay(
+        self,
+        index: int,
+        at: Mapping[str, np.ndarray],
+        slab: tuple[slice, ...],
+        values: dict[str, np.ndarray],
+        origin: np.ndarray,
+    ) -> None:
+        """Put what a part has of a slab into it, and compare it with what is there."""
+        mine = {dim: np.flatnonzero((at[dim] >= s.start) & (at[dim] < s.stop)) for dim, s in zip(at, slab, strict=True)}
+        if not all(len(positions) for positions in mine.values()):
+            return
+        file, cube = list(self.parts.items())[index]
+        part = cube[self.names].isel(mine)
+        box = np.ix_(*(at[dim][mine[dim]] - s.start for dim, s in zip(at, slab, strict=True)))
+        given = {
+            name: as_stored(name, part[name].transpose(*self.axes, *VARIABLES[name].dims).values) for name in self.names
+        }
+        there = values["status"][box] != Status.NOT_RUN
+        new = ~there & (given["status"] != Status.NOT_RUN)
+        both = there & (given["status"] != Status.NOT_RUN)
+        self.found.overlapping += int(both.sum())
+        if both.any():
+            before = {name: values[name][box] for name in self.names}
+            self._compare(before, given, both, origin[box], file, box, slab)
+        for name in self.names:
+            held = values[name][box]
+            held[new] = given[name][new]
+            values[name][box] = held
+        held = origin[box]
+        held[new] = index
+        origin[box] = held
+
+    def _compare(
+        self,
+        before: Mapping[str, np.ndarray],
+        given: Mapping[str, np.ndarray],
+        both: np.ndarray,
+        origin: np.ndarray,
+        file: str,
+        box: tuple[np.ndarray, ...],
+        slab: tuple[slice, ...],
+    ) -> None:
+        """Note the scenarios of which two parts have different results."""
+        told = np.zeros(both.shape, bool)
+        for name in self.names:
+            a, b = before[name], given[name]
+            inner = tuple(range(both.ndim, a.ndim))
+            differs = a != b
+            if VARIABLES[name].dtype == "f8":
+                differs &= ~(np.isnan(a) & np.isnan(b))
+                size = np.fmax(np.abs(a), np.abs(b))
+                # of ratios, such as the residual of the energies, 1 is the whole
+                least = 1.0 if VARIABLES[name].units == "1" else 0.0
+                scale = np.fmax.reduce(size, axis=inner, keepdims=True, initial=least)
+                with np.errstate(invalid="ignore"):
+                    differs &= ~(np.abs(a - b) <= self.tolerance * scale)
+            first = differs & both.reshape(*both.shape, *(1,) * len(inner))
+            scenarios = first.any(axis=inner) & ~told
+            told |= scenarios
+            self.n_conflicts += int(scenarios.sum())
+            for where in np.argwhere(scenarios)[: NAMED - len(self.conflicts)].tolist():
+                place = tuple(where)
+                spot = (*place, *np.argwhere(np.atleast_1d(first[place]))[0].tolist()[: len(inner)])
+                whole = [int(axis.ravel()[i]) + s.start for axis, i, s in zip(box, where, slab, strict=True)]
+                other = list(self.parts)[int(origin[place])]
+                self.conflicts.append(
+                    f"{self._name(whole)}: {name} {a[spot].item()!r} in {other!r}, {b[spot].item()!r} in {file!r}"
+                )
+
+    def _names(self, chosen: np.ndarray, slab: tuple[slice, ...], most: int) -> list[str]:
+        found = np.argwhere(chosen)[: max(0, most)] + [part.start for part in slab]
+        return [self._name(place) for place in found.tolist()]
+
+    def _name(self, place: Sequence[int]) -> str:
+        """Values of the axes at a place, of those that have several."""
+        told = [f"{axis}={v[i]}" for (axis, v), i in zip(self.axes.items(), place, strict=True) if len(v) > 1]
+        return " ".join(told) or "the scenario"

@@ -1,0 +1,289 @@
+"""What cubes of one study must agree in, and the axes, coordinates, attributes and audit of all of them together."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Hashable, Mapping, Sequence
+from datetime import UTC, datetime
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.cube.assemble import package_version
+from pounding_sweep.cube.audited import AUDIT_DIMS, has_audit
+from pounding_sweep.cube.variables import INNER_DIMS, VARIABLES
+from pounding_sweep.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Axes in the description of a sweep.
+AXES = frozenset({"laws", "gaps", "stiffnesses", "stiffness_factors", "restitutions", "scales", "damping_ratios"})
+#: Axes there that are given for some buildings: [name, values].
+BUILDING_AXES = frozenset({"period_factors", "mass_factors"})
+#: What else sweeps of one study may differ in: no result of a scenario depends on it.
+FREE = frozenset({"records", "records_left_out", "title", "audit"})
+#: Global attributes that say how a part came to be, or are made anew.
+OWN_ATTRIBUTES = frozenset(
+    {
+        *("history", "title", "records", "records_left_out", "sweep", "sweep_sha256", "time_step", "accuracy_choice"),
+        *("scenarios_asked", "scenarios_run", "scenarios_never_touching", "scenarios_missing", "merged_from"),
+        *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation"),
+        *("numba_version", "numpy_version", "xarray_version"),
+    }
+)
+#: Values of an axis that differ by less than this were meant to be the same.
+NEARLY = 1e-9
+
+#: Cubes by the name of their file
+Parts = Mapping[str, "xr.Dataset"]
+
+
+def outer_dims(cube: xr.Dataset) -> list[str]:
+    """Axes of a cube, in its order."""
+    return [str(dim) for dim in cube["status"].dims]
+
+
+def check_parts(parts: Parts) -> None:
+    """Raise `InputError` where cubes are not of one study: the message names what differs, and both values."""
+    for name, cube in parts.items():
+        if "status" not in cube.data_vars or "sweep" not in cube.attrs:
+            msg = f"{name!r} is no cube of a sweep: it has no status, or no attribute 'sweep'; give cubes made by 'run'"
+            raise InputError(msg)
+        if "case" in cube.dims:
+            msg = (
+                f"{name!r} lists its scenarios as cases, whose numbers say nothing outside it: there is no axis to put "
+                "it on. Run the cases of all machines as one sweep, or as sweeps over axes"
+            )
+            raise InputError(msg)
+        strange = [str(key) for key in scenario_variables(cube) if key not in VARIABLES]
+        if strange:
+            msg = f"{name!r} has the variables {', '.join(strange)}, which sweeps don't make; give cubes made by 'run'"
+            raise InputError(msg)
+    (first, base), *others = parts.items()
+    for name, cube in others:
+        for what, here, there in _differences(base, cube):
+            msg = (
+                f"{first!r} and {name!r} are not parts of one study: {what} is {_short(here)} in the first and "
+                f"{_short(there)} in the second; run one of them again with the other's"
+            )
+            raise InputError(msg)
+
+
+def _differences(a: xr.Dataset, b: xr.Dataset) -> list[tuple[str, Any, Any]]:
+    found: list[tuple[str, Any, Any]] = [
+        ("the list of axes", outer_dims(a), outer_dims(b)),
+        ("the list of variables", scenario_variables(a), scenario_variables(b)),
+    ]
+    one, two = (_described(cube) for cube in (a, b))
+    for key in sorted({*one, *two} - AXES - BUILDING_AXES - FREE):
+        found.append((f"{key!r} of the sweep", one.get(key), two.get(key)))
+    for key in sorted(AXES):
+        found.append((f"whether {key!r} are given", one.get(key) is not None, two.get(key) is not None))
+    for key in sorted({*a.attrs, *b.attrs} - OWN_ATTRIBUTES):
+        found.append((f"attribute {key!r}", _plain(a.attrs.get(key)), _plain(b.attrs.get(key))))
+    for name in INNER_DIMS:
+        here, there = (cube[name].values.tolist() if name in cube.dims else [] for cube in (a, b))
+        found.append((f"the list of {name}s", here, there))
+    motions = {record["name"]: record for record in two["records"]}
+    for record in one["records"]:
+        if record["name"] in motions:
+            other = motions[record["name"]]
+            keys = ("sha256", "dt", "n_points", "scale")
+            here, there = ([each.get(key) for key in keys] for each in (record, other))
+            found.append((f"record {record['name']!r}", here, there))
+    return [each for each in found if each[1] != each[2]]
+
+
+def _described(cube: xr.Dataset) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(cube.attrs["sweep"])
+    return found
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 200 else f"{text[:200]}..."
+
+
+def scenario_variables(cube: xr.Dataset) -> list[Hashable]:
+    """Variables of a cube that are not its audit's."""
+    return [name for name, array in cube.data_vars.items() if AUDIT_DIMS[0] not in array.dims]
+
+
+def together(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
+    """Return all values of an axis, each once: rising or falling if all parts are, else as they come.
+
+    Raises
+    ------
+    InputError
+        Two of them are the same but for rounding.
+
+    Examples
+    --------
+    >>> together("gap", [[0.01, 0.03], [0.02]]), together("law", [["linear", "none"], ["hertz"]])
+    ([0.01, 0.02, 0.03], ['linear', 'none', 'hertz'])
+    """
+    values = list(dict.fromkeys(value for part in parts for value in part))
+    if not all(isinstance(value, int | float) for value in values):
+        return values
+    rising = sorted(values)
+    for a, b in pairwise(rising):
+        if abs(b - a) <= NEARLY * max(abs(a), abs(b)):
+            msg = f"{what} has the values {a!r} and {b!r}, the same but for rounding; run one part again with the other"
+            raise InputError(msg)
+    if all(a < b for part in parts for a, b in pairwise(part)):
+        return rising
+    return rising[::-1] if all(a > b for part in parts for a, b in pairwise(part)) else values
+
+
+def places(parts: Parts, axes: Mapping[str, list[Any]]) -> list[dict[str, np.ndarray]]:
+    """Where the values of each part's axes stand on the axes of all."""
+    found = []
+    for cube in parts.values():
+        where = {axis: {value: i for i, value in enumerate(values)} for axis, values in axes.items()}
+        found.append(
+            {axis: np.array([at[value] for value in cube[axis].values.tolist()]) for axis, at in where.items()}
+        )
+    return found
+
+
+def coordinates(parts: Parts, axes: Mapping[str, list[Any]], where: list[dict[str, np.ndarray]]) -> dict[str, Any]:
+    """Return the coordinates of all parts; missing (NaN, "") where no part has both values of two axes.
+
+    Raises
+    ------
+    InputError
+        Parts give different values at the same place.
+    """
+    import xarray as xr
+
+    base = next(iter(parts.values()))
+    found: dict[str, Any] = {}
+    for name, given in base.coords.items():
+        if set(AUDIT_DIMS) & set(given.dims):
+            continue
+        shape = [len(axes[str(dim)]) if dim in axes else base.sizes[dim] for dim in given.dims]
+        text = given.dtype.kind not in "iuf"
+        whole = np.full(shape, "", object) if text else np.full(shape, np.nan)
+        known = np.zeros(shape, bool)
+        for (file, cube), at in zip(parts.items(), where, strict=True):
+            box = np.ix_(*(at[str(d)] if d in axes else np.arange(cube.sizes[d]) for d in given.dims))
+            values = cube[name].transpose(*given.dims).values
+            differs = known[box] & (whole[box] != values)
+            if not text:
+                differs &= ~(np.isnan(whole[box]) & np.isnan(values))
+            if differs.any():
+                one, two = whole[box][differs].tolist()[0], values[differs].tolist()[0]
+                msg = f"coordinate {str(name)!r} of {file!r} is {two!r} where an earlier part has {one!r}; "
+                raise InputError(msg + "cubes of one study agree in it, so run one of them again")
+            whole[box], known[box] = values, True
+        if text:
+            whole = whole.astype(np.str_)
+        elif given.dtype.kind in "iu" and known.all():
+            whole = whole.astype(given.dtype)
+        stored = xr.Variable(given.dims, whole, given.attrs)
+        stored.encoding = {"_FillValue": None}
+        found[str(name)] = stored
+    return found
+
+
+def attributes(parts: Parts, n: int) -> dict[str, Any]:
+    """Return what a cube of `n` scenarios says of its parts: what they share, the sweep of all, where each is from."""
+    cubes = list(parts.values())
+    described = [_described(cube) for cube in cubes]
+    whole = dict(described[0])
+    for key in AXES:
+        if whole[key] is not None:
+            whole[key] = together(key, [each[key] for each in described])
+    for key in BUILDING_AXES:
+        each_building = zip(*(each[key] for each in described), strict=True)
+        whole[key] = [[alike[0][0], together(key, [values for _, values in alike])] for alike in each_building]
+    whole["records"] = list(_by_name([each["records"] for each in described]).values())
+    whole["records_left_out"] = together("records_left_out", [each["records_left_out"] for each in described])
+    text = json.dumps(whole, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    base = cubes[0].attrs
+    found = {key: value for key, value in base.items() if key not in OWN_ATTRIBUTES or key == "title"}
+    told = _by_name([json.loads(cube.attrs["records"]) for cube in cubes])
+    found["records"] = json.dumps([told[record["name"]] for record in whole["records"]], sort_keys=True)
+    found |= {"sweep": text, "sweep_sha256": hashlib.sha256(text.encode()).hexdigest(), "scenarios_asked": n}
+    for key in ("scenarios_run", "scenarios_never_touching"):
+        found[key] = sum(int(cube.attrs.get(key, 0)) for cube in cubes)
+    steps = [
+        dict(zip((r["name"] for r in each["records"]), np.atleast_1d(cube.attrs["time_step"]).tolist(), strict=True))
+        for each, cube in zip(described, cubes, strict=True)
+        if "time_step" in cube.attrs
+    ]
+    if steps:
+        every = {name: step for each in steps for name, step in each.items()}
+        found["time_step"] = np.array([every[record["name"]] for record in whole["records"]])
+    if "accuracy_choice" in base:
+        found["accuracy_choice"] = " | ".join(dict.fromkeys(str(cube.attrs["accuracy_choice"]) for cube in cubes))
+    if whole["records_left_out"]:
+        found["records_left_out"] = json.dumps(whole["records_left_out"])
+    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+    found["history"] = f"{now} merged from {len(cubes)} cubes by pounding_sweep {package_version()} (see merged_from)"
+    kept = ("history", "sweep_sha256", "scenarios_asked", "scenarios_run")
+    found["merged_from"] = json.dumps(
+        [
+            {
+                "file": file,
+                **{key: _plain(cube.attrs[key]) for key in kept if key in cube.attrs},
+                **{key: value for key, value in cube.attrs.items() if str(key).endswith("_version")},
+            }
+            for file, cube in parts.items()
+        ]
+    )
+    return found
+
+
+def _by_name(listed: list[list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
+    """Return the records of several lists, each once, the first one of its name."""
+    found: dict[str, dict[str, Any]] = {}
+    for records in listed:
+        for record in records:
+            found.setdefault(record["name"], record)
+    return found
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
+
+
+def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
+    """Put the audits of all parts, one after another, into their cube."""
+    import xarray as xr
+
+    audits = [part for part in parts.values() if has_audit(part)]
+    if not audits:
+        return cube
+    first = audits[0]
+    names = [name for name in first.variables if set(AUDIT_DIMS) & set(first[name].dims)]
+    found = {}
+    for name in (name for name in names if all(name in audit.variables for audit in audits)):
+        dims = first[name].dims
+        values = first[name].values
+        if AUDIT_DIMS[0] in dims:
+            values = np.concatenate([audit[name].values for audit in audits], axis=dims.index(AUDIT_DIMS[0]))
+        found[name] = xr.Variable(dims, values, first[name].attrs)
+        found[name].encoding = {"_FillValue": None}
+    n = len(found["audit_sensitive"])
+    found["audit"] = xr.Variable(("audit",), np.arange(1, n + 1, dtype=np.int32), first["audit"].attrs)
+    found["audit"].encoding = {"_FillValue": None}
+    labels = {name: variable for name, variable in found.items() if name in first.coords}
+    result = cube.assign({name: v for name, v in found.items() if name not in labels}).assign_coords(labels)
+    steady = found["audit_sensitive"].values == 0
+    for i, name in enumerate(found["output"].values.tolist()):
+        if steady.any() and name in result:
+            error = found["audit_error"].values[steady, i]
+            result[name].attrs |= {"audit_error_max": float(error.max()), "audit_error_median": float(np.median(error))}
+    touching = np.array([int(audit.attrs["audit_touching"]) for audit in audits])
+    share = np.array([float(audit.attrs["audit_share"]) for audit in audits])
+    result.attrs |= {
+        "audit_scenarios": n,
+        "audit_touching": int(touching.sum()),
+        "audit_share": float((share * touching).sum() / touching.sum()),
+        "audit_perturbation": first.attrs["audit_perturbation"],
+    }
+    return result

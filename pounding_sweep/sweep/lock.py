@@ -1,0 +1,224 @@
+"""One run at a time on a folder of chunks.
+
+The lock is the kernel's (``flock``), so that it ends with the process that
+holds it, however that ends. The file's text says who that is, or was.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+import socket
+import time
+import warnings
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from pounding_sweep.errors import OutputError
+
+LOCK = "lock"
+#: Seconds for which a lock is waited for: `running` holds it for a moment when it looks.
+PATIENCE = 0.5
+
+
+@dataclass(frozen=True)
+class Holder:
+    """Who runs on a folder.
+
+    Attributes
+    ----------
+    host : str
+        Machine.
+    pid : int
+        Process on it.
+    started : str
+        When it took the lock (ISO 8601).
+    """
+
+    host: str
+    pid: int
+    started: str
+
+    def __str__(self) -> str:
+        return f"process {self.pid} on {self.host}, since {self.started}"
+
+
+def _read(path: Path) -> Holder | None:
+    """Read who a lock file names; None where it is not there or was not written to the end."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return Holder(str(found["host"]), int(found["pid"]), str(found["started"]))
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _take(handle: int, how: int) -> bool:
+    """Lock an open file; False where somebody else has it.
+
+    Raises
+    ------
+    OSError
+        The file system can't lock.
+    """
+    try:
+        fcntl.flock(handle, how | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+            return False
+        raise
+    return True
+
+
+def running(folder: Path) -> Holder | None:
+    """Return who runs on a folder now; None where nobody on this machine does, and nobody elsewhere says so.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of chunks.
+
+    Returns
+    -------
+    Holder or None
+        A process of another machine that was killed is still named, since that can't be seen from here.
+
+    Examples
+    --------
+    >>> running(Path("no_such_folder")) is None
+    True
+    """
+    path = folder / LOCK
+    found = _read(path)
+    try:
+        handle = os.open(path, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        free = _take(handle, fcntl.LOCK_SH)
+    except OSError:  # no locks on this file system: the text is all there is
+        return found
+    finally:
+        os.close(handle)
+    return None if free and (found is None or found.host == socket.gethostname()) else found
+
+
+class FolderLock:
+    """Keeps other runs out of a folder while the context is open.
+
+    Parameters
+    ----------
+    folder : Path
+        Is made where it is missing.
+
+    Raises
+    ------
+    OutputError
+        When the context is entered: another process runs there, or one of another machine
+        did and has not said that it ended; or the folder can't be written.
+
+    Warns
+    -----
+    RuntimeWarning
+        The run before was killed, and this one takes its place; or the file system can't lock.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> with FolderLock(folder):
+    ...     running(folder).pid == os.getpid()
+    True
+    >>> running(folder) is None
+    True
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._handle = -1
+
+    @property
+    def _path(self) -> Path:
+        return self.folder / LOCK
+
+    def __enter__(self) -> FolderLock:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock()
+            me = Holder(socket.gethostname(), os.getpid(), datetime.now().astimezone().isoformat(timespec="seconds"))
+            os.ftruncate(self._handle, 0)
+            os.pwrite(self._handle, (json.dumps(asdict(me)) + "\n").encode(), 0)
+        except OutputError:
+            self._close()
+            raise
+        except OSError as error:
+            self._close()
+            msg = f"the chunk folder {str(self.folder)!r} can't be made or written ({error}); give another output path"
+            raise OutputError(msg) from error
+        return self
+
+    def __exit__(self, *raised: Any) -> None:
+        with suppress(OSError):  # the folder may be gone, and with it the need to unlock
+            if self._is_current():
+                self._path.unlink()
+        self._close()
+
+    def _close(self) -> None:
+        if self._handle >= 0:
+            os.close(self._handle)
+            self._handle = -1
+
+    def _is_current(self) -> bool:
+        """Whether the open file is the one that stands in the folder, not one that its holder has removed."""
+        try:
+            return os.path.samestat(os.fstat(self._handle), self._path.stat())
+        except FileNotFoundError:
+            return False
+
+    def _lock(self) -> None:
+        limit = time.monotonic() + PATIENCE
+        while True:
+            self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+            try:
+                free = _take(self._handle, fcntl.LOCK_EX)
+            except OSError as error:
+                msg = (
+                    f"the file system of {str(self.folder)!r} can't lock ({error}): "
+                    "nothing keeps two runs on this output apart; start only one"
+                )
+                warnings.warn(msg, RuntimeWarning, stacklevel=4)
+                return
+            if free and self._is_current():
+                self._take_over()
+                return
+            if not free and time.monotonic() > limit:
+                self._refuse()
+            self._close()
+            time.sleep(0.02)
+
+    def _refuse(self) -> None:
+        who = _read(self._path)
+        msg = (
+            f"another run is at work in {str(self.folder)!r}: {who or 'a process that has not said its name'}; "
+            "wait for it, stop it, or give another output path"
+        )
+        raise OutputError(msg)
+
+    def _take_over(self) -> None:
+        """Judge what the file says of the run before, which did not unlock."""
+        who = _read(self._path)
+        if who is None:
+            return
+        if who.host != socket.gethostname():
+            msg = (
+                f"{str(self.folder)!r} is locked by {who}, another machine, whose processes can't be seen from here. "
+                f"If that run has ended, remove {str(self._path)!r} and run again; else wait for it or give "
+                "another output path"
+            )
+            raise OutputError(msg)
+        msg = f"the run before this one was killed ({who}); this one goes on from what it finished"
+        warnings.warn(msg, RuntimeWarning, stacklevel=5)

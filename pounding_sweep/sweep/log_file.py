@@ -1,0 +1,134 @@
+"""A text file beside the cube that says what ran, on what, for how long, and how it ended."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import socket
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pounding_sweep.sweep.execute import Outcome, Progress
+
+if TYPE_CHECKING:
+    from pounding_sweep.sweep.plan import Plan
+
+
+class RunLog(Progress):
+    """Writes down a run, after those that were there before; passes progress on.
+
+    Parameters
+    ----------
+    path : Path
+        Text file; made where it is missing, else appended to.
+    display : Progress
+        Is told what this one is told.
+
+    Warns
+    -----
+    RuntimeWarning
+        The file can't be written; the run goes on without.
+
+    Notes
+    -----
+    A context: while it is open, warnings that are shown are also written, each once; when
+    it is left, how the run ended. The file is opened for each line, so that a killed run
+    leaves all of its lines.
+    """
+
+    def __init__(self, path: Path, display: Progress) -> None:
+        self.path, self._display = path, display
+        self._started = time.perf_counter()
+        self._stage: tuple[str, float] | None = None
+        self._count = 0
+        self._warned: set[str] = set()
+        self._writable = True
+        self._show: Callable[..., None] = warnings.showwarning
+
+    def __enter__(self) -> RunLog:
+        self._show = warnings.showwarning
+        warnings.showwarning = self._warning
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, *_: Any) -> None:
+        self.close()
+        after = f"after {time.perf_counter() - self._started:.1f} s"
+        if error is None:
+            self.say(f"ended {after}")
+        elif isinstance(error, KeyboardInterrupt):
+            self.say(f"interrupted {after}")
+        else:
+            self.say(f"failed {after}: {type(error).__name__}: {error}")
+        warnings.showwarning = self._show
+
+    def say(self, text: str) -> None:
+        """Write a line with the time in front."""
+        if not self._writable:
+            return
+        stamp = datetime.now().astimezone().isoformat(timespec="seconds")
+        try:
+            with self.path.open("a", encoding="utf-8", errors="backslashreplace") as file:
+                file.write(f"{stamp} {' '.join(text.split())}\n")
+        except OSError as error:
+            self._writable = False
+            msg = f"the log {str(self.path)!r} can't be written ({error.strerror or error}); the run goes on without"
+            warnings.warn(msg, RuntimeWarning, stacklevel=2)
+
+    def begin(self, plan: Plan, scheduler: str, workers: int) -> None:
+        """Write what is about to run, and on what."""
+        from pounding_sweep.doctor import installed_versions, processor
+
+        here = processor()
+        self.say(f"begins: {shlex.join(sys.argv)}")
+        self.say(f"process {os.getpid()} on {socket.gethostname()}, in {Path.cwd()}")
+        self.say(f"sweep {plan.digest} {plan.spec.title}".rstrip())
+        self.say(f"{plan.n_asked} scenarios asked, at most {plan.n_unique} to run, in {len(plan.motions)} motions")
+        self.say("versions: " + ", ".join(f"{name} {version}" for name, version in installed_versions().items()))
+        self.say(
+            f"machine: {platform.platform()}, {here['name']}, vectors of {here['vector_bits']} bits, "
+            f"{here['cores_usable']} of {here['cores']} cores; scheduler {scheduler}, {workers} workers"
+        )
+
+    def result(self, outcome: Outcome, cube: Path) -> None:
+        """Write what came of it."""
+        self.say(
+            f"result: {outcome.run} scenarios run, {outcome.reused} kept from an interrupted run, "
+            f"{outcome.untouched} never touch, {len(outcome.failures)} chunks failed, "
+            f"{outcome.compiled} kernels compiled; {cube} has {cube.stat().st_size} bytes"
+        )
+
+    def stage(self, name: str, total: int) -> None:
+        """Begin a stage of `total` steps; 0 stands for an unknown number."""
+        self._end_stage()
+        self._stage, self._count = (name, time.perf_counter()), 0
+        self.say(f"stage {name} begins" + (f": {total}" if total else ""))
+        self._display.stage(name, total)
+
+    def advance(self, count: int) -> None:
+        """Count steps of the stage as done."""
+        self._count += count
+        self._display.advance(count)
+
+    def close(self) -> None:
+        """End the display; may be called more than once."""
+        self._end_stage()
+        self._display.close()
+
+    def _end_stage(self) -> None:
+        if self._stage is not None:
+            name, since = self._stage
+            self.say(f"stage {name} ends: {self._count} done in {time.perf_counter() - since:.3f} s")
+            self._stage = None
+
+    def _warning(self, message: Warning | str, category: type[Warning], *more: Any, **named: Any) -> None:
+        text = str(message)
+        if text not in self._warned:
+            self._warned.add(text)
+            self.say(f"warning: {text}")
+        self._show(message, category, *more, **named)

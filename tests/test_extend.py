@@ -1,0 +1,329 @@
+"""Sweeps with more values on their axes: only what is new runs, and the cube is that of the whole, to the last bit."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scenes import motions, row
+from typer.testing import CliRunner
+
+from pounding_sweep import Sweep
+from pounding_sweep.cli.app import app
+from pounding_sweep.cube.merge import merge_cubes
+from pounding_sweep.cube.variables import Status
+from pounding_sweep.cube.write import open_cube, write_cube
+from pounding_sweep.errors import InputError
+from pounding_sweep.records import Record
+from pounding_sweep.sweep import chunks as cutting
+from pounding_sweep.sweep import dispatch
+from pounding_sweep.sweep import plan as planning
+from pounding_sweep.sweep import sweep as sweeping
+
+OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
+WHOLE = {
+    "laws": ["linear", "none", "kelvin_voigt"],
+    "gaps": [0.0005, 0.5, 0.002, 0.01, 0.02],
+    "stiffness_factors": [1.0, 0.5],
+    "restitutions": [0.3, 0.7],
+    "scales": [1.0, 1.5],
+    "records": motions(),
+}
+LESS = {
+    "laws": ["kelvin_voigt", "none"],
+    "gaps": [0.01, 0.002, 0.5],
+    "stiffness_factors": [0.5],
+    "restitutions": [0.7],
+    "scales": [1.5],
+    "records": motions()[1:],
+}
+#: No axis of the smaller sweep has fewer values than it takes for a run without pounding to be worth it.
+SETTINGS = {"dt": 0.005, "outputs": OUTPUTS, "audit": 0.2}
+
+
+def sweep(scene=None, **changes):
+    return Sweep(scene or row(), **{**SETTINGS, **WHOLE, **changes})
+
+
+@pytest.fixture(scope="module")
+def whole():
+    job = sweep()
+    cube = job.run(workers=1)
+    cube.attrs["unique_run"] = job.last_outcome.run
+    return cube
+
+
+@pytest.fixture
+def ran(monkeypatch):
+    """List the scenarios that workers really run, by (law, record, scale, stiffness, restitution, gap)."""
+    found = []
+    real = dispatch.Dispatcher.run
+
+    def run(self, n, job, take):
+        def told(position):
+            mine = job(position)
+            if "closing_max" not in mine.outputs and not mine.key.startswith("audit"):
+                t = mine.table
+                found.extend(zip(t.law, t.record, t.scale, t.stiffness, t.restitution, map(tuple, t.gaps), strict=True))
+            return mine
+
+        real(self, n, told, take)
+
+    monkeypatch.setattr(dispatch.Dispatcher, "run", run)
+    return found
+
+
+def same(found, expected):
+    """Compare every value and label, the audit's too, bit for bit."""
+    assert set(found.variables) == set(expected.variables)
+    for name in expected.variables:
+        a, b = found[name], expected[name]
+        assert a.dims == b.dims, name
+        assert a.dtype.kind == b.dtype.kind, name
+        np.testing.assert_array_equal(a.values, b.values, err_msg=name)
+        np.testing.assert_equal(a.attrs, b.attrs, err_msg=name)
+    assert found.attrs["sweep"] == expected.attrs["sweep"]
+    assert found.attrs["sweep_sha256"] == expected.attrs["sweep_sha256"]
+
+
+@pytest.mark.parametrize("axis", [*WHOLE, "all"])
+@pytest.mark.parametrize("chunk_seconds", [1e-5, 0.25])
+def test_what_is_new_on_an_axis_is_run(whole, ran, tmp_path, monkeypatch, axis, chunk_seconds):
+    monkeypatch.setattr(planning, "CHUNK_SECONDS", chunk_seconds)
+    monkeypatch.setattr(cutting, "SHARE", 1.0)
+    less = LESS if axis == "all" else {axis: LESS[axis]}
+    with sweep(**less).run(tmp_path / "old.nc", workers=1):
+        before = set(ran)
+    ran.clear()
+    job = sweep()
+    found = job.run(extend=tmp_path / "old.nc", workers=1)
+    same(found, whole)
+    taken = json.loads(found.attrs["extended_from"])
+    assert taken["scenarios_taken"] > 0
+    assert taken["file"] == str(tmp_path / "old.nc")
+    assert job.last_outcome.run + taken["scenarios_taken"] == whole.attrs["unique_run"]
+    known = old_scenarios(before, less)
+    assert known.isdisjoint(ran) or axis == "laws"
+    assert len(ran) == len(set(ran))
+
+
+def old_scenarios(before, less):
+    """Return what the smaller sweep ran as the larger one numbers it."""
+    laws = [law for law in WHOLE["laws"] if law != "none"]
+    own = [law for law in less.get("laws", WHOLE["laws"]) if law != "none"]
+    shift = len(motions()) - len(less.get("records", WHOLE["records"]))
+    return {(laws.index(own[law]), record + shift, *rest) for law, record, *rest in before}
+
+
+def test_nothing_new_runs_nothing(whole, ran, tmp_path):
+    sweep().run(tmp_path / "old.nc", workers=1).close()
+    ran.clear()
+    job = sweep(title="the same again", audit=0.0)
+    found = job.run(extend=tmp_path / "old.nc", workers=1)
+    assert ran == []
+    same(found, job.run(workers=1))
+    assert len(ran) == json.loads(found.attrs["extended_from"])["scenarios_taken"]
+    np.testing.assert_array_equal(found.impact_force_max, whole.impact_force_max)
+
+
+def test_the_output_itself_may_be_extended(whole, tmp_path):
+    out = tmp_path / "study.nc"
+    sweep(**LESS).run(out, workers=1).close()
+    with sweep().run(out, extend=out, overwrite=True, workers=2) as found:
+        same(found, whole)
+    assert not (tmp_path / "study.nc.parts").exists()
+
+
+def test_a_merged_cube_is_filled(whole, ran, tmp_path):
+    """Parts with holes between them: what no part has is run."""
+    a, b = {"gaps": [0.002, 0.01], "restitutions": [0.3]}, {"gaps": [0.0005, 0.5, 0.02], "restitutions": [0.7]}
+    for name, part in (("a.nc", a), ("b.nc", b)):
+        sweep(**part).run(tmp_path / name, workers=1).close()
+    assert merge_cubes([tmp_path / "a.nc", tmp_path / "b.nc"], tmp_path / "ab.nc").missing > 0
+    ran.clear()
+    same(sweep().run(extend=tmp_path / "ab.nc", workers=1), whole)
+    kelvin_voigt = 1  # the other law ignores the restitution
+    assert {(law, e, gaps[0]) for law, *_, e, gaps in ran} == {
+        *((kelvin_voigt, 0.7, gap) for gap in (0.002, 0.01)),
+        *((kelvin_voigt, 0.3, gap) for gap in (0.0005, 0.02)),
+    }
+
+
+def test_scenarios_without_result_are_run(whole, ran, tmp_path):
+    with sweep().run(tmp_path / "old.nc", workers=1) as old:
+        failed = old.load().copy(deep=True)
+    failed["status"][2, 0] = int(Status.NOT_RUN)
+    failed["impact_force_max"][2, 0] = np.nan
+    ran.clear()
+    same(sweep().run(extend=write_cube(failed, tmp_path / "failed.nc"), workers=1), whole)
+    assert {(law, gaps[0]) for law, *_, gaps in ran} == {(1, 0.0005)}
+
+
+def test_a_sweep_too_small_for_runs_without_pounding(tmp_path):
+    """Scenarios that never touch may come from another kernel: those are run again rather than taken."""
+    few = {
+        "laws": "kelvin_voigt",
+        "scales": 1.0,
+        "records": motions()[:1],
+        "restitutions": 0.7,
+        "stiffness_factors": 1.0,
+    }
+    sweep(**few, gaps=[0.0005, 0.01, 0.4, 0.5]).run(tmp_path / "old.nc", workers=1).close()
+    same(
+        sweep(**few, gaps=[0.01, 0.5]).run(extend=tmp_path / "old.nc", workers=1),
+        sweep(**few, gaps=[0.01, 0.5]).run(workers=1),
+    )
+
+
+def test_building_properties(tmp_path):
+    axes = {"laws": "kelvin_voigt", "stiffness_factors": 1.0, "restitutions": 0.5, "scales": 1.0}
+    less = sweep(**axes, period_factors={"a": [0.9, 1.1]}, damping_ratios=[0.02])
+    more = sweep(**axes, period_factors={"a": [1.1, 1.3, 0.9]}, damping_ratios=[0.05, 0.02])
+    less.run(tmp_path / "old.nc", workers=1).close()
+    found = more.run(extend=tmp_path / "old.nc", workers=1)
+    same(found, more.run(workers=1))
+    assert json.loads(found.attrs["extended_from"])["scenarios_taken"] > 0
+    with pytest.raises(InputError, match="only one of the two sweeps varies building properties"):
+        sweep(**axes).run(extend=tmp_path / "old.nc")
+
+
+def test_nothing_in_common(tmp_path):
+    few = {"scales": 1.0, "stiffness_factors": 1.0, "restitutions": 0.7}
+    sweep(**few, records=motions()[:1], laws="kelvin_voigt").run(tmp_path / "old.nc", workers=1).close()
+    for other in ({"records": motions()[1:], "laws": "kelvin_voigt"}, {"laws": ["none"]}):
+        job = sweep(**few, **other)
+        same(job.run(extend=tmp_path / "old.nc", workers=1), job.run(workers=1))
+
+
+def louder():
+    one, two = motions()
+    return [Record("one", one.dt, one.acceleration * 1.01), two]
+
+
+def test_a_record_of_the_same_name_is_another_if_its_motion_is(ran, tmp_path):
+    few = {"laws": "kelvin_voigt", "scales": 1.0, "stiffness_factors": 1.0}
+    sweep(**few).run(tmp_path / "old.nc", workers=1).close()
+    ran.clear()
+    job = sweep(**few, records=louder())
+    found = job.run(extend=tmp_path / "old.nc", workers=1)
+    assert {record for _, record, *_ in ran} == {0}
+    same(found, job.run(workers=1))
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"dt": 0.0025}, r"'.*old\.nc' can't be extended by this sweep: dt is 0\.005 there and 0\.0025 here"),
+        ({"outputs": OUTPUTS[:2]}, r"outputs is \['displacement_max'.* there and"),
+        ({"locate": False}, "locate is True there and False here"),
+        ({"method": "newmark"}, "method is 'rk4' there and 'newmark' here"),
+        ({"scene": row(gaps=(0.01, 0.03))}, "scene is "),
+    ],
+)
+def test_another_study_is_refused(tmp_path, whole, changes, says):
+    write_cube(whole, tmp_path / "old.nc")
+    with pytest.raises(InputError, match=says):
+        sweep(**changes).run(tmp_path / "new.nc", extend=tmp_path / "old.nc")
+    assert [path.name for path in tmp_path.iterdir()] == ["old.nc"]
+
+
+def test_another_version_is_refused(tmp_path, whole, monkeypatch):
+    nameless = whole.copy()
+    del nameless.attrs["package_sha256"]
+    write_cube(whole, tmp_path / "old.nc")
+    write_cube(whole.assign_attrs(pounding_sweep_version="0.0"), tmp_path / "older.nc")
+    write_cube(nameless, tmp_path / "oldest.nc")
+    with pytest.raises(InputError, match=r"version is '0\.0' there"):
+        sweep().run(extend=tmp_path / "older.nc")
+    with pytest.raises(InputError, match="does not say what it needs to be extended"):
+        sweep().run(extend=tmp_path / "oldest.nc")
+    monkeypatch.setattr(sweeping, "package_digest", lambda: "changed")
+    with pytest.raises(InputError, match=r"source of the package, as SHA-256, is '[0-9a-f]{64}' there and 'changed'"):
+        sweep().run(extend=tmp_path / "old.nc")
+
+
+def test_a_part_of_a_cube_and_cases_are_refused(tmp_path, whole):
+    with pytest.raises(InputError, match="other values of gap than its sweep; give the cube as it was made"):
+        sweep().run(extend=write_cube(whole.isel(gap=[1, 0]), tmp_path / "part.nc"))
+    with pytest.raises(InputError, match=r"has the axes law, .*, its sweep had law, gap"):
+        sweep().run(extend=write_cube(whole.isel(gap=0), tmp_path / "slice.nc"))
+    cases = Sweep(row(), motions()[:1], cases=[{"law": "linear", "gap": 0.01, "restitution": 0.5}], **SETTINGS)
+    write_cube(whole, tmp_path / "old.nc")
+    with pytest.raises(InputError, match="not listed cases"):
+        cases.run(extend=tmp_path / "old.nc")
+
+
+@pytest.mark.slow  # kernels of its own
+def test_an_accuracy_is_chosen_for_the_sweep_as_a_whole(tmp_path):
+    few = {"laws": ["linear", "none"], "scales": 1.0, "restitutions": 0.7, "dt": None, "accuracy": 1e-2}
+    sweep(**few, gaps=[0.002, 0.01]).run(tmp_path / "old.nc", workers=1).close()
+    job = sweep(**few)
+    found = job.run(extend=tmp_path / "old.nc", workers=1)
+    same(found, job.run(workers=1))
+    assert json.loads(found.attrs["extended_from"])["scenarios_taken"] > 0
+    with pytest.raises(InputError, match="all laws and records of the earlier sweep must be in the new one"):
+        sweep(**few, records=motions()[1:]).run(extend=tmp_path / "old.nc")
+
+
+def test_an_interrupted_extension_continues(whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(planning, "CHUNK_SECONDS", 1e-5)
+    sweep(**LESS).run(tmp_path / "old.nc", workers=1).close()
+    with monkeypatch.context() as patch:
+
+        def stop(*_):
+            raise KeyboardInterrupt
+
+        patch.setattr(dispatch.Dispatcher, "_near", stop)
+        with pytest.raises(KeyboardInterrupt):
+            sweep().run(tmp_path / "new.nc", extend=tmp_path / "old.nc", workers=1)
+    with sweep().run(tmp_path / "new.nc", workers=1) as found:  # with the other cube or without it
+        same(found, whole)
+
+
+SWEEP = """
+[scene]
+gaps = [0.01, 0.02]
+contact = { linear_stiffness = 2e5, hertz_stiffness = 1e6, restitution = 0.5 }
+row = [
+    { name = "a", masses = [100.0], stiffnesses = [1.0e4] },
+    { name = "b", masses = [80.0], stiffnesses = [2.5e4] },
+    { name = "c", masses = [120.0], stiffnesses = [1.2e4] },
+]
+
+[sweep]
+records = "one.csv"
+laws = ["kelvin_voigt", "none"]
+gaps = GAPS
+
+[solver]
+method = "rk4"
+dt = 0.005
+
+[output]
+variables = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
+"""
+
+
+def test_command(tmp_path):
+    one = motions()[0]
+    lines = [f"{i * one.dt:.2f},{a!r}" for i, a in enumerate(one.acceleration.tolist())]
+    (tmp_path / "one.csv").write_text("time (s),acceleration (m/s2)\n" + "\n".join(lines) + "\n")
+    for name, gaps in (("less", "[0.002, 0.01]"), ("more", "[0.0005, 0.002, 0.01]")):
+        (tmp_path / f"{name}.toml").write_text(SWEEP.replace("GAPS", gaps))
+
+    def run(name, *more):
+        made = CliRunner().invoke(app, ["run", str(tmp_path / f"{name}.toml"), "--quiet", *more])
+        assert made.exit_code == 0, made.output
+        return made.stdout
+
+    old, new, whole = (str(tmp_path / f"{name}.nc") for name in ("old", "new", "whole"))
+    assert "taken" not in run("less", "-o", old)
+    assert f"6 asked, 2 run, 2 taken from {old}" in run("more", "-o", new, "--extend", old)
+    report = json.loads(run("more", "-o", old, "--extend", old, "--overwrite", "--json"))
+    assert report["extended_from"]["scenarios_taken"] == 2
+    assert "6 asked, 4 run\n" in run("more", "-o", whole)
+    with open_cube(whole) as expected:
+        for path in (old, new):
+            with open_cube(path) as found:
+                same(found, expected)

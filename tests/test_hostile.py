@@ -1,0 +1,513 @@
+"""Hostile input: whatever a file holds, the answer is right or a clear error, in bounds, and nothing of it is run."""
+
+from __future__ import annotations
+
+import ast
+import collections
+import json
+import math
+import os
+import re
+import resource
+import subprocess
+import sys
+import tracemalloc
+from contextlib import suppress
+from pathlib import Path
+
+import netCDF4
+import numpy as np
+import pytest
+import xarray as xr
+from analysis_cubes import LAWS, hand_cube, random_fill
+from fuzz import BINARY_FAULTS, TEXT_FAULTS, damaged, not_hanging
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pounding_sweep as ps
+from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE
+from pounding_sweep.cube.heaps import has_endless_heap
+from pounding_sweep.cube.write import open_cube, write_cube, write_in_slabs
+from pounding_sweep.errors import OutputError, PoundingSweepError, RecordError, SweepError
+from pounding_sweep.records import find_record, read_record
+from pounding_sweep.records.record import STANDARD_GRAVITY
+from pounding_sweep.sweep.axes import Range
+from pounding_sweep.sweep.toml_read import MAX_FILE_BYTES
+
+ROOT = Path(ps.__file__).parent
+SWEEPS = Path(__file__).parent.parent / "sweeps"
+
+VALUES = [round(0.1 * ((7 * i) % 11 - 5), 7) for i in range(40)]
+_BODY = "\n".join("".join(f"{v:15.7E}" for v in VALUES[i : i + 5]) for i in range(0, len(VALUES), 5))
+RECORDS = {
+    "new.at2": "PEER STRONG MOTION DATABASE RECORD\nNORTHRIDGE 01/17/94, ARLETA, 90\n"
+    f"ACCELERATION TIME SERIES IN UNITS OF G\nNPTS=    {len(VALUES)}, DT=  .02000 SEC\n{_BODY}\n",
+    "old.AT2": "PACIFIC ENGINEERING AND ANALYSIS STRONG-MOTION DATA\nARLETA\n"
+    f"ACCELERATION TIME HISTORY IN UNITS OF G\n   {len(VALUES)}   .0200   NPTS, DT\n{_BODY}\n",
+    "two.csv": "time (s),acc (m/s2)\n" + "".join(f"{0.01 * i:.2f},{v}\n" for i, v in enumerate(VALUES)),
+}
+
+
+def twin(path):
+    """Read a record the plain way: numbers after the header, as float() has them; ValueError where it has none."""
+    lines = path.read_bytes().decode("utf-8").split("\n")
+    if path.suffix == ".csv":
+        rows = [[float(cell) for cell in line.split(",")] for line in lines[1:] if line.strip()]
+        return np.array([row[1] for row in rows])
+    return np.array([float(word) for line in lines[4:] for word in line.split()]) * STANDARD_GRAVITY
+
+
+def damage_all(tmp_path, sources, read, per_source, seed):
+    """Read damaged copies of every source; count what came of them by kind of damage."""
+    counts = collections.Counter()
+    for name, raw in sources.items():
+        path = tmp_path / name
+        for kind, data in damaged(raw, TEXT_FAULTS, per_source, seed):
+            path.write_bytes(data)
+            try:
+                with not_hanging(f"{name}, {kind}"):
+                    read(path)
+            except PoundingSweepError:
+                counts["refused"] += 1
+            else:
+                counts["read"] += 1
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    total = sum(counts.values())
+    print(f"{total} faults injected into {', '.join(sources)}: {dict(counts)}; most memory {memory:.0f} MiB")
+    assert total == per_source * len(sources)
+    assert counts["refused"] > total / 4
+    assert counts["read"] > 0
+
+
+def check_record(path):
+    """Read a record; where the plain way reads it too, both agree."""
+    record = read_record(path)
+    assert np.isfinite(record.acceleration).all()
+    assert record.dt > 0
+    try:
+        plain = twin(path)
+    except (ValueError, IndexError):
+        return
+    if record.n_points == len(plain) and np.isfinite(plain).all():
+        np.testing.assert_allclose(record.acceleration, plain, rtol=1e-12)
+
+
+def read_records(tmp_path, per_source, seed):
+    """Damage records of all formats."""
+    sources = {name: text.encode() for name, text in RECORDS.items()}
+    damage_all(tmp_path, sources, check_record, per_source, seed)
+
+
+def read_sweeps(tmp_path, per_source, seed):
+    """Damage the sweep files that users copy; one that still is valid has a size."""
+    sources = {name: (SWEEPS / name).read_bytes() for name in ("quickstart.toml", "two_buildings_and_wall.toml")}
+    damage_all(tmp_path, sources, lambda path: ps.load_sweep(path).spec.n_scenarios, per_source, seed)
+
+
+def test_damaged_records(tmp_path):
+    read_records(tmp_path, 96, seed=1)
+
+
+def test_damaged_sweep_files(tmp_path):
+    read_sweeps(tmp_path, 96, seed=2)
+
+
+@pytest.mark.slow
+def test_thousands_of_damaged_records(tmp_path):
+    read_records(tmp_path, 720, seed=3)
+
+
+@pytest.mark.slow
+def test_thousands_of_damaged_sweep_files(tmp_path):
+    read_sweeps(tmp_path, 720, seed=4)
+
+
+@settings(max_examples=80)
+@given(data=st.one_of(st.binary(max_size=300), st.text(max_size=200).map(lambda text: text.encode("utf-8", "ignore"))))
+def test_any_bytes_as_a_record_or_a_sweep(data, tmp_path_factory):
+    path = tmp_path_factory.getbasetemp() / "any.txt"
+    path.write_bytes(data)
+    for read in (lambda: read_record(path, dt=0.01, units="g"), lambda: ps.load_sweep(path)):
+        with not_hanging("any bytes"), suppress(PoundingSweepError):
+            read()
+
+
+scalars = st.one_of(
+    st.booleans(),
+    st.integers(-(2**70), 2**70),
+    st.floats(width=64),
+    st.text(st.characters(codec="utf-8", exclude_characters='"\\\x7f', min_codepoint=32), max_size=12),
+)
+values = st.recursive(scalars, lambda inner: st.one_of(st.lists(inner, max_size=3), st.dictionaries(
+    st.sampled_from(["start", "stop", "count", "left", "period_factor", "law", "path", "record", "pulse", "wall"]),
+    inner, max_size=3,
+)), max_leaves=6)  # fmt: skip
+KEYS = {
+    "scene": ["preset", "row", "gaps", "contact", "contact.hertz"],
+    "sweep": ["records", "laws", "gaps", "scales", "building", "building.left", "cases", "restitutions"],
+    "solver": ["dt", "beta", "method", "accuracy"],
+    "output": ["variables"],
+}
+keys = st.sampled_from(["title", *KEYS, *(f"{table}.{key}" for table, listed in KEYS.items() for key in listed)])
+
+
+def toml(value):
+    """Write a value as TOML."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, float):
+        return repr(value) if np.isfinite(value) else str(value)
+    return json.dumps(value, ensure_ascii=False)
+
+
+@settings(max_examples=80)
+@given(changes=st.dictionaries(keys, values, min_size=1, max_size=3))
+def test_any_values_in_a_sweep_file(changes, tmp_path_factory):
+    """Valid TOML of the wrong types, anywhere."""
+    path = tmp_path_factory.getbasetemp() / "any.toml"
+    usual = {"scene.preset": "mate2015", "sweep.records": ["el_centro"], "sweep.laws": ["linear"]}
+    path.write_text("".join(f"{key} = {toml(value)}\n" for key, value in (usual | changes).items()), encoding="utf-8")
+    with not_hanging("any values"), suppress(SweepError):
+        assert ps.load_sweep(path).spec.n_scenarios >= 1
+
+
+# --- places ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def places(tmp_path):
+    """Return a folder of records and a record outside of it."""
+    inside, outside = tmp_path / "inside", tmp_path / "outside"
+    for folder in (inside, outside):
+        folder.mkdir()
+    (inside / "mine.at2").write_text(RECORDS["new.at2"])
+    (outside / "secret.at2").write_text(RECORDS["new.at2"])
+    return inside, outside
+
+
+@pytest.mark.parametrize(
+    "name", ["../outside/secret", "../outside/secret.at2", "/{}", "..", ".", "*", "mine/../../x", "\0"]
+)
+def test_a_name_never_leaves_the_folders(places, name):
+    inside, outside = places
+    assert find_record("mine", folders=inside).n_points == len(VALUES)
+    with pytest.raises(RecordError):
+        find_record(name.format(outside / "secret.at2"), folders=inside)
+    with pytest.raises(SweepError, match=r"records\[0\]"):
+        ps.load_sweep(_sweep_file(inside, '[{ record = "../outside/secret" }]'))
+
+
+def _sweep_file(folder, records, axes=""):
+    path = folder / "s.toml"
+    path.write_text(f'[scene]\npreset = "mate2015"\n[sweep]\nrecords = {records}\nlaws = ["kelvin_voigt"]\n{axes}\n')
+    return path
+
+
+@pytest.mark.parametrize("path", ["\0", "~nobody-of-this-name/x.toml", "x" * 5000])
+def test_a_sweep_file_of_an_impossible_name(path):
+    with pytest.raises(SweepError, match="can't be read"):
+        ps.load_sweep(path)
+
+
+def test_a_sweep_file_that_is_none(tmp_path):
+    """Nothing waits for a pipe, and nothing reads a device or a file without end."""
+    os.mkfifo(tmp_path / "pipe.toml")
+    huge = tmp_path / "huge.toml"
+    with huge.open("wb") as file:
+        file.truncate(MAX_FILE_BYTES + 1)
+    for path, why in (
+        (tmp_path / "pipe.toml", "no regular"),
+        ("/dev/zero", "no regular"),
+        (tmp_path, "Is a directory"),
+    ):
+        with pytest.raises(SweepError, match=why):
+            ps.load_sweep(path)
+    with pytest.raises(SweepError, match="at most 67,108,864 are read; give axes as ranges"):
+        ps.load_sweep(huge)
+
+
+def test_text_of_files_is_never_run(tmp_path):
+    """Nothing in the package evaluates text or unpickles; names that would run code are names."""
+    banned = {"eval", "exec", "pickle", "marshal", "shelve", "dill", "cloudpickle"}
+    found = []
+    for file in ROOT.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+            called = node.func.id if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) else None
+            names = [alias.name for alias in node.names] if isinstance(node, (ast.Import, ast.ImportFrom)) else []
+            allowed = isinstance(node, ast.keyword) and node.arg == "allow_pickle" and node.value.value is not False
+            if called in banned or banned & set(names) or allowed:
+                found.append((file.name, node.lineno))
+    assert found == []
+    marker = tmp_path / "ran"
+    text = f"__import__('pathlib').Path('{marker}').touch()"
+    hostile = (SWEEPS / "quickstart.toml").read_text().replace("Three buildings", f"{text} {{{text}}} %s $({text})", 1)
+    path = tmp_path / "s.toml"
+    path.write_text(hostile)
+    assert text in ps.load_sweep(path).spec.title
+    assert not marker.exists()
+
+
+# --- a sweep of 10^12 scenarios -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        {"gaps": 10**6, "restitutions": 10**6},
+        {"gaps": 10**4, "restitutions": 10**4, "scales": 10**4},
+        {"gaps": 10**12},
+        {"gaps": 10**6, "restitutions": 10**6, "scales": 10**6, "stiffness_factors": 10**6},
+    ],
+    ids=str,
+)
+def test_too_large_a_sweep_is_refused_before_anything_is_made(axes, tmp_path):
+    size = math.prod(axes.values())
+    given = {name: Range(0.5, 0.9, n) for name, n in axes.items()}
+    ranges = "\n".join(f"{name} = {{ start = 0.5, stop = 0.9, count = {n} }}" for name, n in axes.items())
+    file = _sweep_file(tmp_path, '["el_centro"]', ranges)
+    for make in (lambda: ps.Sweep("mate2015", "el_centro", "kelvin_voigt", **given), lambda: ps.load_sweep(file)):
+        with pytest.raises(SweepError):  # what is loaded once, such as modules and the record, is not its memory
+            make()
+        tracemalloc.start()
+        try:
+            with (
+                not_hanging("refusing"),
+                pytest.raises(SweepError, match=re.escape(f"= {size} scenarios ({size:.3g})")),
+            ):
+                make()
+            assert tracemalloc.get_traced_memory()[1] < 20e6
+        finally:
+            tracemalloc.stop()
+
+
+def test_long_factor_axes_and_arrays_are_refused_unexpanded():
+    given = {"gaps": np.linspace(0.001, 0.1, 20_000), "period_factors": {"left": Range(0.5, 2.0, 1_000_000)}}
+    with pytest.raises(SweepError, match=r"20000 gaps x 1000000 period_factors.left = 20000000000 scenarios"):
+        ps.Sweep("mate2015", "el_centro", "kelvin_voigt", **given)
+
+
+def _cli(*arguments, **more):
+    return subprocess.run(
+        [sys.executable, "-m", "pounding_sweep", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+        **more,
+    )
+
+
+@pytest.mark.parametrize("command", ["plan", "run"])
+def test_the_command_line_refuses_it_too(command, tmp_path):
+    axes = "gaps = { start = 0.001, stop = 0.1, count = 1000000 }\nscales = { start = 1, stop = 2, count = 1000000 }"
+    file = _sweep_file(tmp_path, '["el_centro"]', axes)
+    done = _cli(command, file, *(["-o", tmp_path / "out.nc"] if command == "run" else []), timeout=300)
+    assert done.returncode == 2
+    assert "1000000000000 scenarios (1e+12); at most 1000000000 in one sweep: split it" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["s.toml"]
+
+
+# --- netCDF ---------------------------------------------------------------------------------------------------------
+
+#: Describes cube after cube, and compares what is in them with an undamaged one, in a process of its own: the libraries
+#: may crash on a damaged file, or never end.
+READER = """\
+import contextlib, io, resource, sys
+import numpy as np
+import pounding_sweep.cli
+from pounding_sweep.cli.app import app
+from pounding_sweep.cube.heaps import has_endless_heap
+from pounding_sweep.cube.write import open_cube
+
+resource.setrlimit(resource.RLIMIT_AS, (6 * 2**30, 6 * 2**30))
+whole = open_cube(sys.argv[1]).load()
+for path in sys.stdin.read().splitlines():
+    resource.setrlimit(resource.RLIMIT_CPU, (int(sum(resource.getrusage(resource.RUSAGE_SELF)[:2])) + 30, -1))
+    print("?", flush=True)
+    said = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+        try:
+            app(["info", path])
+        except SystemExit as end:
+            code = end.code
+    if code == 0:
+        with open_cube(path) as cube:
+            pairs = [(cube.get(name), whole[name]) for name in whole.data_vars]
+            same = all(one is not None and np.array_equal(one, other, equal_nan=True) for one, other in pairs)
+        code = "same" if same else "changed"
+    print(code, " ".join(said.getvalue().split())[-300:], flush=True)
+"""
+ANSWERS = {"same": "described", "2": "refused", "1": "failed", "changed": "changed unnoticed", "died": "crash or hang"}
+
+
+def describe_all(whole, paths):
+    """Describe cubes; return what came of each and the last words on it."""
+    found, todo = [], list(paths)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    while todo:
+        done = subprocess.run(
+            [sys.executable, "-c", READER, whole], input="\n".join(map(str, todo)), env=environment,
+            capture_output=True, text=True, check=False, timeout=600,
+        )  # fmt: skip
+        lines = done.stdout.splitlines()
+        answers = [line.partition(" ") for line in lines if line != "?"]
+        found += [(ANSWERS[code], words) for code, _, words in answers]
+        if done.returncode:
+            assert lines[-1] == "?", done.stderr
+            found.append((ANSWERS["died"], f"signal {-done.returncode}: {done.stderr[-300:]}"))
+        todo = paths[len(found) :]
+    return found
+
+
+def small_cube():
+    axes = {"law": LAWS, "gap": [0.01, 0.02, 0.03], "record": ["one", "two"]}
+    return hand_cube(axes, random_fill(1, "displacement_max", "impact_force_max", "impact_count"))
+
+
+def damage_cubes(tmp_path, count, seed):
+    """Damage a cube; every copy is refused, or described with the values that were written."""
+    whole = write_cube(small_cube(), tmp_path / "whole.nc")
+    paths = []
+    for index, (_, data) in enumerate(damaged(whole.read_bytes(), BINARY_FAULTS, count, seed)):
+        paths.append(tmp_path / f"{index}.nc")
+        paths[-1].write_bytes(data)
+    answers = describe_all(whole, paths)
+    counts = collections.Counter(answer for answer, _ in answers)
+    print(f"{count} faults injected into a cube: {', '.join(f'{counts[name]} {name}' for name in ANSWERS.values())}")
+    assert [
+        (path.name, *answer)
+        for path, answer in zip(paths, answers, strict=True)
+        if answer[0] not in ("described", "refused")
+    ] == []
+    assert counts["refused"] > count / 4
+
+
+def test_damaged_cubes(tmp_path):
+    damage_cubes(tmp_path, 40, seed=5)
+
+
+@pytest.mark.slow
+def test_hundreds_of_damaged_cubes(tmp_path):
+    damage_cubes(tmp_path, 500, seed=6)
+
+
+def test_a_blank_heap_does_not_hang(tmp_path):
+    """HDF5 itself never comes back from such a file."""
+    data = bytearray(write_cube(small_cube(), tmp_path / "whole.nc").read_bytes())
+    heap = data.index(b"GCOL")
+    assert not has_endless_heap(tmp_path / "whole.nc")
+    data[heap + 16 : heap + 256] = bytes(240)
+    (tmp_path / "blank.nc").write_bytes(data)
+    with pytest.raises(OutputError, match="a heap of its texts is broken"):
+        open_cube(tmp_path / "blank.nc")
+
+
+def _gap(file, size=3):
+    file.createDimension("gap", size)
+
+
+def _huge_coordinate(file):
+    _gap(file, 10**11)
+    file.createVariable("gap", "f8", ("gap",), chunksizes=(1024,), zlib=True)
+
+
+def _huge_output(file):
+    _gap(file, 10**6)
+    file.createDimension("law", 10**6)
+    file.createVariable("displacement_max", "f8", ("gap", "law"), chunksizes=(1024, 1024), zlib=True)
+
+
+def _variable(kind="f8", name="x", dims=("gap",), **attributes):
+    def make(file):
+        _gap(file)
+        variable = file.createVariable(name, kind, dims)
+        if variable.dtype.kind == "f":
+            variable[...] = 1.0
+        variable.setncatts(attributes)
+
+    return make
+
+
+def _own_types(file):
+    _gap(file)
+    file.createVariable("x", file.createVLType(np.int32, "ragged"), ("gap",))
+
+
+def _compound(file):
+    _gap(file)
+    file.createVariable("status", file.createCompoundType(np.dtype([("a", "f8"), ("b", "i4")]), "pairs"), ("gap",))
+
+
+def _audit_numbers(file):
+    _gap(file)
+    for name, size in (("audit", 2), ("output", 1)):
+        file.createDimension(name, size)
+    file.createVariable("audit_error", "f8", ("audit", "output"))[...] = 0.0
+    file.createVariable("audit_sensitive", "i1", ("audit",))[...] = 0
+    file.createVariable("output", str, ("output",))[0] = "x"
+    file.setncatts({"audit_touching": "many"})
+
+
+@pytest.mark.parametrize(
+    ("make", "why"),
+    [
+        (_huge_coordinate, "'gap' has 100000000000 values, more than a file"),
+        (_huge_output, "'displacement_max' has 1000000000000 values, more than a file"),
+        (_variable(scale_factor="abc"), "'x' has an attribute 'scale_factor'"),
+        (_variable(coordinates=3), "attribute 'coordinates' of variable 'x' is no text"),
+        (_variable(units=3), "attribute 'units' of variable 'x' is no text"),
+        (_variable(dims=("gap", "gap")), "'x' has a dimension twice"),
+        (_variable("S1", "status"), "'status' is text"),
+        (_variable(name="audit_error"), "'audit_error' has dimensions"),
+        (_audit_numbers, "attribute 'audit_touching' is 'many', no number"),
+        (_own_types, "groups, or types of its own"),
+        (_compound, "groups, or types of its own"),
+    ],
+)
+def test_a_file_of_another_form_is_refused(make, why, tmp_path):
+    path = tmp_path / "odd.nc"
+    with netCDF4.Dataset(path, "w") as file:
+        file.setncattr(VERSION_ATTRIBUTE, "0.1.0")
+        make(file)
+    with pytest.raises(OutputError, match="is damaged, or not made by this package") as error:
+        open_cube(path)
+    assert why in str(error.value)
+
+
+def test_units_that_look_like_times_stay_numbers(tmp_path):
+    path = tmp_path / "odd.nc"
+    with netCDF4.Dataset(path, "w") as file:
+        file.setncattr(VERSION_ATTRIBUTE, "0.1.0")
+        _variable(units="days since forever")(file)
+    with open_cube(path) as cube:
+        assert cube["x"].values.tolist() == [1.0, 1.0, 1.0]
+
+
+def test_a_flipped_bit_of_a_value_is_noticed(tmp_path):
+    """Arrays carry checksums, compressed or not: a value is as written, or can't be read."""
+    values = np.random.default_rng(1).random((3, 3, 2))
+    cube = xr.Dataset({"x": (("gap", "building", "storey"), values)}, attrs={VERSION_ATTRIBUTE: "0.1.0"})
+    blocks, slab = {"x": values.shape}, ((slice(None),), {"x": values})
+    path = write_in_slabs(cube, tmp_path / "cube.nc", blocks, [slab])
+    data = bytearray(path.read_bytes())
+    data[data.index(values.tobytes()) + 3] ^= 1
+    (tmp_path / "flipped.nc").write_bytes(data)
+    with open_cube(path) as whole:
+        np.testing.assert_array_equal(whole["x"], values)
+    with open_cube(tmp_path / "flipped.nc") as flipped, pytest.raises(RuntimeError, match="NetCDF: HDF error"):
+        flipped["x"].load()
+    done = _cli("info", tmp_path / "flipped.nc", timeout=300)
+    assert done.returncode == 2
+    said = "values of a netCDF file can't be read (NetCDF: HDF error): it is damaged; make it again"
+    assert done.stderr == f"pounding-sweep: error: {said}\n"
+
+
+def test_a_cube_may_be_open_several_times(tmp_path):
+    """Handles on one file, opened and closed in turn, crashed the library where the header had one of its own."""
+    path = write_cube(small_cube(), tmp_path / "cube.nc")
+    with open_cube(path) as first:
+        for _ in range(5):
+            with open_cube(path) as second:
+                np.testing.assert_array_equal(second["impact_count"], first["impact_count"])
+        first["displacement_max"].load()

@@ -1,0 +1,412 @@
+"""Runs that are stopped, meet each other, or lose their disk: what is told, and what is kept."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenes import AXES, motions, row
+from test_cli import LONG, cli, environment, write
+
+from pounding_sweep.cube.write import open_cube
+from pounding_sweep.errors import OutputError, WriteError
+from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.sweep.lock import LOCK, FolderLock, running
+from pounding_sweep.sweep.store import EXPECTED, IDENTITY, MANIFEST, ChunkStore
+from pounding_sweep.sweep.sweep import Sweep, load_sweep
+from pounding_sweep.sweep.unfinished import survey
+
+#: Eight chunks of some tenths of a second, after one without pounding.
+SWEEP = LONG.replace("dt = 1e-6", "dt = 5e-6")
+RUN = ["run", "sweep.toml", "-o", "out.nc", "--workers", "1"]
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """What an uninterrupted run gives."""
+    return load_sweep(write(tmp_path_factory.mktemp("whole"), SWEEP)).run(workers=2)
+
+
+def same(path, reference):
+    with open_cube(path) as found:
+        for name in reference.variables:
+            assert found[name].values.tobytes() == reference[name].values.tobytes(), name
+
+
+def begin(folder, *, finished, start=("-m", "pounding_sweep")):
+    """Start a run, and return its process, held by SIGSTOP, when so many chunks are finished."""
+    process = subprocess.Popen(
+        [sys.executable, *start, *RUN],
+        cwd=folder,
+        env=environment(),
+        text=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    manifest, limit = folder / "out.nc.parts" / MANIFEST, time.monotonic() + 300
+    while not (manifest.exists() and manifest.read_text().count("\n") >= finished):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < limit
+        time.sleep(0.005)
+    process.send_signal(signal.SIGSTOP)
+    return process
+
+
+def done(folder):
+    """Finished chunks, by the manifest."""
+    return (folder / "out.nc.parts" / MANIFEST).read_text().count("\n")
+
+
+# -- signals and locks -------------------------------------------------------------------------------------------------
+
+
+def test_a_night(tmp_path, reference):
+    """Ended by SIGTERM, begun again, disturbed by a second run, killed, begun again: nothing is lost."""
+    write(tmp_path, SWEEP)
+    with begin(tmp_path, finished=2) as process:
+        process.send_signal(signal.SIGTERM)
+        process.send_signal(signal.SIGCONT)
+        out, err = process.communicate(timeout=300)
+    kept = done(tmp_path)
+    assert process.returncode == 130, err
+    assert out == ""
+    assert re.fullmatch(
+        rf"pounding-sweep: interrupted; {kept} finished chunks are kept in out\.nc\.parts: .*again.*\n", err
+    )
+    assert not (tmp_path / "out.nc").exists()
+    assert not (tmp_path / "out.nc.parts" / LOCK).exists()
+    assert kept >= 2
+
+    with begin(tmp_path, finished=kept + 1) as process:
+        refused = cli(*RUN, cwd=tmp_path, code=2).stderr
+        seen = cli("info", "out.nc", cwd=tmp_path).stdout
+        process.kill()
+    assert f"another run is at work in '{tmp_path / 'out.nc.parts'}': process {process.pid} on " in refused
+    assert "wait for it, stop it, or give another output path" in refused
+    assert re.search(rf"^now +process {process.pid} on .* is at work on it$", seen, re.MULTILINE)
+
+    found = survey(tmp_path / "out.nc.parts")
+    assert found.now is None
+    more = sum(part.chunks_done for part in found.parts)
+    assert more == done(tmp_path) > kept
+    last = cli(*RUN, "--json", cwd=tmp_path)
+    assert f"the run before this one was killed (process {process.pid} on " in last.stderr
+    report = json.loads(last.stdout)
+    assert report["scenarios"]["reused"] == sum(part.scenarios_done for part in found.parts)
+    assert report["scenarios"]["reused"] + report["scenarios"]["run"] == 129
+    same(tmp_path / "out.nc", reference)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.nc", "out.nc.log", "sweep.toml"]
+    told = [line.split(" ", 1)[1] for line in (tmp_path / "out.nc.log").read_text().splitlines()]
+    assert sum(line.startswith("begins: ") for line in told) == 3
+    assert sum(line.startswith("interrupted after ") for line in told) == 1
+    assert sum(line.startswith("ended after ") for line in told) == 1
+
+
+RACER = """
+import os, sys, time, warnings
+from pathlib import Path
+from pounding_sweep.errors import OutputError
+from pounding_sweep.sweep.lock import FolderLock
+
+warnings.simplefilter("error")
+folder, seen = Path(sys.argv[1]), Path(sys.argv[2])
+entered = 0
+while entered < 20:
+    try:
+        with FolderLock(folder):
+            os.close(os.open(seen, os.O_CREAT | os.O_EXCL))  # fails where somebody else is in
+            time.sleep(0.001)
+            seen.unlink()
+            entered += 1
+    except OutputError:
+        pass
+"""
+
+
+def test_one_at_a_time(tmp_path):
+    racers = [
+        subprocess.Popen([sys.executable, "-c", RACER, tmp_path / "parts", tmp_path / "in"], stderr=subprocess.PIPE)
+        for _ in range(4)
+    ]
+    errors = [racer.communicate(timeout=120)[1] for racer in racers]
+    assert [racer.returncode for racer in racers] == [0] * 4, errors
+    assert list((tmp_path / "parts").iterdir()) == []
+
+
+def test_the_lock_of_another_machine(tmp_path):
+    lock = tmp_path / LOCK
+    lock.write_text(json.dumps({"host": "elsewhere", "pid": 7, "started": "2026-01-01T00:00:00+00:00"}))
+    assert str(running(tmp_path)) == "process 7 on elsewhere, since 2026-01-01T00:00:00+00:00"
+    message = rf"locked by process 7 on elsewhere.*If that run has ended, remove '{re.escape(str(lock))}' and run again"
+    with pytest.raises(OutputError, match=message), FolderLock(tmp_path):
+        pass
+    assert lock.exists()
+    lock.unlink()
+    with FolderLock(tmp_path):
+        assert running(tmp_path).pid == os.getpid()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"host": 3}', "\x00\xff"])
+def test_a_lock_that_names_nobody_is_free(tmp_path, text):
+    (tmp_path / LOCK).write_text(text)
+    assert running(tmp_path) is None
+    with FolderLock(tmp_path):
+        assert running(tmp_path).host == socket.gethostname()
+
+
+def test_a_process_cannot_lock_twice(tmp_path, monkeypatch):
+    monkeypatch.setattr("pounding_sweep.sweep.lock.PATIENCE", 0.0)
+    with FolderLock(tmp_path):
+        with pytest.raises(OutputError, match=rf"another run is at work.*process {os.getpid()} on"):
+            FolderLock(tmp_path).__enter__()
+        assert running(tmp_path).pid == os.getpid()
+
+
+def test_a_file_system_without_locks(tmp_path, monkeypatch):
+    def cannot(handle, how):
+        raise OSError(38, "Function not implemented")
+
+    monkeypatch.setattr("fcntl.flock", cannot)
+    with pytest.warns(RuntimeWarning, match=r"can't lock.*start only one"), FolderLock(tmp_path):
+        assert running(tmp_path).pid == os.getpid()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_of_another_sweep_is_not_locked(tmp_path):
+    ChunkStore(tmp_path, "one").open()
+    with pytest.raises(OutputError, match="another sweep"):
+        ChunkStore(tmp_path, "two").lock()
+    assert [path.name for path in tmp_path.iterdir()] == [IDENTITY]
+
+
+# -- disks -------------------------------------------------------------------------------------------------------------
+
+#: Mounts a small file system of its own, and runs a program that sees it.
+MOUNTED = 'mount -t tmpfs -o "$1" tmpfs "$2" && shift 2 && exec "$@"'
+UNSHARED = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c", MOUNTED, "sh")
+
+
+def on_a_disk_of_its_own(folder, options, program, *arguments):
+    """Run a program of Python beside a new file system at `folder`; skips where none may be mounted."""
+    folder.mkdir()
+    if shutil.which("unshare") is None or subprocess.run([*UNSHARED, options, folder, "true"], check=False).returncode:
+        pytest.skip("no file system may be mounted here")
+    done = subprocess.run(
+        [*UNSHARED, options, folder, sys.executable, "-c", program, folder, *arguments],
+        cwd=Path(__file__).parent,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+FILLED = """
+import json, signal, sys
+from pathlib import Path
+from test_cli import cli, write
+from test_limits import SWEEP, RUN, begin, done
+
+disk, kept = Path(sys.argv[1]), Path(sys.argv[2])
+BALLAST = '''
+def fill(path):
+    with open(path, "wb", buffering=0) as file:
+        for size in (65536, 1):
+            try:
+                while True:
+                    file.write(bytes(size))
+            except OSError as error:
+                assert error.errno == 28
+'''
+exec(BALLAST)
+ballast, told = disk / "ballast", {}
+write(disk, SWEEP)
+
+with begin(disk, finished=3) as process:  # full while chunks are written
+    fill(ballast)
+    process.send_signal(signal.SIGCONT)
+    told["chunks"] = (process.wait(), process.stderr.read(), done(disk))
+ballast.unlink()
+code = BALLAST + '''
+from pounding_sweep import cli
+from pounding_sweep.sweep import filling
+slabs = filling._slabs
+def full(*arguments):
+    fill("ballast")
+    yield from slabs(*arguments)
+filling._slabs = full
+cli.main()
+'''
+failed = cli(*RUN, cwd=disk, code=1, start=("-c", code))  # full while the cube is written
+told["cube"] = (failed.returncode, failed.stderr, done(disk))
+told["left"] = sorted(path.name for path in disk.iterdir())
+ballast.unlink()
+told["last"] = json.loads(cli(*RUN, "--json", cwd=disk).stdout)["scenarios"]
+for name in ("out.nc", "out.nc.log"):
+    (kept / name).write_bytes((disk / name).read_bytes())
+print(json.dumps(told))
+"""
+
+
+def test_a_full_disk(tmp_path, reference):
+    told = json.loads(on_a_disk_of_its_own(tmp_path / "disk", "size=3m", FILLED, tmp_path))
+    code, said, kept = told["chunks"]
+    assert code == 1
+    assert re.search(
+        rf"pounding-sweep: failed: writing chunk .* failed \(No space left on device\); free some space and run again; "
+        rf"{kept} finished chunks are kept",
+        said,
+    )
+    assert "Traceback" not in said
+    assert kept >= 3
+    code, said, kept = told["cube"]
+    assert code == 1
+    assert re.search(
+        r"pounding-sweep: failed: writing '.*out\.nc' failed \(.*\); free some space .*9 finished chunks are kept", said
+    )
+    assert "Traceback" not in said
+    assert kept == 9
+    assert told["left"] == ["ballast", "out.nc.log", "out.nc.parts", "sweep.toml"]
+    assert told["last"]["run"] == 0
+    assert told["last"]["reused"] == 129
+    same(tmp_path / "out.nc", reference)
+
+
+def test_a_disk_that_cannot_be_written(tmp_path):
+    write(tmp_path, SWEEP)
+    program = f"""
+import sys
+from test_cli import bad
+print(bad("run", {str(tmp_path / "sweep.toml")!r}, "-o", sys.argv[1] + "/out.nc"))
+"""
+    said = on_a_disk_of_its_own(tmp_path / "disk", "ro", program)
+    assert re.search(r"the folder '.*disk' of output .* can't be written \(Read-only file system\); give another", said)
+
+
+@pytest.mark.parametrize(
+    ("number", "remedy"),
+    [
+        (errno.ENOSPC, "free some space and run again"),
+        (errno.EDQUOT, "free some space and run again"),
+        (errno.EROFS, "make the folder writable and run again"),
+        (errno.EACCES, "make the folder writable and run again"),
+    ],
+)
+def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, remedy):
+    def fails(path):
+        raise OSError(number, os.strerror(number))
+
+    store = ChunkStore(tmp_path, "x").open()
+    monkeypatch.setattr("pounding_sweep.sweep.store.replacing", fails)
+    for write_something in (lambda: store.write("k", np.zeros(1, [("a", "f8")])), lambda: store.expect({})):
+        with pytest.raises(WriteError, match=rf"failed \({os.strerror(number)}\); {remedy}"):
+            write_something()
+    assert store.completed() == set()
+
+
+class At(Progress):
+    """Does something when a stage begins, or when some scenarios of it are done."""
+
+    def __init__(self, name, action, after=0):
+        self.name, self.action, self.after, self.current = name, action, after, ""
+
+    def stage(self, name, total):
+        self.current = name
+        if name == self.name and not self.after:
+            self.action()
+
+    def advance(self, count):
+        if self.current == self.name and self.after > 0:
+            self.after -= count
+            if self.after <= 0:
+                self.action()
+
+
+@pytest.mark.parametrize(("stage", "after"), [("no pounding", 1), ("scenarios", 0), ("audit", 0), ("cube", 0)])
+def test_an_output_folder_that_is_gone_during_the_run(tmp_path, stage, after):
+    folder = tmp_path / "results"
+    folder.mkdir()
+    sweep = Sweep(scene=row(), records=motions(), **AXES)
+    with (
+        pytest.warns(RuntimeWarning, match=r"the log .* can't be written \(No such file or directory\)"),
+        pytest.raises(WriteError, match="was removed or moved during the run; run again, and leave it"),
+    ):
+        sweep.run(folder / "out.nc", progress=At(stage, lambda: folder.rename(tmp_path / "gone"), after))
+    assert not folder.exists()
+    folder.mkdir()
+    sweep.run(folder / "out.nc").close()
+    assert sorted(path.name for path in folder.iterdir()) == ["out.nc", "out.nc.log"]
+
+
+# -- what a half-finished folder tells ---------------------------------------------------------------------------------
+
+
+def stop():
+    raise KeyboardInterrupt
+
+
+def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    sweep, parts = Sweep(scene=row(), records=motions(), **AXES, title="Row"), tmp_path / "out.nc.parts"
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run(tmp_path / "out.nc", scheduler="synchronous", progress=At("no pounding", stop, 1))
+    first = survey(parts)
+    assert (first.title, first.asked, first.at_most) == ("Row", sweep.plan().n_asked, sweep.plan().n_unique)
+    assert not first.planned
+    assert [(p.stage, p.law, p.record, p.chunks, p.chunks_done) for p in first.parts] == [
+        ("no pounding", "none", "one", 1, 1),
+        ("no pounding", "none", "two", 1, 0),
+    ]
+    said = cli("info", parts).stdout
+    assert "(which of them have to is known after the runs without pounding)" in said
+    assert re.search(r"^no pounding +none +two +1 +0 +1 +1 +0 +1$", said, re.MULTILINE)
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run(tmp_path / "out.nc", scheduler="synchronous", progress=At("scenarios", stop, 20))
+    second = survey(parts)
+    assert second.planned
+    assert second.now is None
+    files = list(parts.glob("chunk-*.npy"))
+    assert sum(part.chunks_done for part in second.parts) == len(files)
+    assert sum(part.scenarios_done for part in second.parts) == sum(len(np.load(path)) for path in files)
+    missing = sum(part.scenarios - part.scenarios_done for part in second.parts)
+    assert missing > 0
+    files[0].unlink()
+    lost = survey(parts)
+    assert sum(part.chunks_done for part in lost.parts) == len(files) - 1
+    missing = sum(part.scenarios - part.scenarios_done for part in lost.parts)
+    sweep.run(tmp_path / "out.nc", scheduler="synchronous").close()
+    assert sweep.last_outcome.run == missing
+    assert "Variables" in cli("info", tmp_path / "out.nc").stdout
+
+
+def test_folders_that_are_not_half_finished(tmp_path):
+    with pytest.raises(
+        OutputError, match=r"no folder of finished chunks: it has no identity\.json; give OUT\.nc\.parts"
+    ):
+        survey(tmp_path)
+    assert "it has no identity.json" in cli("info", tmp_path, code=2).stderr
+    store = ChunkStore(tmp_path, "x", {"package": "1"}).open()
+    assert "no run came as far as its first stage" in cli("info", tmp_path).stdout
+    for text in ("", "[]", "{}", '{"title": 1, "asked": "x"}', '{"title": "", "asked": 1, "at_most": 1, "stages": 3}'):
+        (store.folder / EXPECTED).write_text(text)
+        with pytest.raises(OutputError, match="can't be read"):
+            survey(tmp_path)
+    store.discard()
+    assert not tmp_path.exists()

@@ -1,0 +1,261 @@
+"""Cubes of one study put together: against the cube of the whole, and everything that must not be mixed."""
+
+from __future__ import annotations
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import motions, row
+from typer.testing import CliRunner
+
+from pounding_sweep import Sweep
+from pounding_sweep.cli.app import app
+from pounding_sweep.cube import merge as merging
+from pounding_sweep.cube.describe import describe
+from pounding_sweep.cube.merge import merge_cubes
+from pounding_sweep.cube.variables import Status
+from pounding_sweep.cube.write import open_cube, write_cube
+from pounding_sweep.errors import InputError
+
+OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
+LAWS = ["linear", "none", "kelvin_voigt"]
+GAPS = [0.0005, 0.002, 0.01, 0.02]
+WHOLE = {"laws": LAWS, "gaps": GAPS, "restitutions": [0.3, 0.7], "records": motions(), "scales": [1.0, 1.5]}
+
+
+def sweep(**changes):
+    settings = {"stiffness_factors": 1.0, "dt": 0.005, "outputs": OUTPUTS, "audit": 0.5}
+    return Sweep(row(), **{**settings, **WHOLE, **changes})
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """The cube of the whole study, with an audit."""
+    return sweep().run(workers=1)
+
+
+def part(whole, **values):
+    """Return what a run over those values of the axes would have made, without an audit."""
+    names = {"law": "laws", "gap": "gaps", "restitution": "restitutions", "scale": "scales"}
+    spec = json.loads(whole.attrs["sweep"])
+    spec |= {names[axis]: list(v) for axis, v in values.items() if axis in names}
+    records = json.loads(whole.attrs["records"])
+    if "record" in values:
+        spec["records"], records = (
+            [r for name in values["record"] for r in listed if r["name"] == name]
+            for listed in (spec["records"], records)
+        )
+    found = whole.drop_dims(["audit", "output"]).sel({axis: list(v) for axis, v in values.items()})
+    steps = [{"one": 0.005, "two": 0.005}[r["name"]] for r in records]
+    return found.assign_attrs(sweep=json.dumps(spec), records=json.dumps(records), time_step=np.array(steps))
+
+
+def saved(folder, *cubes):
+    return [
+        write_cube(cube, folder / f"{name}.nc", overwrite=True) for name, cube in zip("abcdef", cubes, strict=False)
+    ]
+
+
+def merged(folder, *cubes, **more):
+    found = merge_cubes(saved(folder, *cubes), folder / "all.nc", overwrite=True, **more)
+    with open_cube(found.path) as cube:
+        return found, cube.load()
+
+
+def same(found, expected):
+    """Compare values, coordinates and their attributes, and whatever the sweep is known by."""
+    expected = expected.drop_dims(["audit", "output"], errors="ignore")
+    found = found.drop_dims(["audit", "output"], errors="ignore")
+    assert set(found.variables) == set(expected.variables)
+    for name in expected.variables:
+        xr.testing.assert_equal(found[name].variable, expected[name].variable)
+        assert found[name].dtype == expected[name].dtype, name
+        about = {key: v for key, v in expected[name].attrs.items() if not key.startswith("audit_")}
+        np.testing.assert_equal({k: v for k, v in found[name].attrs.items() if not k.startswith("audit_")}, about)
+
+
+def test_parts_that_were_run_apart_make_the_cube_of_the_whole(whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(merging, "SLAB_BYTES", 2000)
+    for name, gaps in (("a.nc", GAPS[2:]), ("b.nc", GAPS[:2])):
+        sweep(gaps=gaps).run(tmp_path / name, workers=1).close()
+    found = merge_cubes([tmp_path / "a.nc", tmp_path / "b.nc"], tmp_path / "all.nc")
+    assert (found.scenarios, found.missing, found.overlapping) == (whole.status.size, 0, 0)
+    with open_cube(found.path) as cube, open_cube(tmp_path / "a.nc") as a, open_cube(tmp_path / "b.nc") as b:
+        same(cube.load(), whole)
+        assert cube.attrs["sweep"] == whole.attrs["sweep"]
+        assert cube.attrs["sweep_sha256"] == whole.attrs["sweep_sha256"]
+        assert cube.attrs["records"] == whole.attrs["records"]
+        np.testing.assert_array_equal(cube.attrs["time_step"], whole.attrs["time_step"])
+        assert [item["sweep_sha256"] for item in json.loads(cube.attrs["merged_from"])] == [
+            a.attrs["sweep_sha256"],
+            b.attrs["sweep_sha256"],
+        ]
+        assert cube.sizes["audit"] == a.sizes["audit"] + b.sizes["audit"] == cube.attrs["audit_scenarios"]
+        assert cube.audit_gap.values.tolist() == a.audit_gap.values.tolist() + b.audit_gap.values.tolist()
+        steady = cube.audit_error.where(cube.audit_sensitive == 0)
+        for name in cube.output.values.tolist():
+            assert cube[name].attrs["audit_error_max"] == steady.sel(output=name).max().item()
+        assert f"{cube.sizes['audit']} of {cube.attrs['audit_touching']} touching scenarios run again" in describe(cube)
+
+
+@pytest.mark.parametrize("slab_bytes", [1, 3000, 2**25])
+def test_missing_combinations_are_not_run_and_named(whole, tmp_path, monkeypatch, slab_bytes):
+    monkeypatch.setattr(merging, "SLAB_BYTES", slab_bytes)
+    monkeypatch.setattr(merging, "BLOCK_BYTES", min(slab_bytes, 500))
+    parts = part(whole, law=LAWS[:2], gap=GAPS[1:]), part(whole, law=LAWS[2:], gap=GAPS[:2])
+    found, cube = merged(tmp_path, *parts)
+    there = (cube.law != "kelvin_voigt") & (cube.gap >= GAPS[1]) | (cube.law == "kelvin_voigt") & (cube.gap < 0.01)
+    same(cube.where(there, drop=False)[["impact_force_max"]], whole.where(there)[["impact_force_max"]])
+    assert (cube.status.values == np.where(there.broadcast_like(cube.status), whole.status, Status.NOT_RUN)).all()
+    assert found.missing == (cube.status == Status.NOT_RUN).sum() == 4 * 8
+    assert found.named[0] == "law=linear gap=0.0005 restitution=0.3 record=one scale=1.0"
+    assert len(found.named) == merging.NAMED
+    assert cube.attrs["sweep"] == whole.attrs["sweep"]
+    assert bool(np.isnan(cube.impact_count.where(~there)).all())
+
+
+AXIS_VALUES = {"law": LAWS, "gap": GAPS, "restitution": [0.3, 0.7], "record": ["one", "two"], "scale": [1.0, 1.5]}
+SUBSETS = st.fixed_dictionaries(
+    {axis: st.lists(st.sampled_from(v), min_size=1, unique=True) for axis, v in AXIS_VALUES.items()}
+)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(SUBSETS, min_size=2, max_size=4))
+def test_any_boxes(whole, tmp_path_factory, boxes):
+    """Overlapping or not, in any order: each scenario is what the whole has, where some part has it."""
+    found, cube = merged(tmp_path_factory.mktemp("boxes"), *(part(whole, **box) for box in boxes))
+    count = xr.zeros_like(whole.status, dtype=int)
+    for box in boxes:
+        count.loc[box] += 1
+    count = count.sel({axis: cube[axis].values for axis in AXIS_VALUES})
+    expected = whole.sel({axis: cube[axis].values for axis in AXIS_VALUES})
+    for name in (*OUTPUTS, "steps_per_contact"):
+        xr.testing.assert_equal(cube[name].variable, expected[name].where(count > 0).variable)
+    assert (cube.status.values == np.where(count > 0, expected.status, Status.NOT_RUN)).all()
+    assert found.missing == int((count == 0).sum())
+    assert found.overlapping == int((count - 1).clip(0).sum())
+    for axis, v in AXIS_VALUES.items():
+        assert set(cube[axis].values.tolist()) == {value for box in boxes for value in box[axis]} <= set(v)
+
+
+def test_a_scenario_that_one_part_failed_to_run_is_taken_from_the_other(whole, tmp_path):
+    a, b = part(whole, gap=GAPS[:3]), part(whole, gap=GAPS[1:])
+    failed = a.copy(deep=True)
+    failed["status"][:, 1] = int(Status.NOT_RUN)
+    for name in OUTPUTS:
+        failed[name][:, 1] = np.nan
+    for order in ((failed, b), (b, failed)):
+        found, cube = merged(tmp_path, *order)
+        same(cube, whole)
+        assert found.missing == 0
+        assert found.overlapping == whole.status[:, 2].size
+
+
+def test_different_results_of_a_scenario_are_named(whole, tmp_path):
+    a, b = part(whole, gap=GAPS[:3]), part(whole, gap=GAPS[1:])
+    changed = b.copy(deep=True)
+    spot = {"law": 2, "gap": 0, "restitution": 1, "record": 0, "scale": 0}
+    at = tuple(spot.get(dim, 0) for dim in b.impact_force_max.dims)
+    before = float(b.impact_force_max.values[at])
+    assert before > 0
+    changed["impact_force_max"][at] = before * (1 + 1e-3)
+    with pytest.raises(InputError) as caught:
+        merged(tmp_path, a, changed)
+    text = str(caught.value)
+    assert "different results of 1 scenarios" in text
+    assert "law=kelvin_voigt gap=0.002 restitution=0.7 record=one scale=1.0: impact_force_max" in text
+    assert f"{before!r} in {str(tmp_path / 'a.nc')!r}" in text
+    assert f"{before * (1 + 1e-3)!r} in {str(tmp_path / 'b.nc')!r}" in text
+    assert not (tmp_path / "all.nc").exists()
+    _, cube = merged(tmp_path, a, changed, tolerance=1e-2)
+    same(cube, whole)
+    _, cube = merged(tmp_path, changed, a, tolerance=1e-2)  # the first part's is taken
+    assert (cube.impact_force_max != whole.impact_force_max).sum() >= 1
+    changed["status"][:] = 2
+    with pytest.raises(InputError, match=rf"different results of {changed.status[:, :2].size} scenarios.*and \d+ more"):
+        merged(tmp_path, a, changed, tolerance=1e-2)
+
+
+def test_counts_are_compared_exactly(whole, tmp_path):
+    changed = part(whole, gap=GAPS[1:]).copy(deep=True)
+    changed["impact_count"][0, 0] += 1
+    with pytest.raises(InputError, match=r"impact_count \d+ in .*, \d+ in "):
+        merged(tmp_path, part(whole, gap=GAPS[:2]), changed, tolerance=0.5)
+
+
+def changed_spec(cube, **changes):
+    return cube.assign_attrs(sweep=json.dumps(json.loads(cube.attrs["sweep"]) | changes))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda c: changed_spec(c, dt=0.001), r"'dt' of the sweep is 0\.005 in the first and 0\.001 in the second"),
+        (lambda c: changed_spec(c, scene={}), r"'scene' of the sweep is \{"),
+        (lambda c: changed_spec(c, gaps=None), r"whether 'gaps' are given is True"),
+        (lambda c: c.assign_attrs(precision="float32"), r"attribute 'precision' is 'float64' .* 'float32'"),
+        (lambda c: c.assign_attrs(pounding_sweep_version="9"), r"attribute 'pounding_sweep_version'"),
+        (lambda c: c.drop_vars("impact_count"), r"the list of variables is"),
+        (lambda c: c.isel(scale=0, drop=True), r"the list of axes is"),
+        (lambda c: c.assign_coords(building=["a", "b", "d"]), r"the list of buildings is \['a', 'b', 'c'\]"),
+        (
+            lambda c: changed_spec(c, records=[{**r, "sha256": "0"} for r in json.loads(c.attrs["sweep"])["records"]]),
+            r"record 'one' is \['[0-9a-f]+', 0\.02, 150",
+        ),
+        (lambda c: c.assign_coords(pair_gap=c.pair_gap + 1), r"coordinate 'pair_gap' of .*b\.nc' is 1\.002 where"),
+        (lambda c: c.assign_coords(gap=c.gap * (1 + 1e-12)), r"gap has the values .* the same but for rounding"),
+        (lambda c: c.drop_attrs(deep=False).assign_attrs(pounding_sweep_version="1"), r"is no cube of a sweep"),
+        (lambda c: c.assign(more=c.status), r"'.*b\.nc' has the variables more, which sweeps don't make"),
+        (lambda c: c.isel(law=0).rename(gap="case"), r"lists its scenarios as cases"),
+    ],
+)
+def test_what_is_not_of_one_study_is_refused(whole, tmp_path, change, says):
+    a, b = part(whole, gap=GAPS[:2]), change(part(whole, gap=GAPS[1:]))
+    with pytest.raises(InputError, match=says):
+        merged(tmp_path, a, b)
+    assert not (tmp_path / "all.nc").exists()
+
+
+def test_one_cube_is_nothing_to_merge(whole, tmp_path):
+    with pytest.raises(InputError, match="at least two cubes"):
+        merged(tmp_path, part(whole))
+
+
+def test_records_of_both_parts(whole, tmp_path):
+    found, cube = merged(tmp_path, part(whole, record=["two"]), part(whole, record=["one"]))
+    assert cube.record.values.tolist() == ["two", "one"]
+    same(cube, whole.sel(record=["two", "one"]))
+    assert [r["name"] for r in json.loads(cube.attrs["records"])] == ["two", "one"]
+    assert cube.record_pga.values.tolist() == [r.pga for r in reversed(motions())]
+    assert found.missing == 0
+
+
+def test_command(whole, tmp_path):
+    files = saved(tmp_path, part(whole, law=LAWS[:1], gap=GAPS[:1]), part(whole, law=LAWS[1:]))
+    run = CliRunner().invoke
+    arguments = ["merge", *map(str, files), "-o", str(tmp_path / "all.nc")]
+    made = run(app, arguments)
+    assert made.exit_code == 0, made.output
+    assert "missing    24 (status not_run): law=linear gap=0.002 " in made.stdout
+    assert made.stdout.splitlines()[-1] == str(tmp_path / "all.nc")
+    assert run(app, arguments).exit_code == 2
+    assert run(app, [*arguments, "--overwrite", "--tolerance", "0"]).exit_code == 0
+
+
+def test_slabs_cover_every_part_once(whole, tmp_path, monkeypatch):
+    """Written in slabs of any size, the file is the same."""
+    parts = [part(whole, law=[law], restitution=[e]) for law, e in itertools.product(LAWS, [0.7, 0.3])]
+    cubes = []
+    for size in (1, 2000, 2**25):
+        monkeypatch.setattr(merging, "SLAB_BYTES", size)
+        monkeypatch.setattr(merging, "BLOCK_BYTES", min(size, 300))
+        cubes.append(merged(tmp_path, *parts)[1])
+    same(cubes[0], whole)
+    same(cubes[1], whole)
+    same(cubes[2], whole)
