@@ -215,11 +215,9 @@ def test_newmark_equals_the_twin_for_every_law(law):
 
 OTHER_ROWS = [
     ("paper", "linear", 251, "rk4", 5e-4, 1e-5),
-    ("paper", "kelvin_voigt", 251, "rk4", 5e-4, 1e-5),
     ("paper", "hertz_damped", 251, "rk4", 5e-4, 1e-5),
     ("uneven", "kelvin_voigt", 101, "rk4", 5e-4, 1e-5),
     ("four", "hertz_damped", 101, "rk4", 5e-4, 1e-5),
-    ("four", "linear_viscoelastic", 101, "newmark", 2e-4, 2e-3),
     ("paper", "hertz_damped", 251, "newmark", 2e-4, 2e-3),
     ("tall", "linear", 76, "rk4", 5e-4, 1e-5),
     ("tall", "linear", 76, "newmark", 2e-4, 2e-3),
@@ -419,7 +417,7 @@ def cubes(row, method, dt, outputs=LONG_STEPS, law="hertz_damped"):
 
 
 @pytest.mark.usefixtures("row_kernels")
-@pytest.mark.parametrize("row", ["paper", "four", "tall"])
+@pytest.mark.parametrize("row", ["paper", "four"])
 def test_long_flight_steps_find_the_peaks_of_short_ones(row):
     kernel, got = cubes(row, "exact", 1e-3)
     assert kernel.glides(motion(251)) < kernel.numerics.steps(motion(251))

@@ -61,7 +61,8 @@ def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
         dtype: Any = variable.dtype
         if dtype is not str and dtype.kind not in "iufS":
             yield f"variable {name!r} has type {dtype}, neither number nor text"
-        if name in VARIABLES and (dtype is str or dtype.kind == "S"):
+        labels = variable.dimensions[:1] == (name,)  # names of statuses, along which a trade counts
+        if name in VARIABLES and not labels and (dtype is str or dtype.kind == "S"):
             yield f"variable {name!r} is text"
         if len(set(variable.dimensions)) < len(variable.dimensions):
             yield f"variable {name!r} has a dimension twice"
