@@ -42,9 +42,6 @@ def both(monkeypatch, **settings):
     return found
 
 
-slow = pytest.mark.slow
-
-
 def test_unlocated_forces_are_those_of_the_motion():
     """Behind a wall, the first floor belongs to two contacts."""
     one = ps.simulate(ROW, SHORT, law="kelvin_voigt", method="rk4", dt=1e-3, locate=False)
@@ -66,8 +63,8 @@ def test_unlocated_forces_are_those_of_the_motion():
     "settings",
     [
         {"method": "rk4"},
-        pytest.param({"method": "exact"}, marks=slow),
-        pytest.param({"method": "newmark", "dt": 2e-4, **VARIED}, marks=slow),
+        pytest.param({"method": "exact"}, marks=pytest.mark.release),
+        pytest.param({"method": "newmark", "dt": 2e-4, **VARIED}, marks=pytest.mark.slow),
     ],
     ids=lambda settings: (
         " ".join(f"{name}={value}" for name, value in settings.items() if name not in VARIED)

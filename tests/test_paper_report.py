@@ -196,7 +196,7 @@ def test_the_command_refuses_what_it_cannot_use(tmp_path):
     assert "can't be made" in cli("paper", "-o", tmp_path / "file", code=2).stderr
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_fresh_machine_gets_the_report_of_el_centro(tmp_path):
     """Without cubes both readings are run; the same readings from cubes give the same verdicts."""
     done = cli("paper", "-o", tmp_path / "both", "--json", "--quiet")
