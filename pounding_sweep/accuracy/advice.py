@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -66,6 +66,8 @@ Scheme = tuple[str, str]
 CONTACT_MARGIN = 1.25
 #: Short exact steps in half a period of the highest mode where `finer` is 1: where floors meet they are Runge-Kutta's.
 EXACT_STEPS = 8.0
+#: Scenarios whose times are worked out at once.
+BLOCK = 2**16
 #: Leading digits of the numbers of steps in a record interval: few, so that many scenarios share one.
 _STEPS = (10, 12, 16, 20, 25, 30, 40, 50, 60, 80)
 
@@ -293,8 +295,9 @@ class _Job:
         speeds = [self._speeds(record) for record in spec.records]
         for i, law in enumerate(laws):
             for r in range(len(spec.records)):
-                rows = np.flatnonzero((table.law == i) & (table.record == r))
-                if len(rows) and law.exponent is not None and spec.scene.contacts:
+                if law.exponent is None or not spec.scene.contacts:
+                    continue
+                for rows in _blocks(np.flatnonzero((table.law == i) & (table.record == r))):
                     each = np.abs(table.scale[rows])[:, None] * speeds[r][table.variant[rows]] + initial_speed
                     self.contact[rows] = shortest_contact(
                         variants[table.variant[rows]],
@@ -326,11 +329,11 @@ class _Job:
             wanted = np.maximum(wanted, still_need / mode)  # where contacts are followed with sub-steps, modes decide
         wanted = np.maximum(wanted, CONTACT_MARGIN * MIN_STEPS_PER_CONTACT[method, True] / self.contact)
         for i, law in enumerate(self.laws):
-            rows = np.flatnonzero(table.law == i)
-            limit = self._limit(
-                self.variants[table.variant[rows]], method, law, table.stiffness[rows], table.restitution[rows]
-            )
-            wanted[rows] = np.maximum(wanted[rows], 1.0 / limit)
+            for rows in _blocks(np.flatnonzero(table.law == i)):
+                limit = self._limit(
+                    self.variants[table.variant[rows]], method, law, table.stiffness[rows], table.restitution[rows]
+                )
+                wanted[rows] = np.maximum(wanted[rows], 1.0 / limit)
         least = np.stack([self._motion_steps(method, record) for record in spec.records])
         open_limit = self._limit(self.variants, method, self.laws[-1], 0.0 * alone, alone)
         still = whole_steps(np.maximum(still_need / self.mode, 1.0 / open_limit) * interval[:, None])
@@ -408,6 +411,12 @@ class _Job:
             text += f"; contacts last {_range(lasting, '.3g')} s"
         text += "".join(f". {' '.join(name)} would cost {ratio:.3g} times as much" for name, ratio in others.items())
         return text
+
+
+def _blocks(rows: np.ndarray) -> Iterator[np.ndarray]:
+    """Cut rows into parts whose arrays take little memory."""
+    for first in range(0, len(rows), BLOCK):
+        yield rows[first : first + BLOCK]
 
 
 def _range(values: np.ndarray, form: str) -> str:
