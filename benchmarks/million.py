@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tempfile
@@ -37,6 +36,22 @@ class Run:
     cube_bytes: int
 
 
+def _watch(process: subprocess.Popen[bytes]) -> int:
+    """Wait for a process; return its peak resident memory (bytes).
+
+    What the system says of an ended child counts the memory of this process too, which it had before it became another.
+    """
+    peak = 0
+    while process.poll() is None:
+        try:
+            lines = Path(f"/proc/{process.pid}/status").read_text(encoding="utf-8").splitlines()
+            peak = max([peak, *(1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM"))])
+        except OSError:  # it has just ended
+            pass
+        time.sleep(0.02)
+    return peak
+
+
 def run_file(path: Path = SWEEP) -> Run:
     """Run a sweep file by ``pounding-sweep run``; kernels that are on disk already are loaded.
 
@@ -51,11 +66,10 @@ def run_file(path: Path = SWEEP) -> Run:
         with tempfile.TemporaryFile("w+") as messages:
             started = time.perf_counter()
             process = subprocess.Popen(command, stdout=messages, stderr=messages)
-            _, status, used = os.wait4(process.pid, 0)
+            peak = _watch(process)
             seconds = time.perf_counter() - started
-            process.returncode = os.waitstatus_to_exitcode(status)
             messages.seek(0)
             if process.returncode:
                 msg = f"{' '.join(command)} failed: {messages.read()}"
                 raise RuntimeError(msg)
-        return Run(load_sweep(path).spec.n_scenarios, seconds, used.ru_maxrss * 1024, cube.stat().st_size)
+        return Run(load_sweep(path).spec.n_scenarios, seconds, peak, cube.stat().st_size)
