@@ -133,7 +133,6 @@ def state_slots(shape: KernelShape) -> Slots:
         for name in ("_x", "_y", "_a1", "_a2", "_a3", "_a4"):
             slots.add(name, n)
         if contact:
-            slots.add("_F", nc)
             slots.add("PUSH", n)
     if not shape.fused:
         for name in (*OF_STEP, *OF_RUN, "OWN_HIT", "OWN_TURN"):
@@ -250,7 +249,7 @@ def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> st
 
 def _hidden(slots: Slots) -> str:
     """Addresses of what only the stages of a longer row hold."""
-    lines = [f"{n.upper()} = {slots.first[n] * LANES}\n" for n in ("_x", "_y", "_F") if n in slots.first]
+    lines = [f"{n.upper()} = {slots.first[n] * LANES}\n" for n in ("_x", "_y")]
     return "\n" + "".join(lines)
 
 
