@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
@@ -49,14 +48,6 @@ class Job:
 Run = Callable[..., "np.ndarray | str"]
 #: (position of the chunk, its table or what went wrong)
 Take = Callable[[int, "np.ndarray | str"], None]
-
-
-class _Ahead:
-    """Threads that dask takes for twice as many: a task waits for each, so none idles while this one takes results."""
-
-    def __init__(self, threads: ThreadPoolExecutor, workers: int) -> None:
-        self.submit = threads.submit
-        self._max_workers = 2 * workers
 
 
 class Dispatcher:
@@ -129,15 +120,9 @@ class Dispatcher:
                 result.clear()  # dask keeps the list until the end
 
         graph = {f"chunk-{i}": (task,) for i in range(n)}
+        get = dask.get if self.scheduler == "synchronous" else dask.threaded.get
         with Gather():
-            if self.scheduler == "synchronous":
-                dask.get(graph, list(graph))
-                return
-            threads = ThreadPoolExecutor(self.workers)
-            try:
-                dask.threaded.get(graph, list(graph), pool=_Ahead(threads, self.workers))
-            finally:
-                threads.shutdown(cancel_futures=True)
+            get(graph, list(graph), num_workers=self.workers)
 
     def _far(self, n: int, job: Callable[[int], Job], take: Take) -> None:
         """Each record is sent once, and few results are in flight at a time."""
