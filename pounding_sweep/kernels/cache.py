@@ -68,6 +68,12 @@ def source_digest(shape: KernelShape) -> str:
     return _texts(shape)[-1][0]
 
 
+def text_sizes(shape: KernelShape) -> tuple[str, int, int]:
+    """Return the name of the kernel's row module, and the lengths of both texts: what compiling takes goes by them."""
+    (row_name, row), (_, main) = _texts(shape)
+    return row_name, len(row), len(main)
+
+
 def is_loaded(shape: KernelShape) -> bool:
     """Whether this process has the kernel already."""
     return shape in _LOADED

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from pounding_sweep.kernels.cache import get_kernel, is_cached, is_loaded
+from pounding_sweep.kernels.cache import get_kernel, is_cached, is_loaded, text_sizes
 from pounding_sweep.kernels.shape import KernelShape, LawShape
 
 
@@ -38,6 +38,25 @@ def from_json(data: dict[str, Any]) -> KernelShape:
     )
 
 
+def shares(shapes: Sequence[KernelShape], n: int) -> list[list[KernelShape]]:
+    """Cut kernels into at most `n` shares that take about as long to compile; none is empty.
+
+    Compiling takes about as long as the text is. Kernels of the same row stand side by side: in
+    one share, what they have in common is compiled once.
+    """
+    sizes = {shape: text_sizes(shape) for shape in shapes}
+    rows: dict[str, dict[KernelShape, int]] = {}
+    for shape, (row, row_size, main_size) in sizes.items():
+        here = rows.setdefault(row, {})
+        here[shape] = main_size + (0 if here else row_size)
+    total, done = sum(sum(here.values()) for here in rows.values()), 0.0
+    found: list[list[KernelShape]] = [[] for _ in range(max(1, n))]
+    for shape, size in (item for here in rows.values() for item in here.items()):
+        found[int((done + size / 2) * len(found) / total)].append(shape)
+        done += size
+    return [share for share in found if share]
+
+
 def prepare(shapes: Sequence[KernelShape], workers: int = 1, notify: Callable[[int, int], None] | None = None) -> int:
     """Make kernels ready to run in this process; returns how many had to be compiled.
 
@@ -52,10 +71,10 @@ def prepare(shapes: Sequence[KernelShape], workers: int = 1, notify: Callable[[i
     """
     wanted = list(dict.fromkeys(shapes))
     missing = [shape for shape in wanted if not (is_loaded(shape) or is_cached(shape))]
-    share = -(-len(missing) // max(1, workers))
+    mine, *others = shares(missing, workers) or [[]]
     children = []
-    for first in range(share, len(missing), max(1, share)):
-        text = json.dumps([to_json(shape) for shape in missing[first : first + share]])
+    for theirs in others:
+        text = json.dumps([to_json(shape) for shape in theirs])
         child = subprocess.Popen(
             [sys.executable, "-m", "pounding_sweep.kernels.prepare"],
             stdin=subprocess.PIPE,
@@ -69,7 +88,7 @@ def prepare(shapes: Sequence[KernelShape], workers: int = 1, notify: Callable[[i
         children.append(child)
     ready = 0
     try:
-        for shape in [*missing[:share], *(s for s in wanted if s not in missing)]:
+        for shape in [*mine, *(s for s in wanted if s not in missing)]:
             get_kernel(shape)
             ready += 1
             if notify:
@@ -80,7 +99,7 @@ def prepare(shapes: Sequence[KernelShape], workers: int = 1, notify: Callable[[i
         for child in children:
             child.kill()
         raise
-    for shape in missing[share:]:
+    for shape in (shape for theirs in others for shape in theirs):
         get_kernel(shape)  # from the disk cache; compiled here should a child have failed
         ready += 1
         if notify:

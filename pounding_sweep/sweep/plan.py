@@ -142,7 +142,8 @@ class Plan:
             return {}
         last = len(self.laws) - 1
         contact = [int(law) for law in np.unique(self.unique.law[runnable]) if law != last]
-        return {**{(law, False): self.kernel(law) for law in contact}, (last, True): self.kernel(last, closing=True)}
+        found = {(law, False): self.kernel(law) for law in contact}
+        return {**found, (last, True): self.kernel(last, closing=True)} if len(self.motions_to_run) else found
 
     def _host(self, law: int) -> Law | None:
         """Return the law of this sweep whose kernel an undamped law can run in.
