@@ -6,8 +6,9 @@ that importing the package is fast.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from pounding_sweep.deferred import attribute
 
 _HOME = {
     "Building": "pounding_sweep.scene",
@@ -86,10 +87,7 @@ def __getattr__(name: str) -> Any:
         from pounding_sweep.cube.assemble import package_version
 
         return package_version()
-    if name in _HOME:
-        return getattr(import_module(_HOME[name]), name)
-    msg = f"module 'pounding_sweep' has no attribute {name!r}"
-    raise AttributeError(msg)
+    return attribute(__name__, _HOME, name)
 
 
 def __dir__() -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,7 @@ from pounding_sweep.cube.variables import Status
 from pounding_sweep.errors import InputError, StabilityError
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.scene import Building, Scene
-from pounding_sweep.sweep.spec import build_spec, contact_stiffness
+from pounding_sweep.sweep.spec import build_spec, contact_stiffness, scene_data
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,7 +83,8 @@ def simulate(
         ground), ``acceleration`` (m/s2, total), ``ground_acceleration``,
         ``contact_force`` (kN), ``penetration`` (m, zero while open), and energies
         (kN m) ``input``, ``kinetic``, ``strain``, ``damping`` and ``transfer`` per
-        building and ``work`` per pair; beside them every variable of a cube.
+        building and ``work`` per pair; beside them every variable of a cube. The attribute
+        ``scene`` holds the row as JSON.
 
     Raises
     ------
@@ -173,6 +175,7 @@ def simulate(
         "time_step": step,
         "located": spec.locate,
         "unit_system": "kN, t, m, s",
+        "scene": json.dumps(scene_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
     }
     if spec.accuracy is not None:
         attributes |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}

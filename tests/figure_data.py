@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import xarray as xr
 
@@ -11,15 +13,15 @@ from pounding_sweep.cube.layout import inner_shape
 from pounding_sweep.cube.variables import VARIABLES
 from pounding_sweep.records import pulse_record
 from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.sweep.spec import build_spec, to_json
+from pounding_sweep.sweep.spec import build_spec, scene_data, to_json
 
 LAWS = ("linear", "kelvin_voigt", "none")
 
 
-def scene(left_wall=False, right_wall=False):
+def scene(left_wall=False, right_wall=False, names=("w1", "a", "b", "w2")):
     """Two buildings of three and two storeys, walls beside them where asked for."""
-    row = [Building("a", [200.0] * 3, [2e5] * 3), Building("b", [100.0] * 2, [1.5e5] * 2)]
-    row = [*([Wall("w1")] if left_wall else []), *row, *([Wall("w2")] if right_wall else [])]
+    row = [Building(names[1], [200.0] * 3, [2e5] * 3), Building(names[2], [100.0] * 2, [1.5e5] * 2)]
+    row = [*([Wall(names[0])] if left_wall else []), *row, *([Wall(names[3])] if right_wall else [])]
     contact = ContactProperties(linear_stiffness=1e6, hertz_stiffness=1e7, restitution=0.6)
     return Scene(row, gaps=[0.01 * (i + 1) for i in range(len(row) - 1)], contact=contact)
 
@@ -56,9 +58,9 @@ def cube(seed=0, **sizes):
     return assemble(row, axes, arrays, {"title": "by hand", "sweep": to_json(spec)}, extra)
 
 
-def histories(left_wall=False, right_wall=False, touch=True):
+def histories(left_wall=False, right_wall=False, touch=True, **more):
     """Histories of two seconds: floors that sway against each other, and forces where they overlap."""
-    row = scene(left_wall, right_wall)
+    row = scene(left_wall, right_wall, **more)
     time = np.linspace(0.0, 2.0, 401)
     sway = np.array([[0.6, 0.8, 1.0], [-0.7, -1.0, np.nan]]) * (0.02 if touch else 0.004)
     phase = np.sin(2.0 * np.pi * 2.0 * time) * np.exp(-0.5 * time)
@@ -76,7 +78,8 @@ def histories(left_wall=False, right_wall=False, touch=True):
         "ground_acceleration": (("time",), np.cos(9.0 * time), {"units": "m s-2"}),
         "contact_force": (("time", "pair", "storey"), 1e6 * np.maximum(closing, 0.0), {"units": "kN"}),
     }
-    base = assemble(row, [], {"status": np.int8(0), "steps_per_contact": np.float64(9.0)}, {"title": "by hand"})
+    about = {"title": "by hand", "scene": json.dumps(scene_data(row))}
+    base = assemble(row, [], {"status": np.int8(0), "steps_per_contact": np.float64(9.0)}, about)
     coords = {"time": ("time", time, {"units": "s"}), "pair_gap": ("pair", list(row.gaps), {"units": "m"})}
     return base.assign_coords(coords).assign(arrays)
 

@@ -6,8 +6,9 @@ Names are loaded where they are first used. Each function takes a labelled cube
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
+
+from pounding_sweep.deferred import attribute
 
 _HOME = {
     "amplification": "pounding_sweep.analysis.amplified",
@@ -27,10 +28,7 @@ _HOME = {
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(_HOME[name]), name)
-    msg = f"module 'pounding_sweep.analysis' has no attribute {name!r}"
-    raise AttributeError(msg)
+    return attribute(__name__, _HOME, name)
 
 
 def __dir__() -> list[str]:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from pounding_sweep.deferred import function_at
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,9 +51,7 @@ class Comparison:
 
     def load(self) -> Callable[..., xr.Dataset]:
         """Return the function that makes it."""
-        module, _, name = self.place.partition(":")
-        found: Callable[..., Any] = getattr(import_module(module), name)
-        return found
+        return function_at(self.place)
 
 
 #: Every comparison by key, in the order in which they are listed.

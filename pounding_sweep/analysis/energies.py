@@ -7,7 +7,8 @@ record: input = damping + kinetic + strain + transfer. What all buildings gave
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.analysis.scenarios import (
     described,
@@ -74,9 +75,8 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
         msg = f"{what} needs a scenario, and this cube has none; select at least one"
         raise InputError(msg)
     found = {name: values(cube, name) for name in TERMS}
-    given, damping, kinetic, strain = found.values()
-    transfer = given - damping - kinetic - strain
-    found["energy_transfer"] = _about(transfer, "energy given to neighbours and contacts")
+    given, transfer = found["energy_input"], energy_transfer(found)
+    found["energy_transfer"] = transfer
     found |= {name: values(cube, name) for name in _EXTREMES if name in cube.data_vars}
     work = values(cube, "contact_work") if "contact_work" in cube.data_vars else None
     total = transfer.sum("building", skipna=False)
@@ -96,6 +96,18 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     worst = float(relative.max()) if bool(relative.notnull().any()) else float("nan")
     dataset = given.to_dataset(name=TERMS[0]).assign(found)
     return finished(dataset, cube, "energy", largest_residual_relative=worst)
+
+
+def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:
+    """Energy (kN m) that each building has given to neighbours and contacts: input - damping - kinetic - strain.
+
+    Parameters
+    ----------
+    energies : mapping or Dataset
+        Holds `TERMS`.
+    """
+    given, damping, kinetic, strain = (energies[name] for name in TERMS)
+    return _about(given - damping - kinetic - strain, "energy given to neighbours and contacts")
 
 
 def _sum_of_pairs(work: xr.DataArray) -> xr.DataArray:

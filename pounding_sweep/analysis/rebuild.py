@@ -52,6 +52,24 @@ def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:
     return found
 
 
+def stored_scene(one: xr.Dataset) -> Scene:
+    """Return the row of a scenario with its histories.
+
+    Raises
+    ------
+    InputError
+        The dataset does not carry its row.
+    """
+    try:
+        return scene_of({"scene": json.loads(one.attrs["scene"])})
+    except (AttributeError, KeyError, TypeError, ValueError):
+        msg = (
+            "this file does not carry its row of buildings (attribute 'scene'), from which the walls beside it would "
+            "be known: it was made by another version of this package, or changed; simulate the scenario again"
+        )
+        raise InputError(msg) from None
+
+
 def scene_of(sweep: Mapping[str, Any]) -> Scene:
     """Return the row of a stored sweep."""
     row: list[Building | Wall] = []

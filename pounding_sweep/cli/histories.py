@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.cli.app import Folders, SweepFile, app
+from pounding_sweep.cli.app import Folders, Overwrite, SweepFile, app
 from pounding_sweep.cli.reporting import reporting, say
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ Restitution = Annotated[float | None, typer.Option("--restitution", metavar="E",
 RecordName = Annotated[str | None, typer.Option("--record", metavar="NAME", help="One of the sweep's records.")]
 Scale = Annotated[float | None, typer.Option("--scale", metavar="X", help="Factor on the record.")]
 CaseNumber = Annotated[int | None, typer.Option("--case", metavar="N", help="Listed case, from 1.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
 
 
 @app.command("simulate")
@@ -44,7 +43,17 @@ def simulate_command(
         from pounding_sweep.cube.write import check_output, write_cube
 
         check_output(out, overwrite)
-        one = _simulate(sweep, folders, case, law, gap, stiffness_factor, restitution, record, scale)
+        one = _simulate(
+            sweep,
+            folders,
+            case=case,
+            law=law,
+            gap=gap,
+            stiffness_factor=stiffness_factor,
+            restitution=restitution,
+            record=record,
+            scale=scale,
+        )
         write_cube(one, out, overwrite)
         print(out)
 
@@ -53,7 +62,10 @@ def simulate_command(
 def animate_command(
     sweep: SweepFile,
     out: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE", help="GIF, or MP4 with ffmpeg.", show_default=False)
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="GIF, or MP4 with ffmpeg; replaced if it exists.", show_default=False
+        ),
     ],
     law: Law = None,
     gap: Gap = None,
@@ -69,44 +81,34 @@ def animate_command(
     speed: Annotated[
         float | None, typer.Option(metavar="X", help="Seconds of the record per second of the animation.")
     ] = None,
-    overwrite: Overwrite = False,
 ) -> None:
     """Animate the row in one scenario of a sweep, by default round its strongest impact."""
     with reporting():
         from pounding_sweep.cube.write import check_output
         from pounding_sweep.figures.animation import animate, check_movie
 
-        check_output(out, overwrite)
+        check_output(out, overwrite=True)
         check_movie(out, frames, speed)
-        one = _simulate(sweep, folders, case, law, gap, stiffness_factor, restitution, record, scale)
+        one = _simulate(
+            sweep,
+            folders,
+            case=case,
+            law=law,
+            gap=gap,
+            stiffness_factor=stiffness_factor,
+            restitution=restitution,
+            record=record,
+            scale=scale,
+        )
         print(animate(one, out, start=start, end=end, frames=frames, speed=speed))
 
 
-def _simulate(
-    sweep: Path,
-    folders: list[Path] | None,
-    case: int | None,
-    law: str | None,
-    gap: float | None,
-    stiffness_factor: float | None,
-    restitution: float | None,
-    record: str | None,
-    scale: float | None,
-) -> xr.Dataset:
-    """Run the chosen scenario; say which it is."""
+def _simulate(sweep: Path, folders: list[Path] | None, **choice: Any) -> xr.Dataset:
+    """Run the scenario that is chosen as for `simulate_one`; say which it is."""
     from pounding_sweep.choice import simulate_one
     from pounding_sweep.figures.chosen import heading
     from pounding_sweep.sweep.sweep import load_sweep
 
-    one = simulate_one(
-        load_sweep(sweep, folders=folders or None).spec,
-        case=case,
-        law=law,
-        gap=gap,
-        stiffness_factor=stiffness_factor,
-        restitution=restitution,
-        record=record,
-        scale=scale,
-    )
+    one = simulate_one(load_sweep(sweep, folders=folders or None).spec, **choice)
     say(heading(one))
     return one

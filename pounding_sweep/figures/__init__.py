@@ -8,10 +8,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pounding_sweep.deferred import function_at
 from pounding_sweep.errors import InputError, OutputError, unknown
 
 if TYPE_CHECKING:
@@ -58,9 +58,7 @@ class Kind:
 
     def load(self) -> Callable[..., Any]:
         """Return the function that draws it."""
-        module, _, name = self.place.partition(":")
-        found: Callable[..., Any] = getattr(import_module(module), name)
-        return found
+        return function_at(self.place)
 
     def lacks(self, dataset: xr.Dataset) -> tuple[str, ...]:
         """Return in words what of `needs` and `several` a dataset has not."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from pounding_sweep.errors import InputError
 from pounding_sweep.figures.chosen import along, middle
 from pounding_sweep.figures.compared import drawn_axis, first_varied, result_of
-from pounding_sweep.figures.style import legend_below, look, styled, subplots
+from pounding_sweep.figures.style import label_edges, legend_below, look, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,7 +70,7 @@ def amplification(cube: xr.Dataset) -> Figure:
     buildings = result["building"].values.tolist()
     figure, axes = subplots(len(rows), len(buildings), (1.6 + 2.4 * len(buildings), 1.3 + 1.7 * len(rows)))
     x, label = drawn_axis(result, axis) if axis else (result["storey"].values, "storey (-)")
-    for row, (name, text) in enumerate(rows):
+    for row, (name, _) in enumerate(rows):
         for column, building in enumerate(buildings):
             ax = axes[row, column]
             ax.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
@@ -81,10 +81,7 @@ def amplification(cube: xr.Dataset) -> Figure:
                 ax.set_xticks(x)
             if row == 0:
                 ax.set_title(f"building {building}")
-            if row == len(rows) - 1:
-                ax.set_xlabel(label)
-            if column == 0:
-                ax.set_ylabel(f"{text}\nover no pounding (-)")
+    label_edges(axes, label, [f"{text}\nover no pounding (-)" for _, text in rows])
     legend_below(figure, axes[0, 0])
     figure.suptitle(shown_of + shown, fontsize=9)
     return figure

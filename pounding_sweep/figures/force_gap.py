@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from pounding_sweep.figures import require
 from pounding_sweep.figures.chosen import along, middle
-from pounding_sweep.figures.style import legend_below, look, styled, subplots
+from pounding_sweep.figures.style import label_edges, legend_below, look, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -45,7 +45,7 @@ def force_gap(cube: xr.Dataset) -> Figure:
     pairs = cube.pair.values.tolist()
     figure, axes = subplots(len(_ROWS), len(pairs), (2.0 + 3.2 * len(pairs), 5.2))
     gaps = cube.gap.values * 1e3
-    for row, (name, label, factor) in enumerate(_ROWS):
+    for row, (name, _, factor) in enumerate(_ROWS):
         for column, pair in enumerate(pairs):
             ax = axes[row, column]
             for number, law in enumerate(laws):
@@ -54,10 +54,7 @@ def force_gap(cube: xr.Dataset) -> Figure:
             ax.set_ylim(bottom=0)
             if row == 0:
                 ax.set_title(f"pair {pair}")
-            if row == len(_ROWS) - 1:
-                ax.set_xlabel("gap (mm)")
-            if column == 0:
-                ax.set_ylabel(label)
+    label_edges(axes, "gap (mm)", [label for _, label, _ in _ROWS])
     legend_below(figure, axes[0, 0])
     if shown:
         figure.suptitle(shown, fontsize=9)

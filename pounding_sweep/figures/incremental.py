@@ -10,7 +10,7 @@ from pounding_sweep.cube.variables import VARIABLES
 from pounding_sweep.errors import InputError
 from pounding_sweep.figures.chosen import along, middle
 from pounding_sweep.figures.compared import result_of
-from pounding_sweep.figures.style import COLOURS, axis_label, legend_below, styled, subplots
+from pounding_sweep.figures.style import COLOURS, axis_label, label_edges, legend_below, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -96,10 +96,7 @@ def incremental(cube: xr.Dataset) -> Figure:
                 )
             ax.set(xlim=(0.0, None), ylim=(0.0, None))
             ax.set_title(f"{law + ', ' if law else ''}{per} {end}, storey {storey + 1}")
-            if row == len(laws) - 1:
-                ax.set_xlabel(intensity)
-            if column == 0:
-                ax.set_ylabel(label)
+    label_edges(axes, intensity, [label] * len(laws))
     legend_below(figure, axes[0, 0], most=4)
     if shown:
         figure.suptitle(shown, fontsize=9)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from pounding_sweep.errors import InputError
 from pounding_sweep.figures.chosen import along, middle
 from pounding_sweep.figures.compared import drawn_axis, first_varied, over_storeys, result_of
-from pounding_sweep.figures.style import legend_below, look, styled, subplots
+from pounding_sweep.figures.style import label_edges, legend_below, look, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -79,10 +79,7 @@ def law_comparison(cube: xr.Dataset) -> Figure:
                 line = ratio["ratio"].sel(basis=basis, pair=pair, law=law)
                 ax.plot(x, line, label=law, **look(number))
             ax.set_title(f"pair {pair}, equal {basis} restitution")
-            if row == len(bases) - 1:
-                ax.set_xlabel(label)
-            if column == 0:
-                ax.set_ylabel(f"{_OUTPUTS[name]}\nover the reference's (-)")
+    label_edges(axes, label, [f"{_OUTPUTS[name]}\nover the reference's (-)"] * len(bases))
     legend_below(figure, axes[0, 0])
     figure.suptitle("; ".join(part for part in (shown_of, shown) if part), fontsize=9)
     return figure

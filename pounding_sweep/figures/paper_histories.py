@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.figures.paper_grid import label_grid, model_label, model_look, record_grid
+from pounding_sweep.figures.paper_grid import model_grid, model_label
 from pounding_sweep.figures.style import COLOURS, legend_below, styled
 from pounding_sweep.paper.published import record_title
 from pounding_sweep.paper.readings import READINGS
@@ -35,15 +35,16 @@ def structural_energy(histories: xr.Dataset, building: str) -> Figure:
     matplotlib.figure.Figure
     """
     here = histories.sel(building=building)
-    figure, panels = record_grid(here, share_y=False)  # records differ by an order of magnitude
-    for ax, place in panels:
-        for law in here["law"].values.tolist():
-            values = here["structural_energy"].sel({**place, "law": law}).dropna("time")
-            ax.plot(values["time"], values, label=model_label(law), **model_look(law))
-            ax.set_xlim(0.0, float(values["time"][-1]))
+
+    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
+        values = one["structural_energy"].dropna("time")
+        ax.plot(values["time"], values, **look)
+        ax.set_xlim(0.0, float(values["time"][-1]))
+
+    # records differ by an order of magnitude
+    figure = model_grid(here, line, "time (s)", "energy (kN m)", share_y=False)
     for ax in figure.axes:
         ax.set_ylim(bottom=0)
-    label_grid(figure, here["reading"].values.tolist(), "time (s)", "energy (kN m)")
     return figure
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.figures.paper_grid import label_grid, model_label, model_look, record_grid
+from pounding_sweep.figures.paper_grid import model_grid
 from pounding_sweep.figures.style import styled
 
 if TYPE_CHECKING:
@@ -31,17 +31,16 @@ def displacement_profiles(cube: xr.Dataset, building: str) -> Figure:
     matplotlib.figure.Figure
     """
     here = cube.sel(building=building)
-    figure, panels = record_grid(here)
     storeys = np.concatenate([[0], here["storey"].values])
-    for ax, place in panels:
-        for law in here["law"].values.tolist():
-            one = here.sel({**place, "law": law})
-            for name, label in (("displacement_max", model_label(law)), ("displacement_min", None)):
-                values = np.concatenate([[0.0], one[name].values]) * 1e3
-                ax.plot(values, storeys, label=label, **model_look(law))
+
+    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
+        for name, label in (("displacement_max", look["label"]), ("displacement_min", None)):
+            ax.plot(np.concatenate([[0.0], one[name].values]) * 1e3, storeys, **{**look, "label": label})
+
+    figure = model_grid(here, line, "displacement (mm)", "floor")
+    for ax in figure.axes:
         ax.axvline(0.0, color="0.4", linewidth=0.8)
         ax.set_yticks(storeys)
-    label_grid(figure, here["reading"].values.tolist(), "displacement (mm)", "floor")
     return figure
 
 
@@ -61,15 +60,14 @@ def shear_profiles(cube: xr.Dataset, building: str) -> Figure:
     matplotlib.figure.Figure
     """
     here = cube.sel(building=building)
-    figure, panels = record_grid(here)
     edges = np.concatenate([[0], here["storey"].values])
-    for ax, place in panels:
-        for law in here["law"].values.tolist():
-            shear = here["storey_shear_max"].sel({**place, "law": law}).values * 1e-3
-            # constant over a storey: from one floor to the next
-            ax.plot(np.repeat(shear, 2), np.repeat(edges, 2)[1:-1], label=model_label(law), **model_look(law))
-        ax.set_yticks(edges)
+
+    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
+        shear = one["storey_shear_max"].values * 1e-3  # constant over a storey: from one floor to the next
+        ax.plot(np.repeat(shear, 2), np.repeat(edges, 2)[1:-1], **look)
+
+    figure = model_grid(here, line, "storey shear (MN)", "floor")
     for ax in figure.axes:
         ax.set_xlim(left=0)
-    label_grid(figure, here["reading"].values.tolist(), "storey shear (MN)", "floor")
+        ax.set_yticks(edges)
     return figure

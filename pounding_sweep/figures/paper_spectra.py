@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.figures.paper_grid import label_grid, model_label, model_look, record_grid
+from pounding_sweep.figures.paper_grid import model_grid
 from pounding_sweep.figures.style import styled
 from pounding_sweep.records.record import STANDARD_GRAVITY
 
@@ -29,13 +29,13 @@ def roof_spectra(spectra: xr.Dataset, building: str) -> Figure:
     matplotlib.figure.Figure
     """
     here = spectra.sel(building=building)
-    figure, panels = record_grid(here)
-    for ax, place in panels:
-        for law in here["law"].values.tolist():
-            values = here["pseudo_acceleration"].sel({**place, "law": law}) / STANDARD_GRAVITY
-            ax.plot(values["period"], values, label=model_label(law), **model_look(law))
+
+    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
+        ax.plot(one["period"], one["pseudo_acceleration"] / STANDARD_GRAVITY, **look)
+
+    figure = model_grid(here, line, "period (s)", "spectral acceleration (g)")
+    for ax in figure.axes:
         ax.set(xscale="log", yscale="log")
         ax.set_xticks([0.03, 0.1, 0.3, 1, 3], labels=["0.03", "0.1", "0.3", "1", "3"])
         ax.minorticks_off()
-    label_grid(figure, here["reading"].values.tolist(), "period (s)", "spectral acceleration (g)")
     return figure

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import require
 from pounding_sweep.figures.chosen import heading
 from pounding_sweep.figures.style import COLOURS, styled
+from pounding_sweep.scene import Wall
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -80,12 +82,12 @@ def strongest(one: xr.Dataset) -> float:
 
 
 def walls(one: xr.Dataset) -> tuple[bool, bool]:
-    """Whether a wall stands at the left and at the right end of the row."""
-    buildings = one.building.values.tolist()
-    pairs = one.pair.values.tolist() if "pair" in one.coords else []
-    extra = len(pairs) - (len(buildings) - 1)
-    left = extra == 2 or (extra == 1 and not pairs[0].startswith(f"{buildings[0]}-"))
-    return left, extra - left == 1
+    """Whether a wall stands at the left and at the right end of the row.
+
+    The names of the pairs don't tell: those of walls and buildings may begin alike, and hold hyphens.
+    """
+    ends = stored_scene(one).row
+    return isinstance(ends[0], Wall), isinstance(ends[-1], Wall)
 
 
 class Stage:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.figures import require
-from pounding_sweep.figures.style import axis_label, styled, subplots
+from pounding_sweep.figures.style import axis_label, label_edges, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -66,12 +66,9 @@ def stability_map(cube: xr.Dataset) -> Figure:
                 shown.setdefault(status, dots)
         ax.set(xscale="log", yscale="log", title=scheme)
         ax.grid(visible=False)
-        if number // columns == rows - 1:
-            ax.set_xlabel("time step (s)")
-        if number % columns == 0:
-            ax.set_ylabel(axis_label("contact stiffness", cube.stiffness.attrs))
     for ax in axes.ravel()[len(schemes) :]:
         ax.set_visible(False)
+    label_edges(axes, "time step (s)", [axis_label("contact stiffness", cube.stiffness.attrs)] * rows)
     if mesh is not None:
         figure.colorbar(mesh, ax=axes, label="relative error of the peak contact force")
     if shown:

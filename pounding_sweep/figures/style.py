@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
 from typing import TYPE_CHECKING, Any
@@ -59,6 +59,14 @@ def subplots(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure
 
     figure = Figure(figsize=size, layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, sharex=True, sharey="row")
+
+
+def label_edges(axes: Any, x: str, rows: Sequence[str]) -> None:
+    """Write the axis labels of a grid at its edges: that of x below, one of y for each row."""
+    for ax in axes[-1]:
+        ax.set_xlabel(x)
+    for ax, label in zip(axes[:, 0], rows, strict=True):
+        ax.set_ylabel(label)
 
 
 def unit_text(attributes: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pounding_sweep.analysis.energies import energy_transfer
 from pounding_sweep.paper.readings import READINGS
 
 if TYPE_CHECKING:
@@ -43,12 +44,6 @@ class Check:
         return self.value / self.scale if self.scale else float("inf") if self.value else 0.0
 
 
-def transfer_at_end(cube: xr.Dataset) -> xr.DataArray:
-    """Energy (kN m) that each building has given away by the end: input - kinetic - damping - strain."""
-    found = cube["energy_input"] - cube["energy_kinetic"] - cube["energy_damping"] - cube["energy_strain"]
-    return found.assign_attrs(units="kN m", long_name="energy transferred by the end of the record")
-
-
 def energy_checks(cube: xr.Dataset) -> list[Check]:
     """Check the energy balance of every scenario.
 
@@ -68,7 +63,7 @@ def energy_checks(cube: xr.Dataset) -> list[Check]:
         if reading not in cube["reading"].values:
             continue
         one = cube.sel(reading=reading)
-        transfer, work = transfer_at_end(one), one["contact_work"].fillna(0.0)
+        transfer, work = energy_transfer(one), one["contact_work"].fillna(0.0)
         scale = float(one["energy_input"].max())
         residual = np.abs(transfer.sum("building") - work.sum("pair"))
         alone = transfer.sel(law="none")

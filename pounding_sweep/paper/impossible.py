@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pounding_sweep.analysis.energies import energy_transfer
 from pounding_sweep.contact.laws import LAWS
-from pounding_sweep.paper.checks import transfer_at_end
 from pounding_sweep.paper.published import published, record_title
 from pounding_sweep.paper.readings import READINGS
 
@@ -92,7 +92,7 @@ def _transfer_alone(cube: xr.Dataset) -> Finding:
     table = published(6).sel(law="none")
     least = table["energy_transfer_min"]
     wrong = int(((least != 0) | (table["energy_transfer_max"] != 0)).sum())
-    own = np.abs(transfer_at_end(cube.sel(law="none")))
+    own = np.abs(energy_transfer(cube.sel(law="none")))
     scale = float(cube["energy_input"].sel(law="none").max())
     return Finding(
         "Energy transferred without contact",

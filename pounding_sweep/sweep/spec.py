@@ -355,7 +355,8 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
     return SweepError(f"{owner}: {len(problems)} problems\n  " + "\n  ".join(problems), problems)
 
 
-def _scene_data(scene: Scene) -> dict[str, Any]:
+def scene_data(scene: Scene) -> dict[str, Any]:
+    """Return a row as JSON holds it, in sweeps and in scenarios with their histories."""
     row: list[dict[str, Any]] = []
     for item in scene.row:
         if isinstance(item, Building):
@@ -390,7 +391,7 @@ def to_json(spec: SweepSpec) -> str:
     ['linear']
     """
     data = {name: getattr(spec, name) for name in spec.__dataclass_fields__}
-    data["scene"] = _scene_data(spec.scene)
+    data["scene"] = scene_data(spec.scene)
     data["records"] = [
         {name: getattr(record, name) for name in ("name", "sha256", "pga", "dt", "n_points", "scale", "source")}
         for record in spec.records
