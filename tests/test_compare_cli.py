@@ -111,6 +111,37 @@ def test_files(cube_file, tmp_path):
     assert float(first["median"]) == pytest.approx(float(touching.median()))
 
 
+def test_data_that_are_there_are_replaced_only_when_told(cube_file, tmp_path):
+    """Nothing is computed, and no file changed, for a folder that holds one of the tables or results."""
+    for name in ("impacts.nc", "impacts.csv", "impacts.png", "laws.csv"):
+        (tmp_path / name).write_text("mine")
+    what = ("--what", "impacts", "-o", tmp_path)
+    for name in ("impacts.csv", "impacts.nc"):
+        refused = run(cube_file, *what)
+        assert refused.exit_code == 2
+        assert f"'{tmp_path / name}' exists" in refused.stderr
+        assert "--overwrite" in refused.stderr
+        assert refused.stdout == ""
+        assert (tmp_path / "impacts.nc").read_text() == "mine"
+        (tmp_path / "impacts.csv").unlink(missing_ok=True)
+    told = run(cube_file, *what, "--overwrite")
+    assert told.exit_code == 0, told.stderr
+    with open_cube(tmp_path / "impacts.nc") as found:
+        assert "pair_touching_share" in found
+    with (tmp_path / "impacts.csv").open(newline="") as file:
+        assert next(csv.reader(file))[0] == "variable"
+    assert (tmp_path / "laws.csv").read_text() == "mine"  # not asked for
+    assert "laws.csv' exists" in run(cube_file, "-o", tmp_path).stderr  # a summary writes them all
+
+
+def test_figures_are_replaced(cube_file, tmp_path):
+    picture = tmp_path / "amplification.png"
+    picture.write_text("old")
+    done = run(cube_file, "--what", "amplification", "-o", tmp_path)
+    assert done.exit_code == 0, done.stderr
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
 def test_fractiles_of_counts_are_kept_as_they_are(cube_file, tmp_path):
     """They are no whole numbers, as counts are."""
     run(cube_file, "--what", "fractiles", "-o", tmp_path)

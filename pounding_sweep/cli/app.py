@@ -28,6 +28,9 @@ Folders = Annotated[
 Workers = Annotated[
     int | None, typer.Option("--workers", metavar="N", help="Threads or processes; one per core by default.")
 ]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output file if it exists.")]
+#: Help of every option that draws: a figure is made again from its data, which are never replaced unasked.
+FIGURE_FILE = "PNG, SVG or PDF file; replaced if it exists."
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -41,6 +42,10 @@ def compare_command(
         Path | None,
         typer.Option("-o", "--output", metavar="FOLDER", help="Write tables (CSV), results (netCDF), figures."),
     ] = None,
+    overwrite: Annotated[
+        bool,
+        typer.Option("--overwrite", help="Replace tables and results that exist in FOLDER; figures always are."),
+    ] = False,
     reference: Annotated[
         str | None, typer.Option("--reference", metavar="LAW", help="Law that the others are compared with.")
     ] = None,
@@ -63,6 +68,8 @@ def compare_command(
         for key in keys:
             if key not in COMPARISONS:
                 raise InputError(unknown("comparison", key, COMPARISONS))
+        if out is not None:
+            _check_data(out, keys, overwrite)
         settings: dict[str, dict[str, Any]] = {
             "laws": {"reference": reference},
             "required-gap": {"folders": folders or None},
@@ -84,7 +91,7 @@ def compare_command(
                 report[key] |= {"attributes": _plain(result.attrs), "rows": table_rows(result, comparison)}
                 report[key]["lead"] = table_rows(result, comparison, lead=True)
                 if out is not None:
-                    report[key]["files"] = _write(result, report[key]["rows"], key, out)
+                    report[key]["files"] = _write(result, report[key]["rows"], key, out, overwrite)
         if as_json:
             print_json({key: {k: v for k, v in part.items() if k != "lead"} for key, part in report.items()})
         else:
@@ -100,9 +107,18 @@ def _plain(attributes: dict[Any, Any]) -> dict[str, Any]:
     return found
 
 
-def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path) -> list[str]:
+def _check_data(folder: Path, keys: list[str], overwrite: bool) -> None:
+    """Raise `OutputError` where a table or a result is there already, before anything is computed or replaced."""
+    from pounding_sweep.cube.write import check_output
+
+    for path in (folder / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")):
+        if os.path.exists(path):  # Path.exists raises where the folder can't be read
+            check_output(path, overwrite)
+
+
+def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path, overwrite: bool) -> list[str]:
     """Write the table, the result and the figure of a comparison; returns the names of the files."""
-    from pounding_sweep.cube.write import write_cube
+    from pounding_sweep.cube.write import replacing, write_cube
     from pounding_sweep.errors import InputError, OutputError
     from pounding_sweep.figures import plot
 
@@ -110,14 +126,14 @@ def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path) -> list[
     headings = list(dict.fromkeys(name for row in rows for name in row))
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with table.open("w", newline="", encoding="utf-8") as file:
+        with replacing(table) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, headings)
             writer.writeheader()
             writer.writerows(rows)
     except OSError as error:
         msg = f"can't write {str(table)!r} ({error.strerror or error}); give a folder that can be written to"
         raise OutputError(msg) from error
-    files = [table, write_cube(result, folder / f"{key}.nc", overwrite=True)]
+    files = [table, write_cube(result, folder / f"{key}.nc", overwrite)]
     if COMPARISONS[key].figure:
         try:
             files.append(plot(result, COMPARISONS[key].figure, folder / f"{key}.png"))

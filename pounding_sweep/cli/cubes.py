@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pounding_sweep.cli.app import CubeFile, app
+from pounding_sweep.cli.app import FIGURE_FILE, CubeFile, app
 from pounding_sweep.cli.reporting import parts_folder, reporting
 from pounding_sweep.errors import InputError
 from pounding_sweep.figures import FIGURES, SOURCES
@@ -70,7 +70,7 @@ def plot_command(
         typer.Argument(metavar="FIGURE", help="Figure; without it, figures are listed.", show_default=False),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--output", metavar="FILE", help="PNG, SVG or PDF file.", show_default=False)
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help=FIGURE_FILE, show_default=False)
     ] = None,
     at: Annotated[
         list[str] | None,

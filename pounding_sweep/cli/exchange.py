@@ -7,12 +7,10 @@ from typing import Annotated
 
 import typer
 
-from pounding_sweep.cli.app import CubeFile, app
+from pounding_sweep.cli.app import CubeFile, Overwrite, app
 from pounding_sweep.cli.cubes import axis_values
 from pounding_sweep.cli.reporting import reporting
 from pounding_sweep.tables import print_pairs
-
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output file if it exists.")]
 
 
 @app.command("export")
@@ -58,7 +56,7 @@ def merge_command(
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Put cubes of one study together: same scene, numerics and outputs, other values on the axes."""
+    """Put cubes of one study together: same scene, numerics and outputs, other values on the axes or other cases."""
     with reporting():
         from pounding_sweep.cube.merge import TOLERANCE, merge_cubes
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.cli.app import AsJson, Workers, app
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Workers, app
 from pounding_sweep.cli.reporting import FAILED, reporting, say
 from pounding_sweep.tables import print_json, print_table, seconds_text
 
@@ -35,9 +35,10 @@ def extremes_command(
         typer.Option("--map", metavar="MAP.nc", help="Also map error and status over stiffness and step."),
     ] = None,
     plot_file: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE", help="Draw that map: PNG, SVG or PDF.")
+        Path | None, typer.Option("--plot", metavar="FILE", help=f"Draw that map: {FIGURE_FILE}")
     ] = None,
     workers: Workers = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace MAP.nc if it exists.")] = False,
     as_json: AsJson = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
 ) -> None:
@@ -48,9 +49,9 @@ def extremes_command(
         from pounding_sweep.progress import make_progress
         from pounding_sweep.sweep.execute import check_scheduler
 
-        for path in (map_file, plot_file):
+        for path, replaced in ((map_file, overwrite), (plot_file, True)):
             if path is not None:
-                check_output(path, overwrite=True)
+                check_output(path, replaced)
         n_workers = check_scheduler("threads", workers)
         progress = make_progress(quiet)
         try:

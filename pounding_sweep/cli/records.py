@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pounding_sweep.cli.app import AsJson, Folders, app
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, app
 from pounding_sweep.cli.reporting import reporting, say
 from pounding_sweep.tables import number_text, print_json, print_table
 
@@ -111,9 +111,7 @@ def _print(report: dict[str, Any]) -> None:
 @records_app.command("plot")
 def plot_command(
     context: typer.Context,
-    out: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE", help="PNG, SVG or PDF file.", show_default=False)
-    ],
+    out: Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help=FIGURE_FILE, show_default=False)],
     names: Annotated[
         list[str] | None,
         typer.Argument(metavar="NAME", help="Records, files or sets; by default all at hand.", show_default=False),

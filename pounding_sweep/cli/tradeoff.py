@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.cli.app import AsJson, Folders, SweepFile, Workers, app
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, SweepFile, Workers, app
 from pounding_sweep.cli.reporting import reporting
 from pounding_sweep.tables import print_json, print_table
 
@@ -28,7 +28,7 @@ def tradeoff_command(
     scenarios: Annotated[int, typer.Option(metavar="N", help="About how many scenarios to measure on.")] = 96,
     seed: Annotated[int, typer.Option(metavar="S", help="Seed of the random sample.")] = 0,
     figure: Annotated[
-        Path | None, typer.Option("--plot", metavar="FILE", help="PNG, SVG or PDF file for the work-precision figure.")
+        Path | None, typer.Option("--plot", metavar="FILE", help=f"Work-precision figure: {FIGURE_FILE}")
     ] = None,
     folders: Folders = None,
     workers: Workers = None,
