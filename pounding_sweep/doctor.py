@@ -42,8 +42,9 @@ def diagnose() -> dict[str, Any]:
     dict
         ``versions`` (distribution -> version or None), ``processor`` (name, features,
         vector width in bits, cores), ``threads`` (workers of a run, limits set in the
-        environment), ``kernel_cache`` (folder, kernels, bytes), ``record_folders`` (path,
-        record files), ``output`` (the current folder: whether it can be written, free
+        environment), ``memory`` (free bytes, and what keeps them from being more; None where
+        the system does not tell), ``kernel_cache`` (folder, kernels, bytes), ``record_folders``
+        (path, record files), ``output`` (the current folder: whether it can be written, free
         bytes), ``problems`` (texts with remedies).
     """
     versions = installed_versions()
@@ -58,6 +59,7 @@ def diagnose() -> dict[str, Any]:
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "processor": processor(),
         "threads": _threads(),
+        "memory": _memory(),
         "kernel_cache": cache,
         "record_folders": _record_folders(problems),
         "output": _output(problems),
@@ -101,6 +103,13 @@ def _threads() -> dict[str, Any]:
 
     named = {name: os.environ[name] for name in _THREAD_LIMITS if name in os.environ}
     return {"workers": check_scheduler("threads", None), "environment": named}
+
+
+def _memory() -> dict[str, Any]:
+    from pounding_sweep.sweep.free_memory import free_memory
+
+    found = free_memory()
+    return {"free_bytes": found and found.bytes, "limit": found and found.limit}
 
 
 def _output(problems: list[str]) -> dict[str, Any]:

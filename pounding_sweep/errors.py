@@ -61,6 +61,10 @@ class WriteError(OutputError):
     """A run can't go on writing: the disk is full or failed, or its folder is gone; what is finished is kept."""
 
 
+class ClusterError(PoundingSweepError):
+    """The dask cluster of a run can't be reached, is gone, or has no workers that can do it."""
+
+
 def unknown(kind: str, given: object, valid: Iterable[str]) -> str:
     """Say that `given` is no known `kind`, suggest the closest, list all.
 

@@ -25,7 +25,8 @@ import numpy as np
 from pounding_sweep.accuracy.measure import PERTURBATION, SENSITIVE, comparable, relative_errors
 from pounding_sweep.cube.variables import STATUS, Status
 from pounding_sweep.kernels.shape import LANES
-from pounding_sweep.sweep.dispatch import Dispatcher, Job
+from pounding_sweep.sweep.dispatch import Dispatcher
+from pounding_sweep.sweep.jobs import Job
 from pounding_sweep.sweep.property_labels import row_coordinates
 
 if TYPE_CHECKING:

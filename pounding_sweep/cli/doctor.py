@@ -69,6 +69,10 @@ def _print_state(found: dict[str, Any]) -> None:
     limits = " ".join(f"{name}={value}" for name, value in found["threads"]["environment"].items())
     print("Threads")
     print_pairs([("workers", str(found["threads"]["workers"])), ("limits", limits or "none set")], indent=2)
+    memory = found["memory"]
+    print("Memory")
+    known = memory["free_bytes"] is not None
+    print_pairs([("free", f"{bytes_text(memory['free_bytes'])} ({memory['limit']})" if known else "unknown")], indent=2)
     print("Kernel cache")
     kernels = f"{cache['kernels']}, {bytes_text(cache['bytes'])}"
     print_pairs([("folder", cache["folder"]), ("kernels", kernels)], indent=2)

@@ -25,7 +25,7 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
 
     `out` is the cube of a run, whose finished chunks outlast an interruption. SIGTERM is one too.
     """
-    from pounding_sweep.errors import InputError, OutputError, PoundingSweepError, WriteError
+    from pounding_sweep.errors import ClusterError, InputError, OutputError, PoundingSweepError, WriteError
 
     said: list[str] = []
 
@@ -40,7 +40,7 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
         try:
             yield said
             sys.stdout.flush()
-        except WriteError as error:
+        except (WriteError, ClusterError) as error:
             say(f"failed: {error}{_kept(out)}")
             raise typer.Exit(FAILED) from None
         except PoundingSweepError as error:

@@ -1,4 +1,4 @@
-"""Cubes of one study, from several machines or days, put together along their axes."""
+"""Cubes of one study, from several machines or days, put together along their axes or their listed cases."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.cube.assemble import as_read, as_stored
+from pounding_sweep.cube.merge_cases import CASE, case_name, cases_together, telling
 from pounding_sweep.cube.merge_labels import (
     attributes,
     check_parts,
@@ -46,13 +47,13 @@ class Merged:
     path : Path
         The cube of all parts.
     scenarios : int
-        Scenarios of it, every combination of the values on its axes.
+        Scenarios of it: every combination of the values on its axes, or all listed cases.
     overlapping : int
         Scenarios that several parts have a result of.
     missing : int
         Scenarios that no part has a result of; their status is not_run.
     named : list of str
-        The first of the missing, by the values on their axes.
+        The first of the missing, by what they differ in from others.
     """
 
     path: Path
@@ -69,12 +70,12 @@ def merge_cubes(
     overwrite: bool = False,
     tolerance: float = TOLERANCE,
 ) -> Merged:
-    """Put cubes of one study together: same scene, numerics and outputs, other or overlapping values on the axes.
+    """Put cubes of one study together: same scene, numerics and outputs, other or overlapping axes or listed cases.
 
     Parameters
     ----------
     paths : sequence of path-like
-        Cubes made by sweeps over axes, at least two.
+        Cubes made by sweeps, at least two: all over the same axes, or all of listed cases.
     out : path-like
         netCDF file for the cube of all of them.
     overwrite : bool
@@ -100,6 +101,9 @@ def merge_cubes(
     -----
     No more than a slab of the cube is in memory at a time. Of identical results of a scenario the
     first part's is taken. Counts of what was run are sums over the parts.
+
+    Cases are known by law, record, scale, gaps, stiffness, restitution and building properties. The cube has each
+    once, in the order given, numbered anew; labels that a user gave them in place of numbers are kept.
     """
     if len(paths) < 2 or not math.isfinite(tolerance) or tolerance < 0:
         msg = f"merging takes at least two cubes and a tolerance >= 0, not {len(paths)} and {tolerance!r}"
@@ -107,10 +111,7 @@ def merge_cubes(
     target = check_output(out, overwrite)
     with ExitStack() as files:
         parts = {os.fspath(path): files.enter_context(open_cube(path)) for path in paths}
-        check_parts(parts)
-        base = next(iter(parts.values()))
-        axes = {dim: together(dim, [p[dim].values.tolist() for p in parts.values()]) for dim in outer_dims(base)}
-        merge = _Merge(parts, axes, places(parts, axes), tolerance)
+        merge = _Merge(parts, check_parts(parts), tolerance)
         blocks, values = merge.blocks(), merge.slabs()
         check_space(target.parent, merge.n_bytes, f"the cube of {merge.scenarios:,} scenarios")
         merge.found.path = write_in_slabs(merge.frame(), target, blocks, values, overwrite=overwrite)
@@ -120,17 +121,21 @@ def merge_cubes(
 class _Merge:
     """Parts on their way into one cube."""
 
-    def __init__(
-        self,
-        parts: Mapping[str, xr.Dataset],
-        axes: Mapping[str, list[Any]],
-        where: list[dict[str, np.ndarray]],
-        tolerance: float,
-    ) -> None:
-        self.parts, self.axes, self.where, self.tolerance = parts, axes, where, tolerance
+    def __init__(self, parts: Mapping[str, xr.Dataset], sweeps: list[dict[str, Any]], tolerance: float) -> None:
+        dims = outer_dims(next(iter(parts.values())))
+        listed = cases_together(parts, sweeps) if dims == [CASE] else None
+        if listed:
+            parts, along = listed.parts, [{CASE: keys} for keys in listed.keys]
+        else:
+            along = [{dim: cube[dim].values.tolist() for dim in dims} for cube in parts.values()]
+        axes = {dim: together(dim, [values[dim] for values in along]) for dim in dims}
+        self.parts, self.tolerance, self.where = parts, tolerance, places(along, axes)
+        self.axes = {CASE: listed.labels} if listed else axes
+        self.labels = coordinates(parts, self.axes, self.where)
+        self.telling = telling(self.labels) if listed else []
         base = next(iter(parts.values()))
         self.base, self.names = base, [str(name) for name in scenario_variables(base)]
-        self.sizes = [len(values) for values in axes.values()]
+        self.sizes = [len(values) for values in self.axes.values()]
         self.scenarios = math.prod(self.sizes)
         self.inner = {name: [base.sizes[dim] for dim in VARIABLES[name].dims] for name in self.names}
         each = {name: np.dtype(VARIABLES[name].dtype).itemsize * math.prod(self.inner[name]) for name in self.names}
@@ -138,6 +143,7 @@ class _Merge:
         self.block = block_shape(self.sizes, BLOCK_BYTES // max(each.values()))
         self.slab = slab_shape(self.sizes, self.block, max(1, SLAB_BYTES // sum(each.values())))
         self.found = Merged(Path(), self.scenarios)
+        self.about = attributes(parts, sweeps, self.scenarios, listed.described if listed else None)
         self.conflicts: list[str] = []
         self.n_conflicts = 0
 
@@ -155,9 +161,8 @@ class _Merge:
             about = {key: v for key, v in self.base[name].attrs.items() if not str(key).startswith("audit_")}
             whole = np.broadcast_to(zero, (*self.sizes, *self.inner[name]))
             data[name] = ((*self.axes, *VARIABLES[name].dims), whole, about)
-        labels = coordinates(self.parts, self.axes, self.where)
-        cube = xr.Dataset(data, labels, attributes(self.parts, self.scenarios))
-        for name, variable in labels.items():
+        cube = xr.Dataset(data, self.labels, self.about)
+        for name, variable in self.labels.items():
             cube[name].encoding = variable.encoding
         return with_audit(cube, self.parts)
 
@@ -199,11 +204,8 @@ class _Merge:
         if not all(len(positions) for positions in mine.values()):
             return
         file, cube = list(self.parts.items())[index]
-        part = cube[self.names].isel(mine)
+        given = self._read(cube, mine)
         box = np.ix_(*(at[dim][mine[dim]] - s.start for dim, s in zip(at, slab, strict=True)))
-        given = {
-            name: as_stored(name, part[name].transpose(*self.axes, *VARIABLES[name].dims).values) for name in self.names
-        }
         there = values["status"][box] != Status.NOT_RUN
         new = ~there & (given["status"] != Status.NOT_RUN)
         both = there & (given["status"] != Status.NOT_RUN)
@@ -218,6 +220,23 @@ class _Merge:
         held = origin[box]
         held[new] = index
         origin[box] = held
+
+    def _read(self, cube: xr.Dataset, mine: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return the values of a part at rising places on its axes, as they are stored."""
+        if CASE not in mine:
+            return self._values(cube.isel(mine))
+        pieces = []  # cases may lie anywhere, and would be read one by one: what is between them is read, too
+        cuts = np.flatnonzero(np.diff(mine[CASE] // self.slab[0])) + 1
+        for some in np.split(mine[CASE], cuts):
+            first, last = some[0], some[-1]
+            whole = self._values(cube.isel(case=slice(first, last + 1)))
+            pieces.append({name: array[some - first] for name, array in whole.items()})
+        return {name: np.concatenate([piece[name] for piece in pieces]) for name in self.names}
+
+    def _values(self, part: xr.Dataset) -> dict[str, np.ndarray]:
+        return {
+            name: as_stored(name, part[name].transpose(*self.axes, *VARIABLES[name].dims).values) for name in self.names
+        }
 
     def _compare(
         self,
@@ -261,6 +280,8 @@ class _Merge:
         return [self._name(place) for place in found.tolist()]
 
     def _name(self, place: Sequence[int]) -> str:
-        """Values of the axes at a place, of those that have several."""
+        """Values of the axes at a place, of those that have several; of a listed case also what it differs in."""
         told = [f"{axis}={v[i]}" for (axis, v), i in zip(self.axes.items(), place, strict=True) if len(v) > 1]
+        if CASE in self.axes and told:
+            told.append(case_name(self.labels, place[0], self.telling))
         return " ".join(told) or "the scenario"

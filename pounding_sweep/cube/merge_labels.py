@@ -1,4 +1,7 @@
-"""What cubes of one study must agree in, and the axes, coordinates, attributes and audit of all of them together."""
+"""What cubes of one study must agree in, and the axes, coordinates, attributes and audit of all of them together.
+
+Listed cases are an axis whose values are what each case is known by; see `pounding_sweep.cube.merge_cases`.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ import numpy as np
 
 from pounding_sweep.cube.assemble import package_version
 from pounding_sweep.cube.audited import AUDIT_DIMS, has_audit
+from pounding_sweep.cube.merge_cases import CASE, Parts, check_cases, lists_cases
 from pounding_sweep.cube.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.errors import InputError
 
@@ -24,7 +28,7 @@ AXES = frozenset({"laws", "gaps", "stiffnesses", "stiffness_factors", "restituti
 #: Axes there that are given for some buildings: [name, values].
 BUILDING_AXES = frozenset({"period_factors", "mass_factors"})
 #: What else sweeps of one study may differ in: no result of a scenario depends on it.
-FREE = frozenset({"records", "records_left_out", "title", "audit"})
+FREE = frozenset({"cases", "records", "records_left_out", "title", "audit"})
 #: Global attributes that say how a part came to be, or are made anew.
 OWN_ATTRIBUTES = frozenset(
     {
@@ -37,47 +41,57 @@ OWN_ATTRIBUTES = frozenset(
 #: Values of an axis that differ by less than this were meant to be the same.
 NEARLY = 1e-9
 
-#: Cubes by the name of their file
-Parts = Mapping[str, "xr.Dataset"]
-
 
 def outer_dims(cube: xr.Dataset) -> list[str]:
     """Axes of a cube, in its order."""
     return [str(dim) for dim in cube["status"].dims]
 
 
-def check_parts(parts: Parts) -> None:
-    """Raise `InputError` where cubes are not of one study: the message names what differs, and both values."""
+def check_parts(parts: Parts) -> list[dict[str, Any]]:
+    """Return what cubes of one study say of their sweeps.
+
+    Raises
+    ------
+    InputError
+        They are not of one study; the message names what differs, and both values.
+    """
     for name, cube in parts.items():
         if "status" not in cube.data_vars or "sweep" not in cube.attrs:
             msg = f"{name!r} is no cube of a sweep: it has no status, or no attribute 'sweep'; give cubes made by 'run'"
-            raise InputError(msg)
-        if "case" in cube.dims:
-            msg = (
-                f"{name!r} lists its scenarios as cases, whose numbers say nothing outside it: there is no axis to put "
-                "it on. Run the cases of all machines as one sweep, or as sweeps over axes"
-            )
             raise InputError(msg)
         strange = [str(key) for key in scenario_variables(cube) if key not in VARIABLES]
         if strange:
             msg = f"{name!r} has the variables {', '.join(strange)}, which sweeps don't make; give cubes made by 'run'"
             raise InputError(msg)
+    sweeps = [json.loads(cube.attrs["sweep"]) for cube in parts.values()]
     (first, base), *others = parts.items()
-    for name, cube in others:
-        for what, here, there in _differences(base, cube):
+    for (name, cube), sweep in zip(others, sweeps[1:], strict=True):
+        if lists_cases(base) != lists_cases(cube):
+            cases, axes = (first, name) if lists_cases(base) else (name, first)
+            msg = (
+                f"{cases!r} lists its scenarios as cases, {axes!r} has axes. List those scenarios of the second that "
+                f"you want as cases, run that sweep with --extend {axes}, which takes their results from it, and merge "
+                "the cube so made with the first"
+            )
+            raise InputError(msg)
+        for what, here, there in _differences(base, cube, sweeps[0], sweep):
             msg = (
                 f"{first!r} and {name!r} are not parts of one study: {what} is {_short(here)} in the first and "
                 f"{_short(there)} in the second; run one of them again with the other's"
             )
             raise InputError(msg)
+    if lists_cases(base):
+        check_cases(parts, sweeps)
+    return sweeps
 
 
-def _differences(a: xr.Dataset, b: xr.Dataset) -> list[tuple[str, Any, Any]]:
+def _differences(
+    a: xr.Dataset, b: xr.Dataset, one: Mapping[str, Any], two: Mapping[str, Any]
+) -> list[tuple[str, Any, Any]]:
     found: list[tuple[str, Any, Any]] = [
         ("the list of axes", outer_dims(a), outer_dims(b)),
         ("the list of variables", scenario_variables(a), scenario_variables(b)),
     ]
-    one, two = (_described(cube) for cube in (a, b))
     for key in sorted({*one, *two} - AXES - BUILDING_AXES - FREE):
         found.append((f"{key!r} of the sweep", one.get(key), two.get(key)))
     for key in sorted(AXES):
@@ -95,11 +109,6 @@ def _differences(a: xr.Dataset, b: xr.Dataset) -> list[tuple[str, Any, Any]]:
             here, there = ([each.get(key) for key in keys] for each in (record, other))
             found.append((f"record {record['name']!r}", here, there))
     return [each for each in found if each[1] != each[2]]
-
-
-def _described(cube: xr.Dataset) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(cube.attrs["sweep"])
-    return found
 
 
 def _short(value: Any) -> str:
@@ -138,15 +147,10 @@ def together(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
     return rising[::-1] if all(a > b for part in parts for a, b in pairwise(part)) else values
 
 
-def places(parts: Parts, axes: Mapping[str, list[Any]]) -> list[dict[str, np.ndarray]]:
+def places(along: Sequence[Mapping[str, Sequence[Any]]], axes: Mapping[str, list[Any]]) -> list[dict[str, np.ndarray]]:
     """Where the values of each part's axes stand on the axes of all."""
-    found = []
-    for cube in parts.values():
-        where = {axis: {value: i for i, value in enumerate(values)} for axis, values in axes.items()}
-        found.append(
-            {axis: np.array([at[value] for value in cube[axis].values.tolist()]) for axis, at in where.items()}
-        )
-    return found
+    where = {axis: {value: i for i, value in enumerate(values)} for axis, values in axes.items()}
+    return [{axis: np.array([at[value] for value in mine[axis]]) for axis, at in where.items()} for mine in along]
 
 
 def coordinates(parts: Parts, axes: Mapping[str, list[Any]], where: list[dict[str, np.ndarray]]) -> dict[str, Any]:
@@ -165,35 +169,64 @@ def coordinates(parts: Parts, axes: Mapping[str, list[Any]], where: list[dict[st
         if set(AUDIT_DIMS) & set(given.dims):
             continue
         shape = [len(axes[str(dim)]) if dim in axes else base.sizes[dim] for dim in given.dims]
-        text = given.dtype.kind not in "iuf"
-        whole = np.full(shape, "", object) if text else np.full(shape, np.nan)
-        known = np.zeros(shape, bool)
-        for (file, cube), at in zip(parts.items(), where, strict=True):
-            box = np.ix_(*(at[str(d)] if d in axes else np.arange(cube.sizes[d]) for d in given.dims))
-            values = cube[name].transpose(*given.dims).values
-            differs = known[box] & (whole[box] != values)
-            if not text:
-                differs &= ~(np.isnan(whole[box]) & np.isnan(values))
-            if differs.any():
-                one, two = whole[box][differs].tolist()[0], values[differs].tolist()[0]
-                msg = f"coordinate {str(name)!r} of {file!r} is {two!r} where an earlier part has {one!r}; "
-                raise InputError(msg + "cubes of one study agree in it, so run one of them again")
-            whole[box], known[box] = values, True
-        if text:
-            whole = whole.astype(np.str_)
-        elif given.dtype.kind in "iu" and known.all():
-            whole = whole.astype(given.dtype)
+        if name == CASE:  # each part may number its own from 1
+            kind = np.result_type(*(cube[CASE].dtype for cube in parts.values()))
+            whole = np.array(axes[CASE], kind if kind.kind in "iuf" else np.str_)
+        else:
+            whole = _whole(str(name), given.dims, shape, parts, axes, where)
         stored = xr.Variable(given.dims, whole, given.attrs)
         stored.encoding = {"_FillValue": None}
         found[str(name)] = stored
     return found
 
 
-def attributes(parts: Parts, n: int) -> dict[str, Any]:
-    """Return what a cube of `n` scenarios says of its parts: what they share, the sweep of all, where each is from."""
+def _whole(
+    name: str,
+    dims: Sequence[Hashable],
+    shape: Sequence[int],
+    parts: Parts,
+    axes: Mapping[str, list[Any]],
+    where: list[dict[str, np.ndarray]],
+) -> np.ndarray:
+    """Return the values of a coordinate from all parts."""
+    given = next(iter(parts.values()))[name].dtype
+    text = given.kind not in "iuf"
+    whole = np.full(shape, "", object) if text else np.full(shape, np.nan)
+    known = np.zeros(shape, bool)
+    for (file, cube), at in zip(parts.items(), where, strict=True):
+        box = np.ix_(*(at[str(d)] if d in axes else np.arange(cube.sizes[d]) for d in dims))
+        values = cube[name].transpose(*dims).values
+        differs = known[box] & (whole[box] != values)
+        if not text:
+            differs &= ~(np.isnan(whole[box]) & np.isnan(values))
+        if differs.any():
+            one, two = whole[box][differs].tolist()[0], values[differs].tolist()[0]
+            msg = f"coordinate {name!r} of {file!r} is {two!r} where an earlier part has {one!r}; "
+            raise InputError(msg + "cubes of one study agree in it, so run one of them again")
+        whole[box], known[box] = values, True
+    if text:
+        return whole.astype(np.str_)
+    return whole.astype(given) if given.kind in "iu" and known.all() else whole
+
+
+def attributes(
+    parts: Parts, described: Sequence[Mapping[str, Any]], n: int, cases: list[dict[str, Any]] | None
+) -> dict[str, Any]:
+    """Return what a cube says of its parts: what they share, the sweep of all, where each is from.
+
+    Parameters
+    ----------
+    parts : mapping of str to xarray.Dataset
+        Cubes of one study.
+    described : sequence of dict
+        What they say of their sweeps.
+    n : int
+        Scenarios of all of them together.
+    cases : list of dict or None
+        What is to be said of those, where they are listed cases.
+    """
     cubes = list(parts.values())
-    described = [_described(cube) for cube in cubes]
-    whole = dict(described[0])
+    whole = {**described[0], "cases": cases}
     for key in AXES:
         if whole[key] is not None:
             whole[key] = together(key, [each[key] for each in described])

@@ -4,50 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
-import numpy as np
-
+from pounding_sweep.kernels.shape import KernelShape
 from pounding_sweep.records import Record
-from pounding_sweep.sweep.blocks import RowKernel
 from pounding_sweep.sweep.cluster import cluster_client
-from pounding_sweep.sweep.scenarios import Scenarios
-from pounding_sweep.sweep.variants import Variants
-
-
-@dataclass(frozen=True)
-class Job:
-    """One chunk, ready to be run by anybody.
-
-    Attributes
-    ----------
-    key : str
-        Name of the chunk.
-    kernel : RowKernel
-        What runs.
-    record : int
-        Index of the record.
-    table : Scenarios
-        Scenarios to run.
-    variants : Variants
-        Their building properties.
-    outputs : tuple of str
-        Variables asked for.
-    """
-
-    key: str
-    kernel: RowKernel
-    record: int
-    table: Scenarios
-    variants: Variants
-    outputs: tuple[str, ...]
-
-
-#: (kernel, record, scenarios, variants, outputs) -> table of results, or what went wrong; can be pickled
-Run = Callable[..., "np.ndarray | str"]
-#: (position of the chunk, its table or what went wrong)
-Take = Callable[[int, "np.ndarray | str"], None]
+from pounding_sweep.sweep.far_workers import FarWorkers
+from pounding_sweep.sweep.jobs import Job, Run, Take
 
 
 class Dispatcher:
@@ -63,23 +27,49 @@ class Dispatcher:
         Ground motions by index.
     run : callable
         What is done with a job's kernel, record, table, variants and outputs.
+    note : callable, optional
+        Told of workers that come and go.
 
     Notes
     -----
-    A context: processes are started when they are first needed, and end with it.
+    A context: a cluster is reached, and processes are started, when they are first needed; they end with it.
     """
 
-    def __init__(self, scheduler: str, workers: int, records: Sequence[Record], run: Run) -> None:
+    def __init__(
+        self,
+        scheduler: str,
+        workers: int,
+        records: Sequence[Record],
+        run: Run,
+        note: Callable[[str], None] = lambda text: None,
+    ) -> None:
         self.scheduler, self.workers, self.records, self._run = scheduler, workers, records, run
+        self._note = note
         self._open = ExitStack()
-        self._client: Any = None
-        self._sent: dict[int, Any] = {}
 
     def __enter__(self) -> Dispatcher:
         return self
 
     def __exit__(self, *raised: Any) -> None:
         self._open.__exit__(*raised)
+
+    def prepare(self, shapes: Sequence[KernelShape], notify: Callable[[int, int], None] | None = None) -> int:
+        """Make kernels ready where they will run; returns how many had to be compiled.
+
+        Parameters
+        ----------
+        shapes : sequence of KernelShape
+            Kernels that will be needed.
+        notify : callable, optional
+            Called with (ready, total) as kernels become ready.
+        """
+        if not shapes:
+            return 0
+        if self._is_far:
+            return self.far.prepare(shapes, notify)
+        from pounding_sweep.kernels.prepare import prepare
+
+        return prepare(shapes, self.workers, notify)
 
     def run(self, n: int, job: Callable[[int], Job], take: Take) -> None:
         """Run `n` chunks, begun in the order given, and take their results in this thread as they come.
@@ -92,13 +82,28 @@ class Dispatcher:
             Position -> its job; asked for when the chunk is about to run.
         take : callable
             Told of each result.
+
+        Raises
+        ------
+        ClusterError
+            The cluster can't be reached, is gone, or none of its workers can take part.
         """
         if not n:
             return
-        if self.scheduler == "processes" or "://" in self.scheduler:
-            self._far(n, job, take)
+        if self._is_far:
+            self.far.run(n, job, take)
         else:
             self._near(n, job, take)
+
+    @property
+    def _is_far(self) -> bool:
+        return self.scheduler == "processes" or "://" in self.scheduler
+
+    @cached_property
+    def far(self) -> FarWorkers:
+        """The workers of a cluster, reached when they are first asked for."""
+        client = self._open.enter_context(cluster_client(self.scheduler, self.workers))
+        return FarWorkers(client, self.records, self._run, self._note)
 
     def _near(self, n: int, job: Callable[[int], Job], take: Take) -> None:
         import dask
@@ -123,36 +128,3 @@ class Dispatcher:
         get = dask.get if self.scheduler == "synchronous" else dask.threaded.get
         with Gather():
             get(graph, list(graph), num_workers=self.workers)
-
-    def _far(self, n: int, job: Callable[[int], Job], take: Take) -> None:
-        """Each record is sent once, and few results are in flight at a time."""
-        from distributed import as_completed
-
-        if self._client is None:
-            self._client = self._open.enter_context(cluster_client(self.scheduler, self.workers))
-        client, flying = self._client, {}
-        completed = as_completed(loop=client.loop)  # the client is not the process's default one
-        waiting = iter(range(n))
-
-        def begin() -> None:
-            position = next(waiting, None)
-            if position is None:
-                return
-            mine = job(position)
-            if mine.record not in self._sent:
-                self._sent[mine.record] = client.scatter(self.records[mine.record], broadcast=True, hash=False)
-            arguments = (mine.kernel, self._sent[mine.record], mine.table, mine.variants, mine.outputs)
-            future = client.submit(self._run, *arguments, key=f"chunk-{mine.key}", pure=False)
-            flying[future.key] = position
-            completed.add(future)
-
-        for _ in range(max(8, 4 * sum(client.nthreads().values()))):
-            begin()
-        for future in completed:
-            try:
-                found = future.result()
-            except Exception as error:  # a lost worker costs its chunk
-                found = f"{type(error).__name__}: {error}"
-            take(flying.pop(future.key), found)
-            future.release()
-            begin()

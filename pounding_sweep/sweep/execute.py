@@ -20,7 +20,8 @@ from pounding_sweep.errors import InputError, unknown
 from pounding_sweep.records import Record
 from pounding_sweep.sweep.blocks import RowKernel
 from pounding_sweep.sweep.chunks import Chunk
-from pounding_sweep.sweep.dispatch import Dispatcher, Job
+from pounding_sweep.sweep.dispatch import Dispatcher
+from pounding_sweep.sweep.jobs import Job
 from pounding_sweep.sweep.plan import Plan, untouched
 from pounding_sweep.sweep.readout import variables_of
 from pounding_sweep.sweep.results import Results, to_table
@@ -46,6 +47,9 @@ class Progress:
 
     def advance(self, count: int) -> None:
         """Count steps of the stage as done."""
+
+    def note(self, text: str) -> None:
+        """Hear of something that is worth a line in a log: workers that come and go."""
 
     def close(self) -> None:
         """End the display."""
@@ -125,9 +129,12 @@ def check_scheduler(scheduler: str, workers: int | None) -> int:
     return 1 if scheduler == "synchronous" else len(os.sched_getaffinity(0))
 
 
-def dispatcher_for(plan: Plan, scheduler: str = "threads", workers: int | None = None) -> Dispatcher:
-    """Return the workers of a run; see `check_scheduler` for what is valid."""
-    return Dispatcher(scheduler, check_scheduler(scheduler, workers), plan.spec.records, run_table)
+def dispatcher_for(
+    plan: Plan, scheduler: str = "threads", workers: int | None = None, progress: Progress | None = None
+) -> Dispatcher:
+    """Return the workers of a run; see `check_scheduler` for what is valid. `progress` hears of them."""
+    note = (progress or Progress()).note
+    return Dispatcher(scheduler, check_scheduler(scheduler, workers), plan.spec.records, run_table, note)
 
 
 def execute(
@@ -163,8 +170,6 @@ def execute(
 
 
 def _execute(plan: Plan, dispatcher: Dispatcher, store: ChunkStore | None, progress: Progress) -> Outcome:
-    from pounding_sweep.kernels.prepare import prepare
-
     kernels = plan.kernels()
     shapes = list(dict.fromkeys(kernel.shape for kernel in kernels.values()))
     progress.stage("kernels", len(shapes))
@@ -177,7 +182,7 @@ def _execute(plan: Plan, dispatcher: Dispatcher, store: ChunkStore | None, progr
         progress.advance(ready - shown)
         shown = ready
 
-    compiled = prepare(shapes, dispatcher.workers, notify)
+    compiled = dispatcher.prepare(shapes, notify)
     results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
     results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
     outcome = Outcome(results, compiled=compiled, compile_seconds=time.perf_counter() - started)

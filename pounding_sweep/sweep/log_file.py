@@ -85,6 +85,7 @@ class RunLog(Progress):
         from pounding_sweep.doctor import installed_versions, processor
 
         here = processor()
+        workers_text = "" if "://" in scheduler else f", {workers} workers"
         self.say(f"begins: {shlex.join(sys.argv)}")
         self.say(f"process {os.getpid()} on {socket.gethostname()}, in {Path.cwd()}")
         self.say(f"sweep {plan.digest} {plan.spec.title}".rstrip())
@@ -92,7 +93,7 @@ class RunLog(Progress):
         self.say("versions: " + ", ".join(f"{name} {version}" for name, version in installed_versions().items()))
         self.say(
             f"machine: {platform.platform()}, {here['name']}, vectors of {here['vector_bits']} bits, "
-            f"{here['cores_usable']} of {here['cores']} cores; scheduler {scheduler}, {workers} workers"
+            f"{here['cores_usable']} of {here['cores']} cores; scheduler {scheduler}{workers_text}"
         )
 
     def result(self, outcome: Outcome, cube: Path) -> None:
@@ -114,6 +115,11 @@ class RunLog(Progress):
         """Count steps of the stage as done."""
         self._count += count
         self._display.advance(count)
+
+    def note(self, text: str) -> None:
+        """Write a line."""
+        self.say(text)
+        self._display.note(text)
 
     def close(self) -> None:
         """End the display; may be called more than once."""

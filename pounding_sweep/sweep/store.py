@@ -26,6 +26,7 @@ import numpy as np
 
 from pounding_sweep.cube.write import is_temporary, replacing, sync_folder
 from pounding_sweep.errors import OutputError, WriteError
+from pounding_sweep.sweep.identity import differences
 from pounding_sweep.sweep.lock import LOCK, FolderLock
 
 FORMAT = 2
@@ -56,11 +57,11 @@ def _save(path: Path, table: np.ndarray) -> None:
         np.lib.format.write_array(file, table, allow_pickle=False)
 
 
-def _remedy(error: OSError) -> str:
-    """Say what can be done about a write that failed."""
-    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
-        return "make the folder writable and run again"
-    return "free some space and run again"
+def _failed(what: str, folder: Path, error: OSError) -> WriteError:
+    """Say of a write that it failed, and what can be done about it."""
+    locked = error.errno in (errno.EACCES, errno.EPERM, errno.EROFS)
+    remedy = "make the folder writable" if locked else "free some space"
+    return WriteError(f"{what} to {str(folder)!r} failed ({error.strerror or error}); {remedy} and run again")
 
 
 def _is_table(table: np.ndarray) -> bool:
@@ -158,6 +159,8 @@ class ChunkStore:
             if mode == "fresh":
                 self._clear()
             elif self._check():
+                if mode == "resume":  # the run before may have been killed before the folder's name was lasting
+                    sync_folder(self.folder.parent)
                 self._entries = self._lines()
                 return self
             if mode == "read":
@@ -189,12 +192,7 @@ class ChunkStore:
             raise OutputError(msg)
         if found.get("identity") != self.identity:
             there = found.get("details")
-            there = there if isinstance(there, dict) else {}
-            differing = [
-                f"{key} ({there.get(key, 'none')} there, {self.details.get(key, 'none')} here)"
-                for key in sorted({*there, *self.details})
-                if there.get(key) != self.details.get(key)
-            ]
+            differing = differences(there if isinstance(there, dict) else {}, self.details)
             what = f"; they differ in {', '.join(differing)}" if differing else ""
             msg = (
                 f"the chunks in {str(self.folder)!r} belong to another sweep: identity {found.get('identity')!r} "
@@ -259,9 +257,7 @@ class ChunkStore:
             line = {"key": key, "file": path.name, "sha256": digest, "bytes": size, "rows": len(table)}
             self._append(json.dumps(line, sort_keys=True))
         except OSError as error:
-            reason = error.strerror or error
-            msg = f"writing chunk {key!r} to {str(self.folder)!r} failed ({reason}); {_remedy(error)}"
-            raise WriteError(msg) from error
+            raise _failed(f"writing chunk {key!r}", self.folder, error) from error
         self._entries[key] = line
 
     def expect(self, chunks: Mapping[str, Any]) -> None:
@@ -281,9 +277,7 @@ class ChunkStore:
             with replacing(self.folder / EXPECTED) as temporary:
                 temporary.write_text(json.dumps(chunks) + "\n", encoding="utf-8")
         except OSError as error:
-            reason = error.strerror or error
-            msg = f"writing to {str(self.folder)!r} failed ({reason}); {_remedy(error)}"
-            raise WriteError(msg) from error
+            raise _failed("writing", self.folder, error) from error
 
     def _append(self, line: str) -> None:
         new = not self._manifest.exists()
@@ -319,8 +313,9 @@ class ChunkStore:
 
     def completed(self) -> set[str]:
         """Return the keys of the chunks that the manifest lists and whose file is there."""
-        self._entries = self._lines()
-        return {key for key in self._entries if self.path(key).is_file()}
+        entries = self._lines()
+        self._entries.update(entries)  # not replaced, nor gone through: the thread that writes may add to it meanwhile
+        return {key for key in entries if self.path(key).is_file()}
 
     def read(self, key: str) -> np.ndarray:
         """Return a chunk, after a check that it is what was written.
@@ -375,6 +370,7 @@ class ChunkStore:
         """
         self._clear()
         if self.folder.is_dir():
+            sync_folder(self.folder)  # a power cut must not bring back chunks of a folder that says of no sweep it is
             try:
                 for name in (IDENTITY, LOCK):
                     (self.folder / name).unlink(missing_ok=True)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 from collections.abc import Iterable
-from contextlib import ExitStack, suppress
-from functools import cache
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.cube.assemble import package_version
 from pounding_sweep.errors import SweepError, WriteError
+from pounding_sweep.sweep.source import package_digest
 from pounding_sweep.sweep.spec import SweepSpec, build_spec
 
 if TYPE_CHECKING:
@@ -113,10 +110,16 @@ class Sweep:
         return f"Sweep({names}: {self.spec.n_scenarios} scenarios, {self.spec.method or 'any method'}, {how})"
 
     def plan(self) -> Plan:
-        """Return what would be run; nothing is."""
+        """Return what would be run; nothing is.
+
+        Raises
+        ------
+        SweepError
+            The plan does not fit into the memory that is free.
+        """
         from pounding_sweep.sweep.plan import PLAN_BYTES, make_plan
 
-        _check_memory(self.spec.n_scenarios, PLAN_BYTES, "planning")
+        _check_memory(self.spec.n_scenarios, PLAN_BYTES, "planning", "take fewer values on an axis")
         return make_plan(self.spec)
 
     def run(
@@ -146,8 +149,9 @@ class Sweep:
         progress : Progress, optional
             Display.
         extend : path, optional
-            Cube of the same scene, numerics and outputs, over other values of the axes: scenarios
-            that it holds are taken from it, and the cube is the one that running all of them gives.
+            Cube of the same scene, numerics and outputs, over other values of the axes or of other
+            listed cases: scenarios that it holds are taken from it, and the cube is the one that
+            running all of them gives.
             It may be `out` itself, with `overwrite`. The attribute ``extended_from`` says how many.
 
         Returns
@@ -169,8 +173,9 @@ class Sweep:
         """
         from pounding_sweep.accuracy.audit import audit
         from pounding_sweep.cube.write import check_output, open_cube
+        from pounding_sweep.sweep.earlier_sweep import SOURCE_ATTRIBUTE
         from pounding_sweep.sweep.execute import Progress, check_scheduler, dispatcher_for, execute
-        from pounding_sweep.sweep.extend import SOURCE_ATTRIBUTE, EarlierCube, ExtendingDispatcher
+        from pounding_sweep.sweep.extend import EarlierCube, ExtendingDispatcher
         from pounding_sweep.sweep.filling import cube_in_memory, write_cube_of
         from pounding_sweep.sweep.log_file import RunLog
 
@@ -185,7 +190,7 @@ class Sweep:
         store = log = None
         with ExitStack() as contexts:
             if target is None:
-                _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of")
+                _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
             else:
                 store = _store(plan, target)
                 contexts.enter_context(store.lock())
@@ -194,7 +199,7 @@ class Sweep:
                 progress = log = contexts.enter_context(RunLog(Path(f"{target}.log"), progress))
                 log.begin(plan, scheduler, n_workers)
             try:
-                with dispatcher_for(plan, scheduler, workers) as dispatcher:
+                with dispatcher_for(plan, scheduler, workers, progress) as dispatcher:
                     runs = dispatcher if earlier is None else ExtendingDispatcher(dispatcher, earlier)
                     outcome = self.last_outcome = execute(plan, runs, store=store, progress=progress)
                     if earlier is not None:
@@ -228,37 +233,28 @@ class Sweep:
 def _store(plan: Plan, target: Path) -> ChunkStore:
     """Return the store of a sweep's chunks, not yet open; raise where the disk has no room for them and the cube."""
     from pounding_sweep.cube.write import check_space
+    from pounding_sweep.sweep.identity import identity_of
     from pounding_sweep.sweep.store import ChunkStore
 
-    details = {"sweep": plan.digest, "package": package_version(), "source": package_digest()}
-    identity = hashlib.sha256(json.dumps(details, sort_keys=True).encode()).hexdigest()
-    store = ChunkStore(Path(f"{target}.parts"), identity, details)
+    store = ChunkStore(Path(f"{target}.parts"), *identity_of(plan))
     needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario - store.size()
     check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
     return store
 
 
-def _check_memory(scenarios: int, each: int, what: str) -> None:
-    """Raise `SweepError` where `scenarios` times `each` bytes are more than this machine has free."""
-    free = _free_memory()
-    if free is None:
-        return
-    if scenarios * each > free:
+def _check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
+    """Raise `SweepError` where `scenarios` times `each` bytes are more than this process may still take."""
+    from pounding_sweep.sweep.free_memory import free_memory
+    from pounding_sweep.tables import bytes_text
+
+    free = free_memory()
+    if free is not None and scenarios * each > free.bytes:
         msg = (
-            f"{what} {scenarios:,} scenarios needs about {scenarios * each / 2**30:.1f} GiB of memory, "
-            f"{free / 2**30:.1f} GiB are free; take fewer values on an axis, fewer outputs, or several sweeps"
+            f"{what} {scenarios:,} scenarios needs about {bytes_text(scenarios * each)} of memory, "
+            f"{bytes_text(free.bytes)} are free ({free.limit}); {remedy}, make several sweeps of it, "
+            "or go where more is free"
         )
         raise SweepError(msg)
-
-
-def _free_memory() -> int | None:
-    """Memory (bytes) that can be had without swapping; None where the system does not tell."""
-    with suppress(OSError, ValueError, IndexError):
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
-    with suppress(ValueError, OSError):
-        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    return None
 
 
 def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = False, folders: Folders = None) -> Sweep:
@@ -282,19 +278,3 @@ def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = Fal
     from pounding_sweep.sweep.toml_file import load_spec
 
     return Sweep.from_spec(load_spec(path, skip_missing_records=skip_missing_records, folders=folders))
-
-
-@cache
-def package_digest() -> str:
-    """Digest of the package's own source: chunks and cubes of another version of it are never taken up."""
-    from importlib.resources import files
-
-    found = hashlib.sha256()
-    folders = [files("pounding_sweep")]
-    while folders:
-        for entry in sorted(folders.pop().iterdir(), key=lambda e: e.name):
-            if entry.is_dir() and entry.name != "__pycache__":
-                folders.append(entry)
-            elif entry.name.endswith(".py"):
-                found.update(entry.name.encode() + b"\0" + entry.read_bytes())
-    return found.hexdigest()

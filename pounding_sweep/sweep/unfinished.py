@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.errors import OutputError
 from pounding_sweep.sweep.chunks import Chunk
+from pounding_sweep.sweep.identity import WHOLE
 from pounding_sweep.sweep.lock import Holder, running
 from pounding_sweep.sweep.store import EXPECTED, IDENTITY, ChunkStore
 
@@ -66,7 +67,7 @@ class Survey:
     folder : Path
         Where its chunks stand.
     details : dict of str to str
-        Digest of the sweep and of the package's source, and its version.
+        Digest of the sweep and of the package's source, its version, and those of numba and numpy.
     title : str
         Title of the sweep.
     asked, at_most : int or None
@@ -119,7 +120,8 @@ def survey(folder: Path) -> Survey:
     """
     try:
         identity = json.loads((folder / IDENTITY).read_text(encoding="utf-8"))
-        found = Survey(folder, {str(key): str(value) for key, value in identity["details"].items()})
+        details = identity["details"]
+        found = Survey(folder, {key: str(details[key]) for key in WHOLE if key in details})
         found.now = running(folder)
         if (folder / EXPECTED).exists():
             _count(found, json.loads((folder / EXPECTED).read_text(encoding="utf-8")))
