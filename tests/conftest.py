@@ -5,6 +5,13 @@ from __future__ import annotations
 import os
 
 import pytest
+from counting import (  # noqa: F401 - hooks and a fixture
+    counts,
+    pytest_configure,
+    pytest_sessionfinish,
+    pytest_terminal_summary,
+    pytest_testnodedown,
+)
 from hypothesis import HealthCheck, settings
 
 # kernels are compiled inside examples, on cores that other tests use too
@@ -14,7 +21,8 @@ settings.load_profile("compiled")
 
 #: Laws under which each scheme is tested by default, one of each kind. The rest differ in their formula, whose text all
 #: schemes share, and in its slopes, which Newmark needs and `test_laws` holds against the formula; the rebound
-#: under every law is tested by `test_restitution`. The contacts of exact flight are RK4's.
+#: under every law is tested by `test_restitution`. The contacts of exact flight are RK4's, text for text, which
+#: `test_kernels` holds them to.
 KINDS = {
     "rk4": frozenset(
         {
@@ -31,7 +39,9 @@ KINDS = {
         }
     ),
     "newmark": frozenset({"none", "linear", "hertz_damped", "nonlinear_viscoelastic", "stereomechanical"}),
-    "exact": frozenset({"none", "linear", "hertz_damped", "stereomechanical"}),
+    "exact": frozenset(
+        {"none", "linear", "kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic", "stereomechanical"}
+    ),
 }
 
 
@@ -75,11 +85,33 @@ def _row_kernels():
     return [t.row_kernel(row, law, method, 1e-3) for row, law, _, method, _, _ in t.OTHER_ROWS]
 
 
+def _twin_kernels():
+    """Return what holds RK4 and Newmark against the twin under every law."""
+    import test_kernels as t
+
+    return [t.row_kernel("pair", law, method, 1e-3) for method in ("rk4", "newmark") for law in t.LAWS]
+
+
+def _sweep_kernels():
+    """Return what sweeps of the rows of `scenes` need in several test modules."""
+    from scenes import AXES, EVERY, motions, pair, row
+
+    import pounding_sweep as ps
+
+    pairs = {"scene": pair(), "records": motions(), "laws": "kelvin_voigt", "outputs": EVERY}
+    sweeps = [
+        ps.Sweep(row(), motions(), **AXES),
+        *(ps.Sweep(**pairs, method=method) for method in ("rk4", "newmark", "exact")),
+        *(ps.Sweep(**pairs, method=method, damping_ratios=[0.02]) for method in ("rk4", "newmark", "exact")),
+    ]
+    return [kernel for sweep in sweeps for kernel in sweep.plan().kernels().values()]
+
+
 def pytest_sessionstart(session):
     """Compile what most tests need before the workers start, each kernel once; not for a part of the tests."""
     workers = getattr(session.config.option, "numprocesses", None)
     if workers and session.config.args_source is pytest.Config.ArgsSource.TESTPATHS:
-        _compile(_pair_kernels, _row_kernels)
+        _compile(_pair_kernels, _row_kernels, _twin_kernels, _sweep_kernels)
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""The small row and motions that several test modules share."""
+"""The small rows, motions and outputs that several test modules share, so that their kernels are compiled once."""
 
 from __future__ import annotations
 
@@ -8,6 +8,19 @@ from pounding_sweep.records import Record
 from pounding_sweep.scene import Building, ContactProperties, Scene
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
+#: Outputs that need every reducer but the closing displacement: those of `simulate`.
+EVERY = [
+    *OUTPUTS,
+    "storey_shear_max",
+    "acceleration_max",
+    "penetration_max",
+    "impulse",
+    "approach_speed_max",
+    "energy_input",
+    "energy_kinetic",
+    "energy_transfer_max",
+    "contact_work",
+]
 #: Axes of a small sweep of three laws.
 AXES = {
     "laws": ["linear", "none", "kelvin_voigt"],
@@ -25,6 +38,18 @@ def row(gaps=(0.01, 0.02)):
         [Building("a", [100.0], [1.0e4]), Building("b", [80.0], [2.5e4]), Building("c", [120.0], [1.2e4])],
         gaps=gaps,
         contact=ContactProperties(linear_stiffness=2e5, hertz_stiffness=1e6, restitution=0.5),
+    )
+
+
+def pair():
+    """Two buildings of two storeys with periods 0.27 and 0.22 s."""
+    return Scene(
+        [
+            Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
+            Building("b", [80.0, 110.0], [2.4e5, 2.0e5]),
+        ],
+        gaps=[0.006],
+        contact=ContactProperties(linear_stiffness=8e5, hertz_stiffness=7.5e6, restitution=0.6),
     )
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -18,8 +19,8 @@ import pounding_sweep as ps
 from pounding_sweep.contact.laws import get_law
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.kernels import cache, driver
-from pounding_sweep.kernels.cache import get_kernel, is_cached, module_name, source_digest
-from pounding_sweep.kernels.prepare import from_json, prepare, to_json
+from pounding_sweep.kernels.cache import get_kernel, is_cached, module_name, source_digest, text_sizes
+from pounding_sweep.kernels.prepare import from_json, prepare, shares, to_json
 from pounding_sweep.records import Record
 from pounding_sweep.scene import Building, Scene, Wall
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
@@ -51,12 +52,38 @@ def forget():
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def forgetful():
+    """A process that has loaded nothing; what it loads is forgotten after the test."""
+    forget()
+    yield
+    forget()
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, forgetful):
     """An empty cache, in a process that has loaded nothing."""
     monkeypatch.setenv(cache.CACHE_VARIABLE, str(tmp_path / "kernels"))
-    forget()
-    yield tmp_path / "kernels"
-    forget()
+    return tmp_path / "kernels"
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory):
+    """A cache of the kernels of both laws, for copies."""
+    kept = tmp_path_factory.mktemp("compiled") / "kernels"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(cache.CACHE_VARIABLE, str(kept))
+        forget()
+        for law in (LINEAR, DOUBLED):
+            get_kernel(kernel_of(law).shape)
+        forget()
+    return kept
+
+
+@pytest.fixture
+def filled(compiled, folder):
+    """A cache of one's own that holds the kernels of both laws."""
+    shutil.copytree(compiled, folder)
+    return folder
 
 
 def files(folder):
@@ -120,14 +147,14 @@ def test_a_warm_cache_compiles_nothing_and_does_not_grow(folder):
         assert files(folder) == first
 
 
-def test_an_edited_law_is_another_kernel(folder):
+def test_an_edited_law_is_another_kernel(filled):
     before = peak(k=2e5)
     assert peak(DOUBLED, k=1e5) == before  # 2 k d: another text, the same numbers
     assert peak(DOUBLED, k=2e5) > 1.1 * before
     names = [source_digest(kernel_of(law).shape) for law in (LINEAR, DOUBLED)]
     assert names[0] != names[1]
-    assert {p.stem for p in folder.glob("*.py")} > set(names)
-    assert len(list(folder.glob("*.py"))) == 3  # the part that knows no law is shared
+    assert {p.stem for p in filled.glob("*.py")} > set(names)
+    assert len(list(filled.glob("*.py"))) == 3  # the part that knows no law is shared
     # what does not change the text changes nothing
     renamed = dataclasses.replace(LINEAR, title="Another title", reference="-")
     assert source_digest(kernel_of(renamed).shape) == names[0]
@@ -149,7 +176,8 @@ def commented(template):
     return lambda patch: patch.setattr(driver, "_functions", functions)
 
 
-def test_an_edited_generator_is_another_kernel(folder, monkeypatch):
+@pytest.mark.usefixtures("filled")
+def test_an_edited_generator_is_another_kernel(monkeypatch):
     """The edit is in a module that the main one only imports: even then the main one is not a stale one."""
     before, doubled = peak(), peak(k=4e5, scale=2.0, gap=0.01)
     digest, true_begin = source_digest(kernel_of().shape), driver.emit_begin
@@ -199,9 +227,9 @@ def test_every_part_of_the_text_is_in_the_name(monkeypatch):
         assert digest_with(monkeypatch, commented(template), shapes["newmark"]) != names[-1]
 
 
-def test_a_file_that_is_not_what_its_name_says_is_replaced(folder):
+def test_a_file_that_is_not_what_its_name_says_is_replaced(filled):
     before = peak()
-    path = folder / f"{source_digest(kernel_of().shape)}.py"
+    path = filled / f"{source_digest(kernel_of().shape)}.py"
     text = path.read_text(encoding="utf-8")
     path.write_text("def run(*args):\n    pass\n", encoding="utf-8")
     forget()
@@ -211,41 +239,38 @@ def test_a_file_that_is_not_what_its_name_says_is_replaced(folder):
     assert hits_and_misses(get_kernel(kernel_of().shape)) == (1, 0)
 
 
+@pytest.mark.usefixtures("forgetful")
 def test_a_folder_that_cannot_be_written_costs_the_cache_not_the_run(tmp_path, monkeypatch):
     regular = tmp_path / "regular"
     regular.write_text("not a folder")
     (tmp_path / "tmp").mkdir()
     monkeypatch.setenv(cache.CACHE_VARIABLE, str(regular / "kernels"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
-    forget()
-    try:
-        assert not is_cached(kernel_of().shape)
-        assert peak() > 0
-        assert not is_cached(kernel_of().shape)
-    finally:
-        forget()
+    assert not is_cached(kernel_of().shape)
+    assert peak() > 0
+    assert not is_cached(kernel_of().shape)
     assert regular.read_text() == "not a folder"
 
 
-def test_kernels_unused_for_long_are_removed(folder):
+def test_kernels_unused_for_long_are_removed(filled):
     old, new = kernel_of().shape, kernel_of(DOUBLED).shape
     for shape in (old, new):
         get_kernel(shape)
     name = source_digest(old)
     long_ago = time.time() - cache.KEEP_SECONDS - 10.0
     almost = time.time() - cache.KEEP_SECONDS + 3600.0
-    os.utime(folder / f"{name}.used", (long_ago, long_ago))
-    os.utime(folder / f"{source_digest(new)}.used", (almost, almost))
+    os.utime(filled / f"{name}.used", (long_ago, long_ago))
+    os.utime(filled / f"{source_digest(new)}.used", (almost, almost))
     assert is_cached(old)
-    cache._write(folder, module_name("x = 1\n"), "x = 1\n")  # a new kernel is when the folder is tidied
+    cache._write(filled, module_name("x = 1\n"), "x = 1\n")  # a new kernel is when the folder is tidied
     assert not is_cached(old)
-    assert not list(folder.rglob(f"{name}*"))
+    assert not list(filled.rglob(f"{name}*"))
     assert is_cached(new)
-    assert len(list(folder.glob("*.py"))) == 3  # the row module that both use, the other main module, and the new one
+    assert len(list(filled.glob("*.py"))) == 3  # the row module that both use, the other main module, and the new one
     # a kernel that is used is marked so
     forget()
     get_kernel(new)
-    for path in folder.glob("*.used"):
+    for path in filled.glob("*.used"):
         assert time.time() - path.stat().st_mtime < 600.0
 
 
@@ -273,7 +298,27 @@ def test_kernels_are_compiled_side_by_side(folder):
     assert files(folder) == before
 
 
-def test_an_implicit_solution_that_is_given_up_is_told_by_the_status(folder, monkeypatch):
+@pytest.mark.parametrize("n", [1, 2, 3, 7])
+def test_kernels_are_shared_out_by_what_they_take(n):
+    sweep = ps.Sweep("mate2015", "el_centro", ["linear", "hertz", "hertz_damped", "none"], method="rk4", gaps=[0.01])
+    shapes = list(dict.fromkeys(kernel.shape for kernel in sweep.plan().kernels().values()))
+    assert len(shapes) > 2
+    found = shares(shapes, n)
+    assert all(found)
+    assert len(found) <= n
+    assert sorted((s for share in found for s in share), key=shapes.index) == shapes
+    sizes = {shape: text_sizes(shape) for shape in shapes}
+    rows = {row: size for row, size, _ in sizes.values()}
+    largest = max(row + main for _, row, main in sizes.values())
+    takes = [
+        sum(rows[name] for name in {sizes[s][0] for s in share}) + sum(sizes[s][2] for s in share) for share in found
+    ]
+    assert max(takes) <= sum(takes) / n + largest
+    assert shares([], n) == []
+
+
+@pytest.mark.usefixtures("forgetful")
+def test_an_implicit_solution_that_is_given_up_is_told_by_the_status(monkeypatch):
     """With one sweep over the contacts Gauss-Seidel can't be seen to converge; the values stay, the status tells."""
     scene = ps.Scene(
         [ps.Building(name, [m, m], [k, k]) for name, m, k in (("a", 100.0, 4e4), ("b", 80.0, 9e4))], gaps=[0.001]

@@ -20,7 +20,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from rich.console import Console
+from typer.main import get_command
 
+from pounding_sweep.cli.app import app
 from pounding_sweep.contact import LAWS
 from pounding_sweep.cube.variables import STATUS, Status
 from pounding_sweep.progress import LineProgress, TerminalProgress, make_progress
@@ -326,6 +328,30 @@ def test_run_overwrites_only_when_told(tiny, tmp_path):
     same_data(folder / "out.nc", out)
 
 
+def written_files(command=None, name=""):
+    """Options of all commands that name a file to write: (command and option, its help, the command's options)."""
+    command = command or get_command(app)
+    for key, inner in getattr(command, "commands", {}).items():
+        yield from written_files(inner, f"{name} {key}".strip())
+    options = {option: item for item in command.params for option in item.opts}
+    for option in ("-o", "--plot", "--map", "--data"):
+        if option in options:
+            yield f"{name} {option}", options[option].help, options
+
+
+@pytest.mark.parametrize(("name", "told", "options"), [pytest.param(*item, id=item[0]) for item in written_files()])
+def test_data_are_never_replaced_unasked_and_figures_say_that_they_are(name, told, options):
+    pictures = {"plot -o", "animate -o", "records plot -o", "tradeoff --plot", "extremes --plot"}
+    assert told.endswith("replaced if it exists.") == (name in pictures)
+    assert name in pictures or "--overwrite" in options
+
+
+def test_a_map_that_is_there_is_not_replaced(tmp_path):
+    there = write(tmp_path, "mine", "map.nc")
+    assert "exists" in bad("extremes", "--scenes", "1", "--map", there, "--quiet")
+    assert there.read_text() == "mine"
+
+
 def test_run_says_what_is_wrong_with_scenarios_and_how_to_mend_it(tmp_path):
     sweep = write(tmp_path, edited("[solver]", "stiffness_factors = [1e5]\n[solver]").replace(', "none"', ""))
     done = cli("run", sweep, "-o", tmp_path / "out.nc")  # all are refused: no kernel is needed
@@ -374,7 +400,7 @@ def test_an_unforeseen_error_exits_with_1(tiny, tmp_path):
 
 
 def test_an_interrupted_run_continues_to_the_same_cube(tmp_path):
-    write(tmp_path, LONG)
+    write(tmp_path, LONG.replace("dt = 1e-6", "dt = 3e-6"))
     args = [sys.executable, "-c", HEEDING, "run", "sweep.toml", "--workers", "1", "-o"]
     more = {"cwd": tmp_path, "env": environment(), "text": True, "stdin": subprocess.DEVNULL}
     manifest = tmp_path / "out.nc.parts" / MANIFEST

@@ -61,7 +61,7 @@ def test_a_wrong_value_is_noticed(change, fault, monkeypatch):
 def test_it_is_printed(monkeypatch):
     done = CliRunner().invoke(app, ["doctor"])
     assert done.exit_code == 0
-    for part in ("Threads", "workers", "Output", "free", "Self-check", "largest error", "passed"):
+    for part in ("Threads", "workers", "Memory", "Output", "free", "Self-check", "largest error", "passed"):
         assert part in done.stdout
     wrong = tampered(lambda s: s["scenarios"][0]["values"]["first_impact_time"][0].__setitem__(2, None))
     monkeypatch.setattr(self_check, "converged", wrong)

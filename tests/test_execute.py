@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import AXES, OUTPUTS, motions, row
+from scenes import AXES, EVERY, OUTPUTS, motions, pair, row
 
 import pounding_sweep as ps
 from pounding_sweep.cube.variables import Status, get_variable
 from pounding_sweep.cube.write import open_cube
 from pounding_sweep.errors import InputError, OutputError
 from pounding_sweep.records import Record
-from pounding_sweep.sweep import sweep as sweeping
 from pounding_sweep.sweep.blocks import RowKernel
 from pounding_sweep.sweep.chunks import cut
-from pounding_sweep.sweep.dispatch import Dispatcher, Job
+from pounding_sweep.sweep.dispatch import Dispatcher
 from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.sweep.jobs import Job
 from pounding_sweep.sweep.scenarios import Scenarios
 from pounding_sweep.sweep.spec import to_json
 from pounding_sweep.sweep.store import ChunkStore
@@ -105,7 +105,13 @@ def test_a_scheduler_by_its_address(reference, tmp_path):
     from distributed import LocalCluster
 
     with LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, protocol="tcp://", dashboard_address=None, silence_logs=50
+        n_workers=1,
+        threads_per_worker=2,
+        processes=False,
+        protocol="tcp://",
+        dashboard_address=None,
+        silence_logs=50,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
     ) as cluster:
         assert cluster.scheduler_address.startswith("tcp://")
         for _ in range(2):  # a scheduler that has seen the sweep before
@@ -308,7 +314,7 @@ def test_the_parts_of_another_sweep_are_not_used(reference, tmp_path, monkeypatc
         with pytest.raises(OutputError, match=r"belong to another sweep.*differ in.*sweep"):
             make(**changes).run(out)
     with monkeypatch.context() as patch:
-        patch.setattr(sweeping, "package_digest", lambda: "another version")
+        patch.setattr("pounding_sweep.sweep.identity.package_digest", lambda: "another version")
         with pytest.raises(OutputError, match="differ in source"):
             make().run(out)
     assert sorted((p.name, p.stat().st_mtime_ns) for p in parts.iterdir()) == before
@@ -446,7 +452,8 @@ def test_forced_runs_of_stiff_contacts_have_a_status():
 
 
 def test_a_contact_of_too_few_steps_is_flagged():
-    axes = {"laws": "linear", "gaps": [0.002, 0.5], "stiffness_factors": [1.0, 8.0], "restitutions": None}
+    axes = {"laws": "kelvin_voigt", "gaps": [0.002, 0.5], "stiffness_factors": [1.0, 8.0], "restitutions": None}
+    axes |= {"scene": pair(), "outputs": EVERY}  # whose kernels `test_properties` has
     coarse = make(**axes, method="newmark", dt=0.0015).run()
     status = coarse["status"]
     assert (status.sel(gap=0.5) == Status.OK).all()
@@ -528,13 +535,17 @@ def test_an_absolute_stiffness_axis(reference):
         np.testing.assert_array_equal(cube[name].values, reference[name].values, err_msg=name)
 
 
-def test_simulate_gives_the_numbers_of_the_sweep(reference):
+def test_simulate_gives_the_numbers_of_the_sweep():
     """In the sweep, the linear law runs in the kernel of the damped one; alone, it has its own."""
-    for record in motions():
-        for gap in (0.0005, 0.01, 0.5):
-            one = ps.simulate(row((gap, gap)), record, law="linear", stiffness=2e5, dt=0.005)
+    gaps, strong = [0.0005, 0.005, 0.5], [Record(r.name, r.dt, 10.0 * r.acceleration) for r in motions()]
+    changes = {"laws": ["linear", "kelvin_voigt"], "gaps": gaps, "records": strong, "outputs": EVERY}
+    cube = scenarios_of(make(scene=pair(), **changes).run(scheduler="synchronous"))
+    assert (cube["impact_count"].sel(law="linear", gap=gaps[:2]).max(["pair", "storey"]) > 0).all()
+    for record in strong:
+        for gap in gaps:
+            one = ps.simulate(pair().with_gaps([gap]), record, law="linear", stiffness=8e5, dt=0.005)
             at = {"law": "linear", "gap": gap, "stiffness_factor": 1.0, "restitution": 0.5, "record": record.name}
-            among = scenarios_of(reference).sel({**at, "scale": 1.0})
+            among = cube.sel({**at, "scale": 1.0})
             for name in among.data_vars:
                 np.testing.assert_array_equal(one[name].values, among[name].values, err_msg=f"{name} {at}")
             # histories agree with the peaks: samples never exceed them

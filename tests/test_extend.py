@@ -1,11 +1,14 @@
-"""Sweeps with more values on their axes: only what is new runs, and the cube is that of the whole, to the last bit."""
+"""Sweeps with more values or more cases: only what is new runs, and the cube is that of the whole, to the last bit."""
 
 from __future__ import annotations
 
 import json
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scenes import motions, row
 from typer.testing import CliRunner
 
@@ -54,9 +57,9 @@ def whole():
     return cube
 
 
-@pytest.fixture
-def ran(monkeypatch):
-    """List the scenarios that workers really run, by (law, record, scale, stiffness, restitution, gap)."""
+@contextmanager
+def listed_runs():
+    """List the scenarios that workers really run, by (law, record, scale, stiffness, restitution, gaps)."""
     found = []
     real = dispatch.Dispatcher.run
 
@@ -64,14 +67,22 @@ def ran(monkeypatch):
         def told(position):
             mine = job(position)
             if "closing_max" not in mine.outputs and not mine.key.startswith("audit"):
-                t = mine.table
-                found.extend(zip(t.law, t.record, t.scale, t.stiffness, t.restitution, map(tuple, t.gaps), strict=True))
+                t, law, record = mine.table, mine.kernel.law.key, self.records[mine.record].name
+                rows = zip(t.scale, t.stiffness, t.restitution, map(tuple, t.gaps), strict=True)
+                found.extend((law, record, *row) for row in rows)
             return mine
 
         real(self, n, told, take)
 
-    monkeypatch.setattr(dispatch.Dispatcher, "run", run)
-    return found
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dispatch.Dispatcher, "run", run)
+        yield found
+
+
+@pytest.fixture
+def ran():
+    with listed_runs() as found:
+        yield found
 
 
 def same(found, expected):
@@ -103,17 +114,8 @@ def test_what_is_new_on_an_axis_is_run(whole, ran, tmp_path, monkeypatch, axis, 
     assert taken["scenarios_taken"] > 0
     assert taken["file"] == str(tmp_path / "old.nc")
     assert job.last_outcome.run + taken["scenarios_taken"] == whole.attrs["unique_run"]
-    known = old_scenarios(before, less)
-    assert known.isdisjoint(ran) or axis == "laws"
+    assert before.isdisjoint(ran)
     assert len(ran) == len(set(ran))
-
-
-def old_scenarios(before, less):
-    """Return what the smaller sweep ran as the larger one numbers it."""
-    laws = [law for law in WHOLE["laws"] if law != "none"]
-    own = [law for law in less.get("laws", WHOLE["laws"]) if law != "none"]
-    shift = len(motions()) - len(less.get("records", WHOLE["records"]))
-    return {(laws.index(own[law]), record + shift, *rest) for law, record, *rest in before}
 
 
 def test_nothing_new_runs_nothing(whole, ran, tmp_path):
@@ -143,10 +145,9 @@ def test_a_merged_cube_is_filled(whole, ran, tmp_path):
     assert merge_cubes([tmp_path / "a.nc", tmp_path / "b.nc"], tmp_path / "ab.nc").missing > 0
     ran.clear()
     same(sweep().run(extend=tmp_path / "ab.nc", workers=1), whole)
-    kelvin_voigt = 1  # the other law ignores the restitution
-    assert {(law, e, gaps[0]) for law, *_, e, gaps in ran} == {
-        *((kelvin_voigt, 0.7, gap) for gap in (0.002, 0.01)),
-        *((kelvin_voigt, 0.3, gap) for gap in (0.0005, 0.02)),
+    assert {(law, e, gaps[0]) for law, *_, e, gaps in ran} == {  # the other law ignores the restitution
+        *(("kelvin_voigt", 0.7, gap) for gap in (0.002, 0.01)),
+        *(("kelvin_voigt", 0.3, gap) for gap in (0.0005, 0.02)),
     }
 
 
@@ -157,7 +158,7 @@ def test_scenarios_without_result_are_run(whole, ran, tmp_path):
     failed["impact_force_max"][2, 0] = np.nan
     ran.clear()
     same(sweep().run(extend=write_cube(failed, tmp_path / "failed.nc"), workers=1), whole)
-    assert {(law, gaps[0]) for law, *_, gaps in ran} == {(1, 0.0005)}
+    assert {(law, gaps[0]) for law, *_, gaps in ran} == {("kelvin_voigt", 0.0005)}
 
 
 def test_a_sweep_too_small_for_runs_without_pounding(tmp_path):
@@ -207,7 +208,7 @@ def test_a_record_of_the_same_name_is_another_if_its_motion_is(ran, tmp_path):
     ran.clear()
     job = sweep(**few, records=louder())
     found = job.run(extend=tmp_path / "old.nc", workers=1)
-    assert {record for _, record, *_ in ran} == {0}
+    assert {record for _, record, *_ in ran} == {"one"}
     same(found, job.run(workers=1))
 
 
@@ -243,15 +244,166 @@ def test_another_version_is_refused(tmp_path, whole, monkeypatch):
         sweep().run(extend=tmp_path / "old.nc")
 
 
-def test_a_part_of_a_cube_and_cases_are_refused(tmp_path, whole):
+def test_a_part_of_a_cube_is_refused(tmp_path, whole):
     with pytest.raises(InputError, match="other values of gap than its sweep; give the cube as it was made"):
         sweep().run(extend=write_cube(whole.isel(gap=[1, 0]), tmp_path / "part.nc"))
     with pytest.raises(InputError, match=r"has the axes law, .*, its sweep had law, gap"):
         sweep().run(extend=write_cube(whole.isel(gap=0), tmp_path / "slice.nc"))
-    cases = Sweep(row(), motions()[:1], cases=[{"law": "linear", "gap": 0.01, "restitution": 0.5}], **SETTINGS)
-    write_cube(whole, tmp_path / "old.nc")
-    with pytest.raises(InputError, match="not listed cases"):
-        cases.run(extend=tmp_path / "old.nc")
+
+
+def listed(cases, **changes):
+    return Sweep(row(), **{**SETTINGS, "records": motions(), "cases": cases, **changes})
+
+
+#: Scenarios that touch or do not, each in two spellings of the same.
+POOL = [
+    ({"law": law, "record": record, "scale": scale, **one}, {"law": law, "record": record, "scale": scale, **two})
+    for law, record, scale, one, two in [
+        ("kelvin_voigt", "one", 1.0, {}, {"gap": [0.01, 0.02], "restitution": 0.5}),
+        ("kelvin_voigt", "one", 1.5, {"gap": 0.002}, {"gap": [0.002, 0.002], "stiffness": 2e5}),
+        ("kelvin_voigt", "two", 1.0, {"gap": 0.0005, "restitution": 0.3}, {"gap": 0.0005, "restitution": 0.3}),
+        ("kelvin_voigt", "two", 1.0, {"gap": 0.0005, "restitution": 0.7}, {"gap": 0.0005, "restitution": 0.7}),
+        ("kelvin_voigt", "one", 1.0, {"gap": 0.5}, {"gap": [0.5, 0.5]}),
+        ("kelvin_voigt", "two", 2.0, {"gap": [0.5, 0.4]}, {"gap": [0.5, 0.4]}),
+        ("kelvin_voigt", "two", 1.5, {"stiffness_factor": 0.5}, {"stiffness": 1e5}),
+        ("linear", "two", 1.0, {"restitution": 0.3}, {"restitution": 0.9}),
+        ("linear", "one", 1.0, {"gap": 0.002}, {"gap": 0.002, "restitution": 0.2}),
+        ("linear", "one", 1.0, {"gap": 0.3}, {"gap": 0.3}),
+        ("linear", "one", 1.0, {"gap": 0.4}, {"gap": 0.4}),
+        ("none", "one", 1.0, {}, {"gap": 0.3}),
+        ("none", "two", 2.0, {"gap": 0.1}, {}),
+    ]
+]
+#: Lists of some of them in any order and spelling.
+LISTS = st.lists(
+    st.tuples(st.integers(0, len(POOL) - 1), st.booleans()), min_size=1, unique_by=lambda choice: choice[0]
+).map(lambda chosen: [POOL[i][spelling] for i, spelling in chosen])
+
+
+@settings(max_examples=15, deadline=None)
+@given(LISTS, LISTS, st.sampled_from([1e-5, 0.25]))
+def test_listed_cases(tmp_path_factory, old, new, chunk_seconds):
+    folder = tmp_path_factory.mktemp("cases")
+    with pytest.MonkeyPatch.context() as patch, listed_runs() as ran:
+        patch.setattr(planning, "CHUNK_SECONDS", chunk_seconds)
+        patch.setattr(cutting, "SHARE", 1.0)
+        listed(old).run(folder / "old.nc", workers=1).close()
+        before = set(ran)
+        ran.clear()
+        job = listed(new)
+        whole = job.run(workers=1)
+        wanted, n = set(ran), job.last_outcome.run
+        ran.clear()
+        found = job.run(extend=folder / "old.nc", workers=1)
+    same(found, whole)
+    assert set(ran) == wanted - before
+    assert job.last_outcome.run + found_taken(found) == n
+
+
+def found_taken(cube):
+    """Return how many scenarios a cube took from the one it extends."""
+    return json.loads(cube.attrs["extended_from"])["scenarios_taken"]
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.lists(st.integers(0, 5), min_size=1, unique=True), st.lists(st.integers(0, 5), min_size=1, unique=True))
+def test_listed_building_properties(tmp_path_factory, old, new):
+    """With chunks of one scenario, too; the damping ratio that all buildings have is no property."""
+    pool = [
+        {"law": "kelvin_voigt", "gap": 0.002, "record": record, **more}
+        for record in ("one", "two")
+        for more in (
+            {"period_factors": {"a": 1.1}},
+            {"period_factors": {"a": 1.1, "c": 0.9}, "mass_factors": {"b": 2.0}},
+            {"damping_ratio": 0.02, "period_factors": {"b": 1.2}},
+        )
+    ]
+    path = tmp_path_factory.mktemp("properties") / "old.nc"
+    with listed_runs() as ran:
+        listed([*(pool[i] for i in old), {"law": "kelvin_voigt", "record": "one"}]).run(path, workers=1).close()
+        ran.clear()
+        job = listed([pool[i] for i in new])
+        found = job.run(extend=path, workers=1)
+    assert len(ran) == len(set(new) - set(old))
+    same(found, job.run(workers=1))
+
+
+@pytest.fixture(scope="module")
+def few():
+    """Cube of some listed cases."""
+    return listed([one for one, _ in POOL[:4]]).run(workers=1)
+
+
+def test_cases_under_labels_and_records_under_other_names(few, ran, tmp_path):
+    """Neither belongs to the scenario."""
+    one, two = motions()
+    records = [Record("second", two.dt, two.acceleration), Record("first", one.dt, one.acceleration)]
+    old = write_cube(few.assign_coords(case=["w", "x", "y", "z"]), tmp_path / "old.nc")
+    cases = [{**case, "record": {"one": "first", "two": "second"}[case["record"]]} for case, _ in POOL[:4]]
+    found = listed(cases[::-1], records=records).run(extend=old, workers=1)
+    assert ran == []
+    assert found_taken(found) == 4
+    assert found.case.values.tolist() == [1, 2, 3, 4]
+    np.testing.assert_array_equal(found.impact_force_max, few.impact_force_max[::-1])
+    found = listed(cases[:2], records=records[1:]).run(extend=old, workers=1)  # the other record is gone
+    assert ran == []
+    np.testing.assert_array_equal(found.impact_force_max, few.impact_force_max[:2])
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (
+            lambda cube: cube.isel(case=[0, 1]),
+            r"'.*old\.nc' has 2 cases, its sweep had 4; give the cube as it was made",
+        ),
+        (lambda cube: cube.isel(case=[1, 0, 2, 3]), "other values of scale than its sweep"),
+        (lambda cube: cube.isel(case=[0, 2, 1, 3]), "other values of record than its sweep"),
+        (lambda cube: cube.assign_coords(pair_gap=cube.pair_gap * 2), "other values of pair_gap than its sweep"),
+        (lambda cube: cube.drop_vars("contact_stiffness"), "other values of contact_stiffness than its sweep"),
+        (lambda cube: cube.isel(case=0), "has the axes none, its sweep had case"),
+    ],
+)
+def test_cubes_of_other_cases_than_their_sweep_are_refused(few, tmp_path, change, says):
+    with pytest.raises(InputError, match=says):
+        listed([POOL[0][0]]).run(extend=write_cube(change(few), tmp_path / "old.nc"))
+
+
+def test_cases_with_and_without_building_properties_run_in_different_kernels(few, tmp_path):
+    """Also where the case that has some is of a record that the new sweep has not."""
+    plain = {"law": "kelvin_voigt", "record": "one"}
+    varied = {"law": "kelvin_voigt", "record": "two", "period_factors": {"a": 1.1}}
+    with pytest.raises(InputError, match="only one of the two sweeps varies building properties"):
+        listed([varied, plain]).run(extend=write_cube(few, tmp_path / "few.nc"))
+    listed([varied, plain]).run(tmp_path / "old.nc", workers=1).close()
+    with pytest.raises(InputError, match="only one of the two sweeps varies building properties"):
+        listed([plain], records=motions()[:1]).run(extend=tmp_path / "old.nc")
+
+
+def test_cases_extend_axes_and_axes_cases(whole, tmp_path):
+    """A scenario is the same, whether it is listed or stands on axes."""
+    some = [case for pair in POOL for case in pair[:1] if case["scale"] < 2.0]
+    some += [
+        {"law": "linear", "gap": 0.002, "record": "two", "scale": 1.5, "stiffness": 1e5},
+        {"law": "kelvin_voigt", "gap": [0.02, 0.02], "record": "one", "restitution": 0.7},
+    ]
+    with listed_runs() as ran:
+        cases = listed(some)
+        expected = cases.run(tmp_path / "cases.nc", workers=1)
+        write_cube(whole, tmp_path / "whole.nc")
+        listed_there = set(ran)
+        ran.clear()
+        found = cases.run(extend=tmp_path / "whole.nc", workers=1)
+        same(found, expected)
+        on_axes = {(law, record, scale, k, e) for law, record, scale, k, e, gaps in listed_there - set(ran)}
+        assert len(on_axes) == found_taken(found) > 4
+        ran.clear()
+        job = sweep()
+        found = job.run(extend=tmp_path / "cases.nc", workers=1)
+        same(found, whole)
+        assert listed_there.isdisjoint(ran)
+        assert job.last_outcome.run + found_taken(found) == whole.attrs["unique_run"]
+    expected.close()
 
 
 @pytest.mark.slow  # kernels of its own
@@ -262,7 +414,11 @@ def test_an_accuracy_is_chosen_for_the_sweep_as_a_whole(tmp_path):
     found = job.run(extend=tmp_path / "old.nc", workers=1)
     same(found, job.run(workers=1))
     assert json.loads(found.attrs["extended_from"])["scenarios_taken"] > 0
-    with pytest.raises(InputError, match="all laws and records of the earlier sweep must be in the new one"):
+    fewer = sweep(**{**few, "laws": "linear"})
+    found = fewer.run(extend=tmp_path / "old.nc", workers=1)
+    same(found, fewer.run(workers=1))
+    assert found_taken(found) > 0
+    with pytest.raises(InputError, match="all records of the earlier sweep must be in the new one"):
         sweep(**few, records=motions()[1:]).run(extend=tmp_path / "old.nc")
 
 
@@ -279,6 +435,26 @@ def test_an_interrupted_extension_continues(whole, tmp_path, monkeypatch):
             sweep().run(tmp_path / "new.nc", extend=tmp_path / "old.nc", workers=1)
     with sweep().run(tmp_path / "new.nc", workers=1) as found:  # with the other cube or without it
         same(found, whole)
+
+
+@pytest.mark.slow  # processes are started
+def test_with_processes(whole, ran, tmp_path):
+    """What is known is never sent to a worker, whether sweep and cube list their scenarios or have axes."""
+    sweep(**LESS).run(tmp_path / "old.nc", workers=1).close()
+    before = set(ran)
+    ran.clear()
+    job = sweep()
+    with job.run(tmp_path / "new.nc", extend=tmp_path / "old.nc", scheduler="processes", workers=2) as found:
+        same(found, whole)
+        assert job.last_outcome.run + found_taken(found) == whole.attrs["unique_run"]
+    assert before.isdisjoint(ran)
+    cases = listed([one for one, _ in POOL])
+    expected = cases.run(workers=1)
+    ran.clear()
+    found = cases.run(extend=tmp_path / "new.nc", scheduler="processes", workers=2)
+    same(found, expected)
+    assert len(ran) == cases.last_outcome.run - len(cases.plan().motions_to_run) > 0
+    assert found_taken(found) > 0
 
 
 SWEEP = """

@@ -39,7 +39,8 @@ from pounding_sweep.sweep.resolution import (
 FAST_LAWS = ("kelvin_voigt",)
 #: Families whose rows are of many shapes, each with kernels of its own.
 OF_MANY_SHAPES = ("row", "walls", "together", "random")
-CONTACT_LAWS = tuple(key for key, law in LAWS.items() if law.has_contact)
+#: Laws of many kinds, the first in kernels that are there for `FAST_LAWS`.
+MANY_LAWS = ("kelvin_voigt", "modified_kelvin_voigt", "hertz", "stereomechanical")
 
 
 def by_family(found):
@@ -108,7 +109,7 @@ def test_the_suite_reaches_the_ends(fast):
 @pytest.mark.slow
 def test_thousands_of_scenes_under_many_laws():
     """The claim is kept but for rare misses in scenes that nobody tuned the rules on, and those by little."""
-    found = run_extremes(1200, seed=5, laws=CONTACT_LAWS[0::4], families=["random"], workers=2)
+    found = run_extremes(1200, seed=5, laws=MANY_LAWS, families=["random"], workers=2)
     ok = sum(result.statuses[Status.OK.label] for result in found.results)
     assert ok > 1000
     rare = ("is ok, but a peak is off", "its contacts created energy")
@@ -250,7 +251,7 @@ def test_an_ok_scenario_without_reference_is_counted(honest):
 
 
 def test_grazing_is_sensitive_and_a_plain_impact_is_not():
-    law = LAWS["linear"]
+    law = LAWS["kelvin_voigt"]
     alone = make_batch("", "", beside_wall(), law, earthquake(), gaps=9.0, steps=(1e-3,))
     reach = float(np.nanmax(run_batch(alone, "rk4", 1e-4)["displacement_max"]))
     batch = make_batch("", "", beside_wall(), law, earthquake(), gaps=[reach * (1 - 1e-9), 0.3 * reach], steps=(1e-3,))
@@ -261,7 +262,7 @@ def test_grazing_is_sensitive_and_a_plain_impact_is_not():
 
 def test_a_reference_that_does_not_converge_is_not_known(monkeypatch):
     monkeypatch.setattr(the_judge, "REFERENCE_STEPS", 10)
-    batch = make_batch("", "", beside_wall(), LAWS["linear"], earthquake(), steps=(1e-3,))
+    batch = make_batch("", "", beside_wall(), LAWS["kelvin_voigt"], earthquake(), steps=(1e-3,))
     reference = make_reference(batch, np.ones(1, bool), np.full(1, 1e-2))
     assert not reference.known.any()
     assert np.isnan(reference.peaks["impact_force_max"]).all()
@@ -271,7 +272,7 @@ def test_the_energy_limit_is_reached_by_a_steady_push():
     """A mass that nothing holds takes exactly M (a t)^2 / 2."""
     free = ps.Scene([ps.Building("free", [50.0], [1e-6], 0.0), ps.Wall()], [1e3])
     push = ps.Record("push", 0.01, np.full(101, 2.0))
-    batch = make_batch("", "", free, LAWS["linear"], push, gaps=1e3, scale=[1.0, 3.0])
+    batch = make_batch("", "", free, LAWS["kelvin_voigt"], push, gaps=1e3, scale=[1.0, 3.0])
     found = run_batch(batch, "rk4", 1e-2)
     held = (found["energy_kinetic"] + found["energy_strain"]).sum(axis=1)
     limit = energy_limit(free, push, batch.scale)
@@ -307,7 +308,8 @@ def test_rk4_beyond_its_limit_is_refused_with_the_largest_step(law):
 
 
 def test_a_sweep_gives_a_refused_scenario_its_status():
-    sweep = ps.Sweep(pair(), records=[earthquake()], laws=["linear"], stiffnesses=[1e5, 1e12], method="rk4", dt=1e-3)
+    axes = {"laws": ["kelvin_voigt"], "stiffnesses": [1e5, 1e12], "restitutions": [0.6]}
+    sweep = ps.Sweep(pair(), records=[earthquake()], **axes, method="rk4", dt=1e-3, outputs=OUTPUTS)
     cube = sweep.run(None, scheduler="synchronous")
     assert cube.status.values.ravel().tolist() == [Status.OK, Status.BEYOND_STABILITY_LIMIT]
     assert np.isfinite(cube.impact_force_max.isel(stiffness=0)).all()
@@ -355,7 +357,8 @@ def test_touches_from_both_sides_at_once_leave_the_middle_at_rest():
 
 @pytest.mark.parametrize(("method", "dt"), [("rk4", 1e-3), ("rk4", 2.5e-3), ("newmark", 1e-3)])
 def test_ordinary_runs_are_ok(method, dt):
-    one = ps.simulate("mate2015", "el_centro", law="kelvin_voigt", stiffness=2e6, restitution=0.6, method=method, dt=dt)
+    numerics = {"method": method, "dt": dt}
+    one = ps.simulate("mate2015", "el_centro", law="hertz_damped", stiffness=1.88e7, restitution=0.6, **numerics)
     assert int(one.status) == Status.OK
 
 
@@ -413,7 +416,7 @@ def test_phase_error_is_that_of_the_free_vibration(method, gamma, beta, damping)
 
 def test_a_motion_that_is_not_resolved_is_told():
     scene = ps.Scene([ps.Building("stiff", [100.0], [100.0 * (2 * np.pi / 0.03) ** 2]), ps.Wall()], [1.0])
-    batch = make_batch("", "", scene, LAWS["linear"], earthquake(), gaps=1.0, steps=(1e-2,))
+    batch = make_batch("", "", scene, LAWS["kelvin_voigt"], earthquake(), gaps=1.0, steps=(1e-2,))
     assert phase_error(scene, batch.record, Numerics("newmark", 1e-2)) > MAX_PHASE_ERROR
     found = run_batch(batch, "newmark", 1e-2)
     assert found["status"].tolist() == [Status.UNDER_RESOLVED_MOTION]
@@ -425,7 +428,7 @@ def test_a_motion_that_is_not_resolved_is_told():
 def test_ground_that_turns_back_within_steps_is_told():
     shaking = ps.Record("shaking", 0.01, np.resize([20.0, -20.0], 101))
     scene = beside_wall()
-    batch = make_batch("", "", scene, LAWS["linear"], shaking, gaps=1.0, steps=(1e-2,))
+    batch = make_batch("", "", scene, LAWS["kelvin_voigt"], shaking, gaps=1.0, steps=(1e-2,))
     found = run_batch(batch, "newmark", 1e-2)
     assert found["status"].tolist() == [Status.UNDER_RESOLVED_MOTION]
     reference = make_reference(batch, np.ones(1, bool), np.full(1, np.inf))
@@ -455,7 +458,7 @@ def test_a_motion_that_no_ground_brings_about_has_diverged(honest):
 
 
 def test_a_batch_is_judged_at_each_of_its_steps():
-    batch = take(make_batch("", "", pair(), LAWS["linear"], earthquake(), stiffness=[1e5, 1e6]), np.array([1, 0]))
+    batch = take(make_batch("", "", pair(), LAWS["kelvin_voigt"], earthquake(), stiffness=[1e5, 1e6]), np.array([1, 0]))
     verdicts = run_judged(batch)
     assert [(v.method, v.dt) for v in verdicts] == [(m, dt) for m in suite.METHODS for dt in batch.steps]
     finest = [v for v in verdicts if v.dt == min(batch.steps)]
@@ -469,7 +472,7 @@ def test_a_batch_is_judged_at_each_of_its_steps():
 
 @pytest.fixture(scope="module")
 def small_map():
-    return stability_map("linear", stiffnesses=[1e4, 1e6, 1e10], steps=[1e-4, 1e-3, 2e-2])
+    return stability_map("kelvin_voigt", stiffnesses=[1e4, 1e6, 1e10], steps=[1e-4, 1e-3, 2e-2])
 
 
 def test_the_map_shows_what_each_scheme_can_do(small_map):

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 import pounding_sweep as ps
 from pounding_sweep.analysis import response_spectrum
+from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.choice import scenario_of, simulate_one
 from pounding_sweep.cli.app import app
 from pounding_sweep.cube.select import select
@@ -234,6 +235,15 @@ ENDS = [(False, False), (True, False), (False, True), (True, True)]
 @pytest.mark.parametrize("ends", ENDS)
 def test_walls_are_found(ends):
     assert walls(made.histories(*ends)) == ends
+    names = ("wall-west", "wall", "wall-b", "wall-wall")  # whose pairs' names begin and end alike
+    assert walls(made.histories(*ends, names=names)) == ends
+
+
+def test_a_row_that_is_not_told_is_asked_for():
+    one = made.histories()
+    for changed in ({}, {"scene": "["}, {"scene": '{"row": []}'}, {"scene": '{"row": [1], "gaps": [], "contact": {}}'}):
+        with pytest.raises(InputError, match=r"does not carry its row of buildings.*simulate the scenario again"):
+            walls(one.drop_attrs().assign_attrs(changed))
 
 
 @pytest.mark.parametrize("ends", ENDS)
@@ -442,11 +452,12 @@ def test_choices_are_checked(asked):
 
 SWEEP = """\
 [scene]
-gaps = [0.002]
+gaps = [0.002, 0.002]
 contact = { linear_stiffness = 1e6, restitution = 0.6 }
 row = [
+    { name = "low", masses = [120.0], stiffnesses = [2e5], storey_heights = [6.0] },
     { name = "high", masses = [100.0, 90.0], stiffnesses = [8e4, 7e4] },
-    { name = "low", masses = [120.0], stiffnesses = [2e5] },
+    { wall = true },
 ]
 
 [sweep]
@@ -468,11 +479,11 @@ def test_a_scenario_from_its_file_to_its_pictures(tmp_path):
     done = command("simulate", sweep, "-o", one)
     assert done.stdout.splitlines() == [str(one)]
     assert "Kelvin-Voigt without tension; gap 5 mm" in done.stderr
-    want = ps.simulate(
-        ps.load_sweep(sweep).spec.scene.with_gaps([0.005]), ps.load_sweep(sweep).spec.records[0], law="kelvin_voigt"
-    )
+    scene = ps.load_sweep(sweep).spec.scene.with_gaps([0.005, 0.005])
+    want = ps.simulate(scene, ps.load_sweep(sweep).spec.records[0], law="kelvin_voigt")
     with open_cube(one) as found:
-        assert found.pair_gap.values.tolist() == [0.005]
+        assert found.pair_gap.values.tolist() == [0.005, 0.005]
+        assert stored_scene(found) == scene
         np.testing.assert_array_equal(found.contact_force, want.contact_force)
     assert command("plot", one, "histories", "-o", tmp_path / "h.png").stdout.strip() == str(tmp_path / "h.png")
     possible, others = command("plot", one).stdout.split("not possible")

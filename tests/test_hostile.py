@@ -8,7 +8,6 @@ import json
 import math
 import os
 import re
-import resource
 import subprocess
 import sys
 import tracemalloc
@@ -57,9 +56,9 @@ def twin(path):
     return np.array([float(word) for line in lines[4:] for word in line.split()]) * STANDARD_GRAVITY
 
 
-def damage_all(tmp_path, sources, read, per_source, seed):
-    """Read damaged copies of every source; count what came of them by kind of damage."""
-    counts = collections.Counter()
+def damage_all(kind_of_file, counts, tmp_path, sources, read, per_source, seed):
+    """Read damaged copies of every source; count what came of them."""
+    here = collections.Counter()
     for name, raw in sources.items():
         path = tmp_path / name
         for kind, data in damaged(raw, TEXT_FAULTS, per_source, seed):
@@ -68,15 +67,14 @@ def damage_all(tmp_path, sources, read, per_source, seed):
                 with not_hanging(f"{name}, {kind}"):
                     read(path)
             except PoundingSweepError:
-                counts["refused"] += 1
+                here["refused"] += 1
             else:
-                counts["read"] += 1
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    total = sum(counts.values())
-    print(f"{total} faults injected into {', '.join(sources)}: {dict(counts)}; most memory {memory:.0f} MiB")
+                here["read"] += 1
+    total = sum(here.values())
+    counts.update({(kind_of_file, "damaged"): total, **{(kind_of_file, what): n for what, n in here.items()}})
     assert total == per_source * len(sources)
-    assert counts["refused"] > total / 4
-    assert counts["read"] > 0
+    assert here["refused"] > total / 4
+    assert here["read"] > 0
 
 
 def check_record(path):
@@ -92,34 +90,39 @@ def check_record(path):
         np.testing.assert_allclose(record.acceleration, plain, rtol=1e-12)
 
 
-def read_records(tmp_path, per_source, seed):
+def check_sweep(path):
+    """Read a sweep file: one that still is valid has a size."""
+    assert ps.load_sweep(path).spec.n_scenarios > 0
+
+
+def read_records(counts, tmp_path, per_source, seed):
     """Damage records of all formats."""
     sources = {name: text.encode() for name, text in RECORDS.items()}
-    damage_all(tmp_path, sources, check_record, per_source, seed)
+    damage_all("records", counts, tmp_path, sources, check_record, per_source, seed)
 
 
-def read_sweeps(tmp_path, per_source, seed):
-    """Damage the sweep files that users copy; one that still is valid has a size."""
+def read_sweeps(counts, tmp_path, per_source, seed):
+    """Damage the sweep files that users copy."""
     sources = {name: (SWEEPS / name).read_bytes() for name in ("quickstart.toml", "two_buildings_and_wall.toml")}
-    damage_all(tmp_path, sources, lambda path: ps.load_sweep(path).spec.n_scenarios, per_source, seed)
+    damage_all("sweep files", counts, tmp_path, sources, check_sweep, per_source, seed)
 
 
-def test_damaged_records(tmp_path):
-    read_records(tmp_path, 96, seed=1)
+def test_damaged_records(counts, tmp_path):
+    read_records(counts, tmp_path, 96, seed=1)
 
 
-def test_damaged_sweep_files(tmp_path):
-    read_sweeps(tmp_path, 96, seed=2)
-
-
-@pytest.mark.slow
-def test_thousands_of_damaged_records(tmp_path):
-    read_records(tmp_path, 720, seed=3)
+def test_damaged_sweep_files(counts, tmp_path):
+    read_sweeps(counts, tmp_path, 96, seed=2)
 
 
 @pytest.mark.slow
-def test_thousands_of_damaged_sweep_files(tmp_path):
-    read_sweeps(tmp_path, 720, seed=4)
+def test_thousands_of_damaged_records(counts, tmp_path):
+    read_records(counts, tmp_path, 720, seed=3)
+
+
+@pytest.mark.slow
+def test_thousands_of_damaged_sweep_files(counts, tmp_path):
+    read_sweeps(counts, tmp_path, 720, seed=4)
 
 
 @settings(max_examples=80)
@@ -365,7 +368,7 @@ def small_cube():
     return hand_cube(axes, random_fill(1, "displacement_max", "impact_force_max", "impact_count"))
 
 
-def damage_cubes(tmp_path, count, seed):
+def damage_cubes(counts, tmp_path, count, seed):
     """Damage a cube; every copy is refused, or described with the values that were written."""
     whole = write_cube(small_cube(), tmp_path / "whole.nc")
     paths = []
@@ -373,23 +376,23 @@ def damage_cubes(tmp_path, count, seed):
         paths.append(tmp_path / f"{index}.nc")
         paths[-1].write_bytes(data)
     answers = describe_all(whole, paths)
-    counts = collections.Counter(answer for answer, _ in answers)
-    print(f"{count} faults injected into a cube: {', '.join(f'{counts[name]} {name}' for name in ANSWERS.values())}")
+    here = collections.Counter(answer for answer, _ in answers)
+    counts.update({("cubes", "damaged"): count, **{("cubes", name): here[name] for name in ANSWERS.values()}})
     assert [
         (path.name, *answer)
         for path, answer in zip(paths, answers, strict=True)
         if answer[0] not in ("described", "refused")
     ] == []
-    assert counts["refused"] > count / 4
+    assert here["refused"] > count / 4
 
 
-def test_damaged_cubes(tmp_path):
-    damage_cubes(tmp_path, 40, seed=5)
+def test_damaged_cubes(counts, tmp_path):
+    damage_cubes(counts, tmp_path, 40, seed=5)
 
 
 @pytest.mark.slow
-def test_hundreds_of_damaged_cubes(tmp_path):
-    damage_cubes(tmp_path, 500, seed=6)
+def test_hundreds_of_damaged_cubes(counts, tmp_path):
+    damage_cubes(counts, tmp_path, 500, seed=6)
 
 
 def test_a_blank_heap_does_not_hang(tmp_path):

@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_kernels import PAIR, motion, row_kernel, run_lanes, stiffness_of
+from scenes import EVERY, pair
+from test_kernels import motion, row_kernel, run_lanes, stiffness_of
 
 import pounding_sweep as ps
 from pounding_sweep.contact.laws import LAWS
@@ -103,7 +104,7 @@ def test_single_precision_is_close_to_double(law, method):
 
 def test_a_sweep_in_single_precision():
     sweep = ps.Sweep(
-        PAIR, motion(126, 1.5), "linear", stiffnesses=8e5, gaps=[0.004, 0.006], method="rk4", precision="float32"
+        pair(), motion(126, 1.5), "kelvin_voigt", gaps=[0.004, 0.006], method="rk4", precision="float32", outputs=EVERY
     )
     cube = sweep.run()
     assert (cube.status == Status.OK).all()

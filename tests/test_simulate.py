@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from conftest import KINDS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from naive import NaiveBuilding, run
@@ -332,11 +333,14 @@ RANDOM = settings(
     factor=stiffness_factors,
     e=restitutions,
     record=records,
-    law=st.sampled_from(CONTACT_LAWS),
-    method=st.sampled_from(METHODS),
+    # the contacts of exact flight are RK4's
+    law_and_method=st.sampled_from(
+        [(law, method) for law in CONTACT_LAWS for method in METHODS if method != "exact" or law in KINDS["exact"]]
+    ),
 )
 @settings(RANDOM, max_examples=60)
-def test_random_scenes_obey_mechanics(scene, factor, e, record, law, method):
+def test_random_scenes_obey_mechanics(scene, factor, e, record, law_and_method):
+    law, method = law_and_method
     k = factor * (8e5 if LAWS[law].exponent == 1.0 else 7.5e6)
     got = shake(law, scene, record, k=k, e=e, method=method, dt=5e-4)
     assert_finite(got)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scenes import OUTPUTS, motions, row
 
 import pounding_sweep as ps
 from pounding_sweep.cube.variables import Status
@@ -13,9 +14,9 @@ from pounding_sweep.sweep.spec import METHODS
 FREE = 1e-9  # kN/m: so soft that the building does not notice
 
 
-def masses(*values, gaps):
-    row = [ps.Building(f"m{i}", [m], [FREE], damping_ratio=0.0) for i, m in enumerate(values)]
-    return ps.Scene(row, gaps=gaps)
+def masses(*values, gaps, floors=1):
+    buildings = [ps.Building(f"m{i}", [m] * floors, [FREE] * floors, damping_ratio=0.0) for i, m in enumerate(values)]
+    return ps.Scene(buildings, gaps=gaps)
 
 
 def quiet(seconds):
@@ -23,13 +24,14 @@ def quiet(seconds):
 
 
 def end_velocities(scene, velocities, e, method="rk4", seconds=0.5):
+    """What is run from these velocities of the lowest floors, and their velocities at its end."""
     one = ps.simulate(
         scene,
         quiet(seconds),
         law="stereomechanical",
         restitution=e,
         method=method,
-        initial_velocity=[[v] for v in velocities],
+        initial_velocity=[[v, *np.zeros(b.n_storeys - 1)] for v, b in zip(velocities, scene.buildings, strict=True)],
     )
     assert int(one.status) == Status.OK
     return one, one.velocity.isel(time=-1, storey=0).values
@@ -38,7 +40,8 @@ def end_velocities(scene, velocities, e, method="rk4", seconds=0.5):
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("e", [0.0, 0.35, 1.0])
 def test_two_masses_part_at_exactly_e(e, method):
-    one, (left, right) = end_velocities(masses(30.0, 70.0, gaps=[0.02]), [0.4, -0.1], e, method)
+    scene = masses(30.0, 70.0, gaps=[0.02], floors=2)  # the upper floors stay where they are
+    one, (left, right) = end_velocities(scene, [0.4, -0.1], e, method)
     assert right - left == pytest.approx(e * 0.5, abs=1e-9)
     assert 30.0 * left + 70.0 * right == pytest.approx(30.0 * 0.4 - 70.0 * 0.1, rel=1e-9)
     assert float(one.impulse.sum()) == pytest.approx((1 + e) * 21.0 * 0.5, rel=1e-9)
@@ -91,12 +94,13 @@ def test_steps_that_are_not_split_at_the_touch_are_refused():
 
 def test_a_sweep_asks_for_no_stiffness():
     sweep = ps.Sweep(
-        "mate2015",
-        records=ps.pulse_record("sine", amplitude=8.0, period=0.4, dt=0.01, duration=2.0),
+        row(),
+        records=motions()[0],
         laws=["stereomechanical"],
         gaps=[0.002],
         stiffness_factors=[0.5, 1.0, 2.0],
         restitutions=[0.4, 0.8],
+        outputs=OUTPUTS,
     )
     assert len(sweep.plan().unique) == 2
     cube = sweep.run()

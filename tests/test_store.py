@@ -171,6 +171,22 @@ def test_a_listed_chunk_without_file_is_not_complete(store):
     assert store.completed() == set()
 
 
+def test_a_chunk_may_be_written_while_others_are_listed(store, monkeypatch):
+    """The thread that writes is not waited for when the next stage looks what is there."""
+    store.write("a", TABLE)
+    path = store.path
+
+    def meanwhile(key):
+        monkeypatch.setattr(store, "path", path)
+        store.write("b", TABLE)
+        return path(key)
+
+    monkeypatch.setattr(store, "path", meanwhile)
+    assert store.completed() == {"a"}
+    same(store.read("b"), TABLE)
+    assert store.completed() == {"a", "b"}
+
+
 def test_a_file_that_the_manifest_does_not_list_is_not_complete(store):
     store.write("a", TABLE)
     (store.folder / MANIFEST).unlink()

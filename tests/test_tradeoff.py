@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import EVERY, pair
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
@@ -28,14 +29,9 @@ from pounding_sweep.figures import plot
 from pounding_sweep.kernels.shape import LANES
 from pounding_sweep.sweep.execute import Progress
 
-OUTPUTS = ["displacement_max", "impact_force_max", "impact_count"]
 STEPS = (2e-2, 2e-3, 1e-3, 5e-4)
 LAWS = ["kelvin_voigt", "linear"]  # which share their kernels
-SCENE = ps.Scene(
-    [ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5]), ps.Building("b", [80.0, 110.0], [2.4e5, 2.0e5])],
-    gaps=[0.006],
-    contact=ps.ContactProperties(linear_stiffness=8e5, hertz_stiffness=7.5e6, restitution=0.6),
-)
+SCENE = pair()
 EL_CENTRO = ps.find_record("el_centro")
 SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[50:200])  # 3 s
 TINY = """\
@@ -55,13 +51,13 @@ records = [{ pulse = "sine", amplitude = 4.0, period = 0.6, dt = 0.02, duration 
 laws = ["kelvin_voigt", "none"]
 gaps = [0.002, 0.004, 9.0]
 [output]
-variables = ["displacement_max", "impact_force_max", "impact_count"]
-"""
+variables = OUTPUTS
+""".replace("OUTPUTS", json.dumps(EVERY))
 
 
 def make_sweep(**settings):
     gaps = settings.pop("gaps", [0.003, 0.005, 0.007, 5.0])
-    return ps.Sweep(SCENE, settings.pop("records", SHORT), LAWS, gaps=gaps, outputs=OUTPUTS, **settings)
+    return ps.Sweep(SCENE, settings.pop("records", SHORT), LAWS, gaps=gaps, outputs=EVERY, **settings)
 
 
 @pytest.fixture(scope="module")
@@ -117,13 +113,13 @@ def test_errors_are_those_against_the_oracle(trade, oracle, method, located, dt)
     for i, want in enumerate(oracle):
         one = trade.isel(scenario=i).sel(scheme=method, located=int(located), precision="float64", step=dt)
         case = {
-            "law": one.scenario_law.item(),
             "gap": one.scenario_gap.item(),
             "stiffness": one.scenario_stiffness.item(),
             "restitution": one.scenario_restitution.item(),
         }
-        cube = ps.Sweep(SCENE, SHORT, cases=[case], outputs=OUTPUTS, method=method, dt=dt, locate=located, audit=0.0)
-        got = cube.run(scheduler="synchronous").squeeze()
+        cases = [{"law": law, **case} for law in LAWS]
+        cube = ps.Sweep(SCENE, SHORT, cases=cases, outputs=EVERY, method=method, dt=dt, locate=located, audit=0.0)
+        got = cube.run(scheduler="synchronous").isel(case=LAWS.index(one.scenario_law.item()))
         for name, expected in want.items():
             error = np.abs(got[name].values - expected).max() / np.abs(expected).max()
             claimed = one.scenario_error.sel(output=name).item()
@@ -165,7 +161,7 @@ def test_single_precision_is_no_better(trade):
 
 
 def test_every_output_has_an_error(trade):
-    assert trade.output.values.tolist() == [name for name in VARIABLES if name in OUTPUTS]
+    assert trade.output.values.tolist() == [name for name in VARIABLES if name in EVERY]
     finest = chosen(trade, scheme="rk4", located=1, precision="float64").isel(step=-1)
     assert finest.error.sel(output="impact_count").item() == 0.0
 
@@ -237,7 +233,7 @@ def test_sensitive_scenarios_are_counted_and_kept_apart(measured):
 
 def test_a_change_of_the_gap_is_what_finds_them():
     """A floor that only just touches: the smallest change of the gap is a large one of the penetration."""
-    grazing = find_closing() * (1.0 - 1e-6)
+    grazing = float(run_without_pounding().closing_max.max()) * (1.0 - 1e-6)
     found = tradeoff(
         make_sweep(gaps=[grazing]),
         steps=[2e-3],
@@ -250,9 +246,9 @@ def test_a_change_of_the_gap_is_what_finds_them():
     assert found.attrs["sensitive_scenarios"] == 2
 
 
-def find_closing():
-    cube = ps.Sweep(SCENE, SHORT, ["none"], outputs=["closing_max"], dt=2.5e-4, audit=0.0).run(scheduler="synchronous")
-    return float(cube.closing_max.max())
+def run_without_pounding():
+    sweep = ps.Sweep(SCENE, SHORT, ["none"], outputs=[*EVERY, "closing_max"], dt=2.5e-4, audit=0.0)
+    return sweep.run(scheduler="synchronous")
 
 
 def test_errors_below_the_converged_solution_are_marked(measured):
@@ -441,7 +437,7 @@ def test_the_figure_is_drawn(trade, tmp_path, suffix):
 
 
 def test_the_figure_needs_a_trade():
-    cube = ps.Sweep(SCENE, SHORT, ["none"], outputs=["closing_max"], dt=2.5e-4, audit=0.0).run(scheduler="synchronous")
+    cube = run_without_pounding()
     with pytest.raises(InputError, match="pounding-sweep tradeoff"):
         plot(cube, "work-precision", "never.png")
 

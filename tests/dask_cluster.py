@@ -1,0 +1,129 @@
+"""A dask cluster of real processes, whose parts can be killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+#: A dead neighbour is noticed within seconds, and no dashboard is loaded.
+SETTINGS = {
+    "DASK_DISTRIBUTED__COMM__TIMEOUTS__TCP": "12s",
+    "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "5s",
+    "DASK_DISTRIBUTED__DIAGNOSTICS__NVML": "False",
+    "PYTHONWARNINGS": "ignore",
+}
+
+
+class DaskCluster:
+    """A scheduler and workers, each in a process of its own, as a user starts them.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they keep their files and logs.
+    before : sequence of str
+        Command in front of the scheduler's, such as one that enters a network namespace.
+    host : str
+        Where the scheduler listens.
+
+    Attributes
+    ----------
+    killed : int
+        Processes ended by SIGKILL so far.
+    """
+
+    def __init__(self, folder: Path, before=(), host="127.0.0.1"):
+        self.folder, self.killed = folder, 0
+        self._workers, self._pids = {}, {}
+        self._file = folder / "scheduler.json"
+        where = (
+            "--host",
+            host,
+            "--port",
+            "0",
+            "--no-dashboard",
+            "--dashboard-address",
+            f"{host}:0",
+            "--scheduler-file",
+            self._file,
+        )
+        self._scheduler = self._start("scheduler", *where, before=before)
+        self.address = self._wait(lambda: json.loads(self._file.read_text())["address"])
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in [*self._workers.values(), self._scheduler]:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+    def _start(self, *arguments, before=(), env=None):
+        command = [*before, sys.executable, "-m", "dask", *map(str, arguments)]
+        with (self.folder / "dask.log").open("ab") as log:
+            return subprocess.Popen(
+                command,
+                cwd=self.folder,
+                env={**os.environ, **SETTINGS, **(env or {})},
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+
+    def _wait(self, look, seconds=60.0):
+        limit = time.monotonic() + seconds
+        while True:
+            try:
+                found = look()
+            except (OSError, ValueError):
+                found = None
+            if found:
+                return found
+            assert time.monotonic() < limit, (self.folder / "dask.log").read_text()[-4000:]
+            time.sleep(0.1)
+
+    def add(self, name, *options, nanny=False, wait=True, before=(), env=None):
+        """Start a worker of one thread; waits until it runs."""
+        more = ("--name", name, "--nthreads", 1, "--no-dashboard", "--pid-file", self.folder / f"{name}.pid")
+        more += ("--local-directory", self.folder) + (() if nanny else ("--no-nanny",))
+        command = ("worker", "--scheduler-file", self._file, *more, *options)
+        self._workers[name] = self._start(*command, before=before, env=env)
+        if wait:
+            self.wait_for(name)
+        return self
+
+    def wait_for(self, name):
+        """Wait until the scheduler has this worker."""
+        self._wait(lambda: self._address(name))
+
+    def _address(self, name):
+        from distributed import Client
+
+        with Client(self.address, set_as_default=False) as client:
+            workers = client.scheduler_info()["workers"]
+        return next((address for address, worker in workers.items() if worker["name"] == name), None)
+
+    def kill(self, name):
+        """End a worker as a power cut would."""
+        process = self._workers.pop(name)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        self.killed += 1
+
+    def kill_process(self, pid):
+        """End one process."""
+        os.kill(pid, signal.SIGKILL)
+        self.killed += 1
+
+    def kill_scheduler(self):
+        """End the scheduler."""
+        self._scheduler.kill()
+        self._scheduler.wait()
+        self.killed += 1

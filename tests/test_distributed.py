@@ -1,0 +1,347 @@
+"""Dask clusters of real processes: workers die, start again, join late or have another version; nothing is lost."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from dask_cluster import DaskCluster
+from test_execute import make, same
+
+import pounding_sweep
+from pounding_sweep.cube.variables import Status
+from pounding_sweep.errors import ClusterError
+from pounding_sweep.sweep import far_workers
+from pounding_sweep.sweep.dispatch import Dispatcher
+from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.sweep.jobs import Job
+from pounding_sweep.sweep.store import MANIFEST
+from pounding_sweep.sweep.variants import Variants
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def count(counts):
+    """Count what was done to clusters, and what came of it."""
+
+    def add(what, number=1):
+        counts["clusters", what] += number
+
+    return add
+
+
+@pytest.fixture(scope="module")
+def reference():
+    """The cube that no cluster made."""
+    cube = make().run(scheduler="synchronous")
+    assert (cube["status"] == Status.OK).all()
+    return cube
+
+
+@pytest.fixture(autouse=True)
+def small_chunks(monkeypatch):
+    """Chunks of one lane group at most, and a close look at the workers."""
+    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr(far_workers, "LOOK_SECONDS", 0.05)
+    monkeypatch.setattr(far_workers, "ALONE_SECONDS", 0.1)
+    monkeypatch.setattr(far_workers, "FETCH_SECONDS", 1.0)
+
+
+def started_by(pid):
+    """Worker processes that live below a process."""
+    found = []
+    for process in psutil.Process(pid).children():
+        with suppress(psutil.Error):  # dead, or dying
+            if "spawn_main" in " ".join(process.cmdline()):
+                found.append(process)
+    return found
+
+
+class Events(Progress):
+    """Does something when so many scenarios are done; keeps the notes."""
+
+    def __init__(self, *events):
+        self.events, self.done, self.notes = list(events), 0, []
+
+    def stage(self, name, total):
+        self.done = 0
+
+    def advance(self, count):
+        self.done += count
+        while self.events and self.done >= self.events[0][0]:
+            self.events.pop(0)[1]()
+
+    def note(self, text):
+        self.notes.append(text)
+
+
+@pytest.fixture
+def whole(count):
+    """Check that nothing is missing or different."""
+
+    def check(cube, sweep, reference):
+        count("cubes compared")
+        count("chunks lost", len(sweep.last_outcome.failures))
+        assert not sweep.last_outcome.failures
+        same(cube, reference)
+
+    return check
+
+
+# -- workers that die, start again and join ----------------------------------------------------------------------------
+
+
+def test_workers_are_killed_and_others_join(reference, tmp_path, whole, count):
+    """All workers that were there at the start are gone before the end, with everything that was sent to them."""
+    with DaskCluster(tmp_path) as cluster:
+        cluster.add("first").add("second")
+
+        def replace(old, new):
+            cluster.kill(old)
+            cluster.add(new, wait=False)
+
+        events = Events((8, lambda: replace("first", "third")), (40, lambda: replace("second", "fourth")))
+        sweep = make()
+        with sweep.run(tmp_path / "out.nc", scheduler=cluster.address, progress=events) as cube:
+            whole(cube, sweep, reference)
+        assert not events.events
+        log = (tmp_path / "out.nc.log").read_text()
+        assert log.count(" takes part, with 1 threads") >= 3
+        assert log.count(" has left; ") == cluster.killed == 2
+        count("workers killed", cluster.killed)
+        count("workers that joined late", log.count(" takes part") - 2)
+
+
+def test_a_worker_starts_again(reference, tmp_path, whole, count):
+    """A nanny puts a new process in the place of one that dies."""
+    with DaskCluster(tmp_path) as cluster:
+        cluster.add("only", nanny=True)
+
+        def die():
+            nanny = int((tmp_path / "only.pid").read_text())
+            for worker in started_by(nanny):
+                cluster.kill_process(worker.pid)
+
+        events = Events((8, die), (24, die))
+        sweep = make()
+        whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
+        assert not events.events
+        assert cluster.killed >= 1  # results that were there already may come in while the next one starts
+        count("workers killed", cluster.killed)
+        count("workers that joined late", cluster.killed)
+
+
+@pytest.mark.parametrize("given_up_after", ["15s", "10ms"])
+def test_own_processes_are_killed(reference, whole, count, given_up_after):
+    """Those that `processes` starts too, again and again; also where dask gives them up before they are back."""
+    import dask
+    import distributed  # noqa: F401 - whose settings are there from then on
+
+    killed = []
+
+    def die():
+        for worker in started_by(os.getpid())[:1]:
+            worker.kill()
+            killed.append(worker.pid)
+
+    events = Events(*((at, die) for at in (8, 16, 40, 64)))
+    sweep = make()
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": given_up_after}):
+        whole(sweep.run(scheduler="processes", workers=2, progress=events), sweep, reference)
+    assert not events.events
+    assert len(killed) >= 2
+    count("workers killed", len(killed))
+
+
+def test_workers_that_come_later(reference, tmp_path, whole, count):
+    """A scheduler without workers, as when they wait in a batch system's queue, is waited for."""
+    with DaskCluster(tmp_path) as cluster:
+        events, sweep = Events(), make()
+        cluster_waits = threading.Thread(target=lambda: (time.sleep(1.0), cluster.add("late", wait=False)))
+        cluster_waits.start()
+        whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
+        cluster_waits.join()
+        assert events.notes[0].startswith(f"no workers at {cluster.address}")
+        assert "takes part" in events.notes[1]
+        count("workers that joined late")
+
+
+def test_the_scheduler_dies(reference, tmp_path, whole, count):
+    """The run ends with an error that says so; the next one goes on from what is there."""
+    out = tmp_path / "out.nc"
+    with DaskCluster(tmp_path) as cluster:
+        cluster.add("only")
+        events, sweep = Events((24, cluster.kill_scheduler)), make()
+        with pytest.raises(ClusterError, match=rf"the dask scheduler at '{cluster.address}' is gone"):
+            sweep.run(out, scheduler=cluster.address, progress=events)
+    count("schedulers killed")
+    sweep = make()
+    with sweep.run(out) as cube:
+        whole(cube, sweep, reference)
+    assert sweep.last_outcome.reused > 0
+
+
+def test_the_client_is_killed(reference, tmp_path, whole):
+    """Its cluster lives on, and the next client of the same scheduler continues."""
+    code = (
+        "import os, signal, sys; sys.path.insert(0, sys.argv[3]); from test_distributed import *\n"
+        "import pounding_sweep.sweep.plan as planning; planning.CHUNK_SECONDS = 0.0\n"
+        "die = Events((40, lambda: os.kill(os.getpid(), signal.SIGKILL)))\n"
+        "make().run(sys.argv[1], scheduler=sys.argv[2], progress=die)\n"
+    )
+    with DaskCluster(tmp_path) as cluster:
+        cluster.add("only")
+        arguments = [str(tmp_path / "out.nc"), cluster.address, str(Path(__file__).parent)]
+        command = [shutil.which("python"), "-c", code, *arguments]
+        assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+        manifest = (tmp_path / "out.nc.parts" / MANIFEST).read_text().splitlines()
+        sweep = make()
+        with (
+            pytest.warns(RuntimeWarning, match="was killed .* goes on"),
+            sweep.run(tmp_path / "out.nc", scheduler=cluster.address) as cube,
+        ):
+            whole(cube, sweep, reference)
+        assert sweep.last_outcome.reused == sum(json.loads(line)["rows"] for line in manifest) > 0
+
+
+# -- workers that can't take part --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def other_package(tmp_path):
+    """A copy of the package with one more line."""
+    copy = tmp_path / "other" / "pounding_sweep"
+    shutil.copytree(Path(pounding_sweep.__file__).parent, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    with (copy / "scene.py").open("a") as file:
+        file.write("\n# changed\n")
+    return {"PYTHONPATH": str(copy.parent)}
+
+
+def test_a_worker_of_another_version_takes_no_part(reference, tmp_path, other_package, whole):
+    with DaskCluster(tmp_path) as cluster:
+        cluster.add("other", env=other_package)
+        with pytest.raises(
+            ClusterError, match=r"none of the 1 dask workers can take part: .*Install the same versions"
+        ):
+            make().run(scheduler=cluster.address)
+        cluster.add("same")
+        events, sweep = Events(), make()
+        whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
+        assert sum("takes no part: it has pounding_sweep" in note for note in events.notes) == 1
+
+
+def test_nobody_at_the_address(tmp_path, monkeypatch):
+    import dask
+    import distributed  # noqa: F401 - whose settings are there from then on
+
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": "200ms"}),
+        pytest.raises(ClusterError, match=r"no dask scheduler answers at 'tcp://127.0.0.1:9' .*dask scheduler"),
+    ):
+        make().run(tmp_path / "out.nc", scheduler="tcp://127.0.0.1:9")
+
+
+# -- what goes over the wire -------------------------------------------------------------------------------------------
+
+
+class Counted:
+    """Anything that is sent; counts how often."""
+
+    sent = 0
+    scene = None
+
+    def __init__(self, value):
+        self.value = value
+
+    def __reduce__(self):
+        type(self).sent += 1
+        return type(self), (self.value,)
+
+
+class CountedRecord(Counted):
+    """A record."""
+
+
+def jobs(n, kernel):
+    none = np.zeros(0)
+    return lambda position: Job(f"{position}", kernel, position % 2, position, Variants(None, none, none, none), ())
+
+
+def add_up(kernel, record, table, variants, outputs):
+    time.sleep(0.002)
+    return np.array([kernel.value + record.value + table, os.getpid()])
+
+
+def poison(kernel, record, table, variants, outputs):
+    if table == 7:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return np.array([table])
+
+
+def settings(kernel, record, table, variants, outputs):
+    import numba
+
+    names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    return np.array([numba.config.NUMBA_NUM_THREADS, *(int(os.environ[name]) for name in names)])
+
+
+@pytest.fixture
+def importable(monkeypatch):
+    """Workers find this module."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]))
+
+
+@pytest.mark.usefixtures("importable")
+def test_sent_once_and_few_in_flight():
+    """Each record and kernel goes to the scheduler once, and few results wait, however many chunks there are."""
+    n, found = 300, {}
+    records = [CountedRecord(100.0), CountedRecord(200.0)]
+    with Dispatcher("processes", 2, records, add_up) as dispatcher:
+        slow = threading.Event()
+
+        def take(position, result):
+            assert position not in found
+            found[position] = result
+            slow.wait(0.001)  # results come faster than they are taken
+            far = dispatcher.far
+            assert len(far.client.futures) <= far.most_in_flight + 3  # and what was lent
+
+        dispatcher.run(n, jobs(n, Counted(0.5)), take)
+        assert dispatcher.far.most_in_flight == max(far_workers.LEAST_IN_FLIGHT, 2 * far_workers.IN_FLIGHT)
+    assert {at: result[0] for at, result in found.items()} == {i: 0.5 + 100.0 * (1 + i % 2) + i for i in range(n)}
+    assert len({result[1] for result in found.values()}) == 2
+    # dask tries two picklers, and the scheduler of this process hands on what it got
+    assert Counted.sent <= 5
+    assert CountedRecord.sent <= 2 * 5
+
+
+@pytest.mark.usefixtures("importable")
+def test_a_chunk_that_kills_costs_itself_only(count):
+    found = {}
+    with Dispatcher("processes", 2, [None, None], poison) as dispatcher:
+        dispatcher.run(40, jobs(40, Counted(0.0)), found.__setitem__)
+    bad = found.pop(7)
+    assert isinstance(bad, str)
+    assert bad.startswith("its workers died, 2 times over: ")
+    assert {at: result.tolist() for at, result in found.items()} == {i: [i] for i in range(40) if i != 7}
+    count("workers killed", 8)
+
+
+@pytest.mark.usefixtures("importable")
+def test_one_thread_per_process():
+    found = {}
+    with Dispatcher("processes", 2, [None, None], settings) as dispatcher:
+        dispatcher.run(2, jobs(2, Counted(0.0)), found.__setitem__)
+        assert set(dispatcher.far.client.nthreads().values()) == {1}
+    assert [result.tolist() for result in found.values()] == [[1, 1, 1, 1, 1]] * 2
