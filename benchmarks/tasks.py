@@ -1,0 +1,91 @@
+"""What dask takes of its workers' time: chunks sent to processes, results sent back."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.engine import plan_gaps
+from benchmarks.work import GAPS, Work
+from pounding_sweep.sweep.dispatch import Dispatcher
+from pounding_sweep.sweep.execute import dispatcher_for
+from pounding_sweep.sweep.jobs import Job
+
+
+@dataclass(frozen=True)
+class Tasks:
+    """Chunks of one sweep run by processes.
+
+    Attributes
+    ----------
+    chunks : int
+        Chunks.
+    chunk_seconds : float
+        Mean time (s) of a chunk in its worker.
+    overhead : float
+        Share of the workers' time, from the first chunk's dispatch to the last result, in which they did not integrate.
+    """
+
+    chunks: int
+    chunk_seconds: float
+    overhead: float
+
+
+def task_overhead(work: Work, chunk_seconds: float, seconds: float, **settings: Any) -> Tasks:
+    """Run a sweep of about so many seconds on every core, each in a process of its own, in equal chunks.
+
+    Parameters
+    ----------
+    work : Work
+        Row, record and law.
+    chunk_seconds : float
+        Wanted time (s) of a chunk.
+    seconds : float
+        Wanted time (s) of all.
+    **settings
+        Of `pounding_sweep.Sweep`.
+    """
+    workers = len(os.sched_getaffinity(0))
+    probe = plan_gaps(work, np.linspace(*GAPS, 256), **settings)
+    with dispatcher_for(probe, "processes", workers) as dispatcher:
+        dispatcher.prepare([probe.kernel(0).shape])
+        _timed(dispatcher, 2 * workers, _part_of(probe, 256))  # workers load what they need
+        each = _timed(dispatcher, 2 * workers, _part_of(probe, 256))[1] / (2 * workers * 256)
+        size = max(16, 16 * round(chunk_seconds / each / 16))
+        plan = plan_gaps(work, np.linspace(*GAPS, size), **settings)
+        n = max(workers, round(seconds * workers / chunk_seconds))
+        wall, busy = _timed(dispatcher, n, _part_of(plan, size))
+    return Tasks(n, busy / n, 1.0 - busy / (workers * wall))
+
+
+def _part_of(plan: Any, size: int) -> Callable[[int], Job]:
+    """Return jobs of `size` scenarios under the first law, over and over."""
+    kernel = plan.kernel(0, record=0, steps=int(plan.steps[0]))
+    rows = np.flatnonzero(plan.unique.law == 0)[:size]
+    table = plan.unique[rows]
+    return lambda position: Job(str(position), kernel, 0, table, plan.variants[table.variant], plan.outputs)
+
+
+def _timed(dispatcher: Dispatcher, n: int, job: Callable[[int], Job]) -> tuple[float, float]:
+    """Wall time (s) of `n` jobs, and the time that the workers spent in them."""
+    client = dispatcher.far.client
+    client.get_task_stream()  # from here on the scheduler keeps it
+    failures: list[str] = []
+    begun, started = time.time(), time.perf_counter()
+    dispatcher.run(n, job, lambda position, found: failures.append(found) if isinstance(found, str) else None)
+    wall = time.perf_counter() - started
+    if failures:
+        raise RuntimeError(failures[0])
+    spans = [
+        span["stop"] - span["start"]
+        for task in client.get_task_stream(start=begun)
+        if task["key"].startswith("chunk-")
+        for span in task["startstops"]
+        if span["action"] == "compute"
+    ]
+    return wall, sum(spans)
