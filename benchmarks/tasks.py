@@ -16,6 +16,9 @@ from pounding_sweep.sweep.dispatch import Dispatcher
 from pounding_sweep.sweep.execute import dispatcher_for
 from pounding_sweep.sweep.jobs import Job
 
+#: Scenarios of the chunks by which the time of one is found.
+PROBE = 1024
+
 
 @dataclass(frozen=True)
 class Tasks:
@@ -51,14 +54,14 @@ def task_overhead(work: Work, chunk_seconds: float, seconds: float, **settings: 
         Of `pounding_sweep.Sweep`.
     """
     workers = len(os.sched_getaffinity(0))
-    probe = plan_gaps(work, np.linspace(*GAPS, 256), **settings)
+    probe = plan_gaps(work, np.linspace(*GAPS, PROBE), **settings)
     with dispatcher_for(probe, "processes", workers) as dispatcher:
         dispatcher.prepare([probe.kernel(0).shape])
-        _timed(dispatcher, 2 * workers, _part_of(probe, 256))  # workers load what they need
-        each = _timed(dispatcher, 2 * workers, _part_of(probe, 256))[1] / (2 * workers * 256)
+        _timed(dispatcher, 2 * workers, _part_of(probe, PROBE))  # workers load what they need
+        each = _timed(dispatcher, 2 * workers, _part_of(probe, PROBE))[1] / (2 * workers * PROBE)
         size = max(16, 16 * round(chunk_seconds / each / 16))
         plan = plan_gaps(work, np.linspace(*GAPS, size), **settings)
-        n = max(workers, round(seconds * workers / chunk_seconds))
+        n = workers * max(1, round(seconds / chunk_seconds))
         wall, busy = _timed(dispatcher, n, _part_of(plan, size))
     return Tasks(n, busy / n, 1.0 - busy / (workers * wall))
 
