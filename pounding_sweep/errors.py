@@ -1,7 +1,8 @@
 """Every error the package raises for something a user can mend.
 
 Messages name the value, say what is valid and give the remedy. The command
-line prints them without a traceback and exits with code 2.
+line prints them without a traceback and exits with code 2, or 1 where a run
+began well: `WriteError`, `ClusterError`.
 """
 
 from __future__ import annotations

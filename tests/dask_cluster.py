@@ -31,6 +31,8 @@ class DaskCluster:
         Command in front of the scheduler's, such as one that enters a network namespace.
     host : str
         Where the scheduler listens.
+    env : mapping of str to str, optional
+        Added to the environment of the scheduler.
 
     Attributes
     ----------
@@ -38,7 +40,7 @@ class DaskCluster:
         Processes ended by SIGKILL so far.
     """
 
-    def __init__(self, folder: Path, before=(), host="127.0.0.1"):
+    def __init__(self, folder: Path, before=(), host="127.0.0.1", env=None):
         self.folder, self.killed = folder, 0
         self._workers, self._pids = {}, {}
         self._file = folder / "scheduler.json"
@@ -53,7 +55,7 @@ class DaskCluster:
             "--scheduler-file",
             self._file,
         )
-        self._scheduler = self._start("scheduler", *where, before=before)
+        self._scheduler = self._start("scheduler", *where, before=before, env=env)
         self.address = self._wait(lambda: json.loads(self._file.read_text())["address"])
 
     def __enter__(self):

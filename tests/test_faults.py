@@ -426,6 +426,10 @@ class Night:
         self.destroyed += len(before - self.sound())
 
 
+#: Nights that are tried before a release.
+RELEASE = [pytest.param(seed, marks=pytest.mark.release) for seed in (2, 3)]
+
+
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     """What a run gives that nobody disturbs."""
@@ -433,8 +437,7 @@ def undisturbed(tmp_path_factory):
     return {name: cube[name].values.tobytes() for name in cube.variables}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow), *RELEASE])
 def test_kills(tmp_path, counts, undisturbed, seed):
     """One sweep, killed again and again and damaged in between, until it completes."""
     with Night(tmp_path, seed) as night:

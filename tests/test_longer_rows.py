@@ -64,7 +64,7 @@ def test_unlocated_forces_are_those_of_the_motion():
     [
         {"method": "rk4"},
         pytest.param({"method": "exact"}, marks=pytest.mark.release),
-        pytest.param({"method": "newmark", "dt": 2e-4, **VARIED}, marks=pytest.mark.slow),
+        pytest.param({"method": "newmark", "dt": 2e-4, **VARIED}, marks=pytest.mark.release),
     ],
     ids=lambda settings: (
         " ".join(f"{name}={value}" for name, value in settings.items() if name not in VARIED)

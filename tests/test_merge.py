@@ -427,7 +427,7 @@ def test_cases_and_axes_do_not_mix(whole, cases, tmp_path):
 
 
 def test_command_with_cases(cases, tmp_path):
-    """The way out of the last error: list them, take their results from the cube over axes, merge."""
+    """Merged, and the result extended; extended, and the result merged."""
     files = saved(tmp_path, some(cases, [0, 1]), some(cases, [1, 2]))
     made = CliRunner().invoke(app, ["merge", *map(str, files), "-o", str(tmp_path / "all.nc")])
     assert made.exit_code == 0, made.output
@@ -435,3 +435,20 @@ def test_command_with_cases(cases, tmp_path):
     found = listed([*CASES[:3], CASES[3]]).run(extend=tmp_path / "all.nc", workers=1)
     assert json.loads(found.attrs["extended_from"])["scenarios_taken"] == 3
     same(found, some(cases, range(4)))
+    more = listed([CASES[0], CASES[3]]).run(tmp_path / "more.nc", extend=files[0], workers=1)
+    more.close()
+    made = CliRunner().invoke(app, ["merge", *map(str, files), str(tmp_path / "more.nc"), "-o", str(tmp_path / "4.nc")])
+    assert made.exit_code == 0, made.output
+    with open_cube(tmp_path / "4.nc") as merged:
+        same(merged, some(cases, range(4)))
+        parts = json.loads(merged.attrs["merged_from"])
+        assert [json.loads(part.get("extended_from", "{}")).get("scenarios_taken") for part in parts] == [None, None, 1]
+
+
+@pytest.mark.parametrize("told", ["{", "[]", '{"laws": ["linear"]}'])
+def test_a_cube_whose_sweep_is_damaged_is_refused(cases, tmp_path, told):
+    bad = some(cases, [0]).assign_attrs(sweep=told)
+    files = saved(tmp_path, some(cases, [1]), bad)
+    made = CliRunner().invoke(app, ["merge", *map(str, files), "-o", str(tmp_path / "all.nc")])
+    assert made.exit_code == 2
+    assert "its attribute 'sweep' is damaged" in made.output

@@ -308,7 +308,6 @@ def test_newmark_rebounds_at_the_realised_restitution():
     laws = [
         "kelvin_voigt",
         "kelvin_voigt_tension",
-        "linear_viscoelastic",
         "nonlinear_viscoelastic",
         "modified_kelvin_voigt",
         "hertz_damped",

@@ -47,6 +47,11 @@ def check_cases(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> None:
                 "case with such a property to the sweep of the second and run it again"
             )
             raise InputError(msg)
+        for key in _KNOWN_BY:
+            if (key in cube.coords) != (key in base.coords):
+                has, lacks = (first, name) if key in base.coords else (name, first)
+                msg = f"{lacks!r} has no coordinate {key!r}, {has!r} has; give the cubes as they were made"
+                raise InputError(msg)
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ OWN_ATTRIBUTES = frozenset(
     {
         *("history", "title", "records", "records_left_out", "sweep", "sweep_sha256", "time_step", "accuracy_choice"),
         *("scenarios_asked", "scenarios_run", "scenarios_never_touching", "scenarios_missing", "merged_from"),
+        "extended_from",
         *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation"),
         *("numba_version", "numpy_version", "xarray_version"),
     }
@@ -45,6 +46,25 @@ NEARLY = 1e-9
 def outer_dims(cube: xr.Dataset) -> list[str]:
     """Axes of a cube, in its order."""
     return [str(dim) for dim in cube["status"].dims]
+
+
+def told_sweep(path: str, cube: xr.Dataset) -> dict[str, Any]:
+    """Return what a cube says of its sweep.
+
+    Raises
+    ------
+    InputError
+        It is not what sweeps say.
+    """
+    try:
+        found = json.loads(cube.attrs["sweep"])
+        whole = isinstance(found, dict) and set(found) >= (AXES | BUILDING_AXES | FREE)
+    except (ValueError, TypeError, KeyError):
+        whole = False
+    if not whole:
+        msg = f"{path!r} does not say what its sweep was: its attribute 'sweep' is damaged; make the cube again"
+        raise InputError(msg)
+    return dict(found)
 
 
 def check_parts(parts: Parts) -> list[dict[str, Any]]:
@@ -63,7 +83,7 @@ def check_parts(parts: Parts) -> list[dict[str, Any]]:
         if strange:
             msg = f"{name!r} has the variables {', '.join(strange)}, which sweeps don't make; give cubes made by 'run'"
             raise InputError(msg)
-    sweeps = [json.loads(cube.attrs["sweep"]) for cube in parts.values()]
+    sweeps = [told_sweep(name, cube) for name, cube in parts.items()]
     (first, base), *others = parts.items()
     for (name, cube), sweep in zip(others, sweeps[1:], strict=True):
         if lists_cases(base) != lists_cases(cube):
@@ -257,7 +277,7 @@ def attributes(
         found["records_left_out"] = json.dumps(whole["records_left_out"])
     now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
     found["history"] = f"{now} merged from {len(cubes)} cubes by pounding_sweep {package_version()} (see merged_from)"
-    kept = ("history", "sweep_sha256", "scenarios_asked", "scenarios_run")
+    kept = ("history", "sweep_sha256", "scenarios_asked", "scenarios_run", "extended_from")
     found["merged_from"] = json.dumps(
         [
             {

@@ -28,10 +28,10 @@ def cluster_client(scheduler: str, workers: int) -> Iterator[Any]:
     if "://" in scheduler:
         try:
             client = Client(scheduler, set_as_default=False)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError, ImportError) as error:  # the last two: of tls:// and ucx://
             msg = (
                 f"no dask scheduler answers at {scheduler!r} ({error}); start one with 'dask scheduler' and give the "
-                "address that it prints, or run with scheduler='threads'"
+                "address that it prints, or run with the scheduler 'threads'"
             )
             raise ClusterError(msg) from None
         with client:
@@ -43,7 +43,7 @@ def cluster_client(scheduler: str, workers: int) -> Iterator[Any]:
             threads_per_worker=1,
             processes=True,
             dashboard_address=None,
-            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # of what is left of it; else port 8787, free or not
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else dask opens port 8787 all the same
             silence_logs=50,
             env=ONE_THREAD,
         )

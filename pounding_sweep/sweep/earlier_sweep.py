@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, package_version
-from pounding_sweep.cube.merge_labels import AXES, BUILDING_AXES, FREE, outer_dims
+from pounding_sweep.cube.merge_labels import AXES, BUILDING_AXES, FREE, outer_dims, told_sweep
 from pounding_sweep.errors import InputError
 from pounding_sweep.sweep.axes import Case
 from pounding_sweep.sweep.labels import scenario_axes
@@ -41,7 +41,7 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) 
             f"{SOURCE_ATTRIBUTE!r}; give a cube made by this version's 'pounding-sweep run', or run without it"
         )
         raise InputError(msg)
-    there, here = json.loads(cube.attrs["sweep"]), json.loads(to_json(spec))
+    there, here = told_sweep(path, cube), json.loads(to_json(spec))
     free = AXES | BUILDING_AXES | FREE | {"force_unstable"}
     differing = [
         *((key, there.get(key), here.get(key)) for key in sorted({*there, *here} - free)),
@@ -66,7 +66,7 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     InputError
         The cube has other scenarios than that sweep.
     """
-    told = json.loads(cube.attrs["sweep"])
+    told = told_sweep(path, cube)
     given: dict[str, Any] = {key: None if told[key] is None else tuple(told[key]) for key in AXES}
     for key in BUILDING_AXES:
         given[key] = tuple((building, tuple(values)) for building, values in told[key])

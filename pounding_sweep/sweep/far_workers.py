@@ -8,11 +8,14 @@ however many there are, and their number follows that of the workers.
 
 from __future__ import annotations
 
+import threading
 import time
+import warnings
 from collections import deque
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import count
 from queue import Empty, SimpleQueue
 from typing import Any
 
@@ -34,17 +37,11 @@ LEAST_IN_FLIGHT = 8
 #: Seconds between two looks at who works.
 LOOK_SECONDS = 1.0
 #: Seconds in which a result that is there must come; else its worker has died, and it is made again.
-FETCH_SECONDS = 60.0
-#: Seconds without any worker after which that is said.
+FETCH_SECONDS = 20.0
+#: Seconds without any worker that can take part after which that is said.
 ALONE_SECONDS = 10.0
-#: Times that a chunk is handed out, each of which ended with several dead workers, before it is given up.
-ATTEMPTS = 2
-#: Times that a chunk may come back from workers that can't take part; between two of them is a look at who can.
-REFUSALS = 20
-
-
-class _OtherSourceError(Exception):
-    """A worker's package is not the one that planned the sweep."""
+#: Times that a chunk may lose its worker while nothing else runs, before it is given up.
+ATTEMPTS = 3
 
 
 def _same(thing: Any) -> Any:
@@ -63,26 +60,32 @@ def _ready(shape: KernelShape) -> bool:
 
 def _run_there(
     run: Run,
-    planned: str,
     kernel: RowKernel,
     record: Record,
     table: Scenarios,
     factors: tuple[np.ndarray, np.ndarray, np.ndarray],
     outputs: Sequence[str],
-) -> Any:
+) -> np.ndarray | str:
     """Run a chunk in a worker."""
-    if fingerprint() != planned:
-        raise _OtherSourceError
     return run(kernel, record, table, Variants(kernel.scene, *factors), outputs)
 
 
 @dataclass(frozen=True)
 class _Flight:
-    """A chunk under way: its position, how often workers died of it, and how often it was refused."""
+    """A chunk handed out: its position, and the workers that may run it.
+
+    One that was lost may have been what its workers died of: it is `suspect`, and runs again
+    where nothing else does; `losses` counts how often it was lost there.
+    """
 
     position: int
-    deaths: int = 0
-    refusals: int = 0
+    workers: frozenset[str] = frozenset()
+    suspect: bool = False
+    losses: int = 0
+
+
+class _LostError(Exception):
+    """A chunk did not come back."""
 
 
 class FarWorkers:
@@ -109,11 +112,14 @@ class FarWorkers:
 
     def __init__(self, client: Any, records: Sequence[Record], run: Run, note: Callable[[str], None]) -> None:
         self.client, self._records, self._run, self._note = client, records, run, note
-        self._lent: dict[Hashable, Any] = {}
+        self._lent: dict[Hashable, tuple[Any, frozenset[str]]] = {}
+        self._numbers = count()
         self._threads: dict[str, int] = {}  # of the workers that can take part
         self._unfit: dict[str, str] = {}
         self._looked = -np.inf
         self._alone_since: float | None = None
+        self._asked: set[str] = set()
+        self._answers: SimpleQueue[dict[str, Any]] = SimpleQueue()
         self.most_in_flight = 0
 
     def prepare(self, shapes: Sequence[KernelShape], notify: Callable[[int, int], None] | None = None) -> int:
@@ -123,8 +129,9 @@ class FarWorkers:
         """
         from distributed.comm import get_address_host
 
+        self._check_scheduler()
         while not self._look():
-            time.sleep(LOOK_SECONDS)
+            time.sleep(LOOK_SECONDS / 10)
         hosts: dict[str, list[str]] = {}
         for address in self._threads:
             hosts.setdefault(get_address_host(address), []).append(address)
@@ -140,8 +147,8 @@ class FarWorkers:
             with suppress(Empty):
                 future = done.get(timeout=LOOK_SECONDS)
                 under_way.pop(future.key, None)
-                if future.status == "finished":  # else the first chunk that needs it says what is wrong
-                    compiled += future.result()
+                with suppress(Exception):  # the first chunk that needs it says what is wrong
+                    compiled += future.result(timeout=FETCH_SECONDS)
             if time.monotonic() - self._looked > LOOK_SECONDS:
                 self._look()
             for key, (there, _) in list(under_way.items()):
@@ -160,97 +167,110 @@ class FarWorkers:
             The scheduler is gone, or none of the workers can take part.
         """
         done: SimpleQueue[Any] = SimpleQueue()
-        flying: dict[str, _Flight] = {}
-        fresh, again, refused = iter(range(n)), deque[_Flight](), deque[_Flight]()
-        left = n
+        flying: dict[str, tuple[Any, _Flight]] = {}
+        fresh, suspects, left = iter(range(n)), deque[_Flight](), n
+
+        def begin(flight: _Flight) -> None:
+            future = self._submit(job(flight.position), flight.workers)
+            flying[future.key] = future, flight
+            future.add_done_callback(done.put)
+            self.most_in_flight = max(self.most_in_flight, len(flying))
+
+        def land(flight: _Flight, found: np.ndarray | str) -> None:
+            nonlocal left
+            left -= 1
+            take(flight.position, found)
+
+        def lose(flight: _Flight, why: object) -> None:
+            losses = flight.losses + flight.suspect
+            if losses < ATTEMPTS:
+                suspects.append(replace(flight, suspect=True, losses=losses))
+            else:
+                land(flight, f"lost {ATTEMPTS} times while nothing else ran: {why}")
+
         while left:
             if time.monotonic() - self._looked > LOOK_SECONDS:
                 self._look()
-                again.extend(refused)
-                refused.clear()
+                for key in self._stranded(flying):
+                    future, flight = flying.pop(key)
+                    future.release()
+                    lose(flight, "its worker died")
             room = max(LEAST_IN_FLIGHT, IN_FLIGHT * sum(self._threads.values()))
-            while self._threads and len(flying) < room:
-                flight = again.popleft() if again else _next(fresh)
-                if flight is None:
-                    break
-                future = self._submit(job(flight.position))
-                flying[future.key] = flight
-                future.add_done_callback(done.put)
-                self.most_in_flight = max(self.most_in_flight, len(flying))
+            while self._threads and len(flying) < room and (position := next(fresh, None)) is not None:
+                begin(_Flight(position, frozenset(self._threads)))
+            if self._threads and suspects and not flying:
+                begin(replace(suspects.popleft(), workers=frozenset([min(self._threads)])))
             try:
                 future = done.get(timeout=LOOK_SECONDS)
             except Empty:
                 continue
-            flight = flying[future.key]
+            if future.key not in flying:
+                continue
+            flight = flying[future.key][1]
             try:
-                found = self._result(future, flight)
-            except TimeoutError:
+                found = self._result(future)
+            except TimeoutError:  # made again, wherever that is
                 future.add_done_callback(done.put)
+                continue
+            except _LostError as error:
+                del flying[future.key]
+                lose(flight, error)
                 continue
             del flying[future.key]
             future.release()
-            if isinstance(found, _Flight):
-                (refused if found.refusals > flight.refusals else again).append(found)
-            else:
-                left -= 1
-                take(flight.position, found)
+            land(flight, found)
 
-    def _submit(self, mine: Job) -> Any:
+    def _submit(self, mine: Job, workers: Iterable[str]) -> Any:
         client, variants = self.client, mine.variants
         return client.submit(
             _run_there,
             self._run,
-            fingerprint(),
             self._lend("kernel", mine.kernel, mine.kernel),
             self._lend("record", mine.record, self._records[mine.record]),
             mine.table,
             (variants.period_factor, variants.mass_factor, variants.damping_ratio),
             mine.outputs,
-            key=f"chunk-{mine.key}-{client.id}-{time.time_ns()}",
-            **self._preferring(),
+            key=f"chunk-{mine.key}-{client.id}-{next(self._numbers)}",
+            pure=False,
+            workers=list(workers),
         )
 
-    def _preferring(self) -> dict[str, Any]:
-        """Return how tasks are handed out: to those who can take part as long as they live."""
-        if not self._unfit:
-            return {"pure": False}
-        return {"pure": False, "workers": list(self._threads), "allow_other_workers": True}
-
     def _lend(self, kind: str, known_by: Hashable, thing: Any) -> Any:
-        """Return the task of the scheduler that gives `thing`, sent where it is first asked for, or was refused."""
-        lent = self._lent.get((kind, known_by))
-        if lent is None or lent.status == "error":
-            key = f"{kind}-{self.client.id}-{time.time_ns()}"
-            lent = self._lent[kind, known_by] = self.client.submit(_same, thing, key=key, **self._preferring())
-        return lent
+        """Return the task of the scheduler that gives `thing`, sent when it is first asked for."""
+        if (kind, known_by) not in self._lent:
+            key = f"{kind}-{self.client.id}-{next(self._numbers)}"
+            workers = frozenset(self._threads)
+            future = self.client.submit(_same, thing, key=key, pure=False, workers=list(workers))
+            self._lent[kind, known_by] = future, workers
+        return self._lent[kind, known_by][0]
 
-    def _result(self, future: Any, flight: _Flight) -> np.ndarray | str | _Flight:
-        """Return the table of a chunk, what went wrong with it, or the flight that it takes next.
+    def _stranded(self, flying: Mapping[str, tuple[Any, _Flight]]) -> list[str]:
+        """Return what nobody can run any more: dask keeps waiting for the workers it was meant for."""
+        if any(workers.isdisjoint(self._threads) for _, workers in self._lent.values()):
+            self._lent.clear()
+            return list(flying)
+        return [key for key, (_, flight) in flying.items() if flight.workers.isdisjoint(self._threads)]
+
+    def _result(self, future: Any) -> np.ndarray | str:
+        """Return the table of a chunk, or what went wrong in it.
 
         Raises
         ------
         TimeoutError
-            It has to be made again.
+            Its worker died with it.
+        _LostError
+            It does not come.
         """
-        from distributed import KilledWorker
-
         try:
             found: np.ndarray | str = future.result(timeout=FETCH_SECONDS)
             return found
         except TimeoutError:
             raise
-        except KilledWorker as error:
-            if flight.deaths + 1 < ATTEMPTS:
-                return replace(flight, deaths=flight.deaths + 1)
-            return f"its workers died, {ATTEMPTS} times over: {error}"
-        except (_OtherSourceError, ImportError) as error:
-            if flight.refusals < REFUSALS:
-                return replace(flight, refusals=flight.refusals + 1)
-            return f"no worker could run it, the last one for: {type(error).__name__}: {error}"
         except Exception as error:
             if future.cancelled():
                 raise self._gone(error) from None
-            return f"{type(error).__name__}: {error}"
+            msg = f"{type(error).__name__}: {error}"
+            raise _LostError(msg) from None
 
     def _gone(self, error: object) -> ClusterError:
         return ClusterError(
@@ -258,57 +278,81 @@ class FarWorkers:
             "start it and its workers again, and run again, which goes on from the chunks that an output has"
         )
 
+    def _check_scheduler(self) -> None:
+        """Raise `ClusterError` where the scheduler has not the package: it unpacks what goes to the workers."""
+        try:
+            self.client.run_on_scheduler(fingerprint)
+        except (ImportError, AttributeError) as error:
+            msg = (
+                f"the dask scheduler at {self.client.scheduler.address!r} can't load the package ({error}); install "
+                f"{fingerprint()} in its environment, as here"
+            )
+            raise ClusterError(msg) from None
+        except OSError as error:
+            raise self._gone(error) from None
+
     def _look(self) -> bool:
         """See who works; returns whether anybody can take part."""
         self._looked = time.monotonic()
         try:
             there = self.client.nthreads()
-            known = {*self._threads, *self._unfit}
-            told = self._ask([address for address in there if address not in known])
-        except OSError as error:
+        except Exception as error:  # whatever it is: the scheduler does not answer
             raise self._gone(error) from None
-        for address in known - set(there):
+        for address in {*self._threads, *self._unfit} - set(there):
             self._unfit.pop(address, None)
             if self._threads.pop(address, None) is not None:
                 self._note(f"worker {address} has left; {len(self._threads)} are there, what it ran is run again")
-        for address, answer in told.items():
-            if answer == fingerprint():
-                self._threads[address] = there[address]
-                self._note(f"worker {address} takes part, with {there[address]} threads; {len(self._threads)} do")
-            elif not isinstance(answer, OSError):  # that one died just now
-                self._unfit[address] = answer if isinstance(answer, str) else f"{type(answer).__name__}: {answer}"
-                self._note(f"worker {address} takes no part: it has {self._unfit[address]}, here is {fingerprint()}")
-        if self._unfit and not self._threads:
-            address, found = next(iter(self._unfit.items()))
-            msg = (
-                f"none of the {len(self._unfit)} dask workers can take part: {address} has {found}; it must be "
-                f"{fingerprint()}, as here. Install the same versions in the environment of the workers"
-            )
-            raise ClusterError(msg)
-        self._wait_alone()
+        while not self._answers.empty():
+            self._asked = set()
+            for address, answer in self._answers.get().items():
+                if address in there:
+                    self._hear(address, answer, there[address])
+        self._ask(address for address in there if address not in self._threads and address not in self._unfit)
+        self._check_fit()
         cluster = self.client.cluster
         if cluster is not None and len(self._threads) < len(cluster.worker_spec):
             cluster.scale(len(cluster.worker_spec))  # in the place of those that nobody starts again
         return bool(self._threads)
 
-    def _ask(self, addresses: list[str]) -> dict[str, Any]:
-        """Return what workers have installed, or the error that they answered with."""
-        if not addresses:
-            return {}
-        answers: dict[str, Any] = self.client.run(fingerprint, workers=addresses, on_error="return")
-        return answers
+    def _ask(self, newcomers: Iterable[str]) -> None:
+        """Have workers asked what they have installed; one that does not answer keeps nobody waiting but newcomers."""
+        addresses = list(newcomers)
+        if not addresses or self._asked:
+            return
+        self._asked = set(addresses)
 
-    def _wait_alone(self) -> None:
-        """Say once that nobody is there."""
+        def ask() -> None:
+            answers = {}
+            with suppress(Exception):  # they are asked again at the next look
+                answers = self.client.run(fingerprint, workers=addresses, on_error="return")
+            self._answers.put(answers)
+
+        threading.Thread(target=ask, daemon=True).start()
+
+    def _hear(self, address: str, answer: Any, threads: int) -> None:
+        """Take note of what a worker has installed, or of the error that it answered with."""
+        if answer == fingerprint():
+            self._threads[address] = threads
+            self._note(f"worker {address} takes part, with {threads} threads; {len(self._threads)} do")
+        elif not isinstance(answer, OSError):  # that one died just now
+            self._unfit[address] = answer if isinstance(answer, str) else f"{type(answer).__name__}: {answer}"
+            self._note(f"worker {address} takes no part: it has {self._unfit[address]}, here is {fingerprint()}")
+
+    def _check_fit(self) -> None:
+        """Say once that nobody is there; raise `ClusterError` where all who are there can't take part."""
+        now = time.monotonic()
         if self._threads:
             self._alone_since = None
         elif self._alone_since is None:
-            self._alone_since = time.monotonic()
-        elif time.monotonic() - self._alone_since > ALONE_SECONDS:
+            self._alone_since = now
+        elif now - self._alone_since > ALONE_SECONDS:
+            if self._unfit:
+                address, found = next(iter(self._unfit.items()))
+                msg = (
+                    f"none of the {len(self._unfit)} dask workers can take part: {address} has {found}; it must be "
+                    f"{fingerprint()}, as here. Install the same versions in the environment of the workers"
+                )
+                raise ClusterError(msg)
             self._alone_since = np.inf
-            self._note(f"no workers at {self.client.scheduler.address}; waiting for some to join")
-
-
-def _next(fresh: Any) -> _Flight | None:
-    position = next(fresh, None)
-    return None if position is None else _Flight(position)
+            msg = f"no workers at {self.client.scheduler.address}; waiting for some to join"
+            warnings.warn(msg, RuntimeWarning, stacklevel=2)

@@ -27,7 +27,7 @@ def libraries() -> str:
     """Name the libraries, with their versions, that the bits of a result depend on."""
     from importlib.metadata import version
 
-    return ", ".join(f"{name} {version(name)}" for name in ("numba", "numpy"))
+    return ", ".join(f"{name} {version(name)}" for name in ("numba", "llvmlite", "numpy"))
 
 
 @cache

@@ -151,8 +151,8 @@ class Sweep:
         extend : path, optional
             Cube of the same scene, numerics and outputs, over other values of the axes or of other
             listed cases: scenarios that it holds are taken from it, and the cube is the one that
-            running all of them gives.
-            It may be `out` itself, with `overwrite`. The attribute ``extended_from`` says how many.
+            running all of them gives. It may be `out` itself, with `overwrite`. The attribute
+            ``extended_from`` says how many.
 
         Returns
         -------
@@ -170,6 +170,8 @@ class Sweep:
             sweep, or another process is making it.
         WriteError
             The disk is full or failed, or the folder was removed; what is finished is kept.
+        ClusterError
+            The dask cluster can't be reached, is gone, or has no workers that can take part.
         """
         from pounding_sweep.accuracy.audit import audit
         from pounding_sweep.cube.write import check_output, open_cube
