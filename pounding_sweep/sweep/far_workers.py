@@ -118,7 +118,7 @@ class FarWorkers:
         self._unfit: dict[str, str] = {}
         self._looked = -np.inf
         self._alone_since: float | None = None
-        self._asked: set[str] = set()
+        self._told_alone = self._asking = False
         self._answers: SimpleQueue[dict[str, Any]] = SimpleQueue()
         self.most_in_flight = 0
 
@@ -168,7 +168,8 @@ class FarWorkers:
         """
         done: SimpleQueue[Any] = SimpleQueue()
         flying: dict[str, tuple[Any, _Flight]] = {}
-        fresh, suspects, left = iter(range(n)), deque[_Flight](), n
+        fresh, again, suspects = map(_Flight, range(n)), deque[_Flight](), deque[_Flight]()
+        left = n
 
         def begin(flight: _Flight) -> None:
             future = self._submit(job(flight.position), flight.workers)
@@ -194,10 +195,16 @@ class FarWorkers:
                 for key in self._stranded(flying):
                     future, flight = flying.pop(key)
                     future.release()
-                    lose(flight, "its worker died")
+                    if flight.workers.isdisjoint(self._threads):
+                        lose(flight, "its worker died")
+                    else:
+                        (suspects if flight.suspect else again).append(flight)
             room = max(LEAST_IN_FLIGHT, IN_FLIGHT * sum(self._threads.values()))
-            while self._threads and len(flying) < room and (position := next(fresh, None)) is not None:
-                begin(_Flight(position, frozenset(self._threads)))
+            while self._threads and len(flying) < room:
+                following = again.popleft() if again else next(fresh, None)
+                if following is None:
+                    break
+                begin(replace(following, workers=frozenset(self._threads)))
             if self._threads and suspects and not flying:
                 begin(replace(suspects.popleft(), workers=frozenset([min(self._threads)])))
             try:
@@ -245,7 +252,7 @@ class FarWorkers:
         return self._lent[kind, known_by][0]
 
     def _stranded(self, flying: Mapping[str, tuple[Any, _Flight]]) -> list[str]:
-        """Return what nobody can run any more: dask keeps waiting for the workers it was meant for."""
+        """Return what nobody can run any more, or what needs that: dask waits for the workers it was meant for."""
         if any(workers.isdisjoint(self._threads) for _, workers in self._lent.values()):
             self._lent.clear()
             return list(flying)
@@ -303,7 +310,7 @@ class FarWorkers:
             if self._threads.pop(address, None) is not None:
                 self._note(f"worker {address} has left; {len(self._threads)} are there, what it ran is run again")
         while not self._answers.empty():
-            self._asked = set()
+            self._asking = False
             for address, answer in self._answers.get().items():
                 if address in there:
                     self._hear(address, answer, there[address])
@@ -317,9 +324,9 @@ class FarWorkers:
     def _ask(self, newcomers: Iterable[str]) -> None:
         """Have workers asked what they have installed; one that does not answer keeps nobody waiting but newcomers."""
         addresses = list(newcomers)
-        if not addresses or self._asked:
+        if not addresses or self._asking:
             return
-        self._asked = set(addresses)
+        self._asking = True
 
         def ask() -> None:
             answers = {}
@@ -342,7 +349,7 @@ class FarWorkers:
         """Say once that nobody is there; raise `ClusterError` where all who are there can't take part."""
         now = time.monotonic()
         if self._threads:
-            self._alone_since = None
+            self._alone_since, self._told_alone = None, False
         elif self._alone_since is None:
             self._alone_since = now
         elif now - self._alone_since > ALONE_SECONDS:
@@ -353,6 +360,7 @@ class FarWorkers:
                     f"{fingerprint()}, as here. Install the same versions in the environment of the workers"
                 )
                 raise ClusterError(msg)
-            self._alone_since = np.inf
-            msg = f"no workers at {self.client.scheduler.address}; waiting for some to join"
-            warnings.warn(msg, RuntimeWarning, stacklevel=2)
+            if not self._told_alone:
+                self._told_alone = True
+                msg = f"no workers at {self.client.scheduler.address}; waiting for some to join"
+                warnings.warn(msg, RuntimeWarning, stacklevel=2)
