@@ -105,6 +105,10 @@ class DaskCluster:
         """Wait until the scheduler has this worker."""
         self._wait(lambda: self._address(name))
 
+    def wait_until_gone(self, name):
+        """Wait until the scheduler has given this worker up."""
+        self._wait(lambda: not self._address(name))
+
     def _address(self, name):
         from distributed import Client
 
