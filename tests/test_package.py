@@ -115,6 +115,14 @@ def test_an_installed_wheel_works_from_an_empty_folder(installed, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["quickstart.toml"]
 
 
+def test_an_installed_wheel_runs_the_quickstart(installed, tmp_path):
+    shutil.copy(ROOT / "sweeps" / "quickstart.toml", tmp_path)
+    command = ("run", "quickstart.toml", "-o", "quickstart.nc", "--json", "--quiet")
+    found = json.loads(run(installed / "pounding-sweep", *command, cwd=tmp_path))
+    assert found["scenarios"]["asked"] == 1008
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["quickstart.nc", "quickstart.nc.log", "quickstart.toml"]
+
+
 def test_an_installed_wheel_computes_what_it_should(installed, tmp_path):
     """The self-check, in the environment of the wheel: kernels are made from the templates in it."""
     found = json.loads(run(installed / "pounding-sweep", "doctor", "--json", cwd=tmp_path))
