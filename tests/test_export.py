@@ -202,6 +202,13 @@ def test_faults_are_named(cube, tmp_path):
         export_cube(cube, path)
     export_cube(cube, path, ["status"], overwrite=True)
     assert len(read(path)) == 18
+    path.unlink()
+    beside = path.with_name("all.csv.json")
+    before = beside.read_bytes()
+    with pytest.raises(OutputError, match=r"all\.csv\.json' exists; give another path"):
+        export_cube(cube, path)
+    assert beside.read_bytes() == before
+    assert not path.exists()
 
 
 def test_command(cube, tmp_path):

@@ -78,6 +78,8 @@ def export_cube(
     if needs:
         _need(needs, ending)
     target = _new_folder(path) if ending == ".zarr" else check_output(path, overwrite)
+    if ending == ".csv":
+        check_output(f"{target}.json", overwrite)
     try:
         with NETCDF_LOCK:
             write(cube, target, names)
