@@ -31,7 +31,8 @@ class Tasks:
     chunk_seconds : float
         Mean time (s) of a chunk in its worker.
     overhead : float
-        Share of the workers' time, from the first chunk's dispatch to the last result, in which they did not integrate.
+        Share of the workers' time, from the first chunk's dispatch until one of them has nothing left to begin,
+        in which they did not integrate.
     """
 
     chunks: int
@@ -57,13 +58,16 @@ def task_overhead(work: Work, chunk_seconds: float, seconds: float, **settings: 
     probe = plan_gaps(work, np.linspace(*GAPS, PROBE), **settings)
     with dispatcher_for(probe, "processes", workers) as dispatcher:
         dispatcher.prepare([probe.kernel(0).shape])
-        _timed(dispatcher, 2 * workers, _part_of(probe, PROBE))  # workers load what they need
-        each = _timed(dispatcher, 2 * workers, _part_of(probe, PROBE))[1] / (2 * workers * PROBE)
+        _spans(dispatcher, 2 * workers, _part_of(probe, PROBE))  # workers load what they need
+        each = _seconds(_spans(dispatcher, 2 * workers, _part_of(probe, PROBE))) / (2 * workers * PROBE)
         size = max(16, 16 * round(chunk_seconds / each / 16))
         plan = plan_gaps(work, np.linspace(*GAPS, size), **settings)
         n = workers * max(1, round(seconds / chunk_seconds))
-        wall, busy = _timed(dispatcher, n, _part_of(plan, size))
-    return Tasks(n, busy / n, 1.0 - busy / (workers * wall))
+        begun = time.time()
+        spans = _spans(dispatcher, n, _part_of(plan, size))
+    until = min(max(stop for _, stop in mine) for mine in spans)
+    busy = sum(min(stop, until) - start for mine in spans for start, stop in mine if start < until)
+    return Tasks(n, _seconds(spans) / n, 1.0 - busy / (workers * (until - begun)))
 
 
 def _part_of(plan: Any, size: int) -> Callable[[int], Job]:
@@ -74,21 +78,24 @@ def _part_of(plan: Any, size: int) -> Callable[[int], Job]:
     return lambda position: Job(str(position), kernel, 0, table, plan.variants[table.variant], plan.outputs)
 
 
-def _timed(dispatcher: Dispatcher, n: int, job: Callable[[int], Job]) -> tuple[float, float]:
-    """Wall time (s) of `n` jobs, and the time that the workers spent in them."""
+def _spans(dispatcher: Dispatcher, n: int, job: Callable[[int], Job]) -> list[list[tuple[float, float]]]:
+    """Run `n` jobs; return when (s since 1970) each began and ended in its worker, for each worker."""
     client = dispatcher.far.client
     client.get_task_stream()  # from here on the scheduler keeps it
     failures: list[str] = []
-    begun, started = time.time(), time.perf_counter()
+    begun = time.time()
     dispatcher.run(n, job, lambda position, found: failures.append(found) if isinstance(found, str) else None)
-    wall = time.perf_counter() - started
     if failures:
         raise RuntimeError(failures[0])
-    spans = [
-        span["stop"] - span["start"]
-        for task in client.get_task_stream(start=begun)
-        if task["key"].startswith("chunk-")
-        for span in task["startstops"]
-        if span["action"] == "compute"
-    ]
-    return wall, sum(spans)
+    spans: dict[str, list[tuple[float, float]]] = {}
+    for task in client.get_task_stream(start=begun):
+        if task["key"].startswith("chunk-"):
+            spans.setdefault(task["worker"], []).extend(
+                (span["start"], span["stop"]) for span in task["startstops"] if span["action"] == "compute"
+            )
+    return list(spans.values())
+
+
+def _seconds(spans: list[list[tuple[float, float]]]) -> float:
+    """Return the time (s) that all workers spent in their jobs."""
+    return sum(stop - start for mine in spans for start, stop in mine)
