@@ -123,6 +123,10 @@ class DaskCluster:
         process.wait()
         self.killed += 1
 
+    def freeze(self, name):
+        """Stop a worker without ending it; its connections stay open."""
+        os.killpg(self._workers[name].pid, signal.SIGSTOP)
+
     def kill_process(self, pid):
         """End one process."""
         os.kill(pid, signal.SIGKILL)

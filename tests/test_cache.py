@@ -286,8 +286,8 @@ def test_shapes_travel_as_plain_data():
 def test_kernels_are_compiled_side_by_side(folder):
     shapes = [kernel_of().shape, kernel_of(DOUBLED).shape]
     told = []
-    assert prepare([*shapes, shapes[0]], workers=2, notify=lambda ready, total: told.append((ready, total))) == 2
-    assert told == [(1, 2), (2, 2)]
+    assert prepare([*shapes, shapes[0]], workers=2, advance=told.append) == 2
+    assert told == [1, 1]
     assert all(is_cached(shape) for shape in shapes)
     # the second was compiled by another process and only loaded here
     assert [hits_and_misses(get_kernel(shape)) for shape in shapes] == [(0, 1), (1, 0)]

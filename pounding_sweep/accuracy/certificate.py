@@ -151,7 +151,7 @@ def certify(
     try:
         shapes = list(dict.fromkeys(kernel.shape for both in kernels for kernel in both))
         progress.stage("kernels", len(shapes))
-        prepare(shapes, workers, lambda ready, total: progress.advance(1))
+        prepare(shapes, workers, progress.advance)
         for i, both in enumerate(kernels):
             for j, kernel in enumerate(both):
                 valid = np.isfinite(numbers[i, j])

@@ -234,7 +234,7 @@ def _prepare(
     shapes = [kernel_of(b, method, b.steps[0], f).shape for b in batches for method in METHODS for f in formats]
     wanted = list(dict.fromkeys(shapes))
     progress.stage("kernels", len(wanted))
-    prepare(wanted, workers, lambda done, total: progress.advance(1))
+    prepare(wanted, workers, progress.advance)
     return batches
 
 

@@ -182,15 +182,7 @@ def _compile(plan: Plan, sample: Sample, every: Sequence[Numerics], workers: int
     laws = [group.law for group in sample.timed]
     shapes = list(dict.fromkeys(replace(plan.kernel(law), numerics=n).shape for n in every for law in laws))
     progress.stage("kernels", len(shapes))
-    shown = 0
-
-    def notify(ready: int, total: int) -> None:
-        nonlocal shown
-        del total
-        progress.advance(ready - shown)
-        shown = ready
-
-    prepare(shapes, workers or len(os.sched_getaffinity(0)), notify)
+    prepare(shapes, workers or len(os.sched_getaffinity(0)), progress.advance)
 
 
 def _beyond_limit(plan: Plan, numerics: Numerics, limit: np.ndarray) -> np.ndarray:

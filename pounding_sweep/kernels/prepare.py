@@ -57,7 +57,7 @@ def shares(shapes: Sequence[KernelShape], n: int) -> list[list[KernelShape]]:
     return [share for share in found if share]
 
 
-def prepare(shapes: Sequence[KernelShape], workers: int = 1, notify: Callable[[int, int], None] | None = None) -> int:
+def prepare(shapes: Sequence[KernelShape], workers: int = 1, advance: Callable[[int], None] | None = None) -> int:
     """Make kernels ready to run in this process; returns how many had to be compiled.
 
     Parameters
@@ -66,8 +66,8 @@ def prepare(shapes: Sequence[KernelShape], workers: int = 1, notify: Callable[[i
         Kernels that will be needed.
     workers : int
         Processes to compile in.
-    notify : callable, optional
-        Called with (ready, total) as kernels become ready.
+    advance : callable, optional
+        Called with the number of kernels that became ready.
     """
     wanted = list(dict.fromkeys(shapes))
     missing = [shape for shape in wanted if not (is_loaded(shape) or is_cached(shape))]
@@ -86,13 +86,11 @@ def prepare(shapes: Sequence[KernelShape], workers: int = 1, notify: Callable[[i
         child.stdin.write(text)
         child.stdin.close()
         children.append(child)
-    ready = 0
     try:
         for shape in [*mine, *(s for s in wanted if s not in missing)]:
             get_kernel(shape)
-            ready += 1
-            if notify:
-                notify(ready, len(wanted))
+            if advance:
+                advance(1)
         for child in children:
             child.wait()
     except BaseException:
@@ -101,9 +99,8 @@ def prepare(shapes: Sequence[KernelShape], workers: int = 1, notify: Callable[[i
         raise
     for shape in (shape for theirs in others for shape in theirs):
         get_kernel(shape)  # from the disk cache; compiled here should a child have failed
-        ready += 1
-        if notify:
-            notify(ready, len(wanted))
+        if advance:
+            advance(1)
     return len(missing)
 
 

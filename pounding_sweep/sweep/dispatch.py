@@ -53,23 +53,23 @@ class Dispatcher:
     def __exit__(self, *raised: Any) -> None:
         self._open.__exit__(*raised)
 
-    def prepare(self, shapes: Sequence[KernelShape], notify: Callable[[int, int], None] | None = None) -> int:
+    def prepare(self, shapes: Sequence[KernelShape], advance: Callable[[int], None] | None = None) -> int:
         """Make kernels ready where they will run; returns how many had to be compiled.
 
         Parameters
         ----------
         shapes : sequence of KernelShape
             Kernels that will be needed.
-        notify : callable, optional
-            Called with (ready, total) as kernels become ready.
+        advance : callable, optional
+            Called with the number of kernels that became ready.
         """
         if not shapes:
             return 0
         if self._is_far:
-            return self.far.prepare(shapes, notify)
+            return self.far.prepare(shapes, advance)
         from pounding_sweep.kernels.prepare import prepare
 
-        return prepare(shapes, self.workers, notify)
+        return prepare(shapes, self.workers, advance)
 
     def run(self, n: int, job: Callable[[int], Job], take: Take) -> None:
         """Run `n` chunks, begun in the order given, and take their results in this thread as they come.

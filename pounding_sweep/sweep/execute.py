@@ -174,15 +174,7 @@ def _execute(plan: Plan, dispatcher: Dispatcher, store: ChunkStore | None, progr
     shapes = list(dict.fromkeys(kernel.shape for kernel in kernels.values()))
     progress.stage("kernels", len(shapes))
     started = time.perf_counter()
-    shown = 0
-
-    def notify(ready: int, total: int) -> None:
-        nonlocal shown
-        del total
-        progress.advance(ready - shown)
-        shown = ready
-
-    compiled = dispatcher.prepare(shapes, notify)
+    compiled = dispatcher.prepare(shapes, progress.advance)
     results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
     results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
     outcome = Outcome(results, compiled=compiled, compile_seconds=time.perf_counter() - started)

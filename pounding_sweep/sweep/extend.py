@@ -190,9 +190,9 @@ class ExtendingDispatcher(Dispatcher):
     def __init__(self, workers: Dispatcher, earlier: EarlierCube) -> None:
         self._workers, self._earlier = workers, earlier
 
-    def prepare(self, shapes: Sequence[KernelShape], notify: Callable[[int, int], None] | None = None) -> int:
+    def prepare(self, shapes: Sequence[KernelShape], advance: Callable[[int], None] | None = None) -> int:
         """See `Dispatcher.prepare`."""
-        return self._workers.prepare(shapes, notify)
+        return self._workers.prepare(shapes, advance)
 
     def run(self, n: int, job: Callable[[int], Job], take: Take) -> None:
         """See `Dispatcher.run`; chunks that are known as a whole come first."""

@@ -8,11 +8,12 @@ however many there are, and their number follows that of the workers.
 
 from __future__ import annotations
 
-import threading
+import asyncio
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Hashable, Iterable, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
@@ -36,8 +37,6 @@ IN_FLIGHT = 3
 LEAST_IN_FLIGHT = 8
 #: Seconds between two looks at who works.
 LOOK_SECONDS = 1.0
-#: Seconds in which a result that is there must come; else its worker has died, and it is made again.
-FETCH_SECONDS = 20.0
 #: Seconds without any worker that can take part after which that is said.
 ALONE_SECONDS = 10.0
 #: Times that a chunk may lose its worker while nothing else runs, before it is given up.
@@ -84,10 +83,6 @@ class _Flight:
     losses: int = 0
 
 
-class _LostError(Exception):
-    """A chunk did not come back."""
-
-
 class FarWorkers:
     """The workers of a cluster.
 
@@ -118,11 +113,12 @@ class FarWorkers:
         self._unfit: dict[str, str] = {}
         self._looked = -np.inf
         self._alone_since: float | None = None
-        self._told_alone = self._asking = False
-        self._answers: SimpleQueue[dict[str, Any]] = SimpleQueue()
+        self._told_alone = False
+        self._asked: set[str] = set()
+        self._answers: SimpleQueue[tuple[str, Future[Any]]] = SimpleQueue()
         self.most_in_flight = 0
 
-    def prepare(self, shapes: Sequence[KernelShape], notify: Callable[[int, int], None] | None = None) -> int:
+    def prepare(self, shapes: Sequence[KernelShape], advance: Callable[[int], None] | None = None) -> int:
         """Make kernels ready on every machine that is there; returns how many had to be compiled.
 
         Machines that join later make theirs ready as chunks need them.
@@ -135,27 +131,29 @@ class FarWorkers:
         hosts: dict[str, list[str]] = {}
         for address in self._threads:
             hosts.setdefault(get_address_host(address), []).append(address)
-        done: SimpleQueue[Any] = SimpleQueue()
+        done: SimpleQueue[tuple[str, Future[Any]]] = SimpleQueue()
         under_way = {}
         for there in hosts.values():
             for shape in shapes:
                 future = self.client.submit(_ready, shape, workers=there, pure=False)
-                future.add_done_callback(done.put)
                 under_way[future.key] = there, future
-        total, compiled = len(under_way), 0
+                self._fetch(future, done)
+        total, told, compiled = len(under_way), 0, 0
         while under_way:
             with suppress(Empty):
-                future = done.get(timeout=LOOK_SECONDS)
-                under_way.pop(future.key, None)
+                key, found = done.get(timeout=LOOK_SECONDS)
+                under_way.pop(key, None)
                 with suppress(Exception):  # the first chunk that needs it says what is wrong
-                    compiled += future.result(timeout=FETCH_SECONDS)
+                    compiled += found.result()
             if time.monotonic() - self._looked > LOOK_SECONDS:
                 self._look()
             for key, (there, _) in list(under_way.items()):
                 if not any(address in self._threads for address in there):  # nobody else may do it
                     del under_way[key]
-            if notify:
-                notify((total - len(under_way)) * len(shapes) // total, len(shapes))
+            ready = (total - len(under_way)) * len(shapes) // total
+            if advance and ready > told:
+                advance(ready - told)
+                told = ready
         return compiled
 
     def run(self, n: int, job: Callable[[int], Job], take: Take) -> None:
@@ -166,7 +164,7 @@ class FarWorkers:
         ClusterError
             The scheduler is gone, or none of the workers can take part.
         """
-        done: SimpleQueue[Any] = SimpleQueue()
+        done: SimpleQueue[tuple[str, Future[Any]]] = SimpleQueue()
         flying: dict[str, tuple[Any, _Flight]] = {}
         fresh, again, suspects = map(_Flight, range(n)), deque[_Flight](), deque[_Flight]()
         left = n
@@ -174,7 +172,7 @@ class FarWorkers:
         def begin(flight: _Flight) -> None:
             future = self._submit(job(flight.position), flight.workers)
             flying[future.key] = future, flight
-            future.add_done_callback(done.put)
+            self._fetch(future, done)
             self.most_in_flight = max(self.most_in_flight, len(flying))
 
         def land(flight: _Flight, found: np.ndarray | str) -> None:
@@ -208,24 +206,32 @@ class FarWorkers:
             if self._threads and suspects and not flying:
                 begin(replace(suspects.popleft(), workers=frozenset([min(self._threads)])))
             try:
-                future = done.get(timeout=LOOK_SECONDS)
+                key, found = done.get(timeout=LOOK_SECONDS)
             except Empty:
                 continue
-            if future.key not in flying:
+            if key not in flying:  # it was stranded
                 continue
-            flight = flying[future.key][1]
+            future, flight = flying.pop(key)
             try:
-                found = self._result(future)
-            except TimeoutError:  # made again, wherever that is
-                future.add_done_callback(done.put)
+                table = found.result()
+            except Exception as error:  # a task gives back what goes wrong in it: this is of the cluster
+                if future.cancelled():
+                    raise self._gone(error) from None
+                lose(flight, f"{type(error).__name__}: {error}")
                 continue
-            except _LostError as error:
-                del flying[future.key]
-                lose(flight, error)
-                continue
-            del flying[future.key]
             future.release()
-            land(flight, found)
+            land(flight, table)
+
+    def _fetch(self, future: Any, done: SimpleQueue[tuple[str, Future[Any]]]) -> None:
+        """Have the result of a task put into `done`, once it is here; one that does not come keeps no other waiting."""
+        self._begin(self.client.gather(future, asynchronous=True), future.key, done)
+
+    def _begin(
+        self, coroutine: Coroutine[Any, Any, Any], name: str, done: SimpleQueue[tuple[str, Future[Any]]]
+    ) -> None:
+        """Begin something in the client's thread; what comes of it is put into `done` under its name."""
+        begun = asyncio.run_coroutine_threadsafe(coroutine, self.client.loop.asyncio_loop)
+        begun.add_done_callback(lambda it: done.put((name, it)))
 
     def _submit(self, mine: Job, workers: Iterable[str]) -> Any:
         client, variants = self.client, mine.variants
@@ -247,7 +253,8 @@ class FarWorkers:
         if (kind, known_by) not in self._lent:
             key = f"{kind}-{self.client.id}-{next(self._numbers)}"
             workers = frozenset(self._threads)
-            future = self.client.submit(_same, thing, key=key, pure=False, workers=list(workers))
+            # before all chunks that wait: those of every worker need it
+            future = self.client.submit(_same, thing, key=key, pure=False, workers=list(workers), priority=1)
             self._lent[kind, known_by] = future, workers
         return self._lent[kind, known_by][0]
 
@@ -257,27 +264,6 @@ class FarWorkers:
             self._lent.clear()
             return list(flying)
         return [key for key, (_, flight) in flying.items() if flight.workers.isdisjoint(self._threads)]
-
-    def _result(self, future: Any) -> np.ndarray | str:
-        """Return the table of a chunk, or what went wrong in it.
-
-        Raises
-        ------
-        TimeoutError
-            Its worker died with it.
-        _LostError
-            It does not come.
-        """
-        try:
-            found: np.ndarray | str = future.result(timeout=FETCH_SECONDS)
-            return found
-        except TimeoutError:
-            raise
-        except Exception as error:
-            if future.cancelled():
-                raise self._gone(error) from None
-            msg = f"{type(error).__name__}: {error}"
-            raise _LostError(msg) from None
 
     def _gone(self, error: object) -> ClusterError:
         return ClusterError(
@@ -310,11 +296,16 @@ class FarWorkers:
             if self._threads.pop(address, None) is not None:
                 self._note(f"worker {address} has left; {len(self._threads)} are there, what it ran is run again")
         while not self._answers.empty():
-            self._asking = False
-            for address, answer in self._answers.get().items():
-                if address in there:
-                    self._hear(address, answer, there[address])
-        self._ask(address for address in there if address not in self._threads and address not in self._unfit)
+            address, answers = self._answers.get()
+            self._asked.discard(address)
+            try:
+                answer = answers.result()[address]
+            except Exception:  # whatever it was: it is asked again at the next look
+                continue
+            if address in there:
+                self._hear(address, answer, there[address])
+        self._asked &= set(there)
+        self._ask(address for address in there if address not in {*self._threads, *self._unfit, *self._asked})
         self._check_fit()
         cluster = self.client.cluster
         if cluster is not None and len(self._threads) < len(cluster.worker_spec):
@@ -322,19 +313,11 @@ class FarWorkers:
         return bool(self._threads)
 
     def _ask(self, newcomers: Iterable[str]) -> None:
-        """Have workers asked what they have installed; one that does not answer keeps nobody waiting but newcomers."""
-        addresses = list(newcomers)
-        if not addresses or self._asking:
-            return
-        self._asking = True
-
-        def ask() -> None:
-            answers = {}
-            with suppress(Exception):  # they are asked again at the next look
-                answers = self.client.run(fingerprint, workers=addresses, on_error="return")
-            self._answers.put(answers)
-
-        threading.Thread(target=ask, daemon=True).start()
+        """Have workers asked what they have installed; one that does not answer keeps nobody waiting."""
+        for address in newcomers:
+            self._asked.add(address)
+            asking = self.client.run(fingerprint, workers=[address], on_error="return", asynchronous=True)
+            self._begin(asking, address, self._answers)
 
     def _hear(self, address: str, answer: Any, threads: int) -> None:
         """Take note of what a worker has installed, or of the error that it answered with."""
