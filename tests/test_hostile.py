@@ -14,6 +14,7 @@ import tracemalloc
 from contextlib import suppress
 from pathlib import Path
 
+import h5py
 import netCDF4
 import numpy as np
 import pytest
@@ -404,6 +405,58 @@ def test_a_blank_heap_does_not_hang(tmp_path):
     (tmp_path / "blank.nc").write_bytes(data)
     with pytest.raises(OutputError, match="a heap of its texts is broken"):
         open_cube(tmp_path / "blank.nc")
+
+
+def _link(file, name, other):
+    file[name] = h5py.ExternalLink(other, "/displacement_max")
+
+
+def _soft_link(file, name, other):
+    file[name] = h5py.SoftLink("/status")
+
+
+def _group(file, name, other):
+    file.create_group(name)["values"] = h5py.ExternalLink(other, "/displacement_max")
+
+
+def _external(file, name, other):
+    file.create_dataset(name, (2,), "f8", external=[(other, 0, 16)])
+
+
+def _virtual(file, name, other):
+    layout = h5py.VirtualLayout((2,), "f8")
+    layout[:] = h5py.VirtualSource(other, "/displacement_max", (2,))
+    file.create_virtual_dataset(name, layout)
+
+
+@pytest.mark.parametrize(
+    ("refer", "why"),
+    [
+        (_link, "'secret' is a link to something else"),
+        (_soft_link, "'secret' is a link to something else"),
+        (_group, "groups, or types of its own"),
+        (_external, "the values of 'secret' stand in other files"),
+        (_virtual, "the values of 'secret' stand in other files"),
+    ],
+)
+def test_cubes_that_refer_to_other_files_are_refused(tmp_path, refer, why):
+    """The netCDF library would give what stands in any file that it may read."""
+    cube = write_cube(small_cube(), tmp_path / "cube.nc")
+    with h5py.File(cube, "r+") as file:
+        refer(file, "secret", str(tmp_path / "other"))
+    with pytest.raises(OutputError, match=why):
+        open_cube(cube)
+
+
+def test_what_would_be_read_from_other_files(tmp_path):
+    """Without the check: eight bytes of a text as a number."""
+    (tmp_path / "other").write_bytes(b"password" * 2)
+    with h5py.File(tmp_path / "cube.nc", "w") as file:
+        _external(file, "secret", str(tmp_path / "other"))
+    with netCDF4.Dataset(tmp_path / "cube.nc") as file:
+        assert np.asarray(file["secret"][:]).tobytes() == b"password" * 2
+    with pytest.raises(OutputError, match="the values of 'secret' stand in other files"):
+        open_cube(tmp_path / "cube.nc")
 
 
 def _gap(file, size=3):

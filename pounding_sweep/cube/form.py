@@ -2,8 +2,6 @@
 
 A damaged or hostile file may name types, sizes and attributes that make the libraries
 above take all memory or fail anywhere later; here it is refused, with what is wrong.
-HDF5 lets a file refer to other files for its values (external storage, links and virtual
-datasets), and the netCDF library follows them silently: that can't be told from here.
 """
 
 from __future__ import annotations

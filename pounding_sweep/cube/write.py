@@ -24,6 +24,7 @@ import numpy as np
 from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, encoding_of
 from pounding_sweep.cube.form import wrong_form
 from pounding_sweep.cube.heaps import has_endless_heap
+from pounding_sweep.cube.references import refers_elsewhere
 from pounding_sweep.cube.slabs import cuts
 from pounding_sweep.errors import OutputError, WriteError
 
@@ -286,6 +287,8 @@ def write_in_slabs(
                 for slab, values in slabs:
                     for name in blocks:
                         file[name][slab] = values[name]
+    except OutputError:  # what the slabs are made from can't be read
+        raise
     except (OSError, RuntimeError) as error:
         msg = f"writing {str(path)!r} failed ({error}); free some space or give another path. Nothing was replaced"
         raise WriteError(msg) from error
@@ -333,6 +336,9 @@ def _open_checked(target: Path) -> tuple[xr.Dataset | None, str | None]:
 
     if has_endless_heap(target):
         return None, "a heap of its texts is broken"
+    fault = refers_elsewhere(target)
+    if fault is not None:
+        return None, fault
     store = xr.backends.NetCDF4DataStore.open(target)
     try:
         fault = wrong_form(store.ds, target.stat().st_size)
