@@ -459,6 +459,30 @@ def test_what_would_be_read_from_other_files(tmp_path):
         open_cube(tmp_path / "cube.nc")
 
 
+@pytest.mark.parametrize(
+    ("at", "becomes", "why"),
+    [
+        (4, b"\x01", "blocks of the values of 'displacement_max' are missing, or without checksums"),
+        (8, b"\x01", r"can't be read as netCDF \(.*chunk"),
+        (16, b"\x03", "blocks of the values of 'displacement_max' are missing, or without checksums"),
+    ],
+    ids=["checksum left out", "no place", "another place"],
+)
+def test_blocks_that_would_not_be_found_or_checked(tmp_path, at, becomes, why):
+    """The tree by which blocks are found carries no checksum; its keys: size, filters left out, place of a block."""
+    cube = write_cube(small_cube(), tmp_path / "cube.nc")
+    data = bytearray(cube.read_bytes())
+    with h5py.File(cube) as file:
+        values = file["displacement_max"]
+        size = values.id.get_chunk_info(0).size
+        key = size.to_bytes(4, "little") + bytes(4 + 8 * (values.ndim + 1))
+    assert data.count(key) == 1
+    data[data.index(key) + at : data.index(key) + at + 1] = becomes
+    cube.write_bytes(data)
+    with pytest.raises(OutputError, match=why):
+        open_cube(cube)
+
+
 def _gap(file, size=3):
     file.createDimension("gap", size)
 

@@ -24,8 +24,8 @@ import numpy as np
 from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, encoding_of
 from pounding_sweep.cube.form import wrong_form
 from pounding_sweep.cube.heaps import has_endless_heap
-from pounding_sweep.cube.references import refers_elsewhere
 from pounding_sweep.cube.slabs import cuts
+from pounding_sweep.cube.stored import wrongly_stored
 from pounding_sweep.errors import OutputError, WriteError
 
 if TYPE_CHECKING:
@@ -336,7 +336,7 @@ def _open_checked(target: Path) -> tuple[xr.Dataset | None, str | None]:
 
     if has_endless_heap(target):
         return None, "a heap of its texts is broken"
-    fault = refers_elsewhere(target)
+    fault = wrongly_stored(target)
     if fault is not None:
         return None, fault
     store = xr.backends.NetCDF4DataStore.open(target)
