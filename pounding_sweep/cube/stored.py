@@ -15,6 +15,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import h5py
 
+#: Bytes of the checksum that is stored behind a block.
+_CHECKSUM = 4
+
+#: Bytes of the checksum behind a block.
+_CHECKSUM = 4
+
 
 def wrongly_stored(path: Path) -> str | None:
     """Say what in a file is not stored as this package does it; None if nothing, or if it is no HDF5 file.
@@ -33,6 +39,7 @@ def wrongly_stored(path: Path) -> str | None:
 
     if not h5py.is_hdf5(path):
         return None
+    taken: set[int] = set()
     with h5py.File(path, "r") as file:
         for name in file:
             if not isinstance(file.get(name, getlink=True), h5py.HardLink):
@@ -43,13 +50,16 @@ def wrongly_stored(path: Path) -> str | None:
             if isinstance(found, h5py.Dataset):
                 if found.external or found.is_virtual:
                     return f"the values of {name!r} stand in other files"
-                if found.chunks and not _blocks_are_whole(found):
+                if found.chunks and not _blocks_are_whole(found, taken):
                     return f"blocks of the values of {name!r} are missing, or without checksums"
     return None
 
 
-def _blocks_are_whole(values: h5py.Dataset) -> bool:
-    """Whether each block is there once, and read with its checksum where the variable has any."""
+def _blocks_are_whole(values: h5py.Dataset, taken: set[int]) -> bool:
+    """Whether each block is there once, is found where it belongs, and is read with its checksum, if there are any.
+
+    `taken` are the places of other variables' blocks, to which these are added: no two share one.
+    """
     import h5py
 
     pipeline = values.id.get_create_plist()
@@ -58,9 +68,26 @@ def _blocks_are_whole(values: h5py.Dataset) -> bool:
     blocks: list[Any] = []
     if values.size:
         values.id.chunk_iter(blocks.append)
-    corners = set(itertools.product(*map(range, itertools.repeat(0), values.shape, values.chunks)))
+    corners = list(itertools.product(*map(range, itertools.repeat(0), values.shape, values.chunks)))
+    places = {block.byte_offset for block in blocks}
+    shared = places & taken
+    taken |= places
     return (
-        {block.chunk_offset for block in blocks} == corners
-        and len({block.byte_offset for block in blocks}) == len(blocks) == len(corners)
+        {block.chunk_offset for block in blocks} == set(corners)
+        and len(places) == len(blocks) == len(corners)
+        and not shared
         and not any(block.filter_mask & checked for block in blocks)
+        and not any(checked and block.size <= _CHECKSUM for block in blocks)  # at which the library crashes
+        and all(_is_found(values, corner) for corner in corners)
     )
+
+
+def _is_found(values: h5py.Dataset, corner: tuple[int, ...]) -> bool:
+    """Whether the library finds a block when it reads: it looks it up, and then sees that there is no room for it."""
+    try:
+        values.id.read_direct_chunk(corner, out=bytearray())
+    except ValueError:
+        return True
+    except RuntimeError:
+        pass
+    return False
