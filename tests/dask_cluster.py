@@ -127,6 +127,10 @@ class DaskCluster:
         """Stop a worker without ending it; its connections stay open."""
         os.killpg(self._workers[name].pid, signal.SIGSTOP)
 
+    def thaw(self, name):
+        """Let a worker that was stopped go on."""
+        os.killpg(self._workers[name].pid, signal.SIGCONT)
+
     def kill_process(self, pid):
         """End one process."""
         os.kill(pid, signal.SIGKILL)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import textwrap
 import threading
 import time
 from contextlib import suppress
@@ -17,6 +20,7 @@ import numpy as np
 import psutil
 import pytest
 from dask_cluster import DaskCluster
+from test_cli import HEEDING, LONG, environment, write
 from test_execute import make, same
 
 import pounding_sweep
@@ -123,7 +127,7 @@ def test_workers_are_killed_and_others_join(reference, tmp_path, whole, count):
         assert not events.events
         log = (tmp_path / "out.nc.log").read_text()
         assert log.count(" takes part, with 1 threads") >= 3
-        assert log.count(" has left; ") == cluster.killed == 2
+        assert log.count(": has left; ") == cluster.killed == 2
         count("workers killed", cluster.killed)
         count("workers that joined late", log.count(" takes part") - 2)
 
@@ -183,24 +187,55 @@ def test_workers_that_come_later(reference, tmp_path, whole, count):
         count("workers that joined late")
 
 
-def test_frozen_workers_hold_up_nobody(reference, tmp_path, whole, count):
-    """Stopped, not dead: whoever answers goes on, others join, and chunks run again once dask gives their worker up."""
-    with DaskCluster(tmp_path, env={"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "10s"}) as cluster:
+@pytest.mark.parametrize("when", [0, 8])
+def test_frozen_workers_hold_up_nobody(monkeypatch, reference, tmp_path, whole, count, when):
+    """Stopped, not dead: the others go on without what it has, and it takes part when it is heard again."""
+    monkeypatch.setattr(far_workers, "QUIET_SECONDS", 6.0)
+    with DaskCluster(tmp_path) as cluster:
         cluster.add("mute").freeze("mute")  # never says what it has installed
-        cluster.add("first").add("second")
-
-        def freeze():
-            cluster.freeze("second")
-            cluster.add("late", wait=False)
-
-        events, sweep = Events((8, freeze)), make()
+        cluster.add("first")  # what is lent lives here, and it has chunks
+        events, sweep = Events((when, lambda: (cluster.freeze("first"), cluster.add("second", wait=False)))), make()
         whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
         assert not events.events
-        first, second, late, left = events.notes
-        assert all(" takes part" in note for note in (first, second, late))
-        assert " has left; 2 are there" in left
+        assert [note.split(": ")[1].split(";")[0] for note in events.notes] == [
+            "takes part, with 1 threads",
+            "takes part, with 1 threads",
+            "says nothing for 6 s",
+        ]
         count("workers frozen", 2)
         count("workers that joined late")
+        cluster.thaw("first")
+        cluster.kill("second")
+        events, sweep = Events(), make()
+        whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
+
+
+@pytest.mark.usefixtures("importable")
+def test_all_workers_die_at_once(tmp_path, count):
+    """Their chunks run alone on their workers, but side by side."""
+    from distributed import Client
+
+    found, events = {}, []
+    with DaskCluster(tmp_path) as cluster:
+        cluster.add("a").add("b")
+
+        def take(position, result):
+            found[position] = result
+            if len(found) == 10:
+                cluster.kill("a")
+                cluster.kill("b")
+                cluster.add("c", wait=False).add("d", wait=False)
+                for name in "cd":
+                    cluster.wait_for(name)
+
+        with Dispatcher(cluster.address, 2, [None, None], where, events.append) as dispatcher:
+            dispatcher.run(30, jobs(30, Counted(0.0)), take)
+        with Client(cluster.address, set_as_default=False) as client:
+            there = set(client.run(os.getpid).values())
+    assert set(found) == set(range(30))
+    assert sum("has left; 0 are there" in note for note in events) == 2
+    assert {int(result[1]) for result in found.values() if int(result[1]) in there} == there
+    count("workers killed", 2)
 
 
 def test_the_scheduler_dies(reference, tmp_path, whole, count):
@@ -241,6 +276,70 @@ def test_the_client_is_killed(reference, tmp_path, whole):
         assert sweep.last_outcome.reused == sum(json.loads(line)["rows"] for line in manifest) > 0
 
 
+# -- interrupts --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def interrupted(tmp_path):
+    """Run a sweep by processes in a process of its own, interrupted by `event`; check how it ends, and run it again."""
+    write(tmp_path, LONG.replace("dt = 1e-6", "dt = 1e-5"))
+    run = ["run", "sweep.toml", "-o", "out.nc", "--quiet", "--workers", "2", "--scheduler", "processes"]
+
+    def check(code, event=lambda process: None):
+        command = [sys.executable, "-c", f"{textwrap.dedent(code)}\n{HEEDING}", *run]
+        more = {"cwd": tmp_path, "env": environment(), "text": True, "start_new_session": True}
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **more) as process:
+            event(process)
+            out, err = process.communicate(timeout=120)
+        assert process.returncode == 130, err
+        assert out == ""
+        assert re.fullmatch(r"pounding-sweep: interrupted; .*\n", err)
+        assert not (tmp_path / "out.nc").exists()
+        again = subprocess.run(
+            [sys.executable, "-m", "pounding_sweep", *run, "--json"],
+            check=True, cwd=tmp_path, env=environment(), capture_output=True, text=True,
+        )  # fmt: skip
+        return json.loads(again.stdout)["scenarios"]
+
+    return check
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_an_interrupt_while_processes_start(interrupted, name):
+    """It waits until they are there, and ends them in order."""
+    found = interrupted(f"""
+        import os, signal, distributed
+
+        class Interrupted(distributed.LocalCluster):
+            def __init__(self, *args, **settings):
+                os.kill(os.getpid(), signal.{name})
+                super().__init__(*args, **settings)
+
+        distributed.LocalCluster = Interrupted
+    """)
+    assert found["run"] == 129
+    assert found["reused"] == 0
+
+
+def test_an_interrupt_from_the_keyboard_is_for_the_client(interrupted, tmp_path):
+    """A terminal sends it to the workers too; they end with their client, which keeps what is done."""
+    manifest, workers = tmp_path / "out.nc.parts" / MANIFEST, []
+
+    def event(process):
+        limit = time.monotonic() + 100
+        while process.poll() is None and not (manifest.exists() and manifest.read_text().count("\n") > 1):
+            assert time.monotonic() < limit
+            time.sleep(0.01)
+        workers.extend(started_by(process.pid))
+        os.killpg(process.pid, signal.SIGINT)
+
+    found = interrupted("", event)
+    assert found["reused"] > 0
+    assert found["run"] + found["reused"] == 130 - 1
+    assert len(workers) == 2
+    assert not any(worker.is_running() for worker in workers)
+
+
 # -- workers that can't take part --------------------------------------------------------------------------------------
 
 
@@ -265,11 +364,34 @@ def test_a_worker_of_another_version_takes_no_part(reference, tmp_path, other_pa
         cluster.add("same")
         events, sweep = Events(), make()
         whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
-        assert sum("takes no part: it has pounding_sweep" in note for note in events.notes) == 1
+        assert sum("takes no part, it has pounding_sweep" in note for note in events.notes) == 1
 
         events, sweep = Events((8, lambda: cluster.add("late", env=other_package))), make()
         whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
         assert not events.events
+
+
+def test_a_worker_of_another_version_at_an_address_that_is_known(
+    monkeypatch, reference, tmp_path, other_package, whole, count
+):
+    """It gets work before anybody has asked it; it refuses that, and another does it."""
+    monkeypatch.setattr(far_workers, "LOOK_SECONDS", 1.0)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with DaskCluster(tmp_path) as cluster:
+        cluster.add("old", "--worker-port", port)
+
+        def change():
+            cluster.kill("old")
+            cluster.add("new", "--worker-port", port, env=other_package)
+            cluster.add("third", wait=False)
+
+        events, sweep = Events((8, change)), make()
+        whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
+        assert not events.events
+        assert sum("takes no part, it has pounding_sweep" in note for note in events.notes) == 1
+        count("workers killed", cluster.killed)
 
 
 def test_a_scheduler_without_the_package(tmp_path):
@@ -324,6 +446,11 @@ def add_up(kernel, record, table, variants, outputs):
     return np.array([kernel.value + record.value + table, os.getpid()])
 
 
+def where(kernel, record, table, variants, outputs):
+    time.sleep(0.03)
+    return np.array([table, os.getpid()])
+
+
 def poison(kernel, record, table, variants, outputs):
     if table == 7:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -344,10 +471,9 @@ def importable(monkeypatch):
 
 
 @pytest.mark.usefixtures("importable")
-def test_sent_once_and_few_in_flight(monkeypatch):
+def test_sent_once_and_few_in_flight():
     """Each record and kernel goes to the scheduler once, and few results wait, however many chunks there are."""
     n, found = 120, {}
-    monkeypatch.setattr(far_workers, "LEAST_IN_FLIGHT", 1)
     Counted.sent = CountedRecord.sent = 0
     records = [CountedRecord(100.0), CountedRecord(200.0)]
     with Dispatcher("processes", 2, records, add_up) as dispatcher:
@@ -377,7 +503,7 @@ def test_a_chunk_that_kills_costs_itself_only(count):
         dispatcher.run(40, jobs(40, Counted(0.0)), found.__setitem__)
     bad = found.pop(7)
     assert isinstance(bad, str)
-    assert bad.startswith("lost 3 times while nothing else ran: ")
+    assert bad.startswith("lost 3 times while nothing else ran on its worker: ")
     assert {at: result.tolist() for at, result in found.items()} == {i: [i] for i in range(40) if i != 7}
     count("workers killed", sum("has left" in note for note in notes))
 

@@ -5,13 +5,17 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from pounding_sweep.errors import ClusterError
+from pounding_sweep.sweep import deaf_worker
 
 #: One scenario runs in one thread, and a worker has as many as its cluster gave it: no library starts more.
 ONE_THREAD = {name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+
+#: What ends a run in order.
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
@@ -23,6 +27,7 @@ def cluster_client(scheduler: str, workers: int) -> Iterator[Any]:
     ClusterError
         No dask scheduler answers at the address.
     """
+    import dask
     from distributed import Client, LocalCluster
 
     if "://" in scheduler:
@@ -37,28 +42,36 @@ def cluster_client(scheduler: str, workers: int) -> Iterator[Any]:
         with client:
             yield client
         return
-    with _deaf_to_interrupt():  # Ctrl-C is for this process; the workers it starts inherit what stands here
-        cluster = LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=None,
-            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else dask opens port 8787 all the same
-            silence_logs=50,
-            env=ONE_THREAD,
-        )
-    with cluster, Client(cluster, set_as_default=False) as client:
+    with ExitStack() as opened:
+        with _interrupts_later():
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address=None,
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else dask opens port 8787 all the same
+                silence_logs=50,
+                env=ONE_THREAD,
+                preload=[*dask.config.get("distributed.worker.preload"), deaf_worker.__name__],
+            )
+            opened.enter_context(cluster)
+            client = opened.enter_context(Client(cluster, set_as_default=False))
         yield client
 
 
 @contextmanager
-def _deaf_to_interrupt() -> Iterator[None]:
-    """Ignore SIGINT for a moment; only a main thread can."""
+def _interrupts_later() -> Iterator[None]:
+    """Have SIGINT and SIGTERM wait for the end of the block; only a main thread can be interrupted at all."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    waiting: list[int] = []
+    own = [each for each in _INTERRUPTS if signal.getsignal(each) is not None]  # None: not set from Python
+    before = {each: signal.signal(each, lambda number, frame: waiting.append(number)) for each in own}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for each, handler in before.items():
+            signal.signal(each, handler)
+        for number in waiting[:1]:
+            signal.raise_signal(number)

@@ -2,8 +2,8 @@
 
 What many chunks need (record, kernel) goes to the scheduler once, as a task that
 gives it back: workers pass it on among each other, and where all of them that had
-it died, the scheduler has it made again. Few chunks are under way at a time,
-however many there are, and their number follows that of the workers.
+it died, the scheduler has it made again. Each worker gets a few chunks at a time:
+left to itself, dask would give all of them to those that have what they need.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from __future__ import annotations
 import asyncio
 import time
 import warnings
-from collections import deque
-from collections.abc import Callable, Coroutine, Hashable, Iterable, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Coroutine, Hashable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -31,16 +31,18 @@ from pounding_sweep.sweep.scenarios import Scenarios
 from pounding_sweep.sweep.source import fingerprint
 from pounding_sweep.sweep.variants import Variants
 
-#: Chunks under way per thread of the cluster: one runs, one waits beside it, one is on its way back.
+#: Chunks under way per thread of a worker: one runs, one waits beside it, one is on its way back.
 IN_FLIGHT = 3
-#: Chunks under way however few threads there are, so that workers who join find something to do.
-LEAST_IN_FLIGHT = 8
 #: Seconds between two looks at who works.
 LOOK_SECONDS = 1.0
 #: Seconds without any worker that can take part after which that is said.
 ALONE_SECONDS = 10.0
-#: Times that a chunk may lose its worker while nothing else runs, before it is given up.
-ATTEMPTS = 3
+#: Seconds without a word from a worker after which the others go on without it, until it is heard again.
+QUIET_SECONDS = 30.0
+#: Times that a chunk may lose its worker while others run there too, before it runs alone.
+TOGETHER = 2
+#: Times that it may do so while it runs alone, before it is given up.
+ALONE = 3
 
 
 def _same(thing: Any) -> Any:
@@ -57,7 +59,27 @@ def _ready(shape: KernelShape) -> bool:
     return not there
 
 
+def _heard(dask_scheduler: Any) -> dict[str, tuple[int, str, float]]:
+    """Return threads, status and seconds since the last word, of each worker of a scheduler."""
+    now = time.time()
+    return {
+        address: (worker.nthreads, worker.status.name, now - worker.last_seen)
+        for address, worker in dask_scheduler.workers.items()
+    }
+
+
+def _by_turns(room: Mapping[str, int]) -> Iterator[str]:
+    """Give each worker's name as often as it has room, those with most room first."""
+    for level in range(max(room.values(), default=0), 0, -1):
+        yield from (worker for worker, free in room.items() if free >= level)
+
+
+class _UnfitError(Exception):
+    """The worker at an address is not the one that was asked: it has other versions."""
+
+
 def _run_there(
+    versions: str,
     run: Run,
     kernel: RowKernel,
     record: Record,
@@ -65,22 +87,29 @@ def _run_there(
     factors: tuple[np.ndarray, np.ndarray, np.ndarray],
     outputs: Sequence[str],
 ) -> np.ndarray | str:
-    """Run a chunk in a worker."""
+    """Run a chunk in a worker, if it still has the versions that it said."""
+    if fingerprint() != versions:
+        from distributed import get_worker
+
+        raise _UnfitError(get_worker().address)
     return run(kernel, record, table, Variants(kernel.scene, *factors), outputs)
 
 
 @dataclass(frozen=True)
 class _Flight:
-    """A chunk handed out: its position, and the workers that may run it.
+    """A chunk on its way: its position, its worker, and how often it was lost with one.
 
-    One that was lost may have been what its workers died of: it is `suspect`, and runs again
-    where nothing else does; `losses` counts how often it was lost there.
+    What was lost may have been what its worker died of: after the second time it runs where nothing else does.
     """
 
     position: int
-    workers: frozenset[str] = frozenset()
-    suspect: bool = False
+    worker: str = ""
     losses: int = 0
+
+    @property
+    def suspect(self) -> bool:
+        """Whether it must run alone."""
+        return self.losses >= TOGETHER
 
 
 class FarWorkers:
@@ -111,6 +140,7 @@ class FarWorkers:
         self._numbers = count()
         self._threads: dict[str, int] = {}  # of the workers that can take part
         self._unfit: dict[str, str] = {}
+        self._hung = False  # somebody has become quiet, and what runs may wait for it
         self._looked = -np.inf
         self._alone_since: float | None = None
         self._told_alone = False
@@ -132,12 +162,16 @@ class FarWorkers:
         for address in self._threads:
             hosts.setdefault(get_address_host(address), []).append(address)
         done: SimpleQueue[tuple[str, Future[Any]]] = SimpleQueue()
-        under_way = {}
+        under_way: dict[str, tuple[Any, list[str], KernelShape]] = {}
+
+        def begin(there: list[str], shape: KernelShape) -> None:
+            future = self.client.submit(_ready, shape, workers=there, pure=False)
+            under_way[future.key] = future, there, shape
+            self._fetch(future, done)
+
         for there in hosts.values():
             for shape in shapes:
-                future = self.client.submit(_ready, shape, workers=there, pure=False)
-                under_way[future.key] = there, future
-                self._fetch(future, done)
+                begin(there, shape)
         total, told, compiled = len(under_way), 0, 0
         while under_way:
             with suppress(Empty):
@@ -147,9 +181,14 @@ class FarWorkers:
                     compiled += found.result()
             if time.monotonic() - self._looked > LOOK_SECONDS:
                 self._look()
-            for key, (there, _) in list(under_way.items()):
-                if not any(address in self._threads for address in there):  # nobody else may do it
-                    del under_way[key]
+                hung = self._has_hung()
+                for key, (future, there, shape) in list(under_way.items()):
+                    left = [address for address in there if address in self._threads]
+                    if hung or not left:  # where nobody is left, nobody needs it
+                        del under_way[key]
+                        future.release()
+                        if left:
+                            begin(left, shape)
             ready = (total - len(under_way)) * len(shapes) // total
             if advance and ready > told:
                 advance(ready - told)
@@ -167,53 +206,72 @@ class FarWorkers:
         done: SimpleQueue[tuple[str, Future[Any]]] = SimpleQueue()
         flying: dict[str, tuple[Any, _Flight]] = {}
         fresh, again, suspects = map(_Flight, range(n)), deque[_Flight](), deque[_Flight]()
+        busy: Counter[str] = Counter()  # chunks by worker
         left = n
 
-        def begin(flight: _Flight) -> None:
-            future = self._submit(job(flight.position), flight.workers)
-            flying[future.key] = future, flight
+        def begin(flight: _Flight, worker: str) -> None:
+            future = self._submit(job(flight.position), worker)
+            flying[future.key] = future, replace(flight, worker=worker)
+            busy[worker] += 1
             self._fetch(future, done)
             self.most_in_flight = max(self.most_in_flight, len(flying))
+
+        def end(key: str) -> tuple[Any, _Flight]:
+            future, flight = flying.pop(key)
+            busy[flight.worker] -= 1
+            return future, flight
 
         def land(flight: _Flight, found: np.ndarray | str) -> None:
             nonlocal left
             left -= 1
             take(flight.position, found)
 
-        def lose(flight: _Flight, why: object) -> None:
-            losses = flight.losses + flight.suspect
-            if losses < ATTEMPTS:
-                suspects.append(replace(flight, suspect=True, losses=losses))
-            else:
-                land(flight, f"lost {ATTEMPTS} times while nothing else ran: {why}")
+        def repeat(flight: _Flight) -> None:
+            (suspects if flight.suspect else again).append(flight)
 
+        def lose(flight: _Flight, why: object) -> None:
+            lost = replace(flight, losses=flight.losses + 1)
+            if lost.losses < TOGETHER + ALONE:
+                repeat(lost)
+            else:
+                land(lost, f"lost {ALONE} times while nothing else ran on its worker: {why}")
+
+        free: Iterable[str] = list(self._threads)  # workers that may have room
         while left:
             if time.monotonic() - self._looked > LOOK_SECONDS:
                 self._look()
+                free = list(self._threads)
                 for key in self._stranded(flying):
-                    future, flight = flying.pop(key)
+                    future, flight = end(key)
                     future.release()
-                    if flight.workers.isdisjoint(self._threads):
-                        lose(flight, "its worker died")
+                    if flight.worker in self._threads:
+                        repeat(flight)
                     else:
-                        (suspects if flight.suspect else again).append(flight)
-            room = max(LEAST_IN_FLIGHT, IN_FLIGHT * sum(self._threads.values()))
-            while self._threads and len(flying) < room:
+                        lose(flight, "it died, or no longer answers")
+            room = {it: IN_FLIGHT * self._threads[it] - busy[it] for it in free if it in self._threads}
+            for worker in _by_turns(room):
                 following = again.popleft() if again else next(fresh, None)
                 if following is None:
                     break
-                begin(replace(following, workers=frozenset(self._threads)))
-            if self._threads and suspects and not flying:
-                begin(replace(suspects.popleft(), workers=frozenset([min(self._threads)])))
+                begin(following, worker)
+            if suspects and all(flight.suspect for _, flight in flying.values()):
+                for worker in [worker for worker in self._threads if not busy[worker]][: len(suspects)]:
+                    begin(suspects.popleft(), worker)
+            free = ()
             try:
                 key, found = done.get(timeout=LOOK_SECONDS)
             except Empty:
                 continue
             if key not in flying:  # it was stranded
                 continue
-            future, flight = flying.pop(key)
+            future, flight = end(key)
+            free = (flight.worker,)
             try:
                 table = found.result()
+            except _UnfitError as error:
+                self._threads.pop(error.args[0], None)  # it is asked again
+                repeat(flight)
+                continue
             except Exception as error:  # a task gives back what goes wrong in it: this is of the cluster
                 if future.cancelled():
                     raise self._gone(error) from None
@@ -233,10 +291,11 @@ class FarWorkers:
         begun = asyncio.run_coroutine_threadsafe(coroutine, self.client.loop.asyncio_loop)
         begun.add_done_callback(lambda it: done.put((name, it)))
 
-    def _submit(self, mine: Job, workers: Iterable[str]) -> Any:
+    def _submit(self, mine: Job, worker: str) -> Any:
         client, variants = self.client, mine.variants
         return client.submit(
             _run_there,
+            fingerprint(),
             self._run,
             self._lend("kernel", mine.kernel, mine.kernel),
             self._lend("record", mine.record, self._records[mine.record]),
@@ -245,7 +304,7 @@ class FarWorkers:
             mine.outputs,
             key=f"chunk-{mine.key}-{client.id}-{next(self._numbers)}",
             pure=False,
-            workers=list(workers),
+            workers=[worker],
         )
 
     def _lend(self, kind: str, known_by: Hashable, thing: Any) -> Any:
@@ -260,10 +319,15 @@ class FarWorkers:
 
     def _stranded(self, flying: Mapping[str, tuple[Any, _Flight]]) -> list[str]:
         """Return what nobody can run any more, or what needs that: dask waits for the workers it was meant for."""
-        if any(workers.isdisjoint(self._threads) for _, workers in self._lent.values()):
+        if self._has_hung() or any(workers.isdisjoint(self._threads) for _, workers in self._lent.values()):
             self._lent.clear()
             return list(flying)
-        return [key for key, (_, flight) in flying.items() if flight.workers.isdisjoint(self._threads)]
+        return [key for key, (_, flight) in flying.items() if flight.worker not in self._threads]
+
+    def _has_hung(self) -> bool:
+        """Whether somebody became quiet since this was last asked: whatever runs may wait for what it has."""
+        hung, self._hung = self._hung, False
+        return hung
 
     def _gone(self, error: object) -> ClusterError:
         return ClusterError(
@@ -288,13 +352,24 @@ class FarWorkers:
         """See who works; returns whether anybody can take part."""
         self._looked = time.monotonic()
         try:
-            there = self.client.nthreads()
+            heard = self.client.run_on_scheduler(_heard)
         except Exception as error:  # whatever it is: the scheduler does not answer
             raise self._gone(error) from None
-        for address in {*self._threads, *self._unfit} - set(there):
-            self._unfit.pop(address, None)
-            if self._threads.pop(address, None) is not None:
-                self._note(f"worker {address} has left; {len(self._threads)} are there, what it ran is run again")
+        there = {
+            address: threads
+            for address, (threads, status, silent) in heard.items()
+            if status == "running" and silent < QUIET_SECONDS
+        }
+        left = [address for address in self._threads if address not in there]
+        for address in left:
+            del self._threads[address]
+        for address in left:
+            _, status, silent = heard.get(address, (0, "has left", 0.0))
+            if silent >= QUIET_SECONDS:
+                self._hung, status = True, f"says nothing for {QUIET_SECONDS:.0f} s"
+            self._note(f"worker {address}: {status}; {len(self._threads)} are there, what it ran is run again")
+        for address in self._unfit.keys() - there.keys():
+            del self._unfit[address]
         while not self._answers.empty():
             address, answers = self._answers.get()
             self._asked.discard(address)
@@ -323,10 +398,10 @@ class FarWorkers:
         """Take note of what a worker has installed, or of the error that it answered with."""
         if answer == fingerprint():
             self._threads[address] = threads
-            self._note(f"worker {address} takes part, with {threads} threads; {len(self._threads)} do")
+            self._note(f"worker {address}: takes part, with {threads} threads; {len(self._threads)} do")
         elif not isinstance(answer, OSError):  # that one died just now
             self._unfit[address] = answer if isinstance(answer, str) else f"{type(answer).__name__}: {answer}"
-            self._note(f"worker {address} takes no part: it has {self._unfit[address]}, here is {fingerprint()}")
+            self._note(f"worker {address}: takes no part, it has {self._unfit[address]}, here is {fingerprint()}")
 
     def _check_fit(self) -> None:
         """Say once that nobody is there; raise `ClusterError` where all who are there can't take part."""
