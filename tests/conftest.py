@@ -109,8 +109,9 @@ def _sweep_kernels():
 
 def pytest_sessionstart(session):
     """Compile what most tests need before the workers start, each kernel once; not for a part of the tests."""
-    workers = getattr(session.config.option, "numprocesses", None)
-    if workers and session.config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+    given = session.config.option
+    whole = session.config.args_source is pytest.Config.ArgsSource.TESTPATHS and "not slow" in given.markexpr
+    if whole and getattr(given, "numprocesses", None):
         _compile(_pair_kernels, _row_kernels, _twin_kernels, _sweep_kernels)
 
 
