@@ -281,12 +281,12 @@ def test_the_client_is_killed(reference, tmp_path, whole):
 
 @pytest.fixture
 def interrupted(tmp_path):
-    """Run a sweep by processes in a process of its own, interrupted by `event`; check how it ends, and run it again."""
+    """Run a sweep in a process of its own, interrupted by `event`; check how it ends, and run it again."""
     write(tmp_path, LONG.replace("dt = 1e-6", "dt = 1e-5"))
-    run = ["run", "sweep.toml", "-o", "out.nc", "--quiet", "--workers", "2", "--scheduler", "processes"]
 
-    def check(code, event=lambda process: None):
-        command = [sys.executable, "-c", f"{textwrap.dedent(code)}\n{HEEDING}", *run]
+    def check(code="", event=lambda process: None, scheduler="processes"):
+        run = ["run", "sweep.toml", "-o", "out.nc", "--quiet", "--workers", "2", "--scheduler"]
+        command = [sys.executable, "-c", f"{textwrap.dedent(code)}\n{HEEDING}", *run, scheduler]
         more = {"cwd": tmp_path, "env": environment(), "text": True, "start_new_session": True}
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **more) as process:
             event(process)
@@ -296,7 +296,7 @@ def interrupted(tmp_path):
         assert re.fullmatch(r"pounding-sweep: interrupted; .*\n", err)
         assert not (tmp_path / "out.nc").exists()
         again = subprocess.run(
-            [sys.executable, "-m", "pounding_sweep", *run, "--json"],
+            [sys.executable, "-m", "pounding_sweep", *run, scheduler if "://" in scheduler else "threads", "--json"],
             check=True, cwd=tmp_path, env=environment(), capture_output=True, text=True,
         )  # fmt: skip
         return json.loads(again.stdout)["scenarios"]
@@ -321,23 +321,43 @@ def test_an_interrupt_while_processes_start(interrupted, name):
     assert found["reused"] == 0
 
 
+def wait_for_chunks(process, folder):
+    """Wait until some chunks of a run are kept."""
+    manifest, limit = folder / "out.nc.parts" / MANIFEST, time.monotonic() + 100
+    while process.poll() is None and not (manifest.exists() and manifest.read_text().count("\n") > 1):
+        assert time.monotonic() < limit
+        time.sleep(0.01)
+
+
 def test_an_interrupt_from_the_keyboard_is_for_the_client(interrupted, tmp_path):
     """A terminal sends it to the workers too; they end with their client, which keeps what is done."""
-    manifest, workers = tmp_path / "out.nc.parts" / MANIFEST, []
+    workers = []
 
     def event(process):
-        limit = time.monotonic() + 100
-        while process.poll() is None and not (manifest.exists() and manifest.read_text().count("\n") > 1):
-            assert time.monotonic() < limit
-            time.sleep(0.01)
+        wait_for_chunks(process, tmp_path)
         workers.extend(started_by(process.pid))
         os.killpg(process.pid, signal.SIGINT)
 
-    found = interrupted("", event)
+    found = interrupted(event=event)
     assert found["reused"] > 0
-    assert found["run"] + found["reused"] == 130 - 1
+    assert found["run"] + found["reused"] == 129
     assert len(workers) == 2
     assert not any(worker.is_running() for worker in workers)
+
+
+def test_an_interrupt_leaves_the_cluster_as_it_is(interrupted, tmp_path):
+    """SIGTERM, as a batch system sends it; the next run goes on with the same workers."""
+
+    def event(process):
+        wait_for_chunks(process, tmp_path)
+        process.terminate()
+
+    with DaskCluster(tmp_path) as cluster:
+        cluster.add("only")
+        found = interrupted(event=event, scheduler=cluster.address)
+    assert found["reused"] > 0
+    assert found["run"] + found["reused"] == 129
+    assert (tmp_path / "out.nc.log").read_text().count(" takes part, with 1 threads") == 2
 
 
 # -- workers that can't take part --------------------------------------------------------------------------------------
