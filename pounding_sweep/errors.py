@@ -2,12 +2,13 @@
 
 Messages name the value, say what is valid and give the remedy. The command
 line prints them without a traceback and exits with code 2, or 1 where a run
-began well: `WriteError`, `ClusterError`.
+began well: `WriteError`, `RunError`, `ClusterError`.
 """
 
 from __future__ import annotations
 
 import difflib
+import reprlib
 from collections.abc import Iterable
 
 
@@ -62,12 +63,47 @@ class WriteError(OutputError):
     """A run can't go on writing: the disk is full or failed, or its folder is gone; what is finished is kept."""
 
 
+class RunError(PoundingSweepError):
+    """A run came to nothing: none of its chunks has a result."""
+
+
 class ClusterError(PoundingSweepError):
     """The dask cluster of a run can't be reached, is gone, or has no workers that can do it."""
 
 
+#: Characters of a value that a message shows.
+SHOWN_CHARACTERS = 200
+#: Names that `unknown` lists.
+SHOWN_NAMES = 50
+
+_BRIEF = reprlib.Repr()
+_BRIEF.maxlevel = 3
+_BRIEF.maxlist = _BRIEF.maxtuple = _BRIEF.maxdict = 20
+_BRIEF.maxstring = _BRIEF.maxlong = _BRIEF.maxother = SHOWN_CHARACTERS
+
+
+def shown(value: object) -> str:
+    """Return `repr` of a value from anywhere in a few words, however long or deep it is.
+
+    Examples
+    --------
+    >>> shown([0.1, "x"])
+    "[0.1, 'x']"
+    >>> deep = []
+    >>> for _ in range(100_000):
+    ...     deep = [deep]
+    >>> shown(deep)
+    '[[[[...]]]]'
+    """
+    try:
+        text = _BRIEF.repr(value)
+    except (ValueError, RecursionError):  # a whole number of thousands of digits, or depth in an object of its own
+        text = f"a value of type {type(value).__name__}"
+    return text if len(text) <= SHOWN_CHARACTERS else f"{text[: SHOWN_CHARACTERS - 3]}..."
+
+
 def unknown(kind: str, given: object, valid: Iterable[str]) -> str:
-    """Say that `given` is no known `kind`, suggest the closest, list all.
+    """Say that `given` is no known `kind`, suggest the closest, list all, or the first ones of very many.
 
     Examples
     --------
@@ -75,7 +111,9 @@ def unknown(kind: str, given: object, valid: Iterable[str]) -> str:
     "unknown contact law 'hertzz'; did you mean 'hertz'? Valid: hertz, linear"
     """
     names = sorted(valid)
-    close = difflib.get_close_matches(str(given), names, n=1, cutoff=0.6)
+    word = given if isinstance(given, str) else shown(given)
+    close = difflib.get_close_matches(word, names, n=1, cutoff=0.6) if len(word) <= SHOWN_CHARACTERS else []
     hint = f"; did you mean {close[0]!r}? " if close else "; "
     listing = "valid: " if not close else "Valid: "
-    return f"unknown {kind} {given!r}{hint}{listing}{', '.join(names)}"
+    more = f", and {len(names) - SHOWN_NAMES} more" if len(names) > SHOWN_NAMES else ""
+    return f"unknown {kind} {shown(given)}{hint}{listing}{', '.join(names[:SHOWN_NAMES])}{more}"

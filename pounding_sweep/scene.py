@@ -13,7 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from pounding_sweep.errors import SceneError
+from pounding_sweep.errors import SceneError, shown
+from pounding_sweep.texts import label_fault
 
 #: Floors of neighbours meet where their elevations agree within this (m).
 FLOOR_TOLERANCE = 1.0e-3
@@ -29,7 +30,7 @@ def _positive_list(
             raise TypeError
         result = tuple(float(v) for v in values)
     except (TypeError, ValueError, OverflowError):
-        msg = f"{owner}: {what} must be a list of numbers ({unit}), not {values!r}"
+        msg = f"{owner}: {what} must be a list of numbers ({unit}), not {shown(values)}"
         raise SceneError(msg) from None
     if not result:
         msg = f"{owner}: {what} is empty; give one value ({unit}) per storey, bottom first"
@@ -39,9 +40,15 @@ def _positive_list(
         raise SceneError(msg)
     for storey, value in enumerate(result, start=1):
         if not (math.isfinite(value) and value > 0):
-            msg = f"{owner}: {what} of storey {storey} is {value!r} {unit}; it must be a positive number"
+            msg = f"{owner}: {what} of storey {storey} is {shown(value)} {unit}; it must be a positive number"
             raise SceneError(msg)
     return result
+
+
+def _check_label(kind: str, name: str) -> None:
+    if fault := label_fault(name):
+        msg = f"the name {shown(name)} of a {kind} {fault}; give it another one"
+        raise SceneError(msg)
 
 
 @dataclass(frozen=True)
@@ -82,8 +89,9 @@ class Building:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
-            msg = f"a building needs a name, a non-empty text, not {self.name!r}"
+            msg = f"a building needs a name, a non-empty text, not {shown(self.name)}"
             raise SceneError(msg)
+        _check_label("building", self.name)
         owner = f"building {self.name!r}"
         masses = _positive_list(owner, "masses", "t", self.masses)
         n = len(masses)
@@ -96,16 +104,16 @@ class Building:
         if len(ratios) not in (1, 2) or not all(
             isinstance(z, numbers.Real) and math.isfinite(z) and 0 <= z < 1 for z in ratios
         ):
-            msg = f"{owner}: damping_ratio {given!r} must be one or two numbers in [0, 1)"
+            msg = f"{owner}: damping_ratio {shown(given)} must be one or two numbers in [0, 1)"
             raise SceneError(msg)
         ratios = tuple(float(z) for z in ratios)
         object.__setattr__(self, "damping_ratio", ratios if len(ratios) == 2 else ratios[0])
         if not all(math.isfinite(c) for c in self.rayleigh):
-            msg = f"{owner}: damping_ratio {given!r} gives no Rayleigh damping"
+            msg = f"{owner}: damping_ratio {shown(given)} gives no Rayleigh damping"
             raise SceneError(msg)
         if min(self.rayleigh) < 0:
             msg = (
-                f"{owner}: damping ratios {given!r} in the first two modes need negative Rayleigh factors "
+                f"{owner}: damping ratios {shown(given)} in the first two modes need negative Rayleigh factors "
                 f"{self.rayleigh!r}, which would feed energy in; bring the two ratios closer together"
             )
             raise SceneError(msg)
@@ -191,8 +199,9 @@ class Wall:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
-            msg = f"a wall needs a name, a non-empty text, not {self.name!r}"
+            msg = f"a wall needs a name, a non-empty text, not {shown(self.name)}"
             raise SceneError(msg)
+        _check_label("wall", self.name)
 
 
 @dataclass(frozen=True)
@@ -216,7 +225,7 @@ class ContactProperties:
     def __post_init__(self) -> None:
         for what, value in (("linear_stiffness", self.linear_stiffness), ("hertz_stiffness", self.hertz_stiffness)):
             if value is not None and not (isinstance(value, numbers.Real) and 0 < value < math.inf):
-                msg = f"contact: {what} is {value!r}; it must be a positive number"
+                msg = f"contact: {what} is {shown(value)}; it must be a positive number"
                 raise SceneError(msg)
         if self.restitution is not None and not (
             isinstance(self.restitution, numbers.Real) and 0 <= self.restitution <= 1
@@ -289,15 +298,15 @@ class Scene:
 
     def __post_init__(self) -> None:
         if isinstance(self.row, (Building, Wall)) or not isinstance(self.row, Iterable):
-            msg = f"a row is a list of Building and Wall objects, not {self.row!r}"
+            msg = f"a row is a list of Building and Wall objects, not {shown(self.row)}"
             raise SceneError(msg)
         row = tuple(self.row)
         if not isinstance(self.contact, ContactProperties):
-            msg = f"contact must be ContactProperties, not {self.contact!r}"
+            msg = f"contact must be ContactProperties, not {shown(self.contact)}"
             raise SceneError(msg)
         for item in row:
             if not isinstance(item, (Building, Wall)):
-                msg = f"a row holds Building and Wall objects, not {item!r}"
+                msg = f"a row holds Building and Wall objects, not {shown(item)}"
                 raise SceneError(msg)
         if not any(isinstance(item, Building) for item in row):
             msg = "a scene needs at least one building"
@@ -322,7 +331,7 @@ class Scene:
                 raise TypeError
             gaps = tuple(float(g) for g in self.gaps)
         except (TypeError, ValueError, OverflowError):
-            msg = f"gaps must be a list of numbers (m), not {self.gaps!r}"
+            msg = f"gaps must be a list of numbers (m), not {shown(self.gaps)}"
             raise SceneError(msg) from None
         if len(gaps) != len(row) - 1:
             msg = f"{len(gaps)} gaps for a row of {len(row)}; give {len(row) - 1}, one between each two neighbours (m)"

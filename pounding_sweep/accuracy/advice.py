@@ -29,6 +29,7 @@ from pounding_sweep.records import Record
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
 from pounding_sweep.sweep.resolution import MAX_PHASE_ERROR, MIN_STEPS_PER_CONTACT, loses_ground, phase_error
 from pounding_sweep.sweep.stability import largest_step
+from pounding_sweep.sweep.step_counts import step_fault
 
 if TYPE_CHECKING:
     from pounding_sweep.sweep.scenarios import Scenarios
@@ -334,6 +335,11 @@ class _Job:
                     self.variants[table.variant[rows]], method, law, table.stiffness[rows], table.restitution[rows]
                 )
                 wanted[rows] = np.maximum(wanted[rows], 1.0 / limit)
+        for r, record in enumerate(spec.records):
+            most = max(float(np.max(part, initial=0.0)) for part in (wanted[table.record == r], still_need / self.mode))
+            if fault := step_fault(record, most * record.dt):
+                msg = f"accuracy {spec.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it"
+                raise SweepError(msg)
         least = np.stack([self._motion_steps(method, record) for record in spec.records])
         open_limit = self._limit(self.variants, method, self.laws[-1], 0.0 * alone, alone)
         still = whole_steps(np.maximum(still_need / self.mode, 1.0 / open_limit) * interval[:, None])

@@ -24,8 +24,10 @@ from threading import RLock
 from types import ModuleType
 from typing import Any
 
+from pounding_sweep.errors import InputError
 from pounding_sweep.kernels.driver import ROW_NAME, kernel_text
 from pounding_sweep.kernels.shape import KernelShape
+from pounding_sweep.paths import expanded
 
 #: Environment variable that names another folder for compiled kernels.
 CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
@@ -39,11 +41,35 @@ KEEP_SECONDS = 90 * 24 * 3600.0
 
 
 def cache_folder() -> Path:
-    """Folder of compiled kernels (``POUNDING_SWEEP_CACHE``, else below the user's cache folder)."""
+    """Folder of compiled kernels (``POUNDING_SWEEP_CACHE``, else below the user's cache folder).
+
+    Where no home folder is known, it is one of this process alone.
+
+    Raises
+    ------
+    InputError
+        ``POUNDING_SWEEP_CACHE`` begins with a home folder that is not known.
+    """
+    return lasting_folder() or _own_folder()
+
+
+def lasting_folder() -> Path | None:
+    """Folder of compiled kernels that outlasts the process; None where no home folder is known.
+
+    Raises
+    ------
+    InputError
+        As `cache_folder`.
+    """
     named = os.environ.get(CACHE_VARIABLE)
     if named:
-        return Path(named)
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+        return expanded(named)
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    if not os.path.isabs(base):  # the standard of that variable has others ignored
+        try:
+            base = str(expanded("~") / ".cache")
+        except InputError:
+            return None
     return Path(base) / "pounding_sweep" / "kernels"
 
 

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pounding_sweep.errors import MissingRecordError, RecordError, unknown
+from pounding_sweep.errors import MissingRecordError, RecordError, shown, unknown
+from pounding_sweep.paths import expanded
 from pounding_sweep.records.fema_p695 import RECORD_SETS, read_component, set_components
 from pounding_sweep.records.reading import RECORD_SUFFIXES, read_record
 from pounding_sweep.records.record import Record
@@ -117,7 +118,7 @@ def _folders(folders: Folders) -> list[Path]:
         folders = [part for part in os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep) if part.strip()]
     elif isinstance(folders, str | os.PathLike):
         folders = [folders]
-    return [Path(folder).expanduser() for folder in folders]
+    return [expanded(folder, RecordError) for folder in folders]
 
 
 def _files(folder: Path) -> list[Path]:
@@ -203,7 +204,7 @@ def find_record(name: str, folders: Folders = None) -> Record:
     Record('el_centro', 1560 points, dt=0.02 s, PGA 3.128 m/s2)
     """
     if not isinstance(name, str) or not name.strip():
-        msg = f"a record's name must be a non-empty text, not {name!r}"
+        msg = f"a record's name must be a non-empty text, not {shown(name)}"
         raise RecordError(msg)
     name = name.strip()
     group, _, component = name.partition("/")
@@ -220,7 +221,7 @@ def find_record(name: str, folders: Folders = None) -> Record:
             matches = _match(each, files[folder])
             if len(matches) > 1:
                 listing = ", ".join(file.name for file in matches)
-                msg = f"record {name!r} may be any of {listing} in {folder}; give the whole file name"
+                msg = f"record {shown(name)} may be any of {listing} in {folder}; give the whole file name"
                 raise RecordError(msg)
             if matches:
                 return read_record(matches[0], name=entry.key if entry else None)
@@ -230,7 +231,7 @@ def find_record(name: str, folders: Folders = None) -> Record:
     if entry is not None:
         number = f"under RSN {entry.rsn}" if entry.rsn else "by event and station"
         msg = (
-            f"record {name!r} ({entry.description}) is missing: no file {' or '.join(entry.files)}; "
+            f"record {shown(name)} ({entry.description}) is missing: no file {' or '.join(entry.files)}; "
             f"{_searched(searched)}. Its terms forbid shipping it: get it from {entry.place}, {number}, "
             f"and put it into a folder named by {RECORDS_VARIABLE}"
         )

@@ -4,19 +4,48 @@ from __future__ import annotations
 
 import re
 import stat
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
+import numpy.typing as npt
+
 from pounding_sweep.errors import MissingRecordError, RecordError
+from pounding_sweep.texts import printable
 
 MAX_FILE_BYTES = 64 * 2**20
 """Larger files are refused: the longest strong-motion records have a few MiB."""
+MOST_POINTS = 10_000_000
+"""Longer records are refused: they are a day of motion at 100 points per second."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a record file says, before units and scaling: accelerations, step (s), header, title and usual units."""
+
+    values: npt.NDArray[np.float64]
+    dt: float
+    header: str
+    title: str
+    default_units: str | None
 
 
 def fail(path: Path, text: str) -> NoReturn:
     """Raise `RecordError` of a file."""
-    msg = f"{path}: {text}"
+    msg = f"{printable(str(path))}: {text}"
     raise RecordError(msg)
+
+
+def in_bounds(path: Path, points: int) -> None:
+    """Raise `RecordError` of a file that has too many points."""
+    if points > MOST_POINTS:
+        fail(path, f"has more than {MOST_POINTS:,} points; is it a record? If so, cut it")
+
+
+def in_quotes(word: str) -> str:
+    """Return a word of a file for a message, cut where it is long."""
+    return repr(word if len(word) <= 24 else word[:24] + "...")
 
 
 def load_text(file: Path, record: str) -> str:

@@ -8,48 +8,30 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from pounding_sweep.errors import RecordError
-from pounding_sweep.records.loading import fail, load_text
+from pounding_sweep.errors import RecordError, shown
+from pounding_sweep.paths import expanded
+from pounding_sweep.records.columns import STATED_DT, parse_columns
+from pounding_sweep.records.loading import Content, fail, in_bounds, in_quotes, load_text
+from pounding_sweep.records.numbers import NUMBER, Array, blocks, plain_words, to_float, words
 from pounding_sweep.records.record import UNITS, Record, match_unit, number, require_unit
+from pounding_sweep.records.steps import agreed_dt
 
 RECORD_SUFFIXES = (".at2", ".csv", ".txt", ".dat")
 """File name endings taken for record files when a folder is searched."""
 
-# Possessive quantifiers (Python 3.11) keep every match linear in the text's length.
-_UNSIGNED = r"(?:\d++(?:\.\d*+)?|\.\d++)(?:[EeDd][+-]?\d++)?"
-_NUMBER = re.compile(rf"[+-]?{_UNSIGNED}", re.ASCII)
-# Fortran fields that fill their width touch; only a sign can tell where the next begins.
-_RUN = re.compile(rf"[+-]?{_UNSIGNED}(?:[+-]{_UNSIGNED})*+", re.ASCII)
-_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)(?:\(\w*\))?", re.ASCII | re.IGNORECASE)
-_LONGEST_WORD = 4096
-
 _NPTS = re.compile(r"\bNPTS\b", re.IGNORECASE)
 _NPTS_NEW = re.compile(r"\bNPTS\s*[=:]\s*(\d{1,12})(?!\d)", re.ASCII | re.IGNORECASE)
-_NPTS_OLD = re.compile(rf"^\s*(\d{{1,12}})[\s,]+({_NUMBER.pattern})[\s,]+NPTS\s*,\s*DT", re.ASCII | re.IGNORECASE)
-_DT = re.compile(rf"\bDT\s*[=:]\s*({_NUMBER.pattern})", re.ASCII | re.IGNORECASE)
+_NPTS_OLD = re.compile(rf"^\s*(\d{{1,12}})[\s,]+({NUMBER.pattern})[\s,]+NPTS\s*,\s*DT", re.ASCII | re.IGNORECASE)
 _NOT_ACCELERATION = re.compile(r"\b(VELOCITY|DISPLACEMENT)\s+TIME[ -](?:SERIES|HISTORY)", re.IGNORECASE)
 _PEER = re.compile(r"\bPEER\b|STRONG[ -]MOTION DATA", re.IGNORECASE)
 _HEADER_LINES = 32
 
 _UNITS_STATED = re.compile(r"\bunits?\b(?:\s+(?:of|in|is|are))?\s*[:=]?\s*[(\[]?([^,;()\[\]\n]{1,24})", re.IGNORECASE)
 _BRACKETED = re.compile(r"[(\[]([^()\[\]\n]{1,24})[)\]]")
-_TIME_NOT_SECONDS = re.compile(r"\b(?:time|t)\b[^,;\n]{0,8}[(\[]\s*(ms|msec|milliseconds|min|minutes|h)\s*[)\]]", re.I)
-
-
-@dataclass(frozen=True)
-class _Content:
-    """What a file says, before units and scaling."""
-
-    values: list[float]
-    dt: float
-    header: str
-    title: str
-    default_units: str | None
 
 
 def read_record(
@@ -65,16 +47,17 @@ def read_record(
 
     PEER AT2 (old and NGA headers), two columns of time and acceleration (CSV
     or separated by blanks, at a constant step), or one column of acceleration
-    with `dt`. The content decides, not the file name.
+    with `dt`. The content decides, not the file name. Headings tell time from acceleration, whichever is first.
 
     Parameters
     ----------
     path
-        The file, of at most 64 MiB.
+        The file, of at most 64 MiB and 10,000,000 points.
     name
         Label of the record; by default the file name without its ending.
     dt
-        Time step in s. Needed for one column without ``DT=`` in its header; where the file has a step, it must agree.
+        Time step in s. Needed for one column, or a column of numbers 0, 1, 2 ... and one of acceleration,
+        without ``DT=`` in the header; where the file has a step, it must agree.
     units
         Units of the file: "g" (9.81 m/s2), "m/s2" or "cm/s2" ("gal"). Needed where the header
         doesn't state them; AT2 files are in g. Where the header does, both must agree.
@@ -94,7 +77,8 @@ def read_record(
         If there is no such file.
     RecordError
         If the file can't be read, holds no record, holds fewer or more points than its header says,
-        values that are not finite, an uneven time step, or if time step or units are not known.
+        values that are not finite, an uneven time step, times that are not in seconds, or if time step
+        or units are not known.
 
     Examples
     --------
@@ -106,9 +90,9 @@ def read_record(
     Record('demo', 3 points, dt=0.01 s, PGA 0.981 m/s2)
     """
     try:
-        file = Path(path).expanduser()
-    except (TypeError, RuntimeError):
-        msg = f"a record's path must be a text or a path, not {path!r}"
+        file = expanded(path, RecordError)
+    except TypeError:
+        msg = f"a record's path must be a text or a path, not {shown(path)}"
         raise RecordError(msg) from None
     if pga is not None and scale != 1.0:
         msg = f"{file}: scale={scale!r} and pga={pga!r} exclude each other; give one of them"
@@ -119,8 +103,8 @@ def read_record(
     content = parse_text(file, load_text(file, label), given_dt)
     factor = UNITS[_choose_units(file, content, given_units)]
     with np.errstate(over="ignore"):
-        motion = np.array(content.values, dtype=np.float64) * factor
-    source = f"{content.title} ({file.name})" if content.title else file.name
+        motion = content.values * factor
+    source = f"{content.title[:200]} ({file.name})" if content.title else file.name
     try:
         record = Record(label, content.dt, motion, source)
         return record.scaled_to(pga) if pga is not None else record.scaled(scale)
@@ -128,40 +112,18 @@ def read_record(
         fail(file, str(error))
 
 
-def parse_text(file: Path, text: str, dt: float | None) -> _Content:
+def parse_text(file: Path, text: str, dt: float | None) -> Content:
     """Tell the format of `text` and take header, step (s) and values from it."""
-    lines = text.split("\n")
+    lines = text.split("\n", _HEADER_LINES + 1)
     for index, line in enumerate(lines[:_HEADER_LINES]):
         if _NPTS.search(line):
-            return _parse_at2(file, lines, index, dt)
-    return _parse_columns(file, lines, dt)
+            return _parse_at2(file, text, lines, index, dt)
+    return parse_columns(file, text, dt)
 
 
-def _float(text: str) -> float:
-    """Convert one matched number, with Fortran's D exponents too."""
-    return float(text.replace("D", "E").replace("d", "e"))
-
-
-def _words(line: str) -> list[float] | str:
-    """Split a line into numbers, touching ones too; return the first word that isn't one."""
-    values: list[float] = []
-    for word in line.replace(",", " ").split():
-        if len(word) <= _LONGEST_WORD and _RUN.fullmatch(word):
-            values += [_float(part) for part in _NUMBER.findall(word)]
-        elif _NOT_FINITE.fullmatch(word):
-            values.append(float("nan" if "nan" in word.lower() else "inf"))
-        else:
-            return word
-    return values
-
-
-def _shown(word: str) -> str:
-    return repr(word if len(word) <= 24 else word[:24] + "...")
-
-
-def _parse_at2(file: Path, lines: list[str], npts_line: int, dt: float | None) -> _Content:
+def _parse_at2(file: Path, text: str, lines: list[str], npts_line: int, dt: float | None) -> Content:
     start = npts_line + 1
-    if start < len(lines) and _DT.search(lines[start]):
+    if start < len(lines) and STATED_DT.search(lines[start]):
         start += 1
     header = "\n".join(lines[:start])
     wrong = _NOT_ACCELERATION.search(header)
@@ -170,17 +132,13 @@ def _parse_at2(file: Path, lines: list[str], npts_line: int, dt: float | None) -
     old = _NPTS_OLD.search(lines[npts_line])
     points = old or _NPTS_NEW.search(header)
     if points is None:
-        shown = _shown(lines[npts_line].strip())
-        fail(file, f"line {npts_line + 1}: no readable number of points in {shown}; write e.g. NPTS= 2000, DT= .02 SEC")
-    step = old[2] if old else (match[1] if (match := _DT.search(header)) else None)
-    dt = _agreed_dt(file, None if step is None else _float(step), dt)
-    values: list[float] = []
-    for row, line in enumerate(lines[start:], start + 1):
-        found = _words(line)
-        if isinstance(found, str):
-            fail(file, f"line {row}: {_shown(found)} is not a number, nor numbers that touch but can be told apart")
-        values += found
+        given = in_quotes(lines[npts_line].strip())
+        fail(file, f"line {npts_line + 1}: no readable number of points in {given}; write e.g. NPTS= 2000, DT= .02 SEC")
+    step = old[2] if old else (match[1] if (match := STATED_DT.search(header)) else None)
+    dt = agreed_dt(file, None if step is None else to_float(step), dt)
     expected = int(points[1])
+    in_bounds(file, expected)
+    values = _at2_values(file, text, len(header) + 1, start + 1)
     if len(values) != expected or expected == 0:
         cause = "it was cut short" if len(values) < expected else "the header or the file is damaged"
         found_points = f"its header says {expected} points, it holds {len(values)}"
@@ -188,140 +146,28 @@ def _parse_at2(file: Path, lines: list[str], npts_line: int, dt: float | None) -
     titles = [line.strip() for line in lines[:npts_line] if line.strip()]
     title = titles[1] if len(titles) > 1 else "".join(titles)
     peer = bool(_PEER.search(header)) or file.suffix.lower() == ".at2"
-    return _Content(values, dt, header, title[:200], "g" if peer else None)
+    return Content(values, dt, header, title, "g" if peer else None)
 
 
-def _agreed_dt(file: Path, stated: float | None, given: float | None) -> float:
-    """Choose between the header's time step and the caller's, in s."""
-    if stated is None:
-        if given is None:
-            fail(file, "has no time step; give dt= in seconds")
-        return given
-    stated = number(stated, f"{file}: DT of its header (s)", positive=True)
-    if given is not None and abs(given - stated) > 1e-6 * stated:
-        fail(file, f"its time step is {stated:g} s, dt={given:g} was given; leave dt out")
-    return stated
-
-
-def _cells(line: str) -> list[str]:
-    """Split a row at semicolons (then a comma is the decimal sign), commas or blanks."""
-    if ";" in line:
-        cells = [cell.replace(",", ".") for cell in line.split(";")]
-    elif "," in line:
-        cells = line.split(",")
-    else:
-        return line.split()
-    cells = [cell.strip().strip("\"'").strip() for cell in cells]
-    while cells and not cells[-1]:
-        cells.pop()
-    return cells
-
-
-def _row(line: str) -> tuple[list[str], list[float] | str]:
-    """Split a row into cells and their numbers, or the first cell that isn't a number."""
-    cells = _cells(line)
-    if len(cells) == 1:  # fixed-width columns may touch
-        run = _RUN.fullmatch(cells[0]) if len(cells[0]) <= _LONGEST_WORD else None
-        cells = _NUMBER.findall(cells[0]) if run else cells
-    values: list[float] = []
-    for cell in cells:
-        one = _words(cell) if "," not in cell else cell
-        if isinstance(one, str) or len(one) != 1:
-            return cells, cell
-        values += one
-    return cells, values
-
-
-def _parse_columns(file: Path, lines: list[str], dt: float | None) -> _Content:
-    header: list[str] = []
-    rows: list[list[float]] = []
-    times: list[str] = []
-    numbers: list[int] = []
-    for index, line in enumerate(lines, 1):
-        plain = line.strip()
-        if not plain:
-            continue
-        cells, found = _row(plain)
-        if isinstance(found, str) or not found:
-            if not rows:
-                header.append(plain)
-            elif not plain.startswith(("#", "%", "!", "//")):
-                fail(
-                    file,
-                    f"line {index}: {_shown(found if isinstance(found, str) and found else plain)} is not a number",
-                )
-            continue
-        if rows and len(found) != len(rows[0]):
-            fail(file, f"line {index} has {len(found)} columns where line {numbers[0]} has {len(rows[0])}")
-        rows.append(found)
-        times.append(cells[0])
-        numbers.append(index)
-    if not rows:
-        fail(file, "holds no numbers; give a PEER AT2 file, two columns (time, acceleration) or one of acceleration")
-    columns = len(rows[0])
-    if columns > 2:
-        fail(
-            file,
-            f"line {numbers[0]} has {columns} columns; give time and acceleration, or acceleration alone "
-            "(a PEER file needs its header with NPTS and DT)",
-        )
-    text = "\n".join(header)
-    if columns == 2:
-        if _TIME_NOT_SECONDS.search(text):
-            fail(file, f"its times are not in seconds ({_shown(text)}); convert them")
-        step = _even_step(file, np.array([row[0] for row in rows]), times, numbers, dt)
-        before = _words(_cells(header[-1])[0]) if header and _cells(header[-1]) else []
-        if isinstance(before, list) and len(before) == 1 and abs(rows[0][0] - step - before[0]) < step / 2:
-            fail(file, f"{_shown(header[-1])} before line {numbers[0]} is a row of data with a value that is no number")
-    else:
-        match = _DT.search(text)
-        step = _agreed_dt(file, None if match is None else _float(match[1]), dt)
-    title = header[0].lstrip("#%!/ ") if len(header) > 1 else ""
-    return _Content([row[-1] for row in rows], step, text, title[:200], None)
-
-
-def _resolution(word: str) -> float:
-    """Size of one unit in the last printed place of a number, e.g. 0.01 for "1.25"."""
-    mantissa, _, exponent = word.lower().replace("d", "e").partition("e")
-    return 10.0 ** (max(-400, min(300, int(exponent[:6] or 0))) - len(mantissa.partition(".")[2]))
-
-
-@np.errstate(all="ignore")
-def _even_step(file: Path, time: np.ndarray, words: list[str], rows: list[int], dt: float | None) -> float:
-    """Find the constant step (s) that explains the printed times, each right to half a unit in its last place."""
-    remedy = "a record needs a constant time step; resample it"
-    bad = ~np.isfinite(time)
-    if bad.any():
-        fail(file, f"line {rows[int(bad.argmax())]}: its time is not a finite number")
-    if time.size == 1:
-        if dt is None:
-            fail(file, "has one point only, so no time step; give dt= in seconds")
-        return dt
-    steps = np.diff(time)
-    if (steps <= 0).any():
-        fail(file, f"line {rows[int((steps <= 0).argmax()) + 1]}: its time does not increase; {remedy}")
-    # Writers drop trailing zeros, and "%g" coarsens as time grows: the finest place still to come is the one in use.
-    places = np.minimum.accumulate(np.array([_resolution(word) for word in words])[::-1])[::-1]
-    slack = (0.51 if time[0] == 0 else 1.02) * places[1:] + 2e-7 * np.abs(time[1:])  # the latter for float32 times
-    slack = np.minimum(slack, 0.15 * np.median(steps))
-    index = np.arange(1, time.size)
-    low = np.maximum.accumulate((time[1:] - time[0] - slack) / index)
-    high = np.minimum.accumulate((time[1:] - time[0] + slack) / index)
-    if not 1e-9 < low[-1] + high[-1] < 1e9:
-        fail(file, f"its time step of about {(low[-1] + high[-1]) / 2:g} s makes no sense; times must be in seconds")
-    if low[-1] > high[-1]:
-        row = int((low > high).argmax()) + 1
-        fail(file, f"line {rows[row]}: time {words[row]} s does not continue the steps before it; {remedy}")
-    if dt is not None:
-        if not low[-1] * (1 - 1e-6) <= dt <= high[-1] * (1 + 1e-6):
-            fail(file, f"its time step is {(low[-1] + high[-1]) / 2:g} s, dt={dt:g} was given; leave dt out")
-        return dt
-    middle = float(low[-1] + high[-1]) / 2
-    rounded = [float(f"{middle:.{digits}e}") for digits in range(6)]
-    for candidate in (*rounded[:3], 1 / max(1, round(1 / middle)), *rounded[3:]):
-        if low[-1] <= candidate <= high[-1]:
-            return candidate
-    return middle
+def _at2_values(file: Path, text: str, start: int, line: int) -> Array:
+    """Read all numbers from place `start` on, which is in that line."""
+    parts: list[Array] = [np.empty(0)]
+    count = 0
+    for first, block in blocks(file, text, start, line):
+        part = plain_words(block)
+        if part is None:
+            values: list[float] = []
+            for row, given in enumerate(block.split("\n"), first):
+                found = words(given)
+                if isinstance(found, str):
+                    what = in_quotes(found)
+                    fail(file, f"line {row}: {what} is not a number, nor numbers that touch but can be told apart")
+                values += found
+            part = np.array(values)
+        parts.append(part)
+        count += len(part)
+        in_bounds(file, count)
+    return np.concatenate(parts)
 
 
 def _header_units(header: str) -> tuple[str | None, str]:
@@ -344,7 +190,7 @@ def _header_units(header: str) -> tuple[str | None, str]:
     return None, last.strip()
 
 
-def _choose_units(file: Path, content: _Content, given: str | None) -> str:
+def _choose_units(file: Path, content: Content, given: str | None) -> str:
     found, text = _header_units(content.header)
     if found and given and found != given:
         fail(file, f"its header says {found!r}, units={given!r} was given; leave units out, or mend the header")
@@ -353,5 +199,5 @@ def _choose_units(file: Path, content: _Content, given: str | None) -> str:
     stated = bool(_UNITS_STATED.search(content.header))
     if content.default_units and not stated:
         return content.default_units
-    said = f"; its header says {_shown(text)}" if text else ""
+    said = f"; its header says {in_quotes(text)}" if text else ""
     fail(file, f"its units are not known{said}; give units= one of {', '.join(map(repr, UNITS))}")

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pounding_sweep.errors import RecordError, unknown
+from pounding_sweep.errors import RecordError, shown, unknown
+from pounding_sweep.texts import label_fault, printable
 
 STANDARD_GRAVITY = 9.81
 """Acceleration of one g in m/s2, as in the pounding literature (not 9.80665)."""
@@ -53,10 +54,10 @@ def number(value: Any, what: str, *, positive: bool = False) -> float:
             raise TypeError
         result = float(value)
     except (TypeError, ValueError, OverflowError):
-        msg = f"{what} must be a number, not {value!r}"
+        msg = f"{what} must be a number, not {shown(value)}"
         raise RecordError(msg) from None
     if not math.isfinite(result) or (positive and result <= 0):
-        msg = f"{what} must be {'positive and ' if positive else ''}finite, not {value!r}"
+        msg = f"{what} must be {'positive and ' if positive else ''}finite, not {shown(value)}"
         raise RecordError(msg)
     return result
 
@@ -115,7 +116,7 @@ class Record:
     Raises
     ------
     RecordError
-        If the name is empty, `dt` is not positive and finite, or the
+        If the name is empty or no label (`pounding_sweep.texts.label_fault`), `dt` is not positive and finite, or the
         acceleration is empty, not one-dimensional or not finite.
 
     Examples
@@ -135,11 +136,14 @@ class Record:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
-            msg = f"a record's name must be a non-empty text, not {self.name!r}"
+            msg = f"a record's name must be a non-empty text, not {shown(self.name)}"
+            raise RecordError(msg)
+        if fault := label_fault(self.name):
+            msg = f'the record\'s name {shown(self.name)} {fault}; give it another one: name = "..."'
             raise RecordError(msg)
         object.__setattr__(self, "dt", number(self.dt, f"record {self.name!r}: dt (s)", positive=True))
         object.__setattr__(self, "scale", number(self.scale, f"record {self.name!r}: scale"))
-        object.__setattr__(self, "source", str(self.source))
+        object.__setattr__(self, "source", printable(str(self.source)))
         object.__setattr__(self, "acceleration", _samples(self.name, self.acceleration))
 
     def __repr__(self) -> str:

@@ -6,7 +6,8 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from pounding_sweep.errors import MissingRecordError, RecordError
+from pounding_sweep.errors import MissingRecordError, RecordError, shown
+from pounding_sweep.paths import expanded
 from pounding_sweep.records.catalogue import Folders, find_record, plain_name
 from pounding_sweep.records.fema_p695 import RECORD_SETS, read_record_set
 from pounding_sweep.records.reading import RECORD_SUFFIXES, read_record
@@ -91,11 +92,11 @@ def resolve_record(item: object, folders: Folders = None, base: str | os.PathLik
     if isinstance(item, Record):
         return item
     if not isinstance(item, str | os.PathLike):
-        msg = f"a record must be a Record, a path or a name, not {item!r}"
+        msg = f"a record must be a Record, a path or a name, not {shown(item)}"
         raise RecordError(msg)
     text = os.fspath(item)
     if not isinstance(text, str):
-        msg = f"a record's path must be text, not {item!r}"
+        msg = f"a record's path must be text, not {shown(item)}"
         raise RecordError(msg)
     separated = any(separator in text for separator in {"/", os.sep, os.altsep or os.sep})
     in_set = plain_name(text.partition("/")[0]) in RECORD_SETS
@@ -103,10 +104,12 @@ def resolve_record(item: object, folders: Folders = None, base: str | os.PathLik
     if isinstance(item, str) and is_name:
         return find_record(text, folders)
     try:
-        path = (Path() if base is None else Path(base)) / Path(text).expanduser()
+        path = (Path() if base is None else Path(base)) / expanded(text, RecordError)
         absent = not path.exists()
-    except (OSError, ValueError, RuntimeError) as error:
-        msg = f"{text!r} is no usable path: {error}"
+    except RecordError:
+        raise
+    except (OSError, ValueError) as error:
+        msg = f"{shown(text)} is no usable path: {error}"
         raise RecordError(msg) from None
     if absent and not separated:
         try:

@@ -9,17 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pounding_sweep.errors import RecordError, unknown
+from pounding_sweep.errors import RecordError, shown, unknown
+from pounding_sweep.records.loading import MOST_POINTS
 from pounding_sweep.records.record import Record, number
 
-_MOST_POINTS = 10_000_000
+_SEEDS = 2**64
 
 Array = npt.NDArray[np.float64]
 
 
 def _points(duration: float, dt: float) -> int:
-    if duration / dt > _MOST_POINTS:
-        msg = f"duration {duration:g} s at dt {dt:g} s is more than {_MOST_POINTS} points; take a larger dt"
+    if duration / dt > MOST_POINTS:
+        msg = f"duration {duration:g} s at dt {dt:g} s is more than {MOST_POINTS} points; take a larger dt"
         raise RecordError(msg)
     return math.ceil(duration / dt * (1 - 1e-12)) + 1
 
@@ -48,7 +49,7 @@ def synthetic_record(
     Parameters
     ----------
     seed
-        Seed, an integer >= 0; the same seed and parameters give the same record.
+        Seed, an integer from 0 to 2**64 - 1; the same seed and parameters give the same record.
     duration
         Length in s, at least `dt`.
     dt
@@ -91,8 +92,8 @@ def synthetic_record(
     >>> synthetic_record(1, pga=2.0)
     Record('synthetic-1', 2001 points, dt=0.01 s, PGA 2 m/s2)
     """
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        msg = f"seed must be an integer >= 0, not {seed!r}"
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or not 0 <= seed < _SEEDS:
+        msg = f"seed must be an integer from 0 to 2**64 - 1, not {shown(seed)}"
         raise RecordError(msg)
     dt = number(dt, "dt (s)", positive=True)
     duration = number(duration, "duration (s)", positive=True)

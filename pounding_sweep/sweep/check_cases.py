@@ -8,7 +8,7 @@ from dataclasses import fields
 from typing import Any
 
 from pounding_sweep.contact.laws import LAWS, get_law
-from pounding_sweep.errors import unknown
+from pounding_sweep.errors import shown, unknown
 from pounding_sweep.records import Record
 from pounding_sweep.scene import Scene
 from pounding_sweep.sweep.axes import FACTOR_KINDS, Case, Factors
@@ -36,7 +36,7 @@ def _case_gap(faults: Faults, place: Place, given: Any, scene: Scene | None) -> 
         return one_number(faults, place, given, gap_check, "gap in m")
     values = None if isinstance(given, str) else listed(given, ())
     if values is None:
-        faults.add(place, f"must be a number or one per pair (m), not {given!r}")
+        faults.add(place, f"must be a number or one per pair (m), not {shown(given)}")
         return None
     if scene is not None and len(values) != len(scene.gaps):
         faults.add(place, f"{len(values)} gaps for {len(scene.gaps)} pairs ({', '.join(scene.pair_names)})")
@@ -57,7 +57,7 @@ def _case(
                 faults.add((*place, str(key)), unknown("key", key, names))
         given = Case(**{"law": None, **{key: value for key, value in given.items() if key in names}})
     if not isinstance(given, Case):
-        faults.add(place, f"must be a Case or a table of {', '.join(names)}, not {given!r}")
+        faults.add(place, f"must be a Case or a table of {', '.join(names)}, not {shown(given)}")
         return None
     if given.law is None:
         faults.add((*place, "law"), f"is missing; valid: {', '.join(LAWS)}")
@@ -141,7 +141,7 @@ def check_cases(
     """
     items = None if isinstance(given, (str, Case)) else listed(given, ())
     if items is None:
-        faults.add(("cases",), f"must be a list of cases, not {given!r}")
+        faults.add(("cases",), f"must be a list of cases, not {shown(given)}")
         return ()
     if not items:
         faults.add(("cases",), "is empty: a sweep of zero scenarios; list at least one case or give axes")

@@ -8,7 +8,7 @@ from typing import Any
 
 from pounding_sweep.contact.laws import LAWS, MATE2015_MODELS, Law, get_law
 from pounding_sweep.contact.restitution import realised_validity
-from pounding_sweep.errors import LawError, unknown
+from pounding_sweep.errors import LawError, shown, unknown
 from pounding_sweep.scene import Scene
 from pounding_sweep.sweep.faults import FAILED, Faults, Place, listed, one_number
 from pounding_sweep.sweep.spec import missing_reference
@@ -57,7 +57,7 @@ def check_laws(faults: Faults, given: Any) -> list[Law]:
         return []
     items = listed(given, (str, Law)) if given is not None else []
     if items is None:
-        faults.add(("laws",), f"must be a name or a list of names, not {given!r}")
+        faults.add(("laws",), f"must be a name or a list of names, not {shown(given)}")
         return []
     if not items:
         what = "is missing" if given is None else "is empty: a sweep of zero scenarios"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pounding_sweep.errors import InputError, unknown
+from pounding_sweep.errors import InputError, shown, unknown
 from pounding_sweep.scene import Scene
 from pounding_sweep.sweep.faults import FAILED, Faults, Place, axis_values
 
@@ -33,7 +33,7 @@ def named_buildings(faults: Faults, place: Place, given: Any, scene: Scene | Non
     if given is None or given is FAILED:
         return []
     if not isinstance(given, Mapping):
-        faults.add(place, f'must be a table by name of the building, such as {{"left": 1.2}}, not {given!r}')
+        faults.add(place, f'must be a table by name of the building, such as {{"left": 1.2}}, not {shown(given)}')
         return []
     if scene is None:
         return []

@@ -9,7 +9,15 @@ from typing import Any
 
 from pounding_sweep.contact.laws import get_law
 from pounding_sweep.contact.restitution import RESTITUTION_BASES
-from pounding_sweep.errors import MissingRecordError, PoundingSweepError, RecordError, SceneError, SweepError, unknown
+from pounding_sweep.errors import (
+    MissingRecordError,
+    PoundingSweepError,
+    RecordError,
+    SceneError,
+    SweepError,
+    shown,
+    unknown,
+)
 from pounding_sweep.presets import get_preset
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.scene import Scene
@@ -32,6 +40,7 @@ from pounding_sweep.sweep.faults import (
     gap_check,
     has_failed,
     is_flag,
+    is_number,
     listed,
     one_number,
     positive,
@@ -45,6 +54,8 @@ from pounding_sweep.sweep.spec import (
     SweepSpec,
     outside_accuracy,
 )
+from pounding_sweep.sweep.step_counts import step_fault
+from pounding_sweep.texts import LONGEST_TITLE, label_fault
 
 #: Time step (s) where neither a step nor an accuracy is given.
 DEFAULT_STEP = 1e-3
@@ -58,7 +69,7 @@ def _accuracy(value: float) -> None:
 
 def _audit(value: float) -> None:
     if not 0.0 <= value <= 1.0:
-        msg = f"audit is {value!r}; it must be a share of the sweep's cost in [0, 1], 0 for none"
+        msg = f"audit is {shown(value)}; it must be a share of the sweep's cost in [0, 1], 0 for none"
         raise SweepError(msg)
 
 
@@ -68,7 +79,7 @@ def _scene(faults: Faults, given: Any) -> Scene | None:
     try:
         return get_preset(given)
     except SceneError as error:
-        text = str(error) if isinstance(given, str) else f"must be a Scene or the name of a preset, not {given!r}"
+        text = str(error) if isinstance(given, str) else f"must be a Scene or the name of a preset, not {shown(given)}"
         faults.add(("scene",), text)
         return None
 
@@ -124,7 +135,7 @@ def _outputs(faults: Faults, given: Any) -> tuple[str, ...]:
         return tuple(check_outputs(list(VARIABLES)))
     items = listed(given, (str,))
     if not items:
-        what = f"must be a name or a list of names, not {given!r}" if items is None else "is empty"
+        what = f"must be a name or a list of names, not {shown(given)}" if items is None else "is empty"
         faults.add(("outputs",), f"{what}; give variables, 'default' or 'all'")
         return ()
     found: list[str] = []
@@ -136,7 +147,7 @@ def _outputs(faults: Faults, given: Any) -> tuple[str, ...]:
             faults.add(place, str(error))
             continue
         if item in found:
-            faults.add(place, f"{item!r} is there already")
+            faults.add(place, f"{shown(item)} is there already")
         found.append(item)
     return tuple(check_outputs(found)) if found else ()
 
@@ -163,7 +174,7 @@ def _settings(faults: Faults, given: dict[str, Any]) -> dict[str, Any]:
         found["audit"] = one_number(faults, ("audit",), found["audit"], _audit, "share of the cost")
     for name in ("locate", "force_unstable"):
         if found[name] is not FAILED and not is_flag(found[name]):
-            faults.add((name,), f"must be true or false, not {found[name]!r}")
+            faults.add((name,), f"must be true or false, not {shown(found[name])}")
         found[name] = bool(found[name])
     if automatic and not found["locate"]:
         text = "accuracy was measured with located contacts only; leave out locate, or leave out accuracy"
@@ -174,14 +185,16 @@ def _settings(faults: Faults, given: dict[str, Any]) -> dict[str, Any]:
             continue
         value = one_number(faults, (name,), found[name], finite(name), f"Newmark's {name}")
         if value is not None and not low <= value <= high:
-            faults.add((name,), f"{name} is {value!r}; it must be in [{low:g}, {high:g}]")
+            faults.add((name,), f"{name} is {shown(value)}; it must be in [{low:g}, {high:g}]")
         elif value not in (None, default) and found["method"] in ("rk4", "exact"):
             faults.add((name,), f"{name} is a parameter of newmark, and the method is {found['method']}; leave it out")
         elif value not in (None, default) and automatic:
             faults.add((name,), f"accuracy was measured with {name} = {default:g}; leave it out, or leave out accuracy")
         found[name] = value
     if found["title"] is not FAILED and not isinstance(found["title"], str):
-        faults.add(("title",), f"must be a text, not {found['title']!r}")
+        faults.add(("title",), f"must be a text, not {shown(found['title'])}")
+    elif found["title"] is not FAILED and (fault := label_fault(found["title"], LONGEST_TITLE)):
+        faults.add(("title",), f"{shown(found['title'])} {fault}; give one line")
     return found
 
 
@@ -267,6 +280,11 @@ def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
             axes["restitutions"] = default_restitutions(faults, scene, found, basis)
         axes["scales"] = axes["scales"] or (1.0,)
     settings = _settings(faults, {name: given[name] for name in _SETTINGS})
+    if is_number(settings["dt"]):
+        for record in records:
+            if fault := step_fault(record, record.dt / settings["dt"]):
+                faults.add(("dt",), f"{settings['dt']:g} s is too small: {fault}; take a larger dt, or cut the record")
+                break
     if settings["method"] == "exact" and not settings["locate"] and given["locate"] is not FAILED:
         faults.add(("locate",), "method 'exact' flies exactly between located touches; give locate = true")
     jumping = [key for key in laws if get_law(key).impulsive]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.errors import InputError, PoundingSweepError, unknown
+from pounding_sweep.errors import SHOWN_CHARACTERS, InputError, PoundingSweepError, shown, unknown
 from pounding_sweep.scene import check_gap
 from pounding_sweep.sweep.axes import Range
 from pounding_sweep.sweep.spec import MAX_AXIS
@@ -49,7 +49,11 @@ def spell(place: Place) -> str:
     >>> spell(("scene", "row", 1, "masses", 0))
     'scene.row[1].masses[0]'
     """
-    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).lstrip(".")
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{_brief(part)}" for part in place).lstrip(".")
+
+
+def _brief(key: str) -> str:
+    return key if len(key) <= SHOWN_CHARACTERS else f"{key[:SHOWN_CHARACTERS]}..."
 
 
 def is_number(value: object) -> bool:
@@ -84,7 +88,7 @@ def positive(what: str) -> Callable[[float], None]:
 
     def check(value: float) -> None:
         if not (math.isfinite(value) and value > 0):
-            msg = f"{what} is {value!r}; it must be a positive number"
+            msg = f"{what} is {shown(value)}; it must be a positive number"
             raise InputError(msg)
 
     return check
@@ -95,7 +99,7 @@ def finite(what: str) -> Callable[[float], None]:
 
     def check(value: float) -> None:
         if not math.isfinite(value):
-            msg = f"{what} is {value!r}; it must be a finite number"
+            msg = f"{what} is {shown(value)}; it must be a finite number"
             raise InputError(msg)
 
     return check
@@ -104,7 +108,7 @@ def finite(what: str) -> Callable[[float], None]:
 def one_number(faults: Faults, place: Place, value: Any, check: Callable[[float], None], what: str) -> float | None:
     """Convert and check one number; None, with a fault noted, if it won't do."""
     if not is_number(value):
-        faults.add(place, f"{value!r} is not a number ({what})")
+        faults.add(place, f"{shown(value)} is not a number ({what})")
         return None
     try:
         number = float(value) + 0.0  # -0.0 becomes 0.0
@@ -123,15 +127,17 @@ def _range(faults: Faults, place: Place, given: Range) -> tuple[float, ...] | No
     start = one_number(faults, (*place, "start"), given.start, finite("start"), "first value")
     stop = one_number(faults, (*place, "stop"), given.stop, finite("stop"), "last value")
     if not isinstance(given.count, numbers.Integral) or is_flag(given.count):
-        faults.add((*place, "count"), f"must be a whole number, not {given.count!r}")
+        faults.add((*place, "count"), f"must be a whole number, not {shown(given.count)}")
     elif given.count < 1:
         faults.add((*place, "count"), f"count = {given.count}: a sweep of zero scenarios; give at least 1")
     elif given.count == 1 and start != stop:
-        faults.add((*place, "count"), f"1 value can't reach from start {start!r} to stop {stop!r}; give at least 2")
+        faults.add(
+            (*place, "count"), f"1 value can't reach from start {shown(start)} to stop {shown(stop)}; give at least 2"
+        )
     if given.spacing not in ("linear", "log"):
         faults.add((*place, "spacing"), unknown("spacing", given.spacing, ["linear", "log"]))
     elif given.spacing == "log" and not ((start or 0) > 0 and (stop or 0) > 0):
-        faults.add((*place, "spacing"), f"log needs start and stop above 0, not {start!r} and {stop!r}")
+        faults.add((*place, "spacing"), f"log needs start and stop above 0, not {shown(start)} and {shown(stop)}")
     return given.values() if len(faults.found) == before else None
 
 
@@ -164,7 +170,7 @@ def axis_values(
     if is_number(given):
         given = [given]
     if isinstance(given, (str, bytes, dict)) or not isinstance(given, (Iterable, Range)):
-        faults.add(place, f"must be a number or a list of numbers ({what}), not {given!r}")
+        faults.add(place, f"must be a number or a list of numbers ({what}), not {shown(given)}")
         return None
     given, sizes[name] = _size(given)
     if sizes[name] > MAX_AXIS:

@@ -33,6 +33,8 @@ AUDIT_SHARE = 0.05
 MAX_SCENARIOS = 1_000_000_000
 #: More values than this on one axis are refused.
 MAX_AXIS = 1_000_000
+#: Problems that one message tells.
+MOST_PROBLEMS = 40
 #: Property of `ContactProperties` that holds a force exponent's reference stiffness.
 REFERENCE_PROPERTIES = {1.0: "linear_stiffness", 1.5: "hertz_stiffness"}
 
@@ -349,10 +351,13 @@ def build_spec(
 
 
 def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
-    """Make one error of all problems (texts with their places)."""
+    """Make one error of all problems (texts with their places); of very many, the message has the first ones."""
     if len(problems) == 1:
         return SweepError(problems[0], problems)
-    return SweepError(f"{owner}: {len(problems)} problems\n  " + "\n  ".join(problems), problems)
+    lines = [f"{owner}: {len(problems)} problems", *problems[:MOST_PROBLEMS]]
+    if len(problems) > MOST_PROBLEMS:
+        lines.append(f"and {len(problems) - MOST_PROBLEMS} more")
+    return SweepError("\n  ".join(lines), problems)
 
 
 def scene_data(scene: Scene) -> dict[str, Any]:

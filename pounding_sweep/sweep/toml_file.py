@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 import tomllib
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -15,7 +14,8 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from pounding_sweep.contact.hertz import hertz_stiffness
-from pounding_sweep.errors import MissingRecordError, PoundingSweepError, SweepError, unknown
+from pounding_sweep.errors import MissingRecordError, PoundingSweepError, RecordError, SweepError, shown, unknown
+from pounding_sweep.paths import expanded
 from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
@@ -24,7 +24,7 @@ from pounding_sweep.sweep.checks import check_sweep
 from pounding_sweep.sweep.faults import FAILED, Faults, Place, gap_check, is_number, one_number, spell
 from pounding_sweep.sweep.spec import SweepSpec, sweep_error
 from pounding_sweep.sweep.toml_lines import key_lines, line_of
-from pounding_sweep.sweep.toml_read import read_bounded
+from pounding_sweep.sweep.toml_read import parse_bounded, read_bounded, syntax_error
 from pounding_sweep.sweep.toml_tables import (
     RECORD_TABLES,
     SECTIONS,
@@ -56,13 +56,17 @@ def _say(error: ErrorDetails, model: type[Table]) -> str:
     what = model.model_fields[str(key)].description or "a valid value"
     if error["type"] == "missing":
         return f"is missing; give {what}"
-    return f"{value!r} won't do; it must be {what}" if len(error["loc"]) == 1 else f"{value!r} won't do in {what}"
+    return (
+        f"{shown(value)} won't do; it must be {what}"
+        if len(error["loc"]) == 1
+        else f"{shown(value)} won't do in {what}"
+    )
 
 
 def _read_table(faults: Faults, model: type[Table], given: object, place: Place) -> dict[str, Any]:
     """Check a table's keys and types; return the values of all fields, `FAILED` for those at fault."""
     if not isinstance(given, dict):
-        faults.add(place, f"must be a table of {', '.join(model.model_fields)}, not {given!r}")
+        faults.add(place, f"must be a table of {', '.join(model.model_fields)}, not {shown(given)}")
         return dict.fromkeys(model.model_fields, FAILED)
     wrong: set[str] = set()
     try:
@@ -105,7 +109,7 @@ def _positive(faults: Faults, place: Place, table: dict[str, Any], names: Iterab
         for index, value in enumerate(table[name] if isinstance(table[name], list) else ()):
             if not (is_number(value) and 0 < value < math.inf):
                 what = str(BuildingTable.model_fields[name].description).partition(", ")[2]
-                faults.add((*place, name, index), f"{value!r} is not a positive number ({what})")
+                faults.add((*place, name, index), f"{shown(value)} is not a positive number ({what})")
                 fine = False
     return fine
 
@@ -125,7 +129,7 @@ def _building(faults: Faults, given: dict[str, Any], place: Place) -> Any:
     ratio = table["damping_ratio"]
     ratios = ratio if isinstance(ratio, list) else [ratio]
     if not all(is_number(value) for value in ratios):
-        faults.add((*place, "damping_ratio"), f"{ratio!r} won't do; it must be one or two numbers in [0, 1)")
+        faults.add((*place, "damping_ratio"), f"{shown(ratio)} won't do; it must be one or two numbers in [0, 1)")
         return FAILED
     table["damping_ratio"] = tuple(ratios) if ratio is ratios else ratio
     last = "damping_ratio" if table["name"].strip() else "name"  # all that can still be at fault
@@ -203,7 +207,7 @@ def _record(faults: Faults, given: Any, place: Place, folder: Path, folders: Fol
         return given
     kinds = [kind for kind in RECORD_TABLES if isinstance(given, dict) and kind in given]
     if len(kinds) != 1:
-        what = f"has {' and '.join(kinds)}" if kinds else f"{given!r} won't do"
+        what = f"has {' and '.join(kinds)}" if kinds else f"{shown(given)} won't do"
         faults.add(place, f"{what}; give a name, a path, or a table with one of {', '.join(RECORD_TABLES)}")
         return FAILED
     kind = kinds[0]
@@ -215,7 +219,7 @@ def _record(faults: Faults, given: Any, place: Place, folder: Path, folders: Fol
 
     def make() -> Record:
         if kind == "path":
-            return read_record(folder / Path(main).expanduser(), **table)
+            return read_record(folder / expanded(main, RecordError), **table)
         if kind == "synthetic":
             return synthetic_record(main, **table)
         if kind == "pulse":
@@ -249,7 +253,7 @@ def _factors(faults: Faults, given: Any, place: Place) -> dict[str, Any]:
 def _case(faults: Faults, given: Any, place: Place) -> Any:
     names = [name for name in Case.__dataclass_fields__ if name not in FACTOR_KINDS] + ["building"]
     if not isinstance(given, dict):
-        faults.add(place, f"must be a table of {', '.join(names)}, not {given!r}")
+        faults.add(place, f"must be a table of {', '.join(names)}, not {shown(given)}")
         return FAILED
     for key in given:
         if key not in names:
@@ -257,7 +261,7 @@ def _case(faults: Faults, given: Any, place: Place) -> Any:
     case = {key: value for key, value in given.items() if key in names[:-1]}
     building = given.get("building", {})
     if not isinstance(building, dict):
-        faults.add((*place, "building"), f"must be tables building.NAME of factors, not {building!r}")
+        faults.add((*place, "building"), f"must be tables building.NAME of factors, not {shown(building)}")
         building = FAILED
     factors = _factors(faults, building, (*place, "building"))
     return case | {name: value for name, value in factors.items() if value is not None}
@@ -332,18 +336,6 @@ def _check_file(faults: Faults, data: dict[str, Any], folder: Path, skip: bool, 
     return None if faults.found else spec
 
 
-def _syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> SweepError:
-    """Put the place of a TOML syntax error in front of what it says."""
-    said = str(error)
-    match = re.search(r" \(at line (\d+), column (\d+)\)$", said)
-    if match:
-        place, said = f"{path}:{match[1]}:{match[2]}", said[: match.start()]
-    else:
-        place, said = f"{path}:{len(text.splitlines()) or 1}", re.sub(r" \(at (end of document)\)$", r" at \1", said)
-    problem = f"{place}: no valid TOML: {said[:1].lower()}{said[1:]}"
-    return SweepError(problem, [problem])
-
-
 def load_spec(
     path: str | os.PathLike[str], *, skip_missing_records: bool = False, folders: Folders = None
 ) -> SweepSpec:
@@ -368,23 +360,23 @@ def load_spec(
         ``problems`` lists all faults, each with file, line and key:
         ``sweeps/x.toml:12: sweep.gaps[3]: ...``.
     """
-    shown = os.fspath(path)
+    named = os.fspath(path)
     try:
-        file = Path(path).expanduser()
-        text = read_bounded(file).decode("utf-8")
+        file = expanded(path)
+        text = read_bounded(file).decode("utf-8-sig")  # editors on Windows put a mark first
     except UnicodeDecodeError as error:
-        msg = f"{shown}: the sweep file is not UTF-8 text (byte {error.start}); save it as UTF-8"
+        msg = f"{named}: the sweep file is not UTF-8 text (byte {error.start}); save it as UTF-8"
         raise SweepError(msg, [msg]) from None
-    except (OSError, ValueError, RuntimeError) as error:
-        msg = f"{shown}: the sweep file can't be read: {getattr(error, 'strerror', None) or error}"
+    except (OSError, ValueError) as error:
+        msg = f"{named}: the sweep file can't be read: {getattr(error, 'strerror', None) or error}"
         raise SweepError(msg, [msg]) from None
     text = text.replace("\r\n", "\n")
     try:
-        data = tomllib.loads(text)
+        data = parse_bounded(text)
     except tomllib.TOMLDecodeError as error:
-        raise _syntax_error(shown, text, error) from None
-    except (ValueError, RecursionError) as error:  # a number of thousands of digits, brackets without end
-        msg = f"{shown}: no usable TOML: {error}"
+        raise syntax_error(named, text, error) from None
+    except ValueError as error:  # a number of thousands of digits, a key or brackets without end
+        msg = f"{named}: no usable TOML: {error}"
         raise SweepError(msg, [msg]) from None
     faults = Faults()
     spec = _check_file(faults, data, file.parent, skip_missing_records, folders)
@@ -394,4 +386,4 @@ def load_spec(
     placed = sorted(
         ((line_of(lines, place) or 1, place, said) for place, said in faults.found), key=lambda item: item[0]
     )
-    raise sweep_error([f"{shown}:{line}: {spell(place)}: {said}" for line, place, said in placed], shown)
+    raise sweep_error([f"{named}:{line}: {spell(place)}: {said}" for line, place, said in placed], named)
