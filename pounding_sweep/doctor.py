@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import platform
 import secrets
-import shutil
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
+
+from pounding_sweep.errors import InputError, OutputError
+from pounding_sweep.paths import expanded
 
 #: Distributions whose versions matter, in the order in which they are shown.
 PACKAGES = (
@@ -43,9 +45,9 @@ def diagnose() -> dict[str, Any]:
         ``versions`` (distribution -> version or None), ``processor`` (name, features,
         vector width in bits, cores), ``threads`` (workers of a run, limits set in the
         environment), ``memory`` (free bytes, and what keeps them from being more; None where
-        the system does not tell), ``kernel_cache`` (folder, kernels, bytes), ``record_folders``
-        (path, record files), ``output`` (the current folder: whether it can be written, free
-        bytes), ``problems`` (texts with remedies).
+        the system does not tell), ``kernel_cache`` (folder or None, kernels, bytes), ``record_folders``
+        (path, record files), ``output`` (the current folder, None where it was removed: whether it
+        can be written, free bytes), ``problems`` (texts with remedies).
     """
     versions = installed_versions()
     problems = [
@@ -113,22 +115,35 @@ def _memory() -> dict[str, Any]:
 
 
 def _output(problems: list[str]) -> dict[str, Any]:
-    from pounding_sweep.cube.write import check_output
-    from pounding_sweep.errors import OutputError
+    from pounding_sweep.cube.write import check_output, free_space
 
-    folder = Path.cwd()
+    try:
+        folder = Path.cwd()
+    except OSError:
+        problems.append("the current folder was removed; change to another one")
+        return {"folder": None, "writable": False, "free_bytes": None}
     try:
         check_output(folder / f"{secrets.token_hex(8)}.nc")
     except OutputError:
         problems.append(f"the current folder {str(folder)!r} can't be written; give runs an output path elsewhere")
         return {"folder": str(folder), "writable": False, "free_bytes": None}
-    return {"folder": str(folder), "writable": True, "free_bytes": shutil.disk_usage(folder).free}
+    return {"folder": str(folder), "writable": True, "free_bytes": free_space(folder)}
 
 
 def _cache(problems: list[str]) -> dict[str, Any]:
-    from pounding_sweep.kernels.cache import CACHE_VARIABLE, cache_folder
+    from pounding_sweep.kernels.cache import CACHE_VARIABLE, lasting_folder
 
-    folder = cache_folder()
+    try:
+        folder = lasting_folder()
+    except InputError as error:
+        problems.append(f"{CACHE_VARIABLE}: {error}")
+        return {"folder": None, "kernels": 0, "bytes": 0}
+    if folder is None:
+        problems.append(
+            "no home folder is known, so every run compiles its kernels anew; "
+            f"name a folder for them in {CACHE_VARIABLE}"
+        )
+        return {"folder": None, "kernels": 0, "bytes": 0}
     files = [path for path in folder.rglob("pounding_kernel_*") if path.is_file()]
     kernels = {path.name.partition(".")[0] for path in files if path.suffix == ".nbi" and ".run-" in path.name}
     parent = next((path for path in (folder, *folder.parents) if path.exists()), Path())
@@ -147,7 +162,11 @@ def _record_folders(problems: list[str]) -> list[dict[str, Any]]:
     for part in os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep):
         if not part.strip():
             continue
-        folder = Path(part).expanduser()
+        try:
+            folder = expanded(part)
+        except InputError as error:
+            problems.append(f"{RECORDS_VARIABLE}: {error}")
+            continue
         if not folder.is_dir():
             problems.append(f"{str(folder)!r}, named in {RECORDS_VARIABLE}, is no folder; make it or mend the variable")
             continue

@@ -9,14 +9,18 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
+from pounding_sweep.texts import printable
+
 
 def print_json(value: Any) -> None:
     """Print one JSON value."""
-    print(json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False))
+    # what is left of control characters is escaped as JSON does
+    print(printable(json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False), keep="\n"))
 
 
 def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0) -> None:
-    """Print names with their texts, aligned; long texts are folded on a terminal."""
+    """Print names with their texts, aligned; long texts are folded on a terminal. Control characters are escaped."""
+    rows = [(printable(name), printable(text)) for name, text in rows]
     width = max((len(name) for name, _ in rows), default=0)
     for name, text in rows:
         lead = f"{'':{indent}}{name:{width}}  "
@@ -29,7 +33,7 @@ def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0) -> None:
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None:
     """Print a table; on a terminal too narrow for it, row by row as names with their texts."""
-    lines = [list(headings), *map(list, rows)]
+    lines = [[printable(cell) for cell in line] for line in (headings, *rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(headings))]
     if not sys.stdout.isatty():
         for line in lines:
@@ -39,10 +43,10 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], right: S
             ]
             print("  ".join(cells).rstrip())
     elif sum(widths) + 3 * len(widths) > shutil.get_terminal_size().columns:
-        for number, row in enumerate(rows):
+        for number, row in enumerate(lines[1:]):
             if number:
                 print()
-            print_pairs(list(zip(headings, row, strict=True)))
+            print_pairs(list(zip(lines[0], row, strict=True)))
     else:
         from rich.box import SIMPLE_HEAD
         from rich.console import Console
@@ -50,9 +54,9 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], right: S
         from rich.text import Text
 
         table = Table(box=SIMPLE_HEAD, pad_edge=False)
-        for index, heading in enumerate(headings):
+        for index, heading in enumerate(lines[0]):
             table.add_column(heading, justify="right" if index in right else "left")
-        for row in rows:
+        for row in lines[1:]:
             table.add_row(*(Text(cell) for cell in row))
         Console().print(table)
 

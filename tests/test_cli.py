@@ -414,7 +414,7 @@ def test_an_interrupted_run_continues_to_the_same_cube(tmp_path):
     assert process.returncode == 130, err
     assert out == ""
     assert re.fullmatch(
-        r"pounding-sweep: interrupted; \d+ finished chunks are kept in out\.nc\.parts: .*again.*\n", err
+        rf"pounding-sweep: interrupted; \d+ finished chunks are kept in {manifest.parent}: .*again.*\n", err
     )
     assert not (tmp_path / "out.nc").exists()
     kept = len(manifest.read_text().splitlines())

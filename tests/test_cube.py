@@ -17,6 +17,7 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pounding_sweep.cube import files
 from pounding_sweep.cube import write as writing
 from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, Axis, assemble, unit_attributes
 from pounding_sweep.cube.describe import describe
@@ -528,15 +529,15 @@ class TestFile:
         """The target is not there until the content is complete and on disk."""
         code = (
             "import os, sys; from pathlib import Path\n"
-            "from pounding_sweep.cube import write\n"
-            "with write.replacing(Path(sys.argv[1])) as part:\n"
+            "from pounding_sweep.cube.files import replacing\n"
+            "with replacing(Path(sys.argv[1])) as part:\n"
             "    part.write_bytes(b'half'); os.kill(os.getpid(), 9)\n"
         )
         done = subprocess.run([sys.executable, "-c", code, str(tmp_path / "cube.nc")], check=False)
         assert done.returncode == -9
         left = [p.name for p in tmp_path.iterdir()]
         assert len(left) == 1
-        assert writing.is_temporary(left[0])
+        assert files.is_temporary(left[0])
 
     def test_content_is_on_disk_before_the_name_changes(self, tmp_path, monkeypatch):
         order = []
@@ -548,8 +549,8 @@ class TestFile:
             order.append(("folder" if is_folder else "file", target.exists()))
             fsync(handle)
 
-        monkeypatch.setattr(writing.os, "fsync", watch)
-        with writing.replacing(target) as part:
+        monkeypatch.setattr(os, "fsync", watch)
+        with files.replacing(target) as part:
             part.write_bytes(b"x")
         assert order == [("file", False), ("folder", True)]
 

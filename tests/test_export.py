@@ -6,7 +6,13 @@ import csv
 import itertools
 import json
 import math
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -17,10 +23,11 @@ from pounding_sweep.cli.app import app
 from pounding_sweep.cube import export as exporting
 from pounding_sweep.cube import tidy
 from pounding_sweep.cube.export import export_cube
+from pounding_sweep.cube.files import is_temporary
 from pounding_sweep.cube.select import select
 from pounding_sweep.cube.tidy import TidyTable
 from pounding_sweep.cube.write import open_cube, write_cube
-from pounding_sweep.errors import InputError, OutputError
+from pounding_sweep.errors import InputError, OutputError, WriteError
 
 AXES = {"law": ["none", "linear", "hertz_damped"], "gap": [0.01, 0.1, 1 / 3], "record": ["one", "two"]}
 NAMES = ("drift_max", "impact_force_max", "impact_count", "energy_input")
@@ -176,9 +183,101 @@ def test_a_failed_zarr_leaves_nothing(cube, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(xr.Dataset, "to_zarr", full)
-    with pytest.raises(OutputError, match="No space left"):
+    with pytest.raises(WriteError, match=r"No space left on device\); free some space.*Nothing was replaced"):
         export_cube(cube, tmp_path / "cube.zarr")
     assert [path.name for path in tmp_path.iterdir()] == ["cube.nc"]
+
+
+def test_a_zarr_that_gets_no_name_leaves_nothing(cube, tmp_path, monkeypatch):
+    pytest.importorskip("zarr")
+
+    def refused(self, target):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr("pathlib.Path.replace", refused)
+    with pytest.raises(WriteError, match="Input/output error"):
+        export_cube(cube, tmp_path / "cube.zarr")
+    assert [path.name for path in tmp_path.iterdir()] == ["cube.nc"]
+
+
+NEEDS = {".csv": "csv", ".parquet": "pyarrow", ".zarr": "zarr"}
+
+
+@pytest.mark.parametrize("ending", NEEDS)
+def test_all_is_on_disk_before_it_has_its_name(cube, tmp_path, monkeypatch, ending):
+    pytest.importorskip(NEEDS[ending])
+    synced, named = set(), []
+    fsync, replace = os.fsync, Path.replace
+
+    def noted(handle):
+        fsync(handle)
+        synced.add(os.fstat(handle).st_ino)
+
+    def checked(self, target):
+        if is_temporary(self.name):  # zarr renames files too
+            below = [self, *self.rglob("*")] if self.is_dir() else [self]
+            assert {path.stat().st_ino for path in below} <= synced
+            named.append((Path(target).name, len(below)))
+        return replace(self, target)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    monkeypatch.setattr("pathlib.Path.replace", checked)
+    path = export_cube(cube, tmp_path / f"all{ending}")
+    assert named[0][0] == path.name
+    assert named[0][1] > (20 if ending == ".zarr" else 0)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_full_disk_ends_with_a_remedy_and_replaces_nothing(cube, tmp_path, monkeypatch, ending):
+    pytest.importorskip(NEEDS[ending])
+    path = export_cube(cube, tmp_path / f"all{ending}", ["status"])
+    before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
+
+    def no_room(handle):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", no_room)
+    with pytest.raises(WriteError, match=r"No space left on device\); free some space.*Nothing was replaced"):
+        export_cube(cube, path, overwrite=True)
+    assert {each.name: each.read_bytes() for each in tmp_path.iterdir()} == before
+
+
+def test_a_description_that_gets_no_name_is_told(cube, tmp_path, monkeypatch):
+    path = export_cube(cube, tmp_path / "all.csv", ["status"])
+    before = (tmp_path / "all.csv.json").read_bytes()
+    replace = Path.replace
+
+    def refused(self, target):
+        if Path(target).suffix == ".json":
+            raise OSError(5, "Input/output error")
+        return replace(self, target)
+
+    monkeypatch.setattr("pathlib.Path.replace", refused)
+    with pytest.raises(WriteError, match=r"all\.csv' is complete, but writing .*all\.csv\.json' failed") as caught:
+        export_cube(cube, path, overwrite=True)
+    assert "Nothing was replaced" not in str(caught.value)
+    assert len(read(path)) == 90
+    assert (tmp_path / "all.csv.json").read_bytes() == before
+    assert {each.name for each in tmp_path.iterdir()} == {"cube.nc", "all.csv", "all.csv.json"}
+
+
+@pytest.mark.parametrize("ending", NEEDS)
+def test_a_damaged_cube_is_no_full_disk(cube, tmp_path, ending):
+    pytest.importorskip(NEEDS[ending])
+    source = write_cube(cube.load(), tmp_path / "source.nc")
+    with h5py.File(source) as file:
+        info = file["impact_force_max"].id.get_chunk_info(0)
+    with source.open("r+b") as file:
+        file.seek(info.byte_offset + info.size // 2)
+        file.write(b"damaged")
+    with open_cube(source) as damaged:
+        part = damaged.isel(gap=slice(0, 2))
+        with pytest.raises(
+            OutputError, match=r"values of cube '.*source\.nc' can't be read .* it is damaged"
+        ) as caught:
+            export_cube(part, tmp_path / f"all{ending}")
+    assert not isinstance(caught.value, WriteError)
+    assert {each.name for each in tmp_path.iterdir()} == {"cube.nc", "source.nc"}
 
 
 @pytest.mark.parametrize("ending", [".parquet", ".zarr"])
@@ -224,3 +323,20 @@ def test_command(cube, tmp_path):
     assert "--overwrite" in again.stderr
     assert run(app, ["export", source, "-o", str(out), "--overwrite"]).exit_code == 0
     assert len(read(out)) == 90
+
+
+def _small_files():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))
+
+
+@pytest.mark.parametrize("ending", NEEDS)
+def test_command_on_a_disk_that_takes_no_more(cube, tmp_path, ending):
+    pytest.importorskip(NEEDS[ending])
+    source = write_cube(cube.load(), tmp_path / "source.nc")
+    out = tmp_path / f"all{ending}"
+    command = [sys.executable, "-m", "pounding_sweep", "export", str(source), "-o", str(out)]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60, preexec_fn=_small_files)
+    assert done.returncode == 1, done.stderr
+    assert "File too large" in done.stderr
+    assert "see to the disk, or give a path on another one, and run again. Nothing was replaced" in done.stderr
+    assert {each.name for each in tmp_path.iterdir()} == {"cube.nc", "source.nc"}

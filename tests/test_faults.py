@@ -25,6 +25,7 @@ import pytest
 from scenes import OUTPUTS, motions, row
 from test_cli import LONG, ROOT, TINY, cli, environment, write
 
+from pounding_sweep.cube.files import is_temporary
 from pounding_sweep.cube.write import open_cube
 from pounding_sweep.errors import OutputError
 from pounding_sweep.sweep.lock import LOCK
@@ -395,6 +396,8 @@ class Night:
             time.sleep(self.draw.uniform(0.0, {"at any moment": 0.5, "at its end": 0.01}.get(kind, 0.1)))
             code = self._tell("kill")
         assert code == -signal.SIGKILL or (self.study / OUT).exists(), self.log()[said:]
+        # a chunk and what is expected may be written at once; what earlier runs were writing is gone
+        assert sum(map(is_temporary, os.listdir(self.study / PARTS) if (self.study / PARTS).exists() else [])) <= 2
         self.kills[kind] += 1
         if not (self.study / OUT).exists():
             self.lost += len(before - self.sound())

@@ -465,8 +465,13 @@ def test_what_would_be_read_from_other_files(tmp_path):
         (4, b"\x01", "blocks of the values of 'displacement_max' are missing, or without checksums"),
         (8, b"\x01", r"can't be read as netCDF \(.*chunk"),
         (16, b"\x03", "blocks of the values of 'displacement_max' are missing, or without checksums"),
+        (
+            8 + 6 * 8 + 8 + 8,
+            bytes(6 * 8),
+            "blocks of the values of 'displacement_max' are missing, or without checksums",
+        ),
     ],
-    ids=["checksum left out", "no place", "another place"],
+    ids=["checksum left out", "no place", "another place", "the next place"],
 )
 def test_blocks_that_would_not_be_found_or_checked(tmp_path, at, becomes, why):
     """The tree by which blocks are found carries no checksum; its keys: size, filters left out, place of a block."""
@@ -477,7 +482,8 @@ def test_blocks_that_would_not_be_found_or_checked(tmp_path, at, becomes, why):
         size = values.id.get_chunk_info(0).size
         key = size.to_bytes(4, "little") + bytes(4 + 8 * (values.ndim + 1))
     assert data.count(key) == 1
-    data[data.index(key) + at : data.index(key) + at + 1] = becomes
+    start = data.index(key) + at
+    data[start : start + len(becomes)] = becomes
     cube.write_bytes(data)
     with pytest.raises(OutputError, match=why):
         open_cube(cube)
@@ -496,6 +502,11 @@ def _huge_output(file):
     _gap(file, 10**6)
     file.createDimension("law", 10**6)
     file.createVariable("displacement_max", "f8", ("gap", "law"), chunksizes=(1024, 1024), zlib=True)
+
+
+def _huge_in_one_piece(file):
+    _gap(file, 10**11)
+    file.createVariable("x", "f8", ("gap",), contiguous=True)
 
 
 def _variable(kind="f8", name="x", dims=("gap",), **attributes):
@@ -532,8 +543,9 @@ def _audit_numbers(file):
 @pytest.mark.parametrize(
     ("make", "why"),
     [
-        (_huge_coordinate, "'gap' has 100000000000 values, more than a file"),
-        (_huge_output, "'displacement_max' has 1000000000000 values, more than a file"),
+        (_huge_coordinate, "blocks of the values of 'gap' are missing"),
+        (_huge_output, "blocks of the values of 'displacement_max' are missing"),
+        (_huge_in_one_piece, "'x' has 100000000000 values, more than a file"),
         (_variable(scale_factor="abc"), "'x' has an attribute 'scale_factor'"),
         (_variable(coordinates=3), "attribute 'coordinates' of variable 'x' is no text"),
         (_variable(units=3), "attribute 'units' of variable 'x' is no text"),

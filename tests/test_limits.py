@@ -12,15 +12,18 @@ import socket
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scenes import AXES, motions, row
-from test_cli import LONG, cli, environment, write
+from test_cli import LONG, TINY, cli, environment, write
 
+from pounding_sweep.cube.files import is_temporary
 from pounding_sweep.cube.write import open_cube
-from pounding_sweep.errors import OutputError, WriteError
+from pounding_sweep.errors import OutputError, RunError, WriteError
+from pounding_sweep.sweep import execute
 from pounding_sweep.sweep.execute import Progress
 from pounding_sweep.sweep.lock import LOCK, FolderLock, running
 from pounding_sweep.sweep.store import EXPECTED, IDENTITY, MANIFEST, ChunkStore
@@ -83,7 +86,7 @@ def test_a_night(tmp_path, reference):
     assert process.returncode == 130, err
     assert out == ""
     assert re.fullmatch(
-        rf"pounding-sweep: interrupted; {kept} finished chunks are kept in out\.nc\.parts: .*again.*\n", err
+        rf"pounding-sweep: interrupted; {kept} finished chunks are kept in {tmp_path}/out\.nc\.parts: .*again.*\n", err
     )
     assert not (tmp_path / "out.nc").exists()
     assert not (tmp_path / "out.nc.parts" / LOCK).exists()
@@ -118,20 +121,24 @@ RACER = """
 import os, sys, time, warnings
 from pathlib import Path
 from pounding_sweep.errors import OutputError
-from pounding_sweep.sweep.lock import FolderLock
+from pounding_sweep.sweep.store import ChunkStore
 
 warnings.simplefilter("error")
 folder, seen = Path(sys.argv[1]), Path(sys.argv[2])
 entered = 0
 while entered < 20:
+    store = ChunkStore(folder, "x")
     try:
-        with FolderLock(folder):
+        with store.lock():
             os.close(os.open(seen, os.O_CREAT | os.O_EXCL))  # fails where somebody else is in
+            store.open()
             time.sleep(0.001)
+            if entered % 2:  # a run that ends well removes the folder, in which others look meanwhile
+                store.discard()
             seen.unlink()
             entered += 1
-    except OutputError:
-        pass
+    except OutputError as error:
+        assert "another run is at work" in str(error), error
 """
 
 
@@ -142,54 +149,112 @@ def test_one_at_a_time(tmp_path):
     ]
     errors = [racer.communicate(timeout=120)[1] for racer in racers]
     assert [racer.returncode for racer in racers] == [0] * 4, errors
-    assert list((tmp_path / "parts").iterdir()) == []
-
-
-def test_the_lock_of_another_machine(tmp_path):
-    lock = tmp_path / LOCK
-    lock.write_text(json.dumps({"host": "elsewhere", "pid": 7, "started": "2026-01-01T00:00:00+00:00"}))
-    assert str(running(tmp_path)) == "process 7 on elsewhere, since 2026-01-01T00:00:00+00:00"
-    message = rf"locked by process 7 on elsewhere.*If that run has ended, remove '{re.escape(str(lock))}' and run again"
-    with pytest.raises(OutputError, match=message), FolderLock(tmp_path):
-        pass
-    assert lock.exists()
-    lock.unlink()
-    with FolderLock(tmp_path):
-        assert running(tmp_path).pid == os.getpid()
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.fixture
+def parts(tmp_path):
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    return folder
+
+
+def test_the_lock_of_another_machine(parts):
+    lock = parts / LOCK
+    lock.write_text(json.dumps({"host": "elsewhere", "pid": 7, "started": "2026-01-01T00:00:00+00:00"}))
+    assert str(running(parts)) == "process 7 on elsewhere, since 2026-01-01T00:00:00+00:00"
+    message = rf"locked by process 7 on elsewhere.*If that run has ended, remove '{re.escape(str(lock))}' and run again"
+    with pytest.raises(OutputError, match=message), FolderLock(parts):
+        pass
+    assert lock.exists()
+    lock.unlink()
+    with FolderLock(parts):
+        assert running(parts).pid == os.getpid()
+    assert not parts.exists()
+
+
+@pytest.mark.parametrize(
+    ("host", "boot", "machine", "ended"),
+    [
+        ("here", "here", "here", True),
+        ("another name", "here", "", True),  # a container on this kernel, or a job under another name
+        ("here", "before", "here", True),  # the machine was started again
+        ("here", "before", "other", False),  # another one of that name
+        ("here", "before", "", False),  # nobody can tell
+        ("another name", "before", "here", False),  # perhaps a copy of this one
+        ("here", "", "", True),  # nothing but names
+        ("another name", "", "", False),
+    ],
+)
+def test_who_is_known_to_have_ended(parts, host, boot, machine, ended):
+    lines = {"boot": Path("/proc/sys/kernel/random/boot_id"), "machine": Path("/etc/machine-id")}
+    if not all(path.is_file() and path.read_text().strip() for path in lines.values()):
+        pytest.skip("this system has no identity")
+    with FolderLock(parts):
+        here = json.loads((parts / LOCK).read_text())
+        (parts / "chunk").touch()
+    assert here["boot"] == lines["boot"].read_text().strip()
+    assert lines["machine"].read_text().strip() not in here.values()  # not to be shown
+    given = {"host": host, "boot": boot, "machine": machine}
+    who = {**here, **{name: here[name] if value == "here" else value for name, value in given.items()}}
+    (parts / LOCK).write_text(json.dumps(who))
+    assert (running(parts) is None) == ended
+    if ended:
+        with pytest.warns(RuntimeWarning, match="was killed .* goes on"), FolderLock(parts):
+            pass
+    else:
+        with pytest.raises(OutputError, match="another machine"), FolderLock(parts):
+            pass
+
+
+def test_a_job_that_was_killed_under_another_name_of_this_machine(parts):
+    """A container or a job that is started again elsewhere has another host name on the same kernel."""
+    named = ("unshare", "--user", "--map-root-user", "--uts", "sh", "-c", 'hostname "$1" && shift && exec "$@"', "sh")
+    if shutil.which("unshare") is None or subprocess.run([*named, "job-17", "true"], check=False).returncode:
+        pytest.skip("no host name of its own may be given here")
+    code = (
+        "import os, signal, sys; from pathlib import Path; from pounding_sweep.sweep.lock import FolderLock\n"
+        "FolderLock(Path(sys.argv[1])).__enter__(); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    killed = subprocess.run([*named, "job-17", sys.executable, "-c", code, parts], env=environment(), check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert json.loads((parts / LOCK).read_text())["host"] == "job-17" != socket.gethostname()
+    assert running(parts) is None
+    with pytest.warns(RuntimeWarning, match=r"was killed \(process \d+ on job-17"), FolderLock(parts):
+        assert running(parts).pid == os.getpid()
+
+
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"host": 3}', "\x00\xff"])
-def test_a_lock_that_names_nobody_is_free(tmp_path, text):
-    (tmp_path / LOCK).write_text(text)
-    assert running(tmp_path) is None
-    with FolderLock(tmp_path):
-        assert running(tmp_path).host == socket.gethostname()
+def test_a_lock_that_names_nobody_is_free(parts, text):
+    (parts / LOCK).write_text(text)
+    assert running(parts) is None
+    with FolderLock(parts):
+        assert running(parts).host == socket.gethostname()
 
 
-def test_a_process_cannot_lock_twice(tmp_path, monkeypatch):
+def test_a_process_cannot_lock_twice(parts, monkeypatch):
     monkeypatch.setattr("pounding_sweep.sweep.lock.PATIENCE", 0.0)
-    with FolderLock(tmp_path):
+    with FolderLock(parts):
         with pytest.raises(OutputError, match=rf"another run is at work.*process {os.getpid()} on"):
-            FolderLock(tmp_path).__enter__()
-        assert running(tmp_path).pid == os.getpid()
+            FolderLock(parts).__enter__()
+        assert running(parts).pid == os.getpid()
 
 
-def test_a_file_system_without_locks(tmp_path, monkeypatch):
+def test_a_file_system_without_locks(parts, monkeypatch):
     def cannot(handle, how):
         raise OSError(38, "Function not implemented")
 
     monkeypatch.setattr("fcntl.flock", cannot)
-    with pytest.warns(RuntimeWarning, match=r"can't lock.*start only one"), FolderLock(tmp_path):
-        assert running(tmp_path).pid == os.getpid()
-    assert list(tmp_path.iterdir()) == []
+    with pytest.warns(RuntimeWarning, match=r"can't lock.*start only one"), FolderLock(parts):
+        assert running(parts).pid == os.getpid()
+    assert not parts.exists()
 
 
-def test_a_folder_of_another_sweep_is_not_locked(tmp_path):
-    ChunkStore(tmp_path, "one").open()
-    with pytest.raises(OutputError, match="another sweep"):
-        ChunkStore(tmp_path, "two").lock()
-    assert [path.name for path in tmp_path.iterdir()] == [IDENTITY]
+def test_a_folder_of_another_sweep_is_not_locked(parts):
+    ChunkStore(parts, "one").open()
+    with pytest.raises(OutputError, match="another sweep"), ChunkStore(parts, "two").lock():
+        pass
+    assert [path.name for path in parts.iterdir()] == [IDENTITY]
 
 
 # -- disks -------------------------------------------------------------------------------------------------------------
@@ -306,6 +371,8 @@ print(bad("run", {str(tmp_path / "sweep.toml")!r}, "-o", sys.argv[1] + "/out.nc"
         (errno.EDQUOT, "free some space and run again"),
         (errno.EROFS, "make the folder writable and run again"),
         (errno.EACCES, "make the folder writable and run again"),
+        (errno.ESTALE, "what is missing was removed meanwhile: run again, and leave it"),
+        (errno.EIO, "see to the disk, or give a path on another one, and run again"),
     ],
 )
 def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, remedy):
@@ -318,6 +385,65 @@ def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, reme
         with pytest.raises(WriteError, match=rf"failed \({os.strerror(number)}\); {remedy}"):
             write_something()
     assert store.completed() == set()
+
+
+ORPHANED = """
+import json, subprocess, sys
+from pathlib import Path
+from test_cli import TINY, cli, environment, write
+
+disk = Path(sys.argv[1])
+write(disk, TINY)
+code = '''
+import os
+from pounding_sweep import cli
+from pounding_sweep.sweep import filling
+slabs = filling._slabs
+def dies(*arguments):
+    yield next(slabs(*arguments))
+    os.kill(os.getpid(), 9)
+filling._slabs = dies
+cli.main()
+'''
+run = ["run", "sweep.toml", "-o", "out.nc"]
+cli(*run, cwd=disk, code=-9, start=("-c", code))
+left = [path for path in (disk / "out.nc.parts").iterdir() if path.name.startswith(".")]
+with left[0].open("ab", buffering=0) as file:  # as large as the cube of a large sweep
+    for size in (65536, 1):
+        try:
+            while True:
+                file.write(bytes(size))
+        except OSError as error:
+            assert error.errno == 28
+print(json.dumps([[path.name for path in left], cli(*run, cwd=disk).stderr, sorted(p.name for p in disk.iterdir())]))
+"""
+
+
+def test_what_a_killed_run_was_writing_takes_no_room_from_the_next(tmp_path):
+    names, said, left = json.loads(on_a_disk_of_its_own(tmp_path / "disk", "size=1m", ORPHANED))
+    assert len(names) == 1
+    assert is_temporary(names[0])
+    assert "the run before this one was killed" in said
+    assert left == ["out.nc", "out.nc.log", "sweep.toml"]
+
+
+def test_a_disk_that_does_not_say_how_large_it_is(tmp_path):
+    """Such a file system has 0 blocks, 0 of them free."""
+    program = """
+import os, sys
+from pathlib import Path
+from test_cli import TINY, cli, write
+from pounding_sweep.cube.write import free_space
+
+disk = Path(sys.argv[1])
+assert os.statvfs(disk).f_blocks == 0
+assert free_space(disk) is None
+assert "free space unknown" in cli("doctor", "--no-check", cwd=disk).stdout
+cli("run", write(disk, TINY), "-o", "out.nc", cwd=disk)
+print(sorted(path.name for path in disk.iterdir()))
+"""
+    said = on_a_disk_of_its_own(tmp_path / "disk", "size=0", program)
+    assert said == "['out.nc', 'out.nc.log', 'sweep.toml']\n"
 
 
 class At(Progress):
@@ -352,6 +478,118 @@ def test_an_output_folder_that_is_gone_during_the_run(tmp_path, stage, after):
     folder.mkdir()
     sweep.run(folder / "out.nc").close()
     assert sorted(path.name for path in folder.iterdir()) == ["out.nc", "out.nc.log"]
+
+
+def test_chunks_that_are_gone_before_the_cube_are_no_full_disk(tmp_path):
+    def removes():
+        for path in (tmp_path / "out.nc.parts").glob("chunk-*"):
+            path.unlink()
+
+    gone = r"failed \(No such file or directory: '.*chunk-\w+\.npy'\); what is missing was removed meanwhile: run again"
+    with pytest.raises(WriteError, match=gone):
+        Sweep(scene=row(), records=motions(), **AXES).run(tmp_path / "out.nc", progress=At("cube", removes))
+    assert not (tmp_path / "out.nc").exists()
+
+
+def test_a_damaged_chunk_is_forgotten_before_anybody_is_warned(tmp_path):
+    """Who ends a run by the warning does not meet it again."""
+    sweep, parts = Sweep(scene=row(), records=motions(), **AXES), tmp_path / "out.nc.parts"
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run(tmp_path / "out.nc", progress=At("cube", stop))
+    chunk = min(parts.glob("chunk-*"))
+    chunk.write_bytes(b"damaged")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(RuntimeWarning, match=r"is damaged: .*; it is computed again"):
+            sweep.run(tmp_path / "out.nc")
+        assert not chunk.exists()
+        sweep.run(tmp_path / "out.nc").close()
+
+
+def test_what_is_kept_is_counted_and_named_where_it_is(tmp_path):
+    """A chunk that is listed but gone counts for nothing, and chunks stand beside the cube, not beside a link to it."""
+    write(tmp_path, TINY)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "out.nc").symlink_to(tmp_path / "data" / "real.nc")
+    code = """
+from pathlib import Path
+from pounding_sweep import cli
+from pounding_sweep.sweep import filling
+
+def stop(*arguments, **more):
+    min(Path("data/real.nc.parts").glob("chunk-*")).unlink()
+    raise KeyboardInterrupt
+
+filling.write_cube_of = stop
+cli.main()
+"""
+    said = cli(*RUN, cwd=tmp_path, code=130, start=("-c", code)).stderr
+    there = list((tmp_path / "data" / "real.nc.parts").glob("chunk-*"))
+    listed = (tmp_path / "data" / "real.nc.parts" / MANIFEST).read_text().count("\n")
+    assert 0 < len(there) < listed
+    assert f"; {len(there)} finished chunks are kept in {tmp_path}/data/real.nc.parts: " in said
+
+
+def test_chunks_that_may_not_be_read(tmp_path):
+    """Such as another user's; nobody is told to remove them."""
+    bounded = ()
+    if os.geteuid() == 0:  # root may read anything, unless that is taken from it
+        bounded = ("setpriv", "--bounding-set=-dac_override,-dac_read_search")
+        if shutil.which("setpriv") is None or subprocess.run([*bounded, "true"], check=False).returncode:
+            pytest.skip("root can't be kept from reading here")
+    write(tmp_path, TINY)
+    store = ChunkStore(tmp_path / "out.nc.parts", "x").open()
+    store.write("a", np.zeros(1, [("a", "f8")]))
+    store.folder.chmod(0)
+    said = []
+    try:
+        for args in (RUN, ("info", "out.nc")):
+            command = [*bounded, sys.executable, "-m", "pounding_sweep", *args]
+            how = {"cwd": tmp_path, "env": environment(), "capture_output": True, "text": True}
+            said.append(subprocess.run(command, check=False, **how))
+    finally:
+        store.folder.chmod(0o700)
+    for done in said:
+        assert (done.returncode, done.stdout) == (2, "")
+        assert re.fullmatch(
+            r"pounding-sweep: error: the chunk folder '.*out\.nc\.parts' can't be read \(Permission denied\); "
+            r"ask its owner for access, or give another path\n",
+            done.stderr,
+        )
+    assert store.completed() == {"a"}
+
+
+def test_names_that_a_run_can_not_use(tmp_path):
+    """Refused before anything runs."""
+    sweep = Sweep(scene=row(), records=motions(), **AXES)
+    with pytest.raises(OutputError, match="is too long for what stands beside it in a run; give a shorter path"):
+        sweep.run(tmp_path / f"{'x' * 247}.nc")
+    with pytest.raises(OutputError, match=r"not usable \(no UTF-8\); give another path"):
+        sweep.run(tmp_path / os.fsdecode(b"\xff.nc"))
+    assert list(tmp_path.iterdir()) == []
+    sweep.run(tmp_path / f"{'x' * 246}.nc").close()  # with .parts the longest name there may be
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_cube_is_not_replaced_by_one_without_any_result(tmp_path, monkeypatch):
+    out = tmp_path / "out.nc"
+    sweep = Sweep(scene=row(), records=motions(), **AXES)
+    sweep.run(out).close()
+    before = out.read_bytes()
+    real = execute.run_chunk
+    monkeypatch.setattr(execute, "run_chunk", lambda kernel, *more: "on purpose")
+    with (
+        pytest.warns(RuntimeWarning, match="have no result"),
+        pytest.raises(RunError, match=r"all \d+ chunks failed \(on purpose\): '.*out\.nc' stays as it was; see to"),
+    ):
+        sweep.run(out, overwrite=True, scheduler="synchronous")
+    assert out.read_bytes() == before
+    some = lambda kernel, *more: real(kernel, *more) if kernel.law.key == "none" else "on purpose"  # noqa: E731
+    monkeypatch.setattr(execute, "run_chunk", some)
+    with pytest.warns(RuntimeWarning, match="have no result"):
+        sweep.run(out, overwrite=True, scheduler="synchronous").close()
+    assert out.read_bytes() != before
+    assert (tmp_path / "out.nc.parts").is_dir()
 
 
 # -- what a half-finished folder tells ---------------------------------------------------------------------------------
@@ -394,6 +632,29 @@ def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
     sweep.run(tmp_path / "out.nc", scheduler="synchronous").close()
     assert sweep.last_outcome.run == missing
     assert "Variables" in cli("info", tmp_path / "out.nc").stdout
+
+
+def test_a_cube_beside_which_a_run_is_not_finished(tmp_path, monkeypatch):
+    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    out, parts = tmp_path / "out.nc", tmp_path / "out.nc.parts"
+    sweep = Sweep(scene=row(), records=motions(), **AXES)
+    sweep.run(out).close()
+    assert "unfinished" not in cli("info", out).stdout
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run(out, overwrite=True, scheduler="synchronous", progress=At("scenarios", stop, 20))
+    found = survey(parts)
+    done, planned = sum(part.scenarios_done for part in found.parts), sum(part.scenarios for part in found.parts)
+    said = cli("info", out)
+    assert said.stdout.splitlines()[-1] == (
+        f"An unfinished run stands beside this cube, {done} of {planned} scenarios done: {parts}"
+    )
+    assert said.stderr == ""
+    (parts / IDENTITY).write_text("{}")
+    told = cli("info", out)
+    assert "Variables" in told.stdout
+    assert re.fullmatch(
+        r"pounding-sweep: warning: what '.*out\.nc\.parts' says of itself can't be read .*\n", told.stderr
+    )
 
 
 def test_folders_that_are_not_half_finished(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import re
+import signal
 import warnings
 from datetime import datetime
 
@@ -114,10 +115,21 @@ def test_chunks_that_fail_are_in_the_log(tmp_path, monkeypatch):
     assert re.search(r"result: 0 scenarios run, .* [1-9]\d* chunks failed", told)
 
 
-def test_a_log_that_cannot_be_written_stops_nothing(tmp_path):
-    (tmp_path / "out.nc.log").mkdir()
-    with pytest.warns(RuntimeWarning, match=r"out\.nc\.log' can't be written \(Is a directory\); .*goes on") as caught:
-        make().run(tmp_path / "out.nc").close()
+def hangs(*arguments):
+    pytest.fail("the log waits")
+
+
+@pytest.mark.parametrize("kind", [os.mkdir, os.mkfifo, lambda path: os.symlink("/dev/null", path)])
+def test_a_log_that_cannot_be_written_stops_nothing(tmp_path, kind):
+    kind(tmp_path / "out.nc.log")
+    before = signal.signal(signal.SIGALRM, hangs)
+    signal.setitimer(signal.ITIMER_REAL, 60.0, 1.0)  # a pipe is opened when somebody reads it
+    try:
+        with pytest.warns(RuntimeWarning, match=r"log' can't be written \(not a regular file\); .*goes on") as caught:
+            make().run(tmp_path / "out.nc").close()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
     assert len(caught) == 1
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from pounding_sweep.cli.reporting import NAME
+from pounding_sweep.cli.reporting import NAME, open_streams
 
 app = typer.Typer(
     name=NAME,
@@ -35,6 +35,7 @@ FIGURE_FILE = "PNG, SVG or PDF file; replaced if it exists."
 
 def main() -> None:
     """Run the command line of this process and leave with its exit code."""
+    open_streams()
     app(prog_name=NAME)
 
 

@@ -118,7 +118,8 @@ def _check_data(folder: Path, keys: list[str], overwrite: bool) -> None:
 
 def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path, overwrite: bool) -> list[str]:
     """Write the table, the result and the figure of a comparison; returns the names of the files."""
-    from pounding_sweep.cube.write import replacing, write_cube
+    from pounding_sweep.cube.files import replacing
+    from pounding_sweep.cube.write import write_cube
     from pounding_sweep.errors import InputError, OutputError
     from pounding_sweep.figures import plot
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pounding_sweep.cli.app import FIGURE_FILE, CubeFile, app
-from pounding_sweep.cli.reporting import parts_folder, reporting
-from pounding_sweep.errors import InputError
+from pounding_sweep.cli.reporting import reporting, say
+from pounding_sweep.errors import InputError, OutputError
 from pounding_sweep.figures import FIGURES, SOURCES
 from pounding_sweep.tables import print_pairs, print_table
 
@@ -25,14 +26,28 @@ def info_command(cube: CubeFile) -> None:
     with reporting():
         from pounding_sweep.cube.describe import describe
         from pounding_sweep.cube.write import open_cube
+        from pounding_sweep.sweep.store import IDENTITY, parts_folder
         from pounding_sweep.sweep.unfinished import survey
 
-        parts = cube if cube.is_dir() else parts_folder(cube)
-        if parts.is_dir() and not cube.is_file():
+        parts = cube if os.path.isdir(cube) else parts_folder(cube)  # unlike Path's, no error in a closed folder
+        if os.path.isdir(parts) and not os.path.isfile(cube):
             _print_unfinished(survey(parts))
             return
         with open_cube(cube) as found:
             print(describe(found))
+        if os.path.exists(parts / IDENTITY):
+            try:
+                print(f"\n{_beside(survey(parts))}")
+            except OutputError as error:
+                say(f"warning: {error}")
+
+
+def _beside(found: Survey) -> str:
+    """Say that a cube is older than a sweep that is not finished, and how much of that is done."""
+    done, planned = (sum(getattr(part, name) for part in found.parts) for name in ("scenarios_done", "scenarios"))
+    most = planned if found.planned else f"at most {found.at_most}" if found.at_most else "an unknown number of"
+    state = f", {found.now} is at work on it" if found.now else ""
+    return f"An unfinished run stands beside this cube, {done} of {most} scenarios done{state}: {found.folder}"
 
 
 def _print_unfinished(found: Survey) -> None:
@@ -74,7 +89,7 @@ def plot_command(
     ] = None,
     at: Annotated[
         list[str] | None,
-        typer.Option("--at", metavar="AXIS=VALUE", help="Draw this value of an axis; repeat for several axes."),
+        typer.Option("--at", metavar="AXIS=VALUE", help="Draw this value of an axis; repeat for more axes, or values."),
     ] = None,
     dpi: Annotated[float, typer.Option(metavar="N", help="Dots per inch of a PNG.")] = 150.0,
     only_list: Annotated[
@@ -106,15 +121,15 @@ def plot_command(
                 print(plot(chosen, kind, out, dpi=dpi))
 
 
-def axis_values(given: list[str]) -> dict[str, str]:
-    """Read texts AXIS=VALUE; raises `InputError` for any other text."""
-    values = {}
+def axis_values(given: list[str]) -> dict[str, list[str]]:
+    """Read texts AXIS=VALUE, of which several may be of one axis; raises `InputError` for any other text."""
+    values: dict[str, list[str]] = {}
     for text in given:
         axis, equals, value = text.partition("=")
         if not equals:
             msg = f"--at {text!r} won't do; give AXIS=VALUE, such as gap=0.01"
             raise InputError(msg)
-        values[axis.strip()] = value.strip()
+        values.setdefault(axis.strip(), []).append(value.strip())
     return values
 
 

@@ -11,6 +11,7 @@ import typer
 from pounding_sweep.cli.app import AsJson, app
 from pounding_sweep.cli.reporting import FAILED, reporting, say
 from pounding_sweep.tables import bytes_text, print_json, print_pairs, seconds_text
+from pounding_sweep.texts import printable
 
 
 @app.command("doctor")
@@ -75,18 +76,21 @@ def _print_state(found: dict[str, Any]) -> None:
     print_pairs([("free", f"{bytes_text(memory['free_bytes'])} ({memory['limit']})" if known else "unknown")], indent=2)
     print("Kernel cache")
     kernels = f"{cache['kernels']}, {bytes_text(cache['bytes'])}"
-    print_pairs([("folder", cache["folder"]), ("kernels", kernels)], indent=2)
+    print_pairs([("folder", cache["folder"] or "none"), ("kernels", kernels)], indent=2)
     print("Record folders")
     print_pairs([(item["folder"], f"{item['files']} record files") for item in folders], indent=2)
     if not folders:
         print("  none (POUNDING_SWEEP_RECORDS is not set); el_centro is always there")
     output = found["output"]
     print("Output")
-    free = f"{bytes_text(output['free_bytes'])} free" if output["writable"] else "can't be written"
-    print_pairs([(output["folder"], free)], indent=2)
+    free = "can't be written"
+    if output["writable"]:
+        known = output["free_bytes"] is not None
+        free = f"{bytes_text(output['free_bytes'])} free" if known else "free space unknown"
+    print_pairs([(output["folder"] or "none", free)], indent=2)
     print("Problems" if found["problems"] else "No problems found")
     for problem in found["problems"]:
-        print(f"  {problem}")
+        print(f"  {printable(problem)}")
 
 
 def _print_check(check: dict[str, Any]) -> None:

@@ -27,7 +27,7 @@ def export_command(
     ] = None,
     at: Annotated[
         list[str] | None,
-        typer.Option("--at", metavar="AXIS=VALUE", help="Only this value of an axis; repeat for several axes."),
+        typer.Option("--at", metavar="AXIS=VALUE", help="Only this value of an axis; repeat for more axes, or values."),
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -54,13 +54,27 @@ def merge_command(
         float | None,
         typer.Option(metavar="RATIO", help="Relative difference of two results of a scenario that is no conflict."),
     ] = None,
+    mix_sources: Annotated[
+        bool,
+        typer.Option(
+            "--mix-sources",
+            help="Allow cubes made by several states of one version's source, or with several versions of numba, "
+            "llvmlite or numpy; each is named in the cube.",
+        ),
+    ] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Put cubes of one study together: same scene, numerics and outputs, other values on the axes or other cases."""
     with reporting():
         from pounding_sweep.cube.merge import TOLERANCE, merge_cubes
 
-        found = merge_cubes(cubes, out, overwrite=overwrite, tolerance=TOLERANCE if tolerance is None else tolerance)
+        found = merge_cubes(
+            cubes,
+            out,
+            overwrite=overwrite,
+            tolerance=TOLERANCE if tolerance is None else tolerance,
+            mix_sources=mix_sources,
+        )
         rows = [
             ("cubes", f"{len(cubes)}"),
             ("scenarios", f"{found.scenarios}, {found.overlapping} of them in several cubes"),
@@ -68,5 +82,7 @@ def merge_command(
         if found.missing:
             more = ", ..." if found.missing > len(found.named) else ""
             rows.append(("missing", f"{found.missing} (status not_run): {', '.join(found.named)}{more}"))
+        if found.sources > 1:
+            rows.append(("sources", f"{found.sources}, by source, numba, llvmlite and numpy (see merged_from)"))
         print_pairs(rows)
         print(found.path)

@@ -9,11 +9,13 @@ import threading
 import traceback
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import typer
+
+from pounding_sweep.texts import printable
 
 NAME = "pounding-sweep"
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
@@ -25,7 +27,7 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
 
     `out` is the cube of a run, whose finished chunks outlast an interruption. SIGTERM is one too.
     """
-    from pounding_sweep.errors import ClusterError, InputError, OutputError, PoundingSweepError, WriteError
+    from pounding_sweep.errors import ClusterError, InputError, OutputError, PoundingSweepError, RunError, WriteError
 
     said: list[str] = []
 
@@ -40,7 +42,7 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
         try:
             yield said
             sys.stdout.flush()
-        except (WriteError, ClusterError) as error:
+        except (WriteError, RunError, ClusterError) as error:
             say(f"failed: {error}{_kept(out)}")
             raise typer.Exit(FAILED) from None
         except PoundingSweepError as error:
@@ -48,7 +50,7 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
             raise typer.Exit(BAD_INPUT if isinstance(error, InputError | OutputError) else FAILED) from None
         except KeyboardInterrupt:
             for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, signal.SIG_DFL)  # a second one doesn't wait for the chunks under way
+                signal.signal(number, lambda *_: os._exit(INTERRUPTED))  # it doesn't wait for the chunks under way
             say(f"interrupted{_kept(out)}")
             raise typer.Exit(INTERRUPTED) from None
         except (typer.Exit, BrokenPipeError):
@@ -59,7 +61,7 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
                 say(f"error: values of a netCDF file can't be read ({error}): it is damaged; make it again")
                 raise typer.Exit(BAD_INPUT) from None
             # a fault of the package, or of the machine: the traceback is for the report
-            traceback.print_exception(error)
+            _print("".join(traceback.format_exception(error)).rstrip("\n"))
             say(f"failed: {type(error).__name__}: {error}{_kept(out)}")
             raise typer.Exit(FAILED) from None
 
@@ -74,29 +76,48 @@ def _ended_by_sigterm() -> Iterator[None]:
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        if signal.getsignal(signal.SIGTERM) is signal.default_int_handler:  # else a second one ends the process at once
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def say(text: str) -> None:
     """Write one message to stderr."""
-    print(f"{NAME}: {text}", file=sys.stderr, flush=True)
+    _print(f"{NAME}: {text}")
 
 
-def parts_folder(out: Path) -> Path:
-    """Folder in which a run keeps finished chunks."""
-    return Path(os.path.realpath(out.expanduser()) + ".parts")
+def _print(text: str) -> None:
+    """Write to stderr, if it can be: a reader that has gone, or its full disk, ends nothing."""
+    with suppress(OSError):
+        print(printable(text, keep="\n"), file=sys.stderr, flush=True)
+
+
+def open_streams() -> None:
+    """Have somewhere to write where the process was started without stdout or stderr (``>&-``).
+
+    Else a file that is opened later would have their numbers, and be written into by who prints to them.
+    """
+    for number, (name, mode) in enumerate({"stdin": "r", "stdout": "w", "stderr": "w"}.items()):
+        if getattr(sys, name) is None:
+            handle = os.open(os.devnull, os.O_RDWR)
+            if handle == number:
+                os.set_inheritable(handle, True)  # for processes that are started from here
+            else:
+                os.dup2(handle, number)
+                os.close(handle)
+            setattr(sys, name, os.fdopen(number, mode))
 
 
 def _kept(out: Path | None) -> str:
     """Say what an unfinished run leaves behind; nothing for other commands."""
-    from pounding_sweep.sweep.store import MANIFEST
+    from pounding_sweep.errors import OutputError
+    from pounding_sweep.sweep.store import ChunkStore, parts_folder
 
-    if out is None or not parts_folder(out).is_dir():
+    if out is None or not os.path.isdir(parts := parts_folder(out)):
         return ""
     try:
-        chunks = len((parts_folder(out) / MANIFEST).read_bytes().splitlines())
-    except OSError:
-        chunks = 0
+        chunks = len(ChunkStore(parts, "").completed())
+    except OutputError as error:
+        return f"; what is finished is kept, but {error}"
     if not chunks:
         return "; nothing was finished yet"
-    return f"; {chunks} finished chunks are kept in {out}.parts: running the same command again continues from there"
+    return f"; {chunks} finished chunks are kept in {parts}: running the same command again continues from there"

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pounding_sweep.cli.app import AsJson, Folders, SweepFile, Workers, app
-from pounding_sweep.cli.reporting import FAILED, parts_folder, reporting, say
+from pounding_sweep.cli.reporting import FAILED, reporting, say
 from pounding_sweep.tables import bytes_text, number_text, print_json, print_pairs, print_table, seconds_text
+from pounding_sweep.texts import printable
 
 if TYPE_CHECKING:
     from pounding_sweep.sweep.execute import Outcome
@@ -92,6 +93,8 @@ def run_command(
         else:
             _print_run(report)
         if outcome.failures:
+            from pounding_sweep.sweep.store import parts_folder
+
             say(
                 "failed: some scenarios have no result (status not_run). What is finished is kept in "
                 f"{parts_folder(out)}; run again with --overwrite to make only the rest"
@@ -123,7 +126,7 @@ def plan_command(
         if as_json:
             print_json(found)
             return
-        print(job.spec.title or sweep)
+        print(printable(str(job.spec.title or sweep)))
         axes = " x ".join(f"{len(values)} {name}" for name, values in job.spec.axes.items())
         least = found["steps_least"]
         steps = ", ".join(

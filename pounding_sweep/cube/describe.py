@@ -10,14 +10,18 @@ its size is told), ``sweep_sha256``, and everything whose name ends in
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.cube.assemble import SOURCE_ATTRIBUTE
 from pounding_sweep.cube.audited import AUDIT_DIMS, audit_sentence, audit_table
+from pounding_sweep.cube.provenance import LIBRARIES, ORIGINS, library_attribute, origins
 from pounding_sweep.cube.slabs import cuts, status_counts
 from pounding_sweep.cube.variables import INNER_DIMS, STATUS, Status
+from pounding_sweep.errors import shown
+from pounding_sweep.texts import printable
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,16 +30,28 @@ _SHOWN_ELSEWHERE = {
     *("title", "history", "records", "scenarios_asked", "scenarios_run", "sweep", "sweep_sha256", "accuracy_choice"),
     *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation"),
 }
+#: Counts that a cube keeps of one that its results were taken from.
+_COUNTS = {"scenarios_asked": "asked", "scenarios_run": "run", "scenarios_taken": "taken"}
 _WIDTH = 100
+#: Cubes that results were taken from, of which no more are told.
+_MOST_ORIGINS = 100
+#: No line is longer, whatever a file says.
+_LONGEST_LINE = 2000
 
 
 def _number(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, (float, np.floating)) else str(value)
+    if isinstance(value, (float, np.floating)):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else shown(value)
 
 
 def _short(value: Any, width: int = _WIDTH) -> str:
     text = " ".join(str(value).split())
     return text if len(text) <= width else f"{text[: width - 3]}..."
+
+
+def _short_line(line: str) -> str:
+    return line if len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 3]}..."
 
 
 def _units(variable: xr.DataArray) -> str:
@@ -139,20 +155,38 @@ def _audit(dataset: xr.Dataset) -> list[str]:
 def _records(dataset: xr.Dataset) -> list[str]:
     try:
         entries = json.loads(dataset.attrs["records"])
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, RecursionError):
         entries = []
     rows: list[tuple[str, ...]] = []
     for entry in entries if isinstance(entries, list) else []:
         if isinstance(entry, dict):
             pga = entry.get("pga")
-            peak = f"PGA {_number(float(pga))} m/s2" if isinstance(pga, (int, float)) else "PGA unknown"
+            peak = f"PGA {_number(pga)} m/s2" if isinstance(pga, (int, float)) else "PGA unknown"
             more = [f"{k} {_number(v)}" for k, v in entry.items() if k not in ("name", "pga") and v not in ("", None)]
-            rows.append((str(entry.get("name", "?")), peak, _short(", ".join(more))))
+            rows.append((_short(_number(entry.get("name", "?"))), peak, _short(", ".join(more))))
     if not rows and "record_pga" in dataset.coords and "record" in dataset.coords:
         names, peaks = np.atleast_1d(dataset["record"].values), np.atleast_1d(dataset["record_pga"].values)
         if names.shape == peaks.shape:
             rows = [(str(n), f"PGA {_number(float(p))} m/s2", "") for n, p in zip(names, peaks, strict=True)]
     return _table(rows)
+
+
+def _origins(attributes: Mapping[Any, Any]) -> list[str]:
+    """List the cubes that results were taken from, each below the one that took them."""
+    try:
+        found = list(origins(attributes))
+    except (ValueError, TypeError, RecursionError):  # an attribute of any kind
+        return []
+    rows = []
+    for depth, how, told in found[:_MOST_ORIGINS]:
+        counts = [f"{told[key]} {text}" for key, text in _COUNTS.items() if isinstance(told.get(key), int)]
+        made_by = [f"source {_number(told[SOURCE_ATTRIBUTE])[:12]}"] if SOURCE_ATTRIBUTE in told else []
+        for library in (name for name in LIBRARIES if library_attribute(name) in told):
+            made_by.append(f"{library} {_number(told[library_attribute(library)])}")
+        cells = (_number(told.get("history", "")), ", ".join(counts), ", ".join(made_by))
+        rows.append((f"{'  ' * min(depth, 10)}{how}", _short(told["file"], 4 * _WIDTH), *map(_short, cells)))
+    more = [f"  and {len(found) - _MOST_ORIGINS} more"] if len(found) > _MOST_ORIGINS else []
+    return _table(rows) + more
 
 
 def describe(dataset: xr.Dataset) -> str:
@@ -172,7 +206,7 @@ def describe(dataset: xr.Dataset) -> str:
 
     Notes
     -----
-    Reads every variable once, a part at a time.
+    Reads every variable once, a part at a time. Control characters of a file are escaped, and what is long is cut.
     """
     attributes = dataset.attrs
     status = dataset["status"] if "status" in dataset.data_vars else None
@@ -190,7 +224,9 @@ def describe(dataset: xr.Dataset) -> str:
         lines.append(f"  {attributes['accuracy_choice']}")
 
     versions = {str(k): v for k, v in attributes.items() if str(k).endswith("_version")}
-    others = [(str(k), _short(v)) for k, v in attributes.items() if k not in _SHOWN_ELSEWHERE and k not in versions]
+    made_from = _origins(attributes)
+    elsewhere = {*_SHOWN_ELSEWHERE, *versions, *(ORIGINS if made_from else ())}
+    others = [(str(k), _short(v)) for k, v in attributes.items() if k not in elsewhere]
     if "sweep" in attributes:
         others.append(("sweep", f"{len(str(attributes['sweep']))} characters of JSON"))
     if "sweep_sha256" in attributes:
@@ -203,10 +239,11 @@ def describe(dataset: xr.Dataset) -> str:
         "Scenarios by status": _statuses(status) if status is not None else [],
         "Audit: relative error, by the difference to half the step": _audit(dataset),
         "Records": _records(dataset),
+        "Made from": made_from,
         "Versions": _table([(k.removesuffix("_version"), str(v)) for k, v in versions.items()]),
         "Attributes": _table(others),
     }
     for heading, body in sections.items():
         if body:
             lines += ["", heading, *body]
-    return "\n".join(lines)
+    return "\n".join(printable(_short_line(line)) for line in lines)

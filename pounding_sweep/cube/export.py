@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,11 +17,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.cube.assemble import encoding_of
+from pounding_sweep.cube.files import failure, replacing, sync_folder
+from pounding_sweep.cube.merge_checks import reading
 from pounding_sweep.cube.slabs import BLOCK_BYTES, block_shape
-from pounding_sweep.cube.tidy import TidyTable, scenarios_of
+from pounding_sweep.cube.tidy import Cells, TidyTable, scenarios_of
 from pounding_sweep.cube.variables import INNER_DIMS
-from pounding_sweep.cube.write import NETCDF_LOCK, check_output, replacing
-from pounding_sweep.errors import InputError, OutputError, unknown
+from pounding_sweep.cube.write import NETCDF_LOCK, check_output
+from pounding_sweep.errors import InputError, OutputError, WriteError, unknown
+from pounding_sweep.paths import expanded
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,7 +56,9 @@ def export_cube(
     InputError
         The ending or a variable is unknown, or what writes the format is not installed.
     OutputError
-        The path is not usable, or writing failed; nothing was replaced.
+        The path is not usable, or the cube's values can't be read.
+    WriteError
+        Writing failed, such as on a full disk; the message says whether anything was replaced.
 
     Notes
     -----
@@ -83,10 +88,29 @@ def export_cube(
     try:
         with NETCDF_LOCK:
             write(cube, target, names)
-    except (OSError, RuntimeError) as error:
-        msg = f"writing {str(path)!r} failed ({error}); free some space or give another path. Nothing was replaced"
-        raise OutputError(msg) from error
+    except OutputError:  # what is read, and what is said already
+        raise
+    except OSError as error:
+        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
+        raise WriteError(msg) from error
     return target
+
+
+def _source(cube: xr.Dataset) -> str:
+    """Name the file that a cube is read from."""
+    places = (variable.encoding.get("source") for variable in cube.variables.values())
+    return str(next(filter(None, places), "given"))
+
+
+def _parts(cube: xr.Dataset, table: TidyTable) -> Iterator[dict[str, Cells]]:
+    """Read a table part by part; where that fails, the cube is at fault and not what is written."""
+    parts = table.parts()
+    while True:
+        with reading(_source(cube)):
+            part = next(parts, None)
+        if part is None:
+            return
+        yield part
 
 
 def _need(module: str, ending: str) -> None:
@@ -101,7 +125,7 @@ def _need(module: str, ending: str) -> None:
 
 
 def _new_folder(path: str | os.PathLike[str]) -> Path:
-    target = Path(path).expanduser()
+    target = expanded(path)
     if target.exists() or target.is_symlink():
         msg = f"output {str(path)!r} exists, and folders are not replaced; remove it or give another path"
         raise OutputError(msg)
@@ -118,14 +142,22 @@ def _csv(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
         "columns": {column.name: column.attributes for column in table.columns},
         "cube": {str(key): _plain(value) for key, value in cube.attrs.items()},
     }
-    with replacing(path) as temporary:
-        with temporary.open("w", encoding="utf-8", newline="") as file:
-            pd.DataFrame(columns=[column.name for column in table.columns]).to_csv(file, index=False)
-            for part in table.parts():
-                cells = {name: _text_of(*given) for name, given in part.items()}
-                pd.DataFrame(cells).to_csv(file, index=False, header=False)
-        with replacing(path.with_name(f"{path.name}.json")) as beside:
-            beside.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    beside = path.with_name(f"{path.name}.json")
+    written = False
+    try:
+        with replacing(beside) as description:
+            description.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+            with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+                pd.DataFrame(columns=[column.name for column in table.columns]).to_csv(file, index=False)
+                for part in _parts(cube, table):
+                    cells = {name: _text_of(*given) for name, given in part.items()}
+                    pd.DataFrame(cells).to_csv(file, index=False, header=False)
+            written = True
+    except OSError as error:
+        if written:  # two names can't change at once
+            msg = f"{str(path)!r} is complete, but {failure(f'writing {str(beside)!r}', error)}, with --overwrite"
+            raise WriteError(msg) from error
+        raise
 
 
 def _text_of(values: np.ndarray, missing: np.ndarray) -> Any:
@@ -161,7 +193,7 @@ def _parquet(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
         metadata={str(key): json.dumps(_plain(value), ensure_ascii=False) for key, value in cube.attrs.items()},
     )
     with replacing(path) as temporary, pq.ParquetWriter(temporary, schema) as file:
-        for part in table.parts():
+        for part in _parts(cube, table):
             cells = [
                 pa.array(values.astype(object) if values.dtype.kind == "U" else values, field.type, mask=missing)
                 for field, (values, missing) in zip(schema, part.values(), strict=True)
@@ -181,14 +213,31 @@ def _zarr(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
     for name, stored in chosen.variables.items():
         kept = encoding_of(name, stored) if name in chosen.data_vars else {}
         encoding[name] = {key: value for key, value in kept.items() if value is not None}
-    with replacing(path) as temporary:
-        try:
-            with dask.config.set(scheduler="synchronous"):  # as little in memory as can be
-                # format 2: the later one has no agreed way to store text
-                chosen.drop_encoding().chunk(block).to_zarr(temporary, mode="w-", encoding=encoding, zarr_format=2)
-        except BaseException:
-            shutil.rmtree(temporary, ignore_errors=True)
-            raise
+    unfinished = None
+    try:
+        with replacing(path) as unfinished, dask.config.set(scheduler="synchronous"):  # as little in memory as can be
+            # format 2: the later one has no agreed way to store text
+            chosen.drop_encoding().chunk(block).to_zarr(unfinished, mode="w-", encoding=encoding, zarr_format=2)
+            _sync(unfinished)
+    except BaseException as error:
+        if unfinished is not None:
+            shutil.rmtree(unfinished, ignore_errors=True)
+        if isinstance(error, RuntimeError):  # of the netCDF library: zarr's are of the system
+            with reading(_source(cube)):
+                raise
+        raise
+
+
+def _sync(folder: Path) -> None:
+    """Put all files below a folder on disk, and their names."""
+    for within, _, names in os.walk(folder):
+        for name in names:
+            handle = os.open(os.path.join(within, name), os.O_RDONLY)
+            try:
+                os.fsync(handle)
+            finally:
+                os.close(handle)
+        sync_folder(Path(within))
 
 
 def _count(array: xr.DataArray, dims: Iterable[Any]) -> int:

@@ -9,14 +9,12 @@ it is damaged the library gives missing values for a block, or does not look at 
 from __future__ import annotations
 
 import itertools
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import h5py
-
-#: Bytes of the checksum that is stored behind a block.
-_CHECKSUM = 4
 
 #: Bytes of the checksum behind a block.
 _CHECKSUM = 4
@@ -68,7 +66,10 @@ def _blocks_are_whole(values: h5py.Dataset, taken: set[int]) -> bool:
     blocks: list[Any] = []
     if values.size:
         values.id.chunk_iter(blocks.append)
-    corners = list(itertools.product(*map(range, itertools.repeat(0), values.shape, values.chunks)))
+    starts = [range(0, size, block) for size, block in zip(values.shape, values.chunks, strict=True)]
+    if len(blocks) != math.prod(map(len, starts)):  # which may be more than can be counted
+        return False
+    corners = list(itertools.product(*starts))
     places = {block.byte_offset for block in blocks}
     shared = places & taken
     taken |= places

@@ -7,26 +7,28 @@ not thread-safe: everything of this package that touches a netCDF file holds
 
 from __future__ import annotations
 
+import errno
 import os
-import re
-import secrets
 import shutil
 import stat
 import tempfile
 import threading
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, encoding_of
+from pounding_sweep.cube.files import failure, replacing
 from pounding_sweep.cube.form import wrong_form
 from pounding_sweep.cube.heaps import has_endless_heap
 from pounding_sweep.cube.slabs import cuts
 from pounding_sweep.cube.stored import wrongly_stored
 from pounding_sweep.errors import OutputError, WriteError
+from pounding_sweep.paths import absolute
+from pounding_sweep.tables import bytes_text
 
 if TYPE_CHECKING:
     import netCDF4
@@ -39,61 +41,18 @@ NETCDF_LOCK = threading.RLock()
 READ_CACHE = 2**22
 #: How the arrays of a dataset that is written in one piece are compressed, and checked when they are read.
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
-_TEMPORARY = re.compile(r"\.pounding_sweep-[0-9a-f]{16}\.part")
-
-
-def is_temporary(name: str) -> bool:
-    """Whether a file of that name was being written by `replacing`."""
-    return _TEMPORARY.fullmatch(name) is not None
-
-
-def sync_folder(folder: Path) -> None:
-    """Make the names in a folder lasting, where its file system can."""
-    with suppress(OSError):  # some network file systems can't sync a folder
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
-@contextmanager
-def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
-    """Give a temporary name; when the block ends well, make the file `path` for good.
-
-    It stands in `folder`, where there is one on the same disk, else beside `path`.
-
-    The content is on disk before the name changes, and the name before the block
-    is left. When the block fails, the temporary file is removed and `path` is as
-    it was.
-    """
-    if folder is None or folder.stat().st_dev != path.parent.stat().st_dev:
-        folder = path.parent
-    temporary = folder / f".pounding_sweep-{secrets.token_hex(8)}.part"
-    try:
-        yield temporary
-        handle = os.open(temporary, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-        temporary.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise
-    sync_folder(path.parent)
 
 
 def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
     """Return the file that `path` stands for, links followed, so that a link stays one, and its mode if it is there."""
     try:
-        target = Path(os.path.realpath(Path(path).expanduser()))
+        target = absolute(path)
+        str(target).encode()  # the netCDF library opens no other names
         return target, target.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
         return target, None
     except (OSError, ValueError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or error
+        reason = "no UTF-8" if isinstance(error, UnicodeError) else getattr(error, "strerror", None) or error
         msg = f"path {os.fspath(path)!r} is not usable ({reason}); give another path"
         raise OutputError(msg) from None
 
@@ -116,8 +75,8 @@ def check_output(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
     Raises
     ------
     OutputError
-        The path is a folder or a device, exists and may not be overwritten, or its
-        folder is missing or can't be written.
+        The path is a folder or a device, exists and may not be overwritten, is too long or
+        no UTF-8, or its folder is missing or can't be written.
     """
     target, mode = _target(path)
     if mode is not None and stat.S_ISDIR(mode):
@@ -131,6 +90,9 @@ def check_output(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
             f"output file {str(path)!r} exists; give another path, or overwrite it "
             "(overwrite=True, on the command line --overwrite)"
         )
+        raise OutputError(msg)
+    if _is_too_long(target):
+        msg = f"the name of output {str(path)!r} is too long for what stands beside it in a run; give a shorter path"
         raise OutputError(msg)
     folder = target.parent
     if not folder.is_dir():
@@ -147,12 +109,27 @@ def check_output(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
     return target
 
 
+def _is_too_long(target: Path) -> bool:
+    """Whether a chunk, in the folder beside a cube, would have a name or a path that is too long."""
+    try:
+        os.stat(f"{target}.parts/{'x' * 64}")
+    except OSError as error:
+        return error.errno == errno.ENAMETOOLONG
+    return False
+
+
+def free_space(folder: Path) -> int | None:
+    """Return the bytes that are free on the disk of `folder`; None where its file system does not say."""
+    usage = shutil.disk_usage(folder)
+    return usage.free if usage.total else None
+
+
 def check_space(folder: Path, needed: int, what: str) -> None:
     """Raise `OutputError` where the disk of `folder` has less than `needed` bytes free for `what`."""
-    free = shutil.disk_usage(folder).free
-    if needed > free:
+    free = free_space(folder)
+    if free is not None and needed > free:
         msg = (
-            f"{what} needs about {needed / 2**30:.2f} GiB of disk, {free / 2**30:.2f} GiB are free in "
+            f"{what} needs about {bytes_text(needed)} of disk, {bytes_text(free)} are free in "
             f"{str(folder)!r}; free some space, give a path on another disk, or take fewer values on an axis"
         )
         raise OutputError(msg)
@@ -218,7 +195,7 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
         with NETCDF_LOCK, replacing(target) as temporary:
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
     except (OSError, RuntimeError) as error:
-        msg = f"writing {str(path)!r} failed ({error}); free some space or give another path. Nothing was replaced"
+        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
         raise WriteError(msg) from error
     return target
 
@@ -290,7 +267,7 @@ def write_in_slabs(
     except OutputError:  # what the slabs are made from can't be read
         raise
     except (OSError, RuntimeError) as error:
-        msg = f"writing {str(path)!r} failed ({error}); free some space or give another path. Nothing was replaced"
+        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
         raise WriteError(msg) from error
     return target
 

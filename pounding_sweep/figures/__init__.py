@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.deferred import function_at
 from pounding_sweep.errors import InputError, OutputError, unknown
+from pounding_sweep.paths import expanded
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -201,6 +202,10 @@ FIGURES: dict[str, Kind] = {
 }
 
 
+#: Dots per inch that a page can be drawn in.
+_DPI = (10, 1200)
+
+
 def require(dataset: xr.Dataset, key: str) -> None:
     """Raise `InputError` where a dataset lacks what a figure needs.
 
@@ -240,7 +245,7 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     path : path
         File to write.
     dpi : float
-        Dots per inch of a PNG.
+        Dots per inch of a PNG, 10 to 1200.
 
     Returns
     -------
@@ -250,15 +255,19 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     Raises
     ------
     InputError
-        The figure is unknown, or the dataset lacks what it needs.
+        The figure is unknown, the dataset lacks what it needs, or `dpi` is out of range.
     OutputError
         The file can't be written.
     """
     if kind not in FIGURES:
         raise InputError(unknown("figure", kind, FIGURES))
+    low, high = _DPI
+    if not low <= dpi <= high:
+        msg = f"dpi is {dpi:g}; it must be from {low} to {high}"
+        raise InputError(msg)
     require(dataset, kind)
+    target = expanded(path)
     figure = FIGURES[kind].load()(dataset)
-    target = Path(path)
     try:
         figure.savefig(target, dpi=dpi)
     except (OSError, ValueError) as error:

@@ -14,7 +14,7 @@ import numpy as np
 
 from pounding_sweep.contact.laws import LAWS
 from pounding_sweep.cube.assemble import package_version
-from pounding_sweep.cube.write import replacing
+from pounding_sweep.cube.files import replacing
 from pounding_sweep.errors import OutputError
 from pounding_sweep.paper.checks import energy_checks
 from pounding_sweep.paper.compare import ALL, Grid, agreement, side_by_side, table_grid

@@ -288,6 +288,6 @@ class _Stages:
         try:
             return self.store.read(chunk.key)
         except ChunkCorrupt as error:
-            warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
             self.store.forget(chunk.key)
+            warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
             return None

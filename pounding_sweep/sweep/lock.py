@@ -1,13 +1,16 @@
 """One run at a time on a folder of chunks.
 
 The lock is the kernel's (``flock``), so that it ends with the process that
-holds it, however that ends. The file's text says who that is, or was.
+holds it, however that ends. The file's text says who that is, or was: where a
+file system keeps locks to each machine, a lock that is free here may be held
+elsewhere, and only the text tells.
 """
 
 from __future__ import annotations
 
 import errno
 import fcntl
+import hashlib
 import json
 import os
 import socket
@@ -38,22 +41,60 @@ class Holder:
         Process on it.
     started : str
         When it took the lock (ISO 8601).
+    boot : str
+        Identity of the kernel since it started, the same in all containers on it; empty where there is none.
+    machine : str
+        Digest of what the system is known by, the same after it starts again; empty where there is none.
     """
 
     host: str
     pid: int
     started: str
+    boot: str = ""
+    machine: str = ""
+
+    def has_ended(self) -> bool:
+        """Whether a lock that is free here tells that this process is gone, here being its machine.
+
+        Its kernel is this one, whatever the host is called; or it has started again since. Another
+        machine of that name has another digest.
+        """
+        here = _here()
+        if self.boot and self.boot == here.boot:
+            return True
+        again = not self.boot or (self.machine != "" and self.machine == here.machine)
+        return again and self.host == here.host
 
     def __str__(self) -> str:
         return f"process {self.pid} on {self.host}, since {self.started}"
+
+
+def _text(path: str) -> str:
+    try:
+        return Path(path).read_text(encoding="utf-8").strip()
+    except (OSError, ValueError):
+        return ""
+
+
+def _here() -> Holder:
+    """Return this process as a holder from now on."""
+    system = _text("/etc/machine-id")  # not to be shown to others as it is
+    return Holder(
+        socket.gethostname(),
+        os.getpid(),
+        datetime.now().astimezone().isoformat(timespec="seconds"),
+        _text("/proc/sys/kernel/random/boot_id"),
+        hashlib.sha256(f"pounding_sweep {system}".encode()).hexdigest()[:16] if system else "",
+    )
 
 
 def _read(path: Path) -> Holder | None:
     """Read who a lock file names; None where it is not there or was not written to the end."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-        return Holder(str(found["host"]), int(found["pid"]), str(found["started"]))
-    except (OSError, ValueError, TypeError, KeyError):
+        more = (str(found.get(name, "")) for name in ("boot", "machine"))
+        return Holder(str(found["host"]), int(found["pid"]), str(found["started"]), *more)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return None
 
 
@@ -104,7 +145,7 @@ def running(folder: Path) -> Holder | None:
         return found
     finally:
         os.close(handle)
-    return None if free and (found is None or found.host == socket.gethostname()) else found
+    return None if free and (found is None or found.has_ended()) else found
 
 
 class FolderLock:
@@ -113,7 +154,7 @@ class FolderLock:
     Parameters
     ----------
     folder : Path
-        Is made where it is missing.
+        Is made where it is missing, and removed at the end where nothing is in it.
 
     Raises
     ------
@@ -147,16 +188,13 @@ class FolderLock:
 
     def __enter__(self) -> FolderLock:
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
             self._lock()
-            me = Holder(socket.gethostname(), os.getpid(), datetime.now().astimezone().isoformat(timespec="seconds"))
             os.ftruncate(self._handle, 0)
-            os.pwrite(self._handle, (json.dumps(asdict(me)) + "\n").encode(), 0)
-        except OutputError:
+            os.pwrite(self._handle, (json.dumps(asdict(_here())) + "\n").encode(), 0)
+        except BaseException as error:
             self._close()
-            raise
-        except OSError as error:
-            self._close()
+            if isinstance(error, OutputError) or not isinstance(error, OSError):
+                raise
             msg = f"the chunk folder {str(self.folder)!r} can't be made or written ({error}); give another output path"
             raise OutputError(msg) from error
         return self
@@ -166,6 +204,9 @@ class FolderLock:
             if self._is_current():
                 self._path.unlink()
         self._close()
+        if os.path.isdir(self.folder):
+            with suppress(OSError):  # chunks are in it, or it is a link
+                self.folder.rmdir()
 
     def _close(self) -> None:
         if self._handle >= 0:
@@ -182,7 +223,13 @@ class FolderLock:
     def _lock(self) -> None:
         limit = time.monotonic() + PATIENCE
         while True:
-            self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+            self.folder.mkdir(parents=True, exist_ok=True)
+            try:
+                self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+            except FileNotFoundError:  # the run that ended just now has removed the folder
+                if time.monotonic() > limit:
+                    raise
+                continue
             try:
                 free = _take(self._handle, fcntl.LOCK_EX)
             except OSError as error:
@@ -213,7 +260,7 @@ class FolderLock:
         who = _read(self._path)
         if who is None:
             return
-        if who.host != socket.gethostname():
+        if not who.has_ended():
             msg = (
                 f"{str(self.folder)!r} is locked by {who}, another machine, whose processes can't be seen from here. "
                 f"If that run has ended, remove {str(self._path)!r} and run again; else wait for it or give "

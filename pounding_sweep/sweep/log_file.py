@@ -73,6 +73,8 @@ class RunLog(Progress):
             return
         stamp = datetime.now().astimezone().isoformat(timespec="seconds")
         try:
+            if self.path.exists() and not self.path.is_file():  # opening a pipe waits for its reader
+                raise OSError("not a regular file")
             with self.path.open("a", encoding="utf-8", errors="backslashreplace") as file:
                 file.write(f"{stamp} {' '.join(text.split())}\n")
         except OSError as error:

@@ -13,19 +13,20 @@ without the others.
 
 from __future__ import annotations
 
-import errno
 import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from pounding_sweep.cube.write import is_temporary, replacing, sync_folder
+from pounding_sweep.cube.files import failure, is_temporary, replacing, sync_folder
 from pounding_sweep.errors import OutputError, WriteError
+from pounding_sweep.paths import absolute, expanded
 from pounding_sweep.sweep.identity import differences
 from pounding_sweep.sweep.lock import LOCK, FolderLock
 
@@ -36,15 +37,34 @@ MANIFEST = "manifest.jsonl"
 
 _KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,127}")
 _CHUNK_FILE = re.compile(rf"chunk-{_KEY.pattern}\.npy")
+#: What NFS makes of a file that is removed while it is open; it goes by itself.
+_REMOVED = re.compile(r"\.nfs[0-9a-f]+")
 
 
 class ChunkCorrupt(OutputError):  # noqa: N818 - an event of the store, caught by the executor
     """A chunk on disk is not what was written."""
 
 
+def parts_folder(out: str | os.PathLike[str]) -> Path:
+    """Return the folder of a run's chunks: beside the cube `out`, links followed.
+
+    Examples
+    --------
+    >>> parts_folder("/home/me/night.nc").name
+    'night.nc.parts'
+    """
+    return Path(f"{absolute(out)}.parts")
+
+
+def unreadable(folder: Path, error: OSError) -> str:
+    """Say that a folder of chunks can't be read, which says nothing against the chunks."""
+    why = error.strerror or error
+    return f"the chunk folder {str(folder)!r} can't be read ({why}); ask its owner for access, or give another path"
+
+
 def _own(name: str) -> bool:
-    """Whether a file of that name is the store's."""
-    return name in (IDENTITY, EXPECTED, MANIFEST) or bool(_CHUNK_FILE.fullmatch(name)) or is_temporary(name)
+    """Whether a file of that name is the store's, its identity apart."""
+    return name in (EXPECTED, MANIFEST) or bool(_CHUNK_FILE.fullmatch(name)) or is_temporary(name)
 
 
 def _sha256(path: Path) -> str:
@@ -57,13 +77,6 @@ def _save(path: Path, table: np.ndarray) -> None:
         np.lib.format.write_array(file, table, allow_pickle=False)
 
 
-def _failed(what: str, folder: Path, error: OSError) -> WriteError:
-    """Say of a write that it failed, and what can be done about it."""
-    locked = error.errno in (errno.EACCES, errno.EPERM, errno.EROFS)
-    remedy = "make the folder writable" if locked else "free some space"
-    return WriteError(f"{what} to {str(folder)!r} failed ({error.strerror or error}); {remedy} and run again")
-
-
 def _is_table(table: np.ndarray) -> bool:
     """Whether the array is a row or more of named real numbers."""
     fields = (table.dtype.fields or {}).values()
@@ -71,7 +84,7 @@ def _is_table(table: np.ndarray) -> bool:
 
 
 class ChunkStore:
-    """Finished chunks of one sweep in one folder.
+    """Finished chunks of one sweep in one folder, in which one thread of one process writes while it has the `lock`.
 
     Parameters
     ----------
@@ -91,14 +104,10 @@ class ChunkStore:
     >>> store.completed(), store.read("0")["status"].tolist()
     ({'0'}, [0, 2])
     >>> store.discard()
-
-    Notes
-    -----
-    One thread of one process writes; `lock` keeps other processes out.
     """
 
     def __init__(self, folder: str | os.PathLike[str], identity: str, details: Mapping[str, str] | None = None) -> None:
-        self.folder = Path(folder).expanduser()
+        self.folder = expanded(folder)
         self.identity = identity
         self.details = {str(key): str(value) for key, value in (details or {}).items()}
         self._entries: dict[str, dict[str, Any]] = {}
@@ -120,26 +129,22 @@ class ChunkStore:
             raise OutputError(msg)
         return self.folder / f"chunk-{key}.npy"
 
-    def lock(self) -> FolderLock:
-        """Return the lock of the folder, a context, having looked whether the folder is this sweep's.
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Keep other runs out of the folder while the context is open; what a killed run was writing is removed.
 
         Raises
         ------
         OutputError
-            The folder belongs to another sweep or is no folder of chunks; it is left as it is.
+            The folder is another sweep's or none of chunks, another process runs there, or it can't be used.
         """
         self._check()
-        return FolderLock(self.folder)
+        with FolderLock(self.folder):
+            self._remove(p for p in self.folder.iterdir() if is_temporary(p.name))
+            yield
 
-    def open(self, mode: Literal["resume", "fresh", "read"] = "resume") -> ChunkStore:
-        """Make the folder ready.
-
-        Parameters
-        ----------
-        mode : {"resume", "fresh", "read"}
-            ``resume`` makes the folder where it is missing and keeps what is complete;
-            ``fresh`` removes the chunks that are there, of whatever sweep; ``read``
-            makes nothing and wants a folder that is there.
+    def open(self) -> ChunkStore:
+        """Make the folder ready: it is made where it is missing, and what is complete in it is kept.
 
         Returns
         -------
@@ -149,32 +154,22 @@ class ChunkStore:
         Raises
         ------
         OutputError
-            The folder belongs to another sweep or is no folder of chunks, can't be
-            made or written, or is missing (``read``).
+            The folder is another sweep's or none of chunks, or it can't be used.
         """
-        if mode not in ("resume", "fresh", "read"):
-            msg = f"unknown mode {mode!r}; valid: fresh, read, resume"
-            raise OutputError(msg)
         try:
-            if mode == "fresh":
-                self._clear()
-            elif self._check():
-                if mode == "resume":  # the run before may have been killed before the folder's name was lasting
-                    sync_folder(self.folder.parent)
+            if self._check():  # the run before may have been killed before the folder's name was lasting
+                sync_folder(self.folder.parent)
                 self._entries = self._lines()
                 return self
-            if mode == "read":
-                msg = f"there are no chunks in {str(self.folder)!r}; run the sweep first"
-                raise OutputError(msg)
             self.folder.mkdir(parents=True, exist_ok=True)
             text = json.dumps({"format": FORMAT, "identity": self.identity, "details": self.details}, indent=1)
             with replacing(self.folder / IDENTITY) as temporary:
                 temporary.write_text(text + "\n", encoding="utf-8")
             sync_folder(self.folder.parent)
             self._entries = {}
-        except OutputError:
-            raise
         except OSError as error:
+            if isinstance(error, OutputError):
+                raise
             msg = f"the chunk folder {str(self.folder)!r} can't be made or written ({error}); give another output path"
             raise OutputError(msg) from error
         return self
@@ -204,17 +199,12 @@ class ChunkStore:
 
     def _identity(self) -> dict[str, Any] | None:
         """Read whose chunks stand in the folder; None where it is missing or unused."""
-        if not self.folder.exists():
-            return None
-        if not self.folder.is_dir():
-            msg = f"{str(self.folder)!r} is not a folder; give another output path"
-            raise OutputError(msg)
         try:
             found = json.loads((self.folder / IDENTITY).read_text(encoding="utf-8"))
             if not isinstance(found, dict):
                 raise TypeError
         except FileNotFoundError:
-            others = sorted(p.name for p in self.folder.iterdir() if not is_temporary(p.name) and p.name != LOCK)
+            others = self._others()
             if others:
                 msg = (
                     f"the folder {str(self.folder)!r} is not one of chunks: it has no {IDENTITY}, but "
@@ -222,10 +212,25 @@ class ChunkStore:
                 )
                 raise OutputError(msg) from None
             return None
+        except NotADirectoryError:
+            msg = f"{str(self.folder)!r} is not a folder; give another output path"
+            raise OutputError(msg) from None
+        except OSError as error:
+            raise OutputError(unreadable(self.folder, error)) from None
         except (ValueError, TypeError):
             msg = f"{str(self.folder / IDENTITY)!r} is damaged; remove the folder and run the sweep again"
             raise OutputError(msg) from None
         return found
+
+    def _others(self) -> list[str]:
+        """Names in the folder that neither a run nor the file system made."""
+        try:
+            names = os.listdir(self.folder)
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise OutputError(unreadable(self.folder, error)) from None
+        return sorted(name for name in names if not (is_temporary(name) or _REMOVED.fullmatch(name) or name == LOCK))
 
     def write(self, key: str, table: np.ndarray) -> None:
         """Store a chunk; when this returns, it outlasts a power cut.
@@ -257,7 +262,7 @@ class ChunkStore:
             line = {"key": key, "file": path.name, "sha256": digest, "bytes": size, "rows": len(table)}
             self._append(json.dumps(line, sort_keys=True))
         except OSError as error:
-            raise _failed(f"writing chunk {key!r}", self.folder, error) from error
+            raise WriteError(failure(f"writing chunk {key!r} to {str(self.folder)!r}", error)) from error
         self._entries[key] = line
 
     def expect(self, chunks: Mapping[str, Any]) -> None:
@@ -277,7 +282,7 @@ class ChunkStore:
             with replacing(self.folder / EXPECTED) as temporary:
                 temporary.write_text(json.dumps(chunks) + "\n", encoding="utf-8")
         except OSError as error:
-            raise _failed("writing", self.folder, error) from error
+            raise WriteError(failure(f"writing to {str(self.folder)!r}", error)) from error
 
     def _append(self, line: str) -> None:
         new = not self._manifest.exists()
@@ -300,6 +305,8 @@ class ChunkStore:
             text = self._manifest.read_bytes()
         except (FileNotFoundError, NotADirectoryError):
             return {}
+        except OSError as error:
+            raise OutputError(unreadable(self.folder, error)) from None
         entries: dict[str, dict[str, Any]] = {}
         for line in text.split(b"\n"):
             try:
@@ -312,7 +319,7 @@ class ChunkStore:
         return entries
 
     def completed(self) -> set[str]:
-        """Return the keys of the chunks that the manifest lists and whose file is there."""
+        """Return the keys of the chunks that the manifest lists and whose file is there; raises `OutputError`."""
         entries = self._lines()
         self._entries.update(entries)  # not replaced, nor gone through: the thread that writes may add to it meanwhile
         return {key for key in entries if self.path(key).is_file()}
@@ -338,23 +345,25 @@ class ChunkStore:
             msg = f"chunk {key!r} is not complete in {str(self.folder)!r}; run the sweep again to make it"
             raise OutputError(msg)
         damaged = f"chunk {key!r} in {str(self.folder)!r} is damaged: "
-        remedy = f"; remove {path.name} and run the sweep again, which makes only what is missing"
         try:
             digest = _sha256(path)
             if digest != entry["sha256"]:
-                msg = f"{damaged}its SHA-256 is {digest[:12]}..., it was written as {entry['sha256'][:12]}...{remedy}"
+                msg = f"{damaged}its SHA-256 is {digest[:12]}..., it was written as {entry['sha256'][:12]}..."
                 raise ChunkCorrupt(msg)
             table: np.ndarray = np.load(path, mmap_mode="r")
             return table
-        except ChunkCorrupt:
-            raise
         except (OSError, ValueError) as error:
-            msg = f"{damaged}{error}{remedy}"
-            raise ChunkCorrupt(msg) from error
+            if isinstance(error, ChunkCorrupt):
+                raise
+            raise ChunkCorrupt(f"{damaged}{error}") from error
 
     def size(self) -> int:
-        """Bytes of the chunks that are complete."""
-        return sum(self.path(key).stat().st_size for key in self.completed())
+        """Bytes of the chunks that are complete, whoever removes them meanwhile."""
+        total = 0
+        for key in self.completed():
+            with suppress(FileNotFoundError):
+                total += self.path(key).stat().st_size
+        return total
 
     def forget(self, key: str) -> None:
         """Remove a chunk, so that the next run makes it again; no error where it is not there."""
@@ -368,28 +377,20 @@ class ChunkStore:
         OutputError
             The folder is not one of chunks, or a file can't be removed.
         """
-        self._clear()
-        if self.folder.is_dir():
-            sync_folder(self.folder)  # a power cut must not bring back chunks of a folder that says of no sweep it is
-            try:
-                for name in (IDENTITY, LOCK):
-                    (self.folder / name).unlink(missing_ok=True)
-                if not self.folder.is_symlink() and not any(self.folder.iterdir()):
-                    self.folder.rmdir()
-            except OSError as error:
-                msg = f"the chunks in {str(self.folder)!r} can't be removed ({error}); remove the folder by hand"
-                raise OutputError(msg) from error
-
-    def _clear(self) -> None:
-        """Remove all chunks; the folder keeps its identity."""
         self._identity()  # raises where the folder is somebody else's
         if not self.folder.is_dir():
             return
-        own = [p for p in self.folder.iterdir() if p.name != IDENTITY and _own(p.name)]
-        own.sort(key=lambda p: p.name != MANIFEST)  # the manifest first: what is left is not complete
+        own = [path for path in self.folder.iterdir() if _own(path.name)]
+        self._remove(sorted(own, key=lambda path: path.name != MANIFEST))  # first: what is left is not complete
+        sync_folder(self.folder)  # a power cut must not bring back chunks of a folder that says of no sweep it is
+        self._remove([self.folder / IDENTITY, self.folder / LOCK])
+        with suppress(OSError):  # somebody else's files are in it, or it is a link
+            self.folder.rmdir()
+
+    def _remove(self, paths: Iterable[Path]) -> None:
         try:
-            for path in own:
+            for path in paths:
                 path.unlink(missing_ok=True)
         except OSError as error:
-            msg = f"the chunks in {str(self.folder)!r} can't be removed ({error}); remove the folder by hand"
+            msg = f"{error.filename!r} can't be removed ({error.strerror}); remove it by hand"
             raise OutputError(msg) from error

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.errors import SweepError, WriteError
+from pounding_sweep.errors import RunError, SweepError, WriteError
 from pounding_sweep.sweep.source import package_digest
 from pounding_sweep.sweep.spec import SweepSpec, build_spec
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from pounding_sweep.scene import Scene
     from pounding_sweep.sweep.execute import Outcome, Progress
     from pounding_sweep.sweep.plan import Plan
-    from pounding_sweep.sweep.store import ChunkStore
 
 
 class Sweep:
@@ -152,7 +151,7 @@ class Sweep:
             Cube of the same scene, numerics and outputs, over other values of the axes or of other
             listed cases: scenarios that it holds are taken from it, and the cube is the one that
             running all of them gives. It may be `out` itself, with `overwrite`. The attribute
-            ``extended_from`` says how many.
+            ``extended_from`` says how many, and what that cube says of itself.
 
         Returns
         -------
@@ -162,7 +161,7 @@ class Sweep:
         Raises
         ------
         InputError
-            Unknown scheduler; the cube `extend` is of another scene, numerics, outputs or version.
+            Unknown scheduler; the cube `extend` is of another scene, numerics or outputs, or made by other versions.
         SweepError
             The cube does not fit into memory, without `out`.
         OutputError
@@ -170,16 +169,20 @@ class Sweep:
             sweep, or another process is making it.
         WriteError
             The disk is full or failed, or the folder was removed; what is finished is kept.
+        RunError
+            No scenario has a result, and a file `out` is there: it stays.
         ClusterError
             The dask cluster can't be reached, is gone, or has no workers that can take part.
         """
         from pounding_sweep.accuracy.audit import audit
-        from pounding_sweep.cube.write import check_output, open_cube
-        from pounding_sweep.sweep.earlier_sweep import SOURCE_ATTRIBUTE
+        from pounding_sweep.cube.assemble import SOURCE_ATTRIBUTE
+        from pounding_sweep.cube.write import check_output, check_space, open_cube
         from pounding_sweep.sweep.execute import Progress, check_scheduler, dispatcher_for, execute
         from pounding_sweep.sweep.extend import EarlierCube, ExtendingDispatcher
         from pounding_sweep.sweep.filling import cube_in_memory, write_cube_of
+        from pounding_sweep.sweep.identity import identity_of
         from pounding_sweep.sweep.log_file import RunLog
+        from pounding_sweep.sweep.store import ChunkStore, parts_folder
 
         n_workers = check_scheduler(scheduler, workers)
         target = check_output(out, overwrite) if out is not None else None
@@ -194,9 +197,11 @@ class Sweep:
             if target is None:
                 _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
             else:
-                store = _store(plan, target)
+                store = ChunkStore(parts_folder(target), *identity_of(plan))
                 contexts.enter_context(store.lock())
                 check_output(target, overwrite)  # a run that ended just now may have made it
+                needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario - store.size()
+                check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
                 store.open()
                 progress = log = contexts.enter_context(RunLog(Path(f"{target}.log"), progress))
                 log.begin(plan, scheduler, n_workers)
@@ -204,9 +209,11 @@ class Sweep:
                 with dispatcher_for(plan, scheduler, workers, progress) as dispatcher:
                     runs = dispatcher if earlier is None else ExtendingDispatcher(dispatcher, earlier)
                     outcome = self.last_outcome = execute(plan, runs, store=store, progress=progress)
+                    if target is not None and target.exists():
+                        _check_results(outcome, target)
                     if earlier is not None:
                         outcome.run -= earlier.taken
-                        more["extended_from"] = earlier.attribute
+                        more |= earlier.attributes
                     progress.stage("audit", 0)
                     self.last_audit = audit(plan, outcome, dispatcher)
                 progress.stage("cube", plan.n_asked)
@@ -232,16 +239,17 @@ class Sweep:
         return cube
 
 
-def _store(plan: Plan, target: Path) -> ChunkStore:
-    """Return the store of a sweep's chunks, not yet open; raise where the disk has no room for them and the cube."""
-    from pounding_sweep.cube.write import check_space
-    from pounding_sweep.sweep.identity import identity_of
-    from pounding_sweep.sweep.store import ChunkStore
+def _check_results(outcome: Outcome, target: Path) -> None:
+    """Raise `RunError` where a cube without any result would replace the file `target`."""
+    from pounding_sweep.cube.variables import Status
 
-    store = ChunkStore(Path(f"{target}.parts"), *identity_of(plan))
-    needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario - store.size()
-    check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
-    return store
+    status = outcome.results.status
+    if outcome.failures and ((status == Status.NOT_RUN) | (status == Status.BEYOND_STABILITY_LIMIT)).all():
+        msg = (
+            f"no scenario has a result, all {len(outcome.failures)} chunks failed ({outcome.failures[0]}): "
+            f"{str(target)!r} stays as it was; see to what failed and run again"
+        )
+        raise RunError(msg)
 
 
 def _check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:

@@ -17,7 +17,7 @@ from pounding_sweep.errors import OutputError
 from pounding_sweep.sweep.chunks import Chunk
 from pounding_sweep.sweep.identity import WHOLE
 from pounding_sweep.sweep.lock import Holder, running
-from pounding_sweep.sweep.store import EXPECTED, IDENTITY, ChunkStore
+from pounding_sweep.sweep.store import EXPECTED, IDENTITY, ChunkStore, unreadable
 
 if TYPE_CHECKING:
     from pounding_sweep.sweep.plan import Plan
@@ -128,7 +128,11 @@ def survey(folder: Path) -> Survey:
     except FileNotFoundError:
         msg = f"{str(folder)!r} is no folder of finished chunks: it has no {IDENTITY}; give OUT.nc.parts of a run"
         raise OutputError(msg) from None
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(unreadable(folder, error)) from None
+    except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
         msg = f"what {str(folder)!r} says of itself can't be read ({error}); run the sweep again, or remove the folder"
         raise OutputError(msg) from None
     return found

@@ -1,0 +1,316 @@
+"""What is too large, too deep or not printable is refused or cut, in a message that a terminal can bear."""
+
+from __future__ import annotations
+
+import doctest
+import json
+import os
+import subprocess
+import sys
+import tracemalloc
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from pounding_sweep import errors, paths, tables, texts
+from pounding_sweep.cli.app import app
+from pounding_sweep.cube.describe import describe
+from pounding_sweep.errors import InputError, OutputError, RecordError, SceneError, SweepError, shown, unknown
+from pounding_sweep.figures import plot
+from pounding_sweep.records import Record, find_record, list_records, read_record, resolve_records
+from pounding_sweep.scene import Building, Wall
+from pounding_sweep.sweep import step_counts
+from pounding_sweep.sweep.plan import make_plan
+from pounding_sweep.sweep.spec import build_spec
+from pounding_sweep.sweep.toml_file import load_spec
+from pounding_sweep.sweep.toml_read import MAX_DEPTH, parse_bounded
+
+SWEEP = '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\nlaws = ["linear"]\n'
+LINES = "two\nlines"
+ESCAPE = "\x1b[2Jcleared"
+
+
+def write(folder, text, name="s.toml"):
+    path = folder / name
+    path.write_bytes(text.encode("utf-8"))
+    return path
+
+
+def refused(folder, text):
+    with pytest.raises(SweepError) as caught:
+        load_spec(write(folder, text))
+    assert len(str(caught.value)) < 20_000
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("module", [errors, paths, texts, step_counts])
+def test_examples_run(module):
+    assert doctest.testmod(module).failed == 0
+
+
+# --- sweep files ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", ["a", "'a.b'", '"\\u0061.b"', "1"])
+@pytest.mark.parametrize("line", ["{} = 1", "[{}]", "[[{}]]", "x = {{ {} = 1 }}", "x = 1\n  {} = 2"])
+def test_long_keys_are_refused_before_they_are_parsed(tmp_path, part, line):
+    """The parser takes the square of their parts in time and memory: 60 kB would take gigabytes."""
+    text = f'title = """\n""""\n{line.format(" . ".join([part] * 30_000))}\n'
+    tracemalloc.start()
+    assert "a key of more than 20 parts; those of sweep files have six at most" in refused(tmp_path, SWEEP + text)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20 * len(text)
+
+
+LONG = ".".join(["a"] * 50)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"# {LONG} = 1\nx = 1",
+        f'x = "{LONG}"',
+        f"x = '{LONG}'",
+        f'x = """\n{LONG}\n"quoted"\\"""\n{LONG} """ # {LONG}',
+        f"x = '''{LONG}''\n{LONG}'''",
+        f"{'.'.join(['a'] * MAX_DEPTH)} = 1",
+        "[" + ".".join(["'a'"] * MAX_DEPTH) + "]",
+        "x = [1.5, 2.5, 1979-05-27T07:32:00.5, '1.2.3']",
+    ],
+)
+def test_text_that_looks_like_long_keys_is_text(text):
+    import tomllib
+
+    assert parse_bounded(text) == tomllib.loads(text)
+
+
+TEXTS = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=8)
+
+
+@given(st.recursive(TEXTS | st.integers(0, 9), lambda inner: st.lists(inner, max_size=3), max_leaves=8))
+def test_any_toml_is_parsed_as_it_is(value):
+    text = f"x = {json.dumps(value, ensure_ascii=False)}"
+    assert parse_bounded(text) == {"x": value}
+
+
+@pytest.mark.parametrize("depth", [MAX_DEPTH, 500, 100_000])
+@pytest.mark.parametrize("form", ["{}", "gaps = {}", "records = {}", "cases = [{}]", "building = {{ left = {} }}"])
+def test_deep_values_are_refused(tmp_path, depth, form):
+    deep = "[" * depth + "]" * depth
+    text = f"[scene]\npreset = 'mate2015'\n[sweep]\n{form.format('x = ' + deep if form == '{}' else deep)}\n"
+    assert "tables or arrays are more than 20 levels deep" in refused(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    "key", ["title", "sweep.gaps", "sweep.records", "sweep.laws", "scene.preset", "solver.method", "solver.dt"]
+)
+@pytest.mark.parametrize(
+    "value",
+    ['"' + "x" * 3_000_000 + '"', "[" + "7," * 100_000 + "[]]", "0x" + "f" * 9000],
+    ids=["text", "list", "number"],
+)
+def test_long_values_make_short_messages(tmp_path, key, value):
+    usual = {"scene.preset": "'mate2015'", "sweep.records": "['el_centro']", "sweep.laws": "['linear']"}
+    refused(tmp_path, "".join(f"{name} = {given}\n" for name, given in (usual | {key: value}).items()))
+
+
+def test_long_keys_make_short_messages(tmp_path):
+    refused(tmp_path, f"{'k' * 3_000_000} = 1\n{SWEEP}")
+    refused(tmp_path, f"{SWEEP}records = [{{ synthetic = 0x{'f' * 9000} }}]\n".replace("records = ['el", "x = ['el", 1))
+
+
+def test_a_mark_of_utf8_is_no_part_of_the_text(tmp_path):
+    (tmp_path / "s.toml").write_bytes(b"\xef\xbb\xbf" + SWEEP.replace("\n", "\r\n").encode())
+    assert load_spec(tmp_path / "s.toml").laws == ("linear",)
+
+
+# --- steps ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"dt": 1e-13},
+            r"dt: 1e-13 s is too small: record 'el_centro' would take 3\.12e\+14 steps; at most",
+        ),
+        ({"dt": 5e-324}, "would take inf steps; at most 2147483647 are possible; take a larger dt"),
+        ({"records": Record("slow", 1e9, [0.0, 1.0])}, "record 'slow' would take 1e.12 steps.*or cut the record"),
+        ({"records": Record("slow", 1e6, [0.0, 1.0]), "accuracy": 1e-3}, "accuracy 0.001: record 'slow' .*smaller dt"),
+        ({"records": Record("s", 1e300, [0.0, 1.0]), "accuracy": 1e-3}, "accuracy 0.001: record 's' would take"),
+    ],
+)
+def test_too_many_steps_are_refused(change, message):
+    with pytest.raises(SweepError, match=message):
+        make_plan(build_spec(**{"scene": "mate2015", "records": "el_centro", "laws": ["linear"], **change}))
+
+
+# --- names ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [LINES, ESCAPE, "caf\udce9", "\u202eevil", "x" * 201, "\x9b", "a\u2028b"])
+def test_names_that_are_no_labels_are_refused(name):
+    for make in (lambda: Record(name, 0.1, [1.0]), lambda: Building(name, [1.0], [1.0]), lambda: Wall(name)):
+        with pytest.raises(
+            (RecordError, SceneError), match=r"no line breaks, no control characters|at most 200"
+        ) as caught:
+            make()
+        assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("name", ["El Centro", "café", "地震", "a\u00a0b", "x" * 200, "नेपाल", "می‌خواهم"])
+def test_names_in_any_script_are_labels(name):
+    assert Record(name, 0.1, [1.0]).name == Building(name, [1.0], [1.0]).name == name
+
+
+def test_a_file_whose_name_is_no_text(tmp_path, monkeypatch):
+    monkeypatch.setenv("POUNDING_SWEEP_RECORDS", str(tmp_path))
+    path = os.fsencode(tmp_path) + b"/caf\xe9.csv"
+    with open(path, "wb") as file:
+        file.write(b"time (s),acc (g)\n0,0.1\n0.01,0.2\n")
+    name = os.fsdecode(path)
+    with pytest.raises(RecordError, match=r"has the character \\udce9, .*give it another one: name = ") as caught:
+        read_record(name)
+    assert str(caught.value).encode()
+    record = read_record(name, name="cafe")
+    assert record.source.encode() == b"caf\\udce9.csv"
+    (fault,) = [said for _, said in list_records() if isinstance(said, str)]
+    assert "give it another one" in fault
+    done = subprocess.run(
+        [sys.executable, "-m", "pounding_sweep", "records", "--json"], capture_output=True, check=True, timeout=60
+    )
+    (listed,) = json.loads(done.stdout)["unreadable"]
+    assert listed["name"] == "caf\udce9"
+
+
+def test_titles_are_one_line(tmp_path):
+    assert "title: 'two\\nlines' has the character \\u000a" in refused(tmp_path, f'title = """{LINES}"""\n{SWEEP}')
+    assert load_spec(write(tmp_path, f"title = '{'t' * 1000}'\n{SWEEP}")).title == "t" * 1000
+
+
+def test_nothing_of_a_file_moves_the_cursor(tmp_path, capsys):
+    cube = xr.Dataset(
+        {"peak": ("gap", [1.0], {"units": ESCAPE, "long_name": ESCAPE})},
+        {"gap": ("gap", [0.1], {"long_name": ESCAPE}), "record": ESCAPE},
+        {"title": ESCAPE, "records": json.dumps([{"name": ESCAPE, "pga": 1.0, "source": ESCAPE}]), "a": ESCAPE}
+        | {"history": f"{ESCAPE}\n{ESCAPE}", "accuracy_choice": ESCAPE, "x_version": ESCAPE, ESCAPE: 1},
+    )
+    text = describe(cube)
+    assert "\\u001b[2Jcleared" in text
+    assert all(line.isprintable() for line in text.split("\n"))
+    tables.print_pairs([(ESCAPE, LINES)])
+    tables.print_table([ESCAPE], [[LINES]])
+    tables.print_json({ESCAPE: "\x9b\u202e"})
+    assert all(line.isprintable() for line in capsys.readouterr().out.split("\n"))
+    key = write(tmp_path, '"a\\u001b[2J" = 1\n' + SWEEP)
+    done = CliRunner().invoke(app, ["plan", str(key)])
+    assert done.exit_code == 2
+    assert "a\\u001b[2J" in done.stderr
+    assert "\x1b" not in done.stderr
+
+
+def nested(depth):
+    value = []
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+@pytest.mark.parametrize(
+    "attributes",
+    [
+        {"records": '[{"name": ' + "[" * 900 + "]" * 900 + ', "pga": 1}]'},
+        {"records": "[" * 100_000},
+        {"records": '[{"name": "' + "n" * 10**6 + '", "pga": 1' + "0" * 4000 + ', "x": {"y": "' + "z" * 10**6 + '"}}]'},
+        {"accuracy_choice": "x" * 10**6, "sweep_sha256": "y" * 10**6, "scenarios_asked": "z" * 10**6},
+        {"title": "t" * 10**6, "a": np.arange(10**6), "numpy_version": "n" * 10**6},
+    ],
+    ids=["deep", "broken", "long in JSON", "long", "versions"],
+)
+def test_any_attributes_of_a_cube_are_described_in_short(attributes):
+    text = describe(xr.Dataset({"x": ("gap", [1.0])}, {"gap": [0.1]}, attributes))
+    assert len(text) < 10_000
+
+
+@pytest.mark.parametrize(
+    "value",
+    [nested(10**5), "x" * 10**6, list(range(10**5)), 16**9000, {1: nested(2000)}, b"x" * 999],
+    ids=["deep", "text", "list", "number", "dict", "bytes"],
+)
+def test_values_are_shown_in_short(value):
+    assert len(shown(value)) <= errors.SHOWN_CHARACTERS
+    assert len(unknown("thing", value, ["one", "two"])) < 2 * errors.SHOWN_CHARACTERS
+
+
+# --- home and working folders -----------------------------------------------------------------------------------
+
+NOBODY = "~nobody-of-this-name/x"
+
+
+def test_home_folders_that_are_not_known(tmp_path, monkeypatch):
+    for call in (
+        lambda: read_record(f"{NOBODY}.AT2"),
+        lambda: resolve_records(f"{NOBODY}.AT2"),
+        lambda: find_record("arleta", NOBODY),
+        lambda: list_records(NOBODY),
+        lambda: load_spec(NOBODY),
+        lambda: load_spec(write(tmp_path, SWEEP.replace('"el_centro"', f'{{ path = "{NOBODY}.AT2" }}'))),
+    ):
+        with pytest.raises(InputError, match="the home folder that '~' stands for is not known here; write it out"):
+            call()
+    monkeypatch.setenv("POUNDING_SWEEP_RECORDS", NOBODY)
+    listed = CliRunner().invoke(app, ["records"])
+    assert listed.exit_code == 2
+    assert "is not known here" in listed.stderr
+
+
+def test_doctor_tells_of_folders_that_are_not_known(monkeypatch, tmp_path):
+    from pounding_sweep.doctor import diagnose
+    from pounding_sweep.kernels.cache import cache_folder, lasting_folder
+
+    monkeypatch.setenv("POUNDING_SWEEP_RECORDS", NOBODY)
+    monkeypatch.setenv("POUNDING_SWEEP_CACHE", NOBODY)
+    told = diagnose()
+    assert [text.partition(":")[0] for text in told["problems"]] == ["POUNDING_SWEEP_CACHE", "POUNDING_SWEEP_RECORDS"]
+    with pytest.raises(InputError, match="is not known here"):
+        cache_folder()
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("POUNDING_SWEEP_CACHE", "~/kernels")
+    assert cache_folder() == tmp_path / "kernels"
+    monkeypatch.delenv("POUNDING_SWEEP_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", "not/absolute")
+    assert cache_folder() == tmp_path / ".cache" / "pounding_sweep" / "kernels"
+    monkeypatch.delenv("HOME")
+    monkeypatch.setattr("os.getuid", lambda: 2**31 - 7)  # a user whom the system does not know
+    assert lasting_folder() is None
+    assert cache_folder().is_absolute()
+    assert cache_folder() == cache_folder()
+    assert any("no home folder is known" in text for text in diagnose()["problems"])
+
+
+def test_a_working_folder_that_was_removed(tmp_path, monkeypatch):
+    from pounding_sweep.doctor import diagnose
+
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    told = diagnose()
+    assert told["output"] == {"folder": None, "writable": False, "free_bytes": None}
+    assert "the current folder was removed; change to another one" in told["problems"]
+    for command in (["info", "x.nc"], ["export", "x.nc", "-o", "x.csv"], ["doctor", "--no-check"]):
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == (0 if command[0] == "doctor" else 2), command
+        assert "folder was removed" in done.output
+
+
+@pytest.mark.parametrize("dpi", [0.0, -1.0, 1e9, float("nan"), float("inf")])
+def test_a_figure_of_impossible_resolution(tmp_path, dpi):
+    with pytest.raises(InputError, match=r"dpi is .*; it must be from 10 to 1200") as caught:
+        plot(xr.Dataset(), "profiles", tmp_path / "x.png", dpi=dpi)
+    assert not isinstance(caught.value, OutputError)
