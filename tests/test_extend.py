@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from contextlib import contextmanager
 
 import numpy as np
@@ -10,10 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import motions, row
+from test_limits import on_a_disk_of_its_own
 from typer.testing import CliRunner
 
 from pounding_sweep import Sweep
 from pounding_sweep.cli.app import app
+from pounding_sweep.cube.describe import describe
 from pounding_sweep.cube.merge import merge_cubes
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.cube.write import open_cube, write_cube
@@ -23,6 +26,8 @@ from pounding_sweep.sweep import chunks as cutting
 from pounding_sweep.sweep import dispatch
 from pounding_sweep.sweep import plan as planning
 from pounding_sweep.sweep import sweep as sweeping
+from pounding_sweep.sweep.extend import EarlierCube
+from pounding_sweep.sweep.identity import identity_of
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 WHOLE = {
@@ -98,8 +103,13 @@ def same(found, expected):
     assert found.attrs["sweep_sha256"] == expected.attrs["sweep_sha256"]
 
 
-@pytest.mark.parametrize("axis", [*WHOLE, "all"])
-@pytest.mark.parametrize("chunk_seconds", [1e-5, 0.25])
+@pytest.mark.parametrize(
+    ("chunk_seconds", "axis"),
+    [
+        *((1e-5, axis) for axis in (*WHOLE, "all")),
+        *(pytest.param(0.25, axis, marks=[] if axis == "all" else pytest.mark.slow) for axis in (*WHOLE, "all")),
+    ],
+)
 def test_what_is_new_on_an_axis_is_run(whole, ran, tmp_path, monkeypatch, axis, chunk_seconds):
     monkeypatch.setattr(planning, "CHUNK_SECONDS", chunk_seconds)
     monkeypatch.setattr(cutting, "SHARE", 1.0)
@@ -239,9 +249,88 @@ def test_another_version_is_refused(tmp_path, whole, monkeypatch):
         sweep().run(extend=tmp_path / "older.nc")
     with pytest.raises(InputError, match="does not say what it needs to be extended"):
         sweep().run(extend=tmp_path / "oldest.nc")
+    mixed = write_cube(nameless.assign_attrs(merged_from='[{"file": "a.nc"}]'), tmp_path / "mixed.nc")
+    with pytest.raises(InputError, match=r"merged from cubes that several states of the package's source, or .* made"):
+        sweep().run(extend=mixed)
     monkeypatch.setattr(sweeping, "package_digest", lambda: "changed")
     with pytest.raises(InputError, match=r"source of the package, as SHA-256, is '[0-9a-f]{64}' there and 'changed'"):
         sweep().run(extend=tmp_path / "old.nc")
+
+
+@pytest.mark.parametrize(
+    "told", [{"numba_version": "0.61.0"}, {"llvmlite_version": "0.44.0", "numpy_version": "2.3.0"}]
+)
+def test_other_libraries_are_refused(tmp_path, whole, told):
+    """Kernels compiled by others may differ in the last bits: what differs is named, with both versions."""
+    old = write_cube(whole.assign_attrs(told), tmp_path / "old.nc")
+    with pytest.raises(InputError) as caught:
+        sweep().run(tmp_path / "new.nc", extend=old)
+    differs = (
+        f"{key.removesuffix('_version')} is {text!r} there and {whole.attrs[key]!r} here" for key, text in told.items()
+    )
+    assert str(caught.value) == (
+        f"{str(old)!r} can't be extended by this sweep: {'; '.join(differs)}. The same scenario may have another "
+        "result with each: install what made it, or run the sweep without it"
+    )
+    unknown = whole.copy()
+    del unknown.attrs["llvmlite_version"]
+    with pytest.raises(InputError, match=r"llvmlite is None there and '\S+' here"):
+        sweep().run(tmp_path / "new.nc", extend=write_cube(unknown, tmp_path / "unknown.nc"))
+    assert not (tmp_path / "new.nc").exists()
+
+
+def test_a_cube_names_the_libraries_that_made_it(whole):
+    """All that chunks are known by."""
+    told = ", ".join(f"{name} {whole.attrs[f'{name}_version']}" for name in ("numba", "llvmlite", "numpy"))
+    assert identity_of(sweep().plan())[1]["libraries"] == told
+
+
+def test_where_results_are_from(tmp_path, monkeypatch):
+    """Extended twice, then from a merged cube: each cube on the way is named, with what it said of itself."""
+    monkeypatch.chdir(tmp_path)
+    few, gaps = {"laws": ["linear", "none"], "scales": 1.0, "stiffness_factors": 1.0, "audit": 0.0}, WHOLE["gaps"]
+    sweep(**few, gaps=gaps[:1]).run("a.nc", workers=1).close()
+    sweep(**few, gaps=gaps[:2]).run("b.nc", extend="a.nc", workers=1).close()
+    sweep(**few, gaps=gaps[2:3]).run("c.nc", workers=1).close()
+    merge_cubes(["b.nc", "c.nc"], "bc.nc")
+    sweep(**few, gaps=gaps[:4]).run("d.nc", extend="bc.nc", workers=1).close()
+    attributes = {}
+    for path in tmp_path.glob("*.nc"):
+        with open_cube(path) as cube:
+            attributes[path.name] = cube.attrs
+    with open_cube("d.nc") as cube:
+        described = describe(cube)
+
+    def check(told, file):
+        assert told["file"] == file
+        for key in ("history", "sweep_sha256", "scenarios_asked", "scenarios_run", "package_sha256"):
+            assert told[key] == attributes[file][key], (file, key)
+        for name in ("pounding_sweep", "numba", "llvmlite", "numpy", "xarray"):
+            assert told.get(f"{name}_version") == attributes[file].get(f"{name}_version"), (file, name)
+
+    whole = json.loads(attributes["d.nc"]["extended_from"])
+    first, second = whole["merged_from"]
+    for told, file in ((whole, "bc.nc"), (first, "b.nc"), (first["extended_from"], "a.nc"), (second, "c.nc")):
+        check(told, file)
+    assert "extended_from" not in second
+    assert whole["scenarios_taken"] > first["extended_from"]["scenarios_taken"] > 0
+    extended = r"\S+Z extended from another cube by pounding_sweep \S+ \(see extended_from\)"
+    assert [file for file in sorted(attributes) if re.fullmatch(extended, attributes[file]["history"])] == [
+        "b.nc",
+        "d.nc",
+    ]
+
+    lines = described.split("Made from\n")[1].split("\n\n")[0].splitlines()
+    expected = ["  extended from bc.nc", "    merged from b.nc", "      extended from a.nc", "    merged from c.nc"]
+    assert len(lines) == len(expected)
+    for line, start in zip(lines, expected, strict=True):
+        how, _, file = start.rpartition(" ")
+        told = attributes[file]
+        assert re.match(rf"{how} +{file} +{re.escape(told['history'])} ", line)
+        assert f"numba {attributes['a.nc']['numba_version']}" in line
+        assert f"source {told['package_sha256'][:12]}" in line
+    assert f"{whole['scenarios_taken']} taken" in lines[0]
+    assert "extended_from" not in described.split("Attributes\n")[1]
 
 
 def test_a_part_of_a_cube_is_refused(tmp_path, whole):
@@ -280,7 +369,7 @@ LISTS = st.lists(
 ).map(lambda chosen: [POOL[i][spelling] for i, spelling in chosen])
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(LISTS, LISTS, st.sampled_from([1e-5, 0.25]))
 def test_listed_cases(tmp_path_factory, old, new, chunk_seconds):
     folder = tmp_path_factory.mktemp("cases")
@@ -305,7 +394,7 @@ def found_taken(cube):
     return json.loads(cube.attrs["extended_from"])["scenarios_taken"]
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.lists(st.integers(0, 5), min_size=1, unique=True), st.lists(st.integers(0, 5), min_size=1, unique=True))
 def test_listed_building_properties(tmp_path_factory, old, new):
     """With chunks of one scenario, too; the damping ratio that all buildings have is no property."""
@@ -355,7 +444,7 @@ def test_cases_under_labels_and_records_under_other_names(few, ran, tmp_path):
     [
         (
             lambda cube: cube.isel(case=[0, 1]),
-            r"'.*old\.nc' has 2 cases, its sweep had 4; give the cube as it was made",
+            r"'.*old\.nc' has 2 values of case, its sweep had 4; give the cube as it was made",
         ),
         (lambda cube: cube.isel(case=[1, 0, 2, 3]), "other values of scale than its sweep"),
         (lambda cube: cube.isel(case=[0, 2, 1, 3]), "other values of record than its sweep"),
@@ -420,6 +509,71 @@ def test_an_accuracy_is_chosen_for_the_sweep_as_a_whole(tmp_path):
     assert found_taken(found) > 0
     with pytest.raises(InputError, match="all records of the earlier sweep must be in the new one"):
         sweep(**few, records=motions()[1:]).run(extend=tmp_path / "old.nc")
+
+
+def test_each_chunk_is_looked_up_once(whole, tmp_path, monkeypatch):
+    """Whether the earlier cube answers all of it, a part of it, or nothing."""
+    monkeypatch.setattr(planning, "CHUNK_SECONDS", 1e-5)
+    monkeypatch.setattr(cutting, "SHARE", 1.0)
+    looked_up = []
+    real = EarlierCube.find
+
+    def find(self, job):
+        rows = real(self, job)
+        looked_up.append((job.key, (rows >= 0).mean()))
+        return rows
+
+    monkeypatch.setattr(EarlierCube, "find", find)
+    less = {"records": LESS["records"], "restitutions": LESS["restitutions"]}  # which one of the laws ignores
+    sweep(**less).run(tmp_path / "old.nc", workers=1).close()
+    same(sweep().run(extend=tmp_path / "old.nc", workers=2), whole)
+    assert len(looked_up) == len(dict(looked_up))
+    assert {0.0, 1.0} < {share for _, share in looked_up}
+
+
+#: Extends a cube onto a disk that something else fills when its free space was looked at; then goes on when it is free.
+FULL = """
+import sys
+from pathlib import Path
+from test_extend import same, sweep
+from pounding_sweep.errors import WriteError
+from pounding_sweep.sweep import extend
+
+disk, old = map(Path, sys.argv[1:])
+ballast, check_space = disk / "ballast", extend.check_space
+
+def fill(*arguments):
+    check_space(*arguments)
+    with open(ballast, "wb", buffering=0) as file:
+        try:
+            while True:
+                file.write(bytes(4096))
+        except OSError as error:
+            assert error.errno == 28
+        file.truncate(file.tell() - 8192)  # some of the copy has room
+
+extend.check_space = fill
+try:
+    sweep().run(disk / "new.nc", extend=old, workers=1)
+except WriteError as error:
+    print(error)
+assert [path.name for path in disk.iterdir()] == ["ballast"]
+ballast.unlink()
+extend.check_space = check_space
+with sweep().run(disk / "new.nc", extend=old, workers=1) as found:
+    same(found, sweep().run(workers=1))
+assert sorted(path.name for path in disk.iterdir()) == ["new.nc", "new.nc.log"]
+"""
+
+
+@pytest.mark.slow  # a process of its own
+def test_a_disk_that_gets_full_while_the_earlier_cube_is_copied(tmp_path):
+    sweep(gaps=LESS["gaps"]).run(tmp_path / "old.nc", workers=1).close()
+    before = (tmp_path / "old.nc").read_bytes()
+    said = on_a_disk_of_its_own(tmp_path / "disk", "size=3m", FULL, tmp_path / "old.nc")
+    copied = f"writing a copy of {str(tmp_path / 'old.nc')!r} to {str(tmp_path / 'disk')!r}"
+    assert said == f"{copied} failed (No space left on device); free some space on that disk and run again\n"
+    assert (tmp_path / "old.nc").read_bytes() == before
 
 
 def test_an_interrupted_extension_continues(whole, tmp_path, monkeypatch):

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 CONVENTIONS = "CF-1.11"
 #: Global attribute by which a file is known as a cube of this package.
 VERSION_ATTRIBUTE = "pounding_sweep_version"
+#: Global attribute of a cube: digest of the source of the package that made it.
+SOURCE_ATTRIBUTE = "package_sha256"
 
 #: name -> (dimensions, values, attributes)
 Coordinates = Mapping[str, tuple[Sequence[str], Any, Mapping[str, Any]]]

@@ -14,16 +14,9 @@ import numpy as np
 
 from pounding_sweep.cube.assemble import as_read, as_stored
 from pounding_sweep.cube.merge_cases import CASE, case_name, cases_together, telling
-from pounding_sweep.cube.merge_labels import (
-    attributes,
-    check_parts,
-    coordinates,
-    outer_dims,
-    places,
-    scenario_variables,
-    together,
-    with_audit,
-)
+from pounding_sweep.cube.merge_checks import check_statuses, outer_dims, reading
+from pounding_sweep.cube.merge_labels import attributes, coordinates, places, together, with_audit
+from pounding_sweep.cube.merge_study import check_parts, parts_makers, scenario_variables
 from pounding_sweep.cube.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
 from pounding_sweep.cube.variables import VARIABLES, Status
 from pounding_sweep.cube.write import check_output, check_space, open_cube, write_in_slabs
@@ -54,6 +47,9 @@ class Merged:
         Scenarios that no part has a result of; their status is not_run.
     named : list of str
         The first of the missing, by what they differ in from others.
+    sources : int
+        States of the package's source that made the parts, each with other versions of the libraries that compute
+        counted apart.
     """
 
     path: Path
@@ -61,6 +57,7 @@ class Merged:
     overlapping: int = 0
     missing: int = 0
     named: list[str] = field(default_factory=list)
+    sources: int = 1
 
 
 def merge_cubes(
@@ -69,6 +66,7 @@ def merge_cubes(
     *,
     overwrite: bool = False,
     tolerance: float = TOLERANCE,
+    mix_sources: bool = False,
 ) -> Merged:
     """Put cubes of one study together: same scene, numerics and outputs, other or overlapping axes or listed cases.
 
@@ -83,6 +81,9 @@ def merge_cubes(
     tolerance : float
         Relative difference at which two results of the same scenario are in conflict; of
         a variable's largest value in the scenario.
+    mix_sources : bool
+        Whether the parts may be made by several states of one version's source, or with several versions of numba,
+        llvmlite or numpy; each is named in ``merged_from``, and the cube itself can't be extended.
 
     Returns
     -------
@@ -92,8 +93,8 @@ def merge_cubes(
     Raises
     ------
     InputError
-        The cubes are not of one study, or have different results of the same scenario;
-        the message names what differs, where, and both values.
+        The cubes are not of one study, one is given twice or is not as it was made, or they have
+        different results of the same scenario; the message names what differs, where, and both values.
     OutputError
         A cube can't be read, or the file can't be written.
 
@@ -108,14 +109,32 @@ def merge_cubes(
     if len(paths) < 2 or not math.isfinite(tolerance) or tolerance < 0:
         msg = f"merging takes at least two cubes and a tolerance >= 0, not {len(paths)} and {tolerance!r}"
         raise InputError(msg)
+    _check_distinct(paths)
     target = check_output(out, overwrite)
     with ExitStack() as files:
         parts = {os.fspath(path): files.enter_context(open_cube(path)) for path in paths}
-        merge = _Merge(parts, check_parts(parts), tolerance)
+        merge = _Merge(parts, check_parts(parts, mix_sources=mix_sources), tolerance)
         blocks, values = merge.blocks(), merge.slabs()
         check_space(target.parent, merge.n_bytes, f"the cube of {merge.scenarios:,} scenarios")
         merge.found.path = write_in_slabs(merge.frame(), target, blocks, values, overwrite=overwrite)
     return merge.found
+
+
+def _check_distinct(paths: Sequence[str | os.PathLike[str]]) -> None:
+    """Raise `InputError` where two paths lead to one file: most likely another one was meant."""
+    seen: dict[tuple[int, int], str] = {}
+    for path in [os.fspath(path) for path in paths]:
+        try:
+            found = Path(path).expanduser().stat()
+        except (OSError, ValueError, RuntimeError):
+            continue  # opening it tells what is wrong
+        key = (found.st_dev, found.st_ino)
+        if key in seen:
+            first = seen[key]
+            twice = f"{path!r} is given twice" if first == path else f"{first!r} and {path!r} are the same file"
+            msg = f"{twice}; give each cube once"
+            raise InputError(msg)
+        seen[key] = path
 
 
 class _Merge:
@@ -142,7 +161,7 @@ class _Merge:
         self.n_bytes = self.scenarios * sum(each.values())
         self.block = block_shape(self.sizes, BLOCK_BYTES // max(each.values()))
         self.slab = slab_shape(self.sizes, self.block, max(1, SLAB_BYTES // sum(each.values())))
-        self.found = Merged(Path(), self.scenarios)
+        self.found = Merged(Path(), self.scenarios, sources=len(parts_makers(parts)))
         self.about = attributes(parts, sweeps, self.scenarios, listed.described if listed else None)
         self.conflicts: list[str] = []
         self.n_conflicts = 0
@@ -204,7 +223,9 @@ class _Merge:
         if not all(len(positions) for positions in mine.values()):
             return
         file, cube = list(self.parts.items())[index]
-        given = self._read(cube, mine)
+        with reading(file):
+            given = self._read(cube, mine)
+        check_statuses(file, given["status"])
         box = np.ix_(*(at[dim][mine[dim]] - s.start for dim, s in zip(at, slab, strict=True)))
         there = values["status"][box] != Status.NOT_RUN
         new = ~there & (given["status"] != Status.NOT_RUN)

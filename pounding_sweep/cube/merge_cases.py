@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.cube.merge_checks import REMEDY, damaged
 from pounding_sweep.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,8 +37,14 @@ def check_cases(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> None:
     for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
         for key in ("law", "record"):
             if key not in cube.coords or cube[key].values.tolist() != [case[key] for case in sweep["cases"] or ()]:
-                msg = f"{name!r} has other cases than its sweep; give the cube as it was made, not a part of it"
+                msg = f"{name!r} has other cases than its sweep; {REMEDY}"
                 raise InputError(msg)
+        for key in _KNOWN_BY:
+            if key in cube.coords and cube[key].dims[:1] != (CASE,):
+                raise damaged(name, f"coordinate {key!r} is not along {CASE!r} first")
+        labels = cube[CASE].values
+        if labels.dtype.kind == "f" and not np.isfinite(labels).all():
+            raise damaged(name, "a case has no label")
     (first, base), *others = parts.items()
     for name, cube in others:
         if ("period_factor" in cube.coords) != ("period_factor" in base.coords):

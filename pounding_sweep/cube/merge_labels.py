@@ -1,4 +1,4 @@
-"""What cubes of one study must agree in, and the axes, coordinates, attributes and audit of all of them together.
+"""Axes, coordinates, attributes and audit of several cubes of one study together.
 
 Listed cases are an axis whose values are what each case is known by; see `pounding_sweep.cube.merge_cases`.
 """
@@ -14,131 +14,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.cube.assemble import package_version
+from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, package_version
 from pounding_sweep.cube.audited import AUDIT_DIMS, has_audit
-from pounding_sweep.cube.merge_cases import CASE, Parts, check_cases, lists_cases
-from pounding_sweep.cube.variables import INNER_DIMS, VARIABLES
+from pounding_sweep.cube.merge_cases import CASE, Parts
+from pounding_sweep.cube.merge_checks import AXES, BUILDING_AXES
+from pounding_sweep.cube.merge_study import OWN_ATTRIBUTES, parts_makers
+from pounding_sweep.cube.provenance import MAKER_ATTRIBUTES, origin
 from pounding_sweep.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Axes in the description of a sweep.
-AXES = frozenset({"laws", "gaps", "stiffnesses", "stiffness_factors", "restitutions", "scales", "damping_ratios"})
-#: Axes there that are given for some buildings: [name, values].
-BUILDING_AXES = frozenset({"period_factors", "mass_factors"})
-#: What else sweeps of one study may differ in: no result of a scenario depends on it.
-FREE = frozenset({"cases", "records", "records_left_out", "title", "audit"})
-#: Global attributes that say how a part came to be, or are made anew.
-OWN_ATTRIBUTES = frozenset(
-    {
-        *("history", "title", "records", "records_left_out", "sweep", "sweep_sha256", "time_step", "accuracy_choice"),
-        *("scenarios_asked", "scenarios_run", "scenarios_never_touching", "scenarios_missing", "merged_from"),
-        "extended_from",
-        *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation"),
-        *("numba_version", "numpy_version", "xarray_version"),
-    }
-)
 #: Values of an axis that differ by less than this were meant to be the same.
 NEARLY = 1e-9
-
-
-def outer_dims(cube: xr.Dataset) -> list[str]:
-    """Axes of a cube, in its order."""
-    return [str(dim) for dim in cube["status"].dims]
-
-
-def told_sweep(path: str, cube: xr.Dataset) -> dict[str, Any]:
-    """Return what a cube says of its sweep.
-
-    Raises
-    ------
-    InputError
-        It is not what sweeps say.
-    """
-    try:
-        found = json.loads(cube.attrs["sweep"])
-        whole = isinstance(found, dict) and set(found) >= (AXES | BUILDING_AXES | FREE)
-    except (ValueError, TypeError, KeyError):
-        whole = False
-    if not whole:
-        msg = f"{path!r} does not say what its sweep was: its attribute 'sweep' is damaged; make the cube again"
-        raise InputError(msg)
-    return dict(found)
-
-
-def check_parts(parts: Parts) -> list[dict[str, Any]]:
-    """Return what cubes of one study say of their sweeps.
-
-    Raises
-    ------
-    InputError
-        They are not of one study; the message names what differs, and both values.
-    """
-    for name, cube in parts.items():
-        if "status" not in cube.data_vars or "sweep" not in cube.attrs:
-            msg = f"{name!r} is no cube of a sweep: it has no status, or no attribute 'sweep'; give cubes made by 'run'"
-            raise InputError(msg)
-        strange = [str(key) for key in scenario_variables(cube) if key not in VARIABLES]
-        if strange:
-            msg = f"{name!r} has the variables {', '.join(strange)}, which sweeps don't make; give cubes made by 'run'"
-            raise InputError(msg)
-    sweeps = [told_sweep(name, cube) for name, cube in parts.items()]
-    (first, base), *others = parts.items()
-    for (name, cube), sweep in zip(others, sweeps[1:], strict=True):
-        if lists_cases(base) != lists_cases(cube):
-            cases, axes = (first, name) if lists_cases(base) else (name, first)
-            msg = (
-                f"{cases!r} lists its scenarios as cases, {axes!r} has axes. List those scenarios of the second that "
-                f"you want as cases, run that sweep with --extend {axes}, which takes their results from it, and merge "
-                "the cube so made with the first"
-            )
-            raise InputError(msg)
-        for what, here, there in _differences(base, cube, sweeps[0], sweep):
-            msg = (
-                f"{first!r} and {name!r} are not parts of one study: {what} is {_short(here)} in the first and "
-                f"{_short(there)} in the second; run one of them again with the other's"
-            )
-            raise InputError(msg)
-    if lists_cases(base):
-        check_cases(parts, sweeps)
-    return sweeps
-
-
-def _differences(
-    a: xr.Dataset, b: xr.Dataset, one: Mapping[str, Any], two: Mapping[str, Any]
-) -> list[tuple[str, Any, Any]]:
-    found: list[tuple[str, Any, Any]] = [
-        ("the list of axes", outer_dims(a), outer_dims(b)),
-        ("the list of variables", scenario_variables(a), scenario_variables(b)),
-    ]
-    for key in sorted({*one, *two} - AXES - BUILDING_AXES - FREE):
-        found.append((f"{key!r} of the sweep", one.get(key), two.get(key)))
-    for key in sorted(AXES):
-        found.append((f"whether {key!r} are given", one.get(key) is not None, two.get(key) is not None))
-    for key in sorted({*a.attrs, *b.attrs} - OWN_ATTRIBUTES):
-        found.append((f"attribute {key!r}", _plain(a.attrs.get(key)), _plain(b.attrs.get(key))))
-    for name in INNER_DIMS:
-        here, there = (cube[name].values.tolist() if name in cube.dims else [] for cube in (a, b))
-        found.append((f"the list of {name}s", here, there))
-    motions = {record["name"]: record for record in two["records"]}
-    for record in one["records"]:
-        if record["name"] in motions:
-            other = motions[record["name"]]
-            keys = ("sha256", "dt", "n_points", "scale")
-            here, there = ([each.get(key) for key in keys] for each in (record, other))
-            found.append((f"record {record['name']!r}", here, there))
-    return [each for each in found if each[1] != each[2]]
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 200 else f"{text[:200]}..."
-
-
-def scenario_variables(cube: xr.Dataset) -> list[Hashable]:
-    """Variables of a cube that are not its audit's."""
-    return [name for name, array in cube.data_vars.items() if AUDIT_DIMS[0] not in array.dims]
 
 
 def together(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
@@ -212,21 +100,25 @@ def _whole(
     given = next(iter(parts.values()))[name].dtype
     text = given.kind not in "iuf"
     whole = np.full(shape, "", object) if text else np.full(shape, np.nan)
-    known = np.zeros(shape, bool)
-    for (file, cube), at in zip(parts.items(), where, strict=True):
+    origin = np.full(shape, -1)
+    for index, ((file, cube), at) in enumerate(zip(parts.items(), where, strict=True)):
         box = np.ix_(*(at[str(d)] if d in axes else np.arange(cube.sizes[d]) for d in dims))
         values = cube[name].transpose(*dims).values
-        differs = known[box] & (whole[box] != values)
+        differs = (origin[box] >= 0) & (whole[box] != values)
         if not text:
             differs &= ~(np.isnan(whole[box]) & np.isnan(values))
         if differs.any():
             one, two = whole[box][differs].tolist()[0], values[differs].tolist()[0]
-            msg = f"coordinate {name!r} of {file!r} is {two!r} where an earlier part has {one!r}; "
-            raise InputError(msg + "cubes of one study agree in it, so run one of them again")
-        whole[box], known[box] = values, True
+            earlier = list(parts)[int(origin[box][differs][0])]
+            msg = (
+                f"coordinate {name!r} is {one!r} in {earlier!r}, and {two!r} at the same place in {file!r}; "
+                "cubes of one study agree in it, so one is damaged or was changed: run it again"
+            )
+            raise InputError(msg)
+        whole[box], origin[box] = values, index
     if text:
         return whole.astype(np.str_)
-    return whole.astype(given) if given.kind in "iu" and known.all() else whole
+    return whole.astype(given) if given.kind in "iu" and (origin >= 0).all() else whole
 
 
 def attributes(
@@ -275,19 +167,15 @@ def attributes(
         found["accuracy_choice"] = " | ".join(dict.fromkeys(str(cube.attrs["accuracy_choice"]) for cube in cubes))
     if whole["records_left_out"]:
         found["records_left_out"] = json.dumps(whole["records_left_out"])
+    for key in ("source", VERSION_ATTRIBUTE):  # the same for all
+        if key in base:
+            found[key] = base[key]
+    for key, values in zip(MAKER_ATTRIBUTES, zip(*parts_makers(parts), strict=True), strict=True):
+        if len(set(values)) == 1 and values[0] is not None:
+            found[key] = values[0]
     now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
     found["history"] = f"{now} merged from {len(cubes)} cubes by pounding_sweep {package_version()} (see merged_from)"
-    kept = ("history", "sweep_sha256", "scenarios_asked", "scenarios_run", "extended_from")
-    found["merged_from"] = json.dumps(
-        [
-            {
-                "file": file,
-                **{key: _plain(cube.attrs[key]) for key in kept if key in cube.attrs},
-                **{key: value for key, value in cube.attrs.items() if str(key).endswith("_version")},
-            }
-            for file, cube in parts.items()
-        ]
-    )
+    found["merged_from"] = json.dumps([origin(file, cube.attrs) for file, cube in parts.items()])
     return found
 
 
@@ -298,10 +186,6 @@ def _by_name(listed: list[list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
         for record in records:
             found.setdefault(record["name"], record)
     return found
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 
 
 def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:

@@ -9,32 +9,49 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, package_version
-from pounding_sweep.cube.merge_labels import AXES, BUILDING_AXES, FREE, outer_dims, told_sweep
-from pounding_sweep.errors import InputError
+from pounding_sweep.cube.assemble import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, package_version
+from pounding_sweep.cube.merge_checks import (
+    AXES,
+    BUILDING_AXES,
+    FREE,
+    MOTION,
+    check_axes,
+    check_origins,
+    check_variables,
+    damaged,
+    load_labels,
+    other_values,
+    told_sweep,
+)
+from pounding_sweep.cube.provenance import MAKER_ATTRIBUTES, library_attribute, plain
+from pounding_sweep.cube.variables import VARIABLES, cube_variables
+from pounding_sweep.errors import InputError, shown
 from pounding_sweep.sweep.axes import Case
 from pounding_sweep.sweep.labels import scenario_axes
 from pounding_sweep.sweep.plan import Plan
+from pounding_sweep.sweep.source import library_versions
 from pounding_sweep.sweep.spec import SweepSpec, to_json
 from pounding_sweep.sweep.variants import case_variants, product_variants
 
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Global attribute of a cube: digest of the source of the package that made it.
-SOURCE_ATTRIBUTE = "package_sha256"
-#: What a record is known by.
-_MOTION = ("sha256", "dt", "n_points", "scale")
-_REMEDY = "give the cube as it was made, not a part of it"
-
 
 def motion(record: Any) -> tuple[Any, ...]:
     """Return what a record, or what a cube says of one, is known by."""
-    return tuple(record[key] if isinstance(record, Mapping) else getattr(record, key) for key in _MOTION)
+    return tuple(record[key] if isinstance(record, Mapping) else getattr(record, key) for key in MOTION)
 
 
 def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) -> None:
     """Raise `InputError` where results of the cube could differ from those of the sweep."""
+    check_origins(path, cube.attrs)
+    if "merged_from" in cube.attrs and not set(MAKER_ATTRIBUTES) <= set(cube.attrs):
+        msg = (
+            f"{path!r} can't be extended: it was merged from cubes that several states of the package's source, or "
+            "several versions of numba, llvmlite or numpy, made (see its merged_from). Extend those of them that the "
+            "installed ones made, or run the sweep without it"
+        )
+        raise InputError(msg)
     if "sweep" not in cube.attrs or "status" not in cube.data_vars or SOURCE_ATTRIBUTE not in cube.attrs:
         msg = (
             f"{path!r} does not say what it needs to be extended: it has no status, or no attribute 'sweep' or "
@@ -43,17 +60,24 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) 
         raise InputError(msg)
     there, here = told_sweep(path, cube), json.loads(to_json(spec))
     free = AXES | BUILDING_AXES | FREE | {"force_unstable"}
-    differing = [
-        *((key, there.get(key), here.get(key)) for key in sorted({*there, *here} - free)),
-        ("version", cube.attrs[VERSION_ATTRIBUTE], package_version()),
-        ("source of the package, as SHA-256,", cube.attrs[SOURCE_ATTRIBUTE], source),
+    sweeps = [(key, there.get(key), here.get(key)) for key in sorted({*there, *here} - free)]
+    makers = [
+        ("version", plain(cube.attrs[VERSION_ATTRIBUTE]), package_version()),
+        ("source of the package, as SHA-256,", plain(cube.attrs[SOURCE_ATTRIBUTE]), source),
+        *(
+            (name, plain(cube.attrs.get(library_attribute(name))), version)
+            for name, version in library_versions().items()
+        ),
     ]
-    for what, old, new in differing:
-        if old != new:
-            texts = [text if len(text) <= 200 else f"{text[:200]}..." for text in (repr(old), repr(new))]
+    for each, remedy in (
+        (sweeps, "Make them agree"),
+        (makers, "The same scenario may have another result with each: install what made it"),
+    ):
+        differing = [f"{what} is {shown(old)} there and {shown(new)} here" for what, old, new in each if old != new]
+        if differing:
             msg = (
-                f"{path!r} can't be extended by this sweep: {what} is {texts[0]} there and {texts[1]} here. "
-                "Make them agree, or run the sweep without it"
+                f"{path!r} can't be extended by this sweep: {'; '.join(differing)}. "
+                f"{remedy}, or run the sweep without it"
             )
             raise InputError(msg)
 
@@ -64,7 +88,9 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     Raises
     ------
     InputError
-        The cube has other scenarios than that sweep.
+        The cube has other scenarios than that sweep, or not the outputs of `spec` as sweeps store them.
+    OutputError
+        Its labels can't be read.
     """
     told = told_sweep(path, cube)
     given: dict[str, Any] = {key: None if told[key] is None else tuple(told[key]) for key in AXES}
@@ -72,27 +98,38 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
         given[key] = tuple((building, tuple(values)) for building, values in told[key])
     given |= {key: told[key] for key in ("title", "audit", "force_unstable")}
     given["records_left_out"] = tuple(told["records_left_out"])
-    given["cases"] = None if told["cases"] is None else tuple(map(_case, told["cases"]))
+    try:
+        given["cases"] = None if told["cases"] is None else tuple(map(_case, told["cases"]))
+    except (TypeError, ValueError, KeyError):
+        raise damaged(path, "its sweep lists no valid cases") from None
     found = replace(spec, **given)
-    here, there = outer_dims(cube), dimensions(found)
-    if set(here) != set(there):
-        msg = f"{path!r} has the axes {', '.join(here) or 'none'}, its sweep had {', '.join(there)}; {_REMEDY}"
-        raise InputError(msg)
+    names = [record["name"] for record in told["records"]]
     if found.cases is None:
-        wanted = {**found.axes, "record": tuple(record["name"] for record in told["records"])}
-    elif len(found.cases) == cube.sizes["case"]:
-        wanted = {"record": tuple(case.record for case in found.cases)}
+        check_axes(path, cube, {**found.axes, "gap": found.gaps or 1, "record": names})
     else:
-        msg = f"{path!r} has {cube.sizes['case']} cases, its sweep had {len(found.cases)}; {_REMEDY}"
-        raise InputError(msg)
-    for name, values in wanted.items():
-        if values != (None,) and cube[name].values.tolist() != list(values):
-            raise InputError(_other_values(path, name))
+        check_axes(path, cube, {"case": len(found.cases)})
+    load_labels(path, cube)
+    if found.cases is not None:
+        there = cube["record"].values.tolist() if "record" in cube.coords else None
+        if there != [case.record for case in found.cases]:
+            raise InputError(other_values(path, "record"))
+    _check_results(path, cube, spec)
     return found
 
 
-def _other_values(path: str, name: str) -> str:
-    return f"{path!r} has other values of {name} than its sweep; {_REMEDY}"
+def _check_results(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
+    """Raise `InputError` where a cube has not all outputs of a sweep, or not of its buildings, pairs and storeys."""
+    scene = spec.scene
+    names = [name for name in cube_variables(spec.outputs) if scene.pair_names or not VARIABLES[name].per_pair]
+    check_variables(path, cube, names)
+    labels = {
+        "building": [building.name for building in scene.buildings],
+        "pair": list(scene.pair_names),
+        "storey": list(range(1, scene.n_storeys + 1)),
+    }
+    for dim in {dim for name in names for dim in VARIABLES[name].dims}:
+        if dim not in cube.coords or cube[dim].values.tolist() != labels[dim]:
+            raise InputError(other_values(path, dim))
 
 
 def _case(told: Mapping[str, Any]) -> Case:
@@ -136,4 +173,4 @@ def check_cases(path: str, cube: xr.Dataset, old: Plan) -> None:
         there, own = cube.coords.get(name), np.asarray(values)
         numbers = own.dtype.kind == "f"
         if there is None or not np.array_equal(there.transpose(*dims).values, own, equal_nan=numbers):
-            raise InputError(_other_values(path, name))
+            raise InputError(other_values(path, name))

@@ -11,18 +11,21 @@ from __future__ import annotations
 import math
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.cube.assemble import as_stored
+from pounding_sweep.cube.assemble import as_stored, package_version
+from pounding_sweep.cube.merge_checks import check_statuses, damaged, reading
+from pounding_sweep.cube.provenance import origin
 from pounding_sweep.cube.slabs import SLAB_BYTES, block_shape, slabs
-from pounding_sweep.cube.variables import Status, cube_variables
+from pounding_sweep.cube.variables import VARIABLES, Status, cube_variables
 from pounding_sweep.cube.write import check_space, open_cube
-from pounding_sweep.errors import InputError
+from pounding_sweep.errors import InputError, OutputError, WriteError
 from pounding_sweep.kernels.shape import KernelShape
 from pounding_sweep.sweep.dispatch import Dispatcher
 from pounding_sweep.sweep.earlier_sweep import (
@@ -90,11 +93,12 @@ class EarlierCube:
         with open_cube(path) as cube:
             check_same_study(self.path, cube, plan.spec, source)
             self.sha256 = str(cube.attrs["sweep_sha256"])
+            self._origin = origin(self.path, cube.attrs)
             whole = described_sweep(self.path, cube, plan.spec)
             spec, shared = shared_part(cube, whole)
             if not spec.n_scenarios:
                 return
-            old = make_plan(spec)
+            old = self._planned(spec)
             self._check_numerics(shared, old, varied=varies_buildings(whole))
             if spec.cases is not None:
                 check_cases(self.path, shared, old)
@@ -115,6 +119,15 @@ class EarlierCube:
         record = np.array([motions.index(motion(record)) for record in spec.records])[table.record]
         own = replace(table, law=law, record=record)
         self._rows = _RowFinder(self._columns(own, old.variants[table.variant], old.steps[unique]))
+
+    def _planned(self, spec: SweepSpec) -> Plan:
+        """Plan the earlier sweep, as far as it can be what a user once gave: a file may say anything of it."""
+        try:
+            return make_plan(spec)
+        except InputError:
+            raise
+        except (TypeError, ValueError, KeyError, IndexError) as error:
+            raise damaged(self.path, f"its sweep can't be planned ({type(error).__name__}: {error})") from None
 
     def _check_numerics(self, cube: xr.Dataset, old: Plan, *, varied: bool) -> None:
         plan, spec = self._plan, old.spec
@@ -139,15 +152,35 @@ class EarlierCube:
         sizes = [cube.sizes[dim] for dim in dims]
         place = Path(tempfile.gettempdir()) if folder is None else folder
         check_space(place, math.prod(sizes) * kind.itemsize, f"a copy of {self.path!r}")
-        with tempfile.TemporaryFile(dir=place) as file:
-            table = np.memmap(file, kind, "w+", shape=tuple(sizes))
-        for slab in slabs(sizes, block_shape(sizes, max(1, SLAB_BYTES // kind.itemsize))):
-            part = cube[[name for name in names if name in cube]].isel(dict(zip(dims, slab, strict=True)))
-            for key, values in part.data_vars.items():
-                name = str(key)
-                inner = [dim for dim in values.dims if dim not in dims]
-                table[slab][name] = as_stored(name, values.transpose(*dims, *inner).values)
-        return table.reshape(-1)
+        try:
+            with tempfile.TemporaryFile(dir=place) as file:
+                # written, not mapped: a disk that gets full fails a write, but kills whoever writes into a map of it
+                for slab in slabs(sizes, block_shape(sizes, max(1, SLAB_BYTES // kind.itemsize))):
+                    file.write(self._slab(cube, dict(zip(dims, slab, strict=True)), kind))
+                file.flush()
+                os.fsync(file.fileno())  # network disks say only now that they are full
+                return np.memmap(file, kind, "r", shape=(math.prod(sizes),))
+        except OutputError:
+            raise
+        except OSError as error:
+            msg = (
+                f"writing a copy of {self.path!r} to {str(place)!r} failed ({error.strerror or error}); free some "
+                "space on that disk and run again"
+            )
+            raise WriteError(msg) from error
+
+    def _slab(self, cube: xr.Dataset, where: Mapping[str, slice], kind: np.dtype) -> memoryview:
+        """Return the results of scenarios that lie side by side as rows of a table."""
+        part = cube.isel(where)
+        rows = np.zeros([part.sizes[dim] for dim in where], kind)
+        for name in kind.names or ():
+            if name not in part:  # of pairs, in a row without any
+                continue
+            with reading(self.path):
+                values = part[name].transpose(*where, *VARIABLES[name].dims).values
+            rows[name] = as_stored(name, values)
+        check_statuses(self.path, rows["status"])
+        return rows.data
 
     def _columns(self, table: Scenarios, variants: Variants, steps: np.ndarray) -> list[np.ndarray]:
         """Everything that tells scenarios apart, as columns of numbers."""
@@ -171,9 +204,13 @@ class EarlierCube:
         return np.asarray(self._table[rows])
 
     @property
-    def attribute(self) -> dict[str, Any]:
-        """What a cube says of the one that it extends."""
-        return {"file": self.path, "sweep_sha256": self.sha256, "scenarios_taken": self.taken}
+    def attributes(self) -> dict[str, Any]:
+        """What a cube says of the one that it extends: global attributes."""
+        now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+        return {
+            "history": f"{now} extended from another cube by pounding_sweep {package_version()} (see extended_from)",
+            "extended_from": {**self._origin, "scenarios_taken": self.taken},
+        }
 
 
 class ExtendingDispatcher(Dispatcher):
@@ -197,27 +234,34 @@ class ExtendingDispatcher(Dispatcher):
     def run(self, n: int, job: Callable[[int], Job], take: Take) -> None:
         """See `Dispatcher.run`; chunks that are known as a whole come first."""
         earlier, waiting = self._earlier, []
+        partly: dict[int, np.ndarray] = {}  # position -> rows, of chunks that are known in part, until they are taken
         for position in range(n):
             rows = earlier.find(job(position))
-            if (rows >= 0).all():
+            known = rows >= 0
+            if known.all():
                 earlier.taken += len(rows)
                 take(position, earlier.results(rows))
-            else:
-                waiting.append(position)
+                continue
+            waiting.append(position)
+            if known.any():
+                partly[position] = rows
 
         def rest(index: int) -> Job:
             whole = job(waiting[index])
-            new = earlier.find(whole) < 0
+            if waiting[index] not in partly:
+                return whole
+            new = partly[waiting[index]] < 0
             return replace(whole, table=whole.table[new], variants=whole.variants[new])
 
         def together(index: int, found: np.ndarray | str) -> None:
-            if not isinstance(found, str):
-                rows = earlier.find(job(waiting[index]))
+            rows = partly.pop(waiting[index], None)
+            if rows is not None and not isinstance(found, str):
                 known = rows >= 0
                 both = np.empty(len(rows), found.dtype)
                 both[~known] = found
-                for name in found.dtype.names or () if known.any() else ():
-                    both[name][known] = earlier.results(rows[known])[name]
+                there = earlier.results(rows[known])
+                for name in found.dtype.names or ():
+                    both[name][known] = there[name]
                 earlier.taken += int(known.sum())
                 found = both
             take(waiting[index], found)

@@ -9,7 +9,9 @@ import numpy as np
 from pounding_sweep.contact.laws import get_law
 from pounding_sweep.contact.restitution import realised_restitution
 from pounding_sweep.cube.assemble import Axis
+from pounding_sweep.cube.provenance import library_attribute
 from pounding_sweep.sweep.property_labels import product_coordinates, property_axis, row_coordinates
+from pounding_sweep.sweep.source import library_versions
 from pounding_sweep.sweep.spec import contact_stiffness, to_json
 
 if TYPE_CHECKING:
@@ -129,7 +131,6 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
 
 def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
     """Return what the cube says of the sweep as a whole."""
-    import numba
     import xarray
 
     spec = plan.spec
@@ -149,8 +150,7 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "unit_system": "kN, t, m, s",
         "sweep": to_json(spec),
         "sweep_sha256": plan.digest,
-        "numba_version": numba.__version__,
-        "numpy_version": np.__version__,
+        **{library_attribute(name): version for name, version in library_versions().items()},
         "xarray_version": xarray.__version__,
     }
     if spec.accuracy is None:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from functools import cache
+from types import MappingProxyType
+
+from pounding_sweep.cube.provenance import LIBRARIES
 
 
 @cache
@@ -23,11 +27,16 @@ def package_digest() -> str:
 
 
 @cache
-def libraries() -> str:
-    """Name the libraries, with their versions, that the bits of a result depend on."""
+def library_versions() -> Mapping[str, str]:
+    """Return the versions of the libraries that the bits of a result depend on."""
     from importlib.metadata import version
 
-    return ", ".join(f"{name} {version(name)}" for name in ("numba", "llvmlite", "numpy"))
+    return MappingProxyType({name: version(name) for name in LIBRARIES})
+
+
+def libraries() -> str:
+    """Name those libraries, with their versions."""
+    return ", ".join(f"{name} {version}" for name, version in library_versions().items())
 
 
 @cache

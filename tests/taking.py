@@ -1,0 +1,75 @@
+"""Cubes taken into others on the command line, one after another; as a program, in a process that may crash or hang."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import resource
+import sys
+
+from fuzz import HANGING
+from typer.main import get_command
+
+from pounding_sweep.cli.app import app
+from pounding_sweep.cube.write import open_cube
+
+OUT = "out.nc"
+#: Made once: it takes as long as a command that is refused.
+PROGRAM = get_command(app)
+#: What a cube is put into; "CUBE" stands for its path.
+COMMANDS = {
+    "merge": ["merge", "CUBE", "b.nc", "-o", OUT, "--overwrite"],
+    "extend": ["run", "all.toml", "-o", OUT, "--extend", "CUBE", "--overwrite", "--quiet", "--workers", "1"],
+}
+#: Attributes of a cube that are the same however it was made.
+TOLD = ("sweep", "sweep_sha256", "records", "time_step", "method", "precision", "unit_system")
+#: Memory (bytes) in which all that is done; libraries that are loaded take most of it.
+MEMORY = 8 * 2**30
+
+
+def take(command, cube):
+    """Take a cube into another by a command; return the exit code and what it said on stderr."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
+        try:
+            PROGRAM([word.replace("CUBE", str(cube)) for word in COMMANDS[command]])
+            code = 0
+        except SystemExit as end:
+            code = end.code
+    return code, " ".join(said.getvalue().split())
+
+
+def content(path):
+    """Return all values, labels and attributes of variables, and what the cube says of its sweep, to be compared."""
+    with open_cube(path) as cube:
+        found = {
+            str(name): (
+                array.dims,
+                array.values.tolist() if array.dtype.kind == "U" else array.values.tobytes(),
+                str(sorted(array.attrs.items())),  # whose order the netCDF library does not always keep
+            )
+            for name, array in cube.variables.items()
+        }
+        return found | {key: str(cube.attrs[key]) for key in TOLD}
+
+
+def main(whole):
+    """Take every cube that stdin names after a command; tell its exit code, "same" where nothing came out changed."""
+    expected = {}
+    for command in COMMANDS:
+        done = take(command, whole)
+        assert done == (0, ""), done
+        expected[command] = content(OUT)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    for command, _, path in (line.partition(" ") for line in sys.stdin.read().splitlines()):
+        used = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+        resource.setrlimit(resource.RLIMIT_CPU, (int(used + HANGING), -1))
+        print("?", flush=True)
+        code, words = take(command, path)
+        if code == 0:
+            code = "same" if content(OUT) == expected[command] else "changed"
+        print(code, words, flush=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
