@@ -50,8 +50,30 @@ def pytest_addoption(parser):
     parser.addoption("--all-laws", action="store_true", help="test every scheme under every law, not one of a kind")
 
 
+#: Modules that take longest, in that order: they begin first, so that all cores have work until the end.
+LONGEST = (
+    "test_extremes",
+    "test_distributed",
+    "test_tradeoff",
+    "test_precision",
+    "test_longer_rows",
+    "test_faults",
+    "test_properties",
+    "test_limits",
+    "test_cache",
+    "test_restitution",
+    "test_accuracy",
+    "test_stereomechanical",
+    "test_two_hosts",
+    "test_doctor",
+    "test_kernels",
+)
+
+
 def pytest_collection_modifyitems(config, items):
-    """Leave out laws that repeat what another one tests."""
+    """Put long modules first; leave out laws that repeat what another one tests."""
+    turns = {name: turn for turn, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: turns.get(item.path.stem, len(LONGEST)))
     if config.getoption("--all-laws"):
         return
     left_out = [item for item in items if hasattr(item, "callspec") and _repeats(item.callspec.params)]

@@ -42,6 +42,7 @@ def both(monkeypatch, **settings):
     return found
 
 
+@pytest.mark.release
 def test_unlocated_forces_are_those_of_the_motion():
     """Behind a wall, the first floor belongs to two contacts."""
     one = ps.simulate(ROW, SHORT, law="kelvin_voigt", method="rk4", dt=1e-3, locate=False)

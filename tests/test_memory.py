@@ -91,6 +91,7 @@ def peak_of(sizes, folder):
     return json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
 
 
+@pytest.mark.release
 def test_a_broadcast_cube_is_never_in_memory(tmp_path):
     """60,000 scenarios that answer twenty asked ones each."""
     found = peak_of([600, 100, 20], tmp_path)

@@ -52,7 +52,9 @@ def test_both_precisions_name_the_same_tolerances():
     assert TOLERANCES["float32"].keys() == TOLERANCES["float64"].keys()
 
 
-@pytest.mark.parametrize("method", ["newmark", "exact"])  # whose contacts and flights are all there is
+@pytest.mark.parametrize(  # whose contacts and flights are all there is
+    "method", [pytest.param("newmark", marks=pytest.mark.release), "exact"]
+)
 def test_compiled_code_computes_nothing_in_double(method, monkeypatch):
     """A single double in the arithmetic would halve the lanes of every vector it meets."""
     scene = ps.Scene([ps.Building("a", [100.0], [1e5]), ps.Building("b", [50.0], [2e5])], gaps=[0.005])
@@ -82,7 +84,7 @@ def test_compiled_code_computes_nothing_in_double(method, monkeypatch):
     ("method", "law"),
     [
         *(("rk4", law) for law in ("nonlinear_viscoelastic", "stereomechanical")),
-        ("newmark", "hertz_damped"),
+        pytest.param("newmark", "hertz_damped", marks=pytest.mark.release),
     ],
 )
 def test_single_precision_is_close_to_double(law, method):

@@ -303,7 +303,7 @@ def test_where_a_law_is_not_valid_nothing_is_measured():
         certify([0.5], ["none"])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_newmark_rebounds_at_the_realised_restitution():
     laws = [
         "kelvin_voigt",
