@@ -126,7 +126,7 @@ from pounding_sweep.sweep.store import ChunkStore
 warnings.simplefilter("error")
 folder, seen = Path(sys.argv[1]), Path(sys.argv[2])
 entered = 0
-while entered < 20:
+while entered < 40:
     store = ChunkStore(folder, "x")
     try:
         with store.lock():

@@ -223,10 +223,10 @@ class FolderLock:
     def _lock(self) -> None:
         limit = time.monotonic() + PATIENCE
         while True:
-            self.folder.mkdir(parents=True, exist_ok=True)
             try:
+                self.folder.mkdir(parents=True, exist_ok=True)
                 self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
-            except FileNotFoundError:  # the run that ended just now has removed the folder
+            except (FileNotFoundError, FileExistsError):  # the run that ended just now has removed the folder
                 if time.monotonic() > limit:
                     raise
                 continue
