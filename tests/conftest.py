@@ -56,7 +56,6 @@ LONGEST = (
     "test_distributed",
     "test_tradeoff",
     "test_precision",
-    "test_longer_rows",
     "test_faults",
     "test_properties",
     "test_limits",

@@ -113,6 +113,7 @@ def same(found, expected):
 def test_what_is_new_on_an_axis_is_run(whole, ran, tmp_path, monkeypatch, axis, chunk_seconds):
     monkeypatch.setattr(planning, "CHUNK_SECONDS", chunk_seconds)
     monkeypatch.setattr(cutting, "SHARE", 1.0)
+    monkeypatch.setattr("pounding_sweep.sweep.extend.SLAB_BYTES", 2000)  # read in several parts
     less = LESS if axis == "all" else {axis: LESS[axis]}
     with sweep(**less).run(tmp_path / "old.nc", workers=1):
         before = set(ran)

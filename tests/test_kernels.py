@@ -449,7 +449,7 @@ def long_and_short_steps(row):
 
 
 @pytest.mark.usefixtures("row_kernels")
-@pytest.mark.parametrize("row", ["paper", "four"])
+@pytest.mark.parametrize("row", ["paper", pytest.param("four", marks=pytest.mark.release)])
 def test_long_flight_steps_find_the_peaks_of_short_ones(row):
     got, want = long_and_short_steps(row)
     for name in LONG_STEPS:

@@ -24,6 +24,8 @@ ROW = ps.Scene(
     contact=ps.ContactProperties(linear_stiffness=8e5, restitution=0.6),
 )
 EL_CENTRO = ps.find_record("el_centro")
+#: Slow to compile; `test_kernels` holds a row in loops against the twin.
+pytestmark = pytest.mark.release
 SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[60:160])
 VARIED = {"period_factors": {"b": [0.8, 1.2]}, "damping_ratios": [0.02, 0.08]}
 
@@ -42,7 +44,6 @@ def both(monkeypatch, **settings):
     return found
 
 
-@pytest.mark.release
 def test_unlocated_forces_are_those_of_the_motion():
     """Behind a wall, the first floor belongs to two contacts."""
     one = ps.simulate(ROW, SHORT, law="kelvin_voigt", method="rk4", dt=1e-3, locate=False)
@@ -64,8 +65,8 @@ def test_unlocated_forces_are_those_of_the_motion():
     "settings",
     [
         {"method": "rk4"},
-        pytest.param({"method": "exact"}, marks=pytest.mark.release),
-        pytest.param({"method": "newmark", "dt": 2e-4, **VARIED}, marks=pytest.mark.release),
+        {"method": "exact"},
+        {"method": "newmark", "dt": 2e-4, **VARIED},
     ],
     ids=lambda settings: (
         " ".join(f"{name}={value}" for name, value in settings.items() if name not in VARIED)
