@@ -212,7 +212,7 @@ def test_frozen_workers_hold_up_nobody(monkeypatch, reference, tmp_path, whole, 
 
 @pytest.mark.usefixtures("importable")
 def test_all_workers_die_at_once(tmp_path, count):
-    """Their chunks run alone on their workers, but side by side."""
+    """Their chunks are handed out again as all others: nothing tells that one of them killed."""
     from distributed import Client
 
     found, events = {}, []
