@@ -231,8 +231,9 @@ def test_contacts_of_exact_flight_are_those_of_rk4():
 
 
 @pytest.mark.parametrize("law", list(LAWS))
-def test_newmark_equals_the_twin_for_every_law(law):
-    check("pair", law, 126, 1.5, "newmark", 2e-4, NEWMARK_BOUND[law], touched=law != "none")
+@pytest.mark.parametrize("method", ["newmark"])  # one law of a kind: it differs from RK4 in slopes, see `test_laws`
+def test_newmark_equals_the_twin(method, law):
+    check("pair", law, 126, 1.5, method, 2e-4, NEWMARK_BOUND[law], touched=law != "none")
 
 
 OTHER_ROWS = [
