@@ -210,6 +210,20 @@ def test_frozen_workers_hold_up_nobody(monkeypatch, reference, tmp_path, whole, 
         whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
 
 
+def test_workers_that_answer_late_get_their_kernels_first(reference, tmp_path, whole):
+    """A busy machine may take seconds to say what it has installed; the others wait for that, not for a frozen one."""
+    with DaskCluster(tmp_path) as cluster:
+        cluster.add("first").add("slow").freeze("slow")
+        thaw = threading.Timer(1.5, cluster.thaw, ["slow"])
+        thaw.start()
+        events, sweep = Events(), make()
+        events.stage = lambda name, total: events.notes.append(name)
+        whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
+        thaw.join()
+    kinds = ["takes part" if "takes part" in note else note for note in events.notes]
+    assert kinds[: kinds.index("no pounding")].count("takes part") == 2
+
+
 @pytest.mark.usefixtures("importable")
 def test_all_workers_die_at_once(tmp_path, count):
     """Their chunks are handed out again as all others: nothing tells that one of them killed."""

@@ -37,6 +37,8 @@ IN_FLIGHT = 3
 LOOK_SECONDS = 1.0
 #: Seconds without any worker that can take part after which that is said.
 ALONE_SECONDS = 10.0
+#: Seconds that those who are there at the start have to say what they have installed, before the rest begins.
+ANSWER_SECONDS = 5.0
 #: Seconds without a word from a worker after which the others go on without it, until it is heard again.
 QUIET_SECONDS = 30.0
 #: Times that a chunk may lose its worker while others run there too, before it runs alone.
@@ -158,6 +160,10 @@ class FarWorkers:
         self._check_scheduler()
         while not self._look():
             time.sleep(LOOK_SECONDS / 10)
+        patience = time.monotonic() + ANSWER_SECONDS
+        while self._asked and time.monotonic() < patience:
+            time.sleep(LOOK_SECONDS / 10)
+            self._look()
         hosts: dict[str, list[str]] = {}
         for address in self._threads:
             hosts.setdefault(get_address_host(address), []).append(address)
