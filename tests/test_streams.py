@@ -70,6 +70,21 @@ def test_streams_that_are_closed(stopped, tmp_path, closed):
     assert through(f'"$@" {closed}', tmp_path, "info", "out.nc").returncode == 0
 
 
+@pytest.mark.parametrize("buffered", ["", "1"])
+def test_a_result_that_cannot_be_printed(stopped, tmp_path, buffered):
+    """The cube is complete by then; one line says what failed."""
+    for name in ("sweep.toml", "whole.nc"):
+        shutil.copy(stopped / name, tmp_path)
+    full = f'PYTHONUNBUFFERED={buffered} "$@" >/dev/full'
+    for command in (RUN, ("info", "out.nc"), ("laws",)):
+        done = through(full, tmp_path, *command, stderr=subprocess.PIPE)
+        assert done.returncode == 1
+        assert done.stderr == (
+            "pounding-sweep: failed: stdout can't be written (No space left on device), give it another place\n"
+        )
+    same_data(tmp_path / "out.nc", tmp_path / "whole.nc")
+
+
 SLEEPS = """
 import signal, sys, time
 from pounding_sweep import cli

@@ -60,6 +60,9 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
             if isinstance(error, RuntimeError) and str(error).startswith("NetCDF:"):
                 say(f"error: values of a netCDF file can't be read ({error}): it is damaged; make it again")
                 raise typer.Exit(BAD_INPUT) from None
+            if isinstance(error, OSError) and error.filename is None and _stdout_fails():
+                say(f"failed: stdout can't be written ({error.strerror}), give it another place{_kept(out)}")
+                raise typer.Exit(FAILED) from None
             # a fault of the package, or of the machine: the traceback is for the report
             _print("".join(traceback.format_exception(error)).rstrip("\n"))
             say(f"failed: {type(error).__name__}: {error}{_kept(out)}")
@@ -89,6 +92,17 @@ def _print(text: str) -> None:
     """Write to stderr, if it can be: a reader that has gone, or its full disk, ends nothing."""
     with suppress(OSError):
         print(printable(text, keep="\n"), file=sys.stderr, flush=True)
+
+
+def _stdout_fails() -> bool:
+    """Whether what was printed can't be written, its reader being there; no more is tried then."""
+    try:
+        sys.stdout.flush()
+        print(flush=True)  # where nothing is buffered, nothing was left to flush
+    except OSError:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - until the process ends
+        return True
+    return False
 
 
 def open_streams() -> None:
