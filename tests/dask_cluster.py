@@ -79,7 +79,7 @@ class DaskCluster:
                 start_new_session=True,
             )
 
-    def _wait(self, look, seconds=60.0):
+    def _wait(self, look, seconds=300.0):
         limit = time.monotonic() + seconds
         while True:
             try:

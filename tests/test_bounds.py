@@ -182,7 +182,7 @@ def test_a_file_whose_name_is_no_text(tmp_path, monkeypatch):
     (fault,) = [said for _, said in list_records() if isinstance(said, str)]
     assert "give it another one" in fault
     done = subprocess.run(
-        [sys.executable, "-m", "pounding_sweep", "records", "--json"], capture_output=True, check=True, timeout=60
+        [sys.executable, "-m", "pounding_sweep", "records", "--json"], capture_output=True, check=True, timeout=300
     )
     (listed,) = json.loads(done.stdout)["unreadable"]
     assert listed["name"] == "caf\udce9"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import hashlib
 import json
 import os
@@ -272,6 +273,27 @@ def test_kernels_unused_for_long_are_removed(filled):
     get_kernel(new)
     for path in filled.glob("*.used"):
         assert time.time() - path.stat().st_mtime < 600.0
+
+
+@pytest.mark.usefixtures("forgetful")
+@pytest.mark.parametrize("thresholds", [(700, 10, 10), (0, 5, 5), (10**6, 30, 7)])
+def test_garbage_is_looked_for_less_often_while_compiling_only(monkeypatch, thresholds):
+    """Whoever never looks does not begin to, and what was set is there again, also after an error."""
+    seen, before = [], gc.get_threshold()
+
+    def fail(*_):
+        seen.append(gc.get_threshold())
+        raise RuntimeError("no text")
+
+    monkeypatch.setattr(cache, "_texts", fail)
+    gc.set_threshold(*thresholds)
+    try:
+        with pytest.raises(RuntimeError, match="no text"):
+            get_kernel(kernel_of().shape)
+        assert gc.get_threshold() == thresholds
+    finally:
+        gc.set_threshold(*before)
+    assert seen[0] == {700: (50_000, 20, 100), 0: thresholds, 10**6: (10**6, 30, 100)}[thresholds[0]]
 
 
 def test_shapes_travel_as_plain_data():

@@ -304,7 +304,7 @@ def interrupted(tmp_path):
         more = {"cwd": tmp_path, "env": environment(), "text": True, "start_new_session": True}
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **more) as process:
             event(process)
-            out, err = process.communicate(timeout=120)
+            out, err = process.communicate(timeout=300)
         assert process.returncode == 130, err
         assert out == ""
         assert re.fullmatch(r"pounding-sweep: interrupted; .*\n", err)
@@ -337,7 +337,7 @@ def test_an_interrupt_while_processes_start(interrupted, name):
 
 def wait_for_chunks(process, folder):
     """Wait until some chunks of a run are kept."""
-    manifest, limit = folder / "out.nc.parts" / MANIFEST, time.monotonic() + 100
+    manifest, limit = folder / "out.nc.parts" / MANIFEST, time.monotonic() + 300
     while process.poll() is None and not (manifest.exists() and manifest.read_text().count("\n") > 1):
         assert time.monotonic() < limit
         time.sleep(0.01)

@@ -335,7 +335,7 @@ def test_command_on_a_disk_that_takes_no_more(cube, tmp_path, ending):
     source = write_cube(cube.load(), tmp_path / "source.nc")
     out = tmp_path / f"all{ending}"
     command = [sys.executable, "-m", "pounding_sweep", "export", str(source), "-o", str(out)]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60, preexec_fn=_small_files)
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=300, preexec_fn=_small_files)
     assert done.returncode == 1, done.stderr
     assert "File too large" in done.stderr
     assert "see to the disk, or give a path on another one, and run again. Nothing was replaced" in done.stderr

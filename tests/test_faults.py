@@ -344,7 +344,7 @@ class Night:
         return self
 
     def __exit__(self, *raised):
-        self._nursery.communicate(timeout=60)
+        self._nursery.communicate(timeout=300)
 
     def _tell(self, word):
         self._nursery.stdin.write(f"{word}\n")
@@ -371,7 +371,7 @@ class Night:
     def life(self, kind):
         """Start a run and kill it: while it loads, at any moment, in its chunks, in the cube, or after that."""
         before, listed, said = self.sound(), self._lines(), len(self.log())
-        more, limit = self.draw.randrange(1, 3), time.monotonic() + 120
+        more, limit = self.draw.randrange(1, 3), time.monotonic() + 300
         reached = {
             "in its chunks": lambda: self._lines() >= listed + more,
             "in the cube": lambda: "stage cube begins" in self.log()[said:],

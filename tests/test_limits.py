@@ -147,7 +147,7 @@ def test_one_at_a_time(tmp_path):
         subprocess.Popen([sys.executable, "-c", RACER, tmp_path / "parts", tmp_path / "in"], stderr=subprocess.PIPE)
         for _ in range(4)
     ]
-    errors = [racer.communicate(timeout=120)[1] for racer in racers]
+    errors = [racer.communicate(timeout=300)[1] for racer in racers]
     assert [racer.returncode for racer in racers] == [0] * 4, errors
     assert list(tmp_path.iterdir()) == []
 

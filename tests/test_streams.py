@@ -115,7 +115,7 @@ def test_a_second_signal_does_not_wait(stopped, tmp_path, number):
         process.send_signal(number)
         said = process.stderr.readline()
         process.send_signal(number)
-        assert process.wait(timeout=120) == 130
+        assert process.wait(timeout=300) == 130
     kept = (tmp_path / "out.nc.parts" / MANIFEST).read_text().count("\n")
     assert said == (
         f"pounding-sweep: interrupted; {kept} finished chunks are kept in {tmp_path}/out.nc.parts: "

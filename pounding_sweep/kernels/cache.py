@@ -10,6 +10,7 @@ version to the key.
 from __future__ import annotations
 
 import atexit
+import gc
 import hashlib
 import importlib.util
 import os
@@ -17,7 +18,8 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from threading import RLock
@@ -166,13 +168,25 @@ def _load(name: str, path: Path) -> ModuleType:
     return module
 
 
+@contextmanager
+def _seldom_collected() -> Iterator[None]:
+    """Have Python look for garbage less often: compiling makes millions of objects, and most of them stay."""
+    before = gc.get_threshold()
+    if before[0]:  # else it never looks
+        gc.set_threshold(max(before[0], 50_000), max(before[1], 20), max(before[2], 100))
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
+
 @lru_cache(maxsize=256)
 def get_kernel(shape: KernelShape) -> Callable[..., Any]:
     """Return the kernel's compiled ``run`` function, loaded from the disk cache where it is there.
 
     A folder that can't be written costs the cache, not the run.
     """
-    with _LOCK:
+    with _LOCK, _seldom_collected():
         for name, text in _texts(shape):
             try:
                 path = _write(cache_folder(), name, text)
