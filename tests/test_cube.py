@@ -37,6 +37,7 @@ from pounding_sweep.cube.variables import (
 )
 from pounding_sweep.cube.write import check_output, open_cube, write_cube
 from pounding_sweep.errors import InputError, OutputError
+from pounding_sweep.lock import LOCK
 from pounding_sweep.scene import Building, Scene, Wall
 
 
@@ -526,7 +527,7 @@ class TestFile:
         assert [p.read_text() for p in tmp_path.iterdir()] == ["old"]
 
     def test_killed_while_writing(self, tmp_path):
-        """The target is not there until the content is complete and on disk."""
+        """The target is not there until the content is complete and on disk; the next who writes there cleans up."""
         code = (
             "import os, sys; from pathlib import Path\n"
             "from pounding_sweep.cube.files import replacing\n"
@@ -538,6 +539,32 @@ class TestFile:
         left = [p.name for p in tmp_path.iterdir()]
         assert len(left) == 1
         assert files.is_temporary(left[0])
+        with files.replacing(tmp_path / "other.nc") as part:
+            there = sorted(tmp_path.iterdir())
+            assert part.parent in there
+            assert part.parent.name not in left  # it is this one's, and that of the killed process is gone
+            with files.replacing(tmp_path / "another.nc") as beside:  # at the same time: both are at work
+                beside.write_bytes(b"more")
+            part.write_bytes(b"all")
+        assert len(there) == 1
+        assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"another.nc": b"more", "other.nc": b"all"}
+
+    @pytest.mark.parametrize(
+        "theirs",
+        [
+            {"host": "elsewhere", "boot": "another", "machine": "another"},  # whose processes can't be seen from here
+            None,  # it is just being made
+        ],
+    )
+    def test_what_may_be_of_somebody_else_stays(self, tmp_path, theirs):
+        folder = tmp_path / ".pounding_sweep-0123456789abcdef.part"
+        folder.mkdir()
+        (folder / "half").write_bytes(b"half")
+        text = "" if theirs is None else json.dumps({"pid": 1, "started": "2026-01-01T00:00:00+00:00", **theirs})
+        (folder / LOCK).write_text(text)
+        with files.replacing(tmp_path / "cube.nc") as part:
+            part.write_bytes(b"x")
+        assert (folder / "half").exists()
 
     def test_content_is_on_disk_before_the_name_changes(self, tmp_path, monkeypatch):
         order = []
@@ -553,6 +580,7 @@ class TestFile:
         with files.replacing(target) as part:
             part.write_bytes(b"x")
         assert order == [("file", False), ("folder", True)]
+        assert list(tmp_path.iterdir()) == [target]
 
     def test_opening_what_is_no_cube(self, cube, tmp_path):
         text = tmp_path / "text.nc"

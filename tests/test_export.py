@@ -340,3 +340,29 @@ def test_command_on_a_disk_that_takes_no_more(cube, tmp_path, ending):
     assert "File too large" in done.stderr
     assert "see to the disk, or give a path on another one, and run again. Nothing was replaced" in done.stderr
     assert {each.name for each in tmp_path.iterdir()} == {"cube.nc", "source.nc"}
+
+
+DIES = """
+import os
+import pathlib
+
+from pounding_sweep import cli
+
+pathlib.Path.replace = lambda *_: os.kill(os.getpid(), 9)
+cli.main()
+"""
+
+
+def test_what_a_killed_command_leaves_is_removed_by_the_next(cube, tmp_path):
+    pytest.importorskip("zarr")
+    folder = tmp_path / "out"
+    folder.mkdir()
+    source = write_cube(cube.load(), tmp_path / "source.nc")
+    command = ["export", str(source), "-o", str(folder / "all.zarr")]
+    assert subprocess.run([sys.executable, "-c", DIES, *command], check=False, timeout=300).returncode == -9
+    (left,) = folder.iterdir()
+    assert is_temporary(left.name)
+    assert sum(path.stat().st_size for path in left.rglob("*")) > 1000
+    again = [sys.executable, "-m", "pounding_sweep", *command]
+    assert subprocess.run(again, check=False, timeout=300, capture_output=True).returncode == 0
+    assert [path.name for path in folder.iterdir()] == ["all.zarr"]

@@ -28,7 +28,7 @@ from test_cli import LONG, ROOT, TINY, cli, environment, write
 from pounding_sweep.cube.files import is_temporary
 from pounding_sweep.cube.write import open_cube
 from pounding_sweep.errors import OutputError
-from pounding_sweep.sweep.lock import LOCK
+from pounding_sweep.lock import LOCK
 from pounding_sweep.sweep.saving import Saver
 from pounding_sweep.sweep.store import IDENTITY, MANIFEST, ChunkStore
 from pounding_sweep.sweep.sweep import Sweep, load_sweep

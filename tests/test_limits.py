@@ -23,9 +23,9 @@ from test_cli import LONG, TINY, cli, environment, write
 from pounding_sweep.cube.files import is_temporary
 from pounding_sweep.cube.write import open_cube
 from pounding_sweep.errors import OutputError, RunError, WriteError
+from pounding_sweep.lock import LOCK, FolderLock, running
 from pounding_sweep.sweep import execute
 from pounding_sweep.sweep.execute import Progress
-from pounding_sweep.sweep.lock import LOCK, FolderLock, running
 from pounding_sweep.sweep.store import EXPECTED, IDENTITY, MANIFEST, ChunkStore
 from pounding_sweep.sweep.sweep import Sweep, load_sweep
 from pounding_sweep.sweep.unfinished import survey
@@ -133,9 +133,9 @@ while entered < 40:
             os.close(os.open(seen, os.O_CREAT | os.O_EXCL))  # fails where somebody else is in
             store.open()
             time.sleep(0.001)
-            if entered % 2:  # a run that ends well removes the folder, in which others look meanwhile
-                store.discard()
             seen.unlink()
+            if entered % 2:  # a run that ends well removes the folder, which another may make again at once
+                store.discard()
             entered += 1
     except OutputError as error:
         assert "another run is at work" in str(error), error
@@ -213,7 +213,7 @@ def test_a_job_that_was_killed_under_another_name_of_this_machine(parts):
     if shutil.which("unshare") is None or subprocess.run([*named, "job-17", "true"], check=False).returncode:
         pytest.skip("no host name of its own may be given here")
     code = (
-        "import os, signal, sys; from pathlib import Path; from pounding_sweep.sweep.lock import FolderLock\n"
+        "import os, signal, sys; from pathlib import Path; from pounding_sweep.lock import FolderLock\n"
         "FolderLock(Path(sys.argv[1])).__enter__(); os.kill(os.getpid(), signal.SIGKILL)"
     )
     killed = subprocess.run([*named, "job-17", sys.executable, "-c", code, parts], env=environment(), check=False)
@@ -233,7 +233,7 @@ def test_a_lock_that_names_nobody_is_free(parts, text):
 
 
 def test_a_process_cannot_lock_twice(parts, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.sweep.lock.PATIENCE", 0.0)
+    monkeypatch.setattr("pounding_sweep.lock.PATIENCE", 0.0)
     with FolderLock(parts):
         with pytest.raises(OutputError, match=rf"another run is at work.*process {os.getpid()} on"):
             FolderLock(parts).__enter__()
@@ -376,7 +376,7 @@ print(bad("run", {str(tmp_path / "sweep.toml")!r}, "-o", sys.argv[1] + "/out.nc"
     ],
 )
 def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, remedy):
-    def fails(path):
+    def fails(*_):
         raise OSError(number, os.strerror(number))
 
     store = ChunkStore(tmp_path, "x").open()

@@ -283,7 +283,7 @@ def test_what_nfs_keeps_of_removed_files_is_nobodys(store):
 
 def test_who_locks_removes_what_a_killed_run_was_writing(store):
     store.write("a", TABLE)
-    with files.replacing(store.folder / "cube") as temporary:
+    with files.replacing(store.folder / "cube", store.folder) as temporary:
         temporary.write_text("half")
         with store.lock():
             assert not temporary.exists()

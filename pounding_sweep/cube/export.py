@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
@@ -213,19 +212,14 @@ def _zarr(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
     for name, stored in chosen.variables.items():
         kept = encoding_of(name, stored) if name in chosen.data_vars else {}
         encoding[name] = {key: value for key, value in kept.items() if value is not None}
-    unfinished = None
     try:
         with replacing(path) as unfinished, dask.config.set(scheduler="synchronous"):  # as little in memory as can be
             # format 2: the later one has no agreed way to store text
             chosen.drop_encoding().chunk(block).to_zarr(unfinished, mode="w-", encoding=encoding, zarr_format=2)
             _sync(unfinished)
-    except BaseException as error:
-        if unfinished is not None:
-            shutil.rmtree(unfinished, ignore_errors=True)
-        if isinstance(error, RuntimeError):  # of the netCDF library: zarr's are of the system
-            with reading(_source(cube)):
-                raise
-        raise
+    except RuntimeError:  # of the netCDF library: zarr's are of the system
+        with reading(_source(cube)):
+            raise
 
 
 def _sync(folder: Path) -> None:

@@ -7,8 +7,10 @@ import os
 import re
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+
+from pounding_sweep.lock import own_folder, remove_abandoned
 
 _TEMPORARY = re.compile(r"\.pounding_sweep-[0-9a-f]{16}\.part")
 
@@ -30,30 +32,36 @@ def sync_folder(folder: Path) -> None:
 
 @contextmanager
 def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
-    """Give a temporary name; when the block ends well, make the file `path` for good.
+    """Give a temporary name; when the block ends well, make what stands there `path` for good.
 
-    It stands in `folder`, where there is one on the same disk, else beside `path`.
+    It is in `folder`, which the caller has for itself, if that is on the same disk; else in a
+    hidden folder beside `path`.
 
     The content is on disk before the name changes, and the name before the block
     is left. When the block fails, the temporary file is removed and `path` is as
-    it was. A process that is killed leaves the temporary file.
+    it was. What a killed process leaves is removed by the next one that writes there.
     """
-    if folder is None or folder.stat().st_dev != path.parent.stat().st_dev:
-        folder = path.parent
-    temporary = folder / f".pounding_sweep-{secrets.token_hex(8)}.part"
-    try:
-        yield temporary
-        handle = os.open(temporary, os.O_RDONLY)
+    with ExitStack() as contexts:
+        name = f".pounding_sweep-{secrets.token_hex(8)}.part"
+        if folder is None or folder.stat().st_dev != path.parent.stat().st_dev:
+            with suppress(OSError):  # a folder may be written, but not listed
+                for left in filter(is_temporary, os.listdir(path.parent)):
+                    remove_abandoned(path.parent / left)
+            folder = contexts.enter_context(own_folder(path.parent / name))
+        temporary = folder / name
         try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-        temporary.replace(path)
-    except BaseException:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
-        raise
-    sync_folder(path.parent)
+            yield temporary
+            handle = os.open(temporary, os.O_RDONLY)
+            try:
+                os.fsync(handle)
+            finally:
+                os.close(handle)
+            temporary.replace(path)
+        except BaseException:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            raise
+        sync_folder(path.parent)
 
 
 def failure(what: str, error: Exception) -> str:

@@ -26,9 +26,9 @@ import numpy as np
 
 from pounding_sweep.cube.files import failure, is_temporary, replacing, sync_folder
 from pounding_sweep.errors import OutputError, WriteError
+from pounding_sweep.lock import LOCK, FolderLock
 from pounding_sweep.paths import absolute, expanded
 from pounding_sweep.sweep.identity import differences
-from pounding_sweep.sweep.lock import LOCK, FolderLock
 
 FORMAT = 2
 IDENTITY = "identity.json"
@@ -163,7 +163,7 @@ class ChunkStore:
                 return self
             self.folder.mkdir(parents=True, exist_ok=True)
             text = json.dumps({"format": FORMAT, "identity": self.identity, "details": self.details}, indent=1)
-            with replacing(self.folder / IDENTITY) as temporary:
+            with replacing(self.folder / IDENTITY, self.folder) as temporary:
                 temporary.write_text(text + "\n", encoding="utf-8")
             sync_folder(self.folder.parent)
             self._entries = {}
@@ -205,6 +205,8 @@ class ChunkStore:
                 raise TypeError
         except FileNotFoundError:
             others = self._others()
+            if IDENTITY in others:  # another run has begun there just now
+                return self._identity()
             if others:
                 msg = (
                     f"the folder {str(self.folder)!r} is not one of chunks: it has no {IDENTITY}, but "
@@ -256,7 +258,7 @@ class ChunkStore:
             msg += "per scenario, with a named field of real numbers for each variable"
             raise OutputError(msg)
         try:
-            with replacing(path) as temporary:
+            with replacing(path, self.folder) as temporary:
                 _save(temporary, table)
                 digest, size = _sha256(temporary), temporary.stat().st_size
             line = {"key": key, "file": path.name, "sha256": digest, "bytes": size, "rows": len(table)}
@@ -279,7 +281,7 @@ class ChunkStore:
             The disk is full or failed, or the folder is gone.
         """
         try:
-            with replacing(self.folder / EXPECTED) as temporary:
+            with replacing(self.folder / EXPECTED, self.folder) as temporary:
                 temporary.write_text(json.dumps(chunks) + "\n", encoding="utf-8")
         except OSError as error:
             raise WriteError(failure(f"writing to {str(self.folder)!r}", error)) from error

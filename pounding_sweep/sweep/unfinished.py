@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.errors import OutputError
+from pounding_sweep.lock import Holder, running
 from pounding_sweep.sweep.chunks import Chunk
 from pounding_sweep.sweep.identity import WHOLE
-from pounding_sweep.sweep.lock import Holder, running
 from pounding_sweep.sweep.store import EXPECTED, IDENTITY, ChunkStore, unreadable
 
 if TYPE_CHECKING:

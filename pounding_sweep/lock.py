@@ -1,4 +1,4 @@
-"""One run at a time on a folder of chunks.
+"""Folders that one process at a time has for itself: those of chunks, and of files that are being written.
 
 The lock is the kernel's (``flock``), so that it ends with the process that
 holds it, however that ends. The file's text says who that is, or was: where a
@@ -13,10 +13,12 @@ import fcntl
 import hashlib
 import json
 import os
+import shutil
 import socket
 import time
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from pathlib import Path
@@ -27,6 +29,8 @@ from pounding_sweep.errors import OutputError
 LOCK = "lock"
 #: Seconds for which a lock is waited for: `running` holds it for a moment when it looks.
 PATIENCE = 0.5
+#: Seconds more for a folder that is gone whenever it was made: several runs begin and end in it.
+COMES_AND_GOES = 10.0
 
 
 @dataclass(frozen=True)
@@ -148,6 +152,72 @@ def running(folder: Path) -> Holder | None:
     return None if free and (found is None or found.has_ended()) else found
 
 
+def _sign(handle: int) -> None:
+    """Have a lock file say who holds it."""
+    os.ftruncate(handle, 0)
+    os.pwrite(handle, (json.dumps(asdict(_here())) + "\n").encode(), 0)
+
+
+@contextmanager
+def own_folder(folder: Path) -> Iterator[Path]:
+    """Make a folder, have it locked while the context is open, and remove it with all that is in it.
+
+    Parameters
+    ----------
+    folder : Path
+        Not there yet.
+
+    Raises
+    ------
+    OSError
+        It can't be made.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with own_folder(Path(tempfile.mkdtemp()) / "new") as folder:
+    ...     remove_abandoned(folder)
+    False
+    """
+    folder.mkdir()
+    handle = -1
+    try:
+        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+        with suppress(OSError):  # where nothing can be locked, nobody finds it abandoned
+            _take(handle, fcntl.LOCK_EX)
+        _sign(handle)
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        if handle >= 0:
+            os.close(handle)
+
+
+def remove_abandoned(folder: Path) -> bool:
+    """Remove a folder of `own_folder` whose process was killed; returns whether it did.
+
+    Parameters
+    ----------
+    folder : Path
+        One whose process may still be at work; then it stays, as it does where that can't be told from here.
+    """
+    path = folder / LOCK
+    try:
+        handle = os.open(path, os.O_RDWR)
+    except OSError:  # it is being made or removed, or somebody else's
+        return False
+    try:
+        free, who = _take(handle, fcntl.LOCK_EX), _read(path)
+        if not free or who is None or not who.has_ended():
+            return False
+        shutil.rmtree(folder, ignore_errors=True)
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(handle)
+
+
 class FolderLock:
     """Keeps other runs out of a folder while the context is open.
 
@@ -189,8 +259,7 @@ class FolderLock:
     def __enter__(self) -> FolderLock:
         try:
             self._lock()
-            os.ftruncate(self._handle, 0)
-            os.pwrite(self._handle, (json.dumps(asdict(_here())) + "\n").encode(), 0)
+            _sign(self._handle)
         except BaseException as error:
             self._close()
             if isinstance(error, OutputError) or not isinstance(error, OSError):
@@ -226,8 +295,8 @@ class FolderLock:
             try:
                 self.folder.mkdir(parents=True, exist_ok=True)
                 self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
-            except (FileNotFoundError, FileExistsError):  # the run that ended just now has removed the folder
-                if time.monotonic() > limit:
+            except (FileNotFoundError, FileExistsError) as error:  # the run that ended just now has removed the folder
+                if time.monotonic() > limit + (COMES_AND_GOES if isinstance(error, FileNotFoundError) else 0.0):
                     raise
                 continue
             try:
