@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, TextIO
+from typing import IO, TYPE_CHECKING, Any, TextIO, cast
 
 from rich.progress import BarColumn, ProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: Seconds between two lines of progress.
 BETWEEN_LINES = 30.0
+#: Seconds at the beginning of a stage that say nothing about its rate: what an earlier run finished is counted in them.
+TAKING_UP = 1.0
 #: What the stages of a run are called on the display.
 STAGES = {
     "kernels": "kernels",
@@ -49,6 +51,33 @@ class _Rate(ProgressColumn):
         return Text(f"{speed:,.0f}/s" if speed else "", style="progress.data.speed")
 
 
+class _Unfailing:
+    """A stream that ends nothing when it fails, as a terminal that has gone: from then on nothing more is written."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream, self._gone = stream, False
+
+    def write(self, text: str) -> int:
+        """Write, if it can be."""
+        self._attempt(self._stream.write, text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush, if it can be."""
+        self._attempt(self._stream.flush)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def _attempt(self, what: Callable[..., object], *arguments: str) -> None:
+        if self._gone:
+            return
+        try:
+            what(*arguments)
+        except OSError:
+            self._gone = True
+
+
 class TerminalProgress(Progress):
     """Progress bars on stderr: stage, done and total, per second, time so far and left.
 
@@ -60,7 +89,7 @@ class TerminalProgress(Progress):
     Notes
     -----
     One bar at a time; the display is removed when it is closed, so that only the
-    summary stays.
+    summary stays. A terminal that has gone does not end the run.
     """
 
     def __init__(self, console: Console | None = None) -> None:
@@ -68,6 +97,7 @@ class TerminalProgress(Progress):
             from rich.console import Console
 
             console = Console(stderr=True)
+        console.file = cast("IO[str]", _Unfailing(console.file))  # a thread of the bars writes too
         self._bars = Bars(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -112,31 +142,39 @@ class LineProgress(Progress):
 
     Notes
     -----
-    A line at most every `BETWEEN_LINES` seconds, so that short runs say nothing. A reader
-    that has gone does not end the run.
+    A line at most every `BETWEEN_LINES` seconds, so that short runs say nothing. The time left is
+    that at the rate since the line before, or since the stage began; steps of the first `TAKING_UP`
+    seconds are left out of it. A reader that has gone does not end the run.
     """
 
     def __init__(self, stream: TextIO | None = None, clock: Callable[[], float] = time.monotonic) -> None:
         self._stream, self._clock = stream or sys.stderr, clock
         self._name, self._total, self._done = "", 0, 0
-        self._since = self._last = clock()
+        self._begun = self._last = clock()
+        self._since, self._before = self._begun, 0  # the rate counts from there
 
     def stage(self, name: str, total: int) -> None:
         """Begin a stage of `total` steps; 0 stands for an unknown number."""
         self._name, self._total, self._done = STAGES.get(name, name), total, 0
-        self._since = self._clock()
+        self._begun = self._clock()
+        self._since, self._before = self._begun, 0
 
     def advance(self, count: int) -> None:
         """Count steps of the stage as done."""
         self._done += count
         now = self._clock()
-        if now - self._last < BETWEEN_LINES:
-            return
-        self._last = now
+        if now - self._begun < TAKING_UP:
+            self._since, self._before = now, self._done
+        if now - self._last >= BETWEEN_LINES:
+            self._write(now)
+            self._last = self._since = now
+            self._before = self._done
+
+    def _write(self, now: float) -> None:
         text = f"{self._name} {self._done:,}"
         if self._total:
             text += f" of {self._total:,} ({self._done / self._total:.0%})"
-        rate = self._done / (now - self._since) if now > self._since else 0.0
+        rate = (self._done - self._before) / (now - self._since) if now > self._since else 0.0
         if rate and self._total:
             text += f", about {seconds_text((self._total - self._done) / rate)} left"
         with suppress(OSError):

@@ -1,12 +1,13 @@
-"""What a run leaves in writing: the log beside the cube, and lines where there is no terminal."""
+"""What a run leaves in writing: the log beside the cube."""
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import signal
+import threading
 import warnings
+from contextlib import ExitStack
 from datetime import datetime
 
 import numpy as np
@@ -15,7 +16,6 @@ from scenes import AXES, motions, row
 from test_cli import TINY, cli, write
 
 from pounding_sweep.cube.assemble import package_version
-from pounding_sweep.progress import BETWEEN_LINES, LineProgress
 from pounding_sweep.sweep import execute
 from pounding_sweep.sweep.execute import Progress
 from pounding_sweep.sweep.log_file import RunLog
@@ -106,6 +106,77 @@ def test_warnings_are_told_once_each_and_passed_on(tmp_path):
     assert warnings.showwarning is shown
 
 
+def test_logs_of_runs_that_overlap(tmp_path):
+    """The first to begin ends first, as runs of two threads may: each log has its time, and nothing is left behind."""
+    shown, kept = warnings.showwarning, []
+    with warnings.catch_warnings(), ExitStack() as first, ExitStack() as second:
+        warnings.simplefilter("always")
+        warnings.showwarning = before = lambda message, *more, **named: kept.append(str(message))
+        first.enter_context(RunLog(tmp_path / "first", Progress()))
+        warnings.warn("one", UserWarning, stacklevel=1)
+        second.enter_context(RunLog(tmp_path / "second", Progress()))
+        warnings.warn("two", UserWarning, stacklevel=1)
+        first.close()
+        warnings.warn("three", UserWarning, stacklevel=1)
+        second.close()
+        assert warnings.showwarning is before
+        warnings.warn("four", UserWarning, stacklevel=1)
+    assert kept == ["one", "two", "three", "four"]
+    assert lines(tmp_path / "first")[:-1] == ["warning: one", "warning: two"]
+    assert lines(tmp_path / "second")[:-1] == ["warning: two", "warning: three"]
+    assert warnings.showwarning is shown
+
+
+def test_a_log_leaves_alone_what_others_put_over_it(tmp_path):
+    """A hook that somebody put in the place of ours stays, and with it what it passes warnings on to."""
+    kept = []
+
+    def theirs(message, *more, **named):
+        kept.append(f"theirs: {message}")
+        ours(message, *more, **named)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = lambda message, *more, **named: kept.append(str(message))
+        with RunLog(tmp_path / "first", Progress()):
+            ours, warnings.showwarning = warnings.showwarning, theirs
+        assert warnings.showwarning is theirs
+        with RunLog(tmp_path / "second", Progress()):
+            warnings.warn("one", UserWarning, stacklevel=1)
+        assert warnings.showwarning is theirs
+        warnings.warn("two", UserWarning, stacklevel=1)
+    assert kept == ["theirs: one", "one", "theirs: two", "two"]
+    assert len(lines(tmp_path / "first")) == 1
+    assert lines(tmp_path / "second")[:-1] == ["warning: one"]
+
+
+def test_logs_of_many_threads(tmp_path):
+    shown, begin = warnings.showwarning, threading.Barrier(4)
+
+    def work(name):
+        begin.wait()
+        for _ in range(50):
+            with RunLog(tmp_path / name, Progress()):
+                pass
+
+    threads = [threading.Thread(target=work, args=(name,)) for name in "abcd"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert warnings.showwarning is shown
+    assert [len(lines(tmp_path / name)) for name in "abcd"] == [50] * 4
+
+
+def test_a_working_folder_that_is_gone_is_told(tmp_path, monkeypatch):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    make().run(tmp_path / "out.nc").close()
+    assert lines(tmp_path / "out.nc.log")[1].endswith(", in a folder that is gone")
+    monkeypatch.chdir(tmp_path)
+
+
 def test_chunks_that_fail_are_in_the_log(tmp_path, monkeypatch):
     monkeypatch.setattr(execute, "run_chunk", lambda kernel, *more: "on purpose")
     with pytest.warns(RuntimeWarning, match="on purpose"):
@@ -131,46 +202,3 @@ def test_a_log_that_cannot_be_written_stops_nothing(tmp_path, kind):
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
     assert len(caught) == 1
-
-
-# -- lines -------------------------------------------------------------------------------------------------------------
-
-
-def test_lines_come_now_and_then_and_are_plain():
-    stream, now = io.StringIO(), [0.0]
-    progress = LineProgress(stream, lambda: now[0])
-    progress.stage("no pounding", 4)
-    progress.advance(4)
-    progress.stage("scenarios", 10000)
-    for _ in range(5):
-        now[0] += 0.4 * BETWEEN_LINES
-        progress.advance(1000)
-    progress.stage("something else", 0)
-    now[0] += BETWEEN_LINES
-    progress.advance(3)
-    progress.close()
-    assert stream.getvalue().splitlines() == [
-        "scenarios 3,000 of 10,000 (30%), about 84 s left",
-        "something else 3",
-    ]
-
-
-def test_lines_have_no_control_characters(monkeypatch):
-    """A whole run with a line at every step."""
-    monkeypatch.setattr("pounding_sweep.progress.BETWEEN_LINES", 0.0)
-    stream = io.StringIO()
-    make().run(progress=LineProgress(stream))
-    said = stream.getvalue()
-    assert re.search(r"^cube 180 of 180 \(100%\), about 0 s left$", said, re.MULTILINE)
-    assert said.replace("\n", "").isprintable()
-
-
-def test_a_reader_that_has_gone_does_not_end_the_run():
-    theirs, ours = os.pipe()
-    os.close(theirs)
-    with os.fdopen(ours, "w") as stream:
-        progress = LineProgress(stream, iter(range(0, 1000, 100)).__next__)
-        progress.stage("scenarios", 2)
-        progress.advance(1)
-        progress.advance(1)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

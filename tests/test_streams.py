@@ -1,4 +1,4 @@
-"""What a run does where nobody reads what it says, and where it is told twice to stop."""
+"""What a run does where nobody reads what it says, and where it is told, once or twice, to stop."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pytest
 from test_cli import TINY, cli, environment, same_data, write
 from test_faults import STOPPED
 
+from pounding_sweep.cli.reporting import reporting
 from pounding_sweep.sweep.store import MANIFEST
 
 RUN = ("run", "sweep.toml", "-o", "out.nc")
@@ -72,7 +73,7 @@ def test_streams_that_are_closed(stopped, tmp_path, closed):
 
 @pytest.mark.parametrize("buffered", ["", "1"])
 def test_a_result_that_cannot_be_printed(stopped, tmp_path, buffered):
-    """The cube is complete by then; one line says what failed."""
+    """The cube is complete by then; one line says what failed, and that."""
     for name in ("sweep.toml", "whole.nc"):
         shutil.copy(stopped / name, tmp_path)
     full = f'PYTHONUNBUFFERED={buffered} "$@" >/dev/full'
@@ -80,7 +81,8 @@ def test_a_result_that_cannot_be_printed(stopped, tmp_path, buffered):
         done = through(full, tmp_path, *command, stderr=subprocess.PIPE)
         assert done.returncode == 1
         assert done.stderr == (
-            "pounding-sweep: failed: stdout can't be written (No space left on device), give it another place\n"
+            "pounding-sweep: failed: stdout can't be written (No space left on device), give it another place"
+            f"{'; the cube out.nc is complete' if command is RUN else ''}\n"
         )
     same_data(tmp_path / "out.nc", tmp_path / "whole.nc")
 
@@ -105,7 +107,7 @@ cli.main()
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_second_signal_does_not_wait(stopped, tmp_path, number):
     shutil.copy(stopped / "sweep.toml", tmp_path)
     how = {"cwd": tmp_path, "env": environment(), "text": True, "stdin": subprocess.DEVNULL}
@@ -122,3 +124,167 @@ def test_a_second_signal_does_not_wait(stopped, tmp_path, number):
         "running the same command again continues from there\n"
     )
     assert kept == 1
+
+
+#: A command whose end in order takes long, as that of workers that are busy.
+SLOW = """
+import signal, time
+from pounding_sweep.cli.reporting import reporting
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+with reporting():
+    try:
+        print("begun", flush=True)
+        time.sleep(600)
+    finally:
+        try:
+            print("ending", flush=True)
+            time.sleep(600)
+        finally:
+            print("told again", flush=True)
+"""
+
+
+@pytest.mark.parametrize("names", ["SIGINT SIGINT", "SIGTERM SIGINT", "SIGHUP SIGTERM"])
+def test_a_second_signal_does_not_wait_for_the_end_in_order(tmp_path, names):
+    first, second = (signal.Signals[name] for name in names.split())
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen([sys.executable, "-c", SLOW], cwd=tmp_path, env=environment(), text=True, **pipes) as process:
+        assert process.stdout.readline() == "begun\n"
+        process.send_signal(first)
+        assert process.stdout.readline() == "ending\n"
+        process.send_signal(second)
+        assert process.communicate(timeout=300) == ("", "")
+    assert process.returncode == 130
+
+
+@pytest.mark.parametrize(("terminal", "shown"), [("xterm", b"\x1b[?25h\r\n"), ("dumb", b"")])
+def test_a_second_signal_gives_the_cursor_back(tmp_path, terminal, shown):
+    """The display, which hides it, has no time to be closed."""
+    ours, theirs = os.openpty()
+    more = {"cwd": tmp_path, "env": environment(TERM=terminal), "stdout": subprocess.PIPE, "stderr": theirs}
+    with subprocess.Popen([sys.executable, "-c", SLOW], **more) as process:
+        assert process.stdout.readline() == b"begun\n"
+        process.terminate()
+        assert process.stdout.readline() == b"ending\n"
+        process.terminate()
+        assert process.wait(timeout=300) == 130
+    os.set_blocking(ours, False)
+    with os.fdopen(ours, "rb", buffering=0) as display:
+        assert (display.read(100) or b"") == shown
+    os.close(theirs)
+
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@pytest.fixture
+def usual():
+    """Signals that nobody deals with, as in a process that was started from a terminal."""
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    found = dict(zip(SIGNALS, (signal.default_int_handler, signal.SIG_DFL, signal.SIG_DFL), strict=True))
+    for number, handler in found.items():
+        signal.signal(number, handler)
+    yield found
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_a_command_leaves_signals_as_they_were(usual):
+    with reporting():
+        assert all(signal.getsignal(number) not in usual.values() for number in SIGNALS)
+    assert {number: signal.getsignal(number) for number in SIGNALS} == usual
+
+
+#: A command that sends itself a signal which it was started to ignore, and one which it was not.
+SENT = """
+import signal, sys
+import typer
+from pounding_sweep.cli.reporting import reporting
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+ignored, other = (signal.Signals[name] for name in sys.argv[1:])
+signal.signal(ignored, signal.SIG_IGN)
+try:
+    with reporting():
+        signal.raise_signal(ignored)
+        print("here", flush=True)
+        signal.raise_signal(other)
+        print("never here")
+except typer.Exit as ended:
+    sys.exit(ended.exit_code)
+"""
+
+
+@pytest.mark.parametrize("names", ["SIGINT SIGHUP", "SIGTERM SIGINT", "SIGHUP SIGTERM"])
+def test_what_is_ignored_stays_ignored(tmp_path, names):
+    """As SIGHUP under nohup, or SIGINT in the background of a script; the others end the command."""
+    done = cli(*names.split(), cwd=tmp_path, code=130, start=("-c", SENT))
+    assert (done.stdout, done.stderr) == ("here\n", "pounding-sweep: interrupted\n")
+
+
+#: Something that happens when a run comes to a function.
+WHEN = """
+import os, shutil, signal
+from pounding_sweep import cli
+from pounding_sweep.sweep import filling, store, summary
+
+def when(owner, name, event):
+    real = getattr(owner, name)
+
+    def first(*arguments, **more):
+        event()
+        return real(*arguments, **more)
+
+    setattr(owner, name, first)
+
+when({}, lambda: {})
+cli.main()
+"""
+SIGNAL = "os.kill(os.getpid(), signal.SIGTERM)"
+
+
+@pytest.mark.parametrize(
+    ("where", "older", "message"),
+    [
+        (
+            'store.ChunkStore, "discard"',
+            False,
+            "the cube out.nc is complete; {parts} is left: remove it, or run again with --overwrite where scenarios "
+            "have no result",
+        ),
+        ('summary, "summary_table"', True, "the cube out.nc is complete"),
+        (
+            'filling, "write_cube_of"',
+            True,
+            "2 finished chunks are kept in {parts}: running the same command again continues from there",
+        ),
+    ],
+)
+def test_what_an_interrupted_run_leaves_is_told(stopped, tmp_path, where, older, message):
+    """The cube, if it is this run's; an older one that it was to replace is none."""
+    for name in ("sweep.toml", "whole.nc"):
+        shutil.copy(stopped / name, tmp_path)
+    more = []
+    if older:
+        shutil.copy(stopped / "whole.nc", tmp_path / "out.nc")
+        more = ["--overwrite"]
+    done = cli(*RUN, *more, cwd=tmp_path, code=130, start=("-c", WHEN.format(where, SIGNAL)))
+    assert done.stdout == ""
+    assert done.stderr == f"pounding-sweep: interrupted; {message.format(parts=tmp_path / 'out.nc.parts')}\n"
+    same_data(tmp_path / "out.nc", tmp_path / "whole.nc")
+
+
+def test_a_working_folder_that_is_removed(stopped, tmp_path):
+    """What is said is what went wrong in the run."""
+    folder = tmp_path / "work"
+    folder.mkdir()
+    shutil.copy(stopped / "sweep.toml", folder)
+    code = WHEN.format('filling, "write_cube_of"', f"shutil.rmtree({str(folder)!r})")
+    done = cli(*RUN, cwd=folder, code=1, start=("-c", code))
+    assert done.stdout == ""
+    assert done.stderr.splitlines()[-1] == (
+        f"pounding-sweep: failed: the folder '{folder}/out.nc.parts' was removed or moved during the run; "
+        "run again, and leave it"
+    )
+    assert "Traceback" not in done.stderr

@@ -8,7 +8,7 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -19,17 +19,20 @@ from pounding_sweep.texts import printable
 
 NAME = "pounding-sweep"
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+#: What asks a command to end, each with what deals with it where nobody has said otherwise.
+INTERRUPTS = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
 
 
 @contextmanager
 def reporting(out: Path | None = None) -> Iterator[list[str]]:
     """Turn errors into one message and an exit code; gives the list of warnings said so far.
 
-    `out` is the cube of a run, whose finished chunks outlast an interruption. SIGTERM is one too.
+    `out` is the cube of a run, whose finished chunks outlast an interruption.
     """
     from pounding_sweep.errors import ClusterError, InputError, OutputError, PoundingSweepError, RunError, WriteError
 
     said: list[str] = []
+    left = _left_by(out)
 
     def show(message: Warning | str, *_: Any, **__: Any) -> None:
         text = str(message)
@@ -37,21 +40,19 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
             said.append(text)
             say(f"warning: {text}")
 
-    with warnings.catch_warnings(), _ended_by_sigterm():
+    with warnings.catch_warnings(), _ended_by_interrupts():
         warnings.showwarning = show
         try:
             yield said
             sys.stdout.flush()
         except (WriteError, RunError, ClusterError) as error:
-            say(f"failed: {error}{_kept(out)}")
+            say(f"failed: {error}{left()}")
             raise typer.Exit(FAILED) from None
         except PoundingSweepError as error:
             say(f"error: {error}")
             raise typer.Exit(BAD_INPUT if isinstance(error, InputError | OutputError) else FAILED) from None
         except KeyboardInterrupt:
-            for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, lambda *_: os._exit(INTERRUPTED))  # it doesn't wait for the chunks under way
-            say(f"interrupted{_kept(out)}")
+            say(f"interrupted{left()}")
             raise typer.Exit(INTERRUPTED) from None
         except (typer.Exit, BrokenPipeError):
             raise
@@ -61,26 +62,47 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
                 say(f"error: values of a netCDF file can't be read ({error}): it is damaged; make it again")
                 raise typer.Exit(BAD_INPUT) from None
             if isinstance(error, OSError) and error.filename is None and _stdout_fails():
-                say(f"failed: stdout can't be written ({error.strerror}), give it another place{_kept(out)}")
+                say(f"failed: stdout can't be written ({error.strerror}), give it another place{left()}")
                 raise typer.Exit(FAILED) from None
             # a fault of the package, or of the machine: the traceback is for the report
             _print("".join(traceback.format_exception(error)).rstrip("\n"))
-            say(f"failed: {type(error).__name__}: {error}{_kept(out)}")
+            say(f"failed: {type(error).__name__}: {error}{left()}")
             raise typer.Exit(FAILED) from None
 
 
 @contextmanager
-def _ended_by_sigterm() -> Iterator[None]:
-    """Have SIGTERM do what Ctrl-C does, unless the process was started to ignore it; only a main thread can."""
-    if threading.current_thread() is not threading.main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+def _ended_by_interrupts() -> Iterator[None]:
+    """Have Ctrl-C, SIGTERM and SIGHUP end the block in order, and one more of them the process at once.
+
+    What the process was started to ignore (by ``nohup``, or in the background of a script) stays
+    so, as does what has a handler already. Only a main thread can be interrupted.
+    """
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    own = {number: usual for number, usual in INTERRUPTS.items() if signal.getsignal(number) == usual}
+
+    def end_in_order(*_: object) -> None:
+        for number in own:
+            signal.signal(number, _end_at_once)
+        raise KeyboardInterrupt
+
+    for number in own:
+        signal.signal(number, end_in_order)
     try:
         yield
     finally:
-        if signal.getsignal(signal.SIGTERM) is signal.default_int_handler:  # else a second one ends the process at once
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        for number, usual in own.items():
+            if signal.getsignal(number) is end_in_order:  # else the process is about to end, and may be told again
+                signal.signal(number, usual)
+
+
+def _end_at_once(*_: object) -> None:
+    """End the process without a wait for chunks under way, or for workers."""
+    if os.isatty(2) and os.environ.get("TERM", "dumb") != "dumb":
+        with suppress(OSError):
+            os.write(2, b"\x1b[?25h\n")  # the display hides the cursor
+    os._exit(INTERRUPTED)
 
 
 def say(text: str) -> None:
@@ -121,13 +143,45 @@ def open_streams() -> None:
             setattr(sys, name, os.fdopen(number, mode))
 
 
-def _kept(out: Path | None) -> str:
-    """Say what an unfinished run leaves behind; nothing for other commands."""
-    from pounding_sweep.errors import OutputError
-    from pounding_sweep.sweep.store import ChunkStore, parts_folder
+def _left_by(out: Path | None) -> Callable[[], str]:
+    """Return what says, when a run ends early, what it leaves behind; nothing for other commands."""
+    from pounding_sweep.errors import InputError
+    from pounding_sweep.paths import absolute
 
-    if out is None or not os.path.isdir(parts := parts_folder(out)):
-        return ""
+    target = None
+    if out is not None:
+        with suppress(InputError, OSError, ValueError):  # said by who writes there
+            target = absolute(out)  # now: the working folder may be removed meanwhile
+    if target is None:
+        return lambda: ""
+    before = _stamp(target)
+
+    def left() -> str:
+        from pounding_sweep.sweep.store import parts_folder
+
+        parts = parts_folder(target)
+        if _stamp(target) in (None, before):
+            return _kept(parts) if parts.is_dir() else ""
+        more = f"; {parts} is left: remove it, or run again with --overwrite where scenarios have no result"
+        return f"; the cube {out} is complete{more if parts.is_dir() else ''}"
+
+    return left
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Return what differs between a file and the one that replaced it; None where there is none."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return None
+    return found.st_mtime_ns, found.st_size
+
+
+def _kept(parts: Path) -> str:
+    """Say what a run that wrote no cube keeps of it."""
+    from pounding_sweep.errors import OutputError
+    from pounding_sweep.sweep.store import ChunkStore
+
     try:
         chunks = len(ChunkStore(parts, "").completed())
     except OutputError as error:

@@ -15,7 +15,7 @@ from pounding_sweep.sweep import deaf_worker
 ONE_THREAD = {name: "1" for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
 
 #: What ends a run in order.
-_INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextmanager
@@ -48,6 +48,7 @@ def cluster_client(scheduler: str, workers: int) -> Iterator[Any]:
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
+                memory_limit=None,  # else dask stops workers where the libraries alone fill their share
                 dashboard_address=None,
                 scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else dask opens port 8787 all the same
                 silence_logs=50,
@@ -61,7 +62,7 @@ def cluster_client(scheduler: str, workers: int) -> Iterator[Any]:
 
 @contextmanager
 def _interrupts_later() -> Iterator[None]:
-    """Have SIGINT and SIGTERM wait for the end of the block; only a main thread can be interrupted at all."""
+    """Have SIGINT, SIGTERM and SIGHUP wait for the end of the block; only a main thread can be interrupted at all."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""Loaded by dask in the workers that are started here: Ctrl-C is for the client, though a terminal sends it to all."""
+"""Loaded by dask in the workers that are started here: Ctrl-C and SIGHUP are for the client, though all get them."""
 
 from __future__ import annotations
 
@@ -6,5 +6,6 @@ import signal
 
 
 def dask_setup(worker: object) -> None:
-    """Ignore SIGINT; dask calls this in the worker's main thread."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ignore both; dask calls this in the worker's main thread."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)

@@ -7,6 +7,7 @@ import platform
 import shlex
 import socket
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable
@@ -18,6 +19,47 @@ from pounding_sweep.sweep.execute import Outcome, Progress
 
 if TYPE_CHECKING:
     from pounding_sweep.sweep.plan import Plan
+
+
+class _Hook:
+    """Tells all open logs of warnings, in the place of `warnings.showwarning` from the first log to the last.
+
+    There is one for the process: runs in several threads begin and end in any order.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._logs: list[RunLog] = []
+        self._installed: Callable[..., None] | None = None
+        self._before: Callable[..., None] = warnings.showwarning
+
+    def add(self, log: RunLog) -> None:
+        """Tell a log of what is shown from now on."""
+        with self._lock:
+            self._logs.append(log)
+            if warnings.showwarning is not self._installed:
+                self._install()
+
+    def remove(self, log: RunLog) -> None:
+        """Tell a log no more."""
+        with self._lock:
+            self._logs.remove(log)
+            if not self._logs and warnings.showwarning is self._installed:  # else somebody put theirs over it
+                warnings.showwarning, self._installed = self._before, None
+
+    def _install(self) -> None:
+        before = warnings.showwarning
+
+        def show(message: Warning | str, *more: Any, **named: Any) -> None:
+            for log in tuple(self._logs):
+                log.warned(str(message))
+            before(message, *more, **named)
+
+        self._before, self._installed = before, show
+        warnings.showwarning = show
+
+
+_HOOK = _Hook()
 
 
 class RunLog(Progress):
@@ -37,8 +79,8 @@ class RunLog(Progress):
 
     Notes
     -----
-    A context: while it is open, warnings that are shown are also written, each once; when
-    it is left, how the run ended. The file is opened for each line, so that a killed run
+    A context: while it is open, warnings that are shown anywhere in the process are also written,
+    each once; when it is left, how the run ended. The file is opened for each line, so that a killed run
     leaves all of its lines.
     """
 
@@ -48,24 +90,25 @@ class RunLog(Progress):
         self._stage: tuple[str, float] | None = None
         self._count = 0
         self._warned: set[str] = set()
+        self._lock = threading.Lock()
         self._writable = True
-        self._show: Callable[..., None] = warnings.showwarning
 
     def __enter__(self) -> RunLog:
-        self._show = warnings.showwarning
-        warnings.showwarning = self._warning
+        _HOOK.add(self)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, *_: Any) -> None:
-        self.close()
-        after = f"after {time.perf_counter() - self._started:.1f} s"
-        if error is None:
-            self.say(f"ended {after}")
-        elif isinstance(error, KeyboardInterrupt):
-            self.say(f"interrupted {after}")
-        else:
-            self.say(f"failed {after}: {type(error).__name__}: {error}")
-        warnings.showwarning = self._show
+        try:
+            self.close()
+            after = f"after {time.perf_counter() - self._started:.1f} s"
+            if error is None:
+                self.say(f"ended {after}")
+            elif isinstance(error, KeyboardInterrupt):
+                self.say(f"interrupted {after}")
+            else:
+                self.say(f"failed {after}: {type(error).__name__}: {error}")
+        finally:
+            _HOOK.remove(self)
 
     def say(self, text: str) -> None:
         """Write a line with the time in front."""
@@ -89,7 +132,7 @@ class RunLog(Progress):
         here = processor()
         workers_text = "" if "://" in scheduler else f", {workers} workers"
         self.say(f"begins: {shlex.join(sys.argv)}")
-        self.say(f"process {os.getpid()} on {socket.gethostname()}, in {Path.cwd()}")
+        self.say(f"process {os.getpid()} on {socket.gethostname()}, in {_working_folder()}")
         self.say(f"sweep {plan.digest} {plan.spec.title}".rstrip())
         self.say(f"{plan.n_asked} scenarios asked, at most {plan.n_unique} to run, in {len(plan.motions)} motions")
         self.say("versions: " + ", ".join(f"{name} {version}" for name, version in installed_versions().items()))
@@ -134,9 +177,17 @@ class RunLog(Progress):
             self.say(f"stage {name} ends: {self._count} done in {time.perf_counter() - since:.3f} s")
             self._stage = None
 
-    def _warning(self, message: Warning | str, category: type[Warning], *more: Any, **named: Any) -> None:
-        text = str(message)
-        if text not in self._warned:
+    def warned(self, text: str) -> None:
+        """Write a warning, once."""
+        with self._lock:  # in whatever thread it was shown
+            known = text in self._warned
             self._warned.add(text)
+        if not known:
             self.say(f"warning: {text}")
-        self._show(message, category, *more, **named)
+
+
+def _working_folder() -> str:
+    try:
+        return str(Path.cwd())
+    except OSError:
+        return "a folder that is gone"
