@@ -184,7 +184,7 @@ def own_folder(folder: Path) -> Iterator[Path]:
     try:
         handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
         with suppress(OSError):  # where nothing can be locked, nobody finds it abandoned
-            _take(handle, fcntl.LOCK_EX)
+            fcntl.flock(handle, fcntl.LOCK_EX)  # who looks whether it is abandoned has it for a moment
         _sign(handle)
         yield folder
     finally:

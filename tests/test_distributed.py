@@ -13,8 +13,10 @@ import sys
 import textwrap
 import threading
 import time
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
@@ -30,6 +32,7 @@ from pounding_sweep.sweep import far_workers
 from pounding_sweep.sweep.dispatch import Dispatcher
 from pounding_sweep.sweep.execute import Progress
 from pounding_sweep.sweep.jobs import Job
+from pounding_sweep.sweep.source import fingerprint
 from pounding_sweep.sweep.store import MANIFEST
 from pounding_sweep.sweep.variants import Variants
 
@@ -197,11 +200,9 @@ def test_frozen_workers_hold_up_nobody(monkeypatch, reference, tmp_path, whole, 
         events, sweep = Events((when, lambda: (cluster.freeze("first"), cluster.add("second", wait=False)))), make()
         whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
         assert not events.events
-        assert sorted(note.split(": ")[1].split(";")[0] for note in events.notes) == [
-            "says nothing for 6 s",
-            "takes part, with 1 threads",
-            "takes part, with 1 threads",
-        ]
+        told = [note.split(": ")[1].split(";")[0] for note in events.notes]  # others may be slow too, once in a while
+        assert {"says nothing for 6 s", "takes part, with 1 threads"} == set(told)
+        assert told.count("takes part, with 1 threads") >= 2
         count("workers frozen", 2)
         count("workers that joined late")
         cluster.thaw("first")
@@ -210,8 +211,9 @@ def test_frozen_workers_hold_up_nobody(monkeypatch, reference, tmp_path, whole, 
         whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
 
 
-def test_workers_that_answer_late_get_their_kernels_first(reference, tmp_path, whole):
-    """A busy machine may take seconds to say what it has installed; the others wait for that, not for a frozen one."""
+def test_workers_that_answer_late_get_their_kernels_first(monkeypatch, reference, tmp_path, whole):
+    """A busy machine may take seconds to say what it has installed; the others wait for that, if not for ever."""
+    monkeypatch.setattr(far_workers, "ANSWER_SECONDS", 300.0)
     with DaskCluster(tmp_path) as cluster:
         cluster.add("first").add("slow").freeze("slow")
         thaw = threading.Timer(1.5, cluster.thaw, ["slow"])
@@ -241,6 +243,8 @@ def test_all_workers_die_at_once(tmp_path, count):
                 cluster.add("c", wait=False).add("d", wait=False)
                 for name in "cd":
                     cluster.wait_for(name)
+                with Client(cluster.address, set_as_default=False) as client:
+                    client.run(fingerprint)  # both have imported all that they need
 
         with Dispatcher(cluster.address, 2, [None, None], where, events.append) as dispatcher:
             dispatcher.run(30, jobs(30, Counted(0.0)), take)
@@ -318,7 +322,7 @@ def interrupted(tmp_path):
     return check
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_an_interrupt_while_processes_start(interrupted, name):
     """It waits until they are there, and ends them in order."""
     found = interrupted(f"""
@@ -403,6 +407,38 @@ def test_a_worker_of_another_version_takes_no_part(reference, tmp_path, other_pa
         events, sweep = Events((8, lambda: cluster.add("late", env=other_package))), make()
         whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
         assert not events.events
+
+
+@pytest.mark.usefixtures("impatient")
+def test_workers_that_have_not_answered_are_waited_for(monkeypatch):
+    """One takes its time to import the package; it may be the only one that fits."""
+
+    class Fake:
+        scheduler, cluster = SimpleNamespace(address="tcp://scheduler"), None
+
+        def run_on_scheduler(self, function):
+            return {name: (1, "running", 0.0) for name in ("tcp://other", "tcp://slow")}
+
+        def run(self, *_, **__):
+            return None
+
+    asked = {}
+    monkeypatch.setattr(far_workers.FarWorkers, "_begin", lambda self, coroutine, name, done: asked.setdefault(name))
+    workers = far_workers.FarWorkers(Fake(), [], None, lambda text: None)
+
+    def answer(name, version):
+        future = Future()
+        future.set_result({name: version})
+        workers._answers.put((name, future))
+
+    assert not workers._look()
+    assert set(asked) == {"tcp://other", "tcp://slow"}
+    answer("tcp://other", "pounding_sweep 0.0.9")
+    time.sleep(2 * far_workers.ALONE_SECONDS)
+    with pytest.warns(RuntimeWarning, match="workers at tcp://scheduler have not said yet what they have installed"):
+        assert not workers._look()
+    answer("tcp://slow", fingerprint())
+    assert workers._look()
 
 
 def test_a_worker_of_another_version_at_an_address_that_is_known(
@@ -521,6 +557,7 @@ def test_sent_once_and_few_in_flight():
             # and what was lent, and what dask is about to let go
             assert len(far.client.futures) <= 2 * far.most_in_flight + 3
 
+        dispatcher.far.prepare([])  # both are there
         dispatcher.run(n, jobs(n, Counted(0.5)), take)
         assert dispatcher.far.most_in_flight == 2 * far_workers.IN_FLIGHT
     assert {at: result[0] for at, result in found.items()} == {i: 0.5 + 100.0 * (1 + i % 2) + i for i in range(n)}
@@ -547,5 +584,8 @@ def test_one_thread_per_process():
     found = {}
     with Dispatcher("processes", 2, [None, None], settings) as dispatcher:
         dispatcher.run(2, jobs(2, Counted(0.0)), found.__setitem__)
-        assert set(dispatcher.far.client.nthreads().values()) == {1}
+        client = dispatcher.far.client
+        assert set(client.nthreads().values()) == {1}
+        # a share of little memory is filled by the libraries alone: dask would stop such a worker for ever
+        assert {worker["memory_limit"] for worker in client.scheduler_info()["workers"].values()} == {0}
     assert [result.tolist() for result in found.values()] == [[1, 1, 1, 1, 1]] * 2

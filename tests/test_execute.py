@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import netCDF4
 import numpy as np
@@ -91,6 +93,31 @@ def test_order_and_company_do_not_matter(reference):
     same(scenarios_of(backwards).sel(law=AXES["laws"], gap=AXES["gaps"]), scenarios_of(reference))
 
 
+def test_other_graphs_of_dask_are_none_of_a_run(reference, monkeypatch):
+    """What another thread has dask do meanwhile."""
+    import dask.threaded
+
+    get = dask.threaded.get
+
+    def after_another(*arguments, **more):
+        assert dask.get({"nothing": (int,)}, "nothing") == 0
+        return get(*arguments, **more)
+
+    monkeypatch.setattr(dask.threaded, "get", after_another)
+    same(make().run(workers=2), reference)
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_sweeps_in_threads_keep_to_themselves():
+    sweeps = [make(scales=scale) for scale in (0.5, 1.0, 1.5, 2.0)]
+    alone = [sweep.run(workers=1) for sweep in sweeps]
+    with ThreadPoolExecutor(len(sweeps)) as pool:
+        for _ in range(5):
+            together = pool.map(lambda sweep: sweep.run(workers=1), [make(scales=s) for s in (0.5, 1.0, 1.5, 2.0)])
+            for cube, expected in zip(together, alone, strict=True):
+                same(cube, expected)
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("small_chunks")
 def test_processes(reference):
@@ -127,8 +154,12 @@ def test_a_scheduler_by_its_address(reference, tmp_path):
     [
         ("thread", None, "did you mean 'threads'"),
         ("cloud", None, "valid: .*processes.*tcp://HOST:PORT"),
-        ("threads", 0, "workers = 0 must be at least 1"),
-        ("processes", -1, "workers = -1 must be at least 1"),
+        ("threads", 0, "workers = 0 must be a whole number, at least 1"),
+        ("processes", -1, "workers = -1 must be a whole number, at least 1"),
+        ("threads", math.nan, "workers = nan must be a whole number, at least 1"),
+        ("threads", "2", "workers = '2' must be a whole number, at least 1"),
+        (None, None, "unknown scheduler None; valid: "),
+        ("tcp://127.0.0.1", None, "the address 'tcp://127.0.0.1' has no port; give one such as tcp://HOST:8786"),
     ],
 )
 def test_a_scheduler_that_is_none(tmp_path, scheduler, workers, says):

@@ -11,23 +11,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import motions, row
-from test_limits import on_a_disk_of_its_own
+from test_limits import At, on_a_disk_of_its_own, stop
 from typer.testing import CliRunner
 
 from pounding_sweep import Sweep
 from pounding_sweep.cli.app import app
 from pounding_sweep.cube.describe import describe
 from pounding_sweep.cube.merge import merge_cubes
-from pounding_sweep.cube.variables import Status
+from pounding_sweep.cube.variables import Status, cube_variables
 from pounding_sweep.cube.write import open_cube, write_cube
 from pounding_sweep.errors import InputError
 from pounding_sweep.records import Record
 from pounding_sweep.sweep import chunks as cutting
-from pounding_sweep.sweep import dispatch
+from pounding_sweep.sweep import dispatch, execute
 from pounding_sweep.sweep import plan as planning
 from pounding_sweep.sweep import sweep as sweeping
 from pounding_sweep.sweep.extend import EarlierCube
+from pounding_sweep.sweep.filling import cube_in_memory
 from pounding_sweep.sweep.identity import identity_of
+from pounding_sweep.sweep.results import Results
+from pounding_sweep.sweep.store import MANIFEST
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 WHOLE = {
@@ -577,19 +580,141 @@ def test_a_disk_that_gets_full_while_the_earlier_cube_is_copied(tmp_path):
     assert (tmp_path / "old.nc").read_bytes() == before
 
 
-def test_an_interrupted_extension_continues(whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(planning, "CHUNK_SECONDS", 1e-5)
-    sweep(**LESS).run(tmp_path / "old.nc", workers=1).close()
-    with monkeypatch.context() as patch:
-
-        def stop(*_):
-            raise KeyboardInterrupt
-
-        patch.setattr(dispatch.Dispatcher, "_near", stop)
-        with pytest.raises(KeyboardInterrupt):
-            sweep().run(tmp_path / "new.nc", extend=tmp_path / "old.nc", workers=1)
-    with sweep().run(tmp_path / "new.nc", workers=1) as found:  # with the other cube or without it
+def finished(whole, job, out, **settings):
+    """Run to the end, check the cube and that nothing is left, and return how many are (run, kept, taken)."""
+    log = out.with_name("new.nc.log")
+    log.unlink(missing_ok=True)
+    with job.run(out, workers=1, **settings) as found:
         same(found, whole)
+        told = json.loads(found.attrs.get("extended_from", '{"scenarios_taken": 0}'))
+        counts = job.last_outcome.run, job.last_outcome.reused, told["scenarios_taken"]
+        assert sum(counts) == whole.attrs["unique_run"]
+        assert found.attrs["scenarios_run"] == sum(counts[:2])
+    if "file" in told:
+        assert log.read_text().count(f" {counts[2]} scenarios taken from {told['file']}\n") == 1
+    assert not out.with_name("new.nc.parts").exists()
+    return counts
+
+
+def interrupted(job, out, after, **settings):
+    """Run until so many scenarios are there, and return how many chunks have taken some."""
+    with pytest.raises(KeyboardInterrupt):
+        job.run(out, workers=1, progress=At("scenarios", stop, after), **settings)
+    lines = (out.with_name("new.nc.parts") / MANIFEST).read_text().splitlines()
+    return sum("taken" in json.loads(line) for line in lines)
+
+
+@pytest.fixture
+def earlier(tmp_path, monkeypatch):
+    """Two cubes: chunks of the whole have all, half or none of their scenarios in the first, half in the second."""
+    monkeypatch.setattr(planning, "CHUNK_SECONDS", 1e-5)
+    monkeypatch.setattr(cutting, "SHARE", 1.0)
+    less = {"records": LESS["records"], "restitutions": LESS["restitutions"]}
+    sweep(**less, audit=0.0).run(tmp_path / "old.nc", workers=1).close()
+    sweep(audit=0.0, gaps=[0.01, 0.0005]).run(tmp_path / "other.nc", workers=1).close()
+    return tmp_path / "old.nc", tmp_path / "other.nc"
+
+
+def test_an_interrupted_extension_continues(whole, earlier, tmp_path):
+    """What was taken is told, as without an interrupt, whether it goes on with the other cube or without it."""
+    (old, _), new = earlier, tmp_path / "new.nc"
+    assert finished(whole, sweep(), new, extend=old) == (whole.attrs["unique_run"] - 32, 0, 32)
+    for after, lines, there in ((1, 1, 16), (70, 2, 24)):  # chunks that are known as a whole come first
+        for more in ({"extend": old}, {}):
+            assert interrupted(sweep(), new, after, extend=old, overwrite=True) == lines
+            again = finished(whole, sweep(), new, overwrite=True, **more)
+            assert again[2] == (32 if more else there)
+
+
+def test_an_extension_goes_on_with_another_cube(whole, earlier, tmp_path):
+    """The cube tells of the one that is given last; what was taken from another is among what was kept."""
+    (old, other), new = earlier, tmp_path / "new.nc"
+    assert interrupted(sweep(), new, 40, extend=old) == 1
+    assert interrupted(sweep(), new, 70, extend=other) == 1 + 2
+    assert len(list(tmp_path.glob("new.nc.parts/earlier-*.json"))) == 2
+    assert finished(whole, sweep(), new, extend=other) == (8, whole.attrs["unique_run"] - 8 - 24, 24)
+
+
+def test_an_earlier_cube_is_known_wherever_it_stands(whole, earlier, tmp_path):
+    moved, new = earlier[0].rename(tmp_path / "moved.nc"), tmp_path / "new.nc"
+    assert interrupted(sweep(), new, 70, extend=moved) == 2
+    assert finished(whole, sweep(), new, extend=moved.rename(earlier[0]))[2] == 32
+
+
+@pytest.mark.parametrize("damage", ["removed", "[]", "{}", '{"file": "old.nc"}', "\x00"])
+def test_a_file_on_an_earlier_cube_that_is_damaged(whole, earlier, tmp_path, damage):
+    """Results are as good as ever, nothing is said of where they are from."""
+    interrupted(sweep(), tmp_path / "new.nc", 20, extend=earlier[0])
+    (file,) = tmp_path.glob("new.nc.parts/earlier-*.json")
+    file.unlink() if damage == "removed" else file.write_text(damage)
+    run, kept, taken = finished(whole, sweep(), tmp_path / "new.nc")
+    assert taken == 0
+    assert run > 0 < kept
+
+
+def test_a_part_without_memory_costs_its_own_scenarios_only(whole, earlier, tmp_path, monkeypatch):
+    """Where results are looked up, and where old and new ones are put together."""
+    new = tmp_path / "new.nc"
+    for name, places in (("find", (3, 6)), ("results", (1, 2)), ("completed", (1,))):
+        real, calls = getattr(EarlierCube, name), iter(range(1, 10**6))
+
+        def short(*arguments, real=real, calls=calls, places=places):
+            if next(calls) in places:
+                raise MemoryError("no room")
+            return real(*arguments)
+
+        job = sweep()
+        with monkeypatch.context() as patch:
+            patch.setattr(EarlierCube, name, short)
+            with pytest.warns(RuntimeWarning, match="have no result .*MemoryError: no room"):
+                found = job.run(new, extend=earlier[0], workers=1, overwrite=True)
+        lost = found["status"] == Status.NOT_RUN
+        assert 0 < int(lost.sum()) < lost.size / 2
+        np.testing.assert_array_equal(found["impact_count"].where(~lost), whole["impact_count"].where(~lost))
+        assert job.last_outcome.failures == ["MemoryError: no room"] * len(places)
+        found.close()
+        finished(whole, sweep(), new, extend=earlier[0], overwrite=True)
+
+
+def test_an_audit_without_result_is_made_up_for_as_the_warning_says(whole, tmp_path, monkeypatch):
+    real = execute.run_chunk
+
+    def failing(kernel, *more):
+        return "MemoryError: no room" if kernel.numerics.finer > 1 else real(kernel, *more)
+
+    out = tmp_path / "new.nc"
+    with monkeypatch.context() as patch:
+        patch.setattr(execute, "run_chunk", failing)
+        with pytest.warns(RuntimeWarning, match=r"no room\. .*--extend OUT\.nc --overwrite"):
+            cube = sweep().run(out, workers=1)
+    assert "audit" not in cube.dims
+    cube.close()
+    run, _, taken = finished(whole, sweep(), out, extend=out, overwrite=True)  # audited like the whole
+    assert run == len(sweep().plan().motions_to_run)
+    assert taken > run
+
+
+def test_a_cube_that_says_of_another_scheme_for_its_accuracy_is_refused(tmp_path):
+    """By costs measured anew, its sweep would be planned in another one today than it ran in."""
+    few = {"laws": "linear", "scales": 1.0, "restitutions": 0.7, "dt": None, "accuracy": 1e-2}
+    job = sweep(**few)
+    numerics = job.plan().numerics
+    for key in ("method", "precision"):
+        other = {"method": numerics.method, "precision": numerics.precision, key: "another"}
+        old = write_cube(of_accuracy(job).assign_attrs(other), tmp_path / f"{key}.nc")
+        with pytest.raises(
+            InputError,
+            match=rf"for the accuracy it ran by {other['method']} in {other['precision']}, the new sweep takes another",
+        ):
+            EarlierCube(old, job.plan(), sweeping.package_digest())
+
+
+def of_accuracy(job):
+    """Return a cube that could be of a sweep with an accuracy, no scenario of which has run."""
+    plan = job.plan()
+    outcome = execute.Outcome(Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique)))
+    more = {"package_sha256": sweeping.package_digest()}
+    return cube_in_memory(plan, outcome, None, execute.Progress(), more)
 
 
 @pytest.mark.slow  # processes are started

@@ -540,10 +540,14 @@ CHANGES = {
             '"elastic": "k*d", "elastic_slope": "k"}',
             '"elastic": "2.0*k*d", "elastic_slope": "2.0*k"}',
         ),
-        r"source \(\w{12}\.\.\. there, \w{12}\.\.\. here\)\.",
+        r"source \(\w{12}\.\.\. there, \w{12}\.\.\. here\);",
     ),
-    "the version": (lambda folder: installed(folder, "pounding_sweep"), r"package \(\S+ there, 9\.9 here\)\."),
-    "numba": (lambda folder: installed(folder, "numba"), r"libraries \(numba \S+, .* there, numba 9\.9, .* here\)\."),
+    "what each scheme was measured to cost": (
+        lambda folder: edit(folder / "package/pounding_sweep/accuracy/measured.json", '"cost": {', '"cost":  {'),
+        r"source \(\w{12}\.\.\. there, \w{12}\.\.\. here\);",
+    ),
+    "the version": (lambda folder: installed(folder, "pounding_sweep"), r"package \(\S+ there, 9\.9 here\);"),
+    "numba": (lambda folder: installed(folder, "numba"), r"libraries \(numba \S+, .* there, numba 9\.9, .* here\);"),
 }
 
 
@@ -561,7 +565,7 @@ def test_what_changed_is_named_and_nothing_stale_is_taken_up(stopped, tmp_path, 
         assert report["reused"] > 0
         return
     said = cli(*CHANGED, cwd=folder, env=env, code=2).stderr
-    assert re.search(rf"belong to another sweep: .*; they differ in {named}", said)
+    assert re.search(rf"belong to another sweep: they differ in {named}", said)
     assert {path.name: path.read_bytes() for path in (folder / PARTS).iterdir()} == before
     assert not (folder / OUT).exists()
 

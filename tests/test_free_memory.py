@@ -19,6 +19,7 @@ from test_cli import bad, cli, edited, environment, write
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.cube.write import open_cube
 from pounding_sweep.doctor import diagnose
+from pounding_sweep.sweep import execute
 from pounding_sweep.sweep import free_memory as module
 from pounding_sweep.sweep.free_memory import FreeMemory, free_memory
 from pounding_sweep.sweep.sweep import Sweep
@@ -231,6 +232,26 @@ def test_more_than_the_limit_of_a_control_group_is_refused(tmp_path):
     number, unit = re.match(REFUSED.format(f"limit of the control group {group}"), said).groups()
     assert 0.5 * GIB < float(number) * {"MB": 1e6, "GB": 1e9}[unit] < GIB
     assert told["limit"] == f"limit of the control group {group}"
+
+
+def test_results_that_find_no_memory_cost_their_own_scenarios_only(monkeypatch):
+    """As a worker finds it when it puts them into a table."""
+    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    sweep = Sweep(scene=row(), records=motions(), **AXES, audit=0)
+    reference, real, calls = sweep.run(scheduler="synchronous"), execute.to_table, iter(range(1, 10**6))
+
+    def to_table(*arguments):
+        if next(calls) == 4:
+            raise MemoryError("Unable to allocate 8.00 MiB")
+        return real(*arguments)
+
+    monkeypatch.setattr(execute, "to_table", to_table)
+    with pytest.warns(RuntimeWarning, match="^1 chunks have no result .*: MemoryError: Unable to allocate 8"):
+        cube = sweep.run(scheduler="synchronous")
+    lost = cube["status"] == Status.NOT_RUN
+    assert 0 < int(lost.sum()) < lost.size / 2
+    for name in reference.data_vars:
+        np.testing.assert_array_equal(cube[name].where(~lost), reference[name].where(~lost), err_msg=name)
 
 
 #: A run that has no room for the ground motion of one record, once its kernels are ready.

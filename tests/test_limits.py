@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from pathlib import Path
@@ -251,10 +252,12 @@ def test_a_file_system_without_locks(parts, monkeypatch):
 
 
 def test_a_folder_of_another_sweep_is_not_locked(parts):
-    ChunkStore(parts, "one").open()
+    one = ChunkStore(parts, "one").open()
+    one.write("a", np.zeros(1, [("a", "f8")]))
+    before = sorted(path.name for path in parts.iterdir())
     with pytest.raises(OutputError, match="another sweep"), ChunkStore(parts, "two").lock():
         pass
-    assert [path.name for path in parts.iterdir()] == [IDENTITY]
+    assert sorted(path.name for path in parts.iterdir()) == before
 
 
 # -- disks -------------------------------------------------------------------------------------------------------------
@@ -425,6 +428,26 @@ def test_what_a_killed_run_was_writing_takes_no_room_from_the_next(tmp_path):
     assert is_temporary(names[0])
     assert "the run before this one was killed" in said
     assert left == ["out.nc", "out.nc.log", "sweep.toml"]
+
+
+def test_room_is_judged_on_the_disk_that_is_written(tmp_path, monkeypatch):
+    """The cube's and that of its chunks, where a link leads to another one."""
+    shared = Path("/dev/shm")
+    if not os.access(shared, os.W_OK) or shared.stat().st_dev == tmp_path.stat().st_dev:
+        pytest.skip("needs a second disk")
+    out, link = tmp_path / "out.nc", tmp_path / "out.nc.parts"
+    sweep = Sweep(row(), motions(), **AXES)
+    plan = sweep.plan()
+    with tempfile.TemporaryDirectory(dir=shared) as parts:
+        link.symlink_to(parts)
+        room = {tmp_path: plan.n_asked * plan.bytes_per_scenario, link: plan.n_unique * plan.bytes_per_scenario}
+        for small, what in ((tmp_path, "the cube of"), (link, "the folder of chunks of")):
+            free = {**room, small: room[small] - 1}
+            monkeypatch.setattr("pounding_sweep.cube.write.free_space", free.get)
+            with pytest.raises(OutputError, match=rf"{what} [\d,]+ scenarios needs about .* are free in '{small}';"):
+                sweep.run(out)
+        monkeypatch.setattr("pounding_sweep.cube.write.free_space", room.get)
+        sweep.run(out).close()
 
 
 def test_a_disk_that_does_not_say_how_large_it_is(tmp_path):
@@ -632,6 +655,30 @@ def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
     sweep.run(tmp_path / "out.nc", scheduler="synchronous").close()
     assert sweep.last_outcome.run == missing
     assert "Variables" in cli("info", tmp_path / "out.nc").stdout
+
+
+def test_a_run_that_is_stopped_earlier_than_the_one_before_forgets_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    sweep, out, parts = Sweep(row(), motions(), **AXES), tmp_path / "out.nc", tmp_path / "out.nc.parts"
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run(out, scheduler="synchronous", progress=At("scenarios", stop, 20))
+    first = survey(parts)
+    assert first.planned
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run(out, scheduler="synchronous", progress=At("no pounding", stop))
+    assert survey(parts) == first
+    whole = json.loads((parts / EXPECTED).read_text())
+    changes = [{"laws": whole["laws"][::-1]}, {"stages": 3}, {"stages": {"scenarios": [[1, 2]]}}, {"stages": {"x": 1}}]
+    for text in ("", "[]", "{}", "[" * 100_000, *(json.dumps({**whole, **change}) for change in changes)):
+        (parts / EXPECTED).write_text(text)
+        with pytest.raises(KeyboardInterrupt):
+            sweep.run(out, scheduler="synchronous", progress=At("no pounding", stop))
+        found = survey(parts)
+        assert not found.planned
+        assert found.parts == [part for part in first.parts if part.stage == "no pounding"]
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run(out, scheduler="synchronous", progress=At("scenarios", stop))
+    assert survey(parts) == first
 
 
 def test_a_cube_beside_which_a_run_is_not_finished(tmp_path, monkeypatch):

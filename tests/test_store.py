@@ -16,6 +16,7 @@ from hypothesis.extra import numpy as hnp
 
 from pounding_sweep.cube import files
 from pounding_sweep.errors import OutputError
+from pounding_sweep.lock import LOCK
 from pounding_sweep.sweep import store as storing
 from pounding_sweep.sweep.store import IDENTITY, MANIFEST, ChunkCorrupt, ChunkStore
 
@@ -213,7 +214,7 @@ def test_another_sweep_is_refused(store):
     store.write("a", TABLE)
     other = ChunkStore(store.folder, "digest-2", {"dt": "0.002", "method": "rk4"})
     with pytest.raises(
-        OutputError, match=r"'digest-1' there, 'digest-2' here; they differ in dt \(0.001 there, 0.002 here\)"
+        OutputError, match=r"they differ in dt \(0.001 there, 0.002 here\); identity 'digest-1' there, 'digest-2' here"
     ):
         other.open()
     with pytest.raises(OutputError, match="Give another output path"), other.lock():
@@ -279,6 +280,27 @@ def test_what_nfs_keeps_of_removed_files_is_nobodys(store):
         kept.unlink()
         store.discard()
     assert not store.folder.exists()
+
+
+def test_a_sweep_that_finished_nothing_leaves_its_folder_to_the_next(tmp_path):
+    """As when somebody stops a run at once, mends the sweep file, and runs it again."""
+    first = ChunkStore(tmp_path / "out.parts", "one", {"dt": "0.001"}).open()
+    first.expect({"scenarios": 3})
+    (first.folder / "chunk-b.npy").write_bytes(b"not in the manifest yet")
+    mended = ChunkStore(first.folder, "two", {"dt": "0.002"})
+    with mended.lock():
+        mended.open()
+        assert [path.name for path in sorted(first.folder.iterdir())] == [IDENTITY, LOCK]
+        mended.write("a", TABLE)
+    assert ChunkStore(first.folder, "two").open().completed() == {"a"}
+    with pytest.raises(OutputError, match="belong to another sweep"):
+        first.open()
+
+
+def test_an_identity_that_is_a_link_to_nothing(tmp_path):
+    (tmp_path / IDENTITY).symlink_to(tmp_path / "none")
+    with pytest.raises(OutputError, match=r"identity\.json' is damaged; remove the folder"):
+        ChunkStore(tmp_path, "one").open()
 
 
 def test_who_locks_removes_what_a_killed_run_was_writing(store):

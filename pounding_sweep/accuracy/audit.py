@@ -211,7 +211,12 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
 
     dispatcher.run(len(batches), lambda position: _job(plan, batches[position], position), take)
     if failures:
-        warnings.warn(f"the audit has no result: {failures[0]}", RuntimeWarning, stacklevel=3)
+        warnings.warn(
+            f"the audit has no result: {failures[0]}. The cube has none; to have it audited again, run the sweep with "
+            "that cube as the one to extend (--extend OUT.nc --overwrite), which takes all else from it",
+            RuntimeWarning,
+            stacklevel=3,
+        )
         return None
     where, error, sensitivity, sensitive = (np.concatenate(part) for part in zip(*measured, strict=True))
     order = np.argsort(where)

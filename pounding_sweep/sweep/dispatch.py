@@ -114,7 +114,10 @@ class Dispatcher:
 
         def task() -> list[Any]:
             position = next(following)
-            mine = job(position)
+            try:
+                mine = job(position)
+            except MemoryError as error:  # it costs this chunk only
+                return [position, f"MemoryError: {error}"]
             record = self.records[mine.record]
             return [position, self._run(mine.kernel, record, mine.table, mine.variants, mine.outputs)]
 
@@ -126,5 +129,5 @@ class Dispatcher:
 
         graph = {f"chunk-{i}": (task,) for i in range(n)}
         get = dask.get if self.scheduler == "synchronous" else dask.threaded.get
-        with Gather():
-            get(graph, list(graph), num_workers=self.workers)
+        # not as a context: dask would tell this of every graph that any thread begins meanwhile
+        get(graph, list(graph), num_workers=self.workers, callbacks=[Gather()._callback])

@@ -7,11 +7,13 @@ own scenarios (status ``not_run``), never the batch.
 from __future__ import annotations
 
 import os
+import re
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,8 +30,12 @@ from pounding_sweep.sweep.results import Results, to_table
 from pounding_sweep.sweep.saving import Saver
 from pounding_sweep.sweep.scenarios import Scenarios
 from pounding_sweep.sweep.store import ChunkCorrupt, ChunkStore
-from pounding_sweep.sweep.unfinished import expected
+from pounding_sweep.sweep.taken import Taken
+from pounding_sweep.sweep.unfinished import expected, listed, stages_before
 from pounding_sweep.sweep.variants import Variants
+
+if TYPE_CHECKING:
+    from pounding_sweep.sweep.extend import EarlierCube
 
 #: Names of the schedulers that start on this machine.
 SCHEDULERS = ("threads", "processes", "synchronous")
@@ -68,7 +74,11 @@ class Outcome:
     untouched : int
         Unique scenarios answered by the run without pounding.
     reused : int
-        Scenarios read from an interrupted run.
+        Scenarios read from an interrupted run, which it had run itself.
+    taken : int
+        Scenarios taken from an earlier cube, in this run or an interrupted one.
+    taken_from : mapping or None
+        What that cube said of itself; see `pounding_sweep.sweep.taken`.
     compiled : int
         Kernels that had to be compiled.
     compile_seconds, run_seconds : float
@@ -83,6 +93,8 @@ class Outcome:
     run: int = 0
     untouched: int = 0
     reused: int = 0
+    taken: int = 0
+    taken_from: Mapping[str, Any] | None = None
     compiled: int = 0
     compile_seconds: float = 0.0
     run_seconds: float = 0.0
@@ -113,20 +125,26 @@ def run_table(
 ) -> np.ndarray | str:
     """Run the scenarios of one chunk; returns their table of results, or what went wrong."""
     found = run_chunk(kernel, record, table, variants, outputs)
-    return found if isinstance(found, str) else to_table(found, found, kernel.scene)
+    try:
+        return found if isinstance(found, str) else to_table(found, found, kernel.scene)
+    except MemoryError as error:  # as in `run_chunk`
+        return f"MemoryError: {error}"
 
 
 def check_scheduler(scheduler: str, workers: int | None) -> int:
-    """Return the number of workers; raise `InputError` for an unknown scheduler or less than one worker."""
-    if scheduler not in SCHEDULERS and "://" not in scheduler:
+    """Return the number of workers; raise `InputError` for an unknown scheduler or no whole number of at least 1."""
+    if not isinstance(scheduler, str) or (scheduler not in SCHEDULERS and "://" not in scheduler):
         msg = unknown("scheduler", scheduler, [*SCHEDULERS, "tcp://HOST:PORT"])
         raise InputError(msg)
-    if workers is not None and workers < 1:
-        msg = f"workers = {workers!r} must be at least 1"
+    if re.match(r"(tcp|tls)://", scheduler) and not re.search(r":\d+/?$", scheduler):
+        msg = f"the address {scheduler!r} has no port; give one such as {scheduler.partition(':')[0]}://HOST:8786"
         raise InputError(msg)
-    if workers is not None:
-        return workers
-    return 1 if scheduler == "synchronous" else len(os.sched_getaffinity(0))
+    if workers is None:
+        return 1 if scheduler == "synchronous" else len(os.sched_getaffinity(0))
+    if not isinstance(workers, int | np.integer) or workers < 1:
+        msg = f"workers = {workers!r} must be a whole number, at least 1"
+        raise InputError(msg)
+    return int(workers)
 
 
 def dispatcher_for(
@@ -138,7 +156,12 @@ def dispatcher_for(
 
 
 def execute(
-    plan: Plan, dispatcher: Dispatcher, *, store: ChunkStore | None = None, progress: Progress | None = None
+    plan: Plan,
+    dispatcher: Dispatcher,
+    *,
+    store: ChunkStore | None = None,
+    progress: Progress | None = None,
+    earlier: EarlierCube | None = None,
 ) -> Outcome:
     """Run a plan and keep the results of its unique scenarios.
 
@@ -152,13 +175,19 @@ def execute(
         Open store: completed chunks are read from it, new ones written to it.
     progress : Progress, optional
         Display; it is not closed.
+    earlier : EarlierCube, optional
+        The cube that `dispatcher` takes scenarios from.
 
     Returns
     -------
     Outcome
         Results that do not depend on scheduler, workers or what was resumed.
     """
-    outcome = _execute(plan, dispatcher, store, progress or Progress())
+    progress, taken = progress or Progress(), Taken(store, earlier)
+    outcome = _execute(plan, dispatcher, store, progress, taken)
+    outcome.taken, outcome.taken_from = taken.scenarios, taken.origin
+    if taken.origin is not None:
+        progress.note(f"{taken.scenarios} scenarios taken from {taken.origin['file']}")
     if outcome.failures:
         shown_failures = "; ".join(sorted(set(outcome.failures))[:3])
         warnings.warn(
@@ -169,7 +198,7 @@ def execute(
     return outcome
 
 
-def _execute(plan: Plan, dispatcher: Dispatcher, store: ChunkStore | None, progress: Progress) -> Outcome:
+def _execute(plan: Plan, dispatcher: Dispatcher, store: ChunkStore | None, progress: Progress, taken: Taken) -> Outcome:
     kernels = plan.kernels()
     shapes = list(dict.fromkeys(kernel.shape for kernel in kernels.values()))
     progress.stage("kernels", len(shapes))
@@ -182,7 +211,8 @@ def _execute(plan: Plan, dispatcher: Dispatcher, store: ChunkStore | None, progr
     if kernels:
         with ExitStack() as contexts:
             saver = None if store is None else contexts.enter_context(Saver(store, results))
-            stages = _Stages(plan, outcome, store, saver, dispatcher, progress)
+            before = {} if store is None else stages_before(plan, store.folder)
+            stages = _Stages(plan, outcome, store, saver, dispatcher, progress, taken, before)
             stages.without_pounding()
             stages.scenarios()
     outcome.run_seconds = time.perf_counter() - started
@@ -203,7 +233,8 @@ class _Stages:
     saver: Saver | None
     dispatcher: Dispatcher
     progress: Progress
-    expected: dict[str, list[Chunk]] = field(default_factory=dict)
+    taken: Taken
+    expected: dict[str, list[list[Any]]]
 
     def without_pounding(self) -> None:
         """Run each motion that is worth it, and find the scenarios that never touch: they are answered by it."""
@@ -254,7 +285,7 @@ class _Stages:
         """Take up the chunks that are in the store, and run the others."""
         outcome, results = self.outcome, self.outcome.results
         if self.store is not None:
-            self.expected[stage] = chunks
+            self.expected[stage] = listed(chunks)
             self.store.expect(expected(self.plan, self.expected))
         self.progress.stage(stage, sum(len(chunk.rows) for chunk in chunks))
         done = self.store.completed() if self.store is not None else set()
@@ -265,7 +296,7 @@ class _Stages:
                 waiting.append(chunk)
                 continue
             place(chunk, kept, results.hold(kept, self.store.path(chunk.key))[1])
-            outcome.reused += len(chunk.rows)
+            outcome.reused += len(chunk.rows) - self.taken.kept(chunk.key)
             self.progress.advance(len(chunk.rows))
 
         def take(position: int, found: np.ndarray | str) -> None:
@@ -275,9 +306,10 @@ class _Stages:
             else:
                 index, slots = results.hold(found)
                 place(chunk, found, slots)
-                outcome.run += len(chunk.rows)
+                taken = self.taken.new(chunk.key)
+                outcome.run += len(chunk.rows) - taken
                 if self.saver is not None:
-                    self.saver.save(chunk.key, found, index)
+                    self.saver.save(chunk.key, found, index, **self.taken.line(taken))
             self.progress.advance(len(chunk.rows))
 
         self.dispatcher.run(len(waiting), lambda position: job(waiting[position]), take)

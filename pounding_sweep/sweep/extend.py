@@ -13,13 +13,12 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.cube.assemble import as_stored, package_version
+from pounding_sweep.cube.assemble import as_stored
 from pounding_sweep.cube.merge_checks import check_statuses, damaged, reading
 from pounding_sweep.cube.provenance import origin
 from pounding_sweep.cube.slabs import SLAB_BYTES, block_shape, slabs
@@ -68,8 +67,10 @@ class EarlierCube:
         The cube.
     sha256 : str
         Digest of its sweep.
-    taken : int
-        Scenarios taken so far.
+    origin : dict
+        What it says of itself; see `pounding_sweep.cube.provenance.origin`.
+    taken : dict of str to int
+        Scenarios taken so far, by the chunks that they are in.
 
     Raises
     ------
@@ -87,13 +88,14 @@ class EarlierCube:
     """
 
     def __init__(self, path: str | os.PathLike[str], plan: Plan, source: str, folder: Path | None = None) -> None:
-        self.path, self.taken = os.fspath(path), 0
+        self.path = os.fspath(path)
+        self.taken: dict[str, int] = {}
         self._plan = plan
         self._rows: _RowFinder | None = None
         with open_cube(path) as cube:
             check_same_study(self.path, cube, plan.spec, source)
             self.sha256 = str(cube.attrs["sweep_sha256"])
-            self._origin = origin(self.path, cube.attrs)
+            self.origin = origin(self.path, cube.attrs)
             whole = described_sweep(self.path, cube, plan.spec)
             spec, shared = shared_part(cube, whole)
             if not spec.n_scenarios:
@@ -131,6 +133,7 @@ class EarlierCube:
 
     def _check_numerics(self, cube: xr.Dataset, old: Plan, *, varied: bool) -> None:
         plan, spec = self._plan, old.spec
+        ran = [str(cube.attrs.get(key)) for key in ("method", "precision")]
         what = ""
         if varied != (len(plan.variants) > 1):
             what = "only one of the two sweeps varies building properties, which runs in kernels of its own"
@@ -140,6 +143,8 @@ class EarlierCube:
             what = "what was chosen for the accuracy in each of its parts is not known"
         elif spec.accuracy is not None and old.digest != self.sha256:
             what = "with an accuracy, all records of the earlier sweep must be in the new one, under the same names"
+        elif spec.accuracy is not None and ran != [plan.numerics.method, plan.numerics.precision]:
+            what = f"for the accuracy it ran by {' in '.join(ran)}, the new sweep takes another scheme: {plan.choice}"
         if what:
             msg = f"{self.path!r} can't be extended: {what}; run the sweep without it"
             raise InputError(msg)
@@ -203,14 +208,15 @@ class EarlierCube:
         """Return rows of the table of results."""
         return np.asarray(self._table[rows])
 
-    @property
-    def attributes(self) -> dict[str, Any]:
-        """What a cube says of the one that it extends: global attributes."""
-        now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
-        return {
-            "history": f"{now} extended from another cube by pounding_sweep {package_version()} (see extended_from)",
-            "extended_from": {**self._origin, "scenarios_taken": self.taken},
-        }
+    def completed(self, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
+        """Return results where there are some, and in the places of the others `new` ones in their order."""
+        known = rows >= 0
+        both = np.empty(len(rows), new.dtype)
+        both[~known] = new
+        there = self.results(rows[known])
+        for name in new.dtype.names or ():
+            both[name][known] = there[name]
+        return both
 
 
 class ExtendingDispatcher(Dispatcher):
@@ -234,36 +240,39 @@ class ExtendingDispatcher(Dispatcher):
     def run(self, n: int, job: Callable[[int], Job], take: Take) -> None:
         """See `Dispatcher.run`; chunks that are known as a whole come first."""
         earlier, waiting = self._earlier, []
-        partly: dict[int, np.ndarray] = {}  # position -> rows, of chunks that are known in part, until they are taken
+        partly: dict[int, tuple[str, np.ndarray]] = {}  # position -> key and rows of chunks that are known in part
         for position in range(n):
-            rows = earlier.find(job(position))
-            known = rows >= 0
-            if known.all():
-                earlier.taken += len(rows)
-                take(position, earlier.results(rows))
+            try:
+                mine = job(position)
+                rows = earlier.find(mine)
+                known = rows >= 0
+                whole = earlier.results(rows) if known.all() else None
+            except MemoryError as error:  # it costs this chunk only
+                take(position, f"MemoryError: {error}")
+                continue
+            if whole is not None:
+                earlier.taken[mine.key] = len(rows)
+                take(position, whole)
                 continue
             waiting.append(position)
             if known.any():
-                partly[position] = rows
+                partly[position] = mine.key, rows
 
         def rest(index: int) -> Job:
             whole = job(waiting[index])
             if waiting[index] not in partly:
                 return whole
-            new = partly[waiting[index]] < 0
+            new = partly[waiting[index]][1] < 0
             return replace(whole, table=whole.table[new], variants=whole.variants[new])
 
         def together(index: int, found: np.ndarray | str) -> None:
-            rows = partly.pop(waiting[index], None)
+            key, rows = partly.pop(waiting[index], ("", None))
             if rows is not None and not isinstance(found, str):
-                known = rows >= 0
-                both = np.empty(len(rows), found.dtype)
-                both[~known] = found
-                there = earlier.results(rows[known])
-                for name in found.dtype.names or ():
-                    both[name][known] = there[name]
-                earlier.taken += int(known.sum())
-                found = both
+                try:
+                    found = earlier.completed(rows, found)
+                    earlier.taken[key] = int((rows >= 0).sum())
+                except MemoryError as error:
+                    found = f"MemoryError: {error}"
             take(waiting[index], found)
 
         self._workers.run(len(waiting), rest, together)

@@ -417,7 +417,7 @@ class FarWorkers:
         elif self._alone_since is None:
             self._alone_since = now
         elif now - self._alone_since > ALONE_SECONDS:
-            if self._unfit:
+            if self._unfit and not self._asked:
                 address, found = next(iter(self._unfit.items()))
                 msg = (
                     f"none of the {len(self._unfit)} dask workers can take part: {address} has {found}; it must be "
@@ -426,5 +426,8 @@ class FarWorkers:
                 raise ClusterError(msg)
             if not self._told_alone:
                 self._told_alone = True
-                msg = f"no workers at {self.client.scheduler.address}; waiting for some to join"
+                address = self.client.scheduler.address
+                msg = f"no workers at {address}; waiting for some to join"
+                if self._asked:
+                    msg = f"workers at {address} have not said yet what they have installed; waiting for that"
                 warnings.warn(msg, RuntimeWarning, stacklevel=2)

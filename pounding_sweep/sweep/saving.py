@@ -51,12 +51,12 @@ class Saver:
             for future in self._waiting:
                 future.result()
 
-    def save(self, key: str, table: np.ndarray, index: int) -> None:
-        """Have a chunk written, and its table `index` of the results then read from its file."""
-        self._waiting.append(self._thread.submit(self._write, key, table, index))
+    def save(self, key: str, table: np.ndarray, index: int, **more: Any) -> None:
+        """Have a chunk written, with `more` in its line; table `index` of the results is then read from its file."""
+        self._waiting.append(self._thread.submit(self._write, key, table, index, more))
         while len(self._waiting) > WAITING or (self._waiting and self._waiting[0].done()):
             self._waiting.popleft().result()
 
-    def _write(self, key: str, table: np.ndarray, index: int) -> None:
-        self._store.write(key, table)
+    def _write(self, key: str, table: np.ndarray, index: int, more: dict[str, Any]) -> None:
+        self._store.write(key, table, **more)
         self._results.move(index, self._store.path(key))

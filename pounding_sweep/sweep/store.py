@@ -4,7 +4,8 @@ A folder holds ``identity.json`` (which sweep it belongs to), ``expected.json``
 (the chunks of which it will consist, as far as known), one ``chunk-<key>.npy``
 per finished chunk and ``manifest.jsonl``, one line per chunk, written after the
 chunk is safely on disk. A chunk is complete when the manifest says so and at no
-other time. ``lock`` is there while somebody runs.
+other time. ``earlier-<digest>.json`` tells of a cube that results were taken
+from. ``lock`` is there while somebody runs.
 
 A chunk is a table in numpy's own format, one row per scenario and one field
 per variable: it is written in one piece, and any of its rows can be read
@@ -17,6 +18,7 @@ import hashlib
 import json
 import os
 import re
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -26,7 +28,7 @@ import numpy as np
 
 from pounding_sweep.cube.files import failure, is_temporary, replacing, sync_folder
 from pounding_sweep.errors import OutputError, WriteError
-from pounding_sweep.lock import LOCK, FolderLock
+from pounding_sweep.lock import LOCK, PATIENCE, FolderLock
 from pounding_sweep.paths import absolute, expanded
 from pounding_sweep.sweep.identity import differences
 
@@ -37,6 +39,8 @@ MANIFEST = "manifest.jsonl"
 
 _KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,127}")
 _CHUNK_FILE = re.compile(rf"chunk-{_KEY.pattern}\.npy")
+#: What an earlier cube said of itself; see `pounding_sweep.sweep.taken`.
+_EARLIER_FILE = re.compile(r"earlier-[0-9a-f]{32}\.json")
 #: What NFS makes of a file that is removed while it is open; it goes by itself.
 _REMOVED = re.compile(r"\.nfs[0-9a-f]+")
 
@@ -64,7 +68,8 @@ def unreadable(folder: Path, error: OSError) -> str:
 
 def _own(name: str) -> bool:
     """Whether a file of that name is the store's, its identity apart."""
-    return name in (EXPECTED, MANIFEST) or bool(_CHUNK_FILE.fullmatch(name)) or is_temporary(name)
+    kinds = (_CHUNK_FILE, _EARLIER_FILE)
+    return name in (EXPECTED, MANIFEST) or any(kind.fullmatch(name) for kind in kinds) or is_temporary(name)
 
 
 def _sha256(path: Path) -> str:
@@ -162,6 +167,7 @@ class ChunkStore:
                 self._entries = self._lines()
                 return self
             self.folder.mkdir(parents=True, exist_ok=True)
+            self._remove(path for path in self.folder.iterdir() if _own(path.name))  # of a sweep that finished nothing
             text = json.dumps({"format": FORMAT, "identity": self.identity, "details": self.details}, indent=1)
             with replacing(self.folder / IDENTITY, self.folder) as temporary:
                 temporary.write_text(text + "\n", encoding="utf-8")
@@ -175,7 +181,7 @@ class ChunkStore:
         return self
 
     def _check(self) -> bool:
-        """Return whether the folder is this sweep's; False where it is missing or unused."""
+        """Return whether the folder is this sweep's; False where it is missing, unused, or no chunk was finished."""
         found = self._identity()
         if found is None:
             return False
@@ -186,12 +192,14 @@ class ChunkStore:
             )
             raise OutputError(msg)
         if found.get("identity") != self.identity:
+            if not self._has_lines():
+                return False
             there = found.get("details")
             differing = differences(there if isinstance(there, dict) else {}, self.details)
-            what = f"; they differ in {', '.join(differing)}" if differing else ""
+            what = f"they differ in {', '.join(differing)}; " if differing else ""
             msg = (
-                f"the chunks in {str(self.folder)!r} belong to another sweep: identity {found.get('identity')!r} "
-                f"there, {self.identity!r} here{what}. "
+                f"the chunks in {str(self.folder)!r} belong to another sweep: {what}identity "
+                f"{str(found.get('identity'))[:12]!r} there, {self.identity[:12]!r} here. "
                 "Give another output path, go back to the sweep that began there, or remove the folder"
             )
             raise OutputError(msg)
@@ -199,30 +207,45 @@ class ChunkStore:
 
     def _identity(self) -> dict[str, Any] | None:
         """Read whose chunks stand in the folder; None where it is missing or unused."""
-        try:
-            found = json.loads((self.folder / IDENTITY).read_text(encoding="utf-8"))
-            if not isinstance(found, dict):
-                raise TypeError
-        except FileNotFoundError:
-            others = self._others()
-            if IDENTITY in others:  # another run has begun there just now
-                return self._identity()
-            if others:
-                msg = (
-                    f"the folder {str(self.folder)!r} is not one of chunks: it has no {IDENTITY}, but "
-                    f"{', '.join(others[:3])}{' ...' if len(others) > 3 else ''}; give another output path"
-                )
+        path, limit = self.folder / IDENTITY, time.monotonic() + PATIENCE
+        while True:
+            try:
+                found = json.loads(path.read_text(encoding="utf-8"))
+                if not isinstance(found, dict):
+                    raise TypeError
+                return found
+            except FileNotFoundError:
+                others = self._others()
+                if not others:
+                    return None
+                if IDENTITY not in others:
+                    msg = (
+                        f"the folder {str(self.folder)!r} is not one of chunks: it has no {IDENTITY}, but "
+                        f"{', '.join(others[:3])}{' ...' if len(others) > 3 else ''}; give another output path"
+                    )
+                    raise OutputError(msg) from None
+                if time.monotonic() > limit:  # a link to nothing
+                    raise OutputError(self._damaged) from None
+                time.sleep(0.001)  # another run has begun there just now
+            except NotADirectoryError:
+                msg = f"{str(self.folder)!r} is not a folder; give another output path"
                 raise OutputError(msg) from None
-            return None
-        except NotADirectoryError:
-            msg = f"{str(self.folder)!r} is not a folder; give another output path"
-            raise OutputError(msg) from None
+            except OSError as error:
+                raise OutputError(unreadable(self.folder, error)) from None
+            except (ValueError, TypeError):
+                raise OutputError(self._damaged) from None
+
+    def _has_lines(self) -> bool:
+        try:
+            return b"\n" in self._manifest.read_bytes()
+        except FileNotFoundError:
+            return False
         except OSError as error:
             raise OutputError(unreadable(self.folder, error)) from None
-        except (ValueError, TypeError):
-            msg = f"{str(self.folder / IDENTITY)!r} is damaged; remove the folder and run the sweep again"
-            raise OutputError(msg) from None
-        return found
+
+    @property
+    def _damaged(self) -> str:
+        return f"{str(self.folder / IDENTITY)!r} is damaged; remove the folder and run the sweep again"
 
     def _others(self) -> list[str]:
         """Names in the folder that neither a run nor the file system made."""
@@ -234,7 +257,7 @@ class ChunkStore:
             raise OutputError(unreadable(self.folder, error)) from None
         return sorted(name for name in names if not (is_temporary(name) or _REMOVED.fullmatch(name) or name == LOCK))
 
-    def write(self, key: str, table: np.ndarray) -> None:
+    def write(self, key: str, table: np.ndarray, **more: Any) -> None:
         """Store a chunk; when this returns, it outlasts a power cut.
 
         Parameters
@@ -244,6 +267,8 @@ class ChunkStore:
         table : ndarray, shape (n,)
             Structured: one row per scenario, one field of numbers (of any shape) per
             variable; it is read back bit for bit.
+        **more
+            What else its line in the manifest is to say; see `told`.
 
         Raises
         ------
@@ -261,7 +286,7 @@ class ChunkStore:
             with replacing(path, self.folder) as temporary:
                 _save(temporary, table)
                 digest, size = _sha256(temporary), temporary.stat().st_size
-            line = {"key": key, "file": path.name, "sha256": digest, "bytes": size, "rows": len(table)}
+            line = {**more, "key": key, "file": path.name, "sha256": digest, "bytes": size, "rows": len(table)}
             self._append(json.dumps(line, sort_keys=True))
         except OSError as error:
             raise WriteError(failure(f"writing chunk {key!r} to {str(self.folder)!r}", error)) from error
@@ -358,6 +383,10 @@ class ChunkStore:
             if isinstance(error, ChunkCorrupt):
                 raise
             raise ChunkCorrupt(f"{damaged}{error}") from error
+
+    def told(self, key: str) -> Mapping[str, Any]:
+        """Return the line of a chunk in the manifest."""
+        return self._entries[key]
 
     def size(self) -> int:
         """Bytes of the chunks that are complete, whoever removes them meanwhile."""

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pounding_sweep.scene import Scene
     from pounding_sweep.sweep.execute import Outcome, Progress
     from pounding_sweep.sweep.plan import Plan
+    from pounding_sweep.sweep.store import ChunkStore
 
 
 class Sweep:
@@ -173,16 +174,23 @@ class Sweep:
             No scenario has a result, and a file `out` is there: it stays.
         ClusterError
             The dask cluster can't be reached, is gone, or has no workers that can take part.
+
+        Notes
+        -----
+        Several sweeps may run at once, in threads of one process. The netCDF library is not made for threads, and a
+        cube is read as its values are needed: who loads or closes one while another sweep may be writing its own does
+        so holding ``pounding_sweep.cube.write.NETCDF_LOCK``, else the process may crash.
         """
         from pounding_sweep.accuracy.audit import audit
         from pounding_sweep.cube.assemble import SOURCE_ATTRIBUTE
-        from pounding_sweep.cube.write import check_output, check_space, open_cube
+        from pounding_sweep.cube.write import check_output, open_cube
         from pounding_sweep.sweep.execute import Progress, check_scheduler, dispatcher_for, execute
         from pounding_sweep.sweep.extend import EarlierCube, ExtendingDispatcher
         from pounding_sweep.sweep.filling import cube_in_memory, write_cube_of
         from pounding_sweep.sweep.identity import identity_of
         from pounding_sweep.sweep.log_file import RunLog
         from pounding_sweep.sweep.store import ChunkStore, parts_folder
+        from pounding_sweep.sweep.taken import extension_attributes
 
         n_workers = check_scheduler(scheduler, workers)
         target = check_output(out, overwrite) if out is not None else None
@@ -200,20 +208,18 @@ class Sweep:
                 store = ChunkStore(parts_folder(target), *identity_of(plan))
                 contexts.enter_context(store.lock())
                 check_output(target, overwrite)  # a run that ended just now may have made it
-                needed = (plan.n_asked + plan.n_unique) * plan.bytes_per_scenario - store.size()
-                check_space(target.parent, needed, f"the cube of {plan.n_asked:,} scenarios, with its chunks,")
+                _check_disks(plan, target, store)
                 store.open()
                 progress = log = contexts.enter_context(RunLog(Path(f"{target}.log"), progress))
                 log.begin(plan, scheduler, n_workers)
             try:
                 with dispatcher_for(plan, scheduler, workers, progress) as dispatcher:
                     runs = dispatcher if earlier is None else ExtendingDispatcher(dispatcher, earlier)
-                    outcome = self.last_outcome = execute(plan, runs, store=store, progress=progress)
+                    outcome = self.last_outcome = execute(plan, runs, store=store, progress=progress, earlier=earlier)
                     if target is not None and target.exists():
                         _check_results(outcome, target)
-                    if earlier is not None:
-                        outcome.run -= earlier.taken
-                        more |= earlier.attributes
+                    if outcome.taken_from is not None:
+                        more |= extension_attributes(outcome.taken_from, outcome.taken)
                     progress.stage("audit", 0)
                     self.last_audit = audit(plan, outcome, dispatcher)
                 progress.stage("cube", plan.n_asked)
@@ -237,6 +243,19 @@ class Sweep:
             if store is not None and not outcome.failures:
                 store.discard()
         return cube
+
+
+def _check_disks(plan: Plan, target: Path, store: ChunkStore) -> None:
+    """Raise `OutputError` where the cube or its chunks, which may be on another disk, find no room."""
+    from pounding_sweep.cube.write import check_space
+
+    cube, chunks = plan.n_asked * plan.bytes_per_scenario, plan.n_unique * plan.bytes_per_scenario - store.size()
+    what = f"the cube of {plan.n_asked:,} scenarios"
+    if target.parent.stat().st_dev == store.folder.stat().st_dev:
+        check_space(target.parent, cube + chunks, f"{what}, with its chunks,")
+    else:
+        check_space(target.parent, cube, what)
+        check_space(store.folder, chunks, f"the folder of chunks of {plan.n_asked:,} scenarios")
 
 
 def _check_results(outcome: Outcome, target: Path) -> None:

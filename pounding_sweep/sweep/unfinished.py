@@ -23,7 +23,12 @@ if TYPE_CHECKING:
     from pounding_sweep.sweep.plan import Plan
 
 
-def expected(plan: Plan, stages: Mapping[str, Sequence[Chunk]]) -> dict[str, Any]:
+def listed(chunks: Sequence[Chunk]) -> list[list[Any]]:
+    """Return what a folder says of the chunks of a stage: key, law, record and number of scenarios of each."""
+    return [[chunk.key, chunk.law, chunk.record, len(chunk.rows)] for chunk in chunks]
+
+
+def expected(plan: Plan, stages: Mapping[str, list[list[Any]]]) -> dict[str, Any]:
     """Return what `survey` wants to find in a folder: the chunks of each stage, with the names of what they run."""
     return {
         "title": plan.spec.title,
@@ -31,8 +36,25 @@ def expected(plan: Plan, stages: Mapping[str, Sequence[Chunk]]) -> dict[str, Any
         "at_most": plan.n_unique,
         "laws": [law.key for law in plan.laws],
         "records": [record.name for record in plan.spec.records],
-        "stages": {name: [[c.key, c.law, c.record, len(c.rows)] for c in chunks] for name, chunks in stages.items()},
+        "stages": dict(stages),
     }
+
+
+def stages_before(plan: Plan, folder: Path) -> dict[str, list[list[Any]]]:
+    """Return the stages that a run of the same plan left in its folder: those that a run comes to later stay known.
+
+    Nothing needs them but `survey`: where they can't be read, there are none.
+    """
+    try:
+        there = json.loads((folder / EXPECTED).read_text(encoding="utf-8"))
+        if {**there, "stages": {}} != expected(plan, {}):
+            return {}
+        return {
+            str(stage): [[str(key), int(law), int(record), int(n)] for key, law, record, n in chunks]
+            for stage, chunks in there["stages"].items()
+        }
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return {}
 
 
 @dataclass
