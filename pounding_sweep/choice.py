@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.contact.laws import get_law
+from pounding_sweep.contact.laws import Law, get_law
 from pounding_sweep.errors import InputError, unknown
 from pounding_sweep.scene import Building, Scene, Wall
-from pounding_sweep.sweep.axes import Case
+from pounding_sweep.sweep.axes import FACTOR_KINDS, Case
 from pounding_sweep.sweep.spec import SweepSpec, contact_stiffness
 
 if TYPE_CHECKING:
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 #: What of a scenario may be chosen otherwise than the sweep has it.
 CHOICES = ("law", "gap", "stiffness", "stiffness_factor", "restitution", "record", "scale")
+#: Attribute of the histories: what tells the scenario from others of its sweep, beside law, record and gaps.
+SCENARIO_ATTRIBUTE = "scenario"
 
 
 def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
@@ -91,12 +94,15 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
     Returns
     -------
     xarray.Dataset
-        What `pounding_sweep.simulate` returns.
+        What `pounding_sweep.simulate` returns. The attribute ``scenario`` tells the case, the
+        stiffness, the restitution, the scale and the building properties where the sweep has
+        several of them, or where they are chosen here; it is not there where none is told.
 
     Raises
     ------
     InputError
-        A choice is unknown or not valid.
+        A choice is unknown or not valid, or the scenario's stiffness is that of a law of
+        another force exponent.
 
     Examples
     --------
@@ -127,13 +133,16 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
     absolute, factor = given.get("stiffness"), given.get("stiffness_factor")
     if absolute is None and factor is None:
         absolute, factor = own.stiffness, own.stiffness_factor
+        _check_unit(own, law)
+    stiffness = contact_stiffness(scene, law, stiffness=absolute, stiffness_factor=factor)
+    restitution, scale = given.get("restitution", own.restitution), given.get("scale", own.scale)
     newmark = spec.method == "newmark"
-    return simulate(
+    one = simulate(
         scene,
-        spec.record(record).scaled(given.get("scale", own.scale)),
+        spec.record(record).scaled(scale),
         law=law,
-        stiffness=contact_stiffness(scene, law, stiffness=absolute, stiffness_factor=factor) or None,
-        restitution=given.get("restitution", own.restitution),
+        stiffness=None if law.exponent is None else stiffness,
+        restitution=restitution,
         method=spec.method,
         dt=spec.dt,
         accuracy=spec.accuracy,
@@ -143,6 +152,54 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
         force_unstable=spec.force_unstable,
         restitution_basis=spec.restitution_basis,
     )
+    taken = replace(own, stiffness=absolute, stiffness_factor=factor, restitution=restitution, scale=scale)
+    details = "; ".join(_details(spec, taken, law, given, case))
+    return one.assign_attrs({SCENARIO_ATTRIBUTE: details} if details else {})
+
+
+def _unit(exponent: float) -> str:
+    """Return the unit of the contact stiffness of a law of that force exponent."""
+    return "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
+
+
+def _check_unit(own: Case, law: Law) -> None:
+    """Raise `InputError` where a law would take the stiffness of one of another exponent for its own."""
+    meant = get_law(own.law).exponent
+    if own.stiffness is None or meant is None or law.exponent is None or meant == law.exponent:
+        return
+    msg = (
+        f"the stiffness of this scenario, {own.stiffness:g} {_unit(meant)}, is that of law {own.law!r}, and law "
+        f"{law.key!r} takes {_unit(law.exponent)}; give a stiffness ({_unit(law.exponent)}), or a stiffness factor on "
+        "the scene's reference"
+    )
+    raise InputError(msg)
+
+
+def _details(spec: SweepSpec, taken: Case, law: Law, given: Mapping[str, Any], number: int | None) -> Iterator[str]:
+    """Say what tells the scenario `taken` from others of its sweep, and what was `given` in place of the sweep's."""
+
+    def told(name: str) -> bool:
+        values = spec.axes.get(name, ()) if spec.cases is None else [getattr(case, name) for case in spec.cases]
+        return name in given or len(set(values)) > 1
+
+    if spec.cases is not None:
+        yield f"case {number or spec.cases.index(scenario_of(spec)) + 1}"
+    if law.exponent is not None and taken.stiffness is not None and told("stiffness"):
+        yield f"stiffness {taken.stiffness:g} {_unit(law.exponent)}"
+    if law.exponent is not None and taken.stiffness_factor is not None and told("stiffness_factor"):
+        yield f"stiffness factor {taken.stiffness_factor:g}"
+    restitution = spec.scene.contact.restitution if taken.restitution is None else taken.restitution
+    if law.takes_restitution and restitution is not None and told("restitution"):
+        yield f"restitution {restitution:g}"
+    if told("scale"):
+        yield f"scale {taken.scale:g}"
+    single = {(axis.kind, axis.building) for axis in spec.property_axes if len(axis.values) == 1}
+    for plural, kind in FACTOR_KINDS.items():
+        for building, factor in dict(getattr(taken, plural)).items():
+            if (kind, building) not in single:
+                yield f"{kind.replace('_', ' ')} of {building} {factor:g}"
+    if taken.damping_ratio is not None and told("damping_ratio"):
+        yield f"damping ratio {taken.damping_ratio:g}"
 
 
 def _varied(scene: Scene, case: Case) -> Scene:

@@ -26,10 +26,10 @@ def scene(left_wall=False, right_wall=False, names=("w1", "a", "b", "w2")):
     return Scene(row, gaps=[0.01 * (i + 1) for i in range(len(row) - 1)], contact=contact)
 
 
-def cube(seed=0, **sizes):
+def cube(seed=0, *, right_wall=False, **sizes):
     """A cube of every output, its values random and above zero; axes of the sizes given, or of one value."""
     rng = np.random.default_rng(seed)
-    row = scene()
+    row = scene(right_wall=right_wall)
     n = {"law": 3, "gap": 4, "stiffness_factor": 1, "restitution": 2, "record": 1, "scale": 1} | sizes
     axes = [
         Axis("law", list(LAWS[: n["law"]])),

@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import tomllib
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -417,3 +419,12 @@ def test_errors_of_one_range_share_their_scale():
     found = relative_errors(list(values), values, {**values, "contact_work": np.array([[1e-9]])})
     assert found["contact_work"][0] == pytest.approx(2e-9)
     assert relative_error("contact_work", np.array([[3e-9]]), np.array([[1e-9]]))[0] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("path", sorted((Path(__file__).parents[1] / "sweeps").glob("*.toml")), ids=lambda p: p.stem)
+def test_shipped_sweeps_tell_what_the_work_of_their_contacts_is_small_beside(path):
+    outputs = tomllib.loads(path.read_text()).get("output", {}).get("variables", [])
+    if "contact_work" in outputs:
+        values = {name: np.ones((1, 1)) for name in outputs}
+        off, none = ({**values, "contact_work": np.array([[work]])} for work in (3e-9, 1e-9))
+        assert relative_errors(outputs, off, none)["contact_work"][0] == pytest.approx(2e-9)

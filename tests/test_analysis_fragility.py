@@ -154,6 +154,12 @@ class TestFit:
         for status in FIT_STATUS:
             assert status.meaning.format(low="1", high="2", units="m s-2")
 
+    def test_separated_trials_are_told_from_the_weaker_side(self):
+        x = np.array([0.5, 0.85, 1.56, 2.0])
+        fit = fit_lognormal(x, x > 1.0)
+        told = fit.status.words(fit.low, fit.high, "m s-2")
+        assert told.startswith("the strongest motion without it has 0.85 m s-2, the weakest with it 1.56 m s-2:")
+
 
 RECORDS = [f"r{i}" for i in range(12)]
 SCALES = [0.25, 0.5, 1.0, 2.0, 4.0]

@@ -25,8 +25,9 @@ from pounding_sweep.cube.select import select
 from pounding_sweep.cube.write import open_cube, write_cube
 from pounding_sweep.errors import InputError, OutputError
 from pounding_sweep.figures import FIGURES, SOURCES, plot, require
-from pounding_sweep.figures.animation import _Picture, animate
-from pounding_sweep.figures.chosen import middle
+from pounding_sweep.figures.animation import PERIODS, WATCHED, _Picture, animate
+from pounding_sweep.figures.chosen import heading, middle
+from pounding_sweep.figures.emptiness import shows_values
 from pounding_sweep.figures.row import Stage, _round_down, strongest, walls
 from pounding_sweep.records import records_dataset
 from pounding_sweep.sweep.axes import Case
@@ -67,7 +68,7 @@ def test_every_figure_is_drawn_with_labelled_axes(key, tmp_path):
     assert kind.source in SOURCES
     figure = kind.load()(MAKERS[kind.source]())
     shown = [ax for ax in figure.axes if ax.get_visible()]
-    assert any(ax.lines or ax.collections or ax.patches or ax.images for ax in shown)
+    assert shows_values(figure)
     figure.savefig(tmp_path / "figure.png")
     labels = [text for ax in shown for text in (ax.get_xlabel(), ax.get_ylabel()) if text]
     assert any(ax.get_xlabel() or not _numbers(ax.get_xticklabels()) for ax in shown)
@@ -143,6 +144,32 @@ def test_force_gap_shows_the_largest_of_all_storeys():
             ]
             np.testing.assert_allclose(line.get_xdata(), cube.gap.values * 1e3)
             np.testing.assert_allclose(line.get_ydata(), want)
+
+
+@pytest.mark.parametrize("key", [key for key, kind in FIGURES.items() if kind.source == "cube"])
+def test_panels_show_all_of_their_lines(key):
+    """Panels share axes, and the values of the last one are the largest."""
+    cube = made.cube(right_wall=True, record=4, scale=5)
+    for dim in ("pair", "building"):
+        growing = xr.DataArray(10.0 ** np.arange(cube.sizes[dim]), dims=dim)
+        cube = cube.assign({name: v * growing for name, v in cube.data_vars.items() if dim in v.dims})
+    seen = 0
+    for ax in FIGURES[key].load()(cube).axes:
+        for line in (line for line in ax.lines if line.get_transform() is ax.transData):
+            for values, (low, high) in ((line.get_xdata(), ax.get_xlim()), (line.get_ydata(), ax.get_ylim())):
+                there = np.asarray(values, float)[np.isfinite(values)]
+                seen += there.size
+                assert ((low <= there) & (there <= high)).all(), (ax.get_title(), line.get_label())
+    assert seen or key == "energy-budget"  # of bars
+
+
+def test_fragility_shows_trials_that_the_first_pair_has_not():
+    cube = made.cube(right_wall=True, record=4, scale=5)
+    weak = (cube["pair"] != "a-b") | (cube["scale"] < 1.0)
+    cube = cube.assign(impact_count=cube["impact_count"].where(weak))
+    first, second = FIGURES["fragility"].load()(cube).axes
+    farthest = [max(np.max(line.get_xdata(), initial=0.0) for line in ax.lines) for ax in (first, second)]
+    assert farthest[0] < farthest[1] < second.get_xlim()[1]
 
 
 def test_force_gap_of_one_gap_and_of_a_scalar_law():
@@ -221,7 +248,17 @@ def test_listed_cases_are_drawn_one_by_one():
 
 
 @pytest.mark.parametrize(
-    "module", ["choice", "cube.select", "figures.chosen", "figures.histories", "figures.animation", "figures.style"]
+    "module",
+    [
+        "analysis.lognormal",
+        "choice",
+        "cube.select",
+        "figures.animation",
+        "figures.chosen",
+        "figures.emptiness",
+        "figures.histories",
+        "figures.style",
+    ],
 )
 def test_examples_of_docstrings(module):
     assert doctest.testmod(importlib.import_module(f"pounding_sweep.{module}")).failed == 0
@@ -378,7 +415,12 @@ def test_select_by_value():
 def asked(monkeypatch):
     """What `simulate` is asked for; nothing is run."""
     calls = []
-    monkeypatch.setattr("pounding_sweep.scenario.simulate", lambda *args, **more: calls.append((args, more)))
+
+    def simulate(*args, **more):
+        calls.append((args, more))
+        return xr.Dataset()
+
+    monkeypatch.setattr("pounding_sweep.scenario.simulate", simulate)
     return calls
 
 
@@ -405,8 +447,11 @@ def test_the_scenario_in_the_middle(asked):
     )
     case = Case("kelvin_voigt", 0.02, None, 2.0, 0.4, "two", 1.0, {"b": 1.5}, {"a": 3.0}, 0.02)
     assert scenario_of(spec) == case
-    simulate_one(spec)
-    simulate_one(spec, gap=0.5, law="linear", record="one", scale=3.0, stiffness_factor=0.1)
+    properties = "period factor of b 1.5; damping ratio 0.02"
+    one = simulate_one(spec)
+    assert one.attrs["scenario"] == f"stiffness factor 2; restitution 0.4; scale 1; {properties}"
+    one = simulate_one(spec, gap=0.5, law="linear", record="one", scale=3.0, stiffness_factor=0.1)
+    assert one.attrs["scenario"] == f"stiffness factor 0.1; scale 3; {properties}"  # linear takes no restitution
     (scene, record), first = asked[0]
     assert (first["law"].key, first["stiffness"], first["restitution"]) == ("kelvin_voigt", 2e6, 0.4)
     assert (first["method"], first["dt"], first["beta"], first["gamma"]) == ("newmark", 2e-3, 0.35, 0.6)
@@ -426,13 +471,48 @@ def test_a_listed_case(asked):
     cases = [{"law": "none"}, {"law": "hertz", "gap": [0.01, 0.03], "stiffness": 3e6}, {"law": "linear"}]
     spec = build_spec(scene=made.scene(right_wall=True), records=pulses("one"), cases=cases)
     for number in (None, 2):
-        simulate_one(spec, case=number)
+        assert simulate_one(spec, case=number).attrs["scenario"] == "case 2; stiffness 3e+06 kN/m^1.5"
         (scene, _), given_ = asked[-1]
         assert (scene.gaps, given_["law"].key, given_["stiffness"]) == ((0.01, 0.03), "hertz", 3e6)
     simulate_one(spec, case=1)
     assert asked[-1][1]["stiffness"] is None
     with pytest.raises(InputError, match="cases 1 to 3"):
         simulate_one(spec, case=4)
+
+
+def test_a_stiffness_is_not_taken_in_another_unit(asked):
+    product = build_spec(
+        scene=made.scene(), records=pulses("one"), laws=["kelvin_voigt", "none"], stiffnesses=[1e6, 2e6, 4e6]
+    )
+    listed = build_spec(scene=made.scene(), records=pulses("one"), cases=[{"law": "linear", "stiffness": 2e6}])
+    words = r"2e\+06 kN/m, is that of law '{}', and law 'hertz' takes kN/m\^1.5; give a stiffness \(kN/m\^1.5\)"
+    for spec, own in ((product, "kelvin_voigt"), (listed, "linear")):
+        with pytest.raises(InputError, match=words.format(own)):
+            simulate_one(spec, law="hertz")
+        assert not asked
+        for law in ("none", "stereomechanical", "linear"):
+            simulate_one(spec, law=law)
+        assert [more["stiffness"] for _, more in asked] == [None, None, 2e6]
+        simulate_one(spec, law="hertz", stiffness=3e7)
+        simulate_one(spec, law="hertz", stiffness_factor=2.0)
+        assert [more["stiffness"] for _, more in asked[3:]] == [3e7, 2e7]
+        asked.clear()
+
+
+def test_a_stiffness_of_zero_is_not_the_one_of_the_scene(asked):
+    spec = build_spec(scene=made.scene(), records=pulses("one"), laws="linear")
+    for choice in ({"stiffness": 0.0}, {"stiffness_factor": 0.0}):
+        simulate_one(spec, **choice)  # which `simulate` refuses
+        assert asked[-1][1]["stiffness"] == 0.0
+
+
+def test_a_heading_tells_the_scenario_and_its_lines_end_between_parts():
+    one = made.histories().assign_attrs(title="pulse: Linear spring", scenario="restitution 0.6; damping ratio 0.02")
+    assert heading(one) == "pulse: Linear spring; gap 10 mm; restitution 0.6; damping ratio 0.02"
+    lines = ["pulse: Linear spring; gap 10 mm; restitution 0.6;", "damping ratio 0.02; drawn 10 times"]
+    assert heading(one, "drawn 10 times", 60).split("\n") == lines
+    for key in ("histories", "row"):
+        assert "restitution 0.6; damping ratio 0.02" in FIGURES[key].load()(one).get_suptitle()
 
 
 def test_choices_are_checked(asked):
@@ -473,9 +553,12 @@ def command(*words, code=0):
     return done
 
 
+@pytest.mark.filterwarnings("always:records:UserWarning")  # printed, as in a process of its own
 def test_a_scenario_from_its_file_to_its_pictures(tmp_path):
     sweep, one, gif = tmp_path / "s.toml", tmp_path / "one.nc", tmp_path / "row.gif"
     sweep.write_text(SWEEP)
+    gone = tmp_path / "gone.toml"
+    gone.write_text(SWEEP.replace("records = [", 'records = ["missing", '))
     done = command("simulate", sweep, "-o", one)
     assert done.stdout.splitlines() == [str(one)]
     assert "Kelvin-Voigt without tension; gap 5 mm" in done.stderr
@@ -489,11 +572,25 @@ def test_a_scenario_from_its_file_to_its_pictures(tmp_path):
     possible, others = command("plot", one).stdout.split("not possible")
     assert re.search(r"^row ", possible, re.MULTILINE)
     assert re.search(r"^force-gap +law, gap$", others, re.MULTILINE)
-    command("animate", sweep, "-o", gif, "--frames", "3", "--gap", "0.001", "--start", "0.2", "--end", "1.0")
+    assert "unknown record 'missing'" in command("simulate", gone, "-o", tmp_path / "two.nc", code=2).stderr
+    said = command("simulate", gone, "-o", tmp_path / "two.nc", "--skip-missing-records", "--stiffness", "3e6").stderr
+    assert "left out" in said
+    assert "gap 5 mm; stiffness 3e+06 kN/m\n" in said
+    more = ("--stiffness", "2e6", "--skip-missing-records")
+    done = command("animate", gone, "-o", gif, "--frames", "3", "--gap", "0.001", "--start", "0.2", "--end", "1", *more)
+    assert "gap 1 mm; stiffness 2e+06 kN/m\n" in done.stderr
     with Image.open(io.BytesIO(gif.read_bytes())) as picture:
         assert picture.n_frames == 3
     assert "exists" in command("simulate", sweep, "-o", one, code=2).stderr
     assert "ending in .gif" in command("animate", sweep, "-o", tmp_path / "x.avi", code=2).stderr
+
+
+def test_help_gives_the_defaults_of_an_animation():
+    text = " ".join(command("animate", "--help").stdout.split())
+    assert PERIODS == 4.0
+    assert "by default four periods of the motion before --end" in text
+    assert "by default four periods after" in text
+    assert f"such that it takes {WATCHED:g} s" in text
 
 
 def test_plot_lists_and_selects(tmp_path):

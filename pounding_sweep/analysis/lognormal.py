@@ -48,8 +48,8 @@ class FitStatus(IntEnum):
     ALWAYS = (3, "always happened: the median is below {high} {units}, the weakest motion tried")
     SEPARATED = (
         4,
-        "happened at no intensity below {high} {units} and at every one above {low}: the median lies there, and the "
-        "dispersion can't be told",
+        "the strongest motion without it has {low} {units}, the weakest with it {high} {units}: the median lies there, "
+        "and the dispersion can't be told",
     )
     ONE_LEVEL = (5, "all trials have one intensity, {low} {units}: no curve follows from them")
     NOT_RISING = (
@@ -70,6 +70,8 @@ class FitStatus(IntEnum):
         --------
         >>> FitStatus.NEVER.words(3.0, float("nan"), "m s-2")
         'never happened: the median is above 3 m s-2, the strongest motion tried'
+        >>> FitStatus.SEPARATED.words(0.85, 1.56, "m s-2").partition(":")[0]
+        'the strongest motion without it has 0.85 m s-2, the weakest with it 1.56 m s-2'
         """
         return self.meaning.format(low=f"{low:.4g}", high=f"{high:.4g}", units=units)
 

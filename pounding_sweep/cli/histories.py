@@ -9,6 +9,7 @@ import typer
 
 from pounding_sweep.cli.app import Folders, Overwrite, SweepFile, app
 from pounding_sweep.cli.reporting import reporting, say
+from pounding_sweep.cli.run import SkipMissing
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -16,7 +17,14 @@ if TYPE_CHECKING:
 Law = Annotated[str | None, typer.Option("--law", metavar="LAW", help="Contact law.")]
 Gap = Annotated[float | None, typer.Option("--gap", metavar="M", help="Gap of every pair (m).")]
 Stiffness = Annotated[
-    float | None, typer.Option("--stiffness-factor", metavar="X", help="Factor on the contact stiffness.")
+    float | None,
+    typer.Option(
+        "--stiffness", metavar="K", help="Contact stiffness (kN/m of laws with force ~ d, kN/m^1.5 with force ~ d^1.5)."
+    ),
+]
+Factor = Annotated[
+    float | None,
+    typer.Option("--stiffness-factor", metavar="X", help="Factor on the scene's reference contact stiffness, instead."),
 ]
 Restitution = Annotated[float | None, typer.Option("--restitution", metavar="E", help="Coefficient of restitution.")]
 RecordName = Annotated[str | None, typer.Option("--record", metavar="NAME", help="One of the sweep's records.")]
@@ -30,12 +38,14 @@ def simulate_command(
     out: Annotated[Path, typer.Option("-o", "--output", metavar="ONE.nc", help="netCDF file.", show_default=False)],
     law: Law = None,
     gap: Gap = None,
-    stiffness_factor: Stiffness = None,
+    stiffness: Stiffness = None,
+    stiffness_factor: Factor = None,
     restitution: Restitution = None,
     record: RecordName = None,
     scale: Scale = None,
     case: CaseNumber = None,
     folders: Folders = None,
+    skip_missing: SkipMissing = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Run one scenario of a sweep, the middle one by default, and write its histories."""
@@ -46,9 +56,11 @@ def simulate_command(
         one = _simulate(
             sweep,
             folders,
+            skip_missing,
             case=case,
             law=law,
             gap=gap,
+            stiffness=stiffness,
             stiffness_factor=stiffness_factor,
             restitution=restitution,
             record=record,
@@ -69,17 +81,31 @@ def animate_command(
     ],
     law: Law = None,
     gap: Gap = None,
-    stiffness_factor: Stiffness = None,
+    stiffness: Stiffness = None,
+    stiffness_factor: Factor = None,
     restitution: Restitution = None,
     record: RecordName = None,
     scale: Scale = None,
     case: CaseNumber = None,
     folders: Folders = None,
-    start: Annotated[float | None, typer.Option(metavar="S", help="First instant of the record shown (s).")] = None,
-    end: Annotated[float | None, typer.Option(metavar="S", help="Last instant (s).")] = None,
+    skip_missing: SkipMissing = False,
+    start: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            help="First instant of the record shown (s); by default four periods of the motion before --end, or, "
+            "without --end, one period before the strongest impact.",
+        ),
+    ] = None,
+    end: Annotated[
+        float | None, typer.Option(metavar="S", help="Last instant (s); by default four periods after the first one.")
+    ] = None,
     frames: Annotated[int, typer.Option(metavar="N", help="Number of pictures.")] = 40,
     speed: Annotated[
-        float | None, typer.Option(metavar="X", help="Seconds of the record per second of the animation.")
+        float | None,
+        typer.Option(
+            metavar="X", help="Seconds of the record per second of the animation; by default such that it takes 6 s."
+        ),
     ] = None,
 ) -> None:
     """Animate the row in one scenario of a sweep, by default round its strongest impact."""
@@ -92,9 +118,11 @@ def animate_command(
         one = _simulate(
             sweep,
             folders,
+            skip_missing,
             case=case,
             law=law,
             gap=gap,
+            stiffness=stiffness,
             stiffness_factor=stiffness_factor,
             restitution=restitution,
             record=record,
@@ -103,12 +131,12 @@ def animate_command(
         print(animate(one, out, start=start, end=end, frames=frames, speed=speed))
 
 
-def _simulate(sweep: Path, folders: list[Path] | None, **choice: Any) -> xr.Dataset:
+def _simulate(sweep: Path, folders: list[Path] | None, skip_missing: bool, **choice: Any) -> xr.Dataset:
     """Run the scenario that is chosen as for `simulate_one`; say which it is."""
     from pounding_sweep.choice import simulate_one
     from pounding_sweep.figures.chosen import heading
     from pounding_sweep.sweep.sweep import load_sweep
 
-    one = simulate_one(load_sweep(sweep, folders=folders or None).spec, **choice)
+    one = simulate_one(load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec, **choice)
     say(heading(one))
     return one

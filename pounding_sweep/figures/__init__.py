@@ -255,10 +255,13 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     Raises
     ------
     InputError
-        The figure is unknown, the dataset lacks what it needs, or `dpi` is out of range.
+        The figure is unknown, the dataset lacks what it needs or has no value to be drawn,
+        or `dpi` is out of range.
     OutputError
         The file can't be written.
     """
+    from pounding_sweep.figures.emptiness import nothing_to_draw, shows_values
+
     if kind not in FIGURES:
         raise InputError(unknown("figure", kind, FIGURES))
     low, high = _DPI
@@ -268,6 +271,8 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     require(dataset, kind)
     target = expanded(path)
     figure = FIGURES[kind].load()(dataset)
+    if not shows_values(figure):
+        raise InputError(nothing_to_draw(dataset, kind))
     try:
         figure.savefig(target, dpi=dpi)
     except (OSError, ValueError) as error:

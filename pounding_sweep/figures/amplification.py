@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pounding_sweep.errors import InputError
-from pounding_sweep.figures.chosen import along, middle
+from pounding_sweep.figures.chosen import along, labels_with_values, middle_over_records
 from pounding_sweep.figures.compared import drawn_axis, first_varied, result_of
 from pounding_sweep.figures.style import label_edges, legend_below, look, styled, subplots
 
@@ -28,8 +28,8 @@ _ROWS = (
 def amplification(cube: xr.Dataset) -> Figure:
     """Draw the amplification by pounding against gap, stiffness, scale, restitution or a building property.
 
-    One column per building, one row per response, one line per law: the largest
-    value over storeys; over the storeys themselves where no axis varies. Of several
+    One column per building, one row per response, one line per law that has values: the
+    largest over storeys; over the storeys themselves where no axis varies. Of several
     records the median is shown, of the other axes the middle value, which the title
     names. The thin line at 1 is no change.
 
@@ -54,27 +54,24 @@ def amplification(cube: xr.Dataset) -> Figure:
         )
         raise InputError(msg)
     result = along(along(along(result, "law"), "building"), "storey")
-    shown_of = ""
-    if result.sizes.get("record", 1) > 1:
-        shown_of = f"median of {result.sizes['record']} records; "
-        result = result.median("record", keep_attrs=True)
-    axis = first_varied(result)
-    result, shown = middle(result, ("law", axis or "storey"))
-    result = result.sortby(axis or "storey")
     rows = [row for row in _ROWS if row[0] in result][:3]
     if not rows:
         msg = (
             "figure 'amplification' shows displacements, drifts, accelerations and shears, none of which this cube has"
         )
         raise InputError(msg)
-    buildings = result["building"].values.tolist()
+    names = [name for name, _ in rows]
+    axis = first_varied(result)
+    result, shown = middle_over_records(result, ("law", axis or "storey"), names)
+    result = result.sortby(axis or "storey")
+    buildings, laws = result["building"].values.tolist(), labels_with_values(result, "law", names)
     figure, axes = subplots(len(rows), len(buildings), (1.6 + 2.4 * len(buildings), 1.3 + 1.7 * len(rows)))
     x, label = drawn_axis(result, axis) if axis else (result["storey"].values, "storey (-)")
     for row, (name, _) in enumerate(rows):
         for column, building in enumerate(buildings):
             ax = axes[row, column]
             ax.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
-            for number, law in enumerate(result["law"].values.tolist()):
+            for number, law in enumerate(laws):
                 values = result[name].sel(law=law, building=building)
                 ax.plot(x, values.max("storey") if axis else values, label=law, **look(number))
             if axis is None:
@@ -83,5 +80,5 @@ def amplification(cube: xr.Dataset) -> Figure:
                 ax.set_title(f"building {building}")
     label_edges(axes, label, [f"{text}\nover no pounding (-)" for _, text in rows])
     legend_below(figure, axes[0, 0])
-    figure.suptitle(shown_of + shown, fontsize=9)
+    figure.suptitle(shown, fontsize=9)
     return figure

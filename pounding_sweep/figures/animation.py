@@ -10,7 +10,7 @@ import numpy as np
 
 from pounding_sweep.errors import InputError, OutputError
 from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import heading
+from pounding_sweep.figures.chosen import WIDTH, heading
 from pounding_sweep.figures.row import Stage, forces_of, strongest
 from pounding_sweep.figures.style import COLOURS, LINES, in_style
 
@@ -167,7 +167,7 @@ class _Picture:
         ground.tick_params(labelbottom=not force)
         below[-1].set_xlabel("time (s)")
         self.cursors = [strip.axvline(first, color=COLOURS[2], linewidth=1.0) for strip in below]
-        self.title = f"{heading(one)}; displacements and gaps drawn {self.stage.factor:g} times"
+        self.title = heading(one, f"displacements and gaps drawn {self.stage.factor:g} times", WIDTH)
         self.heading = self.figure.suptitle(f"{self.title}\n{first:.2f} s", fontsize=9)
         self.highest = self.forces[inside].max(initial=0.0)
         self.marks = np.zeros(self.forces.shape[1:])

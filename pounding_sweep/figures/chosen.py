@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Iterable
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from pounding_sweep.choice import SCENARIO_ATTRIBUTE
 from pounding_sweep.cube.audited import AUDIT_DIMS
-from pounding_sweep.cube.variables import INNER_DIMS
+from pounding_sweep.cube.variables import INNER_DIMS, STATUS
 from pounding_sweep.errors import InputError
 from pounding_sweep.figures.style import unit_text
 
 if TYPE_CHECKING:
     import xarray as xr
 
+#: Characters in a line of a figure's title, of figures 7.2 inches wide.
+WIDTH = 100
 
-def middle(cube: xr.Dataset, keep: Collection[str]) -> tuple[xr.Dataset, str]:
+
+def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | None = None) -> tuple[xr.Dataset, str]:
     """Take the middle value of every scenario axis that a figure does not draw.
+
+    Where no scenario has values there, as in a cube that is not complete, the values that do
+    have some are taken, the fewest steps along the axes away from the middle.
 
     Parameters
     ----------
@@ -23,6 +33,9 @@ def middle(cube: xr.Dataset, keep: Collection[str]) -> tuple[xr.Dataset, str]:
         A cube; axes may be missing, or scalar coordinates.
     keep : collection of str
         Axes that are drawn.
+    drawn : collection of str, optional
+        Variables that tell whether there are values where the dataset has no ``status``;
+        by default all of floating point.
 
     Returns
     -------
@@ -40,7 +53,7 @@ def middle(cube: xr.Dataset, keep: Collection[str]) -> tuple[xr.Dataset, str]:
     """
     inner = {*INNER_DIMS, *AUDIT_DIMS}
     varied = {str(dim): size for dim, size in cube.sizes.items() if dim not in inner and dim not in keep}
-    cube = cube.isel({dim: (size - 1) // 2 for dim, size in varied.items()})
+    cube = cube.isel(_place(cube, {dim: (size - 1) // 2 for dim, size in varied.items()}, drawn))
     names = ["law", "gap", "stiffness", "stiffness_factor", "restitution", "record", "scale", "damping_ratio", "case"]
     names += [dim for dim in varied if dim not in names]
     said = []
@@ -53,6 +66,66 @@ def middle(cube: xr.Dataset, keep: Collection[str]) -> tuple[xr.Dataset, str]:
             text = value if isinstance(value, str) else f"{value:g}"
             said.append(f"{name.replace('_', ' ')} {text} {unit_text(cube[name].attrs)}".rstrip())
     return cube, "; ".join(said)
+
+
+def _place(cube: xr.Dataset, centre: dict[str, int], drawn: Collection[str] | None) -> dict[str, int]:
+    """Return the place next to `centre` at which anything has values; `centre` where nothing has."""
+    if not centre or _valued(cube.isel(centre), (), drawn).any():  # else all of a large cube would be read
+        return centre
+    there = _valued(cube, tuple(centre), drawn)
+    places = np.argwhere(there.values)
+    if not len(places):
+        return centre
+    steps = np.abs(places - [centre[str(dim)] for dim in there.dims]).sum(axis=1)
+    return centre | {str(dim): int(i) for dim, i in zip(there.dims, places[steps.argmin()], strict=True)}
+
+
+def _valued(cube: xr.Dataset, dims: Collection[str], names: Collection[str] | None) -> xr.DataArray:
+    """Whether there are values at each place along those of `dims` that the cube's values have."""
+    import xarray as xr
+
+    if "status" in cube.data_vars:
+        parts = [cube["status"].isin([int(status) for status in STATUS if status.has_values])]
+    else:
+        of = [cube[name] for name in cube.data_vars if names is None or name in names]
+        parts = [part.notnull() for part in of if part.dtype.kind == "f"]
+    found = xr.DataArray(False)
+    for part in parts:
+        found = found | part.any([dim for dim in part.dims if str(dim) not in dims])
+    return found
+
+
+def labels_with_values(dataset: xr.Dataset, axis: str, names: Iterable[str]) -> list[Any]:
+    """Return the labels of an axis at which any of those variables has a value: others have no line to be drawn.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> force = ("law", "gap"), [[1.0, float("nan")], [float("nan")] * 2]
+    >>> labels_with_values(xr.Dataset({"force": force}, {"law": ["linear", "hertz"]}), "law", ["force"])
+    ['linear']
+    """
+    there = np.zeros(dataset.sizes[axis], bool)
+    for name in names:
+        part = dataset[name].notnull()
+        there |= part.any([dim for dim in part.dims if dim != axis]).values
+    return [label for label, shown in zip(dataset[axis].values.tolist(), there, strict=True) if shown]
+
+
+def middle_over_records(result: xr.Dataset, keep: Collection[str], drawn: Collection[str]) -> tuple[xr.Dataset, str]:
+    """Take the median of several records and the middle value of every other axis that a figure does not draw.
+
+    Arguments and results are those of `middle`, which takes the record where there is only one.
+    ``shown`` tells of how many records the median is, those that have no value there left out.
+    """
+    records = result.sizes.get("record", 1)
+    if records < 2:
+        return middle(result, keep, drawn)
+    result, shown = middle(result, (*keep, "record"), drawn)
+    held = len(labels_with_values(result, "record", drawn))
+    of = "" if held in (0, records) else f"{held} of "
+    said = [f"median of {of}{records} records", shown]
+    return result.median("record", keep_attrs=True), "; ".join(part for part in said if part)
 
 
 def along(cube: xr.Dataset, axis: str) -> xr.Dataset:
@@ -71,8 +144,24 @@ def along(cube: xr.Dataset, axis: str) -> xr.Dataset:
     return cube.expand_dims(axis)
 
 
-def heading(one: xr.Dataset) -> str:
-    """Return what a simulated scenario is: its title and its gaps."""
+def heading(one: xr.Dataset, more: str = "", width: int | None = None) -> str:
+    """Return what a simulated scenario is: its title, its gaps, and what else tells it from others of its sweep.
+
+    Parameters
+    ----------
+    one : xarray.Dataset
+        What `pounding_sweep.simulate` or `pounding_sweep.choice.simulate_one` returned.
+    more : str
+        What else is to be said.
+    width : int, optional
+        Characters in a line, `WIDTH` in figures of histories; one line by default. Lines end
+        between parts.
+    """
     gaps = [f"{1e3 * gap:.4g}" for gap in one.pair_gap.values] if "pair_gap" in one.coords else []
     said = f"; gap{'s' * (len(set(gaps)) > 1)} {', '.join(gaps if len(set(gaps)) > 1 else gaps[:1])} mm" if gaps else ""
-    return f"{one.attrs.get('title', 'one scenario')}{said}"
+    details = one.attrs.get(SCENARIO_ATTRIBUTE, "")
+    text = "; ".join(part for part in (f"{one.attrs.get('title', 'one scenario')}{said}", details, more) if part)
+    if width is None:
+        return text
+    whole = text.replace(" ", "\xa0").replace(";\xa0", "; ")  # lines end between parts only
+    return fill(whole, width, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")

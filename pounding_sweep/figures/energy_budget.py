@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.errors import InputError
-from pounding_sweep.figures.chosen import along, middle
+from pounding_sweep.figures.chosen import along, labels_with_values, middle
 from pounding_sweep.figures.compared import result_of
+from pounding_sweep.figures.emptiness import nothing_to_draw
 from pounding_sweep.figures.style import COLOURS, legend_below, styled
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ _PARTS: tuple[tuple[str, str, dict[str, Any]], ...] = (
 
 @styled
 def energy_budget(cube: xr.Dataset) -> Figure:
-    """Draw each building's energy budget at the end of the record, one bar per law.
+    """Draw each building's energy budget at the end of the record, one bar per law that has values.
 
     One panel per building: what was lost in damping, what is left and what was given
     away, stacked; energy taken from neighbours hangs below zero. A line marks the
@@ -45,18 +46,18 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     Raises
     ------
     InputError
-        The cube lacks an energy, or the scenario shown is not ok.
+        The cube lacks an energy, or no scenario is ok.
     """
     from matplotlib.figure import Figure
 
     result = result_of(cube, "energy")
-    result, shown = middle(result, ("law",))
+    result, shown = middle(result, ("law",), ["energy_input"])
     result = along(result, "law") if "law" in result.coords else result.expand_dims(law=[""])
-    if not bool(result["energy_input"].notnull().any()):
-        msg = f"figure 'energy-budget' has nothing to show: the middle scenario ({shown}) is not ok; select another one"
-        raise InputError(msg)
+    laws, buildings = labels_with_values(result, "law", ["energy_input"]), result["building"].values.tolist()
+    if not laws:
+        raise InputError(nothing_to_draw(cube, "energy-budget"))
+    result = result.sel(law=laws)
     result["stored"] = result["energy_kinetic"] + result["energy_strain"]
-    laws, buildings = result["law"].values.tolist(), result["building"].values.tolist()
     panels = len(buildings) + ("contact_work" in result)
     figure = Figure(figsize=(1.0 + 1.9 * panels, 3.6 + 0.09 * max(map(len, laws))), layout="constrained")
     axes = figure.subplots(1, panels, squeeze=False)[0]

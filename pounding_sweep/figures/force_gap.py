@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from pounding_sweep.analysis.scenarios import pounding_only
 from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import along, middle
-from pounding_sweep.figures.style import label_edges, legend_below, look, styled, subplots
+from pounding_sweep.figures.chosen import along, labels_with_values, middle
+from pounding_sweep.figures.style import label_edges, legend_below, look, start_at_zero, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -19,7 +20,7 @@ _ROWS = (("impact_force_max", "peak impact force (MN)", 1e-3), ("impact_count", 
 def force_gap(cube: xr.Dataset) -> Figure:
     """Draw peak impact force and impacts of each pair against the gap.
 
-    One column per pair, one line per law: the largest value over storeys. Of the
+    One column per pair, one line per law that has values: the largest over storeys. Of the
     other axes (stiffness, restitution, record, building properties) the middle value
     is shown and named in the title.
 
@@ -39,9 +40,9 @@ def force_gap(cube: xr.Dataset) -> Figure:
         The cube lacks what the figure needs.
     """
     require(cube, "force-gap")
-    cube, shown = middle(along(along(cube, "law"), "gap"), ("law", "gap"))
+    cube, shown = middle(pounding_only(along(along(cube, "law"), "gap")), ("law", "gap"))
     cube = cube.sortby("gap")
-    laws = [law for law in cube.law.values.tolist() if law != "none"]
+    laws = labels_with_values(cube, "law", [name for name, *_ in _ROWS])
     pairs = cube.pair.values.tolist()
     figure, axes = subplots(len(_ROWS), len(pairs), (2.0 + 3.2 * len(pairs), 5.2))
     gaps = cube.gap.values * 1e3
@@ -51,9 +52,9 @@ def force_gap(cube: xr.Dataset) -> Figure:
             for number, law in enumerate(laws):
                 values = cube[name].sel(law=law, pair=pair).max("storey") * factor
                 ax.plot(gaps, values, label=law, **look(number))
-            ax.set_ylim(bottom=0)
             if row == 0:
                 ax.set_title(f"pair {pair}")
+        start_at_zero(axes[row, 0])
     label_edges(axes, "gap (mm)", [label for _, label, _ in _ROWS])
     legend_below(figure, axes[0, 0])
     if shown:

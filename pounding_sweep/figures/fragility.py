@@ -58,7 +58,7 @@ def fragility(cube: xr.Dataset) -> Figure:
     axis = first_varied(result, but=own) or "law"
     if axis != "law" and "law" in result.dims:
         result = result.isel(law=0)
-    result, shown = middle(result, (*own, axis))
+    result, shown = middle(result, (*own, axis), ["happened"])
     result = result if axis in result.dims else result.expand_dims({axis: [""]})
     chosen = np.unique(np.linspace(0, result.sizes[axis] - 1, _LINES_SHOWN).round().astype(int))
     ends = result[per].values.tolist()
@@ -67,9 +67,10 @@ def fragility(cube: xr.Dataset) -> Figure:
         for number, place in enumerate(chosen):
             part = result.isel({axis: int(place)}).sel({per: end})
             _line(ax, part, number, _value(result[axis], int(place)))
-        ax.set(ylim=(-0.02, 1.02), xlim=(0.0, None), title=f"{per} {end}")
+        ax.set(ylim=(-0.02, 1.02), title=f"{per} {end}")
         ax.set_xlabel(axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs))
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
+    axes[0, 0].set_xlim(left=0.0)  # shared: nothing drawn later would move it
     axes[0, 0].set_ylabel(f"probability that\n{words} (-)")
     figure.suptitle("; ".join(part for part in (words, shown) if part), fontsize=9)
     return figure

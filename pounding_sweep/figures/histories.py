@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import heading
+from pounding_sweep.figures.chosen import WIDTH, heading
 from pounding_sweep.figures.style import COLOURS, LINES, styled
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def histories(one: xr.Dataset) -> Figure:
         ax.set_ylim(1.05 * low, 1.05 * high or 1.0)
     axes[-1].set_xlabel("time (s)")
     axes[-1].set_xlim(time[0], time[-1])
-    figure.suptitle(heading(one), fontsize=9)
+    figure.suptitle(heading(one, width=WIDTH), fontsize=9)
     return figure
 
 

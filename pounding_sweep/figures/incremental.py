@@ -8,9 +8,9 @@ import numpy as np
 
 from pounding_sweep.cube.variables import VARIABLES
 from pounding_sweep.errors import InputError
-from pounding_sweep.figures.chosen import along, middle
+from pounding_sweep.figures.chosen import along, labels_with_values, middle
 from pounding_sweep.figures.compared import result_of
-from pounding_sweep.figures.style import COLOURS, axis_label, label_edges, legend_below, styled, subplots
+from pounding_sweep.figures.style import COLOURS, axis_label, label_edges, legend_below, start_at_zero, styled, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -61,9 +61,10 @@ def incremental(cube: xr.Dataset) -> Figure:
     for dim in ("law", per, "storey"):
         result = along(result, dim) if dim in result.coords else result
     keep = ("law", "record", "scale", "quantile", "level")
-    result, shown = middle(result, keep)
+    result, shown = middle(result, keep, [name])
     result = result if "law" in result.dims else result.expand_dims(law=[""])
-    laws = [law for law in result["law"].values.tolist() if per == "building" or law != "none"][:_LAWS]
+    there = labels_with_values(result, "law", [name]) or result["law"].values.tolist()
+    laws = [law for law in there if per == "building" or law != "none"][:_LAWS]
     ends = result[per].values.tolist()
     figure, axes = subplots(len(laws), len(ends), (1.6 + 2.6 * len(ends), 1.3 + 2.0 * len(laws)))
     intensity = axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs)
@@ -94,8 +95,9 @@ def incremental(cube: xr.Dataset) -> Figure:
                     linewidth=1.8,
                     label="median" if q == 0.5 else f"{q:.0%} fractile",
                 )
-            ax.set(xlim=(0.0, None), ylim=(0.0, None))
             ax.set_title(f"{law + ', ' if law else ''}{per} {end}, storey {storey + 1}")
+        start_at_zero(axes[row, 0])
+    axes[0, 0].set_xlim(left=0.0)  # shared by all, as y is by a row
     label_edges(axes, intensity, [label] * len(laws))
     legend_below(figure, axes[0, 0], most=4)
     if shown:

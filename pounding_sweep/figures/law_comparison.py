@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pounding_sweep.errors import InputError
-from pounding_sweep.figures.chosen import along, middle
+from pounding_sweep.figures.chosen import along, labels_with_values, middle_over_records
 from pounding_sweep.figures.compared import drawn_axis, first_varied, over_storeys, result_of
 from pounding_sweep.figures.style import label_edges, legend_below, look, styled, subplots
 
@@ -58,28 +58,25 @@ def law_comparison(cube: xr.Dataset) -> Figure:
     peak = over_storeys(along(result, "pair")[f"{name}_compared"])
     base = peak.sel(law=reference, drop=True).reset_coords(drop=True)
     ratio = (peak / base.where(base != 0.0)).to_dataset(name="ratio")
-    shown_of = f"reference law {reference}"
-    if ratio.sizes.get("record", 1) > 1:
-        shown_of += f"; median of {ratio.sizes['record']} records"
-        ratio = ratio.median("record")
     axis = "restitution" if ratio.sizes.get("restitution", 1) > 1 else first_varied(ratio, but=["basis"])
     if axis is None:
         msg = "figure 'law-comparison' needs an axis along which values vary: gap, stiffness, restitution, scale, ..."
         raise InputError(msg)
-    ratio, shown = middle(ratio, ("law", "basis", axis))
+    ratio, shown = middle_over_records(ratio, ("law", "basis", axis), ["ratio"])
     bases, pairs = ratio["basis"].values.tolist(), ratio["pair"].values.tolist()
     figure, axes = subplots(len(bases), len(pairs), (1.8 + 2.8 * len(pairs), 1.4 + 2.1 * len(bases)))
     ratio = ratio.sortby(axis)
+    laws = labels_with_values(ratio, "law", ["ratio"])
     x, label = drawn_axis(ratio, axis)
     label = "coefficient of restitution (-)" if axis == "restitution" else label  # nominal or realised
     for row, basis in enumerate(bases):
         for column, pair in enumerate(pairs):
             ax = axes[row, column]
-            for number, law in enumerate(ratio["law"].values.tolist()):
+            for number, law in enumerate(laws):
                 line = ratio["ratio"].sel(basis=basis, pair=pair, law=law)
                 ax.plot(x, line, label=law, **look(number))
             ax.set_title(f"pair {pair}, equal {basis} restitution")
     label_edges(axes, label, [f"{_OUTPUTS[name]}\nover the reference's (-)"] * len(bases))
     legend_below(figure, axes[0, 0])
-    figure.suptitle("; ".join(part for part in (shown_of, shown) if part), fontsize=9)
+    figure.suptitle("; ".join(part for part in (f"reference law {reference}", shown) if part), fontsize=9)
     return figure

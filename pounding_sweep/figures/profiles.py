@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import along, middle
+from pounding_sweep.figures.chosen import along, labels_with_values, middle
 from pounding_sweep.figures.style import legend_below, look, styled
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def profiles(cube: xr.Dataset) -> Figure:
     """Draw peak displacement, drift, storey shear and total acceleration over the height.
 
     One column per building, one row per response that the cube has, one line per
-    law. Displacements are signed: the largest on the right, the smallest on the
+    law that has values. Displacements are signed: the largest on the right, the smallest on the
     left. Drifts and shears belong to a storey and are drawn from floor to floor.
     Of the other axes the middle value is shown and named in the title.
 
@@ -54,7 +54,8 @@ def profiles(cube: xr.Dataset) -> Figure:
     require(cube, "profiles")
     cube, shown = middle(along(cube, "law"), ("law",))
     rows = [row for row in _ROWS if any(name in cube.data_vars for name in row[0])]
-    buildings, laws = cube.building.values.tolist(), cube.law.values.tolist()
+    buildings = cube.building.values.tolist()
+    laws = labels_with_values(cube, "law", [name for names, *_ in rows for name in names if name in cube.data_vars])
     figure = Figure(figsize=(1.4 + 2.4 * len(buildings), 1.3 + 1.9 * len(rows)), layout="constrained")
     axes = figure.subplots(len(rows), len(buildings), squeeze=False, sharex="row", sharey=True)
     for line, (names, label, factor, where) in enumerate(rows):

@@ -46,7 +46,7 @@ def required_gap(cube: xr.Dataset) -> Figure:
     trials = "case" if "case" in result.dims else "record"
     if trials not in result.dims:
         result = result.expand_dims(trials)
-    result, shown = middle(result, (trials, "rule"))
+    result, shown = middle(result, (trials, "rule"), ["exact"])
     pairs, rules = result["pair"].values.tolist(), result["rule"].values.tolist()
     figure = Figure(figsize=(2.0 + 3.2 * len(pairs), 6.2), layout="constrained")
     axes = figure.subplots(2, len(pairs), squeeze=False, sharex=False, sharey="row")

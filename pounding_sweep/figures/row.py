@@ -9,7 +9,7 @@ import numpy as np
 
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import heading
+from pounding_sweep.figures.chosen import WIDTH, heading
 from pounding_sweep.figures.style import COLOURS, styled
 from pounding_sweep.scene import Wall
 
@@ -58,7 +58,7 @@ def row(one: xr.Dataset) -> Figure:
     stage.show(number, forces / forces.max(initial=0.0) if forces.any() else forces)
     largest = f", largest force {forces.max() * 1e-3:.3g} MN" if forces.any() else ""
     figure.suptitle(
-        f"{heading(one)}\n{one.time.values[number]:.3f} s{largest}; displacements and gaps "
+        f"{heading(one, width=WIDTH)}\n{one.time.values[number]:.3f} s{largest}; displacements and gaps "
         f"drawn {stage.factor:g} times",
         fontsize=9,
     )

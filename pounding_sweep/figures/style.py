@@ -61,6 +61,14 @@ def subplots(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure
     return figure, figure.subplots(rows, columns, squeeze=False, sharex=True, sharey="row")
 
 
+def start_at_zero(ax: Any) -> None:
+    """Have the y of a panel, and of those that share it, begin at 0 and end above all that is drawn.
+
+    Once all panels are drawn: lines that come later move no limits that are set.
+    """
+    ax.set_ylim(0.0, 1.03 * ax.get_ylim()[1])
+
+
 def label_edges(axes: Any, x: str, rows: Sequence[str]) -> None:
     """Write the axis labels of a grid at its edges: that of x below, one of y for each row."""
     for ax in axes[-1]:

@@ -1,0 +1,144 @@
+"""Figures of cubes that are not complete: what they show of it, and what they say where there is nothing."""
+
+from __future__ import annotations
+
+import figure_data as made
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from pounding_sweep.analysis import amplification
+from pounding_sweep.cli.app import app
+from pounding_sweep.cube.variables import Status
+from pounding_sweep.cube.write import write_cube
+from pounding_sweep.errors import InputError
+from pounding_sweep.figures import FIGURES, plot
+from pounding_sweep.figures.chosen import middle
+from pounding_sweep.figures.emptiness import shows_values
+
+CUBE_FIGURES = [key for key, kind in FIGURES.items() if kind.source == "cube"]
+
+
+def only(cube, there, status=Status.NOT_RUN):
+    """A cube whose scenarios have values where `there` is true, and that status elsewhere."""
+    found = cube.assign({name: v.where(there) for name, v in cube.data_vars.items() if v.dtype.kind == "f"})
+    found["status"] = cube["status"].where(there, int(status)).astype("i1")
+    return found
+
+
+def nowhere(cube):
+    return xr.zeros_like(cube["status"], dtype=bool)
+
+
+def legend(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+# -- nothing to draw ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", CUBE_FIGURES)
+def test_a_figure_without_a_value_is_an_error(key, tmp_path):
+    whole = made.cube(record=4, scale=5, gap=1, restitution=1).squeeze("gap")
+    picture = tmp_path / "figure.png"
+    assert plot(whole, key, picture, dpi=20).stat().st_size > 0
+    picture.unlink()
+    cube = only(whole, nowhere(whole))
+    with pytest.raises(InputError, match=f"figure '{key}' has nothing to draw") as error:
+        plot(cube, key, picture)
+    assert "at gap 0.002 m: 60 of 60 scenarios are not_run; choose others with --at" in str(error.value)
+    assert not picture.exists()
+
+
+def test_a_result_without_a_value_is_told(tmp_path):
+    result = amplification(made.cube())
+    assert shows_values(FIGURES["amplification"].load()(result))
+    with pytest.raises(InputError, match="has nothing to draw: none of its values is a number"):
+        plot(result.where(False), "amplification", tmp_path / "x.png")
+
+
+def test_a_cube_of_the_law_without_contact_has_no_forces(tmp_path):
+    cube = made.cube().sel(law=["none"])
+    with pytest.raises(InputError, match=r"the only law is 'none', without contact; .* add laws with contact"):
+        plot(cube, "force-gap", tmp_path / "x.png")
+    plot(cube, "profiles", tmp_path / "y.png")
+    with pytest.raises(InputError, match="at law none: 8 of 8 scenarios are diverged"):
+        plot(only(cube.isel(law=0), nowhere(cube.isel(law=0)), Status.DIVERGED), "profiles", tmp_path / "z.png")
+
+
+def test_the_command_says_it_and_fails(tmp_path):
+    cube = made.cube(record=2)
+    file, picture = tmp_path / "cube.nc", tmp_path / "x.png"
+    write_cube(only(cube, (cube["record"] == "r1") & (cube["law"] == cube["law"])), file)
+    words = ["plot", str(file), "force-gap", "-o", str(picture), "--at"]
+    done = CliRunner().invoke(app, [*words, "record=r2"])
+    assert done.exit_code == 2
+    assert "nothing to draw at record r2: 24 of 24 scenarios are not_run" in done.stderr
+    assert not picture.exists()
+    assert CliRunner().invoke(app, [*words, "record=r1"]).exit_code == 0
+
+
+# -- the middle that has values ----------------------------------------------------------------------------------------
+
+
+def test_the_scenario_next_to_the_middle_that_has_values():
+    cube = made.cube(restitution=5, record=5)
+    assert middle(cube, ("law", "gap"))[1] == "restitution 0.8; record r3"
+    there = nowhere(cube)
+    for place in ({"restitution": 0, "record": 0}, {"restitution": 3, "record": 1}, {"restitution": 4, "record": 4}):
+        there[{"law": 0, "gap": 3, **place}] = True
+    assert middle(only(cube, there), ("law", "gap"))[1] == "restitution 1; record r2"
+    assert middle(only(cube, there, Status.UNDER_RESOLVED_CONTACT), ("law", "gap"))[1] == "restitution 0.8; record r3"
+    assert middle(only(cube, nowhere(cube)), ("law", "gap"))[1] == "restitution 0.8; record r3"
+    figure = FIGURES["force-gap"].load()(only(cube, there))
+    assert figure.get_suptitle() == "restitution 1; record r2"
+    assert shows_values(figure)
+
+
+def test_of_a_result_its_values_tell():
+    values = np.full((3, 3, 2), np.nan)
+    values[2, 0, 1] = 1.0
+    result = xr.Dataset(
+        {"drawn": (("scale", "gap", "law"), values), "other": (("scale",), np.ones(3)), "touches": ("gap", [1, 1, 1])},
+        {"scale": [1.0, 2.0, 3.0], "gap": [1.0, 2.0, 3.0], "law": ["linear", "hertz"]},
+    )
+    found, shown = middle(result, ["law"], ["drawn"])
+    assert shown == "gap 1; scale 3"
+    assert found["drawn"].values.tolist() == pytest.approx([np.nan, 1.0], nan_ok=True)
+    assert middle(result, ["law"])[1] == "gap 2; scale 2"  # where another variable has a value
+
+
+def test_forces_are_looked_for_among_laws_with_contact():
+    cube = made.cube(record=3)
+    there = (cube["law"] == "none") | (cube["record"] == "r3") & (cube["status"] == 0)
+    assert FIGURES["force-gap"].load()(only(cube, there)).get_suptitle().endswith("record r3")
+
+
+@pytest.mark.parametrize("key", ["amplification", "law-comparison"])
+def test_a_median_counts_the_records_that_have_values(key):
+    cube = made.cube(record=3)
+    assert "median of 3 records" in FIGURES[key].load()(cube).get_suptitle()
+    there = (cube["record"] != "r2") & (cube["status"] == 0)
+    assert "median of 2 of 3 records" in FIGURES[key].load()(only(cube, there)).get_suptitle()
+
+
+# -- laws without values -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("key", ["force-gap", "profiles", "amplification", "law-comparison"])
+def test_laws_without_values_are_not_in_the_legend(key):
+    laws = ["kelvin_voigt", "linear", "none"]
+    cube = made.cube().assign_coords(law=["linear", "kelvin_voigt", "none"])
+    cube = xr.concat([cube, cube.isel(law=[0]).assign_coords(law=["hertz"])], "law", combine_attrs="override")
+    assert "hertz" in legend(FIGURES[key].load()(cube))
+    there = (cube["law"] != "hertz") & (cube["status"] == 0)
+    shown = legend(FIGURES[key].load()(only(cube, there)))
+    assert set(shown) <= set(laws)
+    assert {"kelvin_voigt", "linear"} <= set(shown)
+
+
+def test_laws_without_values_have_no_bar():
+    cube = made.cube()
+    figure = FIGURES["energy-budget"].load()(only(cube, (cube["law"] != "linear") & (cube["status"] == 0)))
+    assert [text.get_text() for text in figure.axes[0].get_xticklabels()] == ["kelvin_voigt"]
