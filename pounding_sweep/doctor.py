@@ -4,30 +4,20 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import secrets
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
 
 from pounding_sweep.errors import InputError, OutputError
 from pounding_sweep.paths import expanded
 
-#: Distributions whose versions matter, in the order in which they are shown.
-PACKAGES = (
-    "pounding-sweep",
-    "numpy",
-    "numba",
-    "llvmlite",
-    "xarray",
-    "netCDF4",
-    "dask",
-    "distributed",
-    "matplotlib",
-    "pydantic",
-    "rich",
-    "typer",
-)
+#: Name of the distribution.
+NAME = "pounding-sweep"
+#: Its extras that users install; the others are for its development.
+EXTRAS = ("records", "export")
 
 #: Register width (bits) by the processor feature that brings it, widest first.
 _WIDTHS = {"avx512f": 512, "avx": 256, "sse2": 128, "neon": 128}
@@ -42,14 +32,15 @@ def diagnose() -> dict[str, Any]:
     Returns
     -------
     dict
-        ``versions`` (distribution -> version or None), ``processor`` (name, features,
+        ``versions`` (distribution -> version or None), ``optional`` (distributions that only some extra
+        of the package needs -> that extra), ``processor`` (name, features,
         vector width in bits, cores), ``threads`` (workers of a run, limits set in the
         environment), ``memory`` (free bytes, and what keeps them from being more; None where
         the system does not tell), ``kernel_cache`` (folder or None, kernels, bytes), ``record_folders``
         (path, record files), ``output`` (the current folder, None where it was removed: whether it
         can be written, free bytes), ``problems`` (texts with remedies).
     """
-    versions = installed_versions()
+    versions, optional = installed_versions(), _optional()
     problems = [
         f"{name} is not installed; install the package: pip install ."
         for name, found in versions.items()
@@ -57,7 +48,8 @@ def diagnose() -> dict[str, Any]:
     ]
     cache = _cache(problems)
     return {
-        "versions": versions,
+        "versions": versions | {name: None for name in optional if name not in versions},
+        "optional": optional,
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "processor": processor(),
         "threads": _threads(),
@@ -71,14 +63,45 @@ def diagnose() -> dict[str, Any]:
 
 @cache
 def installed_versions() -> dict[str, str | None]:
-    """Return the version of Python and of each distribution that matters; None where it is not installed."""
+    """Return the versions of Python, the package and what it uses.
+
+    Returns
+    -------
+    dict of str to str or None
+        By distribution. None for one that is required and not installed; of the optional ones only those that are.
+    """
+    from pounding_sweep.cube.provenance import LIBRARIES
+
+    needed, optional = {*_required(""), *LIBRARIES}, _optional()
     versions: dict[str, str | None] = {"python": platform.python_version()}
-    for name in PACKAGES:
+    for name in (NAME, *sorted(needed, key=str.lower), *optional):
         try:
             versions[name] = version(name)
         except PackageNotFoundError:
-            versions[name] = None
+            if name not in optional:
+                versions[name] = None
     return versions
+
+
+def _required(extra: str) -> list[str]:
+    """Return the distributions that the package, as it is installed, requires for an extra; "" for always."""
+    try:
+        lines = requires(NAME) or []
+    except PackageNotFoundError:
+        return []
+    found = []
+    for line in lines:
+        name = re.match(r"[\w.-]+", line)
+        marker = re.search(r"extra == ['\"](\w+)['\"]", line)
+        if name and (marker[1] if marker else "") == extra:
+            found.append(name[0])
+    return found
+
+
+def _optional() -> dict[str, str]:
+    """Return the distributions that only some extra needs, by name."""
+    always = _required("")
+    return {name: extra for extra in EXTRAS for name in sorted(_required(extra)) if name not in always}
 
 
 def processor() -> dict[str, Any]:

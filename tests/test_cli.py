@@ -595,9 +595,10 @@ def test_chunks_of_another_sweep_are_not_mixed_in(tiny, tmp_path):
     parts = tmp_path / "out.nc.parts"
     parts.mkdir()
     (parts / "identity.json").write_text('{"format": 2, "identity": "another", "details": {"sweep": "0"}}')
+    (parts / MANIFEST).write_text('{"key": "one"}\n')
     text = bad("run", tiny[0] / "sweep.toml", "-o", tmp_path / "out.nc")
     assert "belong to another sweep" in text
-    assert (parts / "identity.json").exists()
+    assert sorted(path.name for path in parts.iterdir()) == ["identity.json", MANIFEST]
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from pounding_sweep import Sweep
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.rows import table_rows
 from pounding_sweep.cli import app as cli_app
+from pounding_sweep.cube.variables import Status
 from pounding_sweep.cube.write import open_cube, write_cube
 from pounding_sweep.figures import FIGURES
 
@@ -171,6 +172,51 @@ def test_wrong_usage(cube_file, tmp_path):
     result = run(cube_file, "-o", cube_file / "below")
     assert result.exit_code == 2
     assert "can't write" in result.stderr
+
+
+def test_options_that_would_do_nothing_are_refused(cube_file, tmp_path):
+    """Before anything is computed, in a summary too, and before files are written."""
+    for arguments, said in (
+        (("--event", "tuch"), "unknown event 'tuch'; did you mean 'touch'? Valid: "),
+        (("--event", "force"), "event 'force' needs a level"),
+        (("--level", "3"), "event 'touch' takes no level"),
+        (("--reference", "liner"), "unknown reference law 'liner'; did you mean 'linear'? Valid: "),
+        (("--reference", "none"), "unknown reference law 'none'"),
+        (("--what", "impacts", "--event", "touch"), "--event is for the comparison 'fragility'; leave it out, or add"),
+        (("--what", "laws", "--level", "3"), "--level is for the comparison 'fragility'"),
+        (("--what", "impacts", "--reference", "linear"), "--reference is for the comparison 'laws'"),
+        (("--what", "laws", "--records", tmp_path), "--records is for the comparison 'required-gap'"),
+    ):
+        refused = run(cube_file, *arguments, "-o", tmp_path / "out")
+        assert refused.exit_code == 2
+        assert said in refused.stderr
+        assert refused.stdout == ""
+        assert not (tmp_path / "out").exists()
+
+
+def test_scenarios_that_are_left_out_are_counted(tmp_path):
+    axes = {"law": ["linear", "none"], "gap": [0.01, 0.02, 0.03], "record": ["one"], "scale": [1.0]}
+    status = np.zeros((2, 3, 1, 1))
+    status[0, 1:], status[1, 0] = int(Status.NOT_RUN), int(Status.DIVERGED)
+    fill = random_fill(1, "drift_max", "impact_count")
+    holes, whole = (
+        write_cube(hand_cube(axes, fill, status=given), tmp_path / f"{name}.nc")
+        for name, given in (("holes", status), ("whole", None))
+    )
+    for arguments in ((), ("--what", "impacts")):
+        first = run(holes, *arguments).stdout.splitlines()[0]
+        assert first == "3 of 6 scenarios are left out, as they are not ok: 1 diverged, 2 not_run"
+        assert "left out" not in run(whole, *arguments).stdout
+    for path, left_out in ((holes, {"diverged": 1, "not_run": 2}), (whole, {})):
+        assert json.loads(run(path, "--what", "impacts", "--json").stdout)["impacts"]["left_out"] == left_out
+
+
+def test_a_cube_that_is_not_finished(tmp_path):
+    (tmp_path / "night.nc.parts").mkdir()
+    (tmp_path / "night.nc.parts" / "identity.json").write_text("{}")
+    refused = run(tmp_path / "night.nc")
+    assert refused.exit_code == 2
+    assert "night.nc' is not finished" in refused.stderr
 
 
 def test_listed_cases_have_tables_and_say_why_there_is_no_figure(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import re
@@ -9,6 +10,7 @@ import shutil
 import stat
 import subprocess
 import sys
+import threading
 
 import netCDF4
 import numpy as np
@@ -17,6 +19,7 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pounding_sweep import lock
 from pounding_sweep.cube import files
 from pounding_sweep.cube import write as writing
 from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, Axis, assemble, unit_attributes
@@ -39,6 +42,7 @@ from pounding_sweep.cube.write import check_output, open_cube, write_cube
 from pounding_sweep.errors import InputError, OutputError
 from pounding_sweep.lock import LOCK
 from pounding_sweep.scene import Building, Scene, Wall
+from pounding_sweep.sweep.store import IDENTITY, parts_folder
 
 
 def building(name, n, height=3.0):
@@ -479,6 +483,20 @@ class TestFile:
             with pytest.raises(OutputError, match=reason):
                 write_cube(cube, path, overwrite=True)
 
+    @pytest.mark.parametrize("name", ["out.csv", "out.parquet", "out.Zarr", "study.toml", "study.TOML"])
+    def test_endings_of_other_files(self, cube, tmp_path, name):
+        path = tmp_path / name
+        path.write_text("precious")
+        said = rf"{name}' won't do: netCDF is written here, such as '.*\.nc'; tables are made of a cube by .*export"
+        for attempt in (lambda: check_output(path, True), lambda: write_cube(cube, path, True)):
+            with pytest.raises(OutputError, match=said):
+                attempt()
+        assert path.read_text() == "precious"
+        assert check_output(path, True, netcdf=False) == path
+        for ending in ("nc4", "cdf", "h5", "v1.2"):
+            check_output(tmp_path / f"out.{ending}")
+        check_output(tmp_path / "out")
+
     def test_unwritable_folder(self, cube, tmp_path, monkeypatch):
         def refuse(**kwargs):
             raise PermissionError(13, "Permission denied", str(kwargs["dir"]))
@@ -549,6 +567,25 @@ class TestFile:
         assert len(there) == 1
         assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"another.nc": b"more", "other.nc": b"all"}
 
+    def test_who_looks_at_the_moment_of_locking_is_waited_for(self, tmp_path, monkeypatch):
+        """Else a folder stays without its lock, and the next who looks takes it for abandoned."""
+        real = os.open
+
+        def looked_at(path, *more):
+            handle = real(path, *more)
+            if os.path.basename(path) == LOCK:
+                monkeypatch.setattr(os, "open", real)
+                other = real(path, os.O_RDWR)
+                fcntl.flock(other, fcntl.LOCK_EX)
+                threading.Timer(0.2, os.close, [other]).start()
+            return handle
+
+        monkeypatch.setattr(os, "open", looked_at)
+        with lock.own_folder(tmp_path / "new") as folder:
+            assert not lock.remove_abandoned(folder)
+            assert folder.is_dir()
+        assert not folder.exists()
+
     @pytest.mark.parametrize(
         "theirs",
         [
@@ -600,8 +637,34 @@ class TestFile:
             with pytest.raises(OutputError, match=reason):
                 open_cube(path)
 
+    def test_opening_what_is_not_finished(self, cube, tmp_path):
+        path, parts = tmp_path / "night.nc", tmp_path / "night.nc.parts"
+        parts.mkdir()
+        with pytest.raises(OutputError, match="does not exist"):  # a folder of something else
+            open_cube(path)
+        (parts / IDENTITY).write_text("{}")
+        with pytest.raises(OutputError, match=r"night\.nc' is not finished: its chunks wait in '.*night\.nc\.parts'"):
+            open_cube(path)
+        with pytest.raises(OutputError, match=r"'run' command completes it, 'pounding-sweep info .*night\.nc' tells"):
+            open_cube(path)
+        assert parts == parts_folder(path)
+        write_cube(cube, path)  # of an earlier run
+        open_cube(path).close()
+
 
 class TestDescribe:
+    def test_long_axes_of_whole_numbers(self):
+        for kind in ("i4", "f8"):
+            text = describe(xr.Dataset({"x": ("case", np.zeros(9))}, {"case": np.arange(1, 10, dtype=kind)}))
+            assert re.search(r"^  case +9  1 to 9$", text, re.MULTILINE)
+
+    def test_records_say_where_they_are_from(self, cube):
+        source = f"{'Imperial Valley 1940, El Centro, N-S; ' * 2}end"
+        about = {"name": "el_centro", "pga": 3.1, "dt": 0.02, "points": 1560, "sha256": "0123456789abcdef" * 4}
+        cube.attrs["records"] = json.dumps([{**about, "source": source}])
+        told = f"el_centro  PGA 3.1 m/s2  dt 0.02, points 1560, sha256 0123456789ab, source {source}"
+        assert told in describe(cube)
+
     def test_cube(self, cube):
         cube.attrs["records"] = json.dumps([{"name": "el_centro", "pga": 3.1, "points": 1560, "source": "shipped"}])
         text = describe(cube)

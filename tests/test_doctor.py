@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import copy
 import json
+import re
+import tomllib
+from importlib.metadata import PackageNotFoundError
+from pathlib import Path
 
 import converged as source
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pounding_sweep import self_check
+from pounding_sweep import doctor, self_check
 from pounding_sweep.cli.app import app
 
 
@@ -80,6 +84,46 @@ def test_a_folder_that_cannot_be_written_is_a_problem(tmp_path, monkeypatch):
     found = json.loads(CliRunner().invoke(app, ["doctor", "--no-check", "--json"]).stdout)
     assert found["output"] == {"folder": str(gone), "writable": False, "free_bytes": None}
     assert any("can't be written; give runs an output path elsewhere" in text for text in found["problems"])
+
+
+NEEDED = [
+    "netCDF4>=1.7",
+    "numba>=0.61",
+    "not-there.at_all>=2; python_version > '3'",
+    "pyarrow>=17; extra == 'export'",
+    "also-missing>=3; python_version > '3' and extra == 'records'",
+    "numba; extra == 'export'",
+    "pytest>=8; extra == 'test'",
+]
+
+
+def test_versions_are_of_what_the_package_requires_or_can_use(monkeypatch):
+    monkeypatch.setattr(doctor, "requires", lambda name: NEEDED)
+    there = {"netCDF4": "1.7", "numba": "0.6", "llvmlite": "0.4", "numpy": "2", "pounding-sweep": "0.1", "pyarrow": "9"}
+
+    def version(name):
+        if name in there:
+            return there[name]
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(doctor, "version", version)
+    monkeypatch.setattr(doctor, "installed_versions", doctor.installed_versions.__wrapped__)  # nothing is remembered
+    needed = ["python", "pounding-sweep", "llvmlite", "netCDF4", "not-there.at_all", "numba", "numpy"]
+    assert list(doctor.installed_versions()) == [*needed, "pyarrow"]
+    found = doctor.diagnose()
+    assert list(found["versions"]) == [*needed, "pyarrow", "also-missing"]
+    assert found["optional"] == {"also-missing": "records", "pyarrow": "export"}
+    missing = [text for text in found["problems"] if "is not installed" in text]
+    assert missing == ["not-there.at_all is not installed; install the package: pip install ."]
+    said = CliRunner().invoke(app, ["doctor", "--no-check"]).stdout
+    assert re.search(r"^  also-missing +not installed; pip install 'pounding-sweep\[records\]'$", said, re.MULTILINE)
+    assert re.search(r"^  not-there\.at_all +not installed$", said, re.MULTILINE)
+
+
+def test_extras_for_users_are_those_of_the_project():
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["name"] == doctor.NAME
+    assert set(doctor.EXTRAS) <= set(project["optional-dependencies"])
 
 
 @pytest.mark.slow

@@ -109,6 +109,13 @@ def test_one_kind_of_variables_leaves_no_cell_empty(cube, tmp_path):
     assert {row["law"] for row in found} == {"none"}
 
 
+def test_one_variable_needs_no_list(cube, tmp_path):
+    one, listed = (
+        export_cube(cube, tmp_path / name, given) for name, given in (("a.csv", "drift_max"), ("b.csv", ["drift_max"]))
+    )
+    assert one.read_text() == listed.read_text()
+
+
 def test_values_of_scenarios_have_a_row_each(cube, tmp_path):
     found = read(export_cube(cube, tmp_path / "status.csv", ["status"]))
     assert [int(row["status"]) for row in found] == cube.status.values.ravel().tolist()

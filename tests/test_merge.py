@@ -113,6 +113,62 @@ def test_parts_that_were_run_apart_make_the_cube_of_the_whole(whole, tmp_path, m
         assert f"{cube.sizes['audit']} of {cube.attrs['audit_touching']} touching scenarios run again" in describe(cube)
 
 
+COUNTS = ("scenarios_run", "scenarios_never_touching", "audit_touching", "audit_scenarios")
+
+
+def counted(*files, out, **more):
+    """Merge; return the numbers that the cube of all has of what was run."""
+    with open_cube(merge_cubes(files, out, overwrite=True, **more).path) as cube:
+        cube.load()
+    scenarios = [cube[name] for name in cube.coords if cube[name].dims[:1] == ("audit",) and name != "audit"]
+    rows = {tuple(np.ravel(each.values[i]).tolist() for each in scenarios).__repr__() for i in cube.audit.values - 1}
+    assert cube.sizes["audit"] == len(rows)  # each audited scenario once
+    assert cube.audit.values.tolist() == list(range(1, len(rows) + 1))
+    steady = cube.audit_error.where(cube.audit_sensitive == 0)
+    for name in cube.output.values.tolist():
+        assert cube[name].attrs["audit_error_median"] == steady.sel(output=name).median().item()
+    return {key: int(cube.attrs[key]) for key in COUNTS} | {"share": cube.attrs["audit_share"]}
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Cubes of three runs; of some scenarios two have a result."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name, gaps in (("a", GAPS[:2]), ("b", GAPS[1:3]), ("c", GAPS[3:])):
+        sweep(gaps=gaps).run(folder / f"part_{name}.nc", workers=1).close()
+    return folder
+
+
+def test_runs_that_several_parts_hold_count_once(runs, tmp_path):
+    """Such as those in the output of the last merge, which a glob picks with its parts."""
+    for path in runs.glob("part_?.nc"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    a, b, c = sorted(tmp_path.glob("part_?.nc"))
+    out = tmp_path / "part_all.nc"
+    first = counted(a, b, c, out=out)
+    apart = [open_cube(path) for path in (a, b, c)]
+    for key in COUNTS[:3]:
+        assert first[key] == sum(int(cube.attrs[key]) for cube in apart)
+    weights = [cube.attrs["audit_touching"] for cube in apart]
+    assert first["share"] == pytest.approx(np.average([cube.attrs["audit_share"] for cube in apart], weights=weights))
+    for cube in apart:
+        cube.close()
+    for _ in range(2):
+        assert counted(*sorted(tmp_path.glob("part_*.nc")), out=out) == first
+    assert counted(out, c, b, a, out=tmp_path / "again.nc") == first
+    (tmp_path / "copy.nc").write_bytes(a.read_bytes())
+    assert counted(a, tmp_path / "copy.nc", b, c, out=tmp_path / "again.nc") == first
+    counted(a, b, out=tmp_path / "ab.nc")
+    counted(c, b, out=tmp_path / "bc.nc")
+    assert counted(tmp_path / "ab.nc", tmp_path / "bc.nc", out=tmp_path / "again.nc") == first
+    with open_cube(tmp_path / "ab.nc") as cube:
+        cube.load()
+    for told in ({}, {"scenarios_never_touching": 0}):  # one that does not say what its parts ran is one run
+        parts = [{"file": part["file"], **told} for part in json.loads(cube.attrs["merged_from"])]
+        write_cube(cube.assign_attrs(merged_from=json.dumps(parts)), tmp_path / "old.nc", overwrite=True)
+        assert counted(tmp_path / "old.nc", c, out=tmp_path / "again.nc", mix_sources=True) == pytest.approx(first)
+
+
 @pytest.mark.parametrize("slab_bytes", [3000, 2**25])
 def test_missing_combinations_are_not_run_and_named(whole, tmp_path, monkeypatch, slab_bytes):
     monkeypatch.setattr(merging, "SLAB_BYTES", slab_bytes)
@@ -369,6 +425,12 @@ def test_records_of_both_parts(whole, tmp_path):
     assert [r["name"] for r in json.loads(cube.attrs["records"])] == ["two", "one"]
     assert cube.record_pga.values.tolist() == [r.pga for r in reversed(motions())]
     assert found.missing == 0
+
+
+def test_help_tells_the_tolerance():
+    said = " ".join(CliRunner().invoke(app, ["merge", "--help"]).stdout.split())
+    default = re.search(r"relative to the variable's largest value in it, that is no conflict; (\S+) by default", said)
+    assert float(default[1]) == merging.TOLERANCE
 
 
 def test_command(whole, tmp_path):

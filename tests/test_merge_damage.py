@@ -263,6 +263,18 @@ CHANGES = {
         attributes(merged_from='[{"file": "x", "merged_from": 3}]'),
         *["attribute 'merged_from' is not what a sweep"] * 2,
     ),
+    "merged from a run of no number": (
+        attributes(merged_from='[{"file": "x", "scenarios_run": "3"}]'),
+        *["attribute 'merged_from' is not what a sweep"] * 2,
+    ),
+    "merged from an audit of nothing": (
+        attributes(merged_from='[{"file": "x", "audit_touching": 0, "audit_share": 0.1}]'),
+        *["attribute 'merged_from' is not what a sweep"] * 2,
+    ),
+    "merged from half an audit": (
+        attributes(merged_from='[{"file": "x", "audit_touching": 3}]'),
+        *["attribute 'merged_from' is not what a sweep"] * 2,
+    ),
     "merged from a number": (attributes(merged_from=3.0), *["attribute 'merged_from' is not what a sweep"] * 2),
     "merged from too much": (
         attributes(merged_from='[{"file": "x", "merged_from": ' * 10_000 + "[]" + "}]" * 10_000),

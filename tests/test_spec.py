@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pounding_sweep import Sweep
 from pounding_sweep.contact import LAWS, MATE2015_MODELS, get_law
 from pounding_sweep.cube.variables import DEFAULT_OUTPUTS, VARIABLES
 from pounding_sweep.errors import SweepError
@@ -48,6 +49,15 @@ def no_record_folders(monkeypatch):
 
 def build(**change):
     return build_spec(**{"scene": "mate2015", "records": PULSE, "laws": "linear", **change})
+
+
+def test_arguments_that_are_none():
+    with pytest.raises(SweepError, match=r"^unknown argument 'gap'; did you mean 'gaps'\? Valid: accuracy, .*, title$"):
+        Sweep("mate2015", PULSE, "linear", gap=[0.01])
+    first, second, third = problems(gap=[0.01], colour="red", gaps=[-1.0])
+    assert first.startswith("unknown argument 'gap'")
+    assert second.startswith("unknown argument 'colour'; valid: ")
+    assert third.startswith("gaps[0]: ")
 
 
 def problems(**change):

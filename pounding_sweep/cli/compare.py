@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pounding_sweep.analysis.comparisons import COMPARISONS
-from pounding_sweep.analysis.events import EVENTS
+from pounding_sweep.analysis.events import EVENTS, get_event
 from pounding_sweep.cli.app import AsJson, CubeFile, Folders, app
 from pounding_sweep.cli.reporting import reporting, say
 from pounding_sweep.tables import number_text, print_json, print_pairs, print_table
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 #: Rows of each table in a summary.
 SHOWN = 12
+#: Event whose fragility is found where none is named.
+DEFAULT_EVENT = "touch"
+#: Options by the comparison that takes them.
+_TAKEN_BY = {"--reference": "laws", "--records": "required-gap", "--event": "fragility", "--level": "fragility"}
 
 What = Annotated[
     list[str] | None,
@@ -50,8 +54,11 @@ def compare_command(
         str | None, typer.Option("--reference", metavar="LAW", help="Law that the others are compared with.")
     ] = None,
     event: Annotated[
-        str, typer.Option("--event", metavar="EVENT", help=f"Of the fragility: {', '.join(EVENTS)}.")
-    ] = "touch",
+        str | None,
+        typer.Option(
+            "--event", metavar="EVENT", help=f"Of the fragility: {', '.join(EVENTS)}; {DEFAULT_EVENT} by default."
+        ),
+    ] = None,
     level: Annotated[
         float | None, typer.Option("--level", metavar="X", help="What the event must exceed, in its own unit.")
     ] = None,
@@ -61,6 +68,7 @@ def compare_command(
     """Compare laws, gaps, buildings and records of a cube."""
     with reporting():
         from pounding_sweep.analysis.rows import table_rows
+        from pounding_sweep.analysis.scenarios import law_keys, pounding_only
         from pounding_sweep.cube.write import open_cube
         from pounding_sweep.errors import InputError, unknown
 
@@ -68,6 +76,11 @@ def compare_command(
         for key in keys:
             if key not in COMPARISONS:
                 raise InputError(unknown("comparison", key, COMPARISONS))
+        given = {"--reference": reference, "--event": event, "--level": level, "--records": folders or None}
+        _check_options([option for option, value in given.items() if value is not None], keys)
+        event = event or DEFAULT_EVENT
+        if "fragility" in keys:
+            get_event(event, level)
         if out is not None:
             _check_data(out, keys, overwrite)
         settings: dict[str, dict[str, Any]] = {
@@ -78,9 +91,14 @@ def compare_command(
         }
         report: dict[str, dict[str, Any]] = {}
         with open_cube(cube) as found:
+            laws = law_keys(pounding_only(found))
+            if reference is not None and laws and reference not in laws:
+                raise InputError(unknown("reference law", reference, laws))
+            scenarios, left_out = _left_out(found)
             for key in keys:
                 comparison = COMPARISONS[key]
                 report[key] = {"title": comparison.title, "needs": comparison.needs, "possible": True}
+                report[key]["left_out"] = left_out
                 try:
                     result = comparison.load()(found, **settings.get(key, {}))
                 except InputError as error:
@@ -95,7 +113,33 @@ def compare_command(
         if as_json:
             print_json({key: {k: v for k, v in part.items() if k != "lead"} for key, part in report.items()})
         else:
+            if left_out:
+                told = ", ".join(f"{count} {label}" for label, count in left_out.items())
+                print(f"{sum(left_out.values())} of {scenarios} scenarios are left out, as they are not ok: {told}\n")
             _print(report, str(cube), summary=not what)
+
+
+def _check_options(given: list[str], keys: list[str]) -> None:
+    """Raise `InputError` for an option that no comparison takes."""
+    from pounding_sweep.errors import InputError
+
+    for option in given:
+        key = _TAKEN_BY[option]
+        if key not in keys:
+            msg = f"{option} is for the comparison {key!r}; leave it out, or add --what {key}"
+            raise InputError(msg)
+
+
+def _left_out(cube: xr.Dataset) -> tuple[int, dict[str, int]]:
+    """Count the scenarios of a cube, and by status those that no comparison takes: they are not ok."""
+    from pounding_sweep.cube.slabs import status_counts
+    from pounding_sweep.cube.variables import STATUS, Status
+
+    if "status" not in cube.data_vars:
+        return 0, {}
+    labels = {int(status): status.label for status in STATUS}
+    counts = status_counts(cube["status"])
+    return cube["status"].size, {labels.get(code, f"code {code}"): n for code, n in counts.items() if code != Status.OK}
 
 
 def _plain(attributes: dict[Any, Any]) -> dict[str, Any]:
@@ -113,7 +157,7 @@ def _check_data(folder: Path, keys: list[str], overwrite: bool) -> None:
 
     for path in (folder / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")):
         if os.path.exists(path):  # Path.exists raises where the folder can't be read
-            check_output(path, overwrite)
+            check_output(path, overwrite, netcdf=path.suffix == ".nc")
 
 
 def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path, overwrite: bool) -> list[str]:

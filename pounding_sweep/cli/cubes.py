@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.cli.app import FIGURE_FILE, CubeFile, app
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, app
 from pounding_sweep.cli.reporting import reporting, say
 from pounding_sweep.errors import InputError, OutputError
 from pounding_sweep.figures import FIGURES, SOURCES
-from pounding_sweep.tables import print_pairs, print_table
+from pounding_sweep.tables import print_json, print_pairs, print_table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,25 +22,51 @@ if TYPE_CHECKING:
 
 
 @app.command("info")
-def info_command(cube: CubeFile) -> None:
+def info_command(
+    cube: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CUBE.nc",
+            help="Cube made by 'run'; of one that is not finished, OUT.nc or its folder OUT.nc.parts will do.",
+            show_default=False,
+        ),
+    ],
+    as_json: AsJson = False,
+) -> None:
     """Describe a cube: axes, variables, statuses, records; or what is done of one that is not finished."""
     with reporting():
-        from pounding_sweep.cube.describe import describe
+        from pounding_sweep.cube.describe import about, describe
         from pounding_sweep.cube.write import open_cube
         from pounding_sweep.sweep.store import IDENTITY, parts_folder
         from pounding_sweep.sweep.unfinished import survey
 
         parts = cube if os.path.isdir(cube) else parts_folder(cube)  # unlike Path's, no error in a closed folder
         if os.path.isdir(parts) and not os.path.isfile(cube):
-            _print_unfinished(survey(parts))
+            unfinished = survey(parts)
+            if as_json:
+                print_json({"cube": None, "unfinished": _as_json(unfinished)})
+            else:
+                _print_unfinished(unfinished)
             return
         with open_cube(cube) as found:
-            print(describe(found))
+            told = about(found) if as_json else describe(found)
+        beside = None
         if os.path.exists(parts / IDENTITY):
             try:
-                print(f"\n{_beside(survey(parts))}")
+                beside = survey(parts)
             except OutputError as error:
                 say(f"warning: {error}")
+        if as_json:
+            print_json({"cube": told, "unfinished": beside and _as_json(beside)})
+        else:
+            print(told)
+            if beside is not None:
+                print(f"\n{_beside(beside)}")
+
+
+def _as_json(found: Survey) -> dict[str, Any]:
+    """Return what there is of a sweep that is not finished as JSON holds it."""
+    return asdict(found) | {"folder": str(found.folder), "now": None if found.now is None else str(found.now)}
 
 
 def _beside(found: Survey) -> str:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from pounding_sweep.cli.app import AsJson, app
-from pounding_sweep.cli.reporting import FAILED, reporting, say
+from pounding_sweep.cli.reporting import FAILED, NAME, reporting, say
 from pounding_sweep.tables import bytes_text, print_json, print_pairs, seconds_text
 from pounding_sweep.texts import printable
 
@@ -54,7 +54,10 @@ def _print_state(found: dict[str, Any]) -> None:
     width = f"{bits} bit, {bits // 64} numbers at a time (guessed from the features)" if bits else "unknown"
     folders = found["record_folders"]
     print("Versions")
-    print_pairs([(name, text or "not installed") for name, text in found["versions"].items()], indent=2)
+    missing = {name: f"not installed; pip install '{NAME}[{extra}]'" for name, extra in found["optional"].items()}
+    print_pairs(
+        [(name, text or missing.get(name, "not installed")) for name, text in found["versions"].items()], indent=2
+    )
     print("Processor")
     print_pairs(
         [

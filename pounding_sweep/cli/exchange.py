@@ -52,7 +52,11 @@ def merge_command(
     ],
     tolerance: Annotated[
         float | None,
-        typer.Option(metavar="RATIO", help="Relative difference of two results of a scenario that is no conflict."),
+        typer.Option(
+            metavar="RATIO",
+            help="Difference of two results of a scenario, relative to the variable's largest value in it, that is no "
+            "conflict; 1e-6 by default.",
+        ),
     ] = None,
     mix_sources: Annotated[
         bool,

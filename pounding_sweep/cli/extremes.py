@@ -49,9 +49,10 @@ def extremes_command(
         from pounding_sweep.progress import make_progress
         from pounding_sweep.sweep.execute import check_scheduler
 
-        for path, replaced in ((map_file, overwrite), (plot_file, True)):
-            if path is not None:
-                check_output(path, replaced)
+        if map_file is not None:
+            check_output(map_file, overwrite)
+        if plot_file is not None:
+            check_output(plot_file, overwrite=True, netcdf=False)
         n_workers = check_scheduler("threads", workers)
         progress = make_progress(quiet)
         try:

@@ -113,7 +113,7 @@ def animate_command(
         from pounding_sweep.cube.write import check_output
         from pounding_sweep.figures.animation import animate, check_movie
 
-        check_output(out, overwrite=True)
+        check_output(out, overwrite=True, netcdf=False)
         check_movie(out, frames, speed)
         one = _simulate(
             sweep,

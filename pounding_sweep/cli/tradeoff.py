@@ -47,7 +47,7 @@ def tradeoff_command(
         if out is not None:
             check_output(out, overwrite)
         if figure is not None:
-            check_output(figure, overwrite=True)
+            check_output(figure, overwrite=True, netcdf=False)
         job = load_sweep(sweep, folders=folders or None)
         progress = make_progress(quiet)
         try:

@@ -1,4 +1,4 @@
-"""A cube as readable text.
+"""A cube as readable text, or as what JSON holds.
 
 Beside the CF attributes, these global attributes are understood where they
 are there: ``records`` (JSON list of tables with ``name``, ``pga`` in m/s2 and
@@ -17,7 +17,7 @@ import numpy as np
 
 from pounding_sweep.cube.assemble import SOURCE_ATTRIBUTE
 from pounding_sweep.cube.audited import AUDIT_DIMS, audit_sentence, audit_table
-from pounding_sweep.cube.provenance import LIBRARIES, ORIGINS, library_attribute, origins
+from pounding_sweep.cube.provenance import LIBRARIES, ORIGINS, library_attribute, origins, plain
 from pounding_sweep.cube.slabs import cuts, status_counts
 from pounding_sweep.cube.variables import INNER_DIMS, STATUS, Status
 from pounding_sweep.errors import shown
@@ -30,9 +30,13 @@ _SHOWN_ELSEWHERE = {
     *("title", "history", "records", "scenarios_asked", "scenarios_run", "sweep", "sweep_sha256", "accuracy_choice"),
     *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation"),
 }
+#: Attributes that are JSON.
+_CODED = frozenset({"records", "records_left_out", "sweep", *ORIGINS})
 #: Counts that a cube keeps of one that its results were taken from.
 _COUNTS = {"scenarios_asked": "asked", "scenarios_run": "run", "scenarios_taken": "taken"}
 _WIDTH = 100
+#: Digits of a digest that tell it from others.
+_DIGITS = 12
 #: Cubes that results were taken from, of which no more are told.
 _MOST_ORIGINS = 100
 #: No line is longer, whatever a file says.
@@ -73,7 +77,7 @@ def _values(coordinate: xr.DataArray) -> str:
         return "empty"
     if values.dtype.kind not in "iuf" or values.size <= 8:
         return _short(", ".join(_number(v) for v in values.tolist()))
-    return f"{_number(values.min())} to {_number(values.max())}"
+    return f"{_number(values.min().item())} to {_number(values.max().item())}"
 
 
 def _axes(dataset: xr.Dataset, dims: list[str]) -> list[str]:
@@ -162,8 +166,9 @@ def _records(dataset: xr.Dataset) -> list[str]:
         if isinstance(entry, dict):
             pga = entry.get("pga")
             peak = f"PGA {_number(pga)} m/s2" if isinstance(pga, (int, float)) else "PGA unknown"
-            more = [f"{k} {_number(v)}" for k, v in entry.items() if k not in ("name", "pga") and v not in ("", None)]
-            rows.append((_short(_number(entry.get("name", "?"))), peak, _short(", ".join(more))))
+            told = {k: v for k, v in entry.items() if k not in ("name", "pga") and v not in ("", None)}
+            more = [f"{k} {_number(v)[:_DIGITS] if k == 'sha256' else _number(v)}" for k, v in told.items()]
+            rows.append((_short(_number(entry.get("name", "?"))), peak, _short(", ".join(more), 2 * _WIDTH)))
     if not rows and "record_pga" in dataset.coords and "record" in dataset.coords:
         names, peaks = np.atleast_1d(dataset["record"].values), np.atleast_1d(dataset["record_pga"].values)
         if names.shape == peaks.shape:
@@ -180,13 +185,84 @@ def _origins(attributes: Mapping[Any, Any]) -> list[str]:
     rows = []
     for depth, how, told in found[:_MOST_ORIGINS]:
         counts = [f"{told[key]} {text}" for key, text in _COUNTS.items() if isinstance(told.get(key), int)]
-        made_by = [f"source {_number(told[SOURCE_ATTRIBUTE])[:12]}"] if SOURCE_ATTRIBUTE in told else []
+        made_by = [f"source {_number(told[SOURCE_ATTRIBUTE])[:_DIGITS]}"] if SOURCE_ATTRIBUTE in told else []
         for library in (name for name in LIBRARIES if library_attribute(name) in told):
             made_by.append(f"{library} {_number(told[library_attribute(library)])}")
         cells = (_number(told.get("history", "")), ", ".join(counts), ", ".join(made_by))
         rows.append((f"{'  ' * min(depth, 10)}{how}", _short(told["file"], 4 * _WIDTH), *map(_short, cells)))
     more = [f"  and {len(found) - _MOST_ORIGINS} more"] if len(found) > _MOST_ORIGINS else []
     return _table(rows) + more
+
+
+def about(dataset: xr.Dataset) -> dict[str, Any]:
+    """Return what `describe` tells of a cube, the ranges of its variables apart, as JSON holds it.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        As for `describe`: what is not there is left out.
+
+    Returns
+    -------
+    dict
+        ``title``, ``history``, ``versions`` and other attributes, by their names; those that are JSON, such as
+        ``records``, ``sweep``, ``merged_from`` and ``extended_from``, as what they hold. ``dims``: dimensions with
+        ``size``, ``values``, ``units`` and ``long_name``; ``variables``: with ``dims``, ``units`` and ``long_name``;
+        ``statuses``: scenarios by name of their status; ``audit``: rows of `pounding_sweep.cube.audited.audit_table`.
+        Numbers that are not finite are None.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> cube = xr.Dataset({"x": ("gap", [3.0, 4.0])}, {"gap": ("gap", [0.01, 0.02], {"units": "m"})}, {"title": "Row"})
+    >>> found = about(cube)
+    >>> found["title"], found["dims"]["gap"]
+    ('Row', {'size': 2, 'values': [0.01, 0.02], 'units': 'm', 'long_name': ''})
+    """
+    dims = [str(dim) for dim in dataset.sizes if dim not in AUDIT_DIMS]
+    labels = {int(status): status.label for status in STATUS}
+    counts = status_counts(dataset["status"]) if "status" in dataset.data_vars else {}
+    told = {str(key): _plain(value, coded=key in _CODED) for key, value in dataset.attrs.items()}
+    versions = {key.removesuffix("_version"): told.pop(key) for key in list(told) if key.endswith("_version")}
+    return {
+        "title": told.pop("title", ""),
+        "history": told.pop("history", ""),
+        "versions": versions,
+        "dims": {
+            dim: {"size": dataset.sizes[dim], "values": _plain(dataset[dim].values), **_meaning(dataset[dim])}
+            for dim in dims
+        },
+        "variables": {
+            str(name): {"dims": [str(dim) for dim in array.dims], **_meaning(array)}
+            for name, array in dataset.data_vars.items()
+            if AUDIT_DIMS[0] not in array.dims
+        },
+        "statuses": {labels.get(code, f"code {code}"): count for code, count in counts.items()},
+        "audit": audit_table(dataset),
+        "attributes": told,
+    }
+
+
+def _meaning(array: xr.DataArray) -> dict[str, str]:
+    return {"units": _units(array), "long_name": str(array.attrs.get("long_name", ""))}
+
+
+def _plain(value: Any, *, coded: bool = False) -> Any:
+    """Return the value of an attribute or an axis as JSON can hold it; what is coded as JSON, as what that says."""
+    value = plain(value)
+    try:
+        return _finite(json.loads(value) if coded else value)
+    except (ValueError, TypeError, RecursionError):  # a file may hold anything
+        return str(value)
+
+
+def _finite(value: Any) -> Any:
+    """Return a value of JSON without numbers that it has none of its own for."""
+    if isinstance(value, dict):
+        return {str(key): _finite(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def describe(dataset: xr.Dataset) -> str:

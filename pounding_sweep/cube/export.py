@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def export_cube(
-    cube: xr.Dataset, path: str | os.PathLike[str], names: Iterable[str] = (), *, overwrite: bool = False
+    cube: xr.Dataset, path: str | os.PathLike[str], names: str | Iterable[str] = (), *, overwrite: bool = False
 ) -> Path:
     """Write a cube, or a selection of it, in another format.
 
@@ -40,7 +40,7 @@ def export_cube(
         As `pounding_sweep.open_cube` gives it, or a part of it (`pounding_sweep.cube.select.select`).
     path : path-like
         Its ending tells the format: ``.csv``, ``.parquet`` or ``.zarr`` (a folder).
-    names : iterable of str, optional
+    names : str or iterable of str, optional
         Variables; all by default.
     overwrite : bool
         Whether a file that is there may be replaced; a folder never is.
@@ -81,12 +81,12 @@ def export_cube(
     needs, write = _WRITERS[ending]
     if needs:
         _need(needs, ending)
-    target = _new_folder(path) if ending == ".zarr" else check_output(path, overwrite)
+    target = _new_folder(path) if ending == ".zarr" else check_output(path, overwrite, netcdf=False)
     if ending == ".csv":
-        check_output(f"{target}.json", overwrite)
+        check_output(f"{target}.json", overwrite, netcdf=False)
     try:
         with NETCDF_LOCK:
-            write(cube, target, names)
+            write(cube, target, [names] if isinstance(names, str) else names)
     except OutputError:  # what is read, and what is said already
         raise
     except OSError as error:
@@ -128,7 +128,7 @@ def _new_folder(path: str | os.PathLike[str]) -> Path:
     if target.exists() or target.is_symlink():
         msg = f"output {str(path)!r} exists, and folders are not replaced; remove it or give another path"
         raise OutputError(msg)
-    return check_output(target)
+    return check_output(target, netcdf=False)
 
 
 def _csv(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:

@@ -101,7 +101,8 @@ def merge_cubes(
     Notes
     -----
     No more than a slab of the cube is in memory at a time. Of identical results of a scenario the
-    first part's is taken. Counts of what was run are sums over the parts.
+    first part's is taken. Counts of what was run are sums over the runs that made the parts, each once: a part may
+    hold others of them, or be a copy of one.
 
     Cases are known by law, record, scale, gaps, stiffness, restitution and building properties. The cube has each
     once, in the order given, numbered anew; labels that a user gave them in place of numbers are kept.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -230,8 +231,17 @@ def check_origins(path: str, attributes: Mapping[Any, Any]) -> None:
     for key in ORIGINS:
         if key in attributes:
             try:
-                whole = isinstance(attributes[key], str) and list(origins({key: attributes[key]})) != []
+                told = [each for _, _, each in origins({key: attributes[key]})]
+                whole = isinstance(attributes[key], str) and bool(told) and all(map(_counts_runs, told))
             except (ValueError, TypeError, RecursionError):  # any JSON
                 whole = False
             if not whole:
                 raise damaged(path, f"attribute {key!r} is not what a sweep writes")
+
+
+def _counts_runs(told: Mapping[str, Any]) -> bool:
+    """Whether what is said of a cube has numbers where those of several are added up."""
+    counts = [told.get(key, 0) for key in ("scenarios_run", "scenarios_never_touching")]
+    audit = [told[key] for key in ("audit_touching", "audit_share") if key in told]
+    whole = len(audit) in (0, 2) and all(isinstance(value, int | float) for value in audit)
+    return whole and all(isinstance(count, int) for count in counts) and all(0 < value < math.inf for value in audit)

@@ -19,7 +19,7 @@ from pounding_sweep.cube.audited import AUDIT_DIMS, has_audit
 from pounding_sweep.cube.merge_cases import CASE, Parts
 from pounding_sweep.cube.merge_checks import AXES, BUILDING_AXES
 from pounding_sweep.cube.merge_study import OWN_ATTRIBUTES, parts_makers
-from pounding_sweep.cube.provenance import MAKER_ATTRIBUTES, origin
+from pounding_sweep.cube.provenance import MAKER_ATTRIBUTES, origin, runs
 from pounding_sweep.errors import InputError
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def attributes(
     found["records"] = json.dumps([told[record["name"]] for record in whole["records"]], sort_keys=True)
     found |= {"sweep": text, "sweep_sha256": hashlib.sha256(text.encode()).hexdigest(), "scenarios_asked": n}
     for key in ("scenarios_run", "scenarios_never_touching"):
-        found[key] = sum(int(cube.attrs.get(key, 0)) for cube in cubes)
+        found[key] = sum(int(run.get(key, 0)) for run in _runs(parts))
     steps = [
         dict(zip((r["name"] for r in each["records"]), np.atleast_1d(cube.attrs["time_step"]).tolist(), strict=True))
         for each, cube in zip(described, cubes, strict=True)
@@ -188,8 +188,28 @@ def _by_name(listed: list[list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
     return found
 
 
+def _runs(parts: Parts) -> list[dict[str, Any]]:
+    """Return what is said of the runs that made cubes, each once: one may be a part of another, or a copy."""
+    found: dict[str, dict[str, Any]] = {}
+    for file, cube in parts.items():
+        found |= runs(file, cube.attrs)
+    return list(found.values())
+
+
+def _first_of_each(audits: Sequence[Sequence[xr.DataArray]]) -> list[int]:
+    """Where, along audits one after another, a scenario comes first, by the coordinates that say which it is."""
+    found: dict[str, int] = {}
+    position = 0
+    for audit in audits:
+        columns = [array.transpose(AUDIT_DIMS[0], ...).values.tolist() for array in audit]
+        for row in zip(*columns, strict=True):
+            found.setdefault(repr(row), position)  # as text, in which a missing value equals another
+            position += 1
+    return list(found.values())
+
+
 def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
-    """Put the audits of all parts, one after another, into their cube."""
+    """Put the audits of all parts, one after another, into their cube; of each scenario the first one."""
     import xarray as xr
 
     audits = [part for part in parts.values() if has_audit(part)]
@@ -197,15 +217,19 @@ def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
         return cube
     first = audits[0]
     names = [name for name in first.variables if set(AUDIT_DIMS) & set(first[name].dims)]
+    names = [name for name in names if all(name in audit.variables for audit in audits)]
+    scenarios = [name for name in names if name in first.coords and name not in AUDIT_DIMS]
+    chosen = _first_of_each([[audit[name] for name in scenarios] for audit in audits])
+    n = len(chosen)
     found = {}
-    for name in (name for name in names if all(name in audit.variables for audit in audits)):
+    for name in names:
         dims = first[name].dims
         values = first[name].values
         if AUDIT_DIMS[0] in dims:
-            values = np.concatenate([audit[name].values for audit in audits], axis=dims.index(AUDIT_DIMS[0]))
+            along = dims.index(AUDIT_DIMS[0])
+            values = np.concatenate([audit[name].values for audit in audits], axis=along).take(chosen, axis=along)
         found[name] = xr.Variable(dims, values, first[name].attrs)
         found[name].encoding = {"_FillValue": None}
-    n = len(found["audit_sensitive"])
     found["audit"] = xr.Variable(("audit",), np.arange(1, n + 1, dtype=np.int32), first["audit"].attrs)
     found["audit"].encoding = {"_FillValue": None}
     labels = {name: variable for name, variable in found.items() if name in first.coords}
@@ -215,8 +239,9 @@ def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
         if steady.any() and name in result:
             error = found["audit_error"].values[steady, i]
             result[name].attrs |= {"audit_error_max": float(error.max()), "audit_error_median": float(np.median(error))}
-    touching = np.array([int(audit.attrs["audit_touching"]) for audit in audits])
-    share = np.array([float(audit.attrs["audit_share"]) for audit in audits])
+    audited = [run for run in _runs({f: p for f, p in parts.items() if has_audit(p)}) if "audit_touching" in run]
+    touching = np.array([int(run["audit_touching"]) for run in audited])
+    share = np.array([float(run["audit_share"]) for run in audited])
     result.attrs |= {
         "audit_scenarios": n,
         "audit_touching": int(touching.sum()),

@@ -19,7 +19,10 @@ LIBRARIES = ("numba", "llvmlite", "numpy")
 #: Attributes that name cubes -> how results came from those.
 ORIGINS = {"merged_from": "merged from", "extended_from": "extended from"}
 #: What is kept of a cube whose results are in another one, beside its versions.
-_KEPT = ("history", "sweep_sha256", "scenarios_asked", "scenarios_run", SOURCE_ATTRIBUTE)
+_KEPT = (
+    *("history", "sweep_sha256", "scenarios_asked", "scenarios_run", "scenarios_never_touching"),
+    *("audit_touching", "audit_share", SOURCE_ATTRIBUTE),
+)
 
 
 def plain(value: Any) -> Any:
@@ -79,6 +82,42 @@ def origin(file: str, attributes: Mapping[Hashable, Any]) -> dict[str, Any]:
     found |= {key: plain(attributes[key]) for key in _KEPT if key in attributes}
     found |= {str(key): plain(value) for key, value in attributes.items() if str(key).endswith("_version")}
     return found | {key: json.loads(attributes[key]) for key in ORIGINS if key in attributes}
+
+
+def runs(file: str, attributes: Mapping[Hashable, Any]) -> dict[str, dict[str, Any]]:
+    """Return what is said of the runs that the results of a cube are from: several only where it was merged.
+
+    Parameters
+    ----------
+    file : str
+        The cube.
+    attributes : mapping
+        What it says of itself, well formed (see `origins`).
+
+    Returns
+    -------
+    dict of str to dict
+        By what tells a run from others, under whatever name its cube was given. A merged cube that does not say how
+        much its parts ran counts as one run.
+
+    Examples
+    --------
+    >>> parts = '[{"file": "a.nc", "scenarios_never_touching": 2}, {"file": "b.nc", "scenarios_never_touching": 0}]'
+    >>> len(runs("ab.nc", {"merged_from": parts}) | runs("copy.nc", {"scenarios_never_touching": 2}))
+    2
+    """
+    return _runs(origin(file, attributes))
+
+
+def _runs(told: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    found: dict[str, dict[str, Any]] = {}
+    for part in _listed(told, "merged_from"):
+        found |= _runs(part)
+    audit = any("audit_touching" in part for part in found.values()) or "audit_touching" not in told
+    if found and audit and all("scenarios_never_touching" in part for part in found.values()):
+        return found
+    nameless = {key: value for key, value in told.items() if key != "file"}
+    return {json.dumps(nameless, sort_keys=True): dict(told)}
 
 
 def origins(told: Mapping[Any, Any], depth: int = 0) -> Iterator[tuple[int, str, dict[str, Any]]]:

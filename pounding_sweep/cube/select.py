@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pounding_sweep.cube.audited import AUDIT_DIMS, has_audit
 from pounding_sweep.errors import InputError, shown, unknown
 
 if TYPE_CHECKING:
@@ -41,7 +42,8 @@ def select(cube: xr.Dataset, values: Mapping[str, str | float | Sequence[str | f
     Raises
     ------
     InputError
-        The cube has no such axis, or the axis no such value, or two that are meant alike.
+        The cube has no such axis, or the axis no such value, or two that are meant alike; or it is a
+        dimension of the cube's audit.
 
     Examples
     --------
@@ -52,9 +54,14 @@ def select(cube: xr.Dataset, values: Mapping[str, str | float | Sequence[str | f
     >>> select(cube, {"gap": [0.03, 0.01]}).x.values.tolist()
     [3.0, 5.0]
     """
+    audit = AUDIT_DIMS if has_audit(cube) else ()
     for axis, given in values.items():
+        if axis in audit:
+            more = "; variables are chosen by their names (--var of export)" if axis == "output" else ""
+            msg = f"{axis!r} is a dimension of the cube's audit, no axis of its scenarios{more}"
+            raise InputError(msg)
         if axis not in cube.dims:
-            raise InputError(unknown("axis", axis, map(str, cube.sizes)))
+            raise InputError(unknown("axis", axis, (str(dim) for dim in cube.sizes if dim not in audit)))
         there = cube[axis].values
         wanted = [given] if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) else given
         if not len(wanted):

@@ -81,7 +81,12 @@ class Status(IntEnum):
         "use a smaller dt or the newmark scheme",
         False,
     )
-    NOT_RUN = (5, "the scenario has no result, for instance because its worker failed", "run the sweep again", False)
+    NOT_RUN = (
+        5,
+        "the scenario has no result, for instance because its worker failed or because no merged cube has it",
+        "run the sweep again, for a merged cube with --extend of it",
+        False,
+    )
     UNDER_RESOLVED_MOTION = (
         6,
         "the time step is too long for a building's fundamental period, or for the ground motion",

@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 NETCDF_LOCK = threading.RLock()
+#: Endings of what is no netCDF file: sweep files, and what cubes are exported to.
+_OTHER_ENDINGS = frozenset({".csv", ".parquet", ".zarr", ".toml"})
+#: What an unfinished run has beside its cube, as long as it can go on.
+_UNFINISHED = ".parts/identity.json"
 #: Memory (bytes) in which a variable of an opened cube keeps what was read last; the library's 64 MiB are too much
 #: for the many variables of a cube.
 READ_CACHE = 2**22
@@ -57,7 +61,7 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
         raise OutputError(msg) from None
 
 
-def check_output(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
+def check_output(path: str | os.PathLike[str], overwrite: bool = False, *, netcdf: bool = True) -> Path:
     """Check, before a long run, that a cube can be written to `path`.
 
     Parameters
@@ -66,6 +70,8 @@ def check_output(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
         Where the cube is to stand.
     overwrite : bool
         Whether a file that is there may be replaced.
+    netcdf : bool
+        Whether it is a cube; else a file of another kind.
 
     Returns
     -------
@@ -76,8 +82,14 @@ def check_output(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
     ------
     OutputError
         The path is a folder or a device, exists and may not be overwritten, is too long or
-        no UTF-8, or its folder is missing or can't be written.
+        no UTF-8, its folder is missing or can't be written, or a cube has the ending of another kind of file.
     """
+    if netcdf and Path(path).suffix.lower() in _OTHER_ENDINGS:
+        msg = (
+            f"output {str(path)!r} won't do: netCDF is written here, such as {str(Path(path).with_suffix('.nc'))!r}; "
+            "tables are made of a cube by 'pounding-sweep export'"
+        )
+        raise OutputError(msg)
     target, mode = _target(path)
     if mode is not None and stat.S_ISDIR(mode):
         msg = f"output path {str(path)!r} is a folder; give the path of a file, such as {str(target / 'out.nc')!r}"
@@ -344,7 +356,7 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     Raises
     ------
     OutputError
-        There is no such file, it can't be read as netCDF, or it is no cube of this package.
+        There is no such file, or it is not finished; it can't be read as netCDF, or it is no cube of this package.
 
     Notes
     -----
@@ -352,6 +364,12 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     checksums: where the values of a damaged file are read later, the library raises RuntimeError.
     """
     target, mode = _target(path)
+    if mode is None and os.path.isfile(f"{target}{_UNFINISHED}"):
+        msg = (
+            f"cube {str(path)!r} is not finished: its chunks wait in {f'{target}.parts'!r}; the same 'run' command "
+            f"completes it, 'pounding-sweep info {path}' tells what is missing"
+        )
+        raise OutputError(msg)
     if mode is None or not stat.S_ISREG(mode):
         what = "does not exist" if mode is None else "is not a file"
         msg = f"cube {str(path)!r} {what}; give the path of a file made by 'pounding-sweep run'"

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pounding_sweep.contact.laws import Law, get_law
-from pounding_sweep.errors import SweepError
+from pounding_sweep.errors import SweepError, unknown
 from pounding_sweep.records import Record
 from pounding_sweep.scene import Building, Scene
 from pounding_sweep.sweep.axes import FACTOR_KINDS, Case, PropertyAxis, Range, property_axes
@@ -258,6 +258,7 @@ def build_spec(
     folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
     base: str | os.PathLike[str] | None = None,
     skip_missing_records: bool = False,
+    **unknowns: Any,
 ) -> SweepSpec:
     """Check everything a user gave and make the sweep's description of it.
 
@@ -322,6 +323,8 @@ def build_spec(
     skip_missing_records : bool
         Go on without the records that are not found, with a warning for each, as long as
         one is left. A file that is found but can't be read is always an error.
+    **unknowns
+        Anything else is a fault like others.
 
     Returns
     -------
@@ -343,7 +346,10 @@ def build_spec(
     from pounding_sweep.sweep.checks import check_sweep
     from pounding_sweep.sweep.faults import Faults
 
+    del given["unknowns"]
     faults = Faults()
+    for name in unknowns:
+        faults.add((), unknown("argument", name, given))
     spec = check_sweep(faults, given)
     if spec is None:
         raise sweep_error([f"{place}: {text}" if place else text for place, text in faults.named()])

@@ -1,0 +1,107 @@
+"""``pounding-sweep info``: cubes and unfinished runs, for programs."""
+
+from __future__ import annotations
+
+import doctest
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from analysis_cubes import hand_cube, random_fill
+from typer.testing import CliRunner
+
+from pounding_sweep.cli.app import app
+from pounding_sweep.cube import describe as module
+from pounding_sweep.cube.describe import about
+from pounding_sweep.cube.variables import Status
+from pounding_sweep.cube.write import write_cube
+from pounding_sweep.sweep.store import EXPECTED, ChunkStore
+
+AXES = {"law": ["none", "linear"], "gap": [0.01, 0.02, 0.03], "record": ["one", "two"]}
+RECORDS = [{"name": "one", "pga": 1.5, "sha256": "3f2a"}, {"name": "two", "pga": 2.5, "sha256": "91bc"}]
+
+
+def info(*arguments):
+    done = CliRunner().invoke(app, ["info", *map(str, arguments)])
+    assert done.exit_code == 0, done.stderr
+    return done.stdout
+
+
+def made():
+    status = np.zeros((2, 3, 2))
+    status[1, 2], status[0, 0, 0] = int(Status.NOT_RUN), int(Status.DIVERGED)
+    told = {"title": "[A] row", "scenarios_asked": 12, "records": json.dumps(RECORDS), "numba_version": "0.61"}
+    told |= {"extended_from": json.dumps({"file": "old.nc", "scenarios_taken": 3}), "rates": [1.0, np.nan]}
+    return hand_cube(AXES, random_fill(3, "drift_max"), status=status, attributes=told)
+
+
+def unfinished(folder):
+    """Make the folder of a run of which nothing is done yet."""
+    ChunkStore(folder, "3f2a", {"package": "0.1.0"}).open()
+    stages = {"no pounding": [["chunk-1", 0, 0, 4]]}
+    told = {"title": "Night", "asked": 9, "at_most": 7, "laws": ["none"], "records": ["one"], "stages": stages}
+    (folder / EXPECTED).write_text(json.dumps(told))
+
+
+def test_examples_run():
+    assert doctest.testmod(module).failed == 0
+
+
+def test_a_cube(tmp_path):
+    cube = made()
+    found = json.loads(info(write_cube(cube, tmp_path / "cube.nc"), "--json"))
+    assert found["unfinished"] is None
+    told = found["cube"]
+    assert told["title"] == "[A] row"
+    assert told["versions"]["numba"] == "0.61"
+    assert told["dims"].keys() == set(cube.sizes)
+    for name, size in cube.sizes.items():
+        assert told["dims"][name]["size"] == size
+        assert told["dims"][name]["values"] == cube[name].values.tolist()
+    assert told["dims"]["gap"]["units"] == "m"
+    assert told["variables"].keys() == set(cube.data_vars)
+    drift = told["variables"]["drift_max"]
+    assert drift == {"dims": list(cube.drift_max.dims), "units": "m", "long_name": cube.drift_max.attrs["long_name"]}
+    assert told["statuses"] == {"ok": 9, "diverged": 1, "not_run": 2}
+    assert told["audit"] == []
+    assert told["attributes"]["records"] == RECORDS
+    assert told["attributes"]["extended_from"]["scenarios_taken"] == 3
+    assert told["attributes"]["scenarios_asked"] == 12
+    assert told["attributes"]["rates"] == [1.0, None]
+
+
+@pytest.mark.parametrize("text", ["{", "[" * 100_000, '{"a": NaN}', "[1e999]", "3", 4.0, np.arange(2)])
+def test_attributes_of_any_kind(text):
+    found = about(xr.Dataset(attrs={"sweep": text, "title": text}))
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    assert found["dims"] == {}
+
+
+def test_statuses_without_a_name():
+    assert about(xr.Dataset({"status": ("x", np.array([0, 77], "i1"))}))["statuses"] == {"ok": 1, "code 77": 1}
+
+
+def test_an_unfinished_run(tmp_path):
+    parts = tmp_path / "out.nc.parts"
+    unfinished(parts)
+    expected = {"stage": "no pounding", "law": "none", "record": "one", "chunks": 1, "chunks_done": 0}
+    for path in (tmp_path / "out.nc", parts):
+        found = json.loads(info(path, "--json"))
+        assert found["cube"] is None
+        told = found["unfinished"]
+        assert told["folder"] == str(parts)
+        assert (told["title"], told["asked"], told["at_most"], told["planned"]) == ("Night", 9, 7, False)
+        assert told["details"] == {"package": "0.1.0"}
+        assert told["parts"] == [{**expected, "scenarios": 4, "scenarios_done": 0}]
+        assert told["now"] is None
+    write_cube(made(), tmp_path / "out.nc")
+    both = json.loads(info(tmp_path / "out.nc", "--json"))
+    assert both["cube"]["statuses"]["ok"] == 9
+    assert both["unfinished"]["asked"] == 9
+    assert "An unfinished run stands beside this cube, 0 of at most 7 scenarios done" in info(tmp_path / "out.nc")
+
+
+def test_help_says_that_an_unfinished_run_will_do():
+    said = " ".join(info("--help").split())
+    assert "of one that is not finished, OUT.nc or its folder OUT.nc.parts will do" in said
