@@ -13,7 +13,11 @@ OTHERS = 0.55
 
 
 @pytest.mark.parametrize("axis", [name for name in AXES if name != "gap"])
-def test_every_axis_keeps_much_of_the_throughput_of_gaps(axis, short_work, benchmark):
-    found = benchmark.pedantic(lambda: relative_throughput(short_work, 5, [axis], method="exact", dt=2.5e-3), rounds=1)
-    benchmark.extra_info["throughput_over_gaps"] = found[axis]
-    assert found[axis] >= LEAST.get(axis, OTHERS)
+def test_every_axis_keeps_much_of_the_throughput_of_gaps(axis, short_work, benchmark, measured):
+    least = LEAST.get(axis, OTHERS)
+    found = measured(
+        lambda: relative_throughput(short_work, 5, [axis], method="exact", dt=2.5e-3)[axis],
+        lambda ratio: ratio >= least,
+    )
+    benchmark.extra_info["throughput_over_gaps"] = found
+    assert found[-1] >= least

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -229,7 +230,8 @@ def test_a_fresh_machine_gets_the_report_of_el_centro(tmp_path):
 def test_histories_are_those_of_the_cube(law):
     """Peaks of the histories, sampled at the steps, come near those that the sweep located, and never beyond."""
     reading, record = READINGS["as_printed"], ps.find_record("el_centro")
-    cube = sweep_of(reading, [record], audit=0.0).run().squeeze(drop=True).sel(law=law)
+    spec = replace(sweep_of(reading, [record], audit=0.0).spec, laws=(law, "none"))  # each alone is compiled faster
+    cube = ps.Sweep.from_spec(spec).run().squeeze(drop=True).sel(law=law)
     one = scenario(reading, record, law)
     found = kept(one)
     roofs = cube.isel(storey=-1)
