@@ -89,7 +89,8 @@ class TerminalProgress(Progress):
     Notes
     -----
     One bar at a time; the display is removed when it is closed, so that only the
-    summary stays. A terminal that has gone does not end the run.
+    summary stays. The time left is that at the rate of the last half minute; steps of the first `TAKING_UP`
+    seconds of a stage are left out of it. A terminal that has gone does not end the run.
     """
 
     def __init__(self, console: Console | None = None) -> None:
@@ -110,6 +111,7 @@ class TerminalProgress(Progress):
             transient=True,
         )
         self._task: TaskID | None = None
+        self._begun = 0.0
 
     def stage(self, name: str, total: int) -> None:
         """Begin a stage of `total` steps; 0 stands for an unknown number."""
@@ -118,10 +120,15 @@ class TerminalProgress(Progress):
         else:
             self._bars.remove_task(self._task)
         self._task = self._bars.add_task(STAGES.get(name, name), total=total if total > 0 else None)
+        self._begun = time.monotonic()
 
     def advance(self, count: int) -> None:
         """Count steps of the stage as done."""
-        if self._task is not None:
+        if self._task is None:
+            return
+        if time.monotonic() - self._begun < TAKING_UP:
+            self._bars.tasks[-1].completed += count  # without a rate
+        else:
             self._bars.advance(self._task, count)
 
     def close(self) -> None:

@@ -6,8 +6,11 @@ import hashlib
 import itertools
 import json
 import math
+import subprocess
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import netCDF4
 import numpy as np
@@ -116,6 +119,47 @@ def test_sweeps_in_threads_keep_to_themselves():
             together = pool.map(lambda sweep: sweep.run(workers=1), [make(scales=s) for s in (0.5, 1.0, 1.5, 2.0)])
             for cube, expected in zip(together, alone, strict=True):
                 same(cube, expected)
+
+
+READ_MEANWHILE = """
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from test_execute import make
+
+from pounding_sweep.cube.write import open_cube
+
+folder = Path(sys.argv[1])
+whole = make().run(out=folder / "whole.nc").load()
+same = lambda cube: all(np.array_equal(cube[name], whole[name], equal_nan=True) for name in whole.data_vars)
+
+def write(name):
+    return all(same(make().run(out=folder / name, overwrite=True, workers=1)) for _ in range(20))
+
+def read(_):
+    found = []
+    while not all(writer.done() for writer in writers):
+        cube = open_cube(folder / "whole.nc")
+        found.append(same(cube))
+        if len(found) % 2:  # else when nobody needs it any more
+            cube.close()
+    return len(found) > 5 and all(found)
+
+with ThreadPoolExecutor(4) as pool:
+    writers = [pool.submit(write, name) for name in ("a.nc", "b.nc")]
+    assert all(pool.map(read, range(2)))
+    assert all(writer.result() for writer in writers)
+"""
+
+
+@pytest.mark.slow
+def test_cubes_are_read_while_others_are_written(tmp_path):
+    """The library crashes where two threads call it at once."""
+    program = [sys.executable, "-c", READ_MEANWHILE, tmp_path]
+    done = subprocess.run(program, cwd=Path(__file__).parent, capture_output=True, text=True, check=False, timeout=600)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.slow

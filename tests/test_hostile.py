@@ -7,10 +7,12 @@ import collections
 import json
 import math
 import os
+import pickle
 import re
 import subprocess
 import sys
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
@@ -26,8 +28,9 @@ from hypothesis import strategies as st
 
 import pounding_sweep as ps
 from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE
+from pounding_sweep.cube.export import export_cube
 from pounding_sweep.cube.heaps import has_endless_heap
-from pounding_sweep.cube.write import open_cube, write_cube, write_in_slabs
+from pounding_sweep.cube.write import NETCDF_LOCK, open_cube, write_cube, write_in_slabs
 from pounding_sweep.errors import OutputError, PoundingSweepError, RecordError, SweepError
 from pounding_sweep.records import find_record, read_record
 from pounding_sweep.records.record import STANDARD_GRAVITY
@@ -321,6 +324,7 @@ import contextlib, io, resource, sys
 import numpy as np
 import pounding_sweep.cli
 from pounding_sweep.cli.app import app
+from pounding_sweep.cube.export import export_cube
 from pounding_sweep.cube.heaps import has_endless_heap
 from pounding_sweep.cube.write import open_cube
 
@@ -391,9 +395,41 @@ def test_damaged_cubes(counts, tmp_path):
     damage_cubes(counts, tmp_path, 40, seed=5)
 
 
-@pytest.mark.slow
-def test_hundreds_of_damaged_cubes(counts, tmp_path):
-    damage_cubes(counts, tmp_path, 500, seed=6)
+@pytest.mark.parametrize(
+    "many", [pytest.param(500, marks=pytest.mark.slow), pytest.param(4000, marks=pytest.mark.release)]
+)
+def test_many_damaged_cubes(counts, tmp_path, many):
+    damage_cubes(counts, tmp_path, many, seed=6 + many)
+
+
+def test_values_of_a_cube_are_read_under_the_lock(tmp_path):
+    path = write_cube(small_cube(), tmp_path / "cube.nc")
+    with open_cube(path) as cube, ThreadPoolExecutor(1) as pool:
+        with NETCDF_LOCK:
+            reads = pool.submit(lambda: cube["impact_count"].values)
+            with pytest.raises(TimeoutError):
+                reads.result(0.3)
+        assert reads.result(60).shape == cube["impact_count"].shape
+        with NETCDF_LOCK:
+            cube["displacement_max"].load()  # of the same thread
+
+
+@pytest.mark.parametrize("ending", ["nc", "zarr", "csv", "parquet"])
+def test_a_cube_in_chunks_is_written(tmp_path, ending):
+    """By threads of dask, or by this one, as each must have the lock to read."""
+    path = write_cube(small_cube(), tmp_path / "cube.nc")
+    write = write_cube if ending == "nc" else export_cube
+    with open_cube(path) as cube:
+        write(cube.chunk(gap=1), tmp_path / f"again.{ending}")
+        if ending == "nc":
+            with open_cube(tmp_path / "again.nc") as again:
+                assert again.identical(cube)
+
+
+def test_a_cube_can_be_sent_to_another_process(tmp_path):
+    path = write_cube(small_cube(), tmp_path / "cube.nc")
+    with open_cube(path) as cube, pickle.loads(pickle.dumps(cube)) as again:
+        assert again.identical(cube)
 
 
 def test_a_blank_heap_does_not_hang(tmp_path):

@@ -367,6 +367,43 @@ print(bad("run", {str(tmp_path / "sweep.toml")!r}, "-o", sys.argv[1] + "/out.nc"
     assert re.search(r"the folder '.*disk' of output .* can't be written \(Read-only file system\); give another", said)
 
 
+BOUND = """
+import subprocess, sys
+from pathlib import Path
+from test_cli import cli, write
+from test_limits import RUN, SWEEP
+
+disk = Path(sys.argv[1])
+write(disk, SWEEP)
+for name in ("elsewhere", "out.nc.parts"):
+    (disk / name).mkdir()
+subprocess.run(["mount", "--bind", disk / "elsewhere", disk / "out.nc.parts"], check=True)
+print(cli(*RUN, cwd=disk).stderr)
+assert (disk / "out.nc").is_file()
+names = {path.name for path in disk.iterdir()}
+assert names == {"elsewhere", "out.nc", "out.nc.log", "out.nc.parts", "sweep.toml"}
+assert not list((disk / "elsewhere").iterdir())
+"""
+
+
+def test_chunks_in_a_folder_that_is_mounted_from_elsewhere(tmp_path):
+    """Of the same disk, and yet no file can be moved from there."""
+    assert on_a_disk_of_its_own(tmp_path / "disk", "size=30m", BOUND).strip() == ""
+
+
+def test_chunks_that_cannot_be_removed(tmp_path, monkeypatch):
+    """The cube is complete all the same."""
+
+    def fails(*_):
+        raise OutputError("'a' can't be removed (Device or resource busy); remove it by hand")
+
+    monkeypatch.setattr(ChunkStore, "discard", fails)
+    said = re.escape("out.nc' is complete, but not all of its chunks are removed: 'a' can't be removed (Device")
+    with pytest.warns(RuntimeWarning, match=said):
+        cube = Sweep(row(), motions(), **AXES).run(out=tmp_path / "out.nc")
+    assert (cube["status"] == 0).any()
+
+
 @pytest.mark.parametrize(
     ("number", "remedy"),
     [

@@ -9,6 +9,7 @@ import select
 import subprocess
 import sys
 import threading
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
@@ -153,6 +154,26 @@ def test_time_left_where_a_line_comes_while_chunks_are_taken_up():
     assert first is None
     assert second == "7.5 s"
     assert (third, last) == ("16 min", "16 min")
+
+
+def test_bars_of_a_run_that_continues(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr("pounding_sweep.progress.time", SimpleNamespace(monotonic=lambda: now[0]))
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=True, width=120, get_time=lambda: now[0])
+    progress = TerminalProgress(console)
+    progress.stage("scenarios", 100_000)
+    for _ in range(90):
+        now[0] += 0.01
+        progress.advance(1000)
+    for _ in range(3):  # ten scenarios a second
+        now[0] += 5.0
+        progress.advance(50)
+    [task] = progress._bars.tasks
+    assert task.completed == 90_150
+    assert task.speed == pytest.approx(10.0)
+    assert task.time_remaining == 985
+    progress.close()
 
 
 def test_lines_have_no_control_characters(monkeypatch):

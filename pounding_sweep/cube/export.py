@@ -21,7 +21,7 @@ from pounding_sweep.cube.merge_checks import reading
 from pounding_sweep.cube.slabs import BLOCK_BYTES, block_shape
 from pounding_sweep.cube.tidy import Cells, TidyTable, scenarios_of
 from pounding_sweep.cube.variables import INNER_DIMS
-from pounding_sweep.cube.write import NETCDF_LOCK, check_output
+from pounding_sweep.cube.write import check_output
 from pounding_sweep.errors import InputError, OutputError, WriteError, unknown
 from pounding_sweep.paths import expanded
 
@@ -85,8 +85,7 @@ def export_cube(
     if ending == ".csv":
         check_output(f"{target}.json", overwrite, netcdf=False)
     try:
-        with NETCDF_LOCK:
-            write(cube, target, [names] if isinstance(names, str) else names)
+        write(cube, target, [names] if isinstance(names, str) else names)
     except OutputError:  # what is read, and what is said already
         raise
     except OSError as error:

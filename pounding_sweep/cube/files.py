@@ -30,11 +30,26 @@ def sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
+def _moves(folder: Path, other: Path, name: str) -> bool:
+    """Whether files can be moved between two folders; `name` is there in neither.
+
+    A folder that is mounted in another place is on the same disk, and yet apart: what that says of a
+    file that is not there tells it.
+    """
+    if folder.stat().st_dev != other.stat().st_dev:
+        return False
+    try:
+        os.rename(folder / name, other / name)
+    except OSError as error:
+        return error.errno != errno.EXDEV
+    return True
+
+
 @contextmanager
 def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
     """Give a temporary name; when the block ends well, make what stands there `path` for good.
 
-    It is in `folder`, which the caller has for itself, if that is on the same disk; else in a
+    It is in `folder`, which the caller has for itself, if files can be moved from there; else in a
     hidden folder beside `path`.
 
     The content is on disk before the name changes, and the name before the block
@@ -43,7 +58,7 @@ def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
     """
     with ExitStack() as contexts:
         name = f".pounding_sweep-{secrets.token_hex(8)}.part"
-        if folder is None or folder.stat().st_dev != path.parent.stat().st_dev:
+        if folder is None or not _moves(folder, path.parent, name):
             with suppress(OSError):  # a folder may be written, but not listed
                 for left in filter(is_temporary, os.listdir(path.parent)):
                     remove_abandoned(path.parent / left)

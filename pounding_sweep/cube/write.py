@@ -2,7 +2,7 @@
 
 A file appears under its name only when it is complete and on disk. HDF5 is
 not thread-safe: everything of this package that touches a netCDF file holds
-`NETCDF_LOCK`.
+`NETCDF_LOCK`, as does whoever reads values of a cube that `open_cube` has opened.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import stat
 import tempfile
 import threading
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +35,32 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import xarray as xr
 
-NETCDF_LOCK = threading.RLock()
+
+class _OneLock:
+    """A lock of the process that one thread may hold several times; what is pickled with it finds that of its own."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+
+    def acquire(self, blocking: bool = True) -> bool:
+        """Take the lock; whether it was to be had."""
+        return self._lock.acquire(blocking)
+
+    def release(self) -> None:
+        """Give it back."""
+        self._lock.release()
+
+    def __enter__(self) -> bool:
+        return self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def __reduce__(self) -> str:
+        return "NETCDF_LOCK"
+
+
+NETCDF_LOCK = _OneLock()
 #: Endings of what is no netCDF file: sweep files, and what cubes are exported to.
 _OTHER_ENDINGS = frozenset({".csv", ".parquet", ".zarr", ".toml"})
 #: What an unfinished run has beside its cube, as long as it can go on.
@@ -204,7 +229,13 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
         dataset = dataset.assign({name: dataset[name].astype("i1") for name in truths})
     encoding = {name: _encoding(name, dataset[name], name in dataset.coords) for name in dataset.variables}
     try:
-        with NETCDF_LOCK, replacing(target) as temporary:
+        with ExitStack() as contexts:
+            contexts.enter_context(NETCDF_LOCK)
+            if any(variable.chunks for variable in dataset.variables.values()):  # other threads would wait for the lock
+                import dask
+
+                contexts.enter_context(dask.config.set(scheduler="synchronous"))
+            temporary = contexts.enter_context(replacing(target))
             dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
     except (OSError, RuntimeError) as error:
         msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
@@ -328,7 +359,7 @@ def _open_checked(target: Path) -> tuple[xr.Dataset | None, str | None]:
     fault = wrongly_stored(target)
     if fault is not None:
         return None, fault
-    store = xr.backends.NetCDF4DataStore.open(target)
+    store = xr.backends.NetCDF4DataStore.open(target, lock=NETCDF_LOCK)
     try:
         fault = wrong_form(store.ds, target.stat().st_size)
         if fault is None:
