@@ -188,7 +188,11 @@ def own_folder(folder: Path) -> Iterator[Path]:
         _sign(handle)
         yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        for pause in (0.0, 0.05, 0.5):  # threads of a library that gave up may still write for a moment
+            time.sleep(pause)
+            shutil.rmtree(folder, ignore_errors=True)
+            if not folder.exists():
+                break
         if handle >= 0:
             os.close(handle)
 

@@ -385,11 +385,11 @@ class TestFile:
             for name, variable in file.variables.items():
                 attributes = set(variable.ncattrs())
                 assert "long_name" in attributes, name
-                if variable.dtype is not str:
+                assert variable.dtype is not str, name  # which not every reader knows
+                if variable.dtype.kind != "S":
                     assert "units" in attributes, name
-                    assert variable.filters()["zlib"], name
-                    assert variable.filters()["shuffle"], name
-                    assert variable.filters()["complevel"] == 4, name
+                packed = variable.filters()
+                assert (packed["zlib"], packed["shuffle"], packed["complevel"], packed["fletcher32"]) == (1, 1, 4, 1)
                 if name in cube.coords:
                     assert "_FillValue" not in attributes, name
                 else:
@@ -585,6 +585,15 @@ class TestFile:
             assert not lock.remove_abandoned(folder)
             assert folder.is_dir()
         assert not folder.exists()
+
+    def test_a_folder_in_which_somebody_still_writes_is_removed_later(self, tmp_path, monkeypatch):
+        real, pauses = shutil.rmtree, []
+        monkeypatch.setattr(shutil, "rmtree", lambda *_, **more: pauses.append(more))
+        monkeypatch.setattr(lock.time, "sleep", lambda pause: pause and monkeypatch.setattr(shutil, "rmtree", real))
+        with lock.own_folder(tmp_path / "new"):
+            pass
+        assert len(pauses) == 1
+        assert not list(tmp_path.iterdir())
 
     @pytest.mark.parametrize(
         "theirs",

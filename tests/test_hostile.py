@@ -587,6 +587,8 @@ def _audit_numbers(file):
         (_variable(units=3), "attribute 'units' of variable 'x' is no text"),
         (_variable(dims=("gap", "gap")), "'x' has a dimension twice"),
         (_variable("S1", "status"), "'status' is text"),
+        (_variable("S1", _Encoding="rot13"), "'x' has an attribute '_Encoding'"),
+        (_variable(_Encoding="utf-8"), "'x' has an attribute '_Encoding'"),
         (_variable(name="audit_error"), "'audit_error' has dimensions"),
         (_audit_numbers, "attribute 'audit_touching' is 'many', no number"),
         (_own_types, "groups, or types of its own"),
@@ -629,6 +631,40 @@ def test_a_flipped_bit_of_a_value_is_noticed(tmp_path):
     assert done.returncode == 2
     said = "values of a netCDF file can't be read (NetCDF: HDF error): it is damaged; make it again"
     assert done.stderr == f"pounding-sweep: error: {said}\n"
+
+
+def test_a_damaged_label_is_noticed(tmp_path):
+    path = write_cube(small_cube(), tmp_path / "cube.nc")
+    with h5py.File(path) as file:
+        place = file["law"].id.get_chunk_info(0)
+    data = bytearray(path.read_bytes())
+    data[place.byte_offset + place.size // 2] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(OutputError, match=r"can't be read as netCDF \(NetCDF: HDF error\); it is damaged"):
+        open_cube(path)
+
+
+OPENED = """
+import random, sys
+import netCDF4
+
+random.seed(1)
+held = []
+for _ in range(1500):
+    turn = random.random()
+    if turn < 0.5 and len(held) < 4:
+        held.append(netCDF4.Dataset(sys.argv[1]))
+    elif turn < 0.8 and held:
+        held.pop(random.randrange(len(held))).close()
+    elif held:
+        random.choice(held)["law"][...]
+"""
+
+
+def test_any_program_may_have_a_cube_open_several_times(tmp_path):
+    """The library crashed at texts of any length (HDF5, issue 5359)."""
+    path = write_cube(small_cube(), tmp_path / "cube.nc")
+    subprocess.run([sys.executable, "-c", OPENED, path], check=True, timeout=300)
 
 
 def test_a_cube_may_be_open_several_times(tmp_path):

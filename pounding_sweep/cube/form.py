@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 MOST_PACKED = 1100
 #: Attributes of variables that change what is read; this package writes none of them.
 _RECODING = ("scale_factor", "add_offset", "dtype", "_Unsigned", "missing_value", "valid_range")
+#: How characters are to be read.
+ENCODING = "utf-8"
 #: Attributes that are text where they are there.
 _TEXTS = ("units", "unit_text", "long_name", "coordinates", "standard_name", "comment")
 #: Numbers of the audit among the attributes of a cube.
@@ -60,7 +62,7 @@ def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
         if dtype is not str and dtype.kind not in "iufS":
             yield f"variable {name!r} has type {dtype}, neither number nor text"
         labels = variable.dimensions[:1] == (name,)  # names of statuses, along which a trade counts
-        if name in VARIABLES and not labels and (dtype is str or dtype.kind == "S"):
+        if name in VARIABLES and not labels and _is_text(variable):
             yield f"variable {name!r} is text"
         if len(set(variable.dimensions)) < len(variable.dimensions):
             yield f"variable {name!r} has a dimension twice"
@@ -72,10 +74,22 @@ def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
         for key in _RECODING:
             if key in attributes:
                 yield f"variable {name!r} has an attribute {key!r}"
+        if attributes.get("_Encoding", ENCODING) != ENCODING or ("_Encoding" in attributes and not _is_text(variable)):
+            yield f"variable {name!r} has an attribute '_Encoding' that is not {ENCODING!r}, or is no text"
         for key in _TEXTS:
             if not isinstance(attributes.get(key, ""), str):
                 yield f"attribute {key!r} of variable {name!r} is no text"
     yield from _audit_faults(file)
+
+
+def _is_text(variable: netCDF4.Variable) -> bool:
+    return variable.dtype is str or variable.dtype.kind == "S"
+
+
+def _dimensions(variable: netCDF4.Variable) -> tuple[str, ...]:
+    """Return the dimensions of a variable's values; characters of a text are no values."""
+    dimensions: tuple[str, ...] = variable.dimensions
+    return dimensions if variable.dtype is str or variable.dtype.kind != "S" else dimensions[:-1]
 
 
 def _audit_faults(file: netCDF4.Dataset) -> Iterator[str]:
@@ -85,7 +99,7 @@ def _audit_faults(file: netCDF4.Dataset) -> Iterator[str]:
     if set(file["audit_error"].dimensions) != set(AUDIT_DIMS):
         yield f"variable 'audit_error' has dimensions {file['audit_error'].dimensions}, not {AUDIT_DIMS}"
     for name, dimension in (("audit_sensitive", AUDIT_DIMS[0]), ("output", AUDIT_DIMS[1])):
-        if name not in file.variables or file[name].dimensions != (dimension,):
+        if name not in file.variables or _dimensions(file[name]) != (dimension,):
             yield f"variable {name!r} is missing, or is not along {dimension!r}"
     for name in _AUDIT_NUMBERS:
         value = file.getncattr(name) if name in file.ncattrs() else None

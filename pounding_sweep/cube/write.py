@@ -70,6 +70,9 @@ _UNFINISHED = ".parts/identity.json"
 READ_CACHE = 2**22
 #: How the arrays of a dataset that is written in one piece are compressed, and checked when they are read.
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
+#: How text is stored: as characters (UTF-8) along a dimension of their own, which every reader of netCDF knows. The
+#: library may crash where a file with texts of any length is open several times (HDF5, issue 5359).
+TEXT: dict[str, Any] = {"dtype": "S1", "_FillValue": None}
 
 
 def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
@@ -173,6 +176,8 @@ def check_space(folder: Path, needed: int, what: str) -> None:
 
 
 def _encoding(name: Hashable, array: xr.DataArray, is_coordinate: bool) -> dict[str, Any]:
+    if array.dtype.kind in "OSUT":
+        return {**TEXT, **COMPRESSION}
     encoding: dict[str, Any] = {"_FillValue": None} if is_coordinate else encoding_of(name, array.variable)
     if array.dtype.kind == "f" and not _holds(encoding.get("dtype", array.dtype), encoding["_FillValue"], array):
         encoding = {"_FillValue": array.dtype.type(np.nan)}  # such as the median of numbers of impacts
@@ -363,12 +368,18 @@ def _open_checked(target: Path) -> tuple[xr.Dataset | None, str | None]:
     try:
         fault = wrong_form(store.ds, target.stat().st_size)
         if fault is None:
-            return xr.open_dataset(store, decode_times=False), None
+            return _with_texts(xr.open_dataset(store, decode_times=False)), None
     except BaseException:
         store.close()
         raise
     store.close()
     return None, fault
+
+
+def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
+    """Make texts of characters what they were when they were written, for which they are read."""
+    texts = {name: array for name, array in dataset.variables.items() if array.dtype.kind == "O"}
+    return dataset.assign_coords({name: dataset[name].astype(str) for name in texts})
 
 
 def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
