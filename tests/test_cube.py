@@ -375,6 +375,17 @@ class TestFile:
             for name in cube.data_vars:
                 assert again[name].values.tobytes() == cube[name].values.tobytes()
 
+    def test_texts_are_read_as_they_were_written(self, tmp_path):
+        """Also such as are no labels, one alone, none at all, and those beyond ASCII."""
+        texts = {"why": ("gap", ["", "Gebäude \u2116 5"]), "one": ((), "alone")}
+        labels = {"gap": [1.0, 2.0], "law": ("law", ["linear", "hertz"]), "none": ("none", np.array([], "U1"))}
+        dataset = xr.Dataset(texts, labels, {VERSION_ATTRIBUTE: "0.1.0"})
+        with open_cube(write_cube(dataset, tmp_path / "cube.nc")) as again:
+            assert again.identical(dataset)
+            assert set(again.data_vars) == set(texts)
+        with xr.open_dataset(tmp_path / "cube.nc") as plain:
+            assert plain["why"].values.tolist() == texts["why"][1]
+
     def test_plain_netcdf4(self, cube, tmp_path):
         path = write_cube(cube, tmp_path / "cube.nc")
         with netCDF4.Dataset(path) as file:

@@ -17,14 +17,14 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.analysis import response_spectrum
+from pounding_sweep.analysis import amplification, response_spectrum
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.choice import scenario_of, simulate_one
 from pounding_sweep.cli.app import app
 from pounding_sweep.cube.select import select
 from pounding_sweep.cube.write import open_cube, write_cube
 from pounding_sweep.errors import InputError, OutputError
-from pounding_sweep.figures import FIGURES, SOURCES, plot, require
+from pounding_sweep.figures import CONTACT, FIGURES, NO_CONTACT, SOURCES, plot, require
 from pounding_sweep.figures.animation import PERIODS, WATCHED, _Picture, animate
 from pounding_sweep.figures.chosen import heading, middle
 from pounding_sweep.figures.emptiness import shows_values
@@ -82,7 +82,7 @@ def test_a_dataset_that_lacks_something_is_refused_in_words(key):
     kind = FIGURES[key]
     with pytest.raises(InputError, match=re.escape(SOURCES[kind.source])) as error:
         require(xr.Dataset(), key)
-    for need in (*kind.needs, *kind.several):
+    for need in {*kind.needs, *kind.several} - {CONTACT, *(need for need in kind.needs if need.startswith(NO_CONTACT))}:
         assert need.split("|")[0] in str(error.value)
 
 
@@ -104,6 +104,21 @@ def test_comparisons_need_something_to_compare():
         assert words in FIGURES[key].lacks(made.cube(**dict.fromkeys(sizes, 1)))
     contact = made.cube().sel(law=["linear", "none"])  # no pounding is no law to compare with
     assert FIGURES["law-comparison"].lacks(contact) == ("several laws with contact",)
+
+
+def test_laws_that_a_figure_needs(tmp_path):
+    """Of laws with contact, and of the runs without pounding: what is not lacking can be drawn."""
+    whole = made.cube(scale=2)
+    none = (whole["law"] == "none").values
+    for cube, needs in ((whole.isel(law=~none), NO_CONTACT), (whole.isel(law=none), CONTACT)):
+        assert any(needs in lacking for lacking in FIGURES["amplification"].lacks(cube))
+        for key, kind in FIGURES.items():
+            if kind.source == "cube" and key != "required-gap" and not kind.lacks(cube):
+                plot(cube, key, tmp_path / "x.png")
+    assert FIGURES["amplification"].lacks(amplification(whole)) == ()
+    assert CONTACT in FIGURES["fragility"].lacks(whole.isel(law=none))
+    drawn = FIGURES["incremental"].load()(whole.sel(law=["none"]))
+    assert "drift" in drawn.axes[0].get_ylabel() + str(drawn.get_supylabel())
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])

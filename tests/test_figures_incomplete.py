@@ -60,7 +60,7 @@ def test_a_result_without_a_value_is_told(tmp_path):
 
 def test_a_cube_of_the_law_without_contact_has_no_forces(tmp_path):
     cube = made.cube().sel(law=["none"])
-    with pytest.raises(InputError, match=r"the only law is 'none', without contact; .* add laws with contact"):
+    with pytest.raises(InputError, match=r"needs a law with contact, .*: choose others with --at, or run .* a law"):
         plot(cube, "force-gap", tmp_path / "x.png")
     plot(cube, "profiles", tmp_path / "y.png")
     with pytest.raises(InputError, match="at law none: 8 of 8 scenarios are diverged"):

@@ -378,8 +378,8 @@ def _open_checked(target: Path) -> tuple[xr.Dataset | None, str | None]:
 
 def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
     """Make texts of characters what they were when they were written, for which they are read."""
-    texts = {name: array for name, array in dataset.variables.items() if array.dtype.kind == "O"}
-    return dataset.assign_coords({name: dataset[name].astype(str) for name in texts})
+    texts = [name for name, values in dataset.variables.items() if values.dtype.kind == "O"]
+    return dataset.assign({name: dataset[name].astype(str) for name in texts})
 
 
 def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:

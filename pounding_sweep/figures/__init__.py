@@ -43,7 +43,7 @@ class Kind:
     source : str
         What it is drawn from, a key of `SOURCES`.
     needs : tuple of str
-        Variables, coordinates or dimensions that the dataset must have; of
+        Variables, coordinates, dimensions, `CONTACT` or `NO_CONTACT` that the dataset must have; of
         alternatives, separated by ``|``, any one.
     several : tuple of str
         Axes of which it must have more than one value, again with alternatives; of the
@@ -63,12 +63,23 @@ class Kind:
 
     def lacks(self, dataset: xr.Dataset) -> tuple[str, ...]:
         """Return in words what of `needs` and `several` a dataset has not."""
-        there = {*map(str, dataset.variables), *map(str, dataset.sizes)}
+        there = {*map(str, dataset.variables), *map(str, dataset.sizes), *_kinds_of_laws(dataset)}
         needs = [need.split("|") for need in self.needs]
         several = [axes.split("|") for axes in self.several]
         absent = [" or ".join(names) for names in needs if there.isdisjoint(names)]
         single = [axes for axes in several if all(_size(dataset, axis) < 2 for axis in axes)]
         return (*absent, *(f"several {' or '.join(_PLURAL[axis] for axis in axes)}" for axes in single))
+
+
+#: A law with contact, and the one without, as needs.
+CONTACT, NO_CONTACT = "a law with contact", "the law 'none'"
+
+
+def _kinds_of_laws(dataset: xr.Dataset) -> set[str]:
+    """Return which of `CONTACT` and `NO_CONTACT` a dataset has; both where it does not say."""
+    from pounding_sweep.analysis.scenarios import law_keys
+
+    return {NO_CONTACT if law == "none" else CONTACT for law in law_keys(dataset) or ("", "none")}
 
 
 #: What several values of an axis are called.
@@ -82,6 +93,11 @@ def _size(dataset: xr.Dataset, axis: str) -> int:
     return int(dataset.sizes.get(axis, 1))
 
 
+#: What a comparison with no pounding gives.
+_RATIOS = "|".join(
+    f"{name}_ratio"
+    for name in ("displacement_max", "displacement_min", "drift_max", "storey_shear_max", "acceleration_max")
+)
 #: All figures by name.
 FIGURES: dict[str, Kind] = {
     kind.key: kind
@@ -90,7 +106,7 @@ FIGURES: dict[str, Kind] = {
             "force-gap",
             "peak impact force and impacts of each pair against the gap, law by law",
             "pounding_sweep.figures.force_gap:force_gap",
-            needs=("law", "gap", "pair", "impact_force_max", "impact_count"),
+            needs=("law", "gap", "pair", "impact_force_max", "impact_count", CONTACT),
         ),
         Kind(
             "profiles",
@@ -108,9 +124,9 @@ FIGURES: dict[str, Kind] = {
             "pounding_sweep.figures.amplification:amplification",
             needs=(
                 "law",
-                "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max"
-                "|displacement_max_ratio|displacement_min_ratio|drift_max_ratio|storey_shear_max_ratio"
-                "|acceleration_max_ratio",
+                f"displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max|{_RATIOS}",
+                CONTACT,
+                f"{NO_CONTACT}|{_RATIOS}",
             ),
         ),
         Kind(
@@ -147,6 +163,7 @@ FIGURES: dict[str, Kind] = {
             "fragility",
             "probability that a pair touches, against intensity, with its confidence",
             "pounding_sweep.figures.fragility:fragility",
+            needs=("pair", CONTACT),
             several=("record|scale",),
         ),
         Kind(
@@ -229,7 +246,7 @@ def require(dataset: xr.Dataset, key: str) -> None:
             f"{SOURCES[kind.source]}"
         )
         if kind.source == "cube" and "status" in dataset.variables:
-            msg += ": run the sweep again with such an axis or output"
+            msg += ": choose others with --at, or run the sweep again with such a law, axis or output"
         raise InputError(msg)
 
 

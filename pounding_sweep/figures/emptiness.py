@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.scenarios import law_keys
 from pounding_sweep.cube.variables import STATUS, Status
 from pounding_sweep.figures.chosen import middle
 
@@ -63,10 +62,7 @@ def nothing_to_draw(dataset: xr.Dataset, key: str) -> str:
 
 
 def _why(dataset: xr.Dataset) -> str:
-    remedy = "choose others with --at"
     status = dataset["status"].values if "status" in dataset.data_vars else np.array(int(Status.OK))
-    if law_keys(dataset) == ["none"] and (status == int(Status.OK)).any():
-        return f"the only law is 'none', without contact; {remedy}, or add laws with contact to the sweep"
     counts = [(one.label, int((status == int(one)).sum())) for one in STATUS if one != Status.OK]
     failed = [f"{count} of {status.size} scenarios are {label}" for label, count in counts if count]
-    return f"{', '.join(failed) or 'none of its values is a number'}; {remedy}"
+    return f"{', '.join(failed) or 'none of its values is a number'}; choose others with --at"

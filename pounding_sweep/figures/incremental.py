@@ -52,9 +52,11 @@ def incremental(cube: xr.Dataset) -> Figure:
         The cube has fewer than two scales, or no response that is drawn.
     """
     result = result_of(cube, "incremental")
-    found = [row for row in _RESPONSES if row[0] in result]
+    touching = "law" not in result.coords or bool((result["law"] != "none").any())
+    found = [row for row in _RESPONSES if row[0] in result and (touching or VARIABLES[row[0]].dims[0] == "building")]
     if not found:
-        msg = f"figure 'incremental' needs one of {', '.join(row[0] for row in _RESPONSES)}, which this cube lacks"
+        names = ", ".join(row[0] for row in _RESPONSES)
+        msg = f"figure 'incremental' needs one of {names}, the first of a law with contact, which this cube lacks"
         raise InputError(msg)
     name, label, factor = found[0]
     per = VARIABLES[name].dims[0]
