@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
+import dask
 import h5py
 import netCDF4
 import numpy as np
@@ -25,6 +26,7 @@ from analysis_cubes import LAWS, hand_cube, random_fill
 from fuzz import BINARY_FAULTS, TEXT_FAULTS, damaged, not_hanging
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import AXES, motions, row
 
 import pounding_sweep as ps
 from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE
@@ -426,6 +428,73 @@ def test_a_cube_in_chunks_is_written(tmp_path, ending):
                 assert again.identical(cube)
 
 
+def test_exports_side_by_side_leave_dask_as_it_is(tmp_path):
+    """Its settings are those of the process."""
+    path, before = write_cube(small_cube(), tmp_path / "cube.nc"), dask.config.get("scheduler", None)
+    with open_cube(path) as cube, ThreadPoolExecutor(2) as pool:
+        for turn in range(6):
+            list(pool.map(lambda i, turn=turn: export_cube(cube, tmp_path / f"{turn}-{i}.zarr"), range(2)))
+    assert dask.config.get("scheduler", None) == before
+
+
+def test_a_closed_cube_is_closed(tmp_path):
+    """Others may write to the file then, whoever still has the dataset."""
+    path = write_cube(small_cube(), tmp_path / "cube.nc")
+    with open_cube(path) as cube:
+        cube["impact_count"].load()
+    links = [os.readlink(link) for link in Path("/proc/self/fd").iterdir() if link.is_symlink()]
+    assert str(path) not in links
+    assert cube["impact_count"].size
+
+
+def test_what_is_written_anew_with_xarray_has_no_texts_of_any_length(tmp_path):
+    """Also a part, and a cube that was never in a file."""
+    path = write_cube(small_cube(), tmp_path / "cube.nc")
+    with open_cube(path) as cube:
+        cube.to_netcdf(tmp_path / "whole.nc")
+        cube.isel(law=[0], gap=0).to_netcdf(tmp_path / "part.nc")
+        cube.chunk(gap=1).to_netcdf(tmp_path / "chunked.nc")
+    ps.Sweep(row(), motions(), **AXES).run().to_netcdf(tmp_path / "memory.nc")
+    for name in ("whole", "part", "chunked", "memory"):
+        with netCDF4.Dataset(tmp_path / f"{name}.nc") as file:
+            assert not [key for key, variable in file.variables.items() if variable.dtype is str]
+            assert file["law"].dtype == "S1"
+
+
+def test_attributes_beyond_ascii_are_characters_too(tmp_path):
+    cube = small_cube().assign_attrs(title="Étude № 5")
+    cube["gap"].attrs["comment"] = "größer"
+    path = write_cube(cube, tmp_path / "cube.nc")
+    with h5py.File(path) as file:
+        for attributes, name in ((file.attrs, "title"), (file["gap"].attrs, "comment")):
+            assert not attributes.get_id(name).get_type().is_variable_str()
+    with open_cube(path) as again:
+        assert (again.attrs["title"], again["gap"].attrs["comment"]) == ("Étude № 5", "größer")
+        assert again.identical(cube)
+
+
+FORKED = """
+import multiprocessing, sys, threading
+from pounding_sweep.cube.write import NETCDF_LOCK, open_cube
+
+def fork():
+    child = multiprocessing.get_context("fork").Process(target=open_cube, args=sys.argv[1:])
+    child.start()
+    child.join(60)
+    sys.exit(child.exitcode)
+
+thread = threading.Thread(target=NETCDF_LOCK.acquire)  # and never gives it back
+thread.start()
+thread.join()
+fork()
+"""
+
+
+def test_the_lock_is_free_in_a_child_process(tmp_path):
+    path = write_cube(small_cube(), tmp_path / "cube.nc")
+    subprocess.run([sys.executable, "-W", "ignore", "-c", FORKED, path], check=True, timeout=120)
+
+
 def test_a_cube_can_be_sent_to_another_process(tmp_path):
     path = write_cube(small_cube(), tmp_path / "cube.nc")
     with open_cube(path) as cube, pickle.loads(pickle.dumps(cube)) as again:
@@ -576,6 +645,23 @@ def _audit_numbers(file):
     file.setncatts({"audit_touching": "many"})
 
 
+def _long_axis(file):
+    file.createDimension("gap", 2**24 + 1)
+    file.createVariable("gap", "i1", ("gap",), zlib=True)[...] = 0
+
+
+def _characters(name, texts, length):
+    def make(file):
+        for dim, size in ((name, texts), ("length", length)):
+            file.createDimension(dim, size)
+        labels = file.createVariable(name, "S1", (name, "length"), zlib=True)
+        labels._Encoding = "utf-8"
+        labels.set_auto_chartostring(False)
+        labels[...] = np.full((texts, length), b"a")
+
+    return make
+
+
 @pytest.mark.parametrize(
     ("make", "why"),
     [
@@ -587,8 +673,11 @@ def _audit_numbers(file):
         (_variable(units=3), "attribute 'units' of variable 'x' is no text"),
         (_variable(dims=("gap", "gap")), "'x' has a dimension twice"),
         (_variable("S1", "status"), "'status' is text"),
-        (_variable("S1", _Encoding="rot13"), "'x' has an attribute '_Encoding'"),
+        (_variable("S1"), "'x' has no attribute '_Encoding' of 'utf-8'"),
+        (_variable("S1", _Encoding="rot13"), "'x' has no attribute '_Encoding' of 'utf-8'"),
         (_variable(_Encoding="utf-8"), "'x' has an attribute '_Encoding'"),
+        (_long_axis, "axis 'gap' has 16777217 values, more than"),
+        (_characters("law", 3, 5000), "texts of 'law' have 5000 characters, more than"),
         (_variable(name="audit_error"), "'audit_error' has dimensions"),
         (_audit_numbers, "attribute 'audit_touching' is 'many', no number"),
         (_own_types, "groups, or types of its own"),
@@ -603,6 +692,13 @@ def test_a_file_of_another_form_is_refused(make, why, tmp_path):
     with pytest.raises(OutputError, match="is damaged, or not made by this package") as error:
         open_cube(path)
     assert why in str(error.value)
+
+
+def test_texts_that_would_fill_the_memory_are_refused(monkeypatch, tmp_path):
+    monkeypatch.setattr("pounding_sweep.cube.form.MOST_CHARACTERS", 50)
+    path = write_cube(small_cube(), tmp_path / "cube.nc")
+    with pytest.raises(OutputError, match=r"its texts have \d\d+ characters, more than 50"):
+        open_cube(path)
 
 
 def test_units_that_look_like_times_stay_numbers(tmp_path):

@@ -365,9 +365,11 @@ def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit) -> xr.Dataset:
             coordinates[name] = (dims, values, about["long_name"], about["units"])
     import xarray as xr
 
+    from pounding_sweep.cube.assemble import stored_as
+
     def array(dims: tuple[str, ...], values: np.ndarray, long_name: str, units: str) -> xr.Variable:
         stored = xr.Variable(dims, values, {"long_name": long_name, **({"units": units} if units else {})})
-        stored.encoding = {"_FillValue": None}
+        stored.encoding = stored_as("", stored, is_coordinate=True)
         return stored
 
     result = cube.assign({name: array(*item) for name, item in data.items()})

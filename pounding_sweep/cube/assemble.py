@@ -29,6 +29,9 @@ VERSION_ATTRIBUTE = "pounding_sweep_version"
 #: Global attribute of a cube: digest of the source of the package that made it.
 SOURCE_ATTRIBUTE = "package_sha256"
 
+#: How text is stored in netCDF: as characters (UTF-8) along a dimension of their own, which every reader knows. The
+#: library may crash where a file with texts of any length is open several times (HDF5, issue 5359).
+TEXT: Mapping[str, Any] = {"dtype": "S1", "_FillValue": None}
 #: name -> (dimensions, values, attributes)
 Coordinates = Mapping[str, tuple[Sequence[str], Any, Mapping[str, Any]]]
 
@@ -328,12 +331,19 @@ def label(
     coords = {k: (tuple(dims), _labels(v), _attributes(more)) for k, (dims, v, more) in coordinates.items()}
     dataset = xr.Dataset(labelled, coords=coords, attrs=_attributes(found))
     for key, stored in dataset.variables.items():
-        stored.encoding = {"_FillValue": None} if key in dataset.coords else encoding_of(key, stored)
+        stored.encoding = stored_as(key, stored, key in dataset.coords)
     return dataset
 
 
+def stored_as(name: Hashable, values: xr.Variable, is_coordinate: bool) -> dict[str, Any]:
+    """Return how a variable stands in a netCDF file: text as characters, coordinates without missing values."""
+    if values.dtype.kind in "OSUT":
+        return dict(TEXT)
+    return {"_FillValue": None} if is_coordinate else encoding_of(name, values)
+
+
 def encoding_of(name: Hashable, values: xr.Variable) -> dict[str, Any]:
-    """Return how a variable is stored: its type and what stands for a missing value.
+    """Return how a variable of numbers is stored: its type and what stands for a missing value.
 
     Declared outputs follow the registry; others keep the integer type and fill
     they were read with, and floats get NaN.

@@ -200,8 +200,6 @@ def _parquet(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
 
 
 def _zarr(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
-    import dask
-
     chosen = scenarios_of(cube, names)
     outer = [dim for dim in chosen.dims if dim not in INNER_DIMS]
     sizes = [chosen.sizes[dim] for dim in outer]
@@ -212,9 +210,11 @@ def _zarr(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
         kept = encoding_of(name, stored) if name in chosen.data_vars else {}
         encoding[name] = {key: value for key, value in kept.items() if value is not None}
     try:
-        with replacing(path) as unfinished, dask.config.set(scheduler="synchronous"):  # as little in memory as can be
+        with replacing(path) as unfinished:
             # format 2: the later one has no agreed way to store text
-            chosen.drop_encoding().chunk(block).to_zarr(unfinished, mode="w-", encoding=encoding, zarr_format=2)
+            blocks = chosen.drop_encoding().chunk(block)
+            job = blocks.to_zarr(unfinished, mode="w-", encoding=encoding, zarr_format=2, compute=False)
+            job.compute(scheduler="synchronous")  # as little in memory as can be
             _sync(unfinished)
     except RuntimeError:  # of the netCDF library: zarr's are of the system
         with reading(_source(cube)):

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 MOST_PACKED = 1100
 #: Attributes of variables that change what is read; this package writes none of them.
 _RECODING = ("scale_factor", "add_offset", "dtype", "_Unsigned", "missing_value", "valid_range")
+#: Values of an axis at most, characters of a text, and of all texts together: they are in memory while a cube is open.
+LONGEST_AXIS, LONGEST_TEXT, MOST_CHARACTERS = 2**24, 2**12, 2**29
 #: How characters are to be read.
 ENCODING = "utf-8"
 #: Attributes that are text where they are there.
@@ -57,12 +59,16 @@ def wrong_form(file: netCDF4.Dataset, size: int) -> str | None:
 def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
     if file.groups or file.cmptypes or file.vltypes or file.enumtypes:
         yield "it has groups, or types of its own"
+    texts = sum(variable.size for variable in file.variables.values() if _is_of_characters(variable))
+    if texts > MOST_CHARACTERS:
+        yield f"its texts have {texts} characters, more than {MOST_CHARACTERS}"
     for name, variable in file.variables.items():
         dtype: Any = variable.dtype
         if dtype is not str and dtype.kind not in "iufS":
             yield f"variable {name!r} has type {dtype}, neither number nor text"
         labels = variable.dimensions[:1] == (name,)  # names of statuses, along which a trade counts
-        if name in VARIABLES and not labels and _is_text(variable):
+        characters = _is_of_characters(variable)
+        if name in VARIABLES and not labels and (dtype is str or characters):
             yield f"variable {name!r} is text"
         if len(set(variable.dimensions)) < len(variable.dimensions):
             yield f"variable {name!r} has a dimension twice"
@@ -70,26 +76,30 @@ def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
         most = size if variable.chunking() == "contiguous" else MOST_PACKED * size
         if count * (1 if dtype is str else dtype.itemsize) > most:
             yield f"variable {name!r} has {count} values, more than a file of {size} bytes can hold"
+        if labels and len(variable) > LONGEST_AXIS:
+            yield f"axis {name!r} has {len(variable)} values, more than {LONGEST_AXIS}"
+        if characters and variable.shape and variable.shape[-1] > LONGEST_TEXT:
+            yield f"texts of {name!r} have {variable.shape[-1]} characters, more than {LONGEST_TEXT}"
         attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
         for key in _RECODING:
             if key in attributes:
                 yield f"variable {name!r} has an attribute {key!r}"
-        if attributes.get("_Encoding", ENCODING) != ENCODING or ("_Encoding" in attributes and not _is_text(variable)):
-            yield f"variable {name!r} has an attribute '_Encoding' that is not {ENCODING!r}, or is no text"
+        if attributes.get("_Encoding") != (ENCODING if characters else None):
+            yield f"variable {name!r} has {'no' if characters else 'an'} attribute '_Encoding' of {ENCODING!r}"
         for key in _TEXTS:
             if not isinstance(attributes.get(key, ""), str):
                 yield f"attribute {key!r} of variable {name!r} is no text"
     yield from _audit_faults(file)
 
 
-def _is_text(variable: netCDF4.Variable) -> bool:
-    return variable.dtype is str or variable.dtype.kind == "S"
+def _is_of_characters(variable: netCDF4.Variable) -> bool:
+    return variable.dtype is not str and bool(variable.dtype.kind == "S")
 
 
 def _dimensions(variable: netCDF4.Variable) -> tuple[str, ...]:
     """Return the dimensions of a variable's values; characters of a text are no values."""
     dimensions: tuple[str, ...] = variable.dimensions
-    return dimensions if variable.dtype is str or variable.dtype.kind != "S" else dimensions[:-1]
+    return dimensions[:-1] if _is_of_characters(variable) else dimensions
 
 
 def _audit_faults(file: netCDF4.Dataset) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """Whether a cube is whole, so that its results may be taken into another one.
 
-Checksums tell damaged numbers when they are read. Texts and attributes have none, and a file may have been
-changed by hand: what a cube says of itself is held against its sweep here.
+Checksums tell damaged values when they are read. Attributes have none, nor have texts of earlier files, and a file
+may have been changed by hand: what a cube says of itself is held against its sweep here.
 """
 
 from __future__ import annotations

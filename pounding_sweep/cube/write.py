@@ -14,13 +14,13 @@ import stat
 import tempfile
 import threading
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, encoding_of
+from pounding_sweep.cube.assemble import TEXT, VERSION_ATTRIBUTE, encoding_of, stored_as
 from pounding_sweep.cube.files import failure, replacing
 from pounding_sweep.cube.form import wrong_form
 from pounding_sweep.cube.heaps import has_endless_heap
@@ -36,31 +36,15 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-class _OneLock:
+class _OneLock(type(threading.RLock())):  # type: ignore[misc]
     """A lock of the process that one thread may hold several times; what is pickled with it finds that of its own."""
-
-    def __init__(self) -> None:
-        self._lock = threading.RLock()
-
-    def acquire(self, blocking: bool = True) -> bool:
-        """Take the lock; whether it was to be had."""
-        return self._lock.acquire(blocking)
-
-    def release(self) -> None:
-        """Give it back."""
-        self._lock.release()
-
-    def __enter__(self) -> bool:
-        return self.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
 
     def __reduce__(self) -> str:
         return "NETCDF_LOCK"
 
 
 NETCDF_LOCK = _OneLock()
+os.register_at_fork(after_in_child=NETCDF_LOCK._at_fork_reinit)
 #: Endings of what is no netCDF file: sweep files, and what cubes are exported to.
 _OTHER_ENDINGS = frozenset({".csv", ".parquet", ".zarr", ".toml"})
 #: What an unfinished run has beside its cube, as long as it can go on.
@@ -70,9 +54,6 @@ _UNFINISHED = ".parts/identity.json"
 READ_CACHE = 2**22
 #: How the arrays of a dataset that is written in one piece are compressed, and checked when they are read.
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
-#: How text is stored: as characters (UTF-8) along a dimension of their own, which every reader of netCDF knows. The
-#: library may crash where a file with texts of any length is open several times (HDF5, issue 5359).
-TEXT: dict[str, Any] = {"dtype": "S1", "_FillValue": None}
 
 
 def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
@@ -176,14 +157,27 @@ def check_space(folder: Path, needed: int, what: str) -> None:
 
 
 def _encoding(name: Hashable, array: xr.DataArray, is_coordinate: bool) -> dict[str, Any]:
-    if array.dtype.kind in "OSUT":
-        return {**TEXT, **COMPRESSION}
-    encoding: dict[str, Any] = {"_FillValue": None} if is_coordinate else encoding_of(name, array.variable)
+    encoding = stored_as(name, array.variable, is_coordinate)
+    if encoding.get("dtype") == TEXT["dtype"]:
+        return {**encoding, **COMPRESSION}
     if array.dtype.kind == "f" and not _holds(encoding.get("dtype", array.dtype), encoding["_FillValue"], array):
         encoding = {"_FillValue": array.dtype.type(np.nan)}  # such as the median of numbers of impacts
     if array.ndim and array.dtype.kind in "iuf":
         encoding.update(COMPRESSION)
     return encoding
+
+
+def _with_plain_attributes(dataset: xr.Dataset) -> xr.Dataset:
+    """Encode attributes beyond ASCII: as text they become strings of any length, which not every reader knows."""
+
+    def plain(attributes: Mapping[Any, Any]) -> dict[Any, Any]:
+        beyond = {key: text for key, text in attributes.items() if isinstance(text, str) and not text.isascii()}
+        return {**attributes, **{key: text.encode() for key, text in beyond.items()}}
+
+    found = dataset.assign_attrs(plain(dataset.attrs))
+    for variable in found.variables.values():  # of a copy
+        variable.attrs = plain(variable.attrs)
+    return found
 
 
 def _holds(dtype: npt.DTypeLike, fill: Any, array: xr.DataArray) -> bool:
@@ -233,15 +227,11 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
     if truths:
         dataset = dataset.assign({name: dataset[name].astype("i1") for name in truths})
     encoding = {name: _encoding(name, dataset[name], name in dataset.coords) for name in dataset.variables}
+    dataset = _with_plain_attributes(dataset)
     try:
-        with ExitStack() as contexts:
-            contexts.enter_context(NETCDF_LOCK)
-            if any(variable.chunks for variable in dataset.variables.values()):  # other threads would wait for the lock
-                import dask
-
-                contexts.enter_context(dask.config.set(scheduler="synchronous"))
-            temporary = contexts.enter_context(replacing(target))
-            dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        with NETCDF_LOCK, replacing(target) as temporary:
+            job = dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding, compute=False)
+            job.compute(scheduler="synchronous")  # other threads would wait for the lock
     except (OSError, RuntimeError) as error:
         msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
         raise WriteError(msg) from error
@@ -294,6 +284,7 @@ def write_in_slabs(
     from xarray.conventions import encode_dataset_coordinates
 
     target = check_output(path, overwrite)
+    dataset = _with_plain_attributes(dataset)
     variables, attributes = encode_dataset_coordinates(dataset)
     labels = dataset.drop_vars(list(dataset.data_vars))
     encoding = {name: _encoding(name, labels[name], True) for name in labels.variables}
@@ -379,7 +370,11 @@ def _open_checked(target: Path) -> tuple[xr.Dataset | None, str | None]:
 def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
     """Make texts of characters what they were when they were written, for which they are read."""
     texts = [name for name, values in dataset.variables.items() if values.dtype.kind == "O"]
-    return dataset.assign({name: dataset[name].astype(str) for name in texts})
+    found = dataset.assign({name: dataset[name].astype(str) for name in texts})
+    for name in texts:
+        found.variables[name].encoding = {**TEXT, **COMPRESSION}  # for who writes it anew with xarray
+    found.set_close(dataset.close)
+    return found
 
 
 def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:

@@ -181,7 +181,8 @@ class Sweep:
         Several sweeps may run at once, in threads of one process, and the values of their cubes be read meanwhile. The
         netCDF library is not made for threads: who opens or reads a file by other means than this package, such as
         ``xarray.open_dataset``, or closes one, while a sweep may be writing, does so holding
-        ``pounding_sweep.cube.write.NETCDF_LOCK``, else the process may crash.
+        ``pounding_sweep.cube.write.NETCDF_LOCK``, else the process may crash. Nothing that dask computes in threads
+        may be waited for meanwhile: they would wait for the lock.
         """
         from pounding_sweep.accuracy.audit import audit
         from pounding_sweep.cube.assemble import SOURCE_ATTRIBUTE
