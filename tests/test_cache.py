@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import gc
 import hashlib
+import importlib.resources
 import json
 import os
+import pickle
 import shutil
 import subprocess
 import sys
@@ -15,6 +18,7 @@ import time
 
 import numpy as np
 import pytest
+from numba.core import caching
 
 import pounding_sweep as ps
 from pounding_sweep.contact.laws import get_law
@@ -25,6 +29,7 @@ from pounding_sweep.kernels.prepare import from_json, prepare, shares, to_json
 from pounding_sweep.records import Record
 from pounding_sweep.scene import Building, Scene, Wall
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
+from pounding_sweep.sweep.source import package_digest
 
 LINEAR = get_law("linear")
 DOUBLED = dataclasses.replace(LINEAR, elastic="2.0*k*d", elastic_slope="2.0*k")
@@ -48,6 +53,8 @@ def forget():
     """Be as a process that has loaded no kernel yet."""
     get_kernel.cache_clear()
     cache._LOADED.clear()
+    cache._TOLD.clear()
+    cache._own_folder.cache_clear()
     for name in [name for name in sys.modules if name.startswith("pounding_kernel_")]:
         del sys.modules[name]
 
@@ -94,6 +101,13 @@ def files(folder):
         for p in folder.rglob("*")
         if p.is_file() and p.suffix != ".used"
     }
+
+
+def check_digests(folder):
+    """Each file of machine code has its own."""
+    for path in folder.glob("__pycache__/*.nbc"):
+        digest = path.with_name(path.name + cache.DIGEST).read_text()
+        assert digest == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def hits_and_misses(run):
@@ -228,11 +242,12 @@ def test_every_part_of_the_text_is_in_the_name(monkeypatch):
         assert digest_with(monkeypatch, commented(template), shapes["newmark"]) != names[-1]
 
 
-def test_a_file_that_is_not_what_its_name_says_is_replaced(filled):
+@pytest.mark.parametrize("content", [b"def run(*args):\n    pass\n", b"", b"\xff\x00"])
+def test_a_file_that_is_not_what_its_name_says_is_replaced(filled, content):
     before = peak()
     path = filled / f"{source_digest(kernel_of().shape)}.py"
     text = path.read_text(encoding="utf-8")
-    path.write_text("def run(*args):\n    pass\n", encoding="utf-8")
+    path.write_bytes(content)
     forget()
     assert peak() == before
     assert path.read_text(encoding="utf-8") == text
@@ -248,9 +263,143 @@ def test_a_folder_that_cannot_be_written_costs_the_cache_not_the_run(tmp_path, m
     monkeypatch.setenv(cache.CACHE_VARIABLE, str(regular / "kernels"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
     assert not is_cached(kernel_of().shape)
-    assert peak() > 0
+    with pytest.warns(RuntimeWarning, match=r"can't be kept in '.*regular/kernels' \(Not a directory\)"):
+        assert peak() > 0
     assert not is_cached(kernel_of().shape)
     assert regular.read_text() == "not a folder"
+    get_kernel.cache_clear()
+    assert peak() > 0  # and that is said once
+
+
+@pytest.mark.parametrize("part", ["row", "main"])
+def test_a_disk_that_is_full_costs_the_cache_not_the_run(filled, tmp_path, monkeypatch, part):
+    """Seen by numba, in the middle of a kernel: of the part that both laws share, or of the law's own."""
+    true, shape = caching.IndexDataCacheFile._save_data, kernel_of().shape
+
+    def full(self, name, data):
+        if self._cache_path.startswith(str(filled)):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        true(self, name, data)
+
+    names = {"main": source_digest(shape), "row": text_sizes(shape)[0]}
+    for path in filled.glob(f"__pycache__/{names[part]}.*"):
+        path.unlink()
+    for path in filled.glob(f"__pycache__/{names['main']}.*"):
+        path.unlink()
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
+    monkeypatch.setattr(caching.IndexDataCacheFile, "_save_data", full)
+    with pytest.warns(RuntimeWarning, match=r"can't be kept in '.*kernels' \(No space left on device\)"):
+        assert peak() > 0
+    assert not is_cached(shape)
+    assert list((tmp_path / "tmp").rglob("*.nbc"))
+
+
+#: What a power cut or a disk makes of a file; the last one is a whole pickle that means nothing to numba.
+DAMAGE = {
+    "empty": lambda content: b"",
+    "zeros": lambda content: bytes(len(content)),
+    "cut": lambda content: content[: len(content) // 2],
+    "byte flipped": lambda content: content[:-99] + bytes([content[-99] ^ 1]) + content[-98:],
+    "another": lambda content: pickle.dumps(0),
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "ending"),
+    [("empty", "nbi"), ("zeros", "nbc"), ("cut", "nbc"), ("byte flipped", "nbc"), ("another", "nbc")],
+)
+def test_a_damaged_kernel_is_compiled_anew(filled, kind, ending):
+    shapes = [kernel_of(law).shape for law in (LINEAR, DOUBLED)]
+    before, names = files(filled), [source_digest(shape) for shape in shapes]
+    (path,) = filled.glob(f"__pycache__/{names[0]}.run-*.{ending}")
+    path.write_bytes(DAMAGE[kind](path.read_bytes()))
+    if kind == "another":
+        path.with_name(path.name + cache.DIGEST).unlink()
+    assert [is_cached(shape) for shape in shapes] == [kind == "another", True]  # only numba sees that one
+    with pytest.warns(RuntimeWarning, match=r"kernels in '.*kernels' were damaged") as said:
+        assert prepare(shapes) == (kind != "another")
+    assert len(said) == 1
+    assert [hits_and_misses(get_kernel(shape)) for shape in shapes] == [(0, 1), (1, 0)]
+    assert peak(k=2e5) == peak(DOUBLED, k=1e5) > 0
+    after = files(filled)
+    assert after.keys() == before.keys()
+    assert all(after[name] == before[name] for name in after if names[1] in name)
+    check_digests(filled)
+    forget()
+    assert hits_and_misses(get_kernel(shapes[0])) == (1, 0)
+    assert files(filled) == after
+
+
+def test_machine_code_of_another_version_is_replaced_with_its_digest(filled):
+    """Of numba, which tells by its index: that is no damage."""
+    shape = kernel_of().shape
+    (index,) = filled.glob(f"__pycache__/{source_digest(shape)}.run-*.nbi")
+    (code,) = filled.glob(f"__pycache__/{source_digest(shape)}.run-*.nbc")
+    index.write_bytes(pickle.dumps("0.1") + pickle.dumps("what it kept"))
+    code.write_bytes(pickle.dumps("machine code"))
+    code.with_name(code.name + cache.DIGEST).write_text(hashlib.sha256(code.read_bytes()).hexdigest())
+    assert hits_and_misses(get_kernel(shape)) == (0, 1)
+    check_digests(filled)
+
+
+def test_a_file_that_finds_no_room_leaves_nothing(folder, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(OSError, match="No space"):
+        cache._write(folder, module_name("x = 1\n"), "x = 1\n")
+    assert not list(folder.iterdir())
+
+
+def test_machine_code_without_a_digest_is_taken_as_it_is(filled):
+    """Its writer may be just about to write it; and digests are of one file each, not of all of a kernel."""
+    shape = kernel_of().shape
+    name = source_digest(shape)
+    (path,) = filled.glob(f"__pycache__/{name}.run-*.nbc")
+    path.with_name(path.name + cache.DIGEST).unlink()
+    other = path.with_name(path.name.replace(".1.nbc", ".2.nbc"))  # that of a machine with another processor
+    shutil.copy(path, other)
+    other.with_name(other.name + cache.DIGEST).write_text(hashlib.sha256(other.read_bytes()).hexdigest())
+    before = files(filled)
+    assert is_cached(shape)
+    assert hits_and_misses(get_kernel(shape)) == (1, 0)
+    assert files(filled) == before
+    forget()
+    other.write_bytes(b"")
+    with pytest.warns(RuntimeWarning, match="were damaged"):
+        assert hits_and_misses(get_kernel(shape)) == (1, 0)
+    assert not other.exists()
+
+
+def test_a_digest_that_is_just_written_is_waited_for(filled, monkeypatch):
+    """Another process replaces machine code first, and then its digest."""
+    shape = kernel_of().shape
+    (path,) = filled.glob(f"__pycache__/{source_digest(shape)}.run-*.nbc")
+    digest = path.with_name(path.name + cache.DIGEST)
+    true = digest.read_text()
+    digest.write_text("0" * 64)
+    monkeypatch.setattr(time, "sleep", lambda seconds: digest.write_text(true))
+    assert hits_and_misses(get_kernel(shape)) == (1, 0)
+
+
+@pytest.mark.parametrize(("there", "error"), [(False, ValueError), (True, MemoryError)])
+def test_what_is_no_damage_is_raised_at_once(compiled, folder, monkeypatch, there, error):
+    """Nothing compiled is there that could be damaged, or the memory is at its end."""
+    if there:
+        shutil.copytree(compiled, folder)
+    before, tried = files(folder), []
+
+    def fail(name, path):
+        tried.append(name)
+        raise error
+
+    monkeypatch.setattr(cache, "_load", fail)
+    with pytest.raises(error):
+        get_kernel(kernel_of().shape)
+    assert len(tried) == 1
+    assert not there or files(folder) == before
 
 
 def test_kernels_unused_for_long_are_removed(filled):
@@ -294,6 +443,20 @@ def test_garbage_is_looked_for_less_often_while_compiling_only(monkeypatch, thre
     finally:
         gc.set_threshold(*before)
     assert seen[0] == {700: (50_000, 20, 100), 0: thresholds, 10**6: (10**6, 30, 100)}[thresholds[0]]
+
+
+def test_what_editors_leave_beside_the_source_is_passed_over(tmp_path, monkeypatch):
+    """Emacs' lock is a link to nothing."""
+    monkeypatch.setattr(importlib.resources, "files", lambda package: tmp_path)
+    (tmp_path / "a.py").write_text("x = 1\n")
+    digest = package_digest.__wrapped__
+    before = digest()
+    (tmp_path / ".#a.py").symlink_to("me@here.1234:5678")
+    (tmp_path / ".idea").mkdir()
+    (tmp_path / ".idea" / "b.py").write_text("")
+    assert digest() == before
+    (tmp_path / "a.py").write_text("x = 2\n")
+    assert digest() != before
 
 
 def test_shapes_travel_as_plain_data():

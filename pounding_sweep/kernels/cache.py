@@ -4,7 +4,8 @@ A kernel's text is complete in itself, so the file that holds it is named by the
 SHA-256 of that text: any edit to a law, a scheme or a reducer that changes the
 generated code gives another file and is compiled afresh, and an edit that does
 not changes nothing. numba's own index beside the file adds the CPU and the numba
-version to the key.
+version to the key. numba trusts its files; so that damaged ones are compiled anew,
+the SHA-256 of each file of machine code is kept beside it.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from threading import RLock
@@ -35,11 +37,17 @@ from pounding_sweep.paths import expanded
 CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
 _LOCK = RLock()
 _LOADED: set[KernelShape] = set()
+#: Folders of which it was said that they are damaged, or can't be used.
+_TOLD: set[Path] = set()
 
 #: One signature per kernel: compiled when loaded, never again for another kind of array.
 SIGNATURE = "void(float64[::1], float64, int64, int64, {real}[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])"
 #: Kernels not used for this long (s) are removed when a new one is written.
 KEEP_SECONDS = 90 * 24 * 3600.0
+#: Ending of the file beside machine code that holds its SHA-256.
+DIGEST = ".sha256"
+#: Seconds in which a process that replaced machine code replaces its digest too.
+SETTLE_SECONDS = 0.2
 
 
 def cache_folder() -> Path:
@@ -108,27 +116,42 @@ def is_loaded(shape: KernelShape) -> bool:
 
 
 def is_cached(shape: KernelShape) -> bool:
-    """Whether a compiled form of this kernel is on disk (for some CPU)."""
-    return any((cache_folder() / "__pycache__").glob(f"{source_digest(shape)}.run-*.nbi"))
+    """Whether a compiled form of this kernel is on disk (for some CPU), and not seen to be damaged."""
+    name = source_digest(shape)
+    try:
+        found = _compiled(cache_folder(), [name])
+        kinds = {path.suffix for path in found if path.name.startswith(f"{name}.run-")}
+        return kinds >= {".nbi", ".nbc"} and not _damaged(found)
+    except OSError:
+        return False
 
 
 def _write(folder: Path, name: str, text: str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.py"
     if path.exists():
-        if path.read_text(encoding="utf-8") == text:
+        if path.read_bytes() == text.encode():
             os.utime(folder / f"{name}.used") if (folder / f"{name}.used").exists() else None
             return path
         path.unlink()
-    handle, temporary = tempfile.mkstemp(dir=folder, prefix=name, suffix=".tmp")
-    with os.fdopen(handle, "w", encoding="utf-8") as file:
-        file.write(text)
-    # one fixed time stamp: numba's index is keyed by it, and equal text is the same kernel for every process
-    os.utime(temporary, (1_000_000_000, 1_000_000_000))
-    os.replace(temporary, path)
+    _put(path, text)
     (folder / f"{name}.used").touch()
     _prune(folder)
     return path
+
+
+def _put(path: Path, text: str) -> None:
+    """Write a file that is there whole or not at all."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(text.encode())
+        # one fixed time stamp: numba's index is keyed by it, and equal text is the same kernel for every process
+        os.utime(temporary, (1_000_000_000, 1_000_000_000))
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
 
 
 def _prune(folder: Path) -> None:
@@ -141,6 +164,63 @@ def _prune(folder: Path) -> None:
                     path.unlink(missing_ok=True)
         except OSError:
             continue
+
+
+def _compiled(folder: Path, names: Sequence[str]) -> list[Path]:
+    """Return the files that Python and numba keep of modules; not those that they are writing."""
+    kept = folder / "__pycache__"
+    try:
+        found = os.listdir(kept)
+    except FileNotFoundError:
+        return []
+    begins = tuple(f"{name}." for name in names)
+    return [kept / name for name in found if name.startswith(begins) and name.endswith((".nbi", ".nbc", ".pyc"))]
+
+
+def _digest_file(path: Path) -> Path:
+    return path.with_name(path.name + DIGEST)
+
+
+def _kept_digest(path: Path) -> str | None:
+    """Return the digest kept beside machine code; None where there is none."""
+    try:
+        return _digest_file(path).read_text(encoding="latin-1")
+    except FileNotFoundError:
+        return None
+
+
+def _is_damaged(path: Path) -> bool:
+    """Whether a file is seen not to be what numba wrote: a whole pickle, and of its digest where that is kept."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:  # another process has just forgotten it
+        return False
+    if not (content.startswith(b"\x80") and content.endswith(b".")):
+        return True
+    kept = _kept_digest(path)
+    return kept is not None and kept != hashlib.sha256(content).hexdigest()
+
+
+def _damaged(files: Iterable[Path]) -> list[Path]:
+    """Return those of numba's files that are damaged."""
+    found = [path for path in files if path.suffix != ".pyc" and _is_damaged(path)]
+    if found:
+        time.sleep(SETTLE_SECONDS)
+    return [path for path in found if _is_damaged(path)]
+
+
+def _forget(files: Iterable[Path]) -> None:
+    for path in files:
+        path.unlink(missing_ok=True)
+        _digest_file(path).unlink(missing_ok=True)
+
+
+def _keep_digests(folder: Path, names: Sequence[str]) -> None:
+    """Write the digests of machine code that has none, or that of a file before."""
+    for path in _compiled(folder, names):
+        if path.suffix == ".nbc" and _kept_digest(path) != (found := hashlib.sha256(path.read_bytes()).hexdigest()):
+            _digest_file(path).unlink(missing_ok=True)  # that of a file before: a full disk takes no other in its place
+            _put(_digest_file(path), found)
 
 
 @lru_cache(maxsize=1)
@@ -180,19 +260,69 @@ def _seldom_collected() -> Iterator[None]:
         gc.set_threshold(*before)
 
 
+def _load_all(folder: Path, texts: Sequence[tuple[str, str]]) -> ModuleType:
+    """Return the last of a kernel's modules; after a failure none of them is loaded."""
+    try:
+        for name, text in texts:
+            module = _load(name, _write(folder, name, text))
+    except Exception:
+        for name, _ in texts:
+            sys.modules.pop(name, None)
+        raise
+    return module
+
+
+def _load_sound(folder: Path, texts: Sequence[tuple[str, str]]) -> ModuleType:
+    """Return the last of a kernel's modules; what is damaged of them is compiled anew."""
+    names = [name for name, _ in texts]
+    damaged = _damaged(_compiled(folder, names))
+    _forget(damaged)
+    try:
+        module = _load_all(folder, texts)
+    except (OSError, MemoryError):
+        raise
+    except Exception:  # whatever numba makes of a damaged file
+        damaged = _compiled(folder, names)
+        if not damaged:
+            raise
+        _forget(damaged)
+        module = _load_all(folder, texts)
+    if any(module.run.stats.cache_misses.values()):  # compiled here
+        with suppress(OSError):
+            _keep_digests(folder, names)
+    if damaged:
+        _tell(
+            folder,
+            f"compiled kernels in {str(folder)!r} were damaged or half written, and are compiled anew; if that comes "
+            f"again, check its disk, or name another folder in {CACHE_VARIABLE}",
+        )
+    return module
+
+
+def _tell(folder: Path, text: str) -> None:
+    """Warn about a folder, once."""
+    if folder not in _TOLD:
+        _TOLD.add(folder)
+        warnings.warn(text, RuntimeWarning, stacklevel=2)
+
+
 @lru_cache(maxsize=256)
 def get_kernel(shape: KernelShape) -> Callable[..., Any]:
     """Return the kernel's compiled ``run`` function, loaded from the disk cache where it is there.
 
-    A folder that can't be written costs the cache, not the run.
+    A folder that can't be written costs the cache, not the run; files of it that are damaged are compiled anew.
     """
     with _LOCK, _seldom_collected():
-        for name, text in _texts(shape):
-            try:
-                path = _write(cache_folder(), name, text)
-            except OSError:
-                path = _write(_own_folder(), name, text)
-            module = _load(name, path)
+        folder, texts = cache_folder(), _texts(shape)
+        try:
+            module = _load_sound(folder, texts)
+        except OSError as error:
+            module = _load_all(_own_folder(), texts)
+            _tell(
+                folder,
+                f"compiled kernels can't be kept in {str(folder)!r} ({error.strerror or error}), so every process "
+                f"compiles its own; mend that, or name another folder in {CACHE_VARIABLE}",
+            )
     _LOADED.add(shape)
     run: Callable[..., Any] = module.run
     return run

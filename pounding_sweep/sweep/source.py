@@ -19,6 +19,8 @@ def package_digest() -> str:
     folders = [files("pounding_sweep")]
     while folders:
         for entry in sorted(folders.pop().iterdir(), key=lambda e: e.name):
+            if entry.name.startswith("."):  # locks and copies of editors
+                continue
             if entry.is_dir() and entry.name != "__pycache__":
                 folders.append(entry)
             elif entry.name.endswith((".py", ".json")):  # the second: measured costs, by which methods are chosen
