@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 import re
+import socket
 
 import numpy as np
 import pytest
@@ -23,6 +25,7 @@ from pounding_sweep.cube.merge import merge_cubes
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.cube.write import open_cube, write_cube
 from pounding_sweep.errors import InputError
+from pounding_sweep.lock import LOCK
 from pounding_sweep.sweep.spec import digest, to_json
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
@@ -425,6 +428,48 @@ def test_records_of_both_parts(whole, tmp_path):
     assert [r["name"] for r in json.loads(cube.attrs["records"])] == ["two", "one"]
     assert cube.record_pga.values.tolist() == [r.pga for r in reversed(motions())]
     assert found.missing == 0
+
+
+def test_records_left_out_of_a_part_that_another_has_are_there(whole, tmp_path):
+    one, two = part(whole, record=["one"]), part(whole, record=["two"])
+    for missing, left in ((["two"], []), (["two", "three"], ["three"])):
+        less = changed_spec(one, records_left_out=missing).assign_attrs(records_left_out=json.dumps(missing))
+        for parts in ((less, two), (two, less)):
+            _, cube = merged(tmp_path, *parts)
+            assert sorted(cube.record.values.tolist()) == ["one", "two"]
+            assert json.loads(cube.attrs["sweep"])["records_left_out"] == left
+            assert json.loads(cube.attrs.get("records_left_out", "[]")) == left
+
+
+def test_values_that_one_part_has_side_by_side_are_meant(tmp_path):
+    """However close: they are two, in a cube merged of it too. A third, of another part, may be a slip."""
+
+    def made(*gaps):
+        return sweep(laws="linear", restitutions=0.7, scales=1.0, audit=0.0, gaps=gaps).run(workers=1)
+
+    near, third = math.nextafter(0.002, 1.0), math.nextafter(0.002, 0.0)
+    whole = made(0.01, near, 0.002)
+    _, cube = merged(tmp_path, made(0.01), made(near, 0.002))
+    same(cube, whole)
+    again, cube = merged(tmp_path, cube, made(0.002))
+    same(cube, whole)
+    assert again.overlapping == 2
+    for other in (made(third), made(third, 0.01)):
+        with pytest.raises(InputError, match=rf"gap has the values {third} and 0\.002, the same but for rounding"):
+            merged(tmp_path, other, cube)
+
+
+def test_what_a_killed_merge_left_is_gone_before_room_is_looked_for(whole, tmp_path, monkeypatch):
+    files = saved(tmp_path, part(whole, gap=GAPS[:2]), part(whole, gap=GAPS[2:]))
+    left = tmp_path / ".pounding_sweep-0123456789abcdef.part"
+    left.mkdir()
+    (left / "half").write_bytes(b"half")
+    who = {"host": socket.gethostname(), "pid": 1, "started": "2026-01-01T00:00:00+00:00"}
+    (left / LOCK).write_text(json.dumps(who))
+    there = []
+    monkeypatch.setattr(merging, "check_space", lambda *_: there.append(left.exists()))
+    merge_cubes(files, tmp_path / "all.nc")
+    assert there == [False]
 
 
 def test_help_tells_the_tolerance():

@@ -100,8 +100,8 @@ def cases_together(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> Cases:
 
     Notes
     -----
-    Values that differ by rounding only make two cases. Values of an axis are never so close by intention, those of
-    a long list may be.
+    Values that differ by rounding only make two cases. Values of an axis of two parts are hardly so close by
+    intention, those of a long list may be.
     """
     labelled = any(cube[CASE].values.tolist() != list(range(1, cube.sizes[CASE] + 1)) for cube in parts.values())
     texts: dict[str, int] = {}

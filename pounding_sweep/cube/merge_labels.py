@@ -35,7 +35,7 @@ def together(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
     Raises
     ------
     InputError
-        Two of them are the same but for rounding.
+        Two of them, which no part holds both of, are the same but for rounding.
 
     Examples
     --------
@@ -45,9 +45,10 @@ def together(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
     values = list(dict.fromkeys(value for part in parts for value in part))
     if not all(isinstance(value, int | float) for value in values):
         return values
-    rising = sorted(values)
+    rising, held = sorted(values), [set(part) for part in parts]
     for a, b in pairwise(rising):
-        if abs(b - a) <= NEARLY * max(abs(a), abs(b)):
+        near = abs(b - a) <= NEARLY * max(abs(a), abs(b))
+        if near and not any(a in part and b in part for part in held):  # a part with both means them apart
             msg = f"{what} has the values {a!r} and {b!r}, the same but for rounding; run one part again with the other"
             raise InputError(msg)
     if all(a < b for part in parts for a, b in pairwise(part)):
@@ -146,7 +147,9 @@ def attributes(
         each_building = zip(*(each[key] for each in described), strict=True)
         whole[key] = [[alike[0][0], together(key, [values for _, values in alike])] for alike in each_building]
     whole["records"] = list(_by_name([each["records"] for each in described]).values())
-    whole["records_left_out"] = together("records_left_out", [each["records_left_out"] for each in described])
+    there = {record["name"] for record in whole["records"]}
+    left_out = together("records_left_out", [each["records_left_out"] for each in described])
+    whole["records_left_out"] = [name for name in left_out if name not in there]
     text = json.dumps(whole, sort_keys=True, separators=(",", ":"), allow_nan=False)
     base = cubes[0].attrs
     found = {key: value for key, value in base.items() if key not in OWN_ATTRIBUTES or key == "title"}
