@@ -25,12 +25,19 @@ from pathlib import Path
 from typing import Any
 
 from pounding_sweep.errors import OutputError
+from pounding_sweep.regular import open_own, parse_json
 
 LOCK = "lock"
 #: Seconds for which a lock is waited for: `running` holds it for a moment when it looks.
 PATIENCE = 0.5
 #: Seconds more for a folder that is gone whenever it was made: several runs begin and end in it.
 COMES_AND_GOES = 10.0
+
+
+#: Seconds after which a folder whose lock names nobody is abandoned: its process was killed before it could.
+NAMELESS = 3600.0
+#: Bytes of a lock's text at most.
+_LONGEST = 2**16
 
 
 @dataclass(frozen=True)
@@ -92,13 +99,13 @@ def _here() -> Holder:
     )
 
 
-def _read(path: Path) -> Holder | None:
-    """Read who a lock file names; None where it is not there or was not written to the end."""
+def _read(handle: int) -> Holder | None:
+    """Read who an open lock file names; None where it was not written to the end."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = parse_json(os.pread(handle, _LONGEST, 0))
         more = (str(found.get(name, "")) for name in ("boot", "machine"))
         return Holder(str(found["host"]), int(found["pid"]), str(found["started"]), *more)
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, OverflowError):
         return None
 
 
@@ -137,12 +144,11 @@ def running(folder: Path) -> Holder | None:
     >>> running(Path("no_such_folder")) is None
     True
     """
-    path = folder / LOCK
-    found = _read(path)
     try:
-        handle = os.open(path, os.O_RDONLY)
+        handle = open_own(folder / LOCK, os.O_RDONLY)
     except OSError:
         return None
+    found = _read(handle)
     try:
         free = _take(handle, fcntl.LOCK_SH)
     except OSError:  # no locks on this file system: the text is all there is
@@ -182,10 +188,11 @@ def own_folder(folder: Path) -> Iterator[Path]:
     folder.mkdir()
     handle = -1
     try:
-        handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+        handle = open_own(folder / LOCK, os.O_RDWR | os.O_CREAT)
         with suppress(OSError):  # where nothing can be locked, nobody finds it abandoned
             fcntl.flock(handle, fcntl.LOCK_EX)  # who looks whether it is abandoned has it for a moment
         _sign(handle)
+        os.fsync(handle)  # a name that a power cut takes away would leave the folder for long
         yield folder
     finally:
         for pause in (0.0, 0.05, 0.5):  # threads of a library that gave up may still write for a moment
@@ -205,14 +212,14 @@ def remove_abandoned(folder: Path) -> bool:
     folder : Path
         One whose process may still be at work; then it stays, as it does where that can't be told from here.
     """
-    path = folder / LOCK
     try:
-        handle = os.open(path, os.O_RDWR)
+        handle = open_own(folder / LOCK, os.O_RDWR)
     except OSError:  # it is being made or removed, or somebody else's
         return False
     try:
-        free, who = _take(handle, fcntl.LOCK_EX), _read(path)
-        if not free or who is None or not who.has_ended():
+        free, who = _take(handle, fcntl.LOCK_EX), _read(handle)
+        ended = time.time() - os.fstat(handle).st_mtime > NAMELESS if who is None else who.has_ended()
+        if not free or not ended:
             return False
         shutil.rmtree(folder, ignore_errors=True)
         return True
@@ -298,7 +305,7 @@ class FolderLock:
         while True:
             try:
                 self.folder.mkdir(parents=True, exist_ok=True)
-                self._handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o644)
+                self._handle = open_own(self._path, os.O_RDWR | os.O_CREAT)
             except (FileNotFoundError, FileExistsError) as error:  # the run that ended just now has removed the folder
                 if time.monotonic() > limit + (COMES_AND_GOES if isinstance(error, FileNotFoundError) else 0.0):
                     raise
@@ -321,7 +328,7 @@ class FolderLock:
             time.sleep(0.02)
 
     def _refuse(self) -> None:
-        who = _read(self._path)
+        who = _read(self._handle)
         msg = (
             f"another run is at work in {str(self.folder)!r}: {who or 'a process that has not said its name'}; "
             "wait for it, stop it, or give another output path"
@@ -330,7 +337,7 @@ class FolderLock:
 
     def _take_over(self) -> None:
         """Judge what the file says of the run before, which did not unlock."""
-        who = _read(self._path)
+        who = _read(self._handle)
         if who is None:
             return
         if not who.has_ended():

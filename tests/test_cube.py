@@ -11,6 +11,7 @@ import stat
 import subprocess
 import sys
 import threading
+import time
 
 import netCDF4
 import numpy as np
@@ -623,6 +624,16 @@ class TestFile:
             part.write_bytes(b"x")
         assert (folder / "half").exists()
 
+    def test_a_folder_whose_lock_has_named_nobody_for_long_is_abandoned(self, tmp_path):
+        """A power cut may take the name, and a kill come before it."""
+        folder = tmp_path / ".pounding_sweep-0123456789abcdef.part"
+        folder.mkdir()
+        (folder / LOCK).touch()
+        assert not lock.remove_abandoned(folder)
+        os.utime(folder / LOCK, (time.time() - 2 * lock.NAMELESS,) * 2)
+        assert lock.remove_abandoned(folder)
+        assert not folder.exists()
+
     def test_content_is_on_disk_before_the_name_changes(self, tmp_path, monkeypatch):
         order = []
         target = tmp_path / "cube.nc"
@@ -636,7 +647,7 @@ class TestFile:
         monkeypatch.setattr(os, "fsync", watch)
         with files.replacing(target) as part:
             part.write_bytes(b"x")
-        assert order == [("file", False), ("folder", True)]
+        assert order == [("file", False), ("file", False), ("folder", True)]  # the lock's, and its own
         assert list(tmp_path.iterdir()) == [target]
 
     def test_opening_what_is_no_cube(self, cube, tmp_path):

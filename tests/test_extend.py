@@ -29,6 +29,7 @@ from pounding_sweep.sweep import sweep as sweeping
 from pounding_sweep.sweep.extend import EarlierCube
 from pounding_sweep.sweep.filling import cube_in_memory
 from pounding_sweep.sweep.identity import identity_of
+from pounding_sweep.sweep.jobs import Job
 from pounding_sweep.sweep.results import Results
 from pounding_sweep.sweep.store import MANIFEST
 
@@ -223,6 +224,32 @@ def test_a_record_of_the_same_name_is_another_if_its_motion_is(ran, tmp_path):
     job = sweep(**few, records=louder())
     found = job.run(extend=tmp_path / "old.nc", workers=1)
     assert {record for _, record, *_ in ran} == {"one"}
+    same(found, job.run(workers=1))
+
+
+def twins():
+    """One motion under two names."""
+    one, _ = motions()
+    return [one, one.renamed("twin")]
+
+
+def test_one_motion_under_two_names(ran, tmp_path):
+    """What holds for one of them is taken for both, whichever of them the earlier sweep has."""
+    few = {"laws": "kelvin_voigt", "scales": 1.0, "stiffness_factors": 1.0, "restitutions": 0.7}
+    job = sweep(**few, records=twins())
+    whole = job.run(workers=1)
+    for old, new in (({"gaps": WHOLE["gaps"][:4]}, {(name, 0.02) for name in ("one", "twin")}), ({}, set())):
+        for records in (twins(), twins()[::-1], twins()[1:]):
+            sweep(**few, records=records, **old).run(tmp_path / "old.nc", workers=1, overwrite=True).close()
+            ran.clear()
+            found = job.run(extend=tmp_path / "old.nc", workers=1)
+            assert {(record, gaps[0]) for _, record, *_, gaps in ran} == new
+            same(found, whole)
+    cases = [{"law": "kelvin_voigt", "gap": gap, "record": name} for gap in (0.002, 0.01) for name in ("one", "twin")]
+    listed(cases, records=twins()).run(tmp_path / "cases.nc", workers=1).close()
+    job = listed([*cases[::-1], {**cases[0], "gap": 0.02}], records=twins())
+    found = job.run(extend=tmp_path / "cases.nc", workers=1)
+    assert found_taken(found) == len(cases)
     same(found, job.run(workers=1))
 
 
@@ -676,6 +703,30 @@ def test_a_part_without_memory_costs_its_own_scenarios_only(whole, earlier, tmp_
         finished(whole, sweep(), new, extend=earlier[0], overwrite=True)
 
 
+def test_a_chunk_that_fails_keeps_what_was_taken_for_it(whole, earlier, tmp_path, monkeypatch):
+    """Else results would be lost where the cube that is extended is replaced."""
+    real, new = execute.run_chunk, earlier[0].rename(tmp_path / "new.nc")
+
+    def failing(kernel, *more):
+        audit, without_pounding = kernel.numerics.finer > 1, "closing_max" in more[-1]
+        return real(kernel, *more) if audit or without_pounding else "MemoryError: no room"
+
+    job = sweep()
+    with monkeypatch.context() as patch:
+        patch.setattr(execute, "run_chunk", failing)
+        with pytest.warns(RuntimeWarning, match=r"\d+ chunks have no result \(status not_run\): MemoryError: no room"):
+            found = job.run(new, extend=new, workers=1, overwrite=True)
+    there = found["status"] == Status.OK
+    assert there.sel(record="two", restitution=0.7).all()
+    assert (found["status"].where(~there, Status.NOT_RUN) == Status.NOT_RUN).all()
+    for name in OUTPUTS:
+        np.testing.assert_array_equal(found[name], whole[name].where(there))
+    assert (job.last_outcome.run, found_taken(found)) == (len(job.plan().motions_to_run), 32)
+    assert 0 < job.last_outcome.failures.count("MemoryError: no room") == len(job.last_outcome.failures)
+    found.close()
+    finished(whole, sweep(), new, extend=new, overwrite=True)
+
+
 def test_an_audit_without_result_is_made_up_for_as_the_warning_says(whole, tmp_path, monkeypatch):
     real = execute.run_chunk
 
@@ -707,6 +758,23 @@ def test_a_cube_that_says_of_another_scheme_for_its_accuracy_is_refused(tmp_path
             match=rf"for the accuracy it ran by {other['method']} in {other['precision']}, the new sweep takes another",
         ):
             EarlierCube(old, job.plan(), sweeping.package_digest())
+
+
+def test_one_motion_under_two_names_with_an_accuracy(tmp_path):
+    """All records are there, under the same names: their scenarios are taken."""
+    few = {"laws": "linear", "scales": 1.0, "restitutions": 0.7, "dt": None, "accuracy": 1e-2, "records": twins()}
+    old = of_accuracy(sweep(**few)).load()
+    old["status"][:] = int(Status.OK)
+    old["steps_per_contact"][:] = 1.0
+    plan = sweep(**few, gaps=[*WHOLE["gaps"], 0.03]).plan()
+    earlier = EarlierCube(write_cube(old, tmp_path / "old.nc"), plan, sweeping.package_digest())
+    known = []
+    for chunk in plan.chunks(np.arange(len(plan.unique))):
+        table = plan.unique[chunk.rows]
+        kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
+        rows = earlier.find(Job(chunk.key, kernel, chunk.record, table, plan.variants[table.variant], plan.outputs))
+        known += [(plan.spec.records[chunk.record].name, gap) for gap in table.gaps[rows >= 0, 0].tolist()]
+    assert set(known) == {(name, gap) for name in ("one", "twin") for gap in WHOLE["gaps"]}
 
 
 def of_accuracy(job):

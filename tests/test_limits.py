@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 import re
 import shutil
@@ -14,6 +15,7 @@ import sys
 import tempfile
 import time
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +29,7 @@ from pounding_sweep.errors import OutputError, RunError, WriteError
 from pounding_sweep.lock import LOCK, FolderLock, running
 from pounding_sweep.sweep import execute
 from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.sweep.identity import identity_of
 from pounding_sweep.sweep.store import EXPECTED, IDENTITY, MANIFEST, ChunkStore
 from pounding_sweep.sweep.sweep import Sweep, load_sweep
 from pounding_sweep.sweep.unfinished import survey
@@ -545,10 +548,105 @@ def test_chunks_that_are_gone_before_the_cube_are_no_full_disk(tmp_path):
         for path in (tmp_path / "out.nc.parts").glob("chunk-*"):
             path.unlink()
 
-    gone = r"failed \(No such file or directory: '.*chunk-\w+\.npy'\); what is missing was removed meanwhile: run again"
+    gone = r"chunk '\w+' was removed from '.*out\.nc\.parts'; what is missing or damaged is made anew by the next run"
     with pytest.raises(WriteError, match=gone):
         Sweep(scene=row(), records=motions(), **AXES).run(tmp_path / "out.nc", progress=At("cube", removes))
     assert not (tmp_path / "out.nc").exists()
+
+
+@pytest.mark.parametrize("harm", ["flip", "cut", "nearly all"])
+def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, harm):
+    """A bit, an end, or nearly all: no number of the cube is from such a chunk."""
+
+    def damages():
+        path = max((tmp_path / "out.nc.parts").glob("chunk-*"), key=lambda path: path.stat().st_size)
+        data = bytearray(path.read_bytes())
+        data[-9] ^= 4
+        path.write_bytes({"flip": data, "cut": data[:-64], "nearly all": data[:100]}[harm])
+
+    sweep = Sweep(scene=row(), records=motions(), **AXES)
+    whole = sweep.run(tmp_path / "whole.nc")
+    with pytest.raises(
+        WriteError, match=r"chunk '\w+' in '.*out\.nc\.parts' is damaged: its SHA-256 .* made anew by the"
+    ):
+        sweep.run(tmp_path / "out.nc", progress=At("cube", damages))
+    assert not (tmp_path / "out.nc").exists()
+    with pytest.warns(RuntimeWarning, match=r"is damaged: .*; it is computed again"):
+        again = sweep.run(tmp_path / "out.nc")
+    for name in whole.data_vars:
+        np.testing.assert_array_equal(again[name], whole[name])
+
+
+@pytest.fixture
+def not_waiting():
+    """Fail a test that waits for a minute, as for somebody who writes into a pipe."""
+
+    def fails(*_):
+        pytest.fail("it waits")
+
+    before = signal.signal(signal.SIGALRM, fails)
+    signal.setitimer(signal.ITIMER_REAL, 60.0)
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.usefixtures("not_waiting")
+@pytest.mark.parametrize("name", ["lock", "manifest.jsonl", "identity.json", "expected.json"])
+@pytest.mark.parametrize("what", ["pipe", "deep", "endless", "folder"])
+def test_strange_files_among_the_chunks(tmp_path, name, what):
+    """They end a run with a message, or are passed over; nothing waits, and nothing takes all memory."""
+    sweep, parts = Sweep(scene=row(), records=motions(), **AXES), tmp_path / "out.nc.parts"
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run(tmp_path / "out.nc", progress=At("cube", stop))
+    path = parts / name
+    path.unlink(missing_ok=True)
+    if what == "pipe":
+        os.mkfifo(path)
+    elif what == "folder":
+        path.mkdir()
+    elif what == "deep":
+        path.write_text("[" * 100_000)
+    else:
+        path.write_text(json.dumps({"host": "x", "pid": math.inf, "started": "", "title": "", "asked": math.inf}))
+    for look in (lambda: survey(parts), lambda: sweep.run(tmp_path / "out.nc")):
+        with warnings.catch_warnings(), suppress(OutputError):
+            warnings.simplefilter("ignore")
+            look()
+
+
+@pytest.mark.parametrize("name", ["lock", "manifest.jsonl"])
+def test_links_among_the_chunks_lead_nowhere(tmp_path, name):
+    """A run writes to what is its own."""
+    mine, parts = tmp_path / "mine", tmp_path / "out.nc.parts"
+    mine.write_text("precious")
+    parts.mkdir()
+    if name != "lock":
+        ChunkStore(parts, *identity_of(Sweep(scene=row(), records=motions(), **AXES).plan())).open()
+    (parts / name).symlink_to(mine)
+    with pytest.raises(OutputError, match=f"'{name}' is no regular file; remove it"):
+        Sweep(scene=row(), records=motions(), **AXES).run(tmp_path / "out.nc")
+    assert mine.read_text() == "precious"
+
+
+def test_a_chunk_of_another_form_is_made_again(tmp_path):
+    """Whatever the manifest says of it."""
+    sweep, parts = Sweep(scene=row(), records=motions(), **AXES), tmp_path / "out.nc.parts"
+    whole = sweep.run()
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run(tmp_path / "out.nc", progress=At("cube", stop))
+    store = ChunkStore(parts, *identity_of(sweep.plan())).open()
+    kinds = [
+        lambda table: table[[0, *range(len(table))]],
+        lambda table: table[["status"]],
+        lambda table: table.astype([(name, "f4", table.dtype[name].shape) for name in table.dtype.names]),
+    ]
+    for key, change in zip(sorted(store.completed()), kinds, strict=False):
+        store.write(key, np.array(change(store.read(key))))
+    with pytest.warns(RuntimeWarning, match=r"is damaged: it is another table than it should be; it is computed again"):
+        again = sweep.run(tmp_path / "out.nc")
+    for variable in whole.data_vars:
+        np.testing.assert_array_equal(again[variable], whole[variable])
 
 
 def test_a_damaged_chunk_is_forgotten_before_anybody_is_warned(tmp_path):

@@ -30,6 +30,13 @@ def sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
+def remove_leftovers(folder: Path) -> None:
+    """Remove from a folder what killed processes were writing there with `replacing`."""
+    with suppress(OSError):  # it may be written, but not listed
+        for left in filter(is_temporary, os.listdir(folder)):
+            remove_abandoned(folder / left)
+
+
 def _moves(folder: Path, other: Path, name: str) -> bool:
     """Whether files can be moved between two folders; `name` is there in neither.
 
@@ -59,9 +66,7 @@ def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
     with ExitStack() as contexts:
         name = f".pounding_sweep-{secrets.token_hex(8)}.part"
         if folder is None or not _moves(folder, path.parent, name):
-            with suppress(OSError):  # a folder may be written, but not listed
-                for left in filter(is_temporary, os.listdir(path.parent)):
-                    remove_abandoned(path.parent / left)
+            remove_leftovers(path.parent)
             folder = contexts.enter_context(own_folder(path.parent / name))
         temporary = folder / name
         try:

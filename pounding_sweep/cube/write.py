@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.cube.assemble import TEXT, VERSION_ATTRIBUTE, encoding_of, stored_as
-from pounding_sweep.cube.files import failure, replacing
+from pounding_sweep.cube.files import failure, remove_leftovers, replacing
 from pounding_sweep.cube.form import wrong_form
 from pounding_sweep.cube.heaps import has_endless_heap
 from pounding_sweep.cube.slabs import cuts
@@ -71,7 +71,7 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
 
 
 def check_output(path: str | os.PathLike[str], overwrite: bool = False, *, netcdf: bool = True) -> Path:
-    """Check, before a long run, that a cube can be written to `path`.
+    """Check, before a long run, that a cube can be written to `path`; what killed writers left beside it is removed.
 
     Parameters
     ----------
@@ -120,6 +120,7 @@ def check_output(path: str | os.PathLike[str], overwrite: bool = False, *, netcd
         what = "is not a folder" if folder.exists() else "does not exist"
         msg = f"the folder {str(folder)!r} of output {str(path)!r} {what}; make it first or give another path"
         raise OutputError(msg)
+    remove_leftovers(folder)
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass

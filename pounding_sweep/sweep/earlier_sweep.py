@@ -153,8 +153,12 @@ def varies_buildings(spec: SweepSpec) -> bool:
 
 def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, xr.Dataset]:
     """Return an earlier sweep and its cube, without the records that the new sweep has not."""
-    motions = {motion(record): record for record in whole.records}
-    told = [(record["name"], motions.get(motion(record))) for record in json.loads(cube.attrs["sweep"])["records"]]
+    known = {motion(record): record for record in whole.records}
+    known |= {(record.name, *motion(record)): record for record in whole.records}  # several may be of one motion
+    told = []
+    for record in json.loads(cube.attrs["sweep"])["records"]:
+        alike = known.get(motion(record))
+        told.append((record["name"], known.get((record["name"], *motion(record)), alike)))
     records = tuple(record for _, record in told if record is not None)
     if whole.cases is None:
         kept = [i for i, (_, record) in enumerate(told) if record is not None]

@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from pounding_sweep.sweep.dispatch import Dispatcher
 from pounding_sweep.sweep.jobs import Job
 from pounding_sweep.sweep.plan import Plan, untouched
 from pounding_sweep.sweep.readout import variables_of
-from pounding_sweep.sweep.results import Results, to_table
+from pounding_sweep.sweep.results import Results, table_type, to_table
 from pounding_sweep.sweep.saving import Saver
 from pounding_sweep.sweep.scenarios import Scenarios
 from pounding_sweep.sweep.store import ChunkCorrupt, ChunkStore
@@ -84,7 +85,7 @@ class Outcome:
     compile_seconds, run_seconds : float
         Wall time of the two stages.
     failures : list of str
-        What went wrong in chunks that have no result.
+        What went wrong in chunks that have no result, or only what was taken.
     left_out : ndarray of bool or None
         Unique scenarios answered by a run without pounding; None where nothing was run.
     """
@@ -256,7 +257,7 @@ class _Stages:
                 found = table["closing_max"][:, contact.pair, contact.storey - 1]
                 closing[chunk.rows, j] = np.where(ok, found, np.inf)
 
-        self._run("no pounding", plan.motion_chunks(), job, place)
+        self._run("no pounding", plan.motion_chunks(), wide, job, place)
         left_out = untouched(plan, closing) & ~plan.refused
         outcome.left_out = left_out
         outcome.untouched = int((left_out & ~plan.no_contact).sum())
@@ -279,9 +280,11 @@ class _Stages:
             outcome.results.answer(chunk.rows, slots, table["status"], touched)
 
         chunks = plan.chunks(np.flatnonzero(~outcome.left_out & ~plan.refused))
-        self._run("scenarios", chunks, job, place)
+        self._run("scenarios", chunks, plan.outputs, job, place)
 
-    def _run(self, stage: str, chunks: list[Chunk], job: Callable[[Chunk], Job], place: _Place) -> None:
+    def _run(
+        self, stage: str, chunks: list[Chunk], outputs: Sequence[str], job: Callable[[Chunk], Job], place: _Place
+    ) -> None:
         """Take up the chunks that are in the store, and run the others."""
         outcome, results = self.outcome, self.outcome.results
         if self.store is not None:
@@ -289,36 +292,39 @@ class _Stages:
             self.store.expect(expected(self.plan, self.expected))
         self.progress.stage(stage, sum(len(chunk.rows) for chunk in chunks))
         done = self.store.completed() if self.store is not None else set()
+        fields = table_type(cube_variables(outputs), self.plan.spec.scene)
         waiting = []
         for chunk in chunks:
-            kept = self._kept(chunk) if chunk.key in done else None
+            kept = self._kept(chunk, fields) if chunk.key in done else None
             if self.store is None or kept is None:
                 waiting.append(chunk)
                 continue
-            place(chunk, kept, results.hold(kept, self.store.path(chunk.key))[1])
+            place(chunk, kept, results.hold(kept, partial(self.store.read, chunk.key))[1])
             outcome.reused += len(chunk.rows) - self.taken.kept(chunk.key)
             self.progress.advance(len(chunk.rows))
 
         def take(position: int, found: np.ndarray | str) -> None:
             chunk = waiting[position]
-            if isinstance(found, str):
-                outcome.failures.append(found)
-            else:
+            failure = found if isinstance(found, str) else self.taken.lost(chunk.key)
+            if failure:
+                outcome.failures.append(failure)
+            if not isinstance(found, str):
                 index, slots = results.hold(found)
                 place(chunk, found, slots)
                 taken = self.taken.new(chunk.key)
-                outcome.run += len(chunk.rows) - taken
-                if self.saver is not None:
+                if not failure:
+                    outcome.run += len(chunk.rows) - taken
+                if self.saver is not None and not failure:  # else the next run makes what is missing
                     self.saver.save(chunk.key, found, index, **self.taken.line(taken))
             self.progress.advance(len(chunk.rows))
 
         self.dispatcher.run(len(waiting), lambda position: job(waiting[position]), take)
 
-    def _kept(self, chunk: Chunk) -> np.ndarray | None:
+    def _kept(self, chunk: Chunk, fields: np.dtype) -> np.ndarray | None:
         """Return the table of a chunk that was finished before; None where it is damaged."""
         assert self.store is not None
         try:
-            return self.store.read(chunk.key)
+            return self.store.read(chunk.key, fields, len(chunk.rows))
         except ChunkCorrupt as error:
             self.store.forget(chunk.key)
             warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)

@@ -71,6 +71,8 @@ class EarlierCube:
         What it says of itself; see `pounding_sweep.cube.provenance.origin`.
     taken : dict of str to int
         Scenarios taken so far, by the chunks that they are in.
+    lost : dict of str to str
+        What went wrong with the rest of chunks that are known in part, by the chunk.
 
     Raises
     ------
@@ -90,8 +92,11 @@ class EarlierCube:
     def __init__(self, path: str | os.PathLike[str], plan: Plan, source: str, folder: Path | None = None) -> None:
         self.path = os.fspath(path)
         self.taken: dict[str, int] = {}
+        self.lost: dict[str, str] = {}
         self._plan = plan
         self._rows: _RowFinder | None = None
+        motions = [motion(record) for record in plan.spec.records]
+        self._first = np.array([motions.index(each) for each in motions])  # several records may be of one motion
         with open_cube(path) as cube:
             check_same_study(self.path, cube, plan.spec, source)
             self.sha256 = str(cube.attrs["sweep_sha256"])
@@ -117,7 +122,6 @@ class EarlierCube:
         table = old.unique[unique]
         keys = {law.key: i for i, law in enumerate(plan.laws)}
         law = np.array([keys.get(item.key, -1) for item in old.laws])[table.law]
-        motions = [motion(record) for record in plan.spec.records]
         record = np.array([motions.index(motion(record)) for record in spec.records])[table.record]
         own = replace(table, law=law, record=record)
         self._rows = _RowFinder(self._columns(own, old.variants[table.variant], old.steps[unique]))
@@ -201,7 +205,8 @@ class EarlierCube:
             return np.full(len(job.table), -1)
         numerics, record = job.kernel.numerics, self._plan.spec.records[job.record]
         steps = np.full(len(job.table), numerics.steps(record))
-        found = self._rows.find(self._columns(job.table, job.variants, steps))
+        table = replace(job.table, record=self._first[job.table.record])
+        found = self._rows.find(self._columns(table, job.variants, steps))
         return np.where(found >= 0, self._place[found], -1)
 
     def results(self, rows: np.ndarray) -> np.ndarray:
@@ -217,6 +222,13 @@ class EarlierCube:
         for name in new.dtype.names or ():
             both[name][known] = there[name]
         return both
+
+    def without(self, rows: np.ndarray) -> np.ndarray:
+        """Return results where there are some; in the places of the others, scenarios that are not run."""
+        new = np.empty(int((rows < 0).sum()), self._table.dtype)
+        for name in new.dtype.names or ():
+            new[name] = int(Status.NOT_RUN) if name == "status" else VARIABLES[name].fill
+        return self.completed(rows, new)
 
 
 class ExtendingDispatcher(Dispatcher):
@@ -267,9 +279,12 @@ class ExtendingDispatcher(Dispatcher):
 
         def together(index: int, found: np.ndarray | str) -> None:
             key, rows = partly.pop(waiting[index], ("", None))
-            if rows is not None and not isinstance(found, str):
+            if rows is not None:
                 try:
-                    found = earlier.completed(rows, found)
+                    if isinstance(found, str):  # costs only what was to be run
+                        earlier.lost[key], found = found, earlier.without(rows)
+                    else:
+                        found = earlier.completed(rows, found)
                     earlier.taken[key] = int((rows >= 0).sum())
                 except MemoryError as error:
                     found = f"MemoryError: {error}"
@@ -284,7 +299,7 @@ class _RowFinder:
     Parameters
     ----------
     columns : sequence of ndarray, shape (n,)
-        Numbers, no two rows the same.
+        Numbers. Of rows that are the same, the last is found.
 
     Examples
     --------

@@ -15,6 +15,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pounding_sweep.regular import open_own
 from pounding_sweep.sweep.execute import Outcome, Progress
 
 if TYPE_CHECKING:
@@ -116,9 +117,8 @@ class RunLog(Progress):
             return
         stamp = datetime.now().astimezone().isoformat(timespec="seconds")
         try:
-            if self.path.exists() and not self.path.is_file():  # opening a pipe waits for its reader
-                raise OSError("not a regular file")
-            with self.path.open("a", encoding="utf-8", errors="backslashreplace") as file:
+            handle = open_own(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
+            with open(handle, "a", encoding="utf-8", errors="backslashreplace") as file:
                 file.write(f"{stamp} {' '.join(text.split())}\n")
         except OSError as error:
             self._writable = False

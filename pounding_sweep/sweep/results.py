@@ -7,14 +7,13 @@ therefore does not grow with the outputs of a sweep whose chunks are on disk.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from pathlib import Path
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
 from pounding_sweep.cube.layout import inner_shape
 from pounding_sweep.cube.variables import Status, get_variable
+from pounding_sweep.errors import OutputError, WriteError
 from pounding_sweep.scene import Scene
 
 
@@ -41,17 +40,31 @@ def to_table(found: Mapping[str, np.ndarray], names: Iterable[str], scene: Scene
     return table
 
 
-class _Filed(NamedTuple):
-    """A table in a file of numpy's format: `n` rows of type `kind`, at the end of it."""
+class _Filed:
+    """A table in a file: checked when it is first needed, then mapped as it was found.
 
-    path: Path
-    kind: np.dtype
-    n: int
+    Parameters
+    ----------
+    read : callable
+        Returns the table, mapped from its file, after a check; raises `OutputError`.
+    """
+
+    def __init__(self, read: Callable[[], np.ndarray]) -> None:
+        self._read = read
+        self._mapped: tuple[str, np.dtype, int, int] | None = None
 
     def open(self) -> np.ndarray:
-        """Map the table; its header, always the same, is not read again."""
-        offset = self.path.stat().st_size - self.n * self.kind.itemsize
-        return np.memmap(self.path, self.kind, mode="r", offset=offset, shape=(self.n,))
+        """Map the table; nothing of it stays in memory."""
+        if self._mapped is not None:
+            name, kind, offset, n = self._mapped
+            return np.memmap(name, kind, mode="r", offset=offset, shape=(n,))
+        try:
+            table = self._read()
+        except OutputError as error:
+            raise WriteError(f"{error}; what is missing or damaged is made anew by the next run") from error
+        assert isinstance(table, np.memmap)
+        self._mapped = (str(table.filename), table.dtype, table.offset, len(table))
+        return table
 
 
 class Results:
@@ -83,15 +96,15 @@ class Results:
         self._tables: list[np.ndarray | _Filed] = []
         self._first = [0]
 
-    def hold(self, table: np.ndarray, path: Path | None = None) -> tuple[int, np.ndarray]:
+    def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> tuple[int, np.ndarray]:
         """Take up a table.
 
         Parameters
         ----------
         table : ndarray, shape (m,)
             Of `table_type`; further fields are passed over.
-        path : Path, optional
-            File that holds it already; then it is read from there.
+        read : callable, optional
+            Reads it from the file that holds it already; then it is not kept in memory.
 
         Returns
         -------
@@ -100,15 +113,13 @@ class Results:
         slots : ndarray of int64, shape (m,)
             What its rows are known by.
         """
-        self._tables.append(table if path is None else _Filed(path, table.dtype, len(table)))
+        self._tables.append(table if read is None else _Filed(read))
         self._first.append(self._first[-1] + len(table))
         return len(self._tables) - 1, np.arange(self._first[-2], self._first[-1])
 
-    def move(self, index: int, path: Path) -> None:
-        """Let go of a table that is now in a file, to be read from there."""
-        table = self._tables[index]
-        assert isinstance(table, np.ndarray)
-        self._tables[index] = _Filed(path, table.dtype, len(table))
+    def move(self, index: int, read: Callable[[], np.ndarray]) -> None:
+        """Let go of a table that is now in a file, from which it is to be read."""
+        self._tables[index] = _Filed(read)
 
     def answer(self, rows: np.ndarray, slots: np.ndarray, status: np.ndarray, touched: np.ndarray | bool) -> None:
         """Say which rows of tables answer the scenarios `rows`, how they ended and whether they touched."""
@@ -128,6 +139,11 @@ class Results:
         -------
         dict of str to ndarray
             Variable -> shape (m, *inner); those of scenarios without result are missing.
+
+        Raises
+        ------
+        WriteError
+            A table is not in its file any more as it was written there.
         """
         kind = table_type(self.names, self.scene)
         found = {name: np.empty((len(rows), *kind[name].shape), kind[name].base) for name in self.names}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -59,4 +60,4 @@ class Saver:
 
     def _write(self, key: str, table: np.ndarray, index: int, more: dict[str, Any]) -> None:
         self._store.write(key, table, **more)
-        self._results.move(index, self._store.path(key))
+        self._results.move(index, partial(self._store.read, key))

@@ -30,6 +30,7 @@ from pounding_sweep.cube.files import failure, is_temporary, replacing, sync_fol
 from pounding_sweep.errors import OutputError, WriteError
 from pounding_sweep.lock import LOCK, PATIENCE, FolderLock
 from pounding_sweep.paths import absolute, expanded
+from pounding_sweep.regular import open_own, parse_json, read_regular
 from pounding_sweep.sweep.identity import differences
 
 FORMAT = 2
@@ -66,6 +67,11 @@ def unreadable(folder: Path, error: OSError) -> str:
     return f"the chunk folder {str(folder)!r} can't be read ({why}); ask its owner for access, or give another path"
 
 
+def _unfit(error: ValueError) -> str:
+    """Say that a file of a folder of chunks is none of a run."""
+    return f"{error}; remove it, or give another output path"
+
+
 def _own(name: str) -> bool:
     """Whether a file of that name is the store's, its identity apart."""
     kinds = (_CHUNK_FILE, _EARLIER_FILE)
@@ -86,6 +92,13 @@ def _is_table(table: np.ndarray) -> bool:
     """Whether the array is a row or more of named real numbers."""
     fields = (table.dtype.fields or {}).values()
     return table.ndim == 1 and len(table) > 0 and bool(fields) and all(f[0].base.kind in "iuf" for f in fields)
+
+
+def _has_fields(table: np.ndarray, expected: np.dtype | None) -> bool:
+    names = (expected.names or ()) if expected is not None else ()
+    return expected is None or all(
+        name in (table.dtype.names or ()) and table.dtype[name] == expected[name] for name in names
+    )
 
 
 class ChunkStore:
@@ -210,7 +223,7 @@ class ChunkStore:
         path, limit = self.folder / IDENTITY, time.monotonic() + PATIENCE
         while True:
             try:
-                found = json.loads(path.read_text(encoding="utf-8"))
+                found = parse_json(read_regular(path))
                 if not isinstance(found, dict):
                     raise TypeError
                 return found
@@ -237,11 +250,13 @@ class ChunkStore:
 
     def _has_lines(self) -> bool:
         try:
-            return b"\n" in self._manifest.read_bytes()
+            return b"\n" in read_regular(self._manifest)
         except FileNotFoundError:
             return False
         except OSError as error:
             raise OutputError(unreadable(self.folder, error)) from None
+        except ValueError as error:
+            raise OutputError(_unfit(error)) from None
 
     @property
     def _damaged(self) -> str:
@@ -313,7 +328,7 @@ class ChunkStore:
 
     def _append(self, line: str) -> None:
         new = not self._manifest.exists()
-        with self._manifest.open("ab+") as file:
+        with open(open_own(self._manifest, os.O_RDWR | os.O_APPEND | os.O_CREAT), "ab+") as file:
             end = file.seek(0, os.SEEK_END)
             torn = False
             if end:
@@ -329,15 +344,17 @@ class ChunkStore:
     def _lines(self) -> dict[str, dict[str, Any]]:
         """Read the manifest by key, later lines winning; a line that is no entry is passed over."""
         try:
-            text = self._manifest.read_bytes()
+            text = read_regular(self._manifest)
         except (FileNotFoundError, NotADirectoryError):
             return {}
         except OSError as error:
             raise OutputError(unreadable(self.folder, error)) from None
+        except ValueError as error:
+            raise OutputError(_unfit(error)) from None
         entries: dict[str, dict[str, Any]] = {}
         for line in text.split(b"\n"):
             try:
-                entry = json.loads(line)
+                entry = parse_json(line)
                 key, digest = entry["key"], entry["sha256"]
             except (ValueError, TypeError, KeyError):
                 continue
@@ -351,8 +368,17 @@ class ChunkStore:
         self._entries.update(entries)  # not replaced, nor gone through: the thread that writes may add to it meanwhile
         return {key for key in entries if self.path(key).is_file()}
 
-    def read(self, key: str) -> np.ndarray:
+    def read(self, key: str, expected: np.dtype | None = None, rows: int | None = None) -> np.ndarray:
         """Return a chunk, after a check that it is what was written.
+
+        Parameters
+        ----------
+        key : str
+            Its name.
+        expected : dtype, optional
+            Fields that it must have, of these types and shapes.
+        rows : int, optional
+            Rows that it must have.
 
         Returns
         -------
@@ -369,15 +395,17 @@ class ChunkStore:
         path = self.path(key)
         entry = self._entries.get(key)
         if entry is None or not path.is_file():
-            msg = f"chunk {key!r} is not complete in {str(self.folder)!r}; run the sweep again to make it"
-            raise OutputError(msg)
+            what = "is not complete in" if entry is None else "was removed from"
+            raise OutputError(f"chunk {key!r} {what} {str(self.folder)!r}")
         damaged = f"chunk {key!r} in {str(self.folder)!r} is damaged: "
         try:
             digest = _sha256(path)
             if digest != entry["sha256"]:
                 msg = f"{damaged}its SHA-256 is {digest[:12]}..., it was written as {entry['sha256'][:12]}..."
                 raise ChunkCorrupt(msg)
-            table: np.ndarray = np.load(path, mmap_mode="r")
+            table: np.ndarray = np.lib.format.open_memmap(path, mode="r")
+            if not _is_table(table) or rows not in (None, len(table)) or not _has_fields(table, expected):
+                raise ChunkCorrupt(f"{damaged}it is another table than it should be")
             return table
         except (OSError, ValueError) as error:
             if isinstance(error, ChunkCorrupt):

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from pounding_sweep.cube.assemble import package_version
 from pounding_sweep.cube.files import failure, replacing
 from pounding_sweep.errors import WriteError
+from pounding_sweep.regular import parse_json, read_regular
 from pounding_sweep.sweep.store import ChunkStore
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class Taken:
             self.origin, self._name = earlier.origin, _digest(earlier.origin)
         self.scenarios = 0
         self._store, self._now = store, {} if earlier is None else earlier.taken
+        self._lost = {} if earlier is None else earlier.lost
         self._written = False
 
     def new(self, key: str) -> int:
@@ -55,6 +57,10 @@ class Taken:
         taken = self._now.get(key, 0)
         self.scenarios += taken
         return taken
+
+    def lost(self, key: str) -> str:
+        """Return what went wrong with what a chunk of this run did not take; "" where all of it has a result."""
+        return self._lost.get(key, "")
 
     def kept(self, key: str) -> int:
         """Count what a chunk of an earlier run took."""
@@ -87,9 +93,9 @@ class Taken:
         """Return what a cube said of itself; None where the file is not what was written."""
         assert self._store is not None
         try:
-            found = json.loads(_file(self._store, name).read_text(encoding="utf-8"))
+            found = parse_json(read_regular(_file(self._store, name)))
             return found if _digest(found) == name else None
-        except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        except (OSError, ValueError, TypeError, AttributeError):
             return None
 
 

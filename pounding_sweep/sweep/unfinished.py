@@ -7,7 +7,6 @@ is known only after the runs without pounding.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.errors import OutputError
 from pounding_sweep.lock import Holder, running
+from pounding_sweep.regular import parse_json, read_regular
 from pounding_sweep.sweep.chunks import Chunk
 from pounding_sweep.sweep.identity import WHOLE
 from pounding_sweep.sweep.store import EXPECTED, IDENTITY, ChunkStore, unreadable
@@ -46,14 +46,14 @@ def stages_before(plan: Plan, folder: Path) -> dict[str, list[list[Any]]]:
     Nothing needs them but `survey`: where they can't be read, there are none.
     """
     try:
-        there = json.loads((folder / EXPECTED).read_text(encoding="utf-8"))
+        there = parse_json(read_regular(folder / EXPECTED))
         if {**there, "stages": {}} != expected(plan, {}):
             return {}
         return {
             str(stage): [[str(key), int(law), int(record), int(n)] for key, law, record, n in chunks]
             for stage, chunks in there["stages"].items()
         }
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return {}
 
 
@@ -141,12 +141,12 @@ def survey(folder: Path) -> Survey:
     ({'package': '0.1.0'}, None, None)
     """
     try:
-        identity = json.loads((folder / IDENTITY).read_text(encoding="utf-8"))
+        identity = parse_json(read_regular(folder / IDENTITY))
         details = identity["details"]
         found = Survey(folder, {key: str(details[key]) for key in WHOLE if key in details})
         found.now = running(folder)
         if (folder / EXPECTED).exists():
-            _count(found, json.loads((folder / EXPECTED).read_text(encoding="utf-8")))
+            _count(found, parse_json(read_regular(folder / EXPECTED)))
     except FileNotFoundError:
         msg = f"{str(folder)!r} is no folder of finished chunks: it has no {IDENTITY}; give OUT.nc.parts of a run"
         raise OutputError(msg) from None
@@ -154,7 +154,7 @@ def survey(folder: Path) -> Survey:
         raise
     except OSError as error:
         raise OutputError(unreadable(folder, error)) from None
-    except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, IndexError, OverflowError) as error:
         msg = f"what {str(folder)!r} says of itself can't be read ({error}); run the sweep again, or remove the folder"
         raise OutputError(msg) from None
     return found
