@@ -32,8 +32,6 @@ LOCK = "lock"
 PATIENCE = 0.5
 #: Seconds more for a folder that is gone whenever it was made: several runs begin and end in it.
 COMES_AND_GOES = 10.0
-
-
 #: Seconds after which a folder whose lock names nobody is abandoned: its process was killed before it could.
 NAMELESS = 3600.0
 #: Bytes of a lock's text at most.

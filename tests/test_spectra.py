@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import doctest
 import importlib.util
+import os
+import subprocess
+import sys
 import warnings
 
 import numpy as np
@@ -185,6 +188,17 @@ def test_each_period_is_independent_of_its_neighbours():
     alone = [response_spectrum(EL_CENTRO, float(p))["absolute_acceleration"].item() for p in periods]
     np.testing.assert_allclose(together, alone, rtol=1e-13)
     assert np.array_equal(response_spectrum(EL_CENTRO.scaled(4.0), periods)["absolute_acceleration"], 4 * together)
+
+
+def test_a_damaged_cache_costs_itself_only(tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    program = [sys.executable, "-c", "import pounding_sweep.kernels.spectrum"]
+    subprocess.run(program, env=environment, check=True, timeout=300)
+    found = [path for path in tmp_path.rglob("*.nb?") if path.is_file()]
+    assert found
+    for path in found:
+        path.write_bytes(bytes(path.stat().st_size))
+    subprocess.run(program, env=environment, check=True, timeout=300)
 
 
 def test_where_no_cache_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):

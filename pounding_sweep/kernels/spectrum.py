@@ -55,11 +55,11 @@ _OPTIONS: Any = {"nogil": True, "error_model": "numpy", "boundscheck": False, "f
 def _compiled(function: Callable[..., None]) -> Callable[..., None]:
     """Compile a function and keep it on disk beside this module, which holds all that it depends on.
 
-    Where no folder can be written, that costs the cache, not the run.
+    Where no folder can be written, or what is there is damaged, that costs the cache, not the run.
     """
     try:
         compiled: Callable[..., None] = njit(_SIGNATURE, cache=True, **_OPTIONS)(function)
-    except RuntimeError:  # numba finds no place for its cache
+    except Exception:  # whatever numba makes of such a folder; a fault of the function shows again below
         compiled = njit(_SIGNATURE, **_OPTIONS)(function)
     return compiled
 
