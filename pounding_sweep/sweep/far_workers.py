@@ -37,6 +37,8 @@ IN_FLIGHT = 3
 LOOK_SECONDS = 1.0
 #: Seconds without any worker that can take part after which that is said.
 ALONE_SECONDS = 10.0
+#: Seconds without any of the processes that the run has started after which it ends: nobody else will come.
+OWN_SECONDS = 120.0
 #: Seconds that those who are there at the start have to say what they have installed, before the rest begins.
 ANSWER_SECONDS = 5.0
 #: Seconds without a word from a worker after which the others go on without it, until it is heard again.
@@ -410,7 +412,7 @@ class FarWorkers:
             self._note(f"worker {address}: takes no part, it has {self._unfit[address]}, here is {fingerprint()}")
 
     def _check_fit(self) -> None:
-        """Say once that nobody is there; raise `ClusterError` where all who are there can't take part."""
+        """Say once that nobody is there; raise `ClusterError` where nobody will come, or none of them can take part."""
         now = time.monotonic()
         if self._threads:
             self._alone_since, self._told_alone = None, False
@@ -422,6 +424,12 @@ class FarWorkers:
                 msg = (
                     f"none of the {len(self._unfit)} dask workers can take part: {address} has {found}; it must be "
                     f"{fingerprint()}, as here. Install the same versions in the environment of the workers"
+                )
+                raise ClusterError(msg)
+            if self.client.cluster is not None and now - self._alone_since > OWN_SECONDS:
+                msg = (
+                    f"all processes of this run are gone, and none has started again for {OWN_SECONDS:.0f} s; run "
+                    "again, which goes on from the chunks that an output has, perhaps with fewer workers"
                 )
                 raise ClusterError(msg)
             if not self._told_alone:
