@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.accuracy.measure import comparable
 from pounding_sweep.contact.laws import Law, get_law
 from pounding_sweep.contact.restitution import realised_restitution
 from pounding_sweep.cube.assemble import assemble
@@ -21,6 +22,12 @@ from pounding_sweep.sweep.spec import build_spec, contact_stiffness, scene_data
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from pounding_sweep.sweep.blocks import RowKernel
+
+
+#: Outputs that no history is told with.
+NOT_OF_ONE = ("closing_max", "time_step", "error_estimate", "amplification")
 
 
 def simulate(
@@ -140,7 +147,7 @@ def simulate(
             f"give dt <= {limit:.6g} s, {stable} or force_unstable=True"
         )
         raise StabilityError(msg)
-    outputs = tuple(name for name in VARIABLES if name not in ("closing_max", "time_step"))
+    outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
     kernel = RowKernel(
         row,
         found,
@@ -150,17 +157,21 @@ def simulate(
         initial_velocity=velocities,
         basis=restitution_basis,
     )
-    n_steps = (motion.n_points - 1) * numerics.steps(motion)
-    history = np.zeros((n_steps + 1, max(1, history_slots(kernel.shape).size)))
-    raw = kernel.run(
-        motion,
-        scale=np.ones(1),
-        gaps=np.array([row.gaps], dtype=float).reshape(1, -1),
-        stiffness=np.array([k]),
-        restitution=np.array([e]),
-        history=history,
-    )
-    values = {name: v[0] for name, v in variables_of(kernel, raw, outputs, motion).items()}
+
+    def run(kernel: RowKernel) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        n_steps = (motion.n_points - 1) * kernel.numerics.steps(motion)
+        history = np.zeros((n_steps + 1, max(1, history_slots(kernel.shape).size)))
+        gaps = np.array([row.gaps], dtype=float).reshape(1, -1)
+        alone = np.ones(1)
+        raw = kernel.run(motion, scale=alone, gaps=gaps, stiffness=k * alone, restitution=e * alone, history=history)
+        return variables_of(kernel, raw, outputs, motion), history
+
+    variables, history = run(kernel)
+    if spec.accuracy is not None:
+        kernel, variables, history = _refined(kernel, motion, run, variables, spec.accuracy)
+    numerics, n_steps = kernel.numerics, len(history) - 1
+    step = motion.dt / numerics.steps(motion)
+    values = {name: v[0] for name, v in variables.items()}
     realised = realised_restitution(found, e, restitution_basis)
     attributes = {
         "title": spec.title or f"{motion.name}: {found.title}",
@@ -184,6 +195,27 @@ def simulate(
     if int(values["status"]) != Status.DIVERGED:
         dataset = dataset.assign(_histories(kernel, history, motion, n_steps))
     return dataset
+
+
+def _refined(
+    kernel: RowKernel,
+    motion: Record,
+    run: Callable[[RowKernel], tuple[dict[str, np.ndarray], np.ndarray]],
+    coarse: dict[str, np.ndarray],
+    accuracy: float,
+) -> tuple[RowKernel, dict[str, np.ndarray], np.ndarray]:
+    """Halve the step until that changes no output by more than `accuracy`; see `pounding_sweep.sweep.refinement`."""
+    from pounding_sweep.sweep.refinement import MOST_HALVINGS, differences, halved
+
+    for _ in range(MOST_HALVINGS):
+        kernel = halved(kernel, motion)
+        fine, history = run(kernel)
+        estimate = differences(comparable(fine), coarse, fine)
+        if estimate[0] <= accuracy and fine["status"][0] == Status.OK:
+            return kernel, fine, history
+        coarse = fine
+    fine["status"] = np.where(fine["status"] == Status.OK, Status.UNSETTLED, fine["status"])
+    return kernel, fine, history
 
 
 def _velocities(scene: Scene, given: Sequence[Any] | None) -> tuple[float, ...] | None:

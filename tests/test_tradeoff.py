@@ -222,7 +222,7 @@ def measured(sweep):
 def test_sensitive_scenarios_are_counted_and_kept_apart(measured):
     steady = make_dataset(measured, {})
     assert steady.attrs["sensitive_scenarios"] == 0
-    assert (steady.sensitivity < 1e-6).all()
+    assert (steady.sensitivity < 1e-3).all()
     sensitivity = measured.sensitivity.copy()
     sensitivity[2] = 0.3
     errors = measured.errors.copy()
@@ -237,18 +237,12 @@ def test_sensitive_scenarios_are_counted_and_kept_apart(measured):
     )
 
 
-def test_a_change_of_the_gap_is_what_finds_them():
-    """A floor that only just touches: the smallest change of the gap is a large one of the penetration."""
+def test_a_change_of_the_inputs_is_what_finds_them():
+    """A floor that only just touches: the smallest change of the inputs is a large one of the penetration."""
     grazing = float(run_without_pounding().closing_max.max()) * (1.0 - 1e-6)
-    found = tradeoff(
-        make_sweep(gaps=[grazing]),
-        steps=[2e-3],
-        methods=["rk4"],
-        located=[True],
-        precisions=["float64"],
-        scenarios=2,
-        repeats=1,
-    )
+    settings = {"methods": ["rk4"], "located": [True], "precisions": ["float64"], "scenarios": 2, "repeats": 1}
+    with pytest.warns(RuntimeWarning, match="converged solution of 2 of 2 scenarios differs"):
+        found = tradeoff(make_sweep(gaps=[grazing]), steps=[2e-3], **settings)
     assert found.attrs["sensitive_scenarios"] == 2
 
 
@@ -276,7 +270,8 @@ def test_a_converged_solution_that_is_not_converged_is_worth_a_warning(measured)
     with pytest.warns(RuntimeWarning, match=rf"of 1 of 6 .* worst 2.0e-03 .* law kelvin_voigt, gaps {gap:g} m"):
         warn_of_doubt(replace(measured, reference_errors=doubtful))
     sensitivity = np.where(np.arange(6) == 1, 1.0, measured.sensitivity)
-    warn_of_doubt(replace(measured, reference_errors=doubtful, sensitivity=sensitivity))
+    with pytest.warns(RuntimeWarning, match="of 1 of 6"):  # however sensitive
+        warn_of_doubt(replace(measured, reference_errors=doubtful, sensitivity=sensitivity))
 
 
 def test_costs_are_those_of_the_sweeps_own_mix(sweep, trade):

@@ -4,8 +4,9 @@
 holds, for every law, scheme and class of outputs, the relative error against
 the number of steps in the shortest time of a scenario, the shorter of its
 shortest contact and half the period of the buildings' highest mode. The
-advice reads off the largest step that keeps the error within what is asked,
-shortens it where stability or a long record of hardly damped buildings needs
+advice reads off the largest step that keeps most errors within what is asked,
+from which on scenarios are refined (`pounding_sweep.sweep.refinement`), shortens it
+where stability or a long record of hardly damped buildings needs
 it, and takes the scheme whose steps cost least.
 """
 
@@ -82,7 +83,7 @@ class Curve:
     steps : tuple of float
         Steps in the shortest time of the scenario, rising.
     error : tuple of float
-        Relative error of so many steps, safety factor included.
+        Relative error of so many steps.
     """
 
     steps: tuple[float, ...]
@@ -121,7 +122,7 @@ class Measured:
     cost : dict
         (method, precision) -> ns of one scenario, step (of exact flight: long step) and degree of freedom.
     about : dict
-        Where the numbers come from: quantile, safety factor, version, date, machine.
+        Where the numbers come from: quantile, version, date, machine.
     """
 
     curves: dict[tuple[str, str, str, str], Curve]
@@ -237,7 +238,7 @@ def advise(
     job = _Job(spec, laws, table, variants, initial_speed)
     found: dict[Scheme, tuple[float, np.ndarray, np.ndarray, dict[str, float]]] = {}
     reached: dict[Scheme, tuple[float, str]] = {}
-    schemes = [(m, p) for m, p in known.cost if spec.method in (None, m) and spec.precision in (None, p)]
+    schemes = [(m, p) for m, p in known.cost if spec.method in (None, m) and p in _formats(spec)]
     for scheme in schemes:
         need, best = _needed(known, spec, scheme, laws)
         if max(need.values()) < math.inf:
@@ -258,6 +259,13 @@ def advise(
     return Advice(
         *scheme, _finer(scheme[0], need), steps, still, job.sentence(known, scheme, need, steps, still, others)
     )
+
+
+def _formats(spec: SweepSpec) -> tuple[str, ...]:
+    """Return the number formats to choose from: energies are small differences of large sums, and need the wide one."""
+    if spec.precision is not None:
+        return (spec.precision,)
+    return ("float64",) if "energies" in classes_of(spec.outputs) else ("float64", "float32")
 
 
 def _needed(
@@ -407,7 +415,7 @@ class _Job:
                 if scheme[0] == "exact"
                 else "Steps in the shortest contact or half period of the highest mode"
             )
-            + f", as measured in {about['quantile']:.0%} of scenarios with a safety factor of {about['safety']:g}: "
+            + f", as measured in {about['quantile']:.0%} of scenarios, the others refined: "
             + ", ".join(f"{law} {value:.3g}" for law, value in need.items())
             + f"; at least {CONTACT_MARGIN * MIN_STEPS_PER_CONTACT[scheme[0], True]:g} in a contact, for its status. "
             f"Half period of the highest mode: {_range(self.mode, '.3g')} s"

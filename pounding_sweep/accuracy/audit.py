@@ -4,30 +4,33 @@ A cube then carries the error of its own numbers, by measurement. The sample
 is drawn by a generator that the sweep's digest seeds, so that the same sweep
 has the same audit, whoever runs it and however often it was interrupted.
 
-Each group of lanes holds scenarios at half the step, and the same ones with
-gaps, contact stiffness and record changed by a relative 1e-9 (in single
-precision, by some units of the last place). Where such a change, far below
-any engineering meaning, changes the answer visibly, no step size helps: the
-scenario is sensitive, and is reported as such, apart from the others, never
-left out.
+Each group of lanes holds scenarios at half the step, and the same ones with gaps,
+contact stiffness and ground motion changed by `measure.CHANGE`. Where such a change,
+below any engineering meaning, changes an output by more than the error looked for, the
+scenario is called sensitive; its error counts all the same. A scenario whose error is
+beyond what was asked is run once more, in double precision and at ever finer steps:
+that tells its error whatever the number format was. Only where these runs settle on no
+answer is it set apart, as undecided.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.accuracy.measure import PERTURBATION, SENSITIVE, comparable, relative_errors
+from pounding_sweep.accuracy.measure import CHANGE, changed, comparable, relative_errors
 from pounding_sweep.cube.variables import STATUS, Status
 from pounding_sweep.kernels.shape import LANES
+from pounding_sweep.sweep.blocks import RowKernel
 from pounding_sweep.sweep.dispatch import Dispatcher
 from pounding_sweep.sweep.jobs import Job
 from pounding_sweep.sweep.property_labels import row_coordinates
+from pounding_sweep.sweep.refinement import in_double
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,16 +38,24 @@ if TYPE_CHECKING:
     from pounding_sweep.sweep.execute import Outcome
     from pounding_sweep.sweep.plan import Plan
 
-#: Scenarios of one lane group; each is there twice.
+#: Scenarios of one lane group, which is run twice.
 GROUP = LANES // 2
 #: Steps of the audit in one step of the sweep.
 FINER = 2
+#: Steps that a scenario takes in all, over those that it begins with, where it is refined for an accuracy; and of
+#: those that it ends with.
+REFINED, ENDS = 3, 2
 #: Error of an ok scenario beyond which a warning is given, where the sweep asked for none.
 TOLERANCE = 0.05
+#: Share of the tolerance within which the runs agree that tell the error of a scenario beyond it.
+CONVERGED = 0.25
 #: Tasks that the sample is cut into, and most lane groups of one.
 BATCHES, LARGEST_BATCH = 8, 64
-#: How the flag is spelt in a cube.
-FLAGS = {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "steady sensitive"}
+#: How the flags are spelt in a cube.
+FLAGS = {
+    "audit_sensitive": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "steady sensitive"},
+    "audit_undecided": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "decided undecided"},
+}
 
 
 @dataclass(frozen=True)
@@ -54,7 +65,7 @@ class Sample:
     Attributes
     ----------
     rows : ndarray of int
-        Rows of the plan's unique scenarios, at most `GROUP`.
+        Rows of the plan's unique scenarios, a lane group at most.
     law, record, steps : int
         Index of the law and the record, and steps per record interval in the sweep.
     """
@@ -66,7 +77,8 @@ class Sample:
 
     def cost(self, plan: Plan) -> int:
         """Lane-steps that it takes; a group costs all its lanes, filled or not."""
-        return LANES * FINER * self.steps * (plan.spec.records[self.record].n_points - 1)
+        times = FINER if plan.spec.accuracy is None else FINER * ENDS
+        return LANES * times * self.steps * (plan.spec.records[self.record].n_points - 1)
 
 
 @dataclass(frozen=True)
@@ -84,7 +96,9 @@ class Audit:
     status : ndarray of int, shape (n,)
         How the scenario ended in the sweep.
     sensitive : ndarray of bool, shape (n,)
-        Where no step size helps.
+        Where the perturbation changes an output by more than the tolerance, or a number of impacts.
+    undecided : ndarray of bool, shape (n,)
+        Beyond the tolerance, and no step settles it in double precision.
     touching : int
         Touching scenarios of the sweep that the sample was drawn from.
     share : float
@@ -99,14 +113,15 @@ class Audit:
     sensitivity: np.ndarray
     status: np.ndarray
     sensitive: np.ndarray
+    undecided: np.ndarray
     touching: int
     share: float
     tolerance: float
 
     @property
     def exceeding(self) -> np.ndarray:
-        """Scenarios with status ok, not sensitive, whose error is beyond the tolerance."""
-        return ~self.sensitive & (self.status == Status.OK) & (self.error.max(axis=1) > self.tolerance)
+        """Scenarios with status ok, not undecided, whose error is beyond the tolerance."""
+        return ~self.undecided & (self.status == Status.OK) & (self.error.max(axis=1) > self.tolerance)
 
 
 def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
@@ -125,7 +140,8 @@ def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
 def sweep_cost(plan: Plan, rows: np.ndarray) -> int:
     """Lane-steps of the scenarios `rows` in the sweep."""
     points = np.array([record.n_points - 1 for record in plan.spec.records])
-    return int((plan.steps[rows] * points[plan.unique.record[rows]]).sum())
+    times = 1 if plan.spec.accuracy is None else REFINED
+    return int((times * plan.steps[rows] * points[plan.unique.record[rows]]).sum())
 
 
 def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
@@ -201,39 +217,73 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     if not samples:
         return None
     tolerance = TOLERANCE if plan.spec.accuracy is None else plan.spec.accuracy
-    batches, measured, failures = _batches(samples), [], []
+    share = sum(sample.cost(plan) for sample in samples) / sweep_cost(plan, rows)
+    where = np.sort(np.concatenate([sample.rows for sample in samples]))
+    own = outcome.results.take(where)
+    batches = _batches(_by_step(plan, where, own))
+    fine = _run(plan, batches, dispatcher, _halved_job(plan, outputs))
+    moved = None if fine is None else _run(plan, batches, dispatcher, _halved_job(plan, outputs, change=True))
+    if fine is None or moved is None:
+        return None
+    error = _table(relative_errors(outputs, own, fine))
+    sensitivity = _table(relative_errors(outputs, moved, fine))
+    sensitive = _counts_differ(moved, fine) | (sensitivity.max(axis=1) > tolerance)
+    undecided = np.zeros(len(where), bool)
+    again = np.flatnonzero((own["status"] == Status.OK) & (error.max(axis=1) > tolerance))
+    if len(again):
+        some = {name: values[again] for name, values in own.items()}
+        settled = _run(
+            plan, _batches(_by_step(plan, where[again], some)), dispatcher, _settling_job(plan, outputs, tolerance)
+        )
+        if settled is None:
+            return None
+        error[again] = _table(relative_errors(outputs, some, settled))
+        undecided[again] = settled["status"] != Status.OK
+    result = Audit(where, outputs, error, sensitivity, own["status"], sensitive, undecided, len(rows), share, tolerance)
+    _warn(plan, result)
+    return result
+
+
+def _by_step(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[Sample]:
+    """Put scenarios together that ended with the same law, record and step."""
+    table = plan.unique[rows]
+    steps = plan.steps[rows]
+    if plan.spec.accuracy is not None:
+        interval = np.array([record.dt for record in plan.spec.records])[table.record]
+        steps = np.rint(interval / own["time_step"]).astype(int)
+    kinds = np.stack([table.law, table.record, steps])
+    samples = []
+    for law, record, count in np.unique(kinds, axis=1).T.tolist():
+        alike = rows[(kinds == [[law], [record], [count]]).all(axis=0)]
+        samples += [Sample(alike[i : i + LANES], law, record, count) for i in range(0, len(alike), LANES)]
+    return samples
+
+
+def _run(
+    plan: Plan, batches: list[list[Sample]], dispatcher: Dispatcher, job: Callable[[list[Sample], int], Job]
+) -> dict[str, np.ndarray] | None:
+    """Run batches; returns results in rising order of their rows, or None, with a warning, where one failed."""
+    measured: list[tuple[np.ndarray, np.ndarray]] = []
+    failures: list[str] = []
 
     def take(position: int, found: np.ndarray | str) -> None:
         if isinstance(found, str):
             failures.append(found)
         else:
-            measured.append(_measure(outcome, batches[position], found, outputs, min(SENSITIVE, tolerance)))
+            measured.append((np.concatenate([sample.rows for sample in batches[position]]), found))
 
-    dispatcher.run(len(batches), lambda position: _job(plan, batches[position], position), take)
+    dispatcher.run(len(batches), lambda position: job(batches[position], position), take)
     if failures:
         warnings.warn(
             f"the audit has no result: {failures[0]}. The cube has none; to have it audited again, run the sweep with "
             "that cube as the one to extend (--extend OUT.nc --overwrite), which takes all else from it",
             RuntimeWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
         return None
-    where, error, sensitivity, sensitive = (np.concatenate(part) for part in zip(*measured, strict=True))
-    order = np.argsort(where)
-    where = where[order]
-    result = Audit(
-        rows=where,
-        outputs=outputs,
-        error=error[order],
-        sensitivity=sensitivity[order],
-        status=outcome.results.status[where],
-        sensitive=sensitive[order],
-        touching=len(rows),
-        share=sum(sample.cost(plan) for sample in samples) / sweep_cost(plan, rows),
-        tolerance=tolerance,
-    )
-    _warn(plan, result)
-    return result
+    rows, tables = (np.concatenate(part) for part in zip(*measured, strict=True))
+    table = tables[np.argsort(rows)]
+    return {name: table[name] for name in table.dtype.names or ()}
 
 
 def _batches(samples: list[Sample]) -> list[list[Sample]]:
@@ -245,47 +295,36 @@ def _batches(samples: list[Sample]) -> list[list[Sample]]:
     return [alike[i : i + size] for alike in kinds.values() for i in range(0, len(alike), size)]
 
 
-def _places(batch: list[Sample]) -> tuple[np.ndarray, np.ndarray]:
-    """Where each scenario of a batch stands among its lanes, as it is and changed; each sample fills a lane group."""
-    first = [LANES * group + np.arange(len(sample.rows)) for group, sample in enumerate(batch)]
-    return np.concatenate(first), np.concatenate([own + len(own) for own in first])
+def _halved_job(plan: Plan, outputs: Sequence[str], change: bool = False) -> Callable[[list[Sample], int], Job]:
+    """Return what makes the run of a batch at half of all its steps, as it is or with all inputs changed."""
+
+    def job(batch: list[Sample], position: int) -> Job:
+        sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
+        kernel = replace(_kernel_of(plan, sample), accuracy=None)
+        key = f"audit-{plan.digest[:32]}-{'changed' if change else 'halved'}-{position}"
+        scenarios = changed(table) if change else table
+        return Job(key, kernel, sample.record, scenarios, plan.variants[table.variant], tuple(outputs))
+
+    return job
 
 
-def _job(plan: Plan, batch: list[Sample], position: int) -> Job:
-    """Make the run of a batch at half of all steps, as it is and with everything a little changed.
+def _settling_job(plan: Plan, outputs: Sequence[str], tolerance: float) -> Callable[[list[Sample], int], Job]:
+    """Return what makes the run of a batch in double precision, at ever finer steps until they agree."""
 
-    Gaps and stiffness are changed one way and the record the other: a linear
-    contact that is scaled as a whole would answer in proportion.
-    """
-    own, _ = _places(batch)
-    row_of, lane = np.empty(LANES * len(batch), int), np.arange(LANES)
-    for group, sample in enumerate(batch):  # idle lanes repeat the last scenario
-        row_of[LANES * group + lane] = np.tile(sample.rows, 2)[np.minimum(lane, 2 * len(sample.rows) - 1)]
-    change = np.full(len(row_of), PERTURBATION[plan.numerics.precision])
-    change[own] = 0.0
-    table = plan.unique[row_of]
-    both = replace(
-        table,
-        scale=table.scale * (1.0 - change),
-        stiffness=table.stiffness * (1.0 + change),
-        gaps=table.gaps * (1.0 + change[:, None]),
-    )
-    sample = batch[0]
+    def job(batch: list[Sample], position: int) -> Job:
+        sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
+        kernel = replace(in_double(_kernel_of(plan, sample)), accuracy=CONVERGED * tolerance)
+        key = f"audit-{plan.digest[:32]}-settled-{position}"
+        return Job(key, kernel, sample.record, table, plan.variants[table.variant], tuple(outputs))
+
+    return job
+
+
+def _kernel_of(plan: Plan, sample: Sample) -> RowKernel:
+    """Return the kernel of a sample at half the step that it ended with."""
+    finer = plan.numerics.finer * sample.steps / int(plan.steps[sample.rows[0]])
     kernel = plan.kernel(sample.law, record=sample.record, steps=FINER * sample.steps)
-    kernel = replace(kernel, numerics=replace(kernel.numerics, finer=FINER * kernel.numerics.finer))
-    key = f"audit-{plan.digest[:32]}-{position}"
-    return Job(key, kernel, sample.record, both, plan.variants[both.variant], plan.outputs)
-
-
-def _measure(
-    outcome: Outcome, batch: list[Sample], found: np.ndarray, outputs: Sequence[str], limit: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Rows of a batch, their errors and sensitivities by output, and which are sensitive."""
-    fine, moved = ({name: found[name][places] for name in found.dtype.names or ()} for places in _places(batch))
-    rows = np.concatenate([sample.rows for sample in batch])
-    error = _table(relative_errors(outputs, outcome.results.take(rows), fine))
-    sensitivity = _table(relative_errors(outputs, moved, fine))
-    return rows, error, sensitivity, _counts_differ(moved, fine) | (sensitivity.max(axis=1) > limit)
+    return replace(kernel, numerics=replace(kernel.numerics, finer=FINER * finer))
 
 
 def _counts_differ(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> np.ndarray:
@@ -332,18 +371,23 @@ def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        With ``audit_error``, ``audit_sensitivity`` (audit, output), ``audit_sensitive`` and
-        ``audit_status`` (audit), and coordinates that say which scenario each row is.
+        With ``audit_error``, ``audit_sensitivity`` (audit, output), ``audit_sensitive``,
+        ``audit_undecided`` and ``audit_status`` (audit), and coordinates that say which scenario each row is.
     """
     table = plan.unique[found.rows]
     dt = np.array([record.dt for record in plan.spec.records])[table.record] / plan.steps[found.rows]
     errors, rows = ("audit", "output"), ("audit",)
-    change = PERTURBATION[plan.numerics.precision]
     about_status = {key: cube["status"].attrs[key] for key in ("flag_values", "flag_meanings")}
     data = {
         "audit_error": (errors, found.error, "relative error, by the difference to half the time step", "1"),
-        "audit_sensitivity": (errors, found.sensitivity, f"relative change by a change of {change:g}", "1"),
-        "audit_sensitive": (rows, found.sensitive.astype(np.int8), "whether no step size helps", "1"),
+        "audit_sensitivity": (errors, found.sensitivity, f"relative change by a change of {CHANGE:g}", "1"),
+        "audit_sensitive": (
+            rows,
+            found.sensitive.astype(np.int8),
+            f"whether that is more than {found.tolerance:g}, or changes a number of impacts",
+            "1",
+        ),
+        "audit_undecided": (rows, found.undecided.astype(np.int8), "whether no step settles it", "1"),
         "audit_status": (rows, found.status.astype(np.int8), "status of the scenario in the sweep", "1"),
     }
     names = np.array([law.key for law in plan.laws])
@@ -374,15 +418,17 @@ def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit) -> xr.Dataset:
 
     result = cube.assign({name: array(*item) for name, item in data.items()})
     result = result.assign_coords({name: array(*item) for name, item in coordinates.items()})
-    result["audit_sensitive"].attrs |= FLAGS
+    for name, flags in FLAGS.items():
+        result[name].attrs |= flags
     result["audit_status"].attrs |= about_status
-    steady = ~found.sensitive
+    decided = ~found.undecided
     for i, name in enumerate(found.outputs):
-        if steady.any() and name in result:
-            result[name].attrs["audit_error_max"] = float(found.error[steady, i].max())
-            result[name].attrs["audit_error_median"] = float(np.median(found.error[steady, i]))
+        if decided.any() and name in result:
+            result[name].attrs["audit_error_max"] = float(found.error[decided, i].max())
+            result[name].attrs["audit_error_median"] = float(np.median(found.error[decided, i]))
     result.attrs["audit_scenarios"] = len(found.rows)
     result.attrs["audit_touching"] = found.touching
     result.attrs["audit_share"] = found.share
-    result.attrs["audit_perturbation"] = change
+    result.attrs["audit_perturbation"] = CHANGE
+    result.attrs["audit_undecided_share"] = float(found.undecided.mean())
     return result

@@ -72,9 +72,9 @@ class Batch:
         return len(self.scale)
 
 
-def kernel_of(batch: Batch, method: str, dt: float, precision: str = "float64") -> RowKernel:
+def kernel_of(batch: Batch, method: str, dt: float, precision: str = "float64", finer: float = 1.0) -> RowKernel:
     """Return the kernel that runs a batch."""
-    numerics = Numerics(method, dt, precision=precision)
+    numerics = Numerics(method, dt, precision=precision, finer=finer)
     return RowKernel(batch.scene, batch.law, numerics, reducers_for(OUTPUTS), initial_velocity=batch.initial_velocity)
 
 
@@ -90,7 +90,9 @@ def stable_step(batch: Batch, method: str) -> np.ndarray:
     return largest_step(batch.scene, batch.law, batch.stiffness, batch.restitution, method=method)
 
 
-def run_batch(batch: Batch, method: str, dt: float, precision: str = "float64") -> dict[str, np.ndarray]:
+def run_batch(
+    batch: Batch, method: str, dt: float, precision: str = "float64", finer: float = 1.0
+) -> dict[str, np.ndarray]:
     """Run every scenario of a batch.
 
     Parameters
@@ -103,6 +105,8 @@ def run_batch(batch: Batch, method: str, dt: float, precision: str = "float64") 
         Largest time step (s).
     precision : {"float64", "float32"}
         Number format.
+    finer : float
+        See `Numerics`.
 
     Returns
     -------
@@ -110,7 +114,7 @@ def run_batch(batch: Batch, method: str, dt: float, precision: str = "float64") 
         `OUTPUTS`, ``status`` and ``steps_per_contact``, shape (n, *inner), as they
         would stand in a cube: refused and diverged scenarios have no values.
     """
-    kernel = kernel_of(batch, method, dt, precision)
+    kernel = kernel_of(batch, method, dt, precision, finer)
     step = batch.record.dt / kernel.numerics.steps(batch.record)
     rows = np.flatnonzero(step <= stable_step(batch, method))
     result: dict[str, np.ndarray] = {}

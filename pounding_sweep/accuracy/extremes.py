@@ -44,12 +44,12 @@ class FamilyResult:
         Scenarios, each step counted.
     statuses : Counter
         Scenarios by label of their status.
-    sensitive : int
-        Ok scenarios that are off by more than the claim, but ill-conditioned (`judge.SENSITIVE`).
+    missed, sensitive : int
+        Ok scenarios that are off by more than the claim, and those of them that are sensitive.
     unknown : int
         Ok scenarios without a converged reference.
     error : float
-        Worst relative error of a peak among the ok scenarios that are not sensitive.
+        Worst relative error of a peak among the ok scenarios that half the step does not give away and that are not sensitive.
     created : float
         Most energy created by contacts of an ok scenario, relative to the largest energy of its balance.
     energy : float
@@ -64,6 +64,7 @@ class FamilyResult:
     method: str
     scenarios: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
+    missed: int = 0
     sensitive: int = 0
     unknown: int = 0
     error: float = 0.0
@@ -77,9 +78,10 @@ class FamilyResult:
         ok = verdict.status == Status.OK
         self.scenarios += len(verdict.status)
         self.statuses.update(STATUS[s].label for s in verdict.status)
+        self.missed += int(verdict.missed.sum())
         self.sensitive += int(verdict.sensitive.sum())
         self.unknown += int(verdict.unknown.sum())
-        errors = verdict.error[~verdict.sensitive & np.isfinite(verdict.error)]
+        errors = verdict.error[~verdict.told & ~verdict.sensitive & np.isfinite(verdict.error)]
         self.error = max(self.error, float(errors.max(initial=0.0)))
         self.created = max(self.created, float(verdict.created[ok].max(initial=0.0)))
         self.energy = max(self.energy, float(verdict.energy.max(initial=0.0)))
@@ -93,6 +95,7 @@ class FamilyResult:
             "method": self.method,
             "scenarios": self.scenarios,
             "statuses": {s.label: self.statuses[s.label] for s in STATUS if self.statuses[s.label]},
+            "missed": self.missed,
             "sensitive": self.sensitive,
             "unknown": self.unknown,
             "worst_error": self.error,

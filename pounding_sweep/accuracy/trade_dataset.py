@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.measure import SENSITIVE
-from pounding_sweep.accuracy.trade_measure import GAP_CHANGE, Measured
+from pounding_sweep.accuracy.measure import CHANGE
+from pounding_sweep.accuracy.trade_measure import Measured
 from pounding_sweep.cube.assemble import CONVENTIONS, VERSION_ATTRIBUTE, package_version
-from pounding_sweep.cube.variables import STATUS, Status
+from pounding_sweep.cube.variables import OK_CLAIM, STATUS, Status
 from pounding_sweep.sweep.spec import digest, to_json
 
 if TYPE_CHECKING:
@@ -26,10 +26,10 @@ STATISTICS = {"median": 0.5, "p90": 0.9, "worst": 1.0}
 #: Sets of scenarios that statistics are made of.
 POPULATIONS = {
     "all": "every scenario that was not refused",
-    "steady": "those that are not sensitive to the gap",
+    "steady": "those that are not sensitive",
     "sensitive": "those that are",
     "ok": "those whose status is ok in this configuration",
-    "ok_steady": "those whose status is ok in this configuration and that are not sensitive to the gap",
+    "ok_steady": "those whose status is ok in this configuration and that are not sensitive",
 }
 #: Dimensions of a configuration.
 CONFIGURATION = ("scheme", "located", "precision", "step")
@@ -79,11 +79,11 @@ _VARIABLES: dict[str, tuple[tuple[str, ...], dict[str, Any]]] = {
     "scenario_reference_error": ((*_EACH, "output"), _OWN),
     "sensitivity": (
         _EACH,
-        {"units": "1", "long_name": f"largest relative change of an output when gaps change by {GAP_CHANGE:g}"},
+        {"units": "1", "long_name": f"largest relative change of an output when all inputs change by {CHANGE:g}"},
     ),
     "sensitive": (
         _EACH,
-        _FLAGS | {"flag_meanings": "steady sensitive", "long_name": f"sensitivity above {SENSITIVE:g}"},
+        _FLAGS | {"flag_meanings": "steady sensitive", "long_name": f"sensitivity above {OK_CLAIM:g}"},
     ),
 }
 
@@ -331,8 +331,8 @@ def _attributes(m: Measured, settings: Mapping[str, Any]) -> dict[str, Any]:
         "reference_step": m.reference.dt,
         "reference_check": "the same at twice the step; their difference is reference_error",
         "resolution_factor": RESOLUTION,
-        "gap_change": GAP_CHANGE,
-        "sensitive_change": SENSITIVE,
+        "input_change": CHANGE,
+        "sensitive_change": OK_CLAIM,
         "newmark_beta": m.spec.beta,
         "newmark_gamma": m.spec.gamma,
         **settings,

@@ -11,14 +11,14 @@ from itertools import product
 
 import numpy as np
 
-from pounding_sweep.accuracy.measure import PERTURBATION, SENSITIVE, comparable, relative_errors
+from pounding_sweep.accuracy.measure import changed, comparable, relative_errors
 from pounding_sweep.accuracy.trade_sample import Group, Sample, draw
-from pounding_sweep.cube.variables import Status
+from pounding_sweep.cube.variables import OK_CLAIM, Status
 from pounding_sweep.errors import InputError
 from pounding_sweep.sweep.blocks import Numerics
 from pounding_sweep.sweep.execute import Progress
 from pounding_sweep.sweep.plan import Plan, make_plan
-from pounding_sweep.sweep.readout import variables_of
+from pounding_sweep.sweep.refinement import run_once
 from pounding_sweep.sweep.spec import SweepSpec
 from pounding_sweep.sweep.sweep import Sweep
 
@@ -26,9 +26,6 @@ from pounding_sweep.sweep.sweep import Sweep
 REFINEMENT = 8
 #: And it is at most this share of the stability limit.
 REFERENCE_SHARE = 0.125
-#: Relative change of the gaps by which sensitive scenarios are found, and the change (m) of a gap of zero.
-GAP_CHANGE = PERTURBATION["float64"]
-ZERO_GAP_CHANGE = 1e-12
 
 Values = dict[str, np.ndarray]
 
@@ -91,7 +88,7 @@ class Measured:
     reference_errors : ndarray, shape (n, outputs)
         Upper estimate of its relative error; NaN where it has no values.
     sensitivity : ndarray, shape (n,)
-        Largest relative change of an output when the gaps change by `GAP_CHANGE`.
+        Largest relative change of an output when all inputs change by `measure.CHANGE`.
     errors : ndarray, shape (*compared.shape, n, outputs)
         Relative errors; infinite where the scenario diverged, NaN where it was refused.
     statuses : ndarray of int, shape (*compared.shape, n)
@@ -114,8 +111,8 @@ class Measured:
 
     @property
     def sensitive(self) -> np.ndarray:
-        """Scenarios (n,) in which no step size helps: the smallest change of the gaps changes an output visibly."""
-        return np.asarray(self.sensitivity > SENSITIVE)
+        """Scenarios (n,) of which a change of the inputs that nobody can tell changes an output beyond `OK_CLAIM`."""
+        return np.asarray(self.sensitivity > OK_CLAIM)
 
 
 def measure(
@@ -149,7 +146,7 @@ def measure(
     converged = _run(plan, sample.groups, reference, outputs, progress)
     double = replace(reference, dt=2.0 * reference.dt)
     checked = _run(plan, sample.groups, double, outputs, progress)
-    moved = _run(plan, sample.groups, double, outputs, progress, change_gaps=True)
+    moved = _run(plan, sample.groups, double, outputs, progress, change=True)
     reference_errors = _errors(outputs, checked, converged)
     sensitivity = _errors(outputs, moved, checked).max(axis=1)
 
@@ -194,18 +191,12 @@ def _beyond_limit(plan: Plan, numerics: Numerics, limit: np.ndarray) -> np.ndarr
 
 
 def _run_rows(
-    plan: Plan, group: Group, rows: np.ndarray, numerics: Numerics, outputs: Sequence[str], change_gaps: bool = False
+    plan: Plan, group: Group, rows: np.ndarray, numerics: Numerics, outputs: Sequence[str], change: bool = False
 ) -> Values:
     """Run scenarios of one group as a sweep does; returns shape (rows, *inner)."""
     kernel = replace(plan.kernel(group.law), numerics=numerics)
     record, table = plan.spec.records[group.record], plan.unique[rows]
-    gaps = table.gaps
-    if change_gaps:
-        gaps = np.where(gaps > 0.0, gaps * (1.0 + GAP_CHANGE), ZERO_GAP_CHANGE)
-    variants = plan.variants[table.variant]
-    values = {"scale": table.scale, "stiffness": table.stiffness, "restitution": table.restitution}
-    raw = kernel.run(record, gaps=gaps, variants=variants, **values)
-    return variables_of(kernel, raw, outputs, record, variants)
+    return run_once(kernel, record, changed(table) if change else table, plan.variants[table.variant], outputs)
 
 
 def _run(
@@ -215,7 +206,7 @@ def _run(
     outputs: Sequence[str],
     progress: Progress,
     *,
-    change_gaps: bool = False,
+    change: bool = False,
     skip: np.ndarray | None = None,
 ) -> Values:
     """Run all scenarios of a sample but those to `skip`, which are given as refused."""
@@ -230,7 +221,7 @@ def _run(
         first += len(group.rows)
         kept = np.ones(len(places), bool) if skip is None else ~skip[places]
         if kept.any():
-            found = _run_rows(plan, group, group.rows[kept], numerics, outputs, change_gaps)
+            found = _run_rows(plan, group, group.rows[kept], numerics, outputs, change)
             for name, values in result.items():
                 values[places[kept]] = found[name]
         progress.advance(len(places))

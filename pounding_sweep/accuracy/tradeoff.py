@@ -122,8 +122,8 @@ def tradeoff(
 
 
 def warn_of_doubt(measured: Measured) -> None:
-    """Warn, with the worst case by name, where the converged solution of a steady scenario is not converged."""
-    own = np.where(measured.sensitive[:, None], 0.0, np.nan_to_num(measured.reference_errors, posinf=np.inf))
+    """Warn, with the worst case by name, where the converged solution is not converged."""
+    own = np.nan_to_num(measured.reference_errors, posinf=np.inf)
     doubtful = int((own.max(axis=1) > DOUBTFUL).sum())
     if not doubtful:
         return

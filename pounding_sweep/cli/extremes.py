@@ -106,18 +106,20 @@ def _report(found: Extremes, files: list[str]) -> dict[str, Any]:
 
 
 def _print(found: Extremes) -> None:
-    from pounding_sweep.accuracy.judge import OK_CLAIM, SENSITIVE
+    from pounding_sweep.accuracy.judge import OK_CLAIM
+    from pounding_sweep.accuracy.measure import CHANGE
     from pounding_sweep.cube.variables import STATUS
 
     counted = [s for s in STATUS if any(result.statuses[s.label] for result in found.results)]
     headings = ["family", "scheme", "scenarios", *(s.label.replace("_", " ") for s in counted)]
-    headings += ["sensitive", "unknown", "worst error", "created energy", "violations", "s"]
+    headings += ["missed", "sensitive", "unknown", "worst error", "created energy", "violations", "s"]
     rows = [
         [
             result.family,
             result.method,
             str(result.scenarios),
             *(str(result.statuses[s.label]) for s in counted),
+            str(result.missed),
             str(result.sensitive),
             str(result.unknown),
             f"{result.error:.1e}",
@@ -140,7 +142,10 @@ def _print(found: Extremes) -> None:
         f"{total} scenarios of {len(found.laws)} laws in {seconds_text(found.seconds)}, references included; "
         f"{seconds_text(found.compile_seconds)} until the kernels were ready. {len(found.faults)} violations."
     )
-    print(f"worst error: of peak force, penetration or displacement among ok scenarios; claimed: {OK_CLAIM:g}.")
-    print(f"sensitive: ok and off by more, but a peak magnifies a change of the scenario over {SENSITIVE:g} times.")
+    print(f"missed: ok, but a peak force, penetration or displacement is off by more than {OK_CLAIM:g}.")
+    print(f"sensitive: those of them in which inputs changed by {CHANGE:g} change a peak by more than {OK_CLAIM:g}.")
+    print(
+        "worst error: of ok scenarios, but the sensitive ones and those that half the step gives away (error_estimate)."
+    )
     print("unknown: ok, but no step tried was fine enough for a reference.")
     print("created energy: made by contacts of ok scenarios, relative to the energy balance.")

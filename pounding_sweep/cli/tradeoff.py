@@ -124,7 +124,7 @@ def _print_trade(trade: xr.Dataset) -> None:
     print()
     print(
         f"{sample} of {attributes['touching_scenarios']} touching scenarios are measured. Errors are relative, of the "
-        f"{sample - sensitive} that are not sensitive to the gap."
+        f"{sample - sensitive} that are not sensitive."
     )
     print(
         "s per 1000: processor seconds per thousand scenarios on one core; * no other row is cheaper and as accurate."
@@ -142,8 +142,9 @@ def _print_trade(trade: xr.Dataset) -> None:
     if sensitive:
         print()
         print(
-            f"{sensitive} scenarios are sensitive: gaps changed by {attributes['gap_change']:g} of themselves change "
-            f"an output by more than {attributes['sensitive_change']:g}. Their errors:"
+            f"{sensitive} scenarios ({sensitive / sample:.1%}) are sensitive: gaps, stiffness and ground motion "
+            f"changed by {attributes['input_change']:g} of themselves change an output by more than "
+            f"{attributes['sensitive_change']:g}. Their errors:"
         )
         headings, rows = table_of(trade, "sensitive")
         print_table(headings[:-2], [row[:-2] for row in rows], right=right)

@@ -30,40 +30,45 @@ def audit_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        ``output``; ``scenarios`` run again that are not sensitive, and ``error_median``
-        and ``error_max`` over them; ``sensitive`` ones and their ``error_max_sensitive``.
+        ``output``; ``scenarios`` run again that are not undecided, and ``error_median``
+        and ``error_max`` over them; how many are ``sensitive``; ``undecided`` ones and their
+        ``error_max_undecided``.
         None where there is none, or where an error is infinite (a touch in one run only).
         Empty for a cube without audit.
     """
     if not has_audit(cube):
         return []
     error = cube["audit_error"].transpose("audit", "output").values
-    apart = cube["audit_sensitive"].values.astype(bool)
+    sensitive = cube["audit_sensitive"].values.astype(bool)
+    apart = cube["audit_undecided"].values.astype(bool)
     return [
         {
             "output": str(output),
             "scenarios": int((~apart).sum()),
             "error_median": _number(np.median, error[~apart, i]),
             "error_max": _number(np.max, error[~apart, i]),
-            "sensitive": int(apart.sum()),
-            "error_max_sensitive": _number(np.max, error[apart, i]),
+            "sensitive": int(sensitive.sum()),
+            "undecided": int(apart.sum()),
+            "error_max_undecided": _number(np.max, error[apart, i]),
         }
         for i, output in enumerate(cube["output"].values)
     ]
 
 
 def audit_sentence(cube: xr.Dataset) -> str:
-    """Say in one line what was audited and how much of it is sensitive; "" for a cube without audit."""
+    """Say in one line what was audited, how much of it is sensitive, and what is set apart; "" without an audit."""
     if not has_audit(cube):
         return ""
-    apart = int(cube["audit_sensitive"].values.sum())
+    n, change = cube.sizes["audit"], cube.attrs["audit_perturbation"]
+    sensitive, undecided = (int(cube[name].values.sum()) for name in ("audit_sensitive", "audit_undecided"))
     text = (
-        f"{cube.sizes['audit']} of {cube.attrs['audit_touching']} touching scenarios run again at half the step "
+        f"{n} of {cube.attrs['audit_touching']} touching scenarios run again at half the step "
         f"({cube.attrs['audit_share']:.2g} of their cost)"
     )
-    if apart:
-        change = cube.attrs["audit_perturbation"]
-        text += f"; {apart} of them sensitive: changed by {change:g} they give another answer, and no step size helps"
+    if sensitive:
+        text += f"; {sensitive} of them ({sensitive / n:.1%}) sensitive: inputs changed by {change:g} change the answer"
+    if undecided:
+        text += f"; {undecided} ({undecided / n:.1%}) undecided and set apart: no step settles them"
     return text
 
 

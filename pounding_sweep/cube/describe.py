@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _SHOWN_ELSEWHERE = {
     *("title", "history", "records", "scenarios_asked", "scenarios_run", "sweep", "sweep_sha256", "accuracy_choice"),
-    *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation"),
+    *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
 }
 #: Attributes that are JSON.
 _CODED = frozenset({"records", "records_left_out", "sweep", *ORIGINS})
@@ -149,10 +149,10 @@ def _audit(dataset: xr.Dataset) -> list[str]:
     for row in audit_table(dataset):
         median, largest, apart = (
             "-" if row[name] is None else f"{row[name]:.1e}"
-            for name in ("error_median", "error_max", "error_max_sensitive")
+            for name in ("error_median", "error_max", "error_max_undecided")
         )
-        sensitive = f"sensitive ones up to {apart}" if row["sensitive"] else ""
-        rows.append((row["output"], f"median {median}", f"up to {largest}", sensitive))
+        undecided = f"undecided ones up to {apart}" if row["undecided"] else ""
+        rows.append((row["output"], f"median {median}", f"up to {largest}", undecided))
     return [f"  {audit_sentence(dataset)}", *_table(rows)] if rows else []
 
 

@@ -29,7 +29,7 @@ ENCODING = "utf-8"
 #: Attributes that are text where they are there.
 _TEXTS = ("units", "unit_text", "long_name", "coordinates", "standard_name", "comment")
 #: Numbers of the audit among the attributes of a cube.
-_AUDIT_NUMBERS = ("audit_touching", "audit_share", "audit_perturbation")
+_AUDIT_NUMBERS = ("audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share")
 
 
 def wrong_form(file: netCDF4.Dataset, size: int) -> str | None:
@@ -108,7 +108,8 @@ def _audit_faults(file: netCDF4.Dataset) -> Iterator[str]:
         return
     if set(file["audit_error"].dimensions) != set(AUDIT_DIMS):
         yield f"variable 'audit_error' has dimensions {file['audit_error'].dimensions}, not {AUDIT_DIMS}"
-    for name, dimension in (("audit_sensitive", AUDIT_DIMS[0]), ("output", AUDIT_DIMS[1])):
+    sample, outputs = AUDIT_DIMS
+    for name, dimension in (("audit_sensitive", sample), ("audit_undecided", sample), ("output", outputs)):
         if name not in file.variables or _dimensions(file[name]) != (dimension,):
             yield f"variable {name!r} is missing, or is not along {dimension!r}"
     for name in _AUDIT_NUMBERS:

@@ -237,10 +237,10 @@ def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
     found["audit"].encoding = {"_FillValue": None}
     labels = {name: variable for name, variable in found.items() if name in first.coords}
     result = cube.assign({name: v for name, v in found.items() if name not in labels}).assign_coords(labels)
-    steady = found["audit_sensitive"].values == 0
+    decided = found["audit_undecided"].values == 0
     for i, name in enumerate(found["output"].values.tolist()):
-        if steady.any() and name in result:
-            error = found["audit_error"].values[steady, i]
+        if decided.any() and name in result:
+            error = found["audit_error"].values[decided, i]
             result[name].attrs |= {"audit_error_max": float(error.max()), "audit_error_median": float(np.median(error))}
     audited = [run for run in _runs({f: p for f, p in parts.items() if has_audit(p)}) if "audit_touching" in run]
     touching = np.array([int(run["audit_touching"]) for run in audited])
@@ -250,5 +250,6 @@ def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
         "audit_touching": int(touching.sum()),
         "audit_share": float((share * touching).sum() / touching.sum()),
         "audit_perturbation": first.attrs["audit_perturbation"],
+        "audit_undecided_share": float(1.0 - decided.mean()),
     }
     return result

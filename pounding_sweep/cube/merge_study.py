@@ -33,7 +33,7 @@ OWN_ATTRIBUTES = frozenset(
     {
         *("history", "title", "records", "records_left_out", "sweep", "sweep_sha256", "time_step", "accuracy_choice"),
         *("scenarios_asked", "scenarios_run", "scenarios_never_touching", "scenarios_missing"),
-        *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation"),
+        *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
         *("source", VERSION_ATTRIBUTE, "xarray_version", *MAKER_ATTRIBUTES, *ORIGINS),
     }
 )

@@ -93,6 +93,12 @@ class Status(IntEnum):
         "use a smaller dt, or the rk4 scheme",
         True,
     )
+    UNSETTLED = (
+        7,
+        "half the time step still changes an output by more than was asked for, however often it was halved",
+        "ask for a larger relative error; the values are of the finest step (see error_estimate)",
+        True,
+    )
 
     @property
     def label(self) -> str:
@@ -329,6 +335,22 @@ _ALL = (
         "s",
         "time step",
         "Time step of the scenario; in every cube whose steps were chosen for an accuracy, scenario by scenario.",
+    ),
+    Variable(
+        "error_estimate",
+        (),
+        "1",
+        "estimated relative error",
+        "Largest relative difference of an output to a run at half the time step, or, where an accuracy chose the "
+        "step, at twice; then it is in every cube.",
+    ),
+    Variable(
+        "amplification",
+        (),
+        "1",
+        "amplification of small changes",
+        "Largest relative change of an output over that of gaps, contact stiffness and ground motion, by a change of "
+        "1e-6 of each; the scenario is ill-conditioned where it is large.",
     ),
     Variable(
         "status",

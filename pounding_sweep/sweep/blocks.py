@@ -142,6 +142,8 @@ class RowKernel:
         or so that two free masses rebound at exactly it.
     varied : bool
         Building properties differ from scenario to scenario.
+    accuracy : float, optional
+        Relative error that each scenario is refined to, from this step on.
     """
 
     scene: Scene
@@ -153,6 +155,7 @@ class RowKernel:
     host: Law | None = None
     basis: str = "published"
     varied: bool = False
+    accuracy: float | None = None
 
     @cached_property
     def shape(self) -> KernelShape:

@@ -26,7 +26,7 @@ from pounding_sweep.sweep.chunks import Chunk
 from pounding_sweep.sweep.dispatch import Dispatcher
 from pounding_sweep.sweep.jobs import Job
 from pounding_sweep.sweep.plan import Plan, untouched
-from pounding_sweep.sweep.readout import variables_of
+from pounding_sweep.sweep.refinement import run_at_step, run_refined
 from pounding_sweep.sweep.results import Results, table_type, to_table
 from pounding_sweep.sweep.saving import Saver
 from pounding_sweep.sweep.scenarios import Scenarios
@@ -108,15 +108,9 @@ def run_chunk(
 ) -> dict[str, np.ndarray] | str:
     """Run the scenarios of one chunk; returns variables of shape (n, *inner), or what went wrong."""
     try:
-        raw = kernel.run(
-            record,
-            scale=table.scale,
-            gaps=table.gaps,
-            stiffness=table.stiffness,
-            restitution=table.restitution,
-            variants=variants,
-        )
-        return variables_of(kernel, raw, outputs, record, variants)
+        if kernel.accuracy is not None:
+            return run_refined(kernel, record, table, variants, outputs, kernel.accuracy)
+        return run_at_step(kernel, record, table, variants, outputs)
     except Exception as error:  # reported with the chunk: a batch never dies of one scenario
         return f"{type(error).__name__}: {error}"
 

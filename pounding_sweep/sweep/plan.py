@@ -96,8 +96,9 @@ class Plan:
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Variables that are asked for, the step among them where it was chosen."""
-        return self.spec.outputs if self.spec.accuracy is None else check_outputs((*self.spec.outputs, "time_step"))
+        """Variables that are asked for; where steps were chosen, the step and the estimated error among them."""
+        chosen = () if self.spec.accuracy is None else ("time_step", "error_estimate")
+        return check_outputs((*self.spec.outputs, *chosen))
 
     @property
     def n_asked(self) -> int:
@@ -133,6 +134,7 @@ class Plan:
             host=self._host(law),
             basis=self.spec.restitution_basis,
             varied=len(self.variants) > 1,
+            accuracy=self.spec.accuracy,
         )
 
     def kernels(self) -> dict[tuple[int, bool], RowKernel]:

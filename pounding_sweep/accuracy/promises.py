@@ -1,0 +1,280 @@
+"""How often promises are kept: ``python -m pounding_sweep.accuracy.promises``.
+
+Random realistic rows under real and synthetic earthquakes are run as a user's sweep
+runs them, and compared with converged runs of the same scenarios. Two promises are
+measured: that an accuracy asked for is reached in every output, and that the peaks of a
+scenario of status ok are within `OK_CLAIM`, by the rules of the status alone and with
+``error_estimate`` asked for. The scenes have nothing in common with those that the
+steps were calibrated on (`pounding_sweep.accuracy.calibrate`). No scenario is left out
+but those of which no converged run is found; they are counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from pounding_sweep.accuracy.advice import CLASSES
+from pounding_sweep.accuracy.measure import relative_errors
+from pounding_sweep.contact.laws import LAWS, get_law
+from pounding_sweep.cube.variables import OK_CLAIM, Status, reducers_for
+from pounding_sweep.records import Record, read_record, resolve_record, synthetic_record
+from pounding_sweep.scene import Building, Scene, Wall
+from pounding_sweep.sweep.axes import Case
+from pounding_sweep.sweep.blocks import Numerics, RowKernel
+from pounding_sweep.sweep.execute import run_chunk
+from pounding_sweep.sweep.plan import make_plan
+from pounding_sweep.sweep.spec import SweepSpec, build_spec
+
+#: Storeys of the buildings of a row; 0: a wall.
+SHAPES = ((1, 0), (1, 1), (2, 1), (1, 1, 1), (2, 2), (0, 2, 1), (3, 2, 0), (2, 3, 2), (3, 3, 3), (5, 4))
+#: Scenarios of one row, law and record.
+CASES = 16
+#: Every output that has an error.
+OUTPUTS = tuple(name for names in CLASSES.values() for name in names if name != "closing_max")
+#: Peaks that the status answers for.
+PEAKS = ("displacement_max", "displacement_min", "impact_force_max", "penetration_max")
+#: Relative errors that are asked for, and steps (s) at which schemes are run.
+ACCURACIES = (1e-2, 1e-3, 1e-4)
+STEPS = (5e-3, 2e-3, 1e-3, 5e-4)
+METHODS = ("rk4", "newmark", "exact")
+#: First step of a converged run (s), how often it is halved, and which change by a halving is none.
+REFERENCE_STEP, REFERENCE_HALVINGS, CONVERGED = 1e-4, 4, 1e-5
+
+
+def earthquakes(files: Iterable[str | Path] = ()) -> list[Record]:
+    """Return El Centro, synthetic motions of 40 s, and the records in files."""
+    return [
+        resolve_record("el_centro"),
+        synthetic_record(101, duration=40.0, dt=0.01, pga=3.0),
+        synthetic_record(102, duration=40.0, dt=0.02, pga=3.0, ground_frequency=8.0),
+        *(read_record(name) for name in files),
+    ]
+
+
+def draw(seed: int, number: int, laws: Sequence[str], records: Sequence[Record]) -> SweepSpec:
+    """Draw a row of buildings, a law and a record, and `CASES` scenarios of gap, stiffness, restitution and scale."""
+    random = np.random.default_rng([seed, number])
+    storeys = SHAPES[number % len(SHAPES)]
+    law = get_law(laws[(number // len(SHAPES)) % len(laws)])
+    record = records[int(random.integers(len(records)))]
+
+    def log(low: float, high: float) -> float:
+        return float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+    row: list[Building | Wall] = []
+    for i, n in enumerate(storeys):
+        if n == 0:
+            row.append(Wall())
+            continue
+        mass, period = log(50.0, 1000.0), n * log(0.07, 0.2) if n > 1 else log(0.1, 1.2)
+        masses, shape = (mass * random.uniform(0.7, 1.3, n)).tolist(), random.uniform(0.7, 1.3, n)
+        ratio = float(random.choice([0.01, 0.02, 0.05, 0.05, 0.1]))
+        plain = Building(f"b{i}", masses, (1e3 * mass * shape).tolist(), ratio)
+        stiffer = (plain.periods[0] / period) ** 2
+        row.append(Building(f"b{i}", masses, [stiffer * k for k in plain.stiffnesses], ratio))
+    pairs = len(row) - 1
+    scene = Scene(row, [0.0] * pairs)
+    scales = [log(0.05, 0.8) * 9.81 / record.pga for _ in range(CASES)]
+    far = closing(scene, record)
+    middle = 1e6 if law.exponent in (None, 1.0) else 1e7
+    cases = [
+        Case(
+            law=law.key,
+            gap=tuple(float(g) for g in scale * far * random.uniform(0.1, 0.98, pairs)),
+            stiffness=None if law.exponent is None else middle * log(0.1, 10.0),
+            restitution=float(random.uniform(0.2, 0.95)) if law.takes_restitution else None,
+            record=record.name,
+            scale=scale,
+        )
+        for scale in scales
+    ]
+    return build_spec(scene=scene, records=record, cases=cases, outputs=OUTPUTS, audit=0.0)
+
+
+def closing(scene: Scene, record: Record) -> np.ndarray:
+    """Largest closing displacement (m) of every pair without pounding."""
+    kernel = RowKernel(scene, get_law("none"), Numerics("rk4", 2e-3), reducers_for(["closing_max"]))
+    one = np.ones(1)
+    raw = kernel.run(record, scale=one, gaps=np.zeros((1, len(scene.gaps))), stiffness=one, restitution=one)
+    found = np.zeros(len(scene.gaps))
+    for j, contact in enumerate(scene.contacts):
+        found[contact.pair] = max(found[contact.pair], float(raw["closing"][0, j]))
+    return found
+
+
+def run_cases(spec: SweepSpec) -> dict[str, np.ndarray]:
+    """Run the cases of a sweep of one record, in their order, as a worker does."""
+    plan = make_plan(spec)
+    found: dict[str, np.ndarray] = {}
+    kinds = np.stack([plan.unique.law, plan.steps])
+    for law, steps in np.unique(kinds, axis=1).T.tolist():
+        rows = np.flatnonzero((kinds == [[law], [steps]]).all(axis=0))
+        table = plan.unique[rows]
+        kernel = plan.kernel(law, record=0, steps=steps)
+        values = run_chunk(kernel, spec.records[0], table, plan.variants[table.variant], plan.outputs)
+        if isinstance(values, str):
+            raise RuntimeError(values)
+        for name, part in values.items():
+            whole = found.setdefault(name, np.zeros((len(plan.unique), *part.shape[1:]), part.dtype))
+            whole[rows] = part
+    found["status"][plan.refused] = Status.BEYOND_STABILITY_LIMIT
+    return {name: values[plan.inverse] for name, values in found.items()}
+
+
+def reference(spec: SweepSpec) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Converged runs of a sweep's cases, and by how much the last halving of the step changed each."""
+    assert spec.cases is not None
+    step, rows = REFERENCE_STEP, np.arange(len(spec.cases))
+    plain = replace(spec, method="rk4", dt=step, accuracy=None, precision="float64")
+    coarse = result = run_cases(plain)
+    change = np.full(len(rows), np.inf)
+    for _ in range(REFERENCE_HALVINGS):
+        step /= 2.0
+        fine = run_cases(replace(plain, dt=step, cases=tuple(spec.cases[i] for i in rows)))
+        change[rows] = np.max(list(relative_errors(OUTPUTS, coarse, fine).values()), axis=0)
+        for name, values in fine.items():
+            result[name][rows] = values
+        rest = change[rows] > CONVERGED
+        coarse, rows = {name: values[rest] for name, values in fine.items()}, rows[rest]
+        if not len(rows):
+            break
+    return result, change
+
+
+@dataclass
+class Tally:
+    """How one promise was kept by one class of scenarios.
+
+    Attributes
+    ----------
+    scenarios, unknown : int
+        Ok ones with a converged run to compare with, and ok ones without.
+    unsettled : int
+        Those that said themselves that they did not reach it.
+    missed, far : int
+        Off by more than was promised, and by more than three times that.
+    sensitive : int
+        Missed ones whose peaks a change of all inputs by 1e-6 changes by more than was promised.
+    worst : float
+        Largest error over what was promised.
+    outputs : Counter
+        Missed ones by the output that is farthest off.
+    """
+
+    scenarios: int = 0
+    unknown: int = 0
+    unsettled: int = 0
+    missed: int = 0
+    far: int = 0
+    sensitive: int = 0
+    worst: float = 0.0
+    outputs: Counter[str] = field(default_factory=Counter)
+
+    def add(self, other: Tally) -> None:
+        """Count those of another tally too."""
+        for name in ("scenarios", "unknown", "unsettled", "missed", "far", "sensitive"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
+        self.worst = max(self.worst, other.worst)
+        self.outputs.update(other.outputs)
+
+
+def judged(
+    found: dict[str, np.ndarray],
+    converged: tuple[dict[str, np.ndarray], np.ndarray],
+    names: Sequence[str],
+    promised: float,
+    amplification: np.ndarray,
+) -> Tally:
+    """Count how often runs keep a promise about some outputs."""
+    values, change = converged
+    errors = relative_errors(names, found, values)
+    keys, table = list(errors), np.stack(list(errors.values()))
+    ok, known = found["status"] == Status.OK, change <= 0.1 * promised
+    error = table.max(axis=0) / promised
+    missed = ok & known & (error > 1.0)
+    return Tally(
+        scenarios=int((ok & known).sum()),
+        unknown=int((ok & ~known).sum()),
+        unsettled=int((found["status"] == Status.UNSETTLED).sum()),
+        missed=int(missed.sum()),
+        far=int((missed & (error > 3.0)).sum()),
+        sensitive=int((missed & (amplification * 1e-6 > promised)).sum()),
+        worst=float(error[ok & known].max(initial=0.0)),
+        outputs=Counter(keys[i] for i in table.argmax(axis=0)[missed].tolist()),
+    )
+
+
+def judge(
+    number: int, seed: int, laws: Sequence[str], files: Sequence[str], status: bool
+) -> dict[tuple[str, ...], Tally]:
+    """Judge both promises on one drawn row; tallies by promise and class."""
+    spec = draw(seed, number, laws, earthquakes(files))
+    law = spec.laws[0]
+    storeys = SHAPES[number % len(SHAPES)]
+    kind = "with a wall" if 0 in storeys else "one storey" if set(storeys) == {1} else "several storeys"
+    converged = reference(spec)
+    rough = run_cases(replace(spec, outputs=(*PEAKS, "amplification"), method="rk4", dt=1e-4, precision="float64"))
+    found: dict[tuple[str, ...], Tally] = {}
+
+    def count(promise: str, tally: Tally) -> None:
+        for of in (("all", ""), ("row", kind), ("law", law)):
+            found.setdefault((promise, *of), Tally()).add(tally)
+
+    for accuracy in ACCURACIES:
+        asked = run_cases(replace(spec, accuracy=accuracy, method=None, dt=None, precision=None))
+        count(f"accuracy {accuracy:g}", judged(asked, converged, OUTPUTS, accuracy, rough["amplification"]))
+    for method in METHODS if status else ():
+        for step in STEPS:
+            run = replace(spec, outputs=(*PEAKS, "error_estimate"), method=method, dt=step, precision="float64")
+            told = run_cases(run)
+            plain = run_cases(replace(run, outputs=PEAKS))
+            for text, values in (("by rules", plain), ("error_estimate", told)):
+                tally = judged(values, converged, PEAKS, OK_CLAIM, rough["amplification"])
+                count(f"ok, {text}, {method}", tally)
+    return found
+
+
+def main() -> None:
+    """Judge, and print the rates."""
+    parser = argparse.ArgumentParser(prog="python -m pounding_sweep.accuracy.promises", description=__doc__)
+    parser.add_argument("--scenarios", type=int, default=2000, help="scenarios to draw")
+    parser.add_argument("--seed", type=int, default=1, help="another seed draws others")
+    keys = [key for key, law in LAWS.items() if law.has_contact]
+    parser.add_argument("--laws", nargs="+", choices=keys, default=keys, help="contact laws; all by default")
+    parser.add_argument("--records", nargs="*", default=[], help="files of further records")
+    parser.add_argument("--status", action="store_true", help="judge the status of fixed steps too")
+    parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)), help="processes")
+    arguments = parser.parse_args()
+    numbers = range(-(-arguments.scenarios // CASES))
+    total: dict[tuple[str, ...], Tally] = {}
+    with ProcessPoolExecutor(arguments.workers) as pool:
+        waiting = [
+            pool.submit(judge, i, arguments.seed, arguments.laws, arguments.records, arguments.status) for i in numbers
+        ]
+        for done, each in enumerate(waiting, 1):
+            for key, tally in each.result().items():
+                total.setdefault(key, Tally()).add(tally)
+            print(f"\r{done} of {len(numbers)} rows", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    heads = ("promise", "class", "scenarios", "missed", "rate", "> 3 x", "worst / promised", "sensitive")
+    print("{:28} {:22} {:>9} {:>6} {:>8} {:>5} {:>16} {:>9} {:>9} {:>7}".format(*heads, "unsettled", "unknown"))
+    for (promise, *of), tally in sorted(total.items()):
+        name, rate = " ".join(of), tally.missed / max(1, tally.scenarios)
+        print(
+            f"{promise:28} {name:22} {tally.scenarios:9d} {tally.missed:6d} {rate:8.2%} {tally.far:5d} "
+            f"{tally.worst:16.3g} {tally.sensitive:9d} {tally.unsettled:9d} {tally.unknown:7d}"
+            + (f"  {dict(tally.outputs)}" if of[0] == "all" and tally.missed else "")
+        )
+
+
+if __name__ == "__main__":
+    main()
