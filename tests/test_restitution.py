@@ -324,15 +324,16 @@ def test_newmark_rebounds_at_the_realised_restitution():
         "nonlinear_viscoelastic",
         "modified_kelvin_voigt",
         "hertz_damped",
-        "hysteretic",
     ]
-    assert {LAWS[law].relation for law in laws} == set(RELATIONS)
+    assert {LAWS[law].relation for law in laws} == {*RELATIONS} - {"yielding"}
     coarse, fine = (
         deviation(certify(VALUES, laws, method="newmark", steps=n, workers=workers())).max(["basis", "restitution"])
         for n in (500, 2000)
     )
     assert float(coarse.max()) < 2e-4
     assert float((coarse / fine).min()) > 10.0  # second order: 16
+    # average acceleration keeps the energy of a straight line, and a contact that yields is made of them
+    assert float(deviation(certify(VALUES, ["hysteretic"], method="newmark", steps=500)).max()) < 1e-11
 
 
 @pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic", "modified_kelvin_voigt"])
