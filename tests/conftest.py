@@ -35,12 +35,15 @@ KINDS = {
             "hertz",
             "hertz_damped",
             "nonlinear_viscoelastic",
+            "hysteretic",
             "stereomechanical",
         }
     ),
-    "newmark": frozenset({"none", "linear", "hertz_damped", "nonlinear_viscoelastic", "stereomechanical"}),
+    "newmark": frozenset(
+        {"none", "linear", "hertz_damped", "nonlinear_viscoelastic", "hysteretic", "stereomechanical"}
+    ),
     "exact": frozenset(
-        {"none", "linear", "kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic", "stereomechanical"}
+        {"none", "linear", "kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic", "hysteretic", "stereomechanical"}
     ),
 }
 

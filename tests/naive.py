@@ -36,7 +36,7 @@ TOUCH = 1e-13  # m (or m/s), an event function must exceed this to have crossed 
 SAMPLES = 13  # points per integrator step at which events and peaks are looked for
 MAX_EVENTS_PER_INTERVAL = 1000
 
-OPEN, CLOSED, REBOUND, CLIPPED = 0, 1, 2, 3
+OPEN, CLOSED, REBOUND, CLIPPED, YIELDING, SPENT = range(6)
 
 
 @dataclass
@@ -80,6 +80,7 @@ class NaiveBuilding:
 #   "dashpot":       damper = 2 z sqrt(k m) v                       z: the damping ratio
 #   "proportional":  damper = k d^n (D / v0) v                      D: dimensionless
 #   "quarter":       damper = 2 z sqrt(k sqrt(d) m) v               z: the damping ratio
+# A law with "yields" has no damper and a memory: see `Bilinear`; its z is the share of the energy that is lost.
 # "approach": the damper acts while v > 0 only. "clip": F = max(0, F) while d > 0.
 
 
@@ -95,7 +96,33 @@ class Law:
     damper: str | None = None
     approach_only: bool = False
     clip: bool = False
+    yields: bool = False
     published: object = None  # e -> z or D
+
+
+@dataclass(frozen=True)
+class Bilinear:
+    """Loading along k1 to the yield penetration, then along k2; unloading along k1 to the line k2 d, then along it."""
+
+    k1: float
+    k2: float
+    dy: float
+
+    def __init__(self, k, m, v0, lost, a=0.1):
+        dm = (5 * m * v0**2 / (4 * k)) ** 0.4
+        energy = k * dm**2.5 * lost / 2.5
+        object.__setattr__(self, "k1", k * np.sqrt(dm) + energy / (a * dm**2))
+        object.__setattr__(self, "k2", k * np.sqrt(dm) - energy / ((1 - a) * dm**2))
+        object.__setattr__(self, "dy", a * dm)
+
+    def force(self, phase, d, plastic):
+        if phase == CLOSED:
+            return self.k1 * d - (self.k1 - self.k2) * plastic
+        return self.k2 * d + ((self.k1 - self.k2) * self.dy if phase == YIELDING else 0.0)
+
+    def plastic(self, phase, d):
+        """Plastic part of the penetration where a contact that slipped turns."""
+        return d - self.dy if phase == YIELDING else d
 
 
 LAWS = {
@@ -113,6 +140,7 @@ LAWS = {
     "hertz_damped": Law(1.5, "proportional", clip=True, published=lambda e: 0.75 * (1 - e * e)),
     "hunt_crossley": Law(1.5, "proportional", clip=True, published=lambda e: 1.5 * (1 - e)),
     "ye_hertz": Law(1.5, "proportional", clip=True, published=lambda e: 1.6 * (1 - e) / e),
+    "hysteretic": Law(1.5, yields=True, published=lambda e: 1 - e * e),
     "gonthier": Law(1.5, "proportional", clip=True, published=lambda e: (1 - e * e) / e),
     "nonlinear_viscoelastic": Law(
         1.5,
@@ -126,7 +154,7 @@ LAWS = {
 def damping_coefficient(law, e):
     """Published z or D of a law at nominal restitution e (None for an undamped law)."""
     rule = LAWS[law]
-    return None if rule.damper is None else float(rule.published(e))
+    return None if rule.published is None else float(rule.published(e))
 
 
 def elastic_force(rule, k, d):
@@ -221,7 +249,7 @@ class _Solver:
         self.k = float(k) if k is not None else 0.0
         self.e = e
         self.z = None
-        if self.rule is not None and self.rule.damper is not None:
+        if self.rule is not None and self.rule.published is not None:
             self.z = float(damping) if damping is not None else damping_coefficient(law, e)
         self.rtol = rtol
         n, nb, np_ = row.n, row.nb, row.np
@@ -234,6 +262,8 @@ class _Solver:
         self.atol[2 * n :] *= max(1.0, float(np.max(row.m)))  # energies and impulses: mass times velocities
         self.state = np.zeros(np_, dtype=int)
         self.v0 = np.full(np_, V0_FLOOR)
+        self.bilinear = [None] * np_
+        self.plastic = np.zeros(np_)
 
         self.event_count = 0
         self.count = np.zeros(np_, dtype=int)
@@ -249,6 +279,10 @@ class _Solver:
         """Contact force in the frozen phases."""
         if not self.contact or self.jump or not self.state.any():
             return np.zeros_like(d)
+        if self.rule.yields:
+            each = zip(self.state, self.bilinear, d, self.plastic, strict=True)
+            now = [spring.force(phase, x, plastic) if phase else 0.0 * x for phase, spring, x, plastic in each]
+            return np.array(now)
         column = (slice(None),) + (None,) * (d.ndim - 1)
         pushing = ((self.state == CLOSED) | (self.state == REBOUND))[column]
         f = elastic_force(self.rule, self.k, d)
@@ -305,6 +339,14 @@ class _Solver:
                 out.append((p, CLOSED, d[p]))
                 continue
             out.append((p, OPEN, -d[p]))
+            if self.rule.yields:
+                if now == CLOSED and self.z > 0.0:
+                    out.append((p, YIELDING, d[p] - self.plastic[p] - self.bilinear[p].dy))
+                    if self.plastic[p] > 0.0:
+                        out.append((p, SPENT, self.plastic[p] - d[p]))
+                elif now != CLOSED:
+                    out.append((p, CLOSED, -rate[p] if now == YIELDING else rate[p]))
+                continue
             if self.z is None or self.z == 0.0:
                 continue
             if self.rule.approach_only:
@@ -369,6 +411,11 @@ class _Solver:
                 y[self.i_imp][p] += impulse
                 y[self.i_work][p] += 0.5 * impulse * v * (1.0 - self.e)
                 return y
+            if self.rule.yields:
+                self.bilinear[p], self.plastic[p] = Bilinear(self.k, self.row.meff[p], self.v0[p], self.z), 0.0
+        elif self.state[p] in (YIELDING, SPENT) and target == CLOSED:
+            d = float(self.row.B[p] @ y[self.iu]) - self.row.gap[p]
+            self.plastic[p] = self.bilinear[p].plastic(self.state[p], d)
         self.state[p] = target
         return y
 
@@ -546,6 +593,10 @@ def two_mass_impact(law, k, e, m1, m2, v0, *, damping=None, rtol=1e-12):
     """
     rule = LAWS[law]
     m = m1 * m2 / (m1 + m2)
+    if rule.yields:
+        return _two_mass_bilinear(
+            Bilinear(k, m, v0, damping_coefficient(law, e) if damping is None else damping), m, v0
+        )
     z = 0.0
     if rule.damper is not None:
         z = damping_coefficient(law, e) if damping is None else damping
@@ -592,6 +643,38 @@ def two_mass_impact(law, k, e, m1, m2, v0, *, damping=None, rtol=1e-12):
         "penetration_max": float(y_stop[0]),
         "force_max": float(peak),
         "energy_lost": float(0.5 * m * v0 * v0 * (1.0 - restitution**2)),
+    }
+
+
+def _two_mass_bilinear(spring, m, v0, rtol=1e-12):
+    """As two_mass_impact: piece by piece, each ending where the force changes its line."""
+
+    def piece(phase, t, y, plastic, left):
+        """Integrate until what is left, of d and v, is nothing."""
+
+        def rhs(_, y):
+            return [y[1], -spring.force(phase, y[0], plastic) / m]
+
+        def stop(_, y):
+            return left(*y)
+
+        stop.terminal, stop.direction = True, -1
+        tolerance = {"method": "DOP853", "rtol": rtol, "atol": [1e-16 * spring.dy, 1e-14 * v0]}
+        found = solve_ivp(rhs, (t, t + 1e3 * spring.dy / v0), y, events=stop, **tolerance)
+        return found.t_events[0][0], found.y_events[0][0]
+
+    t, y = piece(CLOSED, 0.0, [0.0, v0], 0.0, lambda d, _: spring.dy - d)
+    t, y = piece(YIELDING, t, y, 0.0, lambda _, v: v)
+    top, plastic = y[0], spring.plastic(YIELDING, y[0])
+    t, y = piece(CLOSED, t, y, plastic, lambda d, _: d - plastic)
+    t, y = piece(SPENT, t, y, plastic, lambda d, _: d)
+    e = -y[1] / v0
+    return {
+        "restitution": float(e),
+        "duration": float(t),
+        "penetration_max": float(top),
+        "force_max": float(spring.force(YIELDING, top, 0.0)),
+        "energy_lost": float(0.5 * m * v0 * v0 * (1.0 - e * e)),
     }
 
 

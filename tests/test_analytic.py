@@ -23,6 +23,7 @@ REALISED = {
     "hunt_crossley": {0.2: 0.547, 0.5: 0.663, 0.8: 0.833},
     "ye_hertz": {0.2: 0.156, 0.5: 0.470, 0.8: 0.789},
     "gonthier": {0.2: 0.205, 0.5: 0.488, 0.8: 0.768},
+    "hysteretic": {0.2: 0.619, 0.5: 0.692, 0.8: 0.845},
     "nonlinear_viscoelastic": {0.2: 0.191, 0.5: 0.495, 0.8: 0.799},
 }
 pytestmark = pytest.mark.usefixtures("pair_kernels")
@@ -274,7 +275,7 @@ def test_the_first_impact_knows_no_law(method):
     assert {float(np.nanmin(times)) for times in first.values()} == {earliest}
 
 
-@pytest.mark.parametrize("law", list(REALISED))
+@pytest.mark.parametrize("law", [law for law in REALISED if not LAWS[law].yields])  # that is a spring of its own
 def test_full_restitution_is_the_elastic_law(law):
     elastic = shake("linear" if LAWS[law].exponent == 1.0 else "hertz", dt=5e-4)
     got = shake(law, e=1.0, dt=5e-4)

@@ -15,6 +15,7 @@ from scenes import EVERY
 import pounding_sweep as ps
 from pounding_sweep.contact.laws import LAWS
 from pounding_sweep.cube.variables import VARIABLES, Status, reducers_for
+from pounding_sweep.errors import SweepError
 from pounding_sweep.kernels.driver import kernel_text
 from pounding_sweep.kernels.shape import history_slots
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
@@ -246,6 +247,8 @@ OTHER_ROWS = [
     ("tall", "linear", 76, "newmark", 2e-4, 2e-3),
     ("tall", "linear", 76, "exact", 5e-4, 1e-5),
     ("four", "kelvin_voigt", 101, "exact", 5e-4, 1e-5),
+    ("tall", "hysteretic", 76, "rk4", 5e-4, 1e-5),
+    ("paper", "hysteretic", 251, "newmark", 2e-4, 2e-3),
 ]
 
 
@@ -281,6 +284,40 @@ SMOOTH = (
     "impulse",
     "approach_speed_max",
 )
+
+
+@pytest.mark.parametrize(("method", "dt", "bound"), [("rk4", 1e-3, 4e-6), ("newmark", 5e-4, 4e-3)])
+def test_a_contact_yields_again_and_again(method, dt, bound):
+    """Pressed against a wall while the ground shakes: more yielding and unloading than there are contacts."""
+    t = np.arange(401) * 0.01
+    pull = (
+        -6.0 * np.minimum(t, 0.5) - 2.4 * np.sin(4.6 * np.pi * t) * (t > 0.5) - 3.0 * np.sin(18 * np.pi * t) * (t > 1.2)
+    )
+    scene = ps.Scene([ps.Building("b", [150.0], [4e3], damping_ratio=0.02), ps.Wall()], gaps=[0.004])
+    record = ps.Record("push", 0.01, pull)
+    got = ps.simulate(scene, record, law="hysteretic", stiffness=2e6, restitution=0.5, method=method, dt=dt)
+    want = run(twins(scene), [0.004], pull, 0.01, "hysteretic", 2e6, 0.5)
+    count = int(want["impact_count"][0][0])
+    assert want["event_count"] > 6 * count  # a contact that yields once has five events
+    assert int(got.impact_count.sum()) == count
+    found = errors(got, {**want, "law": "hysteretic"}, scene)
+    assert max(found.values()) < bound, found
+    mine, theirs = got.displacement.values[:: round(0.01 / dt), 0, 0], want["displacement"][0][:, 0]
+    assert np.abs(mine - theirs).max() < bound * np.abs(theirs).max()
+
+
+@pytest.mark.parametrize("key", ["hysteretic", "stereomechanical"])
+def test_what_happens_at_instants_needs_them_located(key):
+    with pytest.raises(SweepError, match=f"law '{key}' .* located .*; give locate = true, or leave the law out"):
+        simulate("pair", key, 20, locate=False)
+
+
+@pytest.mark.parametrize("method", ["rk4", "newmark", "exact"])
+def test_only_laws_that_yield_have_memory(method):
+    words = re.compile(r"PLASTIC|YIELD|yield|held_force")
+    for key, law in LAWS.items():
+        text = kernel_text(row_kernel("pair", key, method, 1e-3).shape)
+        assert bool(words.search(text.row + text.main)) == law.yields, key
 
 
 def slope(law, method, steps, locate=True):
@@ -328,6 +365,8 @@ LANES_CASES = [
     ("exact", "linear", True),
     ("exact", "hertz_damped", True),
     ("exact", "kelvin_voigt", True),
+    ("exact", "hysteretic", True),
+    ("newmark", "hysteretic", True),
     ("exact", "stereomechanical", True),
     ("rk4", "hertz_damped", False),
     ("newmark", "hertz_damped", False),

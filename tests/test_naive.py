@@ -31,6 +31,7 @@ REALISED = {
     "hunt_crossley": [0.516, 0.547, 0.581, 0.620, 0.663, 0.712, 0.768, 0.833, 0.909, 0.952],
     "ye_hertz": [0.069, 0.156, 0.256, 0.363, 0.470, 0.577, 0.683, 0.789, 0.894, 0.947],
     "gonthier": [0.101, 0.205, 0.304, 0.398, 0.488, 0.577, 0.670, 0.768, 0.876, 0.936],
+    "hysteretic": [0.609, 0.619, 0.636, 0.660, 0.692, 0.734, 0.784, 0.845, 0.917, 0.957],
     "nonlinear_viscoelastic": [0.093, 0.191, 0.292, 0.393, 0.495, 0.596, 0.698, 0.799, 0.900, 0.950],
 }
 DAMPED = list(REALISED)
@@ -171,7 +172,7 @@ def test_collision_in_a_row(law, e):
     assert out["approach_speed_max"][0][0] == pytest.approx(V0, rel=1e-9)
     assert out["first_impact_time"][0][0] == pytest.approx(0.01 / V0, rel=1e-9)
     assert out["impact_count"][0][0] == 1
-    assert out["event_count"] <= 4
+    assert out["event_count"] <= 5
     assert out["penetration_max"][0][0] == pytest.approx(alone["penetration_max"], rel=1e-8)
     assert out["impact_force_max"][0][0] == pytest.approx(alone["force_max"], rel=1e-8)
     assert out["acceleration_max"][0][0] == pytest.approx(alone["force_max"] / M1, rel=1e-8)

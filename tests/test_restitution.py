@@ -56,6 +56,11 @@ NUMBERS = {
 }
 
 
+def smallest(law):
+    """Smallest restitution that a law realises by finite damping."""
+    return RELATIONS[get_law(law).relation].smallest
+
+
 def e_of(law, number):
     """Restitution of a damping number, by the law's relation."""
     law = get_law(law)
@@ -91,14 +96,18 @@ def test_an_independent_integration_rebounds_as_the_relations_say(law, e):
     masses, v0 = (120.0, 300.0), 0.4
     published = two_mass_restitution(law, k, e, *masses, v0)
     assert float(realised_restitution(LAWS[law], e)) == pytest.approx(published, abs=1e-9)
-    solved = two_mass_restitution(law, k, None, *masses, v0, damping=float(realised_number(LAWS[law], e)))
-    assert solved == pytest.approx(e, abs=1e-9)
+    if e >= smallest(law):
+        solved = two_mass_restitution(law, k, None, *masses, v0, damping=float(realised_number(LAWS[law], e)))
+        assert solved == pytest.approx(e, abs=1e-9)
 
 
 @pytest.mark.parametrize("law", DAMPED)
 @settings(deadline=None, max_examples=60)
-@given(e=st.floats(1e-6, 1.0, exclude_max=True))
-def test_there_and_back(law, e):
+@given(share=st.floats(0.0, 1.0, exclude_max=True))
+def test_there_and_back(law, share):
+    e = smallest(law) + share * (1.0 - smallest(law))
+    if e == 1.0:
+        return
     number = float(realised_number(get_law(law), e))
     assert number > 0.0
     assert e_of(law, number) == pytest.approx(e, rel=1e-12)
@@ -162,7 +171,8 @@ def test_hard_damping():
 
 @pytest.mark.parametrize("law", DAMPED)
 def test_less_restitution_needs_more_damping(law):
-    numbers = realised_number(get_law(law), np.concatenate([np.geomspace(1e-6, 0.01, 50), np.linspace(0.011, 1, 400)]))
+    e = np.concatenate([np.geomspace(1e-6, 0.01, 50), np.linspace(0.011, 1, 400)])
+    numbers = realised_number(get_law(law), e[e >= smallest(law)])
     assert np.isfinite(numbers).all()
     assert (np.diff(numbers) < 0).all()
     assert numbers[-1] == 0.0
@@ -209,10 +219,12 @@ def test_restitutions_that_nothing_realises(law, e):
 
 @pytest.mark.parametrize("law", [key for key in DAMPED if key != "kelvin_voigt_tension"])
 def test_no_finite_damping_stops_the_masses(law):
-    for e in (0.0, 0.99 * SMALLEST):
-        with pytest.raises(LawError, match=r"give 1e-06 <= e <= 1, or a law that realises e = 0: kelvin_voigt_tension"):
+    least = "0.36" if law == "hysteretic" else "1e-06"
+    assert smallest(law) == float(least)
+    for e in (0.0, 0.99 * SMALLEST, 0.99 * smallest(law)):
+        with pytest.raises(LawError, match=rf"give {least} <= e <= 1, or a law that realises e = 0: kelvin_voigt_tens"):
             realised_number(get_law(law), e)
-    assert realised_validity(get_law(law)) == "1e-06 <= e <= 1"
+    assert realised_validity(get_law(law)) == f"{least} <= e <= 1"
 
 
 def test_unknown_basis():
@@ -254,7 +266,8 @@ def certificate():
 def test_kernels_rebound_at_exactly_the_realised_restitution(certificate):
     measured = certificate.measured.sel(basis="realised")
     for law in DAMPED:
-        np.testing.assert_allclose(measured.sel(law=law), VALUES, rtol=0, atol=1e-8, err_msg=law)
+        want = np.where(np.array(VALUES) >= smallest(law), VALUES, np.nan)  # missing where nothing realises it
+        np.testing.assert_allclose(measured.sel(law=law), want, rtol=0, atol=1e-8, err_msg=law)
     np.testing.assert_allclose(measured.sel(law="stereomechanical"), VALUES, rtol=0, atol=1e-12)
 
 
@@ -312,13 +325,15 @@ def test_newmark_rebounds_at_the_realised_restitution():
         "modified_kelvin_voigt",
         "hertz_damped",
     ]
-    assert {LAWS[law].relation for law in laws} == set(RELATIONS)
+    assert {LAWS[law].relation for law in laws} == {*RELATIONS} - {"yielding"}
     coarse, fine = (
         deviation(certify(VALUES, laws, method="newmark", steps=n, workers=workers())).max(["basis", "restitution"])
         for n in (500, 2000)
     )
     assert float(coarse.max()) < 2e-4
     assert float((coarse / fine).min()) > 10.0  # second order: 16
+    # average acceleration keeps the energy of a straight line, and a contact that yields is made of them
+    assert float(deviation(certify(VALUES, ["hysteretic"], method="newmark", steps=500)).max()) < 1e-11
 
 
 @pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic", "modified_kelvin_voigt"])

@@ -300,13 +300,15 @@ def evaluate(expression, d, k=2.0e6, c=3.0e3):
 
 def test_registry_is_complete():
     assert list(LAWS) == [law.key for law in LAWS.values()]
-    assert len(LAWS) == 14
+    assert len(LAWS) == 15
     for law in LAWS.values():
         assert law.title
         assert law.formula
         assert law.reference
         assert law.impulsive == (law.exponent is None and law.has_contact)
-        assert law.takes_restitution == (law.damping != "none") == bool(law.damper) == bool(law.number_text)
+        assert (
+            law.takes_restitution == (law.damping != "none") == bool(law.damper or law.yields) == bool(law.number_text)
+        )
         assert law.exponent in (None, 1.0, 1.5)
         assert law.stiffness_unit == {None: "", 1.0: "kN m-1", 1.5: "kN m-1.5"}[law.exponent]
     assert [LAWS[key].model for key in MATE2015_MODELS] == ["I", "II", "III", "IV", "V", "VI", "VII"]
@@ -322,7 +324,9 @@ def test_slopes_agree_with_finite_differences(law, d):
         assert evaluate(slope, d) == pytest.approx(difference, rel=1e-6, abs=1e-9)
 
 
-@pytest.mark.parametrize("law", [law for law in WITH_CONTACT if not law.impulsive], ids=lambda law: law.key)
+@pytest.mark.parametrize(
+    "law", [law for law in WITH_CONTACT if not (law.impulsive or law.yields)], ids=lambda law: law.key
+)
 def test_elastic_force_has_the_stated_exponent(law):
     assert evaluate(law.elastic, 0.01) == pytest.approx(2.0e6 * 0.01**law.exponent, rel=1e-14)
 
@@ -351,6 +355,7 @@ def test_damping_numbers(law):
         ("hunt_crossley", 0.6),
         ("ye_hertz", 3.2 / 3.0),
         ("gonthier", 0.64 / 0.6),
+        ("hysteretic", 0.64),
     ],
 )
 def test_damping_number_values(key, expected):
@@ -368,6 +373,8 @@ def test_damping_coefficient(law):
         np.testing.assert_allclose(c, law.number(np.array(0.6)) * k * np.ones_like(m))
     elif law.impulsive:
         assert (c == 0.6).all()
+    elif law.yields:
+        assert (c == 0.64).all()
     else:
         assert not c.any()
 

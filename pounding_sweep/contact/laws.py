@@ -22,9 +22,16 @@ through one dimensionless damping number per law, as published, and is
     c = 2 * number * sqrt(k m)     (``viscous``)
     c = number * k / v0            (``elastic``: the damper is a share of E)
     c = number                     (``jump``: no force at all, velocities jump, v -> -c v)
+    c = number                     (``yield``: the share of the energy that is lost)
 
 with the pair's effective mass m = m1 m2 / (m1 + m2) (t) and the approach
 velocity v0 (m/s) at the located touch.
+
+A law that yields has memory: its force is that of a spring beside another one that
+slips, F = K2 d + q, q' = (K1 - K2) v between 0 and a yield force that, like K1 and K2,
+follows at the touch from k, v0 and m. As long as it neither begins nor ends to slip the
+force is a straight line in d; its expressions are those of that line, k and c its
+slope and its force at d = 0.
 """
 
 from __future__ import annotations
@@ -36,7 +43,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pounding_sweep.contact.restitution import RelationName, check_basis, check_realisable, damping_number
+from pounding_sweep.contact.restitution import (
+    YIELD_SHARE,
+    RelationName,
+    check_basis,
+    check_realisable,
+    damping_number,
+)
 from pounding_sweep.errors import LawError, unknown
 
 #: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting
@@ -67,7 +80,7 @@ class Law:
         B(d) (kN s/m) and dB/dd; empty for a law without damping.
     damper_exponent : float
         Power of the penetration in B.
-    damping : {"none", "viscous", "elastic", "jump"}
+    damping : {"none", "viscous", "elastic", "jump", "yield"}
         How the damping number becomes the coefficient ``c``.
     number : callable or None
         Published damping number of e (dimensionless).
@@ -100,7 +113,7 @@ class Law:
     damper: str = ""
     damper_slope: str = "0.0"
     damper_exponent: float = 0.0
-    damping: Literal["none", "viscous", "elastic", "jump"] = "none"
+    damping: Literal["none", "viscous", "elastic", "jump", "yield"] = "none"
     number: Number | None = None
     number_text: str = ""
     relation: RelationName = ""
@@ -118,6 +131,11 @@ class Law:
     def impulsive(self) -> bool:
         """Whether velocities jump at the touch, and no contact lasts."""
         return self.damping == "jump"
+
+    @property
+    def yields(self) -> bool:
+        """Whether the force depends on how deep this contact has been before."""
+        return self.damping == "yield"
 
     @property
     def takes_restitution(self) -> bool:
@@ -189,7 +207,7 @@ class Law:
         number = damping_number(self, e, basis)
         if self.damping == "viscous":
             return np.asarray(2.0 * number * np.sqrt(np.asarray(k, float) * np.asarray(m, float)))
-        if self.impulsive:
+        if self.impulsive or self.yields:
             return np.asarray(number * np.ones(np.broadcast_shapes(np.shape(k), np.shape(m))))
         return np.asarray(number * np.asarray(k, float) * np.ones_like(np.asarray(m, float)))
 
@@ -197,7 +215,8 @@ class Law:
         """By what factor damping makes the fastest part of a contact shorter than an elastic contact.
 
         An overdamped dashpot has a rate of 2 zeta times the frequency; a damper that
-        is D times the elastic force at the touch stiffens it to 1 + D.
+        is D times the elastic force at the touch stiffens it to 1 + D, and so does a
+        contact that yields before it does.
 
         Parameters
         ----------
@@ -216,9 +235,11 @@ class Law:
         >>> float(get_law("kelvin_voigt").quickening(0.6)), round(float(get_law("modified_kelvin").quickening(0.1)), 2)
         (1.0, 3.81)
         """
-        if self.number is None or self.damping not in ("viscous", "elastic"):
+        if self.number is None or self.impulsive:
             return np.ones(np.shape(e))
         number = damping_number(self, e, basis)
+        if self.yields:
+            number = 0.4 / YIELD_SHARE * number
         return np.asarray(np.maximum(1.0, 2.0 * number) if self.damping == "viscous" else np.sqrt(1.0 + number))
 
 
@@ -410,6 +431,28 @@ _ALL = [
         relation="both_phases",
         formula="F = max(0, k d^1.5 (1 + D v / v0))",
         reference="Gonthier et al. (2004), Multibody Syst. Dyn. 11",
+    ),
+    Law(
+        key="hysteretic",
+        title="Bilinear with yielding and hysteresis",
+        model="-",
+        exponent=1.5,
+        elastic="k*d + c",
+        elastic_slope="k",
+        damping="yield",
+        number=lambda e: 1.0 - e * e,
+        number_text="L = 1 - e^2",
+        relation="yielding",
+        zero_restitution=True,
+        formula=(
+            "slope K1 up to the yield penetration dy, then K2; back along K1 to K2 d, and along it to 0; "
+            "K1 = Ke + W / (a dm^2), K2 = Ke - W / ((1 - a) dm^2), dy = a dm, a = 0.1, Ke = k sqrt(dm), "
+            "W = L k dm^2.5 / 2.5, dm = (5 m v0^2 / (4 k))^(2/5)"
+        ),
+        reference=(
+            "Muthukumar (2003), PhD thesis, Georgia Institute of Technology; Muthukumar & DesRoches (2006), Earthquake "
+            "Eng. Struct. Dyn. 35; path and properties as in OpenSees, ImpactMaterial, but dm of each contact's own v0"
+        ),
     ),
     Law(
         key="stereomechanical",

@@ -16,10 +16,17 @@ number of each law, its *relation*, which a law names in the registry:
     beside k d^1.5 is that linear one in the coordinate d^(5/4), with z = 2 xi / sqrt(5).
 ``both_phases``
     F = E(d) (1 + D v / v0), E any elastic force: D (1 + e) = ln((1 + D) / (1 - e D)).
+    This is the exact damping of a damper that is proportional to the force of any spring.
 ``approach``
     The same damper on approach only: e^2 = 2 (D - ln(1 + D)) / D^2.
 
-The last two follow from m v dv = -F dd: the share S(D) = 2 (D - ln(1 + D)) / D^2 of
+``yielding``
+    A spring that yields at the share a = 0.1 of the depth at which an elastic Hertz contact
+    would turn, so stiff that at that depth it loses the share L of the energy:
+    1 - e^2 = B (x - a) / 0.4, x the depth at which it really turns, in parts of the same,
+    (1 - B) x^2 / 2 + B (x - a/2) = 0.4, B = 0.4 L / (1 - a).
+
+``both_phases`` and ``approach`` follow from m v dv = -F dd: the share S(D) = 2 (D - ln(1 + D)) / D^2 of
 the energy m v0^2 / 2 is stored in E at the deepest point; on the way back the damper
 has the sign of -e D, and what is stored is the share S(-e D) of m (e v0)^2 / 2.
 
@@ -48,7 +55,11 @@ RESTITUTION_BASES = ("published", "realised")
 #: of the hardest relation is 2e12 there: no step resolves a harder contact.
 SMALLEST = 1e-6
 
-RelationName = Literal["", "dashpot_tension", "dashpot_clipped", "dashpot_approach", "both_phases", "approach"]
+RelationName = Literal[
+    "", "dashpot_tension", "dashpot_clipped", "dashpot_approach", "both_phases", "approach", "yielding"
+]
+#: Share of its greatest penetration at which a contact that yields does so.
+YIELD_SHARE = 0.1
 
 #: Coefficients of S(-x) - 1 in powers of x, for |x| < 1/4.
 _STORED_SERIES = np.array([0.0, *(2.0 / (n + 2) for n in range(1, 28))])
@@ -72,12 +83,15 @@ class Relation:
         Damping number of 0 < e < 1.
     at_zero : float
         Damping number that gives e = 0; infinite where none does.
+    smallest : float
+        Smallest restitution that is solved for, where none does.
     """
 
     text: str
     restitution: Callable[[np.ndarray], np.ndarray]
     number: Callable[[np.ndarray], np.ndarray]
     at_zero: float = math.inf
+    smallest: float = SMALLEST
 
 
 def _root(increasing: Callable[[np.ndarray], np.ndarray], like: np.ndarray) -> np.ndarray:
@@ -142,6 +156,19 @@ def _tension_restitution(z: np.ndarray) -> np.ndarray:
         return np.asarray(np.exp(-math.pi * under / np.sqrt((1.0 - under) * (1.0 + under))))
 
 
+def _yielding_lost(held: np.ndarray) -> np.ndarray:
+    """1 - e^2 of B in [0, 1], the yield force in parts of that at the depth which an elastic contact would reach."""
+    energy = 0.5 * held * YIELD_SHARE + 0.4
+    depth = 2.0 * energy / (held + np.sqrt(held * held + 2.0 * (1.0 - held) * energy))
+    return np.asarray(held * (depth - YIELD_SHARE) / 0.4)
+
+
+def _yielding_number(e: np.ndarray) -> np.ndarray:
+    lost = (1.0 - e) * (1.0 + e)
+    ratio = _root(lambda ratio: _yielding_lost(ratio / (1.0 + ratio)) - lost, e)  # of the yield force to what is left
+    return np.asarray(ratio / (1.0 + ratio) * (1.0 - YIELD_SHARE) / 0.4)
+
+
 #: Relations by name.
 RELATIONS: dict[str, Relation] = {
     "dashpot_tension": Relation(
@@ -166,6 +193,12 @@ RELATIONS: dict[str, Relation] = {
         lambda number: np.exp(0.5 * _log_stored_approach(number)),
         lambda e: _root(lambda number: 2.0 * np.log(e) - _log_stored_approach(number), e),
     ),
+    "yielding": Relation(
+        "1 - e^2 = B (x - a) / 0.4, (1 - B) x^2 / 2 + B (x - a/2) = 0.4, B = 0.4 L / (1 - a), a = 0.1",
+        lambda lost: np.sqrt(1.0 - _yielding_lost(lost * 0.4 / (1.0 - YIELD_SHARE))),
+        _yielding_number,
+        smallest=0.36,  # where the force hardly grows once it has yielded
+    ),
 }
 
 
@@ -181,7 +214,8 @@ def realised_validity(law: Law) -> str:
         return law.validity
     if law.relation not in RELATIONS:
         return "none: its damping has no known relation to the realised restitution"
-    return "0 <= e <= 1" if math.isfinite(RELATIONS[law.relation].at_zero) else f"{SMALLEST:g} <= e <= 1"
+    relation = RELATIONS[law.relation]
+    return "0 <= e <= 1" if math.isfinite(relation.at_zero) else f"{relation.smallest:g} <= e <= 1"
 
 
 def check_realisable(law: Law, e: float) -> None:
@@ -202,7 +236,8 @@ def check_realisable(law: Law, e: float) -> None:
             f"({', '.join(RELATIONS)}); give restitution_basis='published'"
         )
         raise LawError(msg)
-    smallest = 0.0 if math.isfinite(RELATIONS[law.relation].at_zero) else SMALLEST
+    relation = RELATIONS[law.relation]
+    smallest = 0.0 if math.isfinite(relation.at_zero) else relation.smallest
     if not smallest <= e <= 1.0:
         msg = f"restitution {e!r} can't be realised by law {law.key!r}; give {realised_validity(law)}"
         if 0.0 <= e < smallest:

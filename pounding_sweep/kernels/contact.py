@@ -39,6 +39,10 @@ def emit_measure(shape: KernelShape, slots: Slots) -> str:
             src(f"k = S[KL + {j0} + l]; c = S[CL + {j0} + l]; d = d1; r = math.sqrt(max(d, 0.0))")
             src(f"p = {law.elastic} + ({law.damper}) * v1")
             src("part = part | ((mode == 1) & (p <= 0.0)) | ((mode == 3) & (p > 0.0))")
+        if law.yields:
+            src(f"low = S[PLASTIC + {j0} + l]; top = low + S[YIELD + {j0} + l]; slips = S[CE + {j0} + l] > 0.0")
+            src("part = part | ((mode == 1) & ((max(d1, min(early, late)) > top) | (min(d1, max(early, late)) < low)))")
+            src("part = part | ((mode == 2) & ((slips & (v1 < 0.0)) | ((not slips) & (v1 > 0.0))))")
         if shape.scheme != "newmark":
             src(f"k = S[KE + {j0} + l]; c = S[CE + {j0} + l]; d = max(d0, d1); r = math.sqrt(max(d, 0.0))")
             src(f"part = part | (h * h * ({law.elastic_slope}) > (4.0 * cap * cap) * {reduced})")

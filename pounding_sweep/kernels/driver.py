@@ -8,6 +8,7 @@ from importlib.resources import files
 from typing import Any
 
 from pounding_sweep.contact.laws import RESTING_SPEED
+from pounding_sweep.contact.restitution import YIELD_SHARE
 from pounding_sweep.kernels import march, templates
 from pounding_sweep.kernels.contact import (
     emit_ends,
@@ -124,6 +125,9 @@ def state_slots(shape: KernelShape) -> Slots:
             slots.add(name, nc)
         for name in ("D0", "D1", "V0", "V1"):
             slots.add(name, nc)
+        if shape.law is not None and shape.law.yields:
+            slots.add("PLASTIC", nc)
+            slots.add("YIELD", nc)
         for reducer, name in (("work", "DWORK"), ("impulse", "DIMP")):
             if reducer in shape.reducers:
                 slots.add(name, nc)
@@ -225,18 +229,21 @@ def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> st
     if "_x" in slots.first:  # names with an underscore are not imported by the line above
         parts.append(_hidden(slots))
     newmark = shape.scheme == "newmark"
+    yields = shape.law is not None and shape.law.yields
     if contact:
         parts.append(_law(shape))
         if shape.located:
             parts += [emit_measure(shape, slots), emit_give_back(shape), emit_ends(shape, slots)]
             parts.append(emit_look_ahead(shape, slots))
-            parts.append(_functions("located"))
+            if yields:
+                parts.append(_functions("yielding"))
+            parts.append(_functions("located", yields=yields))
             if shape.law is not None and shape.law.impulsive:
                 parts.append(_functions("impulse"))
         if newmark:
-            parts.append(_functions("implicit"))
+            parts.append(_functions("implicit", yields=yields))
             if shape.located:
-                parts.append(_functions("stiff"))
+                parts.append(_functions("stiff", yields=yields))
         parts.append(make(shape, slots, "trial" if shape.located else "plain").emit())
         parts.append(emit_reduce_step(shape) if shape.located else emit_plain_contacts(shape, slots))
         if shape.scheme == "exact":
@@ -253,12 +260,28 @@ def _hidden(slots: Slots) -> str:
     return "\n" + "".join(lines)
 
 
-def _functions(template: str, only: tuple[str, ...] = ()) -> str:
-    """Text of the functions of a template (those named, or all)."""
+def _functions(template: str, only: tuple[str, ...] = (), yields: bool = False) -> str:
+    """Text of the functions of a template (those named, or all); what laws that yield need is there for them alone."""
     text = (files(templates) / f"{template}.py").read_text(encoding="utf-8")
+    if not yields:
+        text = _without(text, "YIELDS")
     found = text.split("@njit(**OPTIONS)\ndef ")[1:]
     kept = [f for f in found if not only or f.partition("(")[0] in only]
     return "".join(f"\n\n@njit(**OPTIONS)\ndef {f.rstrip()}\n" for f in kept)
+
+
+def _without(text: str, flag: str) -> str:
+    """Text without the blocks below ``if flag:``."""
+    kept: list[str] = []
+    depth = math.inf
+    for line in text.splitlines(keepends=True):
+        indent = len(line) - len(line.lstrip())
+        if indent > depth:
+            continue
+        depth = indent if line.strip() == f"if {flag}:" else math.inf
+        if depth == math.inf:
+            kept.append(line)
+    return "".join(kept)
 
 
 def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
@@ -341,6 +364,8 @@ def _law(shape: KernelShape) -> str:
         "GRADED": max(grading) > 1.0,
         "SUBSTEPS": max(grading) > 1.0 or shape.scheme != "newmark",
     }
+    if law.yields:
+        flags |= {"YIELDS": True, "YIELD_SHARE": YIELD_SHARE}
     for name, q in zip(("TOUCH", "RELEASE"), grading, strict=True):
         flags[f"{name}_SHARE"] = 1.0 / (q * GRADED_SHARE ** (1.0 - 1.0 / q))
     constants = "".join(f"{name} = {value!r}\n" for name, value in flags.items())

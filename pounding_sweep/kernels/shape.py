@@ -63,6 +63,7 @@ class LawShape:
     per_speed: bool
     damper_exponent: float = 0.0
     impulsive: bool = False
+    yields: bool = False
 
     @property
     def clips(self) -> bool:
@@ -82,8 +83,9 @@ class LawShape:
             rough = [s for s in exponents if s != round(s) and s + 1.0 < order]
             return (order + 1.0) / (min(rough) + 1.0) if rough else 1.0
 
+        spring = 1.0 if self.yields else self.exponent
         damper = [self.damper_exponent] if self.damper else []
-        return power([self.exponent, *damper]), power([self.exponent, *([] if self.approach_only else damper)])
+        return power([spring, *damper]), power([spring, *([] if self.approach_only else damper)])
 
 
 @dataclass(frozen=True)

@@ -96,6 +96,7 @@ def kernel_shape(
             law.damping == "elastic",
             law.damper_exponent,
             law.impulsive,
+            law.yields,
         )
     return KernelShape(
         storeys=tuple(b.n_storeys for b in scene.buildings),

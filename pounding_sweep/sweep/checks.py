@@ -287,11 +287,10 @@ def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
                 break
     if settings["method"] == "exact" and not settings["locate"] and given["locate"] is not FAILED:
         faults.add(("locate",), "method 'exact' flies exactly between located touches; give locate = true")
-    jumping = [key for key in laws if get_law(key).impulsive]
-    if jumping and not settings["locate"] and given["locate"] is not FAILED:
-        faults.add(
-            ("locate",), f"law {jumping[0]!r} acts at the located touch only; give locate = true, or leave the law out"
-        )
+    needing = [law for law in map(get_law, laws) if law.impulsive or law.yields]
+    if needing and not settings["locate"] and given["locate"] is not FAILED:
+        what = "acts at the located touch only" if needing[0].impulsive else "follows its own past by located events"
+        faults.add(("locate",), f"law {needing[0].key!r} {what}; give locate = true, or leave the law out")
     outputs = _outputs(faults, given["outputs"])
     if faults.found or scene is None:
         return None

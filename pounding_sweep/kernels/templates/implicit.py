@@ -11,6 +11,9 @@ contacts are swept until none changes any more (block Gauss-Seidel).
 def end_force(S, I, l, j, d, v):
     """Force of contact j at penetration d and rate v."""
     q = j * L + l
+    if YIELDS:
+        if I[STIFF + l] == 1:
+            return held_force(S, q, d)
     if LOCATED:
         return closed_force(S[KE + q], S[CE + q], d, v)
     return memoryless(S[K + l], S[C + q], S[VRUN + q], d, v)

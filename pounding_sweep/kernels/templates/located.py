@@ -6,6 +6,7 @@ and the release. Each contact is in one mode:
 
     0  open: no force             1  pressing: E(d) + B(d) v
     2  rebound: E(d) alone        3  slack: closed, the clipped force is zero
+       of a law that yields: its yielding part slips (yielding.py)
 
 The mode is frozen within a sub-step, so that the integrated right-hand side is
 smooth there and the scheme keeps its order.
@@ -121,6 +122,10 @@ def first_event(S, I, l, h, props):
                         t = root(0.0, 1.0, b1, 2.0 * b2, 3.0 * b3, 4.0 * b4, 0.0, 1.0)
                         if t < theta:
                             theta, nxt = t, 1
+                if YIELDS:
+                    t = yield_event(S, q, mode, h, d0, d1, v0, v1, b1, b2, b3, b4)
+                    if t < theta:
+                        theta, nxt = t, 3 - mode
                 if CLIPS and S[CL + q] > 0.0:
                     k = S[KL + q]
                     c = S[CL + q]
@@ -262,7 +267,11 @@ def apply_events(S, I, l, theta, h, props):
             S[CL + q] = c
             S[KE + q] = k
             S[CE + q] = c
+            if YIELDS:
+                begin_yielding(S, q, k, c, v, props[P_REDUCED + j])
         elif nxt == 1:
+            if YIELDS:
+                set_plastic(S, q, relative(S, U, j, l) - S[GAP + PAIR[j] * L + l])
             S[KE + q] = k
             S[CE + q] = S[CL + q]
         elif nxt == 2:
@@ -271,6 +280,11 @@ def apply_events(S, I, l, theta, h, props):
         else:
             S[KE + q] = 0.0
             S[CE + q] = 0.0
+        if YIELDS:
+            if nxt == 1:
+                stick(S, q)
+            elif nxt == 2:
+                slip(S, q, relative(S, U, j, l) - S[GAP + PAIR[j] * L + l])
         I[SHUT + l] += (1 if nxt != 0 else 0) - (1 if mode != 0 else 0)
         I[MODE + q] = nxt
     return switched

@@ -14,8 +14,13 @@ def soften(S, I, l, h, props):
     for j in range(NC):
         q = j * L + l
         if I[MODE + q] != 0:
+            if YIELDS:
+                if I[MODE + q] == 2:
+                    set_plastic(S, q, relative(S, U, j, l) - S[GAP + PAIR[j] * L + l])
             S[KE + q] = S[KL + q]  # the clip and the phase are those of the end, which `closed_force` knows
             S[CE + q] = S[CL + q]
+            if YIELDS:
+                stick(S, q)
             d = relative(S, U, j, l) - S[GAP + PAIR[j] * L + l]
             ahead = max(d + max(relative(S, V, j, l), 0.0) * min(h, S[LASTS + q]), 0.0)
             if h * contact_rate(S, j, l, ahead, props) > STIFF_RATE:
@@ -28,6 +33,9 @@ def soften(S, I, l, h, props):
         elif stiff == 0 and I[MODE + q] == 3:
             S[KE + q] = 0.0
             S[CE + q] = 0.0
+        if YIELDS:
+            if stiff == 0 and I[MODE + q] == 2:
+                slip(S, q, relative(S, U, j, l) - S[GAP + PAIR[j] * L + l])
     if stiff == 1:
         equilibrium(S, l, S[G0 + l], False, props)
         for i in range(N):
@@ -62,6 +70,9 @@ def settle(S, I, l, h, props):
             nxt = 3
         S[KE + q] = S[KL + q] if nxt == 1 or nxt == 2 else 0.0
         S[CE + q] = S[CL + q] if nxt == 1 else 0.0
+        if YIELDS:
+            if nxt == 1:
+                nxt = settle_yielding(S, q, d, v)
         I[SHUT + l] -= 1 if nxt == 0 else 0
         I[MODE + q] = nxt
 
