@@ -49,7 +49,8 @@ class FamilyResult:
     unknown : int
         Ok scenarios without a converged reference.
     error : float
-        Worst relative error of a peak among the ok scenarios that half the step does not give away and that are not sensitive.
+        Worst relative error of a peak among ok scenarios that half the step does not give away and that
+        are not sensitive.
     created : float
         Most energy created by contacts of an ok scenario, relative to the largest energy of its balance.
     energy : float
