@@ -640,7 +640,8 @@ def _audit_numbers(file):
     for name, size in (("audit", 2), ("output", 1)):
         file.createDimension(name, size)
     file.createVariable("audit_error", "f8", ("audit", "output"))[...] = 0.0
-    file.createVariable("audit_sensitive", "i1", ("audit",))[...] = 0
+    for name in ("audit_sensitive", "audit_undecided"):
+        file.createVariable(name, "i1", ("audit",))[...] = 0
     file.createVariable("output", str, ("output",))[0] = "x"
     file.setncatts({"audit_touching": "many"})
 

@@ -10,7 +10,7 @@ Five things are demanded of a run, at any step:
    at the start), because contacts and dampers only take energy; that bounds the
    energy at the end and every displacement, resolved or not.
 4. Where the status is ok, contacts create no energy: their work is not negative.
-5. Where the status is ok, and a run at half the step agrees within `OK_CLAIM`,
+5. Where the status is ok, and a run at half the step agrees within `SETTLED`,
    the peaks are within `OK_CLAIM` of those of a converged run, unless it is
    sensitive: `measure.CHANGE` of all inputs changes a peak by more than that.
 
@@ -28,7 +28,7 @@ import numpy as np
 from pounding_sweep.accuracy.batches import PEAKS, Batch, run_batch, stable_step, take
 from pounding_sweep.accuracy.measure import CHANGE, relative_error
 from pounding_sweep.cube.layout import scatter_contact, scatter_dof
-from pounding_sweep.cube.variables import OK_CLAIM, STATUS, Status, get_variable
+from pounding_sweep.cube.variables import OK_CLAIM, SETTLED, STATUS, Status, get_variable
 from pounding_sweep.sweep.readout import NEEDS_FORCE
 from pounding_sweep.sweep.resolution import displacement_limit, energy_limit
 
@@ -173,9 +173,9 @@ def sensitive_rows(batch: Batch, reference: Reference, rows: np.ndarray) -> np.n
 def told_rows(
     batch: Batch, method: str, dt: float, precision: str, found: Mapping[str, np.ndarray], rows: np.ndarray
 ) -> np.ndarray:
-    """Whether a run at half the step of each of those scenarios differs by more than the claim."""
+    """Whether a run at half the step of each of those scenarios differs by more than `SETTLED`."""
     half = run_batch(take(batch, rows), method, dt / 2.0, precision, finer=2.0)
-    differs = peak_error(peaks_of({name: values[rows] for name, values in found.items()}), peaks_of(half)) > OK_CLAIM
+    differs = peak_error(peaks_of({name: values[rows] for name, values in found.items()}), peaks_of(half)) > SETTLED
     return np.asarray(differs | (half["status"] != Status.OK))
 
 

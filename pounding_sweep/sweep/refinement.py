@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from pounding_sweep.accuracy.measure import CHANGE, changed, comparable, relative_errors
-from pounding_sweep.cube.variables import OK_CLAIM, Status
+from pounding_sweep.cube.variables import SETTLED, Status
 from pounding_sweep.records import Record
 from pounding_sweep.sweep.blocks import RowKernel
 from pounding_sweep.sweep.readout import variables_of
@@ -149,7 +149,7 @@ def run_at_step(
     """Run scenarios at the kernel's step, and what else their outputs ask for; variables of shape (n, *inner).
 
     A run at half the step tells the ``error_estimate``; a scenario of status ok whose estimate is
-    beyond `OK_CLAIM` is ``UNSETTLED``. A run of changed inputs tells the ``amplification``.
+    beyond `SETTLED` is ``UNSETTLED``. A run of changed inputs tells the ``amplification``.
     """
     result = run_once(kernel, record, table, variants, outputs)
     if "amplification" in outputs:
@@ -158,6 +158,6 @@ def run_at_step(
         return result
     fine = _run_alike(halved(kernel, record), record, table, variants, outputs)
     estimate = differences(comparable(outputs), result, fine)
-    result["status"][(result["status"] == Status.OK) & ~(estimate <= OK_CLAIM)] = Status.UNSETTLED
+    result["status"][(result["status"] == Status.OK) & ~(estimate <= SETTLED)] = Status.UNSETTLED
     result["error_estimate"] = estimate
     return result
