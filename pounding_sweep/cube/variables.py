@@ -55,7 +55,7 @@ class Status(IntEnum):
 
     OK = (
         0,
-        "the scenario ran to the end of its record, and its step resolves the contacts, the buildings and the ground by "
+        "the scenario ran to the end of its record, and its step resolves contacts, buildings and ground by "
         "all rules of the engine; where error_estimate is there, a run at another step agrees as well",
         "",
         True,
