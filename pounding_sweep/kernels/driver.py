@@ -53,6 +53,15 @@ MAX_SWEEPS = 500
 GRADED_SHARE = 0.5
 #: Product of step and frequency of the spring on which floors rest that a velocity jump has stopped.
 REST_RATE = 4.0
+#: Mass (t) of a wall, beside which those of floors vanish.
+WALL_MASS = 1.0e30
+#: Rate, in units of the speed at which bounces end, below which floors that touch neither approach nor part.
+PARTED = 1.0e-3
+#: Under velocity jumps: penetration (m) that is none, and relative acceleration (m/s2) that does not press.
+IMPULSE_TOLERANCES = {
+    "float64": {"CLEAR": 1e-13, "RELEASED": 1e-9},
+    "float32": {"CLEAR": 1e-7, "RELEASED": 1e-3},
+}
 #: Product of sub-step and contact rate beyond which Newmark lets the contact's end force act over all of the sub-step.
 STIFF_RATE = 2.0
 #: Reducers that look at forces or penetrations between the ends of a sub-step.
@@ -124,6 +133,11 @@ def state_slots(shape: KernelShape) -> Slots:
             slots.add(name, nc)
         for name in ("D0", "D1", "V0", "V1"):
             slots.add(name, nc)
+        if shape.impulsive:
+            for name in ("TOTAL", "MASS", "COMMON"):
+                slots.add(name, nc)
+            if shape.scheme != "newmark":
+                slots.add("A", n)
         for reducer, name in (("work", "DWORK"), ("impulse", "DIMP")):
             if reducer in shape.reducers:
                 slots.add(name, nc)
@@ -226,14 +240,18 @@ def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> st
         parts.append(_hidden(slots))
     newmark = shape.scheme == "newmark"
     if contact:
-        parts.append(_law(shape))
-        if shape.located:
+        parts.append(_impulses(shape) if shape.impulsive else _law(shape))
+        if shape.impulsive:
+            parts += [emit_measure(shape, slots), emit_give_back(shape), emit_look_ahead(shape, slots)]
+            parts.append(_functions("located", ("judge", "contact_step", "engage", "part")))
+            if newmark:
+                parts.append(_functions("stiff", ("touch_miss",)))
+            parts.append(_functions("impulse", but=_without(shape)))
+        elif shape.located:
             parts += [emit_measure(shape, slots), emit_give_back(shape), emit_ends(shape, slots)]
             parts.append(emit_look_ahead(shape, slots))
             parts.append(_functions("located"))
-            if shape.law is not None and shape.law.impulsive:
-                parts.append(_functions("impulse"))
-        if newmark:
+        if newmark and not shape.impulsive:
             parts.append(_functions("implicit"))
             if shape.located:
                 parts.append(_functions("stiff"))
@@ -253,11 +271,11 @@ def _hidden(slots: Slots) -> str:
     return "\n" + "".join(lines)
 
 
-def _functions(template: str, only: tuple[str, ...] = ()) -> str:
-    """Text of the functions of a template (those named, or all)."""
+def _functions(template: str, only: tuple[str, ...] = (), but: frozenset[str] = frozenset()) -> str:
+    """Text of the functions of a template (those named, or all `but` some)."""
     text = (files(templates) / f"{template}.py").read_text(encoding="utf-8")
     found = text.split("@njit(**OPTIONS)\ndef ")[1:]
-    kept = [f for f in found if not only or f.partition("(")[0] in only]
+    kept = [f for f in found if (not only or f.partition("(")[0] in only) and f.partition("(")[0] not in but]
     return "".join(f"\n\n@njit(**OPTIONS)\ndef {f.rstrip()}\n" for f in kept)
 
 
@@ -317,6 +335,25 @@ def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
         lines.append(f"{name} = {value!r}")
     lines.append(f"REAL = np.{shape.precision}")
     return "\n".join(lines) + "\n"
+
+
+def _without(shape: KernelShape) -> frozenset[str]:
+    """Functions of velocity jumps that the kernel of this shape has no use for."""
+    stages = shape.scheme != "newmark" and not shape.fused
+    return frozenset({"implicit"} if shape.scheme != "newmark" else ()) | frozenset(() if stages else {"rest_push"})
+
+
+def _impulses(shape: KernelShape) -> str:
+    """Constants of velocity jumps: the contacts beside each one at the same floors, and what is nothing."""
+    left, right = ([ends[side] for ends in shape.contacts] for side in (0, 1))
+    values: dict[str, Any] = {
+        "BEFORE": tuple(right.index(i) if i >= 0 and i in right else -1 for i in left),
+        "AFTER": tuple(left.index(i) if i >= 0 and i in left else -1 for i in right),
+        "WALL_MASS": WALL_MASS,
+        "PARTED": PARTED,
+        **IMPULSE_TOLERANCES[shape.precision],
+    }
+    return "\n\n" + "".join(f"{name} = {value!r}\n" for name, value in values.items())
 
 
 def _law(shape: KernelShape) -> str:
