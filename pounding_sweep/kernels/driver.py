@@ -57,6 +57,8 @@ REST_RATE = 4.0
 WALL_MASS = 1.0e30
 #: Rate, in units of the speed at which bounces end, below which floors that touch neither approach nor part.
 PARTED = 1.0e-3
+#: Shortest sub-step to the release of floors at rest, in trial sub-steps.
+LEAST_SHARE = 1.0e-3
 #: Under velocity jumps: penetration (m) that is none, and relative acceleration (m/s2) that does not press.
 IMPULSE_TOLERANCES = {
     "float64": {"CLEAR": 1e-13, "RELEASED": 1e-9},
@@ -351,6 +353,7 @@ def _impulses(shape: KernelShape) -> str:
         "AFTER": tuple(left.index(i) if i >= 0 and i in left else -1 for i in right),
         "WALL_MASS": WALL_MASS,
         "PARTED": PARTED,
+        "LEAST_SHARE": LEAST_SHARE,
         **IMPULSE_TOLERANCES[shape.precision],
     }
     return "\n\n" + "".join(f"{name} = {value!r}\n" for name, value in values.items())

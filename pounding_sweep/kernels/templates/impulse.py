@@ -153,7 +153,8 @@ def first_event(S, I, l, h, props):
         nxt = mode
         if mode != 0:
             if S[FE + q] < 0.0:
-                theta = max(S[FS + q], 0.0) / (max(S[FS + q], 0.0) - S[FE + q])
+                held = max(S[FS + q], 0.0)
+                theta = max(held / (held - S[FE + q]), LEAST_SHARE)  # a force may rise before it falls
                 nxt = 0
         elif d1 > max(d0, 0.0) + CLEAR or min(d0 + h * v0, d1 - h * v1) > 0.0:
             b1, b2, b3, b4 = coefficients(h, d0, d1, v0, v1, relative(S, AO, j, l))
@@ -173,9 +174,12 @@ def first_event(S, I, l, h, props):
 
 @njit(**OPTIONS)
 def note_onset(S, I, l, j, v, h):
-    """An impact at the rate v: count, first time, largest rate; force and penetration are without meaning from now on."""
+    """An impact at the rate v: count, first time, largest rate; force and penetration are without meaning from now on.
+
+    Floors that rest again before they had really parted have no new impact.
+    """
     q = j * L + l
-    if HAS_COUNT:
+    if HAS_COUNT and (v > PARTED * RESTING_SPEED or S[COUNT + q] == 0.0):
         S[COUNT + q] += 1.0
     if HAS_FIRST_TIME and S[TFIRST + q] < 0.0:
         S[TFIRST + q] = I[STEP + l] * h + (h - S[REM + l])
@@ -234,17 +238,17 @@ def bounce(S, I, l, h, props):
 
 @njit(**OPTIONS)
 def choose(S, I, l, props):
-    """Which of the contacts at this instant (NEXT = 1) rest from now on: those that do not part and are pressed (KE)."""
+    """Which of the contacts at this instant (NEXT = 1) rest from now on (KE): those that do not part and are pressed."""
     for j in range(NC):
         q = j * L + l
         S[KE + q] = 1.0 if I[NEXT + q] == 1 and relative(S, V, j, l) >= -PARTED * RESTING_SPEED else 0.0
     for _ in range(NC + 1):
         rests(S, l, props)
-        least = RELEASED
+        least = -RELEASED
         at = -1
         for j in range(NC):
             pressed = S[FE + j * L + l] / props[P_REDUCED + j]
-            if S[KE + j * L + l] > 0.0 and pressed <= least:
+            if S[KE + j * L + l] > 0.0 and pressed < least:
                 least = pressed
                 at = j
         if at < 0:
@@ -271,9 +275,9 @@ def apply_events(S, I, l, theta, h, props):
         for j in range(NC):
             q = j * L + l
             v = relative(S, V, j, l)
-            if I[NEXT + q] == 1 and S[KE + q] == 0.0 and v > PARTED * RESTING_SPEED:
+            if I[NEXT + q] == 1 and S[KE + q] == 0.0 and v > 0.0:
                 jump(S, I, l, j, v, h, props)  # however slow: the row pulls them apart
-                slow = True
+                slow = slow or v > PARTED * RESTING_SPEED
         if not slow:
             break
     for j in range(NC):
