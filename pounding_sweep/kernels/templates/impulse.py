@@ -163,7 +163,7 @@ def first_event(S, I, l, h, props):
                 nxt = 1
             elif v0 > 0.0 and v1 < 0.0:
                 peak = root(0.0, 1.0, b1, 2.0 * b2, 3.0 * b3, 4.0 * b4, 0.0, -1.0)
-                if quartic(peak, min(d0, 0.0), b1, b2, b3, b4) > 0.0:
+                if quartic(peak, min(d0, 0.0), b1, b2, b3, b4) > CLEAR:
                     theta = root(0.0, peak, min(d0, 0.0), b1, b2, b3, b4, 1.0)
                     nxt = 1
         S[TJ + q] = theta
