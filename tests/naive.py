@@ -31,7 +31,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.integrate import DOP853, solve_ivp
 from scipy.linalg import block_diag, eigh, expm
-from scipy.optimize import brentq
+from scipy.optimize import brentq, nnls
 
 WALL = "wall"
 V0_FLOOR = 1e-3  # m/s, least approach speed a law may divide by
@@ -381,7 +381,7 @@ class _Solver:
             miss = self.row.B[p] @ y[self.iu] - self.row.gap[p] + 0.01 * TOUCH  # a bounce may be over by the next sample
             y[self.iu] -= self.row.B[p] / self.row.m * self.row.meff[p] * miss
             self.state[p] = OPEN
-            return self.collide(t_global, y, at)
+            return self.collide(t_global, t_global if located else min(t_global, self.last_open[p]), y, at)
         if self.state[p] == OPEN:
             v = max(float(self.row.B[p] @ y[self.iv]), 0.0)
             self.v0[p] = max(v, V0_FLOOR)
@@ -392,7 +392,7 @@ class _Solver:
         self.state[p] = target
         return y
 
-    def collide(self, t, y, at):
+    def collide(self, t, touched, y, at):
         """Velocity jumps of the contacts `at` this instant, and which of them stick from now on."""
         row = self.row
         rate = row.B @ y[self.iv]
@@ -401,7 +401,7 @@ class _Solver:
             if v > SAME or not self.count[p]:
                 self.count[p] += 1
             self.approach[p] = max(self.approach[p], v)
-            self.first[p] = t if self.first[p] is None else self.first[p]
+            self.first[p] = float(touched) if self.first[p] is None else self.first[p]
 
         def jump(p):
             v = rate[p]
@@ -411,6 +411,8 @@ class _Solver:
             y[self.i_work][p] += 0.5 * impulse * v * (1.0 - self.e)
             onset(p, v)
             rate[:] = row.B @ y[self.iv]
+            transfer = self.energies(y)[2]
+            self.peak[-2 * row.nb :] = np.maximum(self.peak[-2 * row.nb :], np.concatenate([transfer, -transfer]))
 
         hit = True
         while hit:
@@ -435,23 +437,16 @@ class _Solver:
         return y
 
     def sticking(self, t, y, may):
-        """Which of the contacts that `may` stick are pressed: every set is tried, for one in which no other closes."""
-        row = self.row
-        self.state = np.where(may, self.state, OPEN)
-        known, free = self.state, np.zeros(row.np, dtype=int)
-        self.state = free
-        a = self.motion(y[self.iu], y[self.iv], self.ag0 + self.slope * (t - self.t_start))[0]
-        self.state = known
-        some = np.flatnonzero(may)
-        for number in range(2 ** len(some)):
-            stick = np.zeros(row.np, dtype=bool)
-            stick[some] = [bool(number >> i & 1) for i in range(len(some))]
-            f = self.holding(a, stick)
-            closing = row.B @ (a - row.B.T @ f / row.m)
-            if (f >= -1e-9 * row.meff)[stick].all() and (closing <= 1e-9)[may & ~stick].all():
-                return stick
-        msg = f"no set of contacts can stick at t = {t}"
-        raise RuntimeError(msg)
+        """Which of the contacts that `may` stick are pressed: those forces >= 0 that leave the least relative motion."""
+        row, stick = self.row, np.zeros(self.row.np, dtype=bool)
+        if may.any():
+            known, self.state = self.state, np.zeros(row.np, dtype=int)
+            a = self.motion(y[self.iu], y[self.iv], self.ag0 + self.slope * (t - self.t_start))[0]
+            self.state = known
+            b = row.B[may]
+            f = nnls((b / np.sqrt(row.m)).T, np.sqrt(row.m) * a)[0]  # Gauss' principle of least constraint
+            stick[may] = (f > 0.0) | (b @ (a - b.T @ f / row.m) > -1e-9)
+        return stick
 
     # -- peaks ---------------------------------------------------------------------------------------------------
 
