@@ -16,8 +16,11 @@ Conventions where a choice had to be made:
 * ``impact_force_max`` and ``penetration_max`` are largest positive values (0 where nothing touched).
 * ``d`` has to exceed ``TOUCH`` (1e-13 m) to be seen as a touch, which keeps rounding noise of buildings that move
   alike from counting; the instant reported is still the one at which ``d`` left zero.
-* ``stereomechanical``: velocities jump at the onset; there is no force, ``impulse`` and ``contact_work`` take the jump.
-  A resting contact bounces infinitely often in a finite time: RuntimeError.
+* ``stereomechanical``: velocities jump at the onset; ``impulse`` and ``contact_work`` take the jump. Where the rebound
+  would be slower than ``REST`` and the floors are pressed together they stick: their accelerations are equal, by the
+  force that follows, which counts in ``impulse``, until it would pull. Impacts at one instant are taken pair by pair from
+  the left and floor by floor from the bottom; those who stick then share their momentum. Floors that stick again at a
+  rate of less than ``SAME`` have no new onset. ``impact_force_max`` and ``penetration_max`` mean nothing.
 """
 
 from __future__ import annotations
@@ -28,13 +31,15 @@ from itertools import pairwise
 import numpy as np
 from scipy.integrate import DOP853, solve_ivp
 from scipy.linalg import block_diag, eigh, expm
-from scipy.optimize import brentq
+from scipy.optimize import brentq, nnls
 
 WALL = "wall"
 V0_FLOOR = 1e-3  # m/s, least approach speed a law may divide by
 TOUCH = 1e-13  # m (or m/s), an event function must exceed this to have crossed zero
 SAMPLES = 13  # points per integrator step at which events and peaks are looked for
 MAX_EVENTS_PER_INTERVAL = 1000
+REST = 1e-3  # m/s, rebound speed below which floors that are pressed together stick
+SAME = 1e-6  # m/s, rate at which they neither approach nor part
 
 OPEN, CLOSED, REBOUND, CLIPPED, YIELDING, SPENT = range(6)
 
@@ -277,7 +282,7 @@ class _Solver:
 
     def force(self, d, v):
         """Contact force in the frozen phases."""
-        if not self.contact or self.jump or not self.state.any():
+        if not self.contact or not self.state.any():
             return np.zeros_like(d)
         if self.rule.yields:
             each = zip(self.state, self.bilinear, d, self.plastic, strict=True)
@@ -302,8 +307,16 @@ class _Solver:
         d = row.B @ u
         d -= row.gap if u.ndim == 1 else row.gap[:, None]
         rate = row.B @ v
-        f = self.force(d, rate)
+        f = self.holding(load / m - ag, self.state == CLOSED) if self.jump else self.force(d, rate)
         return (load - row.B.T @ f) / m - ag, f, d, rate
+
+    def holding(self, x, which):
+        """What the contacts `which` must give so that both floors of each have the same rate x (velocity, acceleration)."""
+        f = np.zeros((self.row.np, *x.shape[1:]))
+        if which.any():
+            b = self.row.B[which]
+            f[which] = np.linalg.solve(b @ (b / self.row.m).T, b @ x)
+        return f
 
     def rhs(self, tau, y):
         row = self.row
@@ -326,12 +339,16 @@ class _Solver:
 
     # -- events --------------------------------------------------------------------------------------------------
 
-    def gauges(self, y):
+    def gauges(self, tau, y):
         """Event functions of the frozen phases: list of (pair, next phase, values); an event is a rise through 0."""
         row = self.row
         d = row.B @ y[self.iu]
         d = d - (row.gap if y.ndim == 1 else row.gap[:, None])
         rate = row.B @ y[self.iv]
+        if self.jump:
+            f = self.motion(y[self.iu], y[self.iv], self.ag0 + self.slope * np.asarray(tau))[1]
+            stuck = self.state == CLOSED
+            return [(p, OPEN, -f[p] / row.meff[p]) if stuck[p] else (p, CLOSED, d[p]) for p in range(row.np)]
         out = []
         for p in range(row.np):
             now = self.state[p]
@@ -363,10 +380,10 @@ class _Solver:
     def find_event(self, dense, ts, ys):
         """Earliest event in a step: (time, pair, next phase, located by a root?) or None."""
         best = None
-        for g, (p, target, values) in enumerate(self.gauges(ys)):
+        for g, (p, target, values) in enumerate(self.gauges(ts, ys)):
 
             def gauge(t, g=g):
-                return float(self.gauges(dense(t))[g][2])
+                return float(self.gauges(t, dense(t))[g][2])
 
             above = np.flatnonzero(values > TOUCH)
             stop = int(above[0]) if above.size else len(ts)
@@ -376,7 +393,7 @@ class _Solver:
                 a, b = max(i - 1, 0), min(i + 1, len(ts) - 1)
                 left, mid, right = values[a], values[i], values[b]
                 if left < 0.0 and mid < 0.0 and mid >= left and mid >= right and 3.0 * mid - left - right > 0.0:
-                    top, value = _zoom(lambda t, g=g: self.gauges(dense(t))[g][2], ts[a], ts[b])
+                    top, value = _zoom(lambda t, g=g: self.gauges(t, dense(t))[g][2], ts[a], ts[b])
                     if value > TOUCH:
                         bracket = (ts[a], top)
                         break
@@ -397,6 +414,16 @@ class _Solver:
     def enter(self, t_global, y, p, target, located):
         """Set the phase of a pair after an event; returns the state vector (changed only if stereomechanical)."""
         self.event_count += 1
+        if self.jump:
+            at = self.state == CLOSED
+            at[p] = target == CLOSED
+            y = y.copy()
+            miss = (
+                self.row.B[p] @ y[self.iu] - self.row.gap[p] + 0.01 * TOUCH
+            )  # a bounce may be over by the next sample
+            y[self.iu] -= self.row.B[p] / self.row.m * self.row.meff[p] * miss
+            self.state[p] = OPEN
+            return self.collide(t_global, t_global if located else min(t_global, self.last_open[p]), y, at)
         if self.state[p] == OPEN:
             v = max(float(self.row.B[p] @ y[self.iv]), 0.0)
             self.v0[p] = max(v, V0_FLOOR)
@@ -404,13 +431,6 @@ class _Solver:
             self.approach[p] = max(self.approach[p], v)
             if self.first[p] is None:
                 self.first[p] = float(t_global if located else min(t_global, self.last_open[p]))
-            if self.jump:
-                y = y.copy()
-                impulse = (1.0 + self.e) * self.row.meff[p] * v
-                y[self.iv] -= self.row.B[p] / self.row.m * impulse
-                y[self.i_imp][p] += impulse
-                y[self.i_work][p] += 0.5 * impulse * v * (1.0 - self.e)
-                return y
             if self.rule.yields:
                 self.bilinear[p], self.plastic[p] = Bilinear(self.k, self.row.meff[p], self.v0[p], self.z), 0.0
         elif self.state[p] in (YIELDING, SPENT) and target == CLOSED:
@@ -418,6 +438,62 @@ class _Solver:
             self.plastic[p] = self.bilinear[p].plastic(self.state[p], d)
         self.state[p] = target
         return y
+
+    def collide(self, t, touched, y, at):
+        """Velocity jumps of the contacts `at` this instant, and which of them stick from now on."""
+        row = self.row
+        rate = row.B @ y[self.iv]
+
+        def onset(p, v):
+            if v > SAME or not self.count[p]:
+                self.count[p] += 1
+            self.approach[p] = max(self.approach[p], v)
+            self.first[p] = float(touched) if self.first[p] is None else self.first[p]
+
+        def jump(p):
+            v = rate[p]
+            impulse = (1.0 + self.e) * row.meff[p] * v
+            y[self.iv] -= row.B[p] / row.m * impulse
+            y[self.i_imp][p] += impulse
+            y[self.i_work][p] += 0.5 * impulse * v * (1.0 - self.e)
+            onset(p, v)
+            rate[:] = row.B @ y[self.iv]
+            transfer = self.energies(y)[2]
+            self.peak[-2 * row.nb :] = np.maximum(self.peak[-2 * row.nb :], np.concatenate([transfer, -transfer]))
+
+        hit = True
+        while hit:
+            hit = False
+            for p in np.flatnonzero(at):
+                if self.e * rate[p] > REST:
+                    jump(p)
+                    hit = True
+            if hit:
+                continue
+            stick = self.sticking(t, y, at & (rate >= -SAME))
+            for p in np.flatnonzero(at & ~stick & (rate > 0.0)):
+                hit = hit or rate[p] > SAME
+                jump(p)
+        impulse = self.holding(y[self.iv], stick)
+        for p in np.flatnonzero(stick & (self.state == OPEN)):
+            onset(p, max(rate[p], 0.0))
+        y[self.iv] -= row.B.T @ impulse / row.m
+        y[self.i_imp] += impulse
+        y[self.i_work] += 0.5 * impulse * rate
+        self.state = np.where(stick, CLOSED, OPEN)
+        return y
+
+    def sticking(self, t, y, may):
+        """Which of the contacts that `may` stick are pressed: those forces >= 0 that leave the least relative motion."""
+        row, stick = self.row, np.zeros(self.row.np, dtype=bool)
+        if may.any():
+            known, self.state = self.state, np.zeros(row.np, dtype=int)
+            a = self.motion(y[self.iu], y[self.iv], self.ag0 + self.slope * (t - self.t_start))[0]
+            self.state = known
+            b = row.B[may]
+            f = nnls((b / np.sqrt(row.m)).T, np.sqrt(row.m) * a)[0]  # Gauss' principle of least constraint
+            stick[may] = (f > 0.0) | (b @ (a - b.T @ f / row.m) > -1e-9)
+        return stick
 
     # -- peaks ---------------------------------------------------------------------------------------------------
 
@@ -446,7 +522,7 @@ class _Solver:
 
     def interval(self, y, t_start, dt, ag0, ag1):
         """Integrate one record interval in local time, restarting at events."""
-        self.ag0, self.slope = ag0, (ag1 - ag0) / dt
+        self.ag0, self.slope, self.t_start = ag0, (ag1 - ag0) / dt, t_start
         tau, events_here = 0.0, 0
         solver = None
         while tau < dt:
@@ -534,7 +610,7 @@ def run(buildings, gaps, ag, dt, law, k=None, e=None, *, initial_velocity=None, 
                 y[row.n + row.start[b] : row.n + row.start[b + 1]] = v
     s.kinetic0 = s.energies(y)[0].copy()
     s.h_next = None
-    s.ag0, s.slope = ag[0], 0.0
+    s.ag0, s.slope, s.t_start = ag[0], 0.0, 0.0
     if s.contact and np.any(row.gap < 0.0):
         msg = "gaps must not be negative"
         raise ValueError(msg)

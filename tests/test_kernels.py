@@ -139,7 +139,8 @@ def both(got, want, scene):
                 mine.append(float(got[name].sel(pair=pair, storey=right if left is None else left)))
                 theirs.append(want[name][p][f])
         if want["law"] == "stereomechanical" and name in NEEDS_FORCE:
-            theirs = [None] * len(theirs)
+            counts = [count for pair in want["impact_count"] for count in pair]
+            theirs = [None if count else 0.0 for count in counts]
         result[name] = np.array(mine), np.array([np.nan if x is None else x for x in theirs], dtype=float)
     for name, other in BUILDING.items():
         result[name] = got[name].values, np.asarray(want[other])[real]

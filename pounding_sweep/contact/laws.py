@@ -21,7 +21,7 @@ through one dimensionless damping number per law, as published, and is
 
     c = 2 * number * sqrt(k m)     (``viscous``)
     c = number * k / v0            (``elastic``: the damper is a share of E)
-    c = number                     (``jump``: no force at all, velocities jump, v -> -c v)
+    c = number                     (``jump``: no force in an impact, velocities jump, v -> -c v)
     c = number                     (``yield``: the share of the energy that is lost)
 
 with the pair's effective mass m = m1 m2 / (m1 + m2) (t) and the approach
@@ -53,7 +53,8 @@ from pounding_sweep.contact.restitution import (
 from pounding_sweep.errors import LawError, unknown
 
 #: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting
-#: contact, zero gap) is damped as if it came at this speed, so that it stays finite.
+#: contact, zero gap) is damped as if it came at this speed, so that it stays finite. Where
+#: velocities jump, floors that would rebound slower than this come to rest on each other.
 RESTING_SPEED = 1.0e-3
 
 Number = Callable[[np.ndarray], np.ndarray]
@@ -129,7 +130,7 @@ class Law:
 
     @property
     def impulsive(self) -> bool:
-        """Whether velocities jump at the touch, and no contact lasts."""
+        """Whether velocities jump at the touch, and floors rest on each other without penetration."""
         return self.damping == "jump"
 
     @property
@@ -459,15 +460,12 @@ _ALL = [
         title="Stereomechanical impact (velocity jump)",
         model="-",
         exponent=None,
-        # no force acts at an impact; these are of the spring on which floors rest that are too slow to bounce
-        elastic="k*d",
-        elastic_slope="k",
-        damper="c",
         damping="jump",
         number=lambda e: e,
         number_text="e itself",
         zero_restitution=True,
-        formula="v1' = v1 - (1 + e) m2 / (m1 + m2) (v1 - v2) at the touch, v2' likewise; no force",
+        formula="v1' = v1 - (1 + e) m2 / (m1 + m2) (v1 - v2) at the touch, v2' likewise; no force. Floors that would "
+        "rebound slower than 1 mm/s, and are pressed together, move as one until they would pull",
         reference="Newton's impact law; Goldsmith (1960), Impact",
     ),
 ]

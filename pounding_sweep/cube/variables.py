@@ -221,7 +221,8 @@ _ALL = (
         "kN",
         "largest contact force",
         "Largest contact force, pressing positive, 0 where the floors never touched; where the force jumps at a "
-        "touch, the limit just after it counts. Missing for a law without a force (velocities jump).",
+        "touch, the limit just after it counts. Missing where floors touched under a law without a force (velocities "
+        "jump).",
         _needs("force"),
     ),
     Variable(
@@ -238,8 +239,8 @@ _ALL = (
         _CONTACT,
         "m",
         "largest penetration",
-        "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. Missing for a law "
-        "without a force (velocities jump).",
+        "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. Missing where floors "
+        "touched under a law without a force (velocities jump).",
         _needs("penetration"),
     ),
     Variable(

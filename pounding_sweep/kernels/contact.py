@@ -20,8 +20,9 @@ def emit_measure(shape: KernelShape, slots: Slots) -> str:
     """
     src, law = Source(), shape.law
     assert law is not None
+    capped = shape.scheme != "newmark" and not law.impulsive
     src.function("measure(S, I, props)")
-    if shape.scheme != "newmark":
+    if capped:
         src("cap = props[P_CAP]")
     with src.block("for l in range(L):"):
         src("S[LOOK + l] = -1.0")
@@ -32,7 +33,10 @@ def emit_measure(shape: KernelShape, slots: Slots) -> str:
         for name in ("d0", "d1", "v0", "v1"):
             src(f"S[{name.upper()} + {j0} + l] = {name}")
         src("early = d0 + h * v0; late = d1 - h * v1")
-        src("part = (d1 <= 0.0) | ((v0 < 0.0) & (v1 > 0.0) & (max(early, late) < 0.0))")
+        if law.impulsive:
+            src(f"part = S[FE + {j0} + l] < 0.0")
+        else:
+            src("part = (d1 <= 0.0) | ((v0 < 0.0) & (v1 > 0.0) & (max(early, late) < 0.0))")
         if law.approach_only:
             src("part = part | ((mode == 1) & (v1 < 0.0)) | ((mode == 2) & (v1 > 0.0))")
         if law.clips:
@@ -43,7 +47,7 @@ def emit_measure(shape: KernelShape, slots: Slots) -> str:
             src(f"low = S[PLASTIC + {j0} + l]; top = low + S[YIELD + {j0} + l]; slips = S[CE + {j0} + l] > 0.0")
             src("part = part | ((mode == 1) & ((max(d1, min(early, late)) > top) | (min(d1, max(early, late)) < low)))")
             src("part = part | ((mode == 2) & ((slips & (v1 < 0.0)) | ((not slips) & (v1 > 0.0))))")
-        if shape.scheme != "newmark":
+        if capped:
             src(f"k = S[KE + {j0} + l]; c = S[CE + {j0} + l]; d = max(d0, d1); r = math.sqrt(max(d, 0.0))")
             src(f"part = part | (h * h * ({law.elastic_slope}) > (4.0 * cap * cap) * {reduced})")
             if law.damper:
@@ -62,6 +66,8 @@ def emit_give_back(shape: KernelShape) -> str:
     kept = [("U", "UO", "N"), ("V", "VO", "N"), ("D1", "D0", "NC"), ("V1", "V0", "NC")]
     if shape.scheme == "newmark":
         kept.append(("A", "AO", "N"))
+    if shape.impulsive:
+        kept.append(("FE", "FS", "NC"))
     for now, before, count in kept:
         with src.block(f"for i in range({count}):"), src.block("for l in range(L):"):
             src(f"y = S[{now} + i * L + l] + 0.0; x = S[{before} + i * L + l]  # no masked store: it makes loads wait")
@@ -132,7 +138,7 @@ def emit_look_ahead(shape: KernelShape, slots: Slots) -> str:
     with src.block("for l in range(L):"):
         src("S[LONGEST + l] = h; S[RATE + l] = 0.0")
     touch, release = law.grading(shape.order)
-    capped = shape.scheme != "newmark"
+    capped = shape.scheme != "newmark" and not law.impulsive
     if capped:
         src("cap = props[P_CAP]")
     if capped or max(touch, release) > 1.0:

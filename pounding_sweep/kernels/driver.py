@@ -54,6 +54,17 @@ MAX_SWEEPS = 500
 GRADED_SHARE = 0.5
 #: Product of step and frequency of the spring on which floors rest that a velocity jump has stopped.
 REST_RATE = 4.0
+#: Mass (t) of a wall, beside which those of floors vanish.
+WALL_MASS = 1.0e30
+#: Rate, in units of the speed at which bounces end, below which floors that touch neither approach nor part.
+PARTED = 1.0e-3
+#: Shortest sub-step to the release of floors at rest, in trial sub-steps.
+LEAST_SHARE = 1.0e-3
+#: Under velocity jumps: penetration (m) that is none, and relative acceleration (m/s2) that does not press.
+IMPULSE_TOLERANCES = {
+    "float64": {"CLEAR": 1e-13, "RELEASED": 1e-9},
+    "float32": {"CLEAR": 1e-7, "RELEASED": 1e-3},
+}
 #: Product of sub-step and contact rate beyond which Newmark lets the contact's end force act over all of the sub-step.
 STIFF_RATE = 2.0
 #: Reducers that look at forces or penetrations between the ends of a sub-step.
@@ -128,6 +139,11 @@ def state_slots(shape: KernelShape) -> Slots:
         if shape.law is not None and shape.law.yields:
             slots.add("PLASTIC", nc)
             slots.add("YIELD", nc)
+        if shape.impulsive:
+            for name in ("TOTAL", "MASS", "COMMON"):
+                slots.add(name, nc)
+            if shape.scheme != "newmark":
+                slots.add("A", n)
         for reducer, name in (("work", "DWORK"), ("impulse", "DIMP")):
             if reducer in shape.reducers:
                 slots.add(name, nc)
@@ -231,16 +247,20 @@ def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> st
     newmark = shape.scheme == "newmark"
     yields = shape.law is not None and shape.law.yields
     if contact:
-        parts.append(_law(shape))
-        if shape.located:
+        parts.append(_impulses(shape) if shape.impulsive else _law(shape))
+        if shape.impulsive:
+            parts += [emit_measure(shape, slots), emit_give_back(shape), emit_look_ahead(shape, slots)]
+            parts.append(_functions("located", ("judge", "contact_step", "engage", "part")))
+            if newmark:
+                parts.append(_functions("stiff", ("touch_miss",)))
+            parts.append(_functions("impulse", but=_unneeded(shape)))
+        elif shape.located:
             parts += [emit_measure(shape, slots), emit_give_back(shape), emit_ends(shape, slots)]
             parts.append(emit_look_ahead(shape, slots))
             if yields:
                 parts.append(_functions("yielding"))
             parts.append(_functions("located", yields=yields))
-            if shape.law is not None and shape.law.impulsive:
-                parts.append(_functions("impulse"))
-        if newmark:
+        if newmark and not shape.impulsive:
             parts.append(_functions("implicit", yields=yields))
             if shape.located:
                 parts.append(_functions("stiff", yields=yields))
@@ -260,13 +280,15 @@ def _hidden(slots: Slots) -> str:
     return "\n" + "".join(lines)
 
 
-def _functions(template: str, only: tuple[str, ...] = (), yields: bool = False) -> str:
-    """Text of the functions of a template (those named, or all); what laws that yield need is there for them alone."""
+def _functions(
+    template: str, only: tuple[str, ...] = (), but: frozenset[str] = frozenset(), yields: bool = False
+) -> str:
+    """Text of the functions of a template (those named, or all `but` some); some of it is of laws that yield alone."""
     text = (files(templates) / f"{template}.py").read_text(encoding="utf-8")
     if not yields:
         text = _without(text, "YIELDS")
     found = text.split("@njit(**OPTIONS)\ndef ")[1:]
-    kept = [f for f in found if not only or f.partition("(")[0] in only]
+    kept = [f for f in found if (not only or f.partition("(")[0] in only) and f.partition("(")[0] not in but]
     return "".join(f"\n\n@njit(**OPTIONS)\ndef {f.rstrip()}\n" for f in kept)
 
 
@@ -340,6 +362,26 @@ def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
         lines.append(f"{name} = {value!r}")
     lines.append(f"REAL = np.{shape.precision}")
     return "\n".join(lines) + "\n"
+
+
+def _unneeded(shape: KernelShape) -> frozenset[str]:
+    """Functions of velocity jumps that the kernel of this shape has no use for."""
+    stages = shape.scheme != "newmark" and not shape.fused
+    return frozenset({"implicit"} if shape.scheme != "newmark" else ()) | frozenset(() if stages else {"rest_push"})
+
+
+def _impulses(shape: KernelShape) -> str:
+    """Constants of velocity jumps: the contacts beside each one at the same floors, and what is nothing."""
+    left, right = ([ends[side] for ends in shape.contacts] for side in (0, 1))
+    values: dict[str, Any] = {
+        "BEFORE": tuple(right.index(i) if i >= 0 and i in right else -1 for i in left),
+        "AFTER": tuple(left.index(i) if i >= 0 and i in left else -1 for i in right),
+        "WALL_MASS": WALL_MASS,
+        "PARTED": PARTED,
+        "LEAST_SHARE": LEAST_SHARE,
+        **IMPULSE_TOLERANCES[shape.precision],
+    }
+    return "\n\n" + "".join(f"{name} = {value!r}\n" for name, value in values.items())
 
 
 def _law(shape: KernelShape) -> str:

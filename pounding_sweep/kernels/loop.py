@@ -199,7 +199,7 @@ def emit_run(shape: KernelShape, slots: Slots, contact: bool) -> str:
         src("begin(S, I, X, group, props, REAL(ag[0]))")
         if shape.scheme == "newmark" and contact:
             with src.block("for l in range(L):"):
-                src("equilibrium(S, l, S[G1 + l], True, props)")
+                src("rests(S, l, props)" if shape.impulsive else "equilibrium(S, l, S[G1 + l], True, props)")
         if shape.history:
             src("note(S, H, 0)")
         if exact:
@@ -225,7 +225,9 @@ def emit_note(shape: KernelShape, slots: Slots) -> str:
                 src(f"H[row, {place.first[name]} + q] = S[({slots.first[source]} + q) * L]")
             continue
         with src.block("for q in range(NC):"):
-            if shape.located:
+            if shape.impulsive:
+                src(f"H[row, {place.first[name]} + q] = S[FE + q * L]")
+            elif shape.located:
                 src("dq = relative(S, U, q, 0) - S[GAP + PAIR[q] * L]")
                 src("vq = relative(S, V, q, 0)")
                 src(f"H[row, {place.first[name]} + q] = pressing(S[KE + q * L], S[CE + q * L], dq, vq)")

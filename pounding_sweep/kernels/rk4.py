@@ -41,6 +41,7 @@ class Rk4Step:
         self.t = StepText(shape, slots, in_memory=not self.fused)
         self.contact = "F" if variant != "flight" and shape.contacts and shape.law else None
         self.energy = "energy" in shape.reducers
+        self.joins = self.contact is not None and shape.impulsive  # floors rest on each other instead of pressing
         self.src = Source()
 
     @contextmanager
@@ -62,7 +63,7 @@ class Rk4Step:
         """Return the text of the function named like the variant."""
         src, shape = self.src, self.shape
         trial = self.variant == "trial"
-        if not self.fused and self.contact:
+        if not self.fused and self.contact and not self.joins:
             self._forces()
         if self.variant == "plain":
             src.function("plain(S, I, props, h, time)")
@@ -123,7 +124,11 @@ class Rk4Step:
                 with src.block("for c in range(NC * L):"):
                     src(f"S[{slot} + c] = 0.0")
         for stage, _, weight in STAGES:
-            if self.contact:
+            if self.joins:
+                state = "UO, VO" if stage == 1 else "_X, _Y"
+                ground = {1: "G0, G0", 4: "G1, G1"}.get(stage, "G0, G1")
+                src(f"rest_push(S, I, {state}, {ground}, {weight}, props)")
+            elif self.contact:
                 src(f"{'forces1' if stage == 1 else 'forces'}(S, {weight})")
             src(f"stage{stage}(S, props)")
 
@@ -189,7 +194,7 @@ class Rk4Step:
         """Write forces and accelerations of a stage, then its state: two passes where floors lie in several loops."""
         shape = self.shape
         x, y = ("u", "v") if stage == 1 else ("x", "y")
-        if self.contact and self.fused:
+        if self.contact and self.fused and not self.joins:
             for j in range(len(shape.contacts)):
                 self._force(j, x, y, weight, stage == 1)
         if len(chunks) == 1:
@@ -209,8 +214,10 @@ class Rk4Step:
         self.t.storey_forces(src, dofs, x, y)
         for i in dofs:
             b = shape.building_of[i]
-            net = self.t.net_force(i, self.contact)
+            net = self.t.net_force(i, None if self.joins and self.fused else self.contact)
             src(f"{ref(f'a{stage}', i)} = fma(im{i}, {net}, -fma(al{b}, {ref(y, i)}, {ground}))")
+        if self.joins and self.fused:
+            self._join(stage, weight)
         if self.energy:
             self.t.rates(src, dofs, y, ground, weight, stage == 1)
 
@@ -237,6 +244,33 @@ class Rk4Step:
                     src(f"before{i} = {v}; {u} = {ends[0]}; {v} = {ends[1]}")
                     ends = u, v
                 src(f"{at('U', i)} = {ends[0]}; {at('V', i)} = {ends[1]}")
+
+    def _join(self, stage: int, weight: str) -> None:
+        """Accelerations of floors that rest on each other: the mean by mass along each row of them (``join`` in lanes)."""
+        src, at, contacts = self.src, self.slots.at, self.shape.contacts
+        before = {right: j for j, (_, right, _) in enumerate(contacts) if right >= 0}
+        after = {left: j for j, (left, _, _) in enumerate(contacts) if left >= 0}
+        for j, (left, _, _) in enumerate(contacts):
+            if stage == 1:
+                src(f"on{j} = {at('KE', j)} > 0.0")
+            total, mass = (f"m{left} * a{stage}{left}", f"m{left}") if left >= 0 else ("0.0", "WALL_MASS")
+            if left in before:
+                b = before[left]
+                total, mass = f"{total} + (jt{b} if on{b} else 0.0)", f"{mass} + (jm{b} if on{b} else 0.0)"
+            src(f"jt{j} = {total}; jm{j} = {mass}")
+        for j, (left, right, _) in reversed(list(enumerate(contacts))):
+            wall = f"jt{j} / (jm{j} + WALL_MASS)"
+            mean = wall if right < 0 else f"(jt{j} + m{right} * a{stage}{right}) / (jm{j} + m{right})"
+            src(f"ja{j} = {mean}")
+            if right in after:
+                src(f"ja{j} = ja{after[right]} if on{after[right]} else ja{j}")
+            if "impulse" in self.shape.reducers:
+                old = "" if stage == 1 else f"{at('DIMP', j)} + "
+                src(f"{at('DIMP', j)} = {old}{weight} * (jt{j} - jm{j} * ja{j} if on{j} else 0.0)")
+        for j, (left, right, _) in enumerate(contacts):
+            for i in (left, right):
+                if i >= 0:
+                    src(f"a{stage}{i} = ja{j} if on{j} else a{stage}{i}")
 
     def _force(self, j: int, x: str, y: str, weight: str, first: bool) -> None:
         """Force of a fused step: by the frozen mode in a trial; else nothing while d <= 0, and the law, cut at zero."""

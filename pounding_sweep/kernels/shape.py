@@ -167,6 +167,11 @@ class KernelShape:
         return ORDERS[self.scheme]
 
     @property
+    def impulsive(self) -> bool:
+        """Whether velocities jump where floors meet."""
+        return self.law is not None and self.law.impulsive
+
+    @property
     def n_dof(self) -> int:
         """Floors of all buildings."""
         return sum(self.storeys)

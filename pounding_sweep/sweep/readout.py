@@ -52,7 +52,7 @@ _DIRECT: dict[str, tuple[str, str]] = {
 }
 
 
-#: What a law without a contact force (velocities jump) can't answer.
+#: What a law without a contact force (velocities jump) can't answer where floors touched; its kernels leave a mark there.
 NEEDS_FORCE = frozenset({"impact_force_max", "penetration_max"})
 
 
@@ -97,8 +97,8 @@ def variables_of(
         variable = get_variable(name)
         shape = (n, *inner_shape(variable, scene))
         source, kind = _DIRECT.get(name, ("", ""))
-        if kernel.law.impulsive and name in NEEDS_FORCE:
-            result[name] = np.full(shape, np.nan)
+        if kernel.law.impulsive and source in raw and name in NEEDS_FORCE:
+            result[name] = scatter_contact(np.where(raw[source] > 0.0, np.nan, 0.0), scene)
         elif source in raw:
             scatter: dict[str, Callable[[Any, Scene], np.ndarray]] = {"dof": scatter_dof, "contact": scatter_contact}
             result[name] = scatter[kind](raw[source], scene) if kind in scatter else np.array(raw[source])

@@ -1,9 +1,200 @@
-"""Velocity jumps of floors that meet without a contact force."""
+"""Velocity jumps of floors that meet without a contact force, and floors that rest on each other, one lane at a time.
+
+A contact is in mode 0 (open) or 1: its floors rest on each other, with one velocity and one
+acceleration. KE > 0 marks those that rest. The force that holds them together follows from the
+equation of motion; they part when it would pull.
+"""
 
 
 @njit(**OPTIONS)
-def jump(S, l, j, v, props):
+def alone(S, l, u, v, ground, props):
+    """Accelerations A of lane l at the state in slots u and v, as if nothing touched."""
+    for b in range(NB):
+        beta = props[P_BETA + b]
+        for i in range(FIRST[b], FIRST[b + 1]):
+            here = S[u + i * L + l] + beta * S[v + i * L + l]
+            below = 0.0
+            if i > FIRST[b]:
+                below = S[u + (i - 1) * L + l] + beta * S[v + (i - 1) * L + l]
+            f = -props[P_K + i] * (here - below)
+            if i + 1 < FIRST[b + 1]:
+                above = S[u + (i + 1) * L + l] + beta * S[v + (i + 1) * L + l]
+                f += props[P_K + i + 1] * (above - here)
+            S[A + i * L + l] = f * props[P_IM + i] - props[P_ALPHA + b] * S[v + i * L + l] - ground
+
+
+@njit(**OPTIONS)
+def join(S, l, x, props):
+    """Resting floors get one rate x (V or A): the mean by mass along each row of them.
+
+    FORCE is the impulse (kN s) or force (kN) by which each contact sees to that.
+    """
+    for j in range(NC):
+        q = j * L + l
+        total = 0.0
+        mass = WALL_MASS
+        if LEFT[j] >= 0:
+            mass = props[P_M + LEFT[j]]
+            total = mass * S[x + LEFT[j] * L + l]
+        if BEFORE[j] >= 0 and S[KE + BEFORE[j] * L + l] > 0.0:
+            total += S[TOTAL + BEFORE[j] * L + l]
+            mass += S[MASS + BEFORE[j] * L + l]
+        S[TOTAL + q] = total
+        S[MASS + q] = mass
+    for back in range(NC):
+        j = NC - 1 - back
+        q = j * L + l
+        S[FORCE + q] = 0.0
+        if not (S[KE + q] > 0.0):
+            continue
+        total = S[TOTAL + q]
+        mass = S[MASS + q]
+        if AFTER[j] >= 0 and S[KE + AFTER[j] * L + l] > 0.0:
+            common = S[COMMON + AFTER[j] * L + l]
+        elif RIGHT[j] >= 0:
+            m = props[P_M + RIGHT[j]]
+            common = (total + m * S[x + RIGHT[j] * L + l]) / (mass + m)
+        else:
+            common = total / (mass + WALL_MASS)
+        S[COMMON + q] = common
+        S[FORCE + q] = total - mass * common
+        if LEFT[j] >= 0:
+            S[x + LEFT[j] * L + l] = common
+        if RIGHT[j] >= 0:
+            S[x + RIGHT[j] * L + l] = common
+
+
+@njit(**OPTIONS)
+def rests(S, l, props):
+    """Accelerations A of lane l at its state, and the forces FE of its resting contacts."""
+    alone(S, l, U, V, S[G1 + l], props)
+    join(S, l, A, props)
+    for j in range(NC):
+        S[FE + j * L + l] = S[FORCE + j * L + l]
+
+
+@njit(**OPTIONS)
+def rest_push(S, I, u, v, first, second, weight, props):
+    """What resting contacts push at a stage of a longer row: state in slots u and v, ground between two slots."""
+    for c in range(N * L):
+        S[PUSH + c] = 0.0
+    for l in range(L):
+        if I[SHUT + l] == 0:
+            continue
+        alone(S, l, u, v, 0.5 * (S[first + l] + S[second + l]), props)
+        join(S, l, A, props)
+        for j in range(NC):
+            f = S[FORCE + j * L + l]
+            if LEFT[j] >= 0:
+                S[PUSH + LEFT[j] * L + l] -= f
+            if RIGHT[j] >= 0:
+                S[PUSH + RIGHT[j] * L + l] += f
+            if HAS_IMPULSE:
+                S[DIMP + j * L + l] += weight * f
+
+
+@njit(**OPTIONS)
+def implicit(S, I, W, l, h, props):
+    """Find the end forces of a Newmark step by which resting floors accelerate as one; correct U, V and A with them."""
+    if I[SHUT + l] == 0 or not (h > 0.0):
+        return
+    be = props[P_NEWMARK_BETA] * h * h
+    ga = props[P_NEWMARK_GAMMA] * h
+    for j in range(NC):
+        S[FORCE + j * L + l] = 0.0
+        if S[KE + j * L + l] > 0.0:
+            if LEFT[j] >= 0:
+                columns(S, l, W, 2 * j, LEFT[j], BLEFT[j], h, props)
+            if RIGHT[j] >= 0:
+                columns(S, l, W, 2 * j + 1, RIGHT[j], BRIGHT[j], h, props)
+    largest = 0.0
+    moved = 0.0
+    for _ in range(MAX_SWEEPS):
+        largest = 0.0
+        moved = 0.0
+        for j in range(NC):
+            q = j * L + l
+            if not (S[KE + q] > 0.0):
+                continue
+            compliance = 0.0
+            if LEFT[j] >= 0:
+                compliance += W[2 * j, LEFT[j] - FIRST[BLEFT[j]]]
+            if RIGHT[j] >= 0:
+                compliance += W[2 * j + 1, RIGHT[j] - FIRST[BRIGHT[j]]]
+            change = relative(S, A, j, l) / compliance
+            S[FORCE + q] += change
+            largest = max(largest, abs(S[FORCE + q]))
+            moved = max(moved, abs(change))
+            if LEFT[j] >= 0:
+                push(S, l, W, 2 * j, BLEFT[j], be, ga, -change)
+            if RIGHT[j] >= 0:
+                push(S, l, W, 2 * j + 1, BRIGHT[j], be, ga, change)
+        if moved <= SWEPT * largest:
+            return
+    if moved > UNSWEPT * largest:
+        I[UNSOLVED + l] = 1
+
+
+@njit(**OPTIONS)
+def first_event(S, I, l, h, props):
+    """Fraction of the trial sub-step at which the first contact touches, or would pull (1: none).
+
+    Leaves each contact's own fraction in slot TJ and its next mode in NEXT.
+    """
+    first = 1.0
+    for j in range(NC):
+        q = j * L + l
+        mode = I[MODE + q]
+        d0 = S[D0 + q]
+        d1 = S[D1 + q]
+        v0 = S[V0 + q]
+        v1 = S[V1 + q]
+        theta = 2.0
+        nxt = mode
+        if mode != 0:
+            if S[FE + q] < 0.0:
+                held = max(S[FS + q], 0.0)
+                theta = max(held / (held - S[FE + q]), LEAST_SHARE)  # a force may rise before it falls
+                nxt = 0
+        elif d1 > max(d0, 0.0) + CLEAR or min(d0 + h * v0, d1 - h * v1) > 0.0:
+            b1, b2, b3, b4 = coefficients(h, d0, d1, v0, v1, relative(S, AO, j, l))
+            if d1 > max(d0, 0.0) + CLEAR:
+                theta = root(0.0, 1.0, min(d0, 0.0), b1, b2, b3, b4, 1.0)
+                nxt = 1
+            elif v0 > 0.0 and v1 < 0.0:
+                peak = root(0.0, 1.0, b1, 2.0 * b2, 3.0 * b3, 4.0 * b4, 0.0, -1.0)
+                if quartic(peak, min(d0, 0.0), b1, b2, b3, b4) > CLEAR:
+                    theta = root(0.0, peak, min(d0, 0.0), b1, b2, b3, b4, 1.0)
+                    nxt = 1
+        S[TJ + q] = theta
+        I[NEXT + q] = nxt
+        first = min(first, theta)
+    return first
+
+
+@njit(**OPTIONS)
+def note_onset(S, I, l, j, v, h):
+    """An impact at the rate v: count, first time, largest rate; force and penetration are without meaning from now on.
+
+    Floors that rest again before they had really parted have no new impact.
+    """
+    q = j * L + l
+    if HAS_COUNT and (v > PARTED * RESTING_SPEED or S[COUNT + q] == 0.0):
+        S[COUNT + q] += 1.0
+    if HAS_FIRST_TIME and S[TFIRST + q] < 0.0:
+        S[TFIRST + q] = I[STEP + l] * h + (h - S[REM + l])
+    if HAS_APPROACH_SPEED:
+        S[VMAX + q] = max(S[VMAX + q], v)
+    if HAS_FORCE:
+        S[FMAX + q] = FAR
+    if HAS_PENETRATION:
+        S[DMAX + q] = FAR
+
+
+@njit(**OPTIONS)
+def jump(S, I, l, j, v, h, props):
     """Velocities of two floors that meet at the rate v jump: v -> -e v, momentum kept (Newton's impact law)."""
+    note_onset(S, I, l, j, v, h)
     q = j * L + l
     e = S[C + q]
     m = props[P_REDUCED + j]
@@ -16,9 +207,161 @@ def jump(S, l, j, v, props):
         S[IMPULSE + q] += p
     if HAS_WORK:
         S[WORK + q] += 0.5 * m * v * v * (1.0 - e * e)
+    transfer_jumps(S, l, props)
+
+
+@njit(**OPTIONS)
+def transfer_jumps(S, l, props):
+    """Largest and smallest transferred energies where velocities have jumped."""
     if HAS_TRANSFER:
         for b in range(NB):
             x = transfer_now(S, l, b, props)
             S[TNOW + b * L + l] = x
             S[TMAX + b * L + l] = max(S[TMAX + b * L + l], x)
             S[TMIN + b * L + l] = min(S[TMIN + b * L + l], x)
+
+
+@njit(**OPTIONS)
+def bounce(S, I, l, h, props):
+    """Impacts (NEXT = 1) whose rebound is not too slow to matter: velocities jump, until no such floors approach."""
+    for _ in range(MAX_TRIES):
+        again = False
+        for j in range(NC):
+            if I[NEXT + j * L + l] == 1:
+                v = relative(S, V, j, l)
+                if S[C + j * L + l] * v > RESTING_SPEED:
+                    jump(S, I, l, j, v, h, props)
+                    again = True
+        if not again:
+            break
+
+
+@njit(**OPTIONS)
+def choose(S, I, l, props):
+    """Which of the contacts at this instant (NEXT = 1) rest from now on (KE): those that do not part and are pressed."""
+    for j in range(NC):
+        q = j * L + l
+        S[KE + q] = 1.0 if I[NEXT + q] == 1 and relative(S, V, j, l) >= -PARTED * RESTING_SPEED else 0.0
+    for _ in range(NC + 1):
+        rests(S, l, props)
+        least = -RELEASED
+        at = -1
+        for j in range(NC):
+            pressed = S[FE + j * L + l] / props[P_REDUCED + j]
+            if S[KE + j * L + l] > 0.0 and pressed < least:
+                least = pressed
+                at = j
+        if at < 0:
+            break
+        S[KE + at * L + l] = 0.0
+
+
+@njit(**OPTIONS)
+def apply_events(S, I, l, theta, h, props):
+    """What happens at the instant that ends this sub-step: releases, velocity jumps, floors that come to rest.
+
+    Contacts are taken pair by pair from the left, floor by floor from the bottom; a velocity
+    jump is seen by those that follow, and by floors that rest on one that it moves.
+    """
+    for j in range(NC):
+        q = j * L + l
+        due = S[TJ + q] < 1.0 and S[TJ + q] <= theta + SAME_TIME
+        pressed = I[MODE + q] == 1 and S[FE + q] > RELEASED * props[P_REDUCED + j]
+        I[NEXT + q] = 1 if pressed or (due == (I[MODE + q] == 0)) else 0
+    for _ in range(MAX_TRIES):
+        bounce(S, I, l, h, props)
+        choose(S, I, l, props)
+        slow = False
+        for j in range(NC):
+            q = j * L + l
+            v = relative(S, V, j, l)
+            if I[NEXT + q] == 1 and S[KE + q] == 0.0 and v > 0.0:
+                jump(S, I, l, j, v, h, props)  # however slow: the row pulls them apart
+                slow = slow or v > PARTED * RESTING_SPEED
+        if not slow:
+            break
+    for j in range(NC):
+        S[V1 + j * L + l] = relative(S, V, j, l)
+    join(S, l, V, props)
+    I[SHUT + l] = 0
+    for j in range(NC):
+        q = j * L + l
+        mode = 1 if S[KE + q] > 0.0 else 0
+        if mode == 1:
+            if HAS_IMPULSE:
+                S[IMPULSE + q] += S[FORCE + q]
+            if HAS_WORK:
+                S[WORK + q] += 0.5 * S[FORCE + q] * S[V1 + q]
+            if I[MODE + q] == 0:
+                note_onset(S, I, l, j, S[V1 + q], h)
+        I[MODE + q] = mode
+        I[SHUT + l] += mode
+    transfer_jumps(S, l, props)
+    rests(S, l, props)
+
+
+@njit(**OPTIONS)
+def conclude(S, I, l, h, props):
+    """What a lane does at the end of a sub-step that it takes: energies transferred, events."""
+    if HAS_TRANSFER and I[SHUT + l] > 0:
+        transfer_peaks(S, I, l, S[HL + l], props)
+    elif HAS_TRANSFER:
+        for b in range(NB):
+            S[TNOW + b * L + l] = transfer_now(S, l, b, props)
+    if I[LAND + l] > 0:
+        I[LAND + l] = 0
+        apply_events(S, I, l, S[THETA + l], h, props)
+
+
+@njit(**OPTIONS)
+def contact_pass(S, I, W, props, h):
+    """One trial sub-step of every lane that has some of its step of length h left; returns how many still have.
+
+    A trial in which an event is found is refused: the lane tries again up to the event, while
+    the others go on. Lanes with nothing left wait with a sub-step of length 0.
+    """
+    look_ahead(S, I, props, h)
+    for c in range(NC * L):
+        S[FS + c] = S[FE + c]
+    trial(S, I, W, props)
+    for l in range(L):
+        if I[SHUT + l] > 0:
+            rests(S, l, props)
+    measure(S, I, props)
+    refused = 0
+    for l in range(L):
+        I[TAKEN + l] = 1 if S[REM + l] > 0.0 else 0
+    for l in range(L):
+        if (I[LAND + l] > 0 or S[LOOK + l] > 0.0) and I[TAKEN + l] != 0:
+            if judge(S, I, l, h, props):
+                I[LAND + l] += 1
+                I[TAKEN + l] = 0
+                S[HL + l] = 0.0
+                refused += 1
+    if refused > 0:
+        give_back(S, I)
+    for j in range(NC):
+        for l in range(L):
+            f0 = S[FS + j * L + l]
+            f1 = S[FE + j * L + l]
+            if NEWMARK and HAS_IMPULSE:
+                S[IMPULSE + j * L + l] += 0.5 * S[HL + l] * (f0 + f1)
+            if NEEDS_ENDS:
+                mean = (f1 - f0) / max(S[HL + l], TINY)
+                S[RS + j * L + l] = mean
+                S[RE + j * L + l] = mean
+    reduce_step(S, props)
+    for l in range(L):
+        rest = S[REM + l] - S[HL + l]
+        S[REM + l] = rest if rest > DONE * h else 0.0
+        I[TRIES + l] += I[TAKEN + l]
+    for l in range(L):
+        if I[TAKEN + l] != 0 and (CONCLUDES or I[LAND + l] > 0):
+            conclude(S, I, l, h, props)
+    copy(S)
+    left = 0
+    for l in range(L):
+        rest = S[REM + l]
+        left += 1 if rest > 0.0 else 0
+        I[FALLBACK + l] |= 1 if (rest > 0.0) & (I[TRIES + l] >= MAX_TRIES) else 0
+    return left
