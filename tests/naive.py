@@ -16,11 +16,12 @@ Conventions where a choice had to be made:
 * ``impact_force_max`` and ``penetration_max`` are largest positive values (0 where nothing touched).
 * ``d`` has to exceed ``TOUCH`` (1e-13 m) to be seen as a touch, which keeps rounding noise of buildings that move
   alike from counting; the instant reported is still the one at which ``d`` left zero.
-* ``stereomechanical``: velocities jump at the onset; ``impulse`` and ``contact_work`` take the jump. Where the rebound
-  would be slower than ``REST`` and the floors are pressed together they stick: their accelerations are equal, by the
-  force that follows, which counts in ``impulse``, until it would pull. Impacts at one instant are taken pair by pair from
-  the left and floor by floor from the bottom; those who stick then share their momentum. Floors that stick again at a
-  rate of less than ``SAME`` have no new onset. ``impact_force_max`` and ``penetration_max`` mean nothing.
+* ``stereomechanical``: velocities jump at the onset; ``impulse`` and ``contact_work`` take the jump. Impacts at one
+  instant are taken pair by pair from the left and floor by floor from the bottom, until no floors approach; those of one
+  contact are one onset. A rebound slower than ``REST`` is none. Floors that neither approach nor part, and are pressed
+  together, stick: their accelerations are equal, by the force that follows (it counts in ``impulse``), until it would
+  pull. Floors that stick again at a rate of less than ``SAME`` have no new onset, nor have floors that stick when struck,
+  unless they rebound. ``impact_force_max`` and ``penetration_max`` mean nothing.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ V0_FLOOR = 1e-3  # m/s, least approach speed a law may divide by
 TOUCH = 1e-13  # m (or m/s), an event function must exceed this to have crossed zero
 SAMPLES = 13  # points per integrator step at which events and peaks are looked for
 MAX_EVENTS_PER_INTERVAL = 1000
-REST = 1e-3  # m/s, rebound speed below which floors that are pressed together stick
+REST = 1e-3  # m/s, rebound speed below which there is no rebound
 SAME = 1e-6  # m/s, rate at which they neither approach nor part
 
 OPEN, CLOSED, REBOUND, CLIPPED, YIELDING, SPENT = range(6)
@@ -441,45 +442,41 @@ class _Solver:
 
     def collide(self, t, touched, y, at):
         """Velocity jumps of the contacts `at` this instant, and which of them stick from now on."""
-        row = self.row
-        rate = row.B @ y[self.iv]
+        row, rested, counted = self.row, self.state == CLOSED, np.zeros(self.row.np, dtype=bool)
 
         def onset(p, v):
-            if v > SAME or not self.count[p]:
+            if not counted[p] and (v > SAME or not self.count[p]):
                 self.count[p] += 1
+            counted[p] = True
             self.approach[p] = max(self.approach[p], v)
             self.first[p] = float(touched) if self.first[p] is None else self.first[p]
 
-        def jump(p):
-            v = rate[p]
-            impulse = (1.0 + self.e) * row.meff[p] * v
-            y[self.iv] -= row.B[p] / row.m * impulse
-            y[self.i_imp][p] += impulse
-            y[self.i_work][p] += 0.5 * impulse * v * (1.0 - self.e)
-            onset(p, v)
-            rate[:] = row.B @ y[self.iv]
-            transfer = self.energies(y)[2]
-            self.peak[-2 * row.nb :] = np.maximum(self.peak[-2 * row.nb :], np.concatenate([transfer, -transfer]))
-
-        hit = True
-        while hit:
-            hit = False
+        meeting = True
+        while meeting:
+            meeting = False
             for p in np.flatnonzero(at):
-                if self.e * rate[p] > REST:
-                    jump(p)
-                    hit = True
-            if hit:
-                continue
-            stick = self.sticking(t, y, at & (rate >= -SAME))
-            for p in np.flatnonzero(at & ~stick & (rate > 0.0)):
-                hit = hit or rate[p] > SAME
-                jump(p)
-        impulse = self.holding(y[self.iv], stick)
-        for p in np.flatnonzero(stick & (self.state == OPEN)):
-            onset(p, max(rate[p], 0.0))
+                v = row.B[p] @ y[self.iv]
+                if v <= SAME:
+                    continue
+                meeting = True
+                e = self.e if self.e * v > REST else 0.0
+                if e > 0.0 or not rested[p]:
+                    onset(p, v)
+                impulse = (1.0 + e) * row.meff[p] * v
+                y[self.iv] -= row.B[p] / row.m * impulse
+                y[self.i_imp][p] += impulse
+                y[self.i_work][p] += 0.5 * impulse * v * (1.0 - e)
+                transfer = self.energies(y)[2]
+                self.peak[-2 * row.nb :] = np.maximum(self.peak[-2 * row.nb :], np.concatenate([transfer, -transfer]))
+        rate = row.B @ y[self.iv]
+        still = at & (rate >= -SAME)
+        impulse = self.holding(y[self.iv], still)
         y[self.iv] -= row.B.T @ impulse / row.m
         y[self.i_imp] += impulse
         y[self.i_work] += 0.5 * impulse * rate
+        stick = self.sticking(t, y, still)
+        for p in np.flatnonzero(stick & ~rested):
+            onset(p, max(rate[p], 0.0))
         self.state = np.where(stick, CLOSED, OPEN)
         return y
 

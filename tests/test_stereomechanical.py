@@ -11,6 +11,7 @@ from scenes import EVERY, OUTPUTS, motions, row
 from test_kernels import both, errors, twins
 
 import pounding_sweep as ps
+from pounding_sweep.cube.merge import merge_cubes
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.errors import SweepError
 from pounding_sweep.sweep.spec import METHODS
@@ -173,7 +174,7 @@ def truth(name):
     return {**found, "law": "stereomechanical"}
 
 
-@pytest.mark.parametrize(("method", "within"), [("rk4", 3e-5), ("newmark", 2e-2), ("exact", 3e-5)])
+@pytest.mark.parametrize(("method", "within"), [("rk4", 1e-3), ("newmark", 2e-2), ("exact", 1e-3)])
 @pytest.mark.parametrize("name", SCENES)
 def test_floors_that_bounce_rest_and_part_move_like_the_slow_twin(name, method, within):
     scene, e, points = SCENES[name]
@@ -228,18 +229,18 @@ def test_a_floor_at_rest_that_is_struck_hands_the_blow_on(method):
 
 def test_force_and_penetration_mean_the_same_however_a_scenario_was_answered(tmp_path):
     """Missing where floors touched, 0 where they did not: by their own run, or by that without pounding."""
-    parts = {}
+    files, cubes = [], []
     for name, gaps in (("far", [0.5, 0.6, 0.7, 0.8]), ("near", [0.5, 0.002])):
+        files.append(tmp_path / f"{name}.nc")
         sweep = ps.Sweep(
             row(), records=motions()[0], laws="stereomechanical", gaps=gaps, restitutions=[0.4], outputs=EVERY, dt=2e-3
         )
-        parts[name] = sweep.run()
-    near, far = parts["near"], parts["far"]
+        cubes.append(sweep.run(files[-1]))
+    far, near = cubes
+    touched = near.impact_count.sel(gap=0.002) > 0
+    assert touched.any()
     for name in ("impact_force_max", "penetration_max"):
-        assert (far[name].isnull() == False).any()  # noqa: E712
         np.testing.assert_array_equal(near[name].sel(gap=0.5), far[name].sel(gap=0.5))
-        touched = near.impact_count.sel(gap=0.002) > 0
-        assert touched.any()
+        assert float(far[name].max()) == 0.0
         assert near[name].sel(gap=0.002).where(touched).isnull().all()
-    merged = ps.merge([near, far])
-    assert merged.sizes["gap"] == 5
+    assert merge_cubes(files, tmp_path / "all.nc").scenarios == 5

@@ -239,8 +239,8 @@ _ALL = (
         _CONTACT,
         "m",
         "largest penetration",
-        "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. Missing where floors "
-        "touched under a law without a force (velocities jump).",
+        "Largest positive penetration d = u_left - u_right - gap, 0 where the floors never touched. Missing where "
+        "floors touched under a law without a force (velocities jump).",
         _needs("penetration"),
     ),
     Variable(

@@ -246,7 +246,7 @@ class Rk4Step:
                 src(f"{at('U', i)} = {ends[0]}; {at('V', i)} = {ends[1]}")
 
     def _join(self, stage: int, weight: str) -> None:
-        """Accelerations of floors that rest on each other: the mean by mass along each row of them (``join`` in lanes)."""
+        """Accelerations of floors that rest on each other: the mean by mass along each row of them, as ``join`` has it."""
         src, at, contacts = self.src, self.slots.at, self.shape.contacts
         before = {right: j for j, (_, right, _) in enumerate(contacts) if right >= 0}
         after = {left: j for j, (left, _, _) in enumerate(contacts) if left >= 0}
@@ -258,7 +258,7 @@ class Rk4Step:
                 b = before[left]
                 total, mass = f"{total} + (jt{b} if on{b} else 0.0)", f"{mass} + (jm{b} if on{b} else 0.0)"
             src(f"jt{j} = {total}; jm{j} = {mass}")
-        for j, (left, right, _) in reversed(list(enumerate(contacts))):
+        for j, (_, right, _) in reversed(list(enumerate(contacts))):
             wall = f"jt{j} / (jm{j} + WALL_MASS)"
             mean = wall if right < 0 else f"(jt{j} + m{right} * a{stage}{right}) / (jm{j} + m{right})"
             src(f"ja{j} = {mean}")

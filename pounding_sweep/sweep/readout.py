@@ -52,7 +52,7 @@ _DIRECT: dict[str, tuple[str, str]] = {
 }
 
 
-#: What a law without a contact force (velocities jump) can't answer where floors touched; its kernels leave a mark there.
+#: What a law without a contact force (velocities jump) can't answer where floors touched; kernels leave a mark there.
 NEEDS_FORCE = frozenset({"impact_force_max", "penetration_max"})
 
 

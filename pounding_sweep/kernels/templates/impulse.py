@@ -176,11 +176,13 @@ def first_event(S, I, l, h, props):
 def note_onset(S, I, l, j, v, h):
     """An impact at the rate v: count, first time, largest rate; force and penetration are without meaning from now on.
 
-    Floors that rest again before they had really parted have no new impact.
+    Jumps of one contact at one instant are one impact (NEXT = 2: it has been counted), and floors
+    that rest again before they had really parted have none.
     """
     q = j * L + l
-    if HAS_COUNT and (v > PARTED * RESTING_SPEED or S[COUNT + q] == 0.0):
+    if HAS_COUNT and I[NEXT + q] == 1 and (v > PARTED * RESTING_SPEED or S[COUNT + q] == 0.0):
         S[COUNT + q] += 1.0
+    I[NEXT + q] = 2
     if HAS_FIRST_TIME and S[TFIRST + q] < 0.0:
         S[TFIRST + q] = I[STEP + l] * h + (h - S[REM + l])
     if HAS_APPROACH_SPEED:
@@ -192,11 +194,9 @@ def note_onset(S, I, l, j, v, h):
 
 
 @njit(**OPTIONS)
-def jump(S, I, l, j, v, h, props):
+def jump(S, l, j, v, e, props):
     """Velocities of two floors that meet at the rate v jump: v -> -e v, momentum kept (Newton's impact law)."""
-    note_onset(S, I, l, j, v, h)
     q = j * L + l
-    e = S[C + q]
     m = props[P_REDUCED + j]
     p = (1.0 + e) * m * v
     if LEFT[j] >= 0:
@@ -222,26 +222,46 @@ def transfer_jumps(S, l, props):
 
 
 @njit(**OPTIONS)
-def bounce(S, I, l, h, props):
-    """Impacts (NEXT = 1) whose rebound is not too slow to matter: velocities jump, until no such floors approach."""
+def collide(S, I, l, h, props):
+    """Impacts of the contacts at this instant (NEXT > 0), until none of their floors approach.
+
+    A rebound slower than RESTING_SPEED is none. Floors at rest that are struck have an impact if they rebound.
+    """
     for _ in range(MAX_TRIES):
         again = False
         for j in range(NC):
-            if I[NEXT + j * L + l] == 1:
-                v = relative(S, V, j, l)
-                if S[C + j * L + l] * v > RESTING_SPEED:
-                    jump(S, I, l, j, v, h, props)
-                    again = True
+            q = j * L + l
+            v = relative(S, V, j, l)
+            if I[NEXT + q] > 0 and v > PARTED * RESTING_SPEED:
+                e = S[C + q] if S[C + q] * v > RESTING_SPEED else 0.0
+                if I[MODE + q] == 0 or e > 0.0:
+                    note_onset(S, I, l, j, v, h)
+                jump(S, l, j, v, e, props)
+                again = True
         if not again:
             break
 
 
 @njit(**OPTIONS)
-def choose(S, I, l, props):
-    """Which of the contacts at this instant (NEXT = 1) rest from now on (KE): those that do not part and are pressed."""
+def halt(S, I, l, props):
+    """Floors at this instant (NEXT > 0) that do not part (KE) stop to approach: what `collide` has left of it."""
     for j in range(NC):
         q = j * L + l
-        S[KE + q] = 1.0 if I[NEXT + q] == 1 and relative(S, V, j, l) >= -PARTED * RESTING_SPEED else 0.0
+        S[V1 + q] = relative(S, V, j, l)
+        S[KE + q] = 1.0 if I[NEXT + q] > 0 and S[V1 + q] >= -PARTED * RESTING_SPEED else 0.0
+    join(S, l, V, props)
+    for j in range(NC):
+        q = j * L + l
+        if HAS_IMPULSE:
+            S[IMPULSE + q] += S[FORCE + q]
+        if HAS_WORK:
+            S[WORK + q] += 0.5 * S[FORCE + q] * S[V1 + q]
+    transfer_jumps(S, l, props)
+
+
+@njit(**OPTIONS)
+def choose(S, l, props):
+    """Which of the contacts marked in KE rest from now on: those that are pressed. The others are unmarked."""
     for _ in range(NC + 1):
         rests(S, l, props)
         least = -RELEASED
@@ -268,36 +288,17 @@ def apply_events(S, I, l, theta, h, props):
         due = S[TJ + q] < 1.0 and S[TJ + q] <= theta + SAME_TIME
         pressed = I[MODE + q] == 1 and S[FE + q] > RELEASED * props[P_REDUCED + j]
         I[NEXT + q] = 1 if pressed or (due == (I[MODE + q] == 0)) else 0
-    for _ in range(MAX_TRIES):
-        bounce(S, I, l, h, props)
-        choose(S, I, l, props)
-        slow = False
-        for j in range(NC):
-            q = j * L + l
-            v = relative(S, V, j, l)
-            if I[NEXT + q] == 1 and S[KE + q] == 0.0 and v > 0.0:
-                jump(S, I, l, j, v, h, props)  # however slow: the row pulls them apart
-                slow = slow or v > PARTED * RESTING_SPEED
-        if not slow:
-            break
-    for j in range(NC):
-        S[V1 + j * L + l] = relative(S, V, j, l)
-    join(S, l, V, props)
+    collide(S, I, l, h, props)
+    halt(S, I, l, props)
+    choose(S, l, props)
     I[SHUT + l] = 0
     for j in range(NC):
         q = j * L + l
         mode = 1 if S[KE + q] > 0.0 else 0
-        if mode == 1:
-            if HAS_IMPULSE:
-                S[IMPULSE + q] += S[FORCE + q]
-            if HAS_WORK:
-                S[WORK + q] += 0.5 * S[FORCE + q] * S[V1 + q]
-            if I[MODE + q] == 0:
-                note_onset(S, I, l, j, S[V1 + q], h)
+        if mode > I[MODE + q]:
+            note_onset(S, I, l, j, S[V1 + q], h)
         I[MODE + q] = mode
         I[SHUT + l] += mode
-    transfer_jumps(S, l, props)
-    rests(S, l, props)
 
 
 @njit(**OPTIONS)
