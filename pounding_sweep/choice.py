@@ -83,7 +83,7 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
     Parameters
     ----------
     spec : SweepSpec
-        A sweep; its scheme and step are used.
+        A sweep; its scheme, step and number format are used.
     case : int, optional
         Number of a listed case, from 1.
     **choice
@@ -151,6 +151,7 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
         gamma=spec.gamma if newmark else None,
         force_unstable=spec.force_unstable,
         restitution_basis=spec.restitution_basis,
+        precision=spec.precision,
     )
     taken = replace(own, stiffness=absolute, stiffness_factor=factor, restitution=restitution, scale=scale)
     details = "; ".join(_details(spec, taken, law, given, case))

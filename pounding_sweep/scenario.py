@@ -45,7 +45,7 @@ def simulate(
     gamma: float | None = None,
     force_unstable: bool = False,
     restitution_basis: str = "published",
-    precision: str = "float64",
+    precision: str | None = None,
     accuracy: float | None = None,
 ) -> xr.Dataset:
     """Run one scenario and return its histories.
@@ -78,8 +78,8 @@ def simulate(
     restitution_basis : {"published", "realised"}
         Whether damping follows from the restitution by the law's published formula,
         or so that two free masses rebound at exactly it.
-    precision : {"float64", "float32"}
-        Number format of the kernel.
+    precision : {"float64", "float32"}, optional
+        Number format of the kernel; "float64" by default, with `accuracy` the cheaper that reaches it.
     accuracy : float, optional
         Relative error asked for, 1e-6 to 1e-2, instead of a step.
 

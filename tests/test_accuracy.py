@@ -215,6 +215,20 @@ def test_simulate_reaches_it_too():
     assert one.sizes["time"] == round(record.duration / one.attrs["time_step"]) + 1
 
 
+def test_simulate_chooses_the_number_format_too():
+    """As a sweep does; the format that is asked for stays."""
+    for accuracy in (1e-2, 1e-6):
+        spec = build_spec(scene=pair(), records=motions()[1], laws="linear", accuracy=accuracy)
+        one = ps.simulate(pair(), motions()[1], law="linear", accuracy=accuracy)
+        assert (
+            one.attrs["precision"]
+            == make_plan(spec).numerics.precision
+            == ("float32" if accuracy > 1e-4 else "float64")
+        )
+    named = ps.simulate(pair(), motions()[1], law="linear", accuracy=1e-2, precision="float64")
+    assert named.attrs["precision"] == "float64"
+
+
 def test_simulate_allows_for_the_speed_at_the_start():
     still = Record("still", 0.01, np.zeros(20))
     steps = []

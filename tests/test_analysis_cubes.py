@@ -179,10 +179,10 @@ class TestSelections:
         touching = analysis.impact_statistics(part, ["record", "scale"]).touching
         whole = analysis.impact_statistics(cube, ["record", "scale"]).touching
         np.testing.assert_array_equal(touching, whole.sel(gap=0.02, restitution=0.6, pair="a-b", storey=1))
-        curve = analysis.fragility(part.sel(law="linear"), resamples=0)
+        curve = analysis.fragility(part.sel(law="linear"), confidence=None)
         assert curve.pair == "a-b"
         assert curve.law == "linear"
-        whole = analysis.fragility(cube.sel(storey=[1]), resamples=0)
+        whole = analysis.fragility(cube.sel(storey=[1]), confidence=None)
         same = whole.sel(law="linear", gap=0.02, restitution=0.6, pair="a-b")
         assert curve.fit_status == same.fit_status
         assert curve.trials == same.trials
@@ -424,6 +424,29 @@ class TestSuites:
             assert mine.drift_max_count == len(there)
             expected = np.quantile(there, [0.16, 0.5, 0.84]) if there else [np.nan] * 3
             np.testing.assert_allclose(mine.drift_max_fractiles, expected)
+
+    def test_incremental_curves_of_both_directions(self):
+        """A record at negative scales is another motion: the fractiles are of twice as many curves."""
+        scales = [-2.0, -1.0, 1.0, 2.0]
+        levels = [2.0, 3.3, 5.0, 6.0]
+        cube = hand_cube({"record": list(PGA), "scale": scales}, random_fill(4, "drift_max"))
+        found = analysis.incremental_curves(cube, ["drift_max"], levels=levels)
+        apart = []
+        for way in ([1.0, 2.0], [-1.0, -2.0]):
+            one = cube.sel(scale=way).assign_coords(record=[f"{name} {way[0]:g}" for name in PGA], scale=[1.0, 2.0])
+            apart.append(one)
+        suite = analysis.incremental_curves(xr.concat(apart, "record"), ["drift_max"], levels=levels)
+        assert found.attrs["curves"] == suite.attrs["curves"] == 2 * len(PGA)
+        assert int(found["drift_max_count"].max()) > len(PGA)
+        for name in ("drift_max_fractiles", "drift_max_count"):
+            np.testing.assert_array_equal(found[name], suite[name])
+
+    def test_reversed_records_alone_are_one_direction(self):
+        there = hand_cube({"record": list(PGA), "scale": [1.0, 2.0]}, random_fill(4, "drift_max"))
+        back = there.assign_coords(scale=[-1.0, -2.0])
+        xr.testing.assert_equal(
+            analysis.incremental_curves(back).drop_vars("scale"), analysis.incremental_curves(there).drop_vars("scale")
+        )
 
     def test_incremental_curves_against_another_intensity(self):
         cube = hand_cube({"record": ["one", "two"], "scale": [1.0, 2.0]}, random_fill(1, "drift_max"))

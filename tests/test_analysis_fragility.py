@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,14 +12,21 @@ import xarray as xr
 from analysis_cubes import LAWS, hand_cube, random_fill
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import ndtr
 
 from pounding_sweep.analysis import fragility
 from pounding_sweep.analysis.events import EVENTS
 from pounding_sweep.analysis.fragilities import sentence
-from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, LognormalFit, fit_lognormal, limit, probability
+from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, LognormalFit, fit_lognormal, probability
 from pounding_sweep.analysis.rows import fit_rows
 from pounding_sweep.cube.variables import VARIABLES, Status
 from pounding_sweep.errors import InputError
+
+_PLACE = importlib.util.spec_from_file_location(
+    "interval_coverage", Path(__file__).parents[1] / "docs" / "interval_coverage.py"
+)
+interval_coverage = importlib.util.module_from_spec(_PLACE)
+_PLACE.loader.exec_module(interval_coverage)
 
 
 def naive_loss(median, dispersion, x, happened):
@@ -63,28 +72,8 @@ class TestFit:
 
     def test_many_trials_give_back_what_they_were_drawn_from(self):
         fit = fit_lognormal(*simulated(50_000, 1.7, 0.35, seed=3))
-        errors = np.sqrt(np.diag(fit.covariance))
-        assert abs(math.log(fit.median / 1.7)) < 4 * errors[0]
-        assert abs(math.log(fit.dispersion / 0.35)) < 4 * errors[1]
-        assert errors.max() < 0.03
-
-    def test_covariance_is_that_of_the_naive_likelihood(self):
-        x, happened = simulated(50, seed=7)
-        fit = fit_lognormal(x, happened)
-        at = np.log([fit.median, fit.dispersion])
-        h = 1e-3
-        hessian = np.empty((2, 2))
-        for i, j in np.ndindex(2, 2):
-            total = 0.0
-            for si, sj in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-                p = at + h * (si * np.eye(2)[i] + sj * np.eye(2)[j]) / (2 if i == j else 1)
-                total += si * sj * naive_loss(*np.exp(p), x, happened) if i != j else 0.0
-            if i == j:
-                e = h * np.eye(2)[i]
-                total = naive_loss(*np.exp(at + e), x, happened) + naive_loss(*np.exp(at - e), x, happened)
-                total -= 2 * naive_loss(*np.exp(at), x, happened)
-            hessian[i, j] = total / (h**2 if i == j else 4 * h**2)
-        np.testing.assert_allclose(np.linalg.inv(hessian), fit.covariance, rtol=2e-3)
+        assert fit.median == pytest.approx(1.7, rel=0.02)
+        assert fit.dispersion == pytest.approx(0.35, rel=0.05)
 
     @given(st.floats(1e-3, 1e3), st.integers(0, 3))
     def test_units_of_the_intensity_do_not_matter(self, factor, seed):
@@ -92,14 +81,6 @@ class TestFit:
         one, other = fit_lognormal(x, happened), fit_lognormal(factor * x, happened)
         assert other.status == one.status
         np.testing.assert_allclose([other.median, other.dispersion], [factor * one.median, one.dispersion], rtol=1e-5)
-
-    @given(st.lists(st.integers(0, 4), min_size=12, max_size=12))
-    def test_a_weight_is_a_number_of_trials(self, weights):
-        x, happened = simulated(12, dispersion=0.8, seed=2)
-        one = fit_lognormal(x, happened, np.array(weights, float))
-        other = fit_lognormal(np.repeat(x, weights), np.repeat(happened, weights))
-        assert one.status == other.status
-        np.testing.assert_allclose([one.median, one.dispersion], [other.median, other.dispersion], rtol=1e-5)
 
     @settings(max_examples=300)
     @given(st.lists(st.tuples(st.sampled_from([0.0, 0.5, 1.0, 2.0, 4.0]), st.booleans()), max_size=12))
@@ -111,8 +92,6 @@ class TestFit:
         if fit.status == FitStatus.FITTED:
             assert 0.05 <= fit.median <= 40.0
             assert 0.0 < fit.dispersion <= 5.0
-            assert np.isfinite(fit.covariance).all()
-            assert (np.diag(fit.covariance) > 0).all()
         else:
             assert np.isnan([fit.median, fit.dispersion]).all()
 
@@ -139,16 +118,10 @@ class TestFit:
         for found, expected in ((fit.low, low), (fit.high, high)):
             assert np.isnan(found) if expected is None else found == expected
 
-    def test_probability_and_limits(self):
+    def test_probability(self):
         fit = LognormalFit(FitStatus.FITTED, 2.0, 0.5)
         np.testing.assert_allclose(probability(fit, np.array([2.0, 2.0 * math.exp(0.5)])), [0.5, 0.8413447], rtol=1e-6)
-        x = np.array([1.0, 2.0, 4.0, 8.0])
-        step = limit(fit_lognormal(x, x > 3.0))
-        assert step.median == pytest.approx(math.sqrt(8.0))
-        np.testing.assert_array_equal(probability(step, x), [0.0, 0.0, 1.0, 1.0])
-        np.testing.assert_array_equal(probability(limit(fit_lognormal(x, x > 9.0)), x), 0.0)
-        np.testing.assert_array_equal(probability(limit(fit_lognormal(x, x > 0.0)), x), 1.0)
-        assert np.isnan(probability(limit(fit_lognormal(x, x < 3.0)), x)).all()
+        assert np.isnan(probability(LognormalFit(FitStatus.NEVER, low=1.0), np.array([1.0, 2.0]))).all()
 
     def test_every_status_has_words(self):
         for status in FIT_STATUS:
@@ -179,7 +152,7 @@ def suite(seed=0, status=None, **changes):
 class TestCube:
     def test_fit_of_each_cell(self):
         cube, touches = suite()
-        found = fragility(cube, resamples=20)
+        found = fragility(cube)
         cell = found.sel(law="linear", gap=0.01, pair="a-b")
         x = np.broadcast_to(SCALES, touches.shape)
         fit = fit_lognormal(x.ravel(), touches.ravel())
@@ -187,9 +160,6 @@ class TestCube:
         assert float(cell.dispersion) == fit.dispersion
         assert cell.trials == 60
         assert cell.happened_count == touches.sum()
-        z = 1.959964
-        expected = fit.median * np.exp(np.array([-z, z]) * math.sqrt(fit.covariance[0, 0]))
-        np.testing.assert_allclose(cell.median_interval.sel(interval="information"), expected, rtol=1e-6)
         np.testing.assert_allclose(cell.probability, probability(fit, cell.intensity.values))
         assert found["median"].attrs["units"] == found.intensity.attrs["units"] == "m s-2"
         never = found.sel(law="linear", gap=0.5, pair="a-b")
@@ -197,67 +167,104 @@ class TestCube:
         assert sentence(never) == "never happened: the median is above 4 m s-2, the strongest motion tried"
         assert found.law.values.tolist() == ["linear"]
 
-    def test_bootstrap_draws_whole_records(self):
-        """Against a plain loop over resamples, in which the trials of a drawn record are repeated."""
-        cube, touches = suite(seed=1)
-        found = fragility(cube, resamples=150, seed=11, confidence=0.9).sel(law="linear", gap=0.01, pair="a-b")
-        rng = np.random.default_rng(11)
-        medians = []
-        for draw in rng.multinomial(12, np.full(12, 1 / 12), size=150):
-            rows = np.repeat(np.arange(12), draw)
-            fit = limit(fit_lognormal(np.tile(SCALES, 12), touches[rows].ravel()))
-            medians.append(fit.median)
-        low = np.quantile(medians, 0.05, method="lower")
-        high = np.quantile(medians, 0.95, method="higher")
-        np.testing.assert_allclose(found.median_interval.sel(interval="bootstrap"), [low, high], rtol=1e-5)
-        again = fragility(cube, resamples=150, seed=11, confidence=0.9).sel(law="linear", gap=0.01, pair="a-b")
-        xr.testing.assert_identical(found, again)
+    def test_intervals_are_of_pseudo_values_of_whole_records(self):
+        """Against scipy's own interval of a mean, of numbers that a plain loop over the records gives."""
+        from scipy.stats import t
 
-    def test_bootstrap_is_wider_where_records_repeat(self):
-        """Fifty scales of one record are hardly more than one trial: only the bootstrap knows."""
-        rng = np.random.default_rng(4)
-        scales = np.linspace(0.2, 4.0, 50)
-        threshold = 1.3 * np.exp(0.5 * rng.standard_normal(15))
-        count = (scales[None, :] > threshold[:, None])[..., None, None]
-        records = [f"r{i}" for i in range(15)]
-        cube = hand_cube({"record": records, "scale": scales}, {"impact_count": count})
-        spans = np.log(fragility(cube).median_interval.sel(pair="a-b")).diff("bound").squeeze()
-        assert float(spans.sel(interval="bootstrap")) > 1.5 * float(spans.sel(interval="information"))
+        cube, touches = suite(seed=0)
+        level = 1.3
+        cell = fragility(cube, confidence=0.9, levels=[level]).sel(law="linear", gap=0.01, pair="a-b")
+        whole = fit_lognormal(np.tile(SCALES, 12), touches.ravel())
+        logs, widths = [], []
+        for record in range(12):
+            fit = fit_lognormal(np.tile(SCALES, 11), np.delete(touches, record, axis=0).ravel())
+            logs.append(12 * math.log(whole.median) - 11 * math.log(fit.median))
+            widths.append(12 * whole.dispersion - 11 * fit.dispersion)
+        low, high = t.interval(0.9, 11, np.mean(logs), np.std(logs, ddof=1) / math.sqrt(12))
+        np.testing.assert_allclose(cell.median_interval, np.exp([low, high]), rtol=1e-9)
+        centre, error = np.mean(widths), np.std(widths, ddof=1) / math.sqrt(12) / whole.dispersion
+        low, high = t.interval(0.9, 11, math.log(centre), error)
+        np.testing.assert_allclose(cell.dispersion_interval, np.exp([low, high]), rtol=1e-9)
+        away = (math.log(level) - np.mean(logs)) / centre
+        turned = (np.array(logs) + away * np.array(widths)) / whole.dispersion
+        low, high = t.interval(0.9, 11, away, np.std(turned, ddof=1) / math.sqrt(12))
+        np.testing.assert_allclose(cell.probability_interval[:, 0], ndtr([low, high]), rtol=1e-9)
+        assert fragility(cube, confidence=0.9).attrs["confidence"] == 0.9
+
+    def test_bounds_of_the_probability_rise_with_the_intensity(self):
+        """However uncertain the dispersion: of few records that are nearly separated, and of others."""
+        levels = np.geomspace(0.05, 20.0, 200)
+        spans = []
+        for seed in range(8):
+            cube, _ = suite(seed=seed)
+            cell = fragility(cube.isel(record=slice(8)), levels=levels).sel(law="linear", gap=0.01, pair="a-b")
+            band = cell.probability_interval
+            assert (band.diff("intensity") >= -1e-12).all()
+            assert (band[0] <= cell.probability).all()
+            assert (cell.probability <= band[1]).all()
+            spans.append(float(band[1, -1] - band[0, -1]))
+        assert max(spans) > 0.2  # one of them would turn back
+        assert min(spans) < 0.1
+
+    @pytest.mark.parametrize(("records", "design"), [(10, "8 scales"), (20, "8 scales"), (20, "3 scales")])
+    def test_intervals_hold_what_the_suites_were_drawn_from(self, records, design):
+        """As often as they promise, within what 400 suites can tell and the table in the documentation shows."""
+        found = interval_coverage.measure(records, *interval_coverage.DESIGNS[design], suites=400)
+        intervals = [(found["median_interval"], 1.0), (found["dispersion_interval"], interval_coverage.DISPERSION)]
+        intervals.append((found["probability_interval"].isel(intensity=1), 0.5))
+        for interval, true in intervals:
+            assert 0.91 <= interval_coverage.share(interval, true) <= 0.99
+
+    def test_trials_that_are_separated_without_one_record_still_have_intervals(self):
+        """The dispersion tends to zero there, which widens the intervals."""
+        x = np.array([1.0, 1.5, 2.0, 2.2, 3.0, 4.0, 5.0])
+        count = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0])
+        assert fit_lognormal(np.delete(x, 3), np.delete(count, 3)).status == FitStatus.SEPARATED
+        axes = {"record": [f"r{i}" for i in range(7)], "record_pga": ("record", x), "pair": ["a-b"]}
+        cell = fragility(xr.Dataset({"impact_count": (("record", "pair"), count[:, None])}, axes)).squeeze("pair")
+        assert cell.median_interval[0] < cell["median"] < cell.median_interval[1]
+        assert 0.0 < cell.dispersion_interval[0] < cell.dispersion < cell.dispersion_interval[1]
+        never = xr.Dataset(
+            {"impact_count": (("record", "pair"), [[0.0], [1.0], [0.0]])},
+            axes | {"record": list("abc")} | {"record_pga": ("record", x[:3])},
+        )
+        never = fragility(never).squeeze("pair")  # without the second record it never happens
+        assert never.fit_status == FitStatus.FITTED
+        assert never.median_interval.isnull().all()
 
     def test_scenarios_that_are_not_ok_are_no_trials(self):
         status = np.zeros((2, 2, 12, 5))
         status[1, 0, :3] = int(Status.UNDER_RESOLVED_CONTACT)
         cube, touches = suite(status=status)
-        cell = fragility(cube, resamples=0).sel(law="linear", gap=0.01, pair="a-b")
+        cell = fragility(cube, confidence=None).sel(law="linear", gap=0.01, pair="a-b")
         fit = fit_lognormal(np.tile(SCALES, 9), touches[3:].ravel())
         assert cell.trials == 45
         assert cell.left_out == 15
         assert float(cell["median"]) == pytest.approx(fit.median, rel=1e-9)
-        assert cell.median_interval.sel(interval="bootstrap").isnull().all()
+        assert cell.median_interval.isnull().all()
 
     def test_levels_of_other_events(self):
         drift = np.zeros((len(RECORDS), len(SCALES), 2, 2))
         rng = np.random.default_rng(1)
         drift[:] = rng.uniform(0.2, 2.0, drift.shape) * np.array(SCALES)[:, None, None]
         cube = hand_cube({"record": RECORDS, "scale": SCALES}, {"drift_max": drift})
-        found = fragility(cube, "drift", 0.8, resamples=0)
+        found = fragility(cube, "drift", 0.8, confidence=None)
         expected = fit_lognormal(np.tile(SCALES, 12), (drift[..., 0, :].max(axis=-1) > 0.8).ravel())
         assert float(found["median"].sel(building="a")) == pytest.approx(expected.median, rel=1e-9)
         assert found.attrs["event_in_words"] == "interstorey drift above 0.8 m"
         single = drift[..., 1, 0] > 0.8
         assert found.happened_count.sel(building="b") == single.sum()  # one storey only
 
-    def test_one_record_has_no_bootstrap_and_records_alone_need_no_scale(self):
+    def test_one_record_has_no_interval_and_records_alone_need_no_scale(self):
         count = np.array([0, 1, 0, 1, 1])[:, None, None]
         one = fragility(hand_cube({"scale": SCALES, "record": ["one"]}, {"impact_count": count[:, None]}))
-        assert one.median_interval.sel(interval="bootstrap").isnull().all()
-        assert one.bootstrap_without_fit.isnull().all()
+        assert one.median_interval.isnull().all()
         assert one.trial_intensity.dims == ("record", "scale")
         several = hand_cube({"record": RECORDS[:5]}, {"impact_count": count})
         sa = xr.DataArray(
             [1.0, 2.0, 3.0, 4.0, 5.0], dims="record", coords={"record": RECORDS[:5]}, attrs={"units": "g"}
         )
-        found = fragility(several, intensity=sa, resamples=0)
+        found = fragility(several, intensity=sa)
         expected = fit_lognormal(sa.values, count.ravel() > 0)
         assert float(found["median"].sel(pair="a-b")) == pytest.approx(expected.median, rel=1e-9)
 
@@ -274,8 +281,6 @@ class TestCube:
                 fragility(cube, *arguments)
         with pytest.raises(InputError, match="confidence is 95"):
             fragility(cube, confidence=95)
-        with pytest.raises(InputError, match="resamples is -1"):
-            fragility(cube, resamples=-1)
         with pytest.raises(InputError, match=r"levels are \[0\.0\]"):
             fragility(cube, levels=[0.0])
         with pytest.raises(InputError, match="a law with contact"):
@@ -287,7 +292,7 @@ class TestCube:
 
     def test_rows_are_the_fits(self):
         cube, _ = suite()
-        found = fragility(cube, resamples=30)
+        found = fragility(cube)
         rows = fit_rows(found)
         assert len(rows) == found.fit_status.size == 4
         for row in rows:
@@ -295,10 +300,11 @@ class TestCube:
             assert row["trials"] == cell.trials
             assert row["happened"] == cell.happened_count
             assert row["fit"] == sentence(cell)
-            ends = cell.median_interval.sel(interval="bootstrap", bound="upper")
-            for name, value in (("median", cell["median"]), ("median_upper_bootstrap", ends)):
-                assert row[name] == value if np.isfinite(value) else row[name] is None
-        assert "median_lower_bootstrap" not in fit_rows(fragility(cube, resamples=0))[0]
+            for name in ("median", "dispersion"):
+                ends = cell[f"{name}_interval"].values
+                for key, value in ((name, cell[name]), (f"{name}_lower", ends[0]), (f"{name}_upper", ends[1])):
+                    assert row[key] == value if np.isfinite(value) else row[key] is None
+        assert "median_lower" not in fit_rows(fragility(cube, confidence=None))[0]
 
     def test_events_are_outputs(self):
         for event in EVENTS.values():

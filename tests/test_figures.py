@@ -121,6 +121,16 @@ def test_laws_that_a_figure_needs(tmp_path):
     assert "drift" in drawn.axes[0].get_ylabel() + str(drawn.get_supylabel())
 
 
+@pytest.mark.parametrize(("scales", "sizes"), [([-2.0, -1.0, 1.0, 2.0], [2, 2]), ([-1.0, 1.0, 2.0], [1, 2])])
+def test_both_directions_of_a_record_are_lines_of_their_own(scales, sizes):
+    cube = made.cube(record=2, scale=len(scales)).assign_coords(scale=scales)
+    lines = FIGURES["incremental"].load()(cube).axes[0].lines
+    grey = [line for line in lines if line.get_color() == "0.7"]
+    assert sorted(len(line.get_xdata()) for line in grey) == sorted(2 * sizes)
+    assert all(line.get_marker() == "." for line in grey if len(line.get_xdata()) == 1)
+    assert [line.get_label() for line in lines].count("record") == 1
+
+
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
 def test_files_of_every_kind(suffix, tmp_path):
     path = plot(made.cube(), "force-gap", tmp_path / f"x.{suffix}")

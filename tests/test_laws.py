@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 from hypothesis import given
@@ -23,3 +24,15 @@ def test_slopes_are_those_of_the_formulas(law, d):
             step = 1e-4 * d
             rise = (value(force, d + step) - value(force, d - step)) / (2.0 * step)
             assert value(slope, d) == pytest.approx(rise, rel=1e-6, abs=1e-3)
+
+
+def test_every_source_can_be_found():
+    """Each names its year, and the journal with volume and pages, the conference or the publisher."""
+    for law in LAWS.values():
+        for source in law.reference.split("; "):
+            if source not in ("-", "Newton's impact law"):
+                assert re.search(r"\((18|19|20)\d\d\)", source), source
+                assert re.search(r" \d+(\(\w+\))?, \d+-\d+$|Conference|Edward Arnold", source), source
+    assert "Earthq. Eng. Eng. Vib. 8(3)" in LAWS["modified_kelvin"].reference
+    assert "Earthquake Eng. Struct. Dyn. 38, 1135" in LAWS["ye_hertz"].reference
+    assert "Wijeyewickrema" in LAWS["modified_kelvin_voigt"].reference

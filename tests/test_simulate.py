@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from naive import NaiveBuilding, run
 
 import pounding_sweep as ps
+from pounding_sweep.choice import simulate_one
 from pounding_sweep.contact.laws import LAWS
 from pounding_sweep.cube.variables import INTEGER_FILL, VARIABLES, Status
 from pounding_sweep.errors import PoundingSweepError, StabilityError
@@ -397,3 +398,18 @@ def test_central_difference_has_a_limit_and_names_its_own_remedy():
     with pytest.raises(StabilityError, match=r"limit of newmark .* dt <= .* beta >= ") as caught:
         ps.simulate("mate2015", "el_centro", law="linear", stiffness=2e6, method="newmark", beta=0.0, dt=0.02)
     assert "the newmark scheme" not in str(caught.value)
+
+
+def test_one_scenario_of_a_sweep_has_the_numbers_of_the_sweep():
+    """The histories of a sweep in single precision are those of its kernel: their peaks are the cube's, bit by bit."""
+    settings_ = {"laws": "linear", "stiffnesses": 8e5, "dt": 2e-3, "outputs": ["displacement_max", "impact_force_max"]}
+    found = {}
+    for precision in ("float64", "float32"):
+        sweep = ps.Sweep(PAIR, SHAKING, **settings_, precision=precision)
+        one, cube = simulate_one(sweep.spec), sweep.run(workers=1).squeeze()
+        assert one.attrs["precision"] == precision
+        for name in settings_["outputs"]:
+            assert np.array_equal(one[name].squeeze(), cube[name])
+        found[precision] = one["displacement"]
+    assert not np.array_equal(found["float64"], found["float32"])
+    np.testing.assert_allclose(found["float32"], found["float64"], atol=1e-3 * float(abs(found["float64"]).max()))

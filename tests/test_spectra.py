@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 import importlib.util
+import itertools
 import os
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.signal import lsim
 
 import pounding_sweep as ps
@@ -23,12 +25,10 @@ from pounding_sweep.errors import InputError, RecordError
 from pounding_sweep.figures import plot
 from pounding_sweep.figures.ground_motion import ground_motion
 from pounding_sweep.figures.response_spectra import response_spectra
-from pounding_sweep.kernels.spectrum import MOST_STEPS, STEPS_PER_PERIOD, steps_of
+from pounding_sweep.kernels.spectrum import MOST_STEPS, STEPS_PER_PERIOD
 from pounding_sweep.records import records_dataset
 
 EL_CENTRO = ps.find_record("el_centro")
-#: What peaks at even times can miss of a vibration.
-MISSED = 1.0 - np.cos(np.pi / STEPS_PER_PERIOD)
 
 
 def oscillator(period, damping):
@@ -38,53 +38,82 @@ def oscillator(period, damping):
     return a, [[0.0], [-1.0]], [[1.0, 0.0], [-(w**2), -2 * damping * w]], [[0.0], [0.0]]
 
 
-def naive_peaks(acceleration, dt, period, damping, steps):
-    """Peaks of u and of the total acceleration by scipy, exact for lines too, at `steps` times per interval."""
-    time = np.arange((len(acceleration) - 1) * steps + 1) * (dt / steps)
-    ground = np.interp(time, np.arange(len(acceleration)) * dt, acceleration)
-    _, out, _ = lsim(oscillator(period, damping), ground, time)
-    return np.abs(out).max(axis=0)
+def dense_peaks(acceleration, dt, period, damping):
+    """Largest pseudo- and total acceleration by matrix exponentials, at 4000 times a period, 256 an interval at least.
+
+    Such times miss 5e-6 of the total acceleration's and the ground's peak together, or less.
+    """
+    a, b, c, _ = map(np.array, oscillator(period, damping))
+    whole = np.block([[a, b, np.zeros((2, 1))], [np.zeros((2, 4))]])  # of u, u', the ground and its slope
+    whole[2, 3] = 1.0
+    n = max(256, int(4000 * dt / period))
+    moved = [expm(whole * dt / n)]
+    while len(moved) < n:  # by doubling
+        moved = [*moved, *(np.array(moved) @ moved[-1])]
+    moved, c = np.array(moved[:n]), c * [[(2 * np.pi / period) ** 2], [1.0]]
+    state, peaks = np.zeros(2), np.zeros(2)
+    for start, end in itertools.pairwise(acceleration):
+        states = moved @ np.array([*state, start, (end - start) / dt])
+        peaks = np.maximum(peaks, np.abs(states[:, :2] @ c.T).max(axis=0))
+        state = states[-1, :2]
+    return peaks
+
+
+def promised(damping, pseudo, total, ground):
+    """Return what peaks of cubics over steps h err by at most, of the pseudo- and of the total acceleration a.
+
+    That is h^4 / 384 times the largest fourth derivative. With g linear, w^2 u has w^2 a'', where
+    |a''| <= w^2 |a - g| + |2 z w a'| + 2 z w |g'|, and |g'| <= 2 PGA / h. Of a it is
+    (4 z^2 - 1) w^2 a'' + 2 z w^3 (a' - g'), where 2 z w v = -(a + w^2 u) bounds |2 z w a'|.
+    """
+    angle = 2 * np.pi / STEPS_PER_PERIOD
+    relative, four = total + ground, 4 * damping**2
+    slope = total + pseudo + four * relative  # |2 z w a'| / w^2
+    jump = 4 * damping * ground / angle  # |2 z w g'| / w^2
+    second = relative + slope + jump
+    return angle**4 / 384 * np.array([second, abs(four - 1) * second + slope + jump])
 
 
 # -- against independent solutions -------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60)
+@settings(max_examples=80)
 @given(
     values=st.lists(st.floats(-5.0, 5.0), min_size=2, max_size=30),
     dt=st.sampled_from([0.002, 0.01, 0.02, 0.5]),
     ratio=st.floats(0.05, 500.0),
-    damping=st.sampled_from([0.0, 0.02, 0.05, 0.3, 0.95]),
+    damping=st.sampled_from([0.0, 0.02, 0.05, 0.2, 0.5, 0.95]),
 )
-def test_any_motion_equals_scipy_at_the_same_times(values, dt, ratio, damping):
-    period = ratio * dt
-    found = response_spectrum((values, dt), period, damping)
-    steps = int(steps_of(np.array([period]), dt)[0])
-    u, total = naive_peaks(values, dt, period, damping, steps)
-    scale = np.abs(values).max() + 1e-12
+def test_the_peaks_of_any_motion_err_by_no_more_than_is_promised(values, dt, ratio, damping):
+    assert_as_promised(np.array(values), dt, ratio * dt, damping)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.05, 0.2, 0.5, 0.99])
+def test_peaks_of_rough_motions_err_by_no_more_than_is_promised(damping):
+    """Ground that turns at every point, and oscillators about as slow as that its points need no others between."""
+    rough = np.where(np.random.default_rng(3).random(40) < 0.5, -1.0, 1.0)
+    for motion, dt in ((rough, 0.01), (EL_CENTRO.acceleration[:150], EL_CENTRO.dt)):
+        for ratio in (1.7, 9.0, 31.9, 32.0, 64.0, 100.0, 1000.0):
+            assert_as_promised(motion, dt, ratio * dt, damping)
+
+
+def assert_as_promised(motion, dt, period, damping):
+    found = response_spectrum((motion, dt), period, damping)
+    pseudo, total = dense_peaks(motion, dt, period, damping)
+    ground = np.abs(motion).max()
+    missed = 5e-6 * (total + ground) + 1e-12
+    allowed = promised(damping, pseudo, total, ground) + missed
     w = 2 * np.pi / period
-    assert found["spectral_displacement"].item() == pytest.approx(u, rel=1e-8, abs=1e-10 * scale / w**2)
-    assert found["absolute_acceleration"].item() == pytest.approx(total, rel=1e-8, abs=1e-10 * scale)
-    assert found["pseudo_velocity"].item() == pytest.approx(w * u, rel=1e-8, abs=1e-10 * scale / w)
-    assert found["pseudo_acceleration"].item() == pytest.approx(w**2 * u, rel=1e-8, abs=1e-10 * scale)
+    assert abs(found["pseudo_acceleration"].item() - pseudo) <= allowed[0]
+    assert abs(found["absolute_acceleration"].item() - total) <= allowed[1]
+    assert found["pseudo_velocity"].item() == pytest.approx(found["pseudo_acceleration"].item() / w, rel=1e-12)
+    assert found["spectral_displacement"].item() == pytest.approx(found["pseudo_acceleration"].item() / w**2, rel=1e-12)
 
 
-@settings(max_examples=30)
-@given(
-    values=st.lists(st.floats(-5.0, 5.0), min_size=3, max_size=30),
-    ratio=st.floats(0.1, 200.0),
-    damping=st.sampled_from([0.0, 0.05, 0.5]),
-)
-def test_peaks_miss_no_more_than_is_promised(values, ratio, damping):
-    dt = 0.01
-    found = response_spectrum((values, dt), ratio * dt, damping)
-    steps = int(steps_of(np.array([ratio * dt]), dt)[0])
-    u, total = naive_peaks(values, dt, ratio * dt, damping, 16 * steps)
-    pseudo = (2 * np.pi / (ratio * dt)) ** 2 * u
-    missed = pseudo - found["pseudo_acceleration"].item()
-    allowed = (np.pi / STEPS_PER_PERIOD) ** 2 / 2 * (total + np.abs(values).max())
-    rounding = 1e-9 * np.abs(values).max() + 1e-12
-    assert -rounding <= missed <= allowed + rounding
+def test_what_is_promised_is_what_the_documentation_says():
+    """Per unit of each of the three peaks, so that it bounds the share of their sum; it grows with damping."""
+    for damping, share in ((0.05, 2e-5), (0.2, 4e-5), (1.0, 4e-4)):
+        assert max(promised(damping, *one).max() for one in np.eye(3)) <= share
 
 
 @pytest.mark.parametrize(("period", "damping"), [(0.05, 0.0), (0.3, 0.05), (1.0, 0.2)])
@@ -103,8 +132,8 @@ def test_el_centro_equals_a_tight_integration(period, damping):
         state = done.y[:, -1]
         u_max, total_max = max(u_max, np.abs(out[0]).max()), max(total_max, np.abs(out[1]).max())
     found = response_spectrum((motion, dt), period, damping)
-    assert found["spectral_displacement"].item() == pytest.approx(u_max, rel=2 * MISSED)
-    assert found["absolute_acceleration"].item() == pytest.approx(total_max, rel=2 * MISSED)
+    assert found["spectral_displacement"].item() == pytest.approx(u_max, rel=1e-3)
+    assert found["absolute_acceleration"].item() == pytest.approx(total_max, rel=1e-3)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.05, 0.5])
@@ -113,8 +142,7 @@ def test_a_sudden_constant_acceleration_overshoots_as_in_the_textbook(damping):
     periods = np.array([0.05, 0.4, 2.0])
     found = response_spectrum((np.full(200, 1.7), 0.05), periods, damping)["pseudo_acceleration"]
     expected = 1.7 * (1 + np.exp(-np.pi * damping / np.sqrt(1 - damping**2)))
-    np.testing.assert_allclose(found, expected, rtol=MISSED)
-    assert (found.values <= expected * (1 + 1e-12)).all()
+    np.testing.assert_allclose(found, expected, rtol=2e-5)
 
 
 def test_resonance_without_damping_grows_with_the_cycles():
@@ -147,8 +175,8 @@ def test_equals_the_code_of_another_package():
     periods = np.geomspace(0.05, 5.0, 40)
     u, _, total = sdof.nigam_and_jennings_response(fine, EL_CENTRO.dt / 32, periods, 0.05)
     found = response_spectrum(EL_CENTRO, periods)
-    np.testing.assert_allclose(found["spectral_displacement"], np.abs(u).max(axis=1), rtol=2 * MISSED)
-    np.testing.assert_allclose(found["absolute_acceleration"], np.abs(total).max(axis=1), rtol=2 * MISSED)
+    np.testing.assert_allclose(found["spectral_displacement"], np.abs(u).max(axis=1), rtol=2e-3)
+    np.testing.assert_allclose(found["absolute_acceleration"], np.abs(total).max(axis=1), rtol=2e-3)
 
 
 def test_equals_published_spectra_of_real_records():

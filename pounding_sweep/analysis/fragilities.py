@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.analysis.events import Event, get_event
 from pounding_sweep.analysis.intensity import intensity_of
-from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, fit_lognormal, limit, probability
+from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, fit_lognormal, jackknife, probability
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
@@ -30,12 +30,8 @@ if TYPE_CHECKING:
 
 #: Intensities at which curves are given, where none are.
 LEVELS = 60
-#: Resamples without a fit or a limit of one, as a share, above which the bootstrap gives no interval.
-MOST_LEFT_OUT = 0.1
 #: Axes along which scenarios are trials of one thing.
 TRIALS = ("record", "scale")
-#: How intervals are found.
-INTERVALS = ("information", "bootstrap")
 #: Ends of an interval.
 BOUNDS = ("lower", "upper")
 
@@ -46,9 +42,7 @@ def fragility(
     level: float | None = None,
     *,
     intensity: str | xr.DataArray = "pga",
-    confidence: float = 0.95,
-    resamples: int = 200,
-    seed: int = 0,
+    confidence: float | None = 0.95,
     levels: Sequence[float] | None = None,
 ) -> xr.Dataset:
     """Fit the probability of an event against intensity.
@@ -64,12 +58,8 @@ def fragility(
         What must be exceeded, in the event's unit; needed by all but "touch".
     intensity : str or DataArray
         As for `pounding_sweep.analysis.intensity.intensity_of`.
-    confidence : float
-        Of the intervals, in (0, 1).
-    resamples : int
-        Of the bootstrap over records; 0 for none.
-    seed : int
-        Of the bootstrap.
+    confidence : float or None
+        Of the intervals, in (0, 1); None for no intervals, which take a fit per record.
     levels : sequence of float, optional
         Intensities at which curves are given; by default `LEVELS` of them, up to the
         largest of the cube.
@@ -79,11 +69,10 @@ def fragility(
     xarray.Dataset
         On the cube's other axes (without the law "none" where the event is a pair's) and
         ``pair`` or ``building``: ``fit_status``; ``median`` (in the intensity's unit) and
-        ``dispersion`` of the lognormal; their intervals on ``interval`` and ``bound``;
+        ``dispersion`` of the lognormal; their intervals on ``bound``;
         ``median_between`` (bound) where there is no fit; ``trials``, ``happened_count`` and
-        ``left_out`` (scenarios that are not ok); ``bootstrap_without_fit``, the share of
-        resamples that have no fit. On ``intensity``: ``probability`` and, by the bootstrap,
-        ``probability_interval``. Trial by trial: ``happened`` and ``trial_intensity``.
+        ``left_out`` (scenarios that are not ok). On ``intensity``: ``probability`` and
+        ``probability_interval`` (bound). Trial by trial: ``happened`` and ``trial_intensity``.
 
     Raises
     ------
@@ -92,13 +81,10 @@ def fragility(
 
     Notes
     -----
-    The information matrix takes all trials for independent. Those of one record at many
-    scales are not, so that its interval is too narrow there; the bootstrap draws whole
-    records and allows for it. It needs two records. Of few, many resamples have no fit
-    because weaker and stronger motions are separated, or because all or none did it:
-    they count with what a fit tends to there (see `pounding_sweep.analysis.lognormal.limit`),
-    and ``bootstrap_without_fit`` tells their share. Where an end of the median's interval
-    is infinite or zero, it is missing.
+    Intervals come from leaving out one record after the other with all its trials
+    (see `pounding_sweep.analysis.lognormal.jackknife`): trials of one record at many scales are not independent.
+    They are missing where there is one record only, or where the others have no fit without one of them.
+    How often such intervals hold the true values is measured: see the page on comparisons.
 
     Examples
     --------
@@ -106,7 +92,7 @@ def fragility(
     >>> count = (("record", "pair"), [[0.0], [0.0], [1.0], [0.0], [2.0], [1.0]])
     >>> pga = ("record", [1.0, 2.0, 2.5, 3.0, 3.5, 4.0])
     >>> axes = {"record": list("abcdef"), "record_pga": pga, "pair": ["left-right"]}
-    >>> found = fragility(xr.Dataset({"impact_count": count}, axes), resamples=0)
+    >>> found = fragility(xr.Dataset({"impact_count": count}, axes), confidence=None)
     >>> round(found["median"].item(), 2), sentence(found.squeeze())
     (2.67, 'fitted')
     """
@@ -114,7 +100,7 @@ def fragility(
 
     about = get_event(event, level)
     cube = scenarios_only(cube)
-    _check(cube, confidence, resamples)
+    _check(cube, confidence)
     found, ok = _happened(cube, about, level)
     strength = intensity_of(cube, intensity)
     for dim in TRIALS:
@@ -122,17 +108,15 @@ def fragility(
     found, strength = found.transpose(..., *TRIALS), strength.transpose(*TRIALS)
     table, x = found.values, np.asarray(strength.values, dtype=float)
     at = _levels(levels, x)
-    draws = _draws(len(x), resamples, seed)
     places = {place: table[place].tobytes() for place in np.ndindex(table.shape[:-2])}
     alike = {key: place for place, key in places.items()}  # many cells are: some laws ignore some axes
-    fits = {key: _cell(table[place], x, at, draws, confidence) for key, place in alike.items()}
+    fits = {key: _cell(table[place], x, at, confidence) for key, place in alike.items()}
 
     kept = found.isel(dict.fromkeys(TRIALS, 0), drop=True)
     units, name, words = strength.attrs["units"], strength.attrs["long_name"], about.words(level)
     coords: dict[str, xr.DataArray] = {str(k): c for k, c in kept.coords.items() if k in kept.dims or not c.dims}
     for dim, labels, more in (
-        ("interval", list(INTERVALS), {"long_name": "how the interval was found"}),
-        ("bound", list(BOUNDS), {"long_name": f"end of the {confidence:.0%} interval"}),
+        ("bound", list(BOUNDS), {"long_name": "end of the confidence interval"}),
         ("intensity", at, {"units": units, "long_name": name}),
     ):
         coords[dim] = xr.DataArray(labels, dims=dim, attrs=more)
@@ -150,7 +134,9 @@ def fragility(
     dataset["left_out"] = _plain(left_out, "1", "scenarios left out: their status is not ok")
     dataset["happened"] = _plain(found, "1", f"1 where {words}, 0 where not")
     dataset["trial_intensity"] = _plain(strength, units, name)
-    about_it = {"event": about.key, "event_in_words": words, "confidence": confidence, "seed": seed}
+    about_it: dict[str, Any] = {"event": about.key, "event_in_words": words}
+    if confidence is not None:
+        about_it["confidence"] = confidence
     return finished(dataset, cube, "fragility", **about_it)
 
 
@@ -172,14 +158,13 @@ _VARIABLES: dict[str, tuple[tuple[str, ...], str | None, str]] = {
     "fit_status": ((), "1", "whether there is a fit"),
     "median": ((), None, "intensity at which it is as likely as not that {event}"),
     "dispersion": ((), "1", "standard deviation of the logarithm of that intensity"),
-    "median_interval": (("interval", "bound"), None, "confidence interval of the median"),
-    "dispersion_interval": (("interval", "bound"), "1", "confidence interval of the dispersion"),
+    "median_interval": (("bound",), None, "confidence interval of the median"),
+    "dispersion_interval": (("bound",), "1", "confidence interval of the dispersion"),
     "median_between": (("bound",), None, "what is known of the median where there is no fit"),
     "trials": ((), "1", "scenarios that count"),
     "happened_count": ((), "1", "scenarios in which {event}"),
-    "bootstrap_without_fit": ((), "1", "share of the resamples that have no fit"),
     "probability": (("intensity",), "1", "probability that {event}"),
-    "probability_interval": (("bound", "intensity"), "1", "confidence interval of the probability, by the bootstrap"),
+    "probability_interval": (("bound", "intensity"), "1", "confidence interval of the probability"),
 }
 
 
@@ -195,60 +180,35 @@ class _Cell:
     median_between: np.ndarray
     trials: int
     happened_count: int
-    bootstrap_without_fit: float
     probability: np.ndarray
     probability_interval: np.ndarray
 
 
-def _cell(table: np.ndarray, x: np.ndarray, at: np.ndarray, draws: np.ndarray, confidence: float) -> _Cell:
-    """Fit one cell; all of shape (record, scale), `draws` of shape (resamples, record): how often each is drawn."""
+def _cell(table: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | None) -> _Cell:
+    """Fit one cell; all of shape (record, scale)."""
     there = np.isfinite(table)
     trials, flags = x[there], table[there] > 0.0
-    owner = np.broadcast_to(np.arange(len(x))[:, None], x.shape)[there]
     fit = fit_lognormal(trials, flags)
-    ends = np.array([-1.0, 1.0])
-    medians, dispersions = np.full((2, 2), np.nan), np.full((2, 2), np.nan)
-    curves, without = np.full((2, len(at)), np.nan), np.nan
-    if fit.status == FitStatus.FITTED:
-        from scipy.special import ndtri
-
-        wide = ndtri(0.5 + confidence / 2.0) * np.sqrt(np.diag(fit.covariance))
-        medians[0] = fit.median * np.exp(ends * wide[0])
-        dispersions[0] = fit.dispersion * np.exp(ends * wide[1])
-        if len(draws):
-            fits = [fit_lognormal(trials, flags, draw[owner]) for draw in draws]
-            without = float(np.mean([one.status != FitStatus.FITTED for one in fits]))
-            counted = [one for one in map(limit, fits) if one.status == FitStatus.FITTED]
-            if len(counted) >= (1.0 - MOST_LEFT_OUT) * len(draws):
-                tails = _tails([one.median for one in counted], confidence)
-                medians[1] = np.where(np.isfinite(tails) & (tails > 0.0), tails, np.nan)
-                dispersions[1] = _tails([one.dispersion for one in counted if one.dispersion >= 0.0], confidence)
-                curves = _tails([probability(one, at) for one in counted], confidence)
+    without = []
+    if fit.status == FitStatus.FITTED and confidence is not None:
+        owner = np.nonzero(there)[0]
+        without = [fit_lognormal(trials[owner != one], flags[owner != one]) for one in np.unique(owner)]
+    intervals = jackknife(fit, without, at, confidence or np.nan)
     return _Cell(
         np.int8(fit.status),
         fit.median,
         fit.dispersion,
-        medians,
-        dispersions,
+        intervals.median,
+        intervals.dispersion,
         np.array([fit.low, fit.high]),
         int(there.sum()),
         int(flags.sum()),
-        without,
         probability(fit, at),
-        curves,
+        intervals.probability,
     )
 
 
-def _tails(found: Sequence[float] | Sequence[np.ndarray], confidence: float) -> np.ndarray:
-    """Return the ends of a percentile interval; some of the values may be infinite, so none lies between two."""
-    ends = [
-        np.quantile(found, 0.5 - confidence / 2.0, axis=0, method="lower"),
-        np.quantile(found, 0.5 + confidence / 2.0, axis=0, method="higher"),
-    ]
-    return np.array(ends)
-
-
-def _check(cube: xr.Dataset, confidence: float, resamples: int) -> None:
+def _check(cube: xr.Dataset, confidence: float | None) -> None:
     if not set(TRIALS) & set(cube.dims):
         need_dims(cube, "a fragility", TRIALS[:1])
     if all(cube.sizes.get(dim, 1) < 2 for dim in TRIALS):
@@ -257,11 +217,8 @@ def _check(cube: xr.Dataset, confidence: float, resamples: int) -> None:
             "a sweep over several records or scales"
         )
         raise InputError(msg)
-    if not 0.0 < confidence < 1.0:
-        msg = f"confidence is {confidence!r}; it must be between 0 and 1, 0.95 for instance"
-        raise InputError(msg)
-    if resamples < 0:
-        msg = f"resamples is {resamples!r}; it must be 0 (no bootstrap) or more"
+    if confidence is not None and not 0.0 < confidence < 1.0:
+        msg = f"confidence is {confidence!r}; it must be between 0 and 1, 0.95 for instance, or None for no intervals"
         raise InputError(msg)
 
 
@@ -296,14 +253,6 @@ def _levels(levels: Sequence[float] | None, x: np.ndarray) -> np.ndarray:
         msg = f"levels are {levels!r}; give one or more intensities above zero"
         raise InputError(msg)
     return found
-
-
-def _draws(records: int, resamples: int, seed: int) -> np.ndarray:
-    """How often each record is drawn in each resample, the same for every cell; none of a single record."""
-    if records < 2 or not resamples:
-        return np.empty((0, records))
-    equal = np.full(records, 1.0 / records)
-    return np.random.default_rng(seed).multinomial(records, equal, size=resamples).astype(np.float64)
 
 
 def _plain(part: xr.DataArray, units: str, text: str) -> xr.DataArray:

@@ -1,4 +1,4 @@
-"""Response against intensity as records are scaled up: one curve per record, and the fractiles of the suite."""
+"""Response against intensity as records are scaled up: a curve per record and direction, and the suite's fractiles."""
 
 from __future__ import annotations
 
@@ -56,15 +56,21 @@ def incremental_curves(
     xarray.Dataset
         Each output on the cube's axes in its own units, beside the coordinate ``intensity``
         (record, scale); and ``<output>_fractiles`` on ``quantile`` and ``level`` instead of
-        record and scale, with ``<output>_count``, how many records have a value there.
-        A record's value at a level is linear between its two nearest scales, missing
+        record and scale, with ``<output>_count``, how many curves have a value there.
+        A curve's value at a level is linear between its two nearest scales, missing
         outside the range of its scales and next to a scenario that is not ok: nothing is
-        extrapolated, and a count below the number of records says so.
+        extrapolated, and a count below the number of curves (attribute ``curves``) says so.
 
     Raises
     ------
     InputError
         The cube has fewer than two scales, or not the outputs; a level or quantile is not valid.
+
+    Notes
+    -----
+    A record at negative scales is that record reversed: another ground motion of the same
+    intensities, which a row that is not symmetric answers otherwise. Where the cube has scales of both
+    signs, each record is two curves, one per direction (see `directions`), and both count in the fractiles.
 
     Examples
     --------
@@ -92,17 +98,41 @@ def incremental_curves(
     if at.ndim != 1 or not at.size or not np.isfinite(at).all():
         msg = f"levels are {levels!r}; give one or more intensities ({strength.attrs['units']})"
         raise InputError(msg)
+    ways = directions(cube["scale"].values)
     level = xr.DataArray(at, dims="level", coords={"level": at}, attrs=strength.attrs)
 
     found: dict[str, xr.DataArray] = {}
     for name in names:
         whole = values(cube, name).transpose("record", ..., "scale")
         found[name] = whole
-        rows = np.stack([interpolate(row, x, at) for row, x in zip(whole.values, given, strict=True)])
-        inner = whole.isel(scale=0, drop=True)
+        curves = zip(whole.values, given, strict=True)
+        rows = np.stack([interpolate(row[..., way], x[way], at) for row, x in curves for way in ways])
+        inner = whole.isel(record=0, scale=0, drop=True)
         kept = {dim: inner[dim] for dim in inner.dims if dim in inner.coords}
-        on_levels = xr.DataArray(rows, dims=(*inner.dims, "level"), coords={**kept, "level": level}, attrs=whole.attrs)
-        found[f"{name}_fractiles"], count = fractiles_over(on_levels, ["record"], quantiles)
-        found[f"{name}_count"] = described(count, "1", f"records that the fractiles of {name} are of")
+        dims = ("curve", *inner.dims, "level")
+        on_levels = xr.DataArray(rows, dims=dims, coords={**kept, "level": level}, attrs=whole.attrs)
+        found[f"{name}_fractiles"], count = fractiles_over(on_levels, ["curve"], quantiles)
+        found[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
     dataset = found[names[0]].to_dataset(name=names[0]).assign(found).assign_coords(intensity=strength)
-    return finished(dataset, cube, "incremental")
+    return finished(dataset, cube, "incremental", curves=len(given) * len(ways))
+
+
+def directions(scales: np.ndarray) -> list[np.ndarray]:
+    """Return the positions of the scales of each direction of the ground motion, as recorded and reversed.
+
+    Parameters
+    ----------
+    scales : ndarray, shape (n,)
+        Scales of records; zero belongs to both directions.
+
+    Returns
+    -------
+    list of ndarray of int
+        Of one direction where all scales have one sign.
+
+    Examples
+    --------
+    >>> [way.tolist() for way in directions(np.array([-2.0, 0.0, 1.0, 2.0]))]
+    [[1, 2, 3], [0, 1]]
+    """
+    return [np.flatnonzero(sign * scales >= 0.0) for sign in (1.0, -1.0) if (sign * scales > 0.0).any()]

@@ -9,7 +9,8 @@ maximum, or none at any finite value: those cases are told beforehand.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -80,10 +81,6 @@ class FitStatus(IntEnum):
 FIT_STATUS: tuple[FitStatus, ...] = tuple(FitStatus)
 
 
-def _unknown() -> np.ndarray:
-    return np.full((2, 2), np.nan)
-
-
 @dataclass(frozen=True)
 class LognormalFit:
     """A fitted lognormal, or why there is none.
@@ -96,8 +93,6 @@ class LognormalFit:
         Intensity at which the event is as likely as not; NaN without a fit.
     dispersion : float
         Standard deviation of the logarithm of the capacity; NaN without a fit.
-    covariance : ndarray, shape (2, 2)
-        Of (ln median, ln dispersion), by the observed information.
     low, high : float
         What is known of the median without a fit; NaN where nothing is.
     """
@@ -105,12 +100,11 @@ class LognormalFit:
     status: FitStatus
     median: float = np.nan
     dispersion: float = np.nan
-    covariance: np.ndarray = field(default_factory=_unknown)
     low: float = np.nan
     high: float = np.nan
 
 
-def fit_lognormal(intensity: np.ndarray, happened: np.ndarray, weights: np.ndarray | None = None) -> LognormalFit:
+def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
     """Fit a lognormal to trials.
 
     Parameters
@@ -119,8 +113,6 @@ def fit_lognormal(intensity: np.ndarray, happened: np.ndarray, weights: np.ndarr
         Of each trial, above zero; trials at zero tell nothing and are left out.
     happened : ndarray of bool, shape (n,)
         Whether the event happened.
-    weights : ndarray, shape (n,), optional
-        How often each trial counts; 1 by default.
 
     Returns
     -------
@@ -135,9 +127,8 @@ def fit_lognormal(intensity: np.ndarray, happened: np.ndarray, weights: np.ndarr
     >>> fit_lognormal(x, x > 2.5).status.label
     'separated'
     """
-    weights = np.ones(len(intensity)) if weights is None else weights
-    used = (intensity > 0.0) & (weights > 0.0)
-    x, y, w = _merged(intensity[used]), np.asarray(happened, dtype=bool)[used], weights[used]
+    used = intensity > 0.0
+    x, y = _merged(intensity[used]), np.asarray(happened, dtype=bool)[used]
     if not x.size:
         return LognormalFit(FitStatus.NO_DATA)
     if not y.any():
@@ -150,7 +141,7 @@ def fit_lognormal(intensity: np.ndarray, happened: np.ndarray, weights: np.ndarr
         return LognormalFit(FitStatus.SEPARATED, low=float(x[~y].max()), high=float(x[y].min()))
     if x[y].max() <= x[~y].min():
         return LognormalFit(FitStatus.NOT_RISING)
-    return _maximum(np.log(x), y, w)
+    return _maximum(np.log(x), y)
 
 
 def _merged(x: np.ndarray) -> np.ndarray:
@@ -163,7 +154,7 @@ def _merged(x: np.ndarray) -> np.ndarray:
     return found
 
 
-def _maximum(log_x: np.ndarray, y: np.ndarray, w: np.ndarray) -> LognormalFit:
+def _maximum(log_x: np.ndarray, y: np.ndarray) -> LognormalFit:
     """Find where the slope of the likelihood is zero, which it is at one place: its maximum."""
     from scipy.optimize import root
     from scipy.special import log_ndtr
@@ -176,15 +167,15 @@ def _maximum(log_x: np.ndarray, y: np.ndarray, w: np.ndarray) -> LognormalFit:
         return np.asarray(np.exp(-0.5 * t**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(t)))
 
     def slope(p: np.ndarray) -> np.ndarray:
-        return np.asarray(-(w * ratio(columns @ p)) @ columns)
+        return np.asarray(-ratio(columns @ p) @ columns)
 
     def curvature(p: np.ndarray) -> np.ndarray:
         t = columns @ p
         r = ratio(t)
-        return np.asarray((columns * (w * r * (r + t))[:, None]).T @ columns)
+        return np.asarray((columns * (r * (r + t))[:, None]).T @ columns)
 
     found = root(slope, np.array([0.0, 1.0]), jac=curvature, method="hybr")
-    if np.abs(slope(found.x)).max() > 1e-6 * w.sum():  # its own verdict fails where the root is met to the last digit
+    if np.abs(slope(found.x)).max() > 1e-6 * len(y):  # its own verdict fails where the root is met to the last digit
         msg = f"the maximum of the likelihood of {len(y)} trials was not found: {found.message}"
         raise PoundingSweepError(msg)
     a, b = (float(p) for p in found.x)
@@ -192,34 +183,102 @@ def _maximum(log_x: np.ndarray, y: np.ndarray, w: np.ndarray) -> LognormalFit:
     inside = log_x.min() - np.log(FARTHEST) <= log_median <= log_x.max() + np.log(FARTHEST)
     if not inside or spread > WIDEST * b:
         return LognormalFit(FitStatus.NOT_RISING)
-    # of ln median = middle - spread a / b and ln dispersion = ln(spread / b)
-    jacobian = np.array([[-spread / b, spread * a / b**2], [0.0, -1.0 / b]])
-    covariance = jacobian @ np.linalg.inv(curvature(found.x)) @ jacobian.T
-    return LognormalFit(FitStatus.FITTED, float(np.exp(log_median)), spread / b, covariance)
-
-
-def limit(fit: LognormalFit) -> LognormalFit:
-    """Return what a fit that does not exist tends to, so that it can be counted among others that do.
-
-    Where trials are separated, the likelihood rises without end as the dispersion goes to
-    zero, at any median in between: the geometric mean is taken. Where the event never or
-    always happened, the median goes to infinity or to zero. Others have no limit.
-    """
-    if fit.status == FitStatus.SEPARATED:
-        return LognormalFit(FitStatus.FITTED, float(np.sqrt(fit.low * fit.high)), 0.0)
-    if fit.status == FitStatus.NEVER:
-        return LognormalFit(FitStatus.FITTED, np.inf)
-    if fit.status == FitStatus.ALWAYS:
-        return LognormalFit(FitStatus.FITTED, 0.0)
-    return fit
+    return LognormalFit(FitStatus.FITTED, float(np.exp(log_median)), spread / b)
 
 
 def probability(fit: LognormalFit, intensity: np.ndarray) -> np.ndarray:
-    """Return the probability of the event at intensities above zero; NaN without a fit. See `limit` for a step."""
+    """Return the probability of the event at intensities above zero; NaN without a fit."""
     from scipy.special import ndtr
 
-    if fit.status != FitStatus.FITTED:
-        return np.full(np.shape(intensity), np.nan)
-    if not (fit.dispersion > 0.0 and 0.0 < fit.median < np.inf):
-        return np.heaviside(np.asarray(intensity) - fit.median, 0.5)
     return np.asarray(ndtr(np.log(intensity / fit.median) / fit.dispersion))
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Confidence intervals of a fit, each of lower and upper end; NaN where there is none.
+
+    Attributes
+    ----------
+    median, dispersion : ndarray, shape (2,)
+        Of the fit's parameters.
+    probability : ndarray, shape (2, n)
+        Of the probability at n intensities, each by itself.
+    """
+
+    median: np.ndarray
+    dispersion: np.ndarray
+    probability: np.ndarray
+
+
+def jackknife(
+    fit: LognormalFit, without: Sequence[LognormalFit], intensity: np.ndarray, confidence: float
+) -> Intervals:
+    """Return confidence intervals of a fit from those without one record each.
+
+    Parameters
+    ----------
+    fit : LognormalFit
+        Of all records.
+    without : sequence of LognormalFit
+        For each record the fit without it.
+    intensity : ndarray, shape (n,)
+        Above zero, for the intervals of the probability.
+    confidence : float
+        In (0, 1).
+
+    Returns
+    -------
+    Intervals
+        None where there are fewer than two records, or where the trials without one of them have no fit
+        and tend to none.
+
+    Notes
+    -----
+    Tukey's jackknife (Miller 1974, "The jackknife - a review", Biometrika 61(1)): the pseudo-values
+    n fit - (n - 1) fit_without of ln median and dispersion are taken for n independent
+    values, whose mean, free of the largest part of the bias, has Student's t of n - 1 degrees of freedom. Those
+    of the dispersion and of ln(x / median) / dispersion follow by linearisation, the former
+    on the scale of its logarithm. Where the dispersion is so uncertain that a bound of the probability would
+    turn back with rising intensity, it stays level instead. Separated trials count with what their fit tends to: no
+    dispersion, and the geometric mean of the two intensities that the median lies between.
+
+    Examples
+    --------
+    >>> x = np.array([1.0, 2.0, 2.0, 3.0, 3.0, 4.0])
+    >>> happened = np.array([0, 0, 1, 0, 1, 1], bool)
+    >>> without = [fit_lognormal(np.delete(x, i), np.delete(happened, i)) for i in range(6)]
+    >>> jackknife(fit_lognormal(x, happened), without, x[:1], 0.9).median.round(1).tolist()
+    [1.1, 4.4]
+    """
+    from scipy.special import ndtr, stdtrit
+
+    n = len(without)
+    missing = Intervals(np.full(2, np.nan), np.full(2, np.nan), np.full((2, len(intensity)), np.nan))
+    if n < 2:
+        return missing
+    pseudo = n * np.array(_tends_to(fit)) - (n - 1) * np.array([_tends_to(one) for one in without])
+    log_median, dispersion = pseudo.mean(axis=0)
+    if not (np.isfinite(pseudo).all() and dispersion > 0.0):
+        return missing
+    covariance = np.cov(pseudo.T) / n
+    wide = float(stdtrit(n - 1, 0.5 + confidence / 2.0))
+    ends = wide * np.array([-1.0, 1.0])
+    own, both, other = (covariance / fit.dispersion**2)[[0, 0, 1], [0, 1, 1]]
+    away = (np.log(intensity) - log_median) / dispersion
+    low = high = away
+    if wide**2 * other > 1.0:
+        level = np.sqrt(max(own * other - both**2, 0.0) / (wide**2 * other - 1.0))
+        low, high = np.minimum(away, (level - both) / other), np.maximum(away, -(level + both) / other)
+    bounds = np.stack([low, high])
+    return Intervals(
+        np.exp(log_median + ends * np.sqrt(covariance[0, 0])),
+        dispersion * np.exp(ends * np.sqrt(other)),
+        ndtr(bounds + ends[:, None] * np.sqrt(own + 2.0 * both * bounds + other * bounds**2)),
+    )
+
+
+def _tends_to(fit: LognormalFit) -> tuple[float, float]:
+    """Return ln median and dispersion, of separated trials what they tend to; NaN where there is no fit."""
+    if fit.status == FitStatus.SEPARATED:
+        return 0.5 * float(np.log(fit.low * fit.high)), 0.0
+    return float(np.log(fit.median)), fit.dispersion

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.fragilities import BOUNDS, INTERVALS
+from pounding_sweep.analysis.fragilities import BOUNDS
 from pounding_sweep.analysis.lognormal import FIT_STATUS
 from pounding_sweep.analysis.scenarios import law_keys, of_law, scenario_dims
 
@@ -95,16 +95,14 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
     units = str(result["median"].attrs["units"])
     labels = [[_plain(label) for label in result[dim].values.tolist()] for dim in dims]
     column = {str(name): result[name].transpose(*dims, ...).values for name in _FIT}
-    ends = column["median_interval"]
-    hows = [i for i in range(ends.shape[-2]) if np.isfinite(ends[..., i, :]).any()]
+    given = np.isfinite(column["median_interval"]).any()
     rows = []
     for place in np.ndindex(tuple(map(len, labels))):
         row: Row = {dim: each[i] for dim, each, i in zip(dims, labels, place, strict=True)}
         row |= {"trials": int(column["trials"][place]), "happened": int(column["happened_count"][place])}
         row |= {name: _plain(float(column[name][place])) for name in ("median", "dispersion")}
-        for (i, how), (j, bound) in product(enumerate(INTERVALS), enumerate(BOUNDS)):
-            if i in hows:
-                row[f"median_{bound}_{how}"] = _plain(float(ends[(*place, i, j)]))
+        for name, (i, bound) in product(("median", "dispersion") if given else (), enumerate(BOUNDS)):
+            row[f"{name}_{bound}"] = _plain(float(column[f"{name}_interval"][(*place, i)]))
         low, high = column["median_between"][place].tolist()
         status = FIT_STATUS[int(column["fit_status"][place])]
         rows.append({**row, "units": units, "fit": status.words(low, high, units)})
@@ -112,7 +110,16 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
 
 
 #: What the rows of a fragility are made of.
-_FIT = ("fit_status", "median", "dispersion", "median_interval", "median_between", "trials", "happened_count")
+_FIT = (
+    "fit_status",
+    "median",
+    "dispersion",
+    "median_interval",
+    "dispersion_interval",
+    "median_between",
+    "trials",
+    "happened_count",
+)
 
 
 def _plain(value: Any) -> Any:

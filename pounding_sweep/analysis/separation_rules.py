@@ -143,7 +143,7 @@ def cqc_correlation(
     Notes
     -----
     Der Kiureghian, A. (1980), "Structural response to stationary excitation", Journal of the
-    Engineering Mechanics Division ASCE 106(6); the coefficient of the complete quadratic combination.
+    Engineering Mechanics Division ASCE 106(6), 1195-1213; the coefficient of the complete quadratic combination.
 
     Examples
     --------
@@ -217,7 +217,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
             "double_difference",
             "double-difference combination",
             "sqrt(u1^2 + u2^2 - 2 rho u1 u2)",
-            "Jeng, Kasai & Maison, Earthquake Spectra 8(2)",
+            "Jeng, Kasai & Maison, Earthquake Spectra 8(2), 201-223",
             "1992",
             "rho by Der Kiureghian (1980), from the first periods and damping ratios",
             _double_difference,

@@ -74,16 +74,17 @@ def response_spectrum(
     PGA and PGA. Peaks are those until the last point: append zeros to a motion that is
     cut off before the oscillators are done.
 
-    Peaks are looked for at even times, at least 64 in each period, between the points of the record too. That
-    misses at most 1 - cos(pi / 64) = 0.12 % of a vibration's peak; of any pseudo-acceleration
-    no more than (pi / 64)^2 / 2 = 0.12 % of the sum of absolute acceleration and PGA.
+    Peaks are those of cubics over steps, at least 32 in each period, between the points of the record too; a
+    cubic through values and slopes at both ends errs by 1/384 of the fourth power of the step times the fourth
+    derivative at most. Of the sum of pseudo-acceleration, absolute acceleration and PGA, errors of the two are
+    at most 0.002 % at 5 % damping, 0.004 % at 20 % and 0.04 % at any.
 
     Examples
     --------
     >>> import pounding_sweep as ps
     >>> spectrum = response_spectrum(ps.find_record("el_centro"), periods=[0.0, 0.5, 1.0])
-    >>> (spectrum["pseudo_acceleration"] / 9.81).round(2).values.tolist()
-    [0.32, 0.92, 0.45]
+    >>> (spectrum["pseudo_acceleration"] / 9.81).round(3).values.tolist()
+    [0.319, 0.919, 0.455]
     """
     import xarray as xr
 

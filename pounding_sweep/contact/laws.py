@@ -283,7 +283,7 @@ _ALL = [
         model="I",
         **_LINEAR,
         formula="F = k d",
-        reference="Maison & Kasai (1992), Earthquake Eng. Struct. Dyn. 21(9)",
+        reference="Maison & Kasai (1992), Earthquake Eng. Struct. Dyn. 21(9), 771-786",
     ),
     Law(
         key="kelvin_voigt",
@@ -297,7 +297,8 @@ _ALL = [
         relation="dashpot_clipped",
         zero_restitution=True,
         formula="F = max(0, k d + c v), c = 2 zeta sqrt(k m)",
-        reference="Anagnostopoulos (1988); tension removed as in Komodromos et al. (2007)",
+        reference="Anagnostopoulos (1988), Earthquake Eng. Struct. Dyn. 16(3), 443-456; "
+        "tension removed as in Komodromos et al. (2007), Earthquake Eng. Struct. Dyn. 36(12), 1605-1622",
     ),
     Law(
         key="kelvin_voigt_tension",
@@ -312,7 +313,7 @@ _ALL = [
         tension=True,
         zero_restitution=True,
         formula="F = k d + c v, c = 2 zeta sqrt(k m)",
-        reference="Anagnostopoulos (1988), Earthquake Eng. Struct. Dyn. 16(3)",
+        reference="Anagnostopoulos (1988), Earthquake Eng. Struct. Dyn. 16(3), 443-456",
     ),
     Law(
         key="modified_kelvin_voigt",
@@ -328,7 +329,7 @@ _ALL = [
         relation="approach",
         approach_only=True,
         formula="F = k d + xi d v on approach, k d on rebound",
-        reference="Pant & Wijeywickrema (2010)",
+        reference="Pant & Wijeyewickrema (2010), 14th European Conference on Earthquake Engineering, Ohrid",
     ),
     Law(
         key="hertz",
@@ -336,7 +337,8 @@ _ALL = [
         model="IV",
         **_HERTZ,
         formula="F = k d^1.5",
-        reference="Hertz (1882); Davis (1992)",
+        reference="Hertz (1882), J. reine angew. Math. 92, 156-171; "
+        "Davis (1992), Earthquake Eng. Struct. Dyn. 21(3), 253-274",
     ),
     Law(
         key="hertz_damped",
@@ -348,7 +350,8 @@ _ALL = [
         relation="both_phases",
         zero_restitution=True,
         formula="F = max(0, k d^1.5 (1 + D v / v0))",
-        reference="Muthukumar & DesRoches (2006); Lankarani & Nikravesh (1990)",
+        reference="Muthukumar & DesRoches (2006), Earthquake Eng. Struct. Dyn. 35(7), 811-828; "
+        "Lankarani & Nikravesh (1990), J. Mech. Des. 112(3), 369-376",
     ),
     Law(
         key="nonlinear_viscoelastic",
@@ -368,7 +371,7 @@ _ALL = [
         relation_factor=2.0 / math.sqrt(5.0),
         approach_only=True,
         formula="F = k d^1.5 + cbar v on approach, k d^1.5 on rebound, cbar = 2 xi sqrt(k sqrt(d) m)",
-        reference="Jankowski (2005, 2006), Earthquake Eng. Struct. Dyn. 34(6), 35(4)",
+        reference="Jankowski (2005), Earthquake Eng. Struct. Dyn. 34(6), 595-611, and (2006) 35(4), 517-524",
     ),
     Law(
         key="linear_viscoelastic",
@@ -382,7 +385,7 @@ _ALL = [
         relation="dashpot_approach",
         approach_only=True,
         formula="F = k d + c v on approach, k d on rebound, c = 2 xi sqrt(k m)",
-        reference="Mahmoud & Jankowski (2011)",
+        reference="Mahmoud & Jankowski (2011), Iran. J. Sci. Technol. Trans. Civil Environ. Eng. 35(C1), 51-62",
     ),
     Law(
         key="modified_kelvin",
@@ -397,7 +400,7 @@ _ALL = [
         number_text="xi v0 / k = 3 (1 - e) / (2 e)",
         relation="both_phases",
         formula="F = max(0, k d + xi d v)",
-        reference="Ye, Li & Zhu (2009), Earthquake Eng. Struct. Dyn. 38(3)",
+        reference="Ye, Li & Zhu (2009), Earthq. Eng. Eng. Vib. 8(3), 433-446",
     ),
     Law(
         key="hunt_crossley",
@@ -409,7 +412,7 @@ _ALL = [
         relation="both_phases",
         zero_restitution=True,
         formula="F = max(0, k d^1.5 (1 + D v / v0))",
-        reference="Hunt & Crossley (1975), J. Appl. Mech. 42(2)",
+        reference="Hunt & Crossley (1975), J. Appl. Mech. 42(2), 440-445",
     ),
     Law(
         key="ye_hertz",
@@ -420,7 +423,8 @@ _ALL = [
         number_text="D = 8 (1 - e) / (5 e)",
         relation="both_phases",
         formula="F = max(0, k d^1.5 (1 + D v / v0))",
-        reference="Ye, Li & Zhu (2009); Flores et al. (2011)",
+        reference="Ye, Li & Zhu (2009), Earthquake Eng. Struct. Dyn. 38, 1135-1142; "
+        "Flores et al. (2011), Multibody Syst. Dyn. 25(3), 357-375",
     ),
     Law(
         key="gonthier",
@@ -431,7 +435,7 @@ _ALL = [
         number_text="D = (1 - e^2) / e",
         relation="both_phases",
         formula="F = max(0, k d^1.5 (1 + D v / v0))",
-        reference="Gonthier et al. (2004), Multibody Syst. Dyn. 11",
+        reference="Gonthier et al. (2004), Multibody Syst. Dyn. 11(3), 209-233",
     ),
     Law(
         key="hysteretic",
@@ -466,7 +470,7 @@ _ALL = [
         zero_restitution=True,
         formula="v1' = v1 - (1 + e) m2 / (m1 + m2) (v1 - v2) at the touch, v2' likewise; no force. Floors that would "
         "rebound slower than 1 mm/s, and are pressed together, move as one until they would pull",
-        reference="Newton's impact law; Goldsmith (1960), Impact",
+        reference="Newton's impact law; Goldsmith (1960), Impact, Edward Arnold",
     ),
 ]
 

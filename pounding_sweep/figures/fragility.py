@@ -30,7 +30,7 @@ def fragility(cube: xr.Dataset) -> Figure:
 
     One panel per pair or building. Lines are the values of the first axis that varies
     (gap, stiffness, ...), five at most, evenly chosen, or else the laws; of the other axes
-    the middle value is shown, of the laws the first. Bands are the bootstrap's confidence
+    the middle value is shown, of the laws the first. Bands are confidence
     intervals; marks are the shares observed in classes of about equal numbers of trials.
     Where there is no fit, the legend says why.
 
@@ -50,7 +50,7 @@ def fragility(cube: xr.Dataset) -> Figure:
         The cube allows no fragility.
     """
     result = result_of(cube, "fragility")
-    own = ("record", "scale", "interval", "bound", "intensity")
+    own = ("record", "scale", "bound", "intensity")
     event = EVENTS[result.attrs["event"]]
     per, words = event.per, _spelt(result.attrs["event_in_words"], event.units)
     for dim in ("law", per):

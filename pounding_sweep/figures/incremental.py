@@ -1,11 +1,13 @@
-"""Response against intensity: one thin line per record, thick lines for the fractiles of the suite."""
+"""Response against intensity: one thin line per record and direction, thick lines for the fractiles of the suite."""
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pounding_sweep.analysis.incremental import directions
 from pounding_sweep.cube.variables import VARIABLES
 from pounding_sweep.errors import InputError
 from pounding_sweep.figures.chosen import along, labels_with_values, middle
@@ -34,7 +36,8 @@ def incremental(cube: xr.Dataset) -> Figure:
     """Draw responses against intensity as records are scaled up.
 
     One column per pair or building, one row per law (three at most, no pounding last):
-    grey lines are the records, thick ones their fractiles, as far as all records go. Of the storeys that with the
+    grey lines are the records, two of each where scales have both signs, thick ones their fractiles, as far as all
+    go. Of the storeys that with the
     largest response is shown, named above the panel, of the other axes the middle value.
 
     Parameters
@@ -67,6 +70,7 @@ def incremental(cube: xr.Dataset) -> Figure:
     result = result if "law" in result.dims else result.expand_dims(law=[""])
     there = labels_with_values(result, "law", [name]) or result["law"].values.tolist()
     laws = [law for law in there if per == "building" or law != "none"][:_LAWS]
+    ways = directions(result["scale"].values)
     ends = result[per].values.tolist()
     figure, axes = subplots(len(laws), len(ends), (1.6 + 2.6 * len(ends), 1.3 + 2.0 * len(laws)))
     intensity = axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs)
@@ -77,17 +81,18 @@ def incremental(cube: xr.Dataset) -> Figure:
             largest = part[name].max(["record", "scale"])
             storey = int(largest.fillna(-np.inf).argmax("storey"))
             part = part.isel(storey=storey)
-            for record in range(part.sizes["record"]):
-                one = part.isel(record=record).sortby("intensity")
+            for record, way in itertools.product(range(part.sizes["record"]), ways):
+                one = part.isel(record=record, scale=way).sortby("intensity")
                 ax.plot(
                     one["intensity"],
                     one[name] * factor,
                     color="0.7",
                     linewidth=0.8,
-                    label="record" if not record else None,
+                    marker="" if len(way) > 1 else ".",  # of one scale there is no line
+                    label="record" if not ax.lines else None,
                 )
             for number, q in enumerate(part["quantile"].values.tolist()):
-                whole = part[f"{name}_count"] == part.sizes["record"]  # of fewer records, a curve would jump
+                whole = part[f"{name}_count"] == part.sizes["record"] * len(ways)  # of fewer, a curve would jump
                 line = part[f"{name}_fractiles"].sel(quantile=q).where(whole) * factor
                 ax.plot(
                     part["level"],

@@ -5,12 +5,13 @@ moves without error by (Nigam & Jennings 1969)
 
     y' = E y + p g0 + q g1,    y = (w u, v),    E = exp(A h),    A = w [[0, 1], [-1, -2 z]]
 
-Peaks are looked for at the ends of steps, which are shorter than those of the base
-motion where a period asks for it. All periods of equal step go side by side.
+Peaks are those of the cubic through values and slopes at both ends of each step; steps are
+shorter than those of the base motion where a period asks for it. All periods of equal step go side by side.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -19,9 +20,9 @@ import numpy.typing as npt
 from numba import njit
 
 #: Least number of steps per period.
-STEPS_PER_PERIOD = 64
+STEPS_PER_PERIOD = 32
 #: Most steps in one interval of the base motion.
-MOST_STEPS = 4096
+MOST_STEPS = 2048
 #: Terms of the series below: |A h| is at most 2.5 times 2 pi / STEPS_PER_PERIOD.
 _TERMS = 16
 
@@ -48,7 +49,9 @@ def _transition(frequency: Array, damping: float, step: float) -> tuple[Array, A
 
 
 #: One signature: compiled once, and never again for another kind of array.
-_SIGNATURE = "void(float64[::1], int64, float64[:, :, ::1], float64[:, :, ::1], float64, float64[:, ::1])"
+_SIGNATURE = (
+    "void(float64[::1], int64, float64[:, :, ::1], float64[:, :, ::1], float64[::1], float64, float64, float64[:, ::1])"
+)
 _OPTIONS: Any = {"nogil": True, "error_model": "numpy", "boundscheck": False, "fastmath": {"contract"}}
 
 
@@ -64,9 +67,37 @@ def _compiled(function: Callable[..., None]) -> Callable[..., None]:
     return compiled
 
 
+@njit(forceinline=True, **_OPTIONS)
+def _largest(a: float, b: float, p: float, q: float) -> float:
+    """Return the largest absolute value over 0 < s <= 1 of the cubic with values a, b and slopes p, q at 0 and 1.
+
+    Its slope is p + r s + c s^2, whose roots are found without cancellation; what is no root inside counts as 0.
+    """
+    r, c = 6.0 * (b - a) - 4.0 * p - 2.0 * q, 6.0 * (a - b) + 3.0 * (p + q)
+    root = math.sqrt(max(r * r - 4.0 * c * p, 0.0))
+    t = -0.5 * (r + root) if r > 0.0 else 0.5 * (root - r)
+    one, two = t / c, p / t
+    one, two = one if 0.0 < one < 1.0 else 0.0, two if 0.0 < two < 1.0 else 0.0
+    first = a + one * (p + one * (0.5 * r + one * c / 3.0))
+    second = a + two * (p + two * (0.5 * r + two * c / 3.0))
+    return max(abs(b), abs(first), abs(second))
+
+
 @_compiled
-def _march(ground: Array, steps: int, transition: Array, forcing: Array, twice_damping: float, peaks: Array) -> None:
-    """Fill `peaks` (2, n) with the largest |w u| and |w u + 2 z v|; the lane loop is innermost, for SIMD."""
+def _march(
+    ground: Array,
+    steps: int,
+    transition: Array,
+    forcing: Array,
+    angle: Array,
+    h: float,
+    twice_damping: float,
+    peaks: Array,
+) -> None:
+    """Fill `peaks` (2, n) with the largest |w u| and |w u + 2 z v|, `angle` being w h.
+
+    The lane loop is innermost, for SIMD. Rates follow from y' = w v and v' = -w (y + 2 z v) - g.
+    """
     n = peaks.shape[1]
     y, v = np.zeros(n), np.zeros(n)
     e, p = transition, forcing
@@ -75,11 +106,15 @@ def _march(ground: Array, steps: int, transition: Array, forcing: Array, twice_d
         for step in range(steps):
             g0, g1 = start + step * rise, start + (step + 1) * rise
             for i in range(n):
-                new = e[0, 0, i] * y[i] + e[0, 1, i] * v[i] + (p[0, 0, i] * g0 + p[0, 1, i] * g1)
-                v[i] = e[1, 0, i] * y[i] + e[1, 1, i] * v[i] + (p[1, 0, i] * g0 + p[1, 1, i] * g1)
-                y[i] = new
-                peaks[0, i] = max(peaks[0, i], abs(new))
-                peaks[1, i] = max(peaks[1, i], abs(new + twice_damping * v[i]))
+                old, slow = y[i], v[i]
+                new = e[0, 0, i] * old + e[0, 1, i] * slow + (p[0, 0, i] * g0 + p[0, 1, i] * g1)
+                fast = e[1, 0, i] * old + e[1, 1, i] * slow + (p[1, 0, i] * g0 + p[1, 1, i] * g1)
+                y[i], v[i] = new, fast
+                before, after = old + twice_damping * slow, new + twice_damping * fast  # total, over -w
+                falling = angle[i] * slow - twice_damping * (angle[i] * before + h * g0)
+                rising = angle[i] * fast - twice_damping * (angle[i] * after + h * g1)
+                peaks[0, i] = max(peaks[0, i], _largest(old, new, angle[i] * slow, angle[i] * fast))
+                peaks[1, i] = max(peaks[1, i], _largest(before, after, falling, rising))
 
 
 def steps_of(periods: Array, dt: float) -> npt.NDArray[np.int64]:
@@ -115,6 +150,7 @@ def oscillator_peaks(ground: Array, dt: float, periods: Array, damping: float) -
         chosen = steps == count
         transition, forcing = _transition(frequency[chosen], damping, dt / count)
         peaks = np.zeros((2, np.count_nonzero(chosen)))
-        _march(ground, int(count), transition, forcing, 2.0 * damping, peaks)
+        step = dt / count
+        _march(ground, int(count), transition, forcing, frequency[chosen] * step, step, 2.0 * damping, peaks)
         found[:, chosen] = peaks
     return found[0], found[1] * frequency
