@@ -115,6 +115,7 @@ def simulate(
 
     motion = resolve_record(record)
     found = get_law(law)
+    outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
     spec = build_spec(
         scene=scene,
         records=motion,
@@ -130,6 +131,7 @@ def simulate(
         restitution_basis=restitution_basis,
         precision=precision,
         accuracy=accuracy,
+        outputs=outputs,
     )
     row = spec.scene
     velocities = _velocities(row, initial_velocity)
@@ -147,7 +149,6 @@ def simulate(
             f"give dt <= {limit:.6g} s, {stable} or force_unstable=True"
         )
         raise StabilityError(msg)
-    outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
     kernel = RowKernel(
         row,
         found,
@@ -205,10 +206,10 @@ def _refined(
     accuracy: float,
 ) -> tuple[RowKernel, dict[str, np.ndarray], np.ndarray]:
     """Halve the step until that changes no output by more than `accuracy`; see `pounding_sweep.sweep.refinement`."""
-    from pounding_sweep.sweep.refinement import MOST_HALVINGS, differences, halved
+    from pounding_sweep.sweep.refinement import MOST_HALVINGS, SINGLE_HALVINGS, differences, halved, in_double
 
-    for _ in range(MOST_HALVINGS):
-        kernel = halved(kernel, motion)
+    for halving in range(MOST_HALVINGS):
+        kernel = halved(kernel if halving < SINGLE_HALVINGS else in_double(kernel), motion)
         fine, history = run(kernel)
         estimate = differences(comparable(fine), coarse, fine)
         if estimate[0] <= accuracy and fine["status"][0] == Status.OK:
