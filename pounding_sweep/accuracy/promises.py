@@ -64,7 +64,7 @@ def draw(seed: int, number: int, laws: Sequence[str], records: Sequence[Record])
     """Draw a row of buildings, a law and a record, and `CASES` scenarios of gap, stiffness, restitution and scale."""
     random = np.random.default_rng([seed, number])
     storeys = SHAPES[number % len(SHAPES)]
-    law = get_law(laws[(number // len(SHAPES)) % len(laws)])
+    law = get_law(laws[(number + number // len(SHAPES)) % len(laws)])
     record = records[int(random.integers(len(records)))]
 
     def log(low: float, high: float) -> float:
