@@ -17,11 +17,11 @@ Conventions where a choice had to be made:
 * ``d`` has to exceed ``TOUCH`` (1e-13 m) to be seen as a touch, which keeps rounding noise of buildings that move
   alike from counting; the instant reported is still the one at which ``d`` left zero.
 * ``stereomechanical``: velocities jump at the onset; ``impulse`` and ``contact_work`` take the jump. Impacts at one
-  instant are taken pair by pair from the left and floor by floor from the bottom, until no floors approach; those of one
-  contact are one onset. A rebound slower than ``REST`` is none. Floors that neither approach nor part, and are pressed
-  together, stick: their accelerations are equal, by the force that follows (it counts in ``impulse``), until it would
-  pull. Floors that stick again at a rate of less than ``SAME`` have no new onset, nor have floors that stick when struck,
-  unless they rebound. ``impact_force_max`` and ``penetration_max`` mean nothing.
+  instant are taken pair by pair from the left and floor by floor from the bottom, until no floors approach; those of
+  one contact are one onset. A rebound slower than ``REST`` is none. Floors that neither approach nor part, and are
+  pressed together, stick: their accelerations are equal, by the force that follows (it counts in ``impulse``), until it
+  would pull. Floors that stick again at a rate of less than ``SAME`` have no new onset, nor have floors that stick when
+  struck, unless they rebound. ``impact_force_max`` and ``penetration_max`` mean nothing.
 """
 
 from __future__ import annotations
@@ -312,7 +312,7 @@ class _Solver:
         return (load - row.B.T @ f) / m - ag, f, d, rate
 
     def holding(self, x, which):
-        """What the contacts `which` must give so that both floors of each have the same rate x (velocity, acceleration)."""
+        """What the contacts `which` must give so that both floors of each have the same x (velocity, acceleration)."""
         f = np.zeros((self.row.np, *x.shape[1:]))
         if which.any():
             b = self.row.B[which]
@@ -419,9 +419,8 @@ class _Solver:
             at = self.state == CLOSED
             at[p] = target == CLOSED
             y = y.copy()
-            miss = (
-                self.row.B[p] @ y[self.iu] - self.row.gap[p] + 0.01 * TOUCH
-            )  # a bounce may be over by the next sample
+            # just open: a bounce may be over by the next sample
+            miss = self.row.B[p] @ y[self.iu] - self.row.gap[p] + 0.01 * TOUCH
             y[self.iu] -= self.row.B[p] / self.row.m * self.row.meff[p] * miss
             self.state[p] = OPEN
             return self.collide(t_global, t_global if located else min(t_global, self.last_open[p]), y, at)
@@ -481,14 +480,14 @@ class _Solver:
         return y
 
     def sticking(self, t, y, may):
-        """Which of the contacts that `may` stick are pressed: those forces >= 0 that leave the least relative motion."""
+        """Which of the contacts that `may` stick are pressed, by the forces >= 0 of least constraint (Gauss)."""
         row, stick = self.row, np.zeros(self.row.np, dtype=bool)
         if may.any():
             known, self.state = self.state, np.zeros(row.np, dtype=int)
             a = self.motion(y[self.iu], y[self.iv], self.ag0 + self.slope * (t - self.t_start))[0]
             self.state = known
             b = row.B[may]
-            f = nnls((b / np.sqrt(row.m)).T, np.sqrt(row.m) * a)[0]  # Gauss' principle of least constraint
+            f = nnls((b / np.sqrt(row.m)).T, np.sqrt(row.m) * a)[0]
             stick[may] = (f > 0.0) | (b @ (a - b.T @ f / row.m) > -1e-9)
         return stick
 

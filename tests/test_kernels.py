@@ -228,7 +228,7 @@ def test_contacts_of_exact_flight_are_those_of_rk4():
     of_law = {name for law in laws for name, text in flight[law].items() if text != flight["linear"].get(name)}
     assert {"trial", "pressing", "pressing_rate", "jump", "duration", "TOUCH_POWER"} <= of_law
     for law in laws:
-        for name in of_law:
+        for name in of_law - {"run"}:  # its loop is that of the scheme
             assert flight[law].get(name) == steps[law].get(name), (law, name)
 
 

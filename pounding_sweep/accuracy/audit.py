@@ -30,7 +30,7 @@ from pounding_sweep.sweep.blocks import RowKernel
 from pounding_sweep.sweep.dispatch import Dispatcher
 from pounding_sweep.sweep.jobs import Job
 from pounding_sweep.sweep.property_labels import row_coordinates
-from pounding_sweep.sweep.refinement import in_double
+from pounding_sweep.sweep.refinement import REFINED, in_double
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,9 +42,8 @@ if TYPE_CHECKING:
 GROUP = LANES // 2
 #: Steps of the audit in one step of the sweep.
 FINER = 2
-#: Steps that a scenario takes in all, over those that it begins with, where it is refined for an accuracy; and of
-#: those that it ends with.
-REFINED, ENDS = 3, 2
+#: Steps that most scenarios end with, over those that they begin with, where they are refined for an accuracy.
+ENDS = 2
 #: Error of an ok scenario beyond which a warning is given, where the sweep asked for none.
 TOLERANCE = 0.05
 #: Share of the tolerance within which the runs agree that tell the error of a scenario beyond it.

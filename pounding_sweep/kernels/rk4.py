@@ -246,7 +246,7 @@ class Rk4Step:
                 src(f"{at('U', i)} = {ends[0]}; {at('V', i)} = {ends[1]}")
 
     def _join(self, stage: int, weight: str) -> None:
-        """Accelerations of floors that rest on each other: the mean by mass along each row of them, as ``join`` has it."""
+        """Accelerations of floors that rest on each other: the mean by mass along each row of them (as in ``join``)."""
         src, at, contacts = self.src, self.slots.at, self.shape.contacts
         before = {right: j for j, (_, right, _) in enumerate(contacts) if right >= 0}
         after = {left: j for j, (left, _, _) in enumerate(contacts) if left >= 0}

@@ -24,6 +24,7 @@ from pounding_sweep.contact.laws import Law, get_law
 from pounding_sweep.cube.variables import check_outputs, cube_variables, get_variable, reducers_for
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
 from pounding_sweep.sweep.chunks import Chunk, cut
+from pounding_sweep.sweep.refinement import REFINED
 from pounding_sweep.sweep.scenarios import Scenarios, motions_of, unique_scenarios
 from pounding_sweep.sweep.spec import SweepSpec, digest
 from pounding_sweep.sweep.stability import largest_step
@@ -212,7 +213,7 @@ class Plan:
 
     def scenario_seconds(self, record: int, steps: Any) -> Any:
         """Estimated seconds of one scenario on one core, with `steps` (one number or an array) per record interval."""
-        total = (self.spec.records[record].n_points - 1) * steps
+        total = (self.spec.records[record].n_points - 1) * steps * (1 if self.spec.accuracy is None else REFINED)
         return total * self.spec.scene.n_dof * NS_PER_DOF_AND_STEP[self.numerics.method] * 1e-9
 
     @property

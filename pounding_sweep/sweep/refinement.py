@@ -30,6 +30,8 @@ from pounding_sweep.sweep.variants import Variants
 
 #: Halvings of a step after which single precision, and after which a scenario is given up, the first included.
 SINGLE_HALVINGS, MOST_HALVINGS = 3, 6
+#: Steps that most scenarios take in all, over those that they begin with.
+REFINED = 3
 
 Values = dict[str, np.ndarray]
 

@@ -174,7 +174,7 @@ def first_event(S, I, l, h, props):
 
 @njit(**OPTIONS)
 def note_onset(S, I, l, j, v, h):
-    """An impact at the rate v: count, first time, largest rate; force and penetration are without meaning from now on.
+    """An impact at the rate v: count, first time, largest rate; a mark that force and penetration have no meaning.
 
     Jumps of one contact at one instant are one impact (NEXT = 2: it has been counted), and floors
     that rest again before they had really parted have none.
@@ -188,9 +188,9 @@ def note_onset(S, I, l, j, v, h):
     if HAS_APPROACH_SPEED:
         S[VMAX + q] = max(S[VMAX + q], v)
     if HAS_FORCE:
-        S[FMAX + q] = FAR
+        S[FMAX + q] = 1.0
     if HAS_PENETRATION:
-        S[DMAX + q] = FAR
+        S[DMAX + q] = 1.0
 
 
 @njit(**OPTIONS)
