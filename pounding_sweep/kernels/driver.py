@@ -52,8 +52,6 @@ MAX_TRIES = 1000
 MAX_SWEEPS = 500
 #: Share of an elastic contact's duration over which sub-steps grow to a whole step, where they are graded.
 GRADED_SHARE = 0.5
-#: Product of step and frequency of the spring on which floors rest that a velocity jump has stopped.
-REST_RATE = 4.0
 #: Mass (t) of a wall, beside which those of floors vanish.
 WALL_MASS = 1.0e30
 #: Rate, in units of the speed at which bounces end, below which floors that touch neither approach nor part.
@@ -343,7 +341,6 @@ def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
             "BRIGHT": tuple(building[i] if i >= 0 else -1 for i in right),
             "RESTING_SPEED": RESTING_SPEED,
             "CAPPED": shape.scheme != "newmark",
-            "REST_RATE": REST_RATE,
             "STIFF_RATE": STIFF_RATE,
             "MAX_TRIES": MAX_TRIES,
             "MAX_SWEEPS": MAX_SWEEPS,
@@ -398,7 +395,6 @@ def _law(shape: KernelShape) -> str:
         "APPROACH_ONLY": law.approach_only,
         "CLIPS": law.clips,
         "PER_SPEED": law.per_speed,
-        "IMPULSIVE": law.impulsive,
         "TOUCH_POWER": grading[0],
         "RELEASE_POWER": grading[1],
         # least root of a graded sub-step, in durations of the contact: its error is that of rounding

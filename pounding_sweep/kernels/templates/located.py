@@ -219,11 +219,7 @@ def contact_peaks(S, I, l, h, whole):
 
 @njit(**OPTIONS)
 def apply_events(S, I, l, theta, h, props):
-    """Switch the contacts whose event ends this sub-step; returns whether any did.
-
-    Contacts are taken pair by pair from the left, floor by floor from the bottom; a
-    velocity jump is seen by those that follow.
-    """
+    """Switch the contacts whose event ends this sub-step; returns whether any did."""
     switched = False
     for j in range(NC):
         q = j * L + l
@@ -239,19 +235,12 @@ def apply_events(S, I, l, theta, h, props):
             S[CE + q] = 0.0
         elif mode == 0:
             v = relative(S, V, j, l)
-            if IMPULSIVE and v < -1e-3 * RESTING_SPEED:
-                continue  # a jump at another pair has parted these floors at the instant they met
             k = S[K + l]
             c = S[C + q]
-            if IMPULSIVE:
-                # too slow to bounce: the floors rest on a critically damped spring as stiff as the step allows
-                k = props[P_REDUCED + j] * (REST_RATE / h) * (REST_RATE / h)
-                c = 2.0 * props[P_REDUCED + j] * (REST_RATE / h)
-            else:
-                lasts = duration(k, v, props[P_REDUCED + j])
-                S[LASTS + q] = lasts
-                S[AGE + q] = 0.0
-                S[SHORTEST + l] = min(S[SHORTEST + l], lasts)
+            lasts = duration(k, v, props[P_REDUCED + j])
+            S[LASTS + q] = lasts
+            S[AGE + q] = 0.0
+            S[SHORTEST + l] = min(S[SHORTEST + l], lasts)
             if PER_SPEED:
                 c /= max(v, RESTING_SPEED)
             if HAS_COUNT:
@@ -260,9 +249,6 @@ def apply_events(S, I, l, theta, h, props):
                 S[TFIRST + q] = I[STEP + l] * h + (h - S[REM + l])
             if HAS_APPROACH_SPEED:
                 S[VMAX + q] = max(S[VMAX + q], v)
-            if IMPULSIVE and v > RESTING_SPEED:
-                jump(S, l, j, v, props)
-                continue
             S[KL + q] = k
             S[CL + q] = c
             S[KE + q] = k
