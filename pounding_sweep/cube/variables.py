@@ -98,8 +98,8 @@ class Status(IntEnum):
     )
     UNSETTLED = (
         7,
-        "half the time step changes an output by more than the accuracy asked for, however often it was halved, or, at a "
-        f"given step, by more than {SETTLED:.0%}",
+        "half the time step changes an output by more than the accuracy asked for, however often it was halved, or, "
+        f"at a given step, by more than {SETTLED:.0%}",
         "use a smaller dt, or ask for a larger relative error (see error_estimate)",
         True,
     )
