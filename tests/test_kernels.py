@@ -514,3 +514,16 @@ def test_flight_is_exact_whatever_the_step():
     for i, twin in enumerate(twins(PAIR)):
         want = modal_exact(twin, record.acceleration, record.dt)[0]
         np.testing.assert_allclose(one.displacement.isel(building=i).values, want, rtol=0, atol=1e-12)
+
+
+def test_a_slow_touch_is_counted_once():
+    """A contact that has touched but for a rounding error, and goes on approaching, is neither over nor a new one."""
+    scene = ps.Scene([ps.Building("b", [200.0], [450e3], 0.02), ps.Wall()], [0.002])
+    record = ps.synthetic_record(102, duration=10.0, dt=0.02, pga=3.0, ground_frequency=8.0)
+    axes = {"gaps": [0.0005, 0.001], "stiffnesses": [1e6, 1e7], "restitutions": [0.2, 0.8]}
+    coarse, fine = (
+        ps.Sweep(scene, record, "nonlinear_viscoelastic", dt=dt, outputs=["impact_count"], audit=0.0, **axes).run()
+        for dt in (1e-3, 1e-4)
+    )
+    np.testing.assert_array_equal(coarse.impact_count, fine.impact_count)
+    assert int(fine.impact_count.sum()) > 100

@@ -98,7 +98,7 @@ def first_event(S, I, l, h, props):
                         theta = root(0.0, peak, min(d0, 0.0), b1, b2, b3, b4, 1.0)
                         nxt = 1
             else:
-                if d1 <= 0.0:
+                if d1 <= 0.0 and (d0 > 0.0 or v1 <= 0.0):  # else it has touched but for a rounding error, and goes on
                     if v0 > 0.0:
                         peak = 0.0
                         if v1 < 0.0:
