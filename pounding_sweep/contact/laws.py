@@ -454,10 +454,7 @@ _ALL = [
             "K1 = Ke + W / (a dm^2), K2 = Ke - W / ((1 - a) dm^2), dy = a dm, a = 0.1, Ke = k sqrt(dm), "
             "W = L k dm^2.5 / 2.5, dm = (5 m v0^2 / (4 k))^(2/5)"
         ),
-        reference=(
-            "Muthukumar (2003), PhD thesis, Georgia Institute of Technology; Muthukumar & DesRoches (2006), Earthquake "
-            "Eng. Struct. Dyn. 35; path and properties as in OpenSees, ImpactMaterial, but dm of each contact's own v0"
-        ),
+        reference="Muthukumar & DesRoches (2006), Earthquake Eng. Struct. Dyn. 35(7), 811-828",
     ),
     Law(
         key="stereomechanical",
