@@ -311,7 +311,7 @@ def test_every_law_was_measured():
             assert newmark.needed(1e-3) > double.needed(1e-3) or law.impulsive, (law.key, kind)
     for precision in ("float64", "float32"):
         assert 0.2 < known.cost["rk4", precision] / known.cost["newmark", precision] < 2.0
-        assert known.cost["exact", precision] > known.cost["rk4", precision]  # a long step
+        assert 0.2 < known.cost["exact", precision] / known.cost["rk4", precision] < 10.0  # a long step
 
 
 def test_every_output_has_a_class():
