@@ -15,8 +15,8 @@ from pounding_sweep.sweep.source import library_versions
 from pounding_sweep.sweep.spec import contact_stiffness, to_json
 
 if TYPE_CHECKING:
-    from pounding_sweep.sweep.execute import Outcome
     from pounding_sweep.sweep.plan import Plan
+    from pounding_sweep.sweep.results import Outcome
 
 _AXES = {
     "law": ("", "contact law"),

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from pounding_sweep.records import Record
     from pounding_sweep.records.catalogue import Folders
     from pounding_sweep.scene import Scene
-    from pounding_sweep.sweep.execute import Outcome, Progress
+    from pounding_sweep.sweep.execute import Progress
     from pounding_sweep.sweep.plan import Plan
+    from pounding_sweep.sweep.results import Outcome
     from pounding_sweep.sweep.store import ChunkStore
 
 
