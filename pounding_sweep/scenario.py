@@ -18,7 +18,8 @@ from pounding_sweep.cube.variables import Status
 from pounding_sweep.errors import InputError, StabilityError
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.scene import Building, Scene
-from pounding_sweep.sweep.spec import build_spec, contact_stiffness, scene_data
+from pounding_sweep.sweep.build import build_spec
+from pounding_sweep.sweep.spec import contact_stiffness, scene_data
 
 if TYPE_CHECKING:
     import xarray as xr

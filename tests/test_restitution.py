@@ -28,7 +28,7 @@ from pounding_sweep.contact.restitution import (
 )
 from pounding_sweep.errors import InputError, LawError, SweepError
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.spec import build_spec
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.stability import largest_step
 
 getcontext().prec = 80

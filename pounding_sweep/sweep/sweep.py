@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.errors import OutputError, RunError, SweepError, WriteError
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.source import package_digest
-from pounding_sweep.sweep.spec import SweepSpec, build_spec
+from pounding_sweep.sweep.spec import SweepSpec
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 class Sweep:
     """A parametric sweep of one row of buildings.
 
-    Every combination of the axes is one scenario; see `pounding_sweep.sweep.spec.build_spec`
+    Every combination of the axes is one scenario; see `pounding_sweep.sweep.build.build_spec`
     for all arguments and their units (kN, t, m, s).
 
     Parameters
