@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.accuracy.measure import comparable
-from pounding_sweep.contact.laws import Law, get_law
-from pounding_sweep.contact.restitution import realised_restitution
+from pounding_sweep.contact.laws import Law, get_law, realised_restitution
 from pounding_sweep.cube.assemble import assemble
 from pounding_sweep.cube.layout import scatter_contact, scatter_dof
 from pounding_sweep.cube.variables import Status

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.contact.laws import get_law
-from pounding_sweep.contact.restitution import realised_restitution
+from pounding_sweep.contact.laws import get_law, realised_restitution
 from pounding_sweep.cube.assemble import Axis
 from pounding_sweep.cube.provenance import library_attribute
 from pounding_sweep.sweep.property_labels import product_coordinates, property_axis, row_coordinates
