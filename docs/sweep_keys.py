@@ -13,7 +13,7 @@ from pounding_sweep.records import pulse_record, read_record, synthetic_record
 from pounding_sweep.scene import Building, ContactProperties, Wall
 from pounding_sweep.sweep import toml_tables as schema
 from pounding_sweep.sweep.axes import Case, Range
-from pounding_sweep.sweep.spec import build_spec
+from pounding_sweep.sweep.build import build_spec
 
 #: Type of a key whose values the schema leaves to a later check.
 _AXIS = "a number, a list of numbers, or a table of evenly spaced values"

@@ -43,7 +43,7 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
 
     Examples
     --------
-    >>> from pounding_sweep.sweep.spec import build_spec
+    >>> from pounding_sweep.sweep.build import build_spec
     >>> scenario_of(build_spec(scene="mate2015", records="el_centro", laws="mate2015", gaps=[0.005, 0.01, 0.02])).gap
     0.01
     """
@@ -106,7 +106,7 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
 
     Examples
     --------
-    >>> from pounding_sweep.sweep.spec import build_spec
+    >>> from pounding_sweep.sweep.build import build_spec
     >>> spec = build_spec(scene="mate2015", records="el_centro", laws=["none", "linear"], gaps=[0.005, 0.01])
     >>> simulate_one(spec, gap=0.01).attrs["law"]
     'linear'

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.accuracy.measure import comparable
-from pounding_sweep.contact.laws import Law, get_law
-from pounding_sweep.contact.restitution import realised_restitution
+from pounding_sweep.contact.laws import Law, get_law, realised_restitution
 from pounding_sweep.cube.assemble import assemble
 from pounding_sweep.cube.layout import scatter_contact, scatter_dof
 from pounding_sweep.cube.variables import Status
 from pounding_sweep.errors import InputError, StabilityError
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.scene import Building, Scene
-from pounding_sweep.sweep.spec import build_spec, contact_stiffness, scene_data
+from pounding_sweep.sweep.build import build_spec
+from pounding_sweep.sweep.spec import contact_stiffness, scene_data
 
 if TYPE_CHECKING:
     import xarray as xr

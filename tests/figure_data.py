@@ -13,7 +13,8 @@ from pounding_sweep.cube.layout import inner_shape
 from pounding_sweep.cube.variables import VARIABLES
 from pounding_sweep.records import pulse_record
 from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.sweep.spec import build_spec, scene_data, to_json
+from pounding_sweep.sweep.build import build_spec
+from pounding_sweep.sweep.spec import scene_data, to_json
 
 LAWS = ("linear", "kelvin_voigt", "none")
 

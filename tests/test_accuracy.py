@@ -25,9 +25,9 @@ from pounding_sweep.cube.variables import VARIABLES, Status
 from pounding_sweep.errors import SweepError
 from pounding_sweep.records import Record, synthetic_record
 from pounding_sweep.scene import Building, Scene, Wall
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.execute import dispatcher_for, execute
 from pounding_sweep.sweep.plan import make_plan
-from pounding_sweep.sweep.spec import build_spec
 from pounding_sweep.sweep.stability import largest_step
 from pounding_sweep.sweep.sweep import Sweep
 

@@ -15,8 +15,7 @@ from hypothesis.extra.numpy import arrays
 import pounding_sweep.analysis as analysis
 from pounding_sweep.analysis.along import fractiles_along, interpolate
 from pounding_sweep.analysis.amplified import RESPONSES
-from pounding_sweep.contact.laws import get_law
-from pounding_sweep.contact.restitution import realised_restitution
+from pounding_sweep.contact.laws import get_law, realised_restitution
 from pounding_sweep.cube.variables import VARIABLES, Status
 from pounding_sweep.cube.write import open_cube, write_cube
 from pounding_sweep.errors import InputError

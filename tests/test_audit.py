@@ -23,10 +23,10 @@ from pounding_sweep.cube.write import open_cube
 from pounding_sweep.records import synthetic_record
 from pounding_sweep.scene import Building, Scene
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.execute import Outcome
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.plan import make_plan
 from pounding_sweep.sweep.readout import variables_of
-from pounding_sweep.sweep.spec import build_spec
+from pounding_sweep.sweep.results import Outcome
 from pounding_sweep.sweep.sweep import Sweep
 
 #: Several groups of lanes in the audit.

@@ -24,8 +24,8 @@ from pounding_sweep.figures import plot
 from pounding_sweep.records import Record, find_record, list_records, read_record, resolve_records
 from pounding_sweep.scene import Building, Wall
 from pounding_sweep.sweep import step_counts
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.plan import make_plan
-from pounding_sweep.sweep.spec import build_spec
 from pounding_sweep.sweep.toml_file import load_spec
 from pounding_sweep.sweep.toml_read import MAX_DEPTH, parse_bounded
 

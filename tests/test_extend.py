@@ -30,7 +30,7 @@ from pounding_sweep.sweep.extend import EarlierCube
 from pounding_sweep.sweep.filling import cube_in_memory
 from pounding_sweep.sweep.identity import identity_of
 from pounding_sweep.sweep.jobs import Job
-from pounding_sweep.sweep.results import Results
+from pounding_sweep.sweep.results import Outcome, Results
 from pounding_sweep.sweep.store import MANIFEST
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
@@ -780,7 +780,7 @@ def test_one_motion_under_two_names_with_an_accuracy(tmp_path):
 def of_accuracy(job):
     """Return a cube that could be of a sweep with an accuracy, no scenario of which has run."""
     plan = job.plan()
-    outcome = execute.Outcome(Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique)))
+    outcome = Outcome(Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique)))
     more = {"package_sha256": sweeping.package_digest()}
     return cube_in_memory(plan, outcome, None, execute.Progress(), more)
 

@@ -31,7 +31,7 @@ from pounding_sweep.figures.emptiness import shows_values
 from pounding_sweep.figures.row import Stage, _round_down, strongest, walls
 from pounding_sweep.records import records_dataset
 from pounding_sweep.sweep.axes import Case
-from pounding_sweep.sweep.spec import build_spec
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.variants import case_variants
 
 #: Words of labels that have no unit.

@@ -22,9 +22,10 @@ from pounding_sweep.records import Record
 from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.sweep import plan as planning
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.plan import make_plan, untouched
 from pounding_sweep.sweep.readout import variables_of
-from pounding_sweep.sweep.spec import build_spec, contact_stiffness, digest
+from pounding_sweep.sweep.spec import contact_stiffness, digest
 from pounding_sweep.sweep.stability import largest_step
 from pounding_sweep.sweep.sweep import Sweep
 

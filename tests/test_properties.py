@@ -28,10 +28,11 @@ from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.sweep import plan as planning
 from pounding_sweep.sweep.axes import Case
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.flight import transitions
 from pounding_sweep.sweep.plan import PLAN_BYTES, make_plan
 from pounding_sweep.sweep.resolution import displacement_limit, energy_limit, phase_error
-from pounding_sweep.sweep.spec import build_spec, to_json
+from pounding_sweep.sweep.spec import to_json
 from pounding_sweep.sweep.stability import largest_step
 from pounding_sweep.sweep.sweep import Sweep
 from pounding_sweep.sweep.toml_file import load_spec

@@ -17,18 +17,18 @@ from typer.testing import CliRunner
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.certificate import certify, deviation
-from pounding_sweep.contact.laws import LAWS, get_law
-from pounding_sweep.contact.restitution import (
-    RELATIONS,
-    SMALLEST,
+from pounding_sweep.contact.laws import (
+    LAWS,
     damping_number,
+    get_law,
     realised_number,
     realised_restitution,
     realised_validity,
 )
+from pounding_sweep.contact.restitution import RELATIONS, SMALLEST
 from pounding_sweep.errors import InputError, LawError, SweepError
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.spec import build_spec
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.stability import largest_step
 
 getcontext().prec = 80

@@ -24,10 +24,10 @@ from pounding_sweep.presets import get_preset
 from pounding_sweep.records import Record, find_record, pulse_record, synthetic_record
 from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.sweep.axes import Case, Range
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.spec import (
     MAX_AXIS,
     SweepSpec,
-    build_spec,
     contact_stiffness,
     digest,
     to_json,
@@ -543,7 +543,8 @@ def test_digest_is_the_same_in_another_process():
         [sys.executable, "-c", textwrap.dedent("""
             from pounding_sweep.records import Record
             from pounding_sweep.scene import Building, Scene
-            from pounding_sweep.sweep.spec import build_spec, digest
+            from pounding_sweep.sweep.build import build_spec
+            from pounding_sweep.sweep.spec import digest
             scene = Scene([Building("a", [1.0], [4.0])])
             pulse = Record("pulse", dt=0.01, acceleration=[0.0, 1.0, -1.0, 0.0])
             print(digest(build_spec(scene=scene, records=pulse, laws="none", outputs=["displacement_max"], dt=0.01)))

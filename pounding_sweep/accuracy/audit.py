@@ -35,8 +35,8 @@ from pounding_sweep.sweep.refinement import REFINED, in_double
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pounding_sweep.sweep.execute import Outcome
     from pounding_sweep.sweep.plan import Plan
+    from pounding_sweep.sweep.results import Outcome
 
 #: Scenarios of one lane group, which is run twice.
 GROUP = LANES // 2

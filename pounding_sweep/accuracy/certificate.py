@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.contact.laws import LAWS, Law, get_law
-from pounding_sweep.contact.restitution import RESTITUTION_BASES, damping_number, realised_restitution
+from pounding_sweep.contact.laws import LAWS, Law, damping_number, get_law, realised_restitution
+from pounding_sweep.contact.restitution import RESTITUTION_BASES
 from pounding_sweep.errors import InputError, LawError
 from pounding_sweep.records import Record
 from pounding_sweep.scene import Building, Scene

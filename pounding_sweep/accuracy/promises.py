@@ -30,9 +30,10 @@ from pounding_sweep.records import Record, read_record, resolve_record, syntheti
 from pounding_sweep.scene import Building, Scene, Wall
 from pounding_sweep.sweep.axes import Case
 from pounding_sweep.sweep.blocks import Numerics, RowKernel
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.execute import run_chunk
 from pounding_sweep.sweep.plan import make_plan
-from pounding_sweep.sweep.spec import SweepSpec, build_spec
+from pounding_sweep.sweep.spec import SweepSpec
 
 #: Storeys of the buildings of a row; 0: a wall.
 SHAPES = ((1, 0), (1, 1), (2, 1), (1, 1, 1), (2, 2), (0, 2, 1), (3, 2, 0), (2, 3, 2), (3, 3, 3), (5, 4))

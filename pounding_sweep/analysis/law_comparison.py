@@ -26,8 +26,7 @@ from pounding_sweep.analysis.scenarios import (
     scenarios_only,
     values,
 )
-from pounding_sweep.contact.laws import LAWS, get_law
-from pounding_sweep.contact.restitution import realised_restitution
+from pounding_sweep.contact.laws import LAWS, get_law, realised_restitution
 from pounding_sweep.errors import InputError, unknown
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from pounding_sweep.tables import bytes_text, number_text, print_json, print_pai
 from pounding_sweep.texts import printable
 
 if TYPE_CHECKING:
-    from pounding_sweep.sweep.execute import Outcome
+    from pounding_sweep.sweep.results import Outcome
     from pounding_sweep.sweep.sweep import Sweep
 
 Accuracy = Annotated[

@@ -43,13 +43,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pounding_sweep.contact.restitution import (
-    YIELD_SHARE,
-    RelationName,
-    check_basis,
-    check_realisable,
-    damping_number,
-)
+from pounding_sweep.contact.restitution import RELATIONS, YIELD_SHARE, RelationName, check_basis
 from pounding_sweep.errors import LawError, unknown
 
 #: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting
@@ -500,3 +494,155 @@ def get_law(key: str | Law) -> Law:
         return LAWS[key]
     except (KeyError, TypeError):
         raise LawError(unknown("contact law", key, LAWS)) from None
+
+
+def realised_validity(law: Law) -> str:
+    """Coefficients of restitution that a law can realise exactly, as text."""
+    if not law.takes_restitution or law.impulsive:
+        return law.validity
+    if law.relation not in RELATIONS:
+        return "none: its damping has no known relation to the realised restitution"
+    relation = RELATIONS[law.relation]
+    return "0 <= e <= 1" if math.isfinite(relation.at_zero) else f"{relation.smallest:g} <= e <= 1"
+
+
+def check_realisable(law: Law, e: float) -> None:
+    """Raise `LawError` unless some finite damping makes two free masses rebound at exactly `e`.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law; those without restitution realise e = 1 whatever is asked for.
+    e : float
+        Coefficient of restitution.
+    """
+    if not law.takes_restitution or law.impulsive:
+        return
+    if law.relation not in RELATIONS:
+        msg = (
+            f"law {law.key!r} has damping but names no relation to the realised restitution "
+            f"({', '.join(RELATIONS)}); give restitution_basis='published'"
+        )
+        raise LawError(msg)
+    relation = RELATIONS[law.relation]
+    smallest = 0.0 if math.isfinite(relation.at_zero) else relation.smallest
+    if not smallest <= e <= 1.0:
+        msg = f"restitution {e!r} can't be realised by law {law.key!r}; give {realised_validity(law)}"
+        if 0.0 <= e < smallest:
+            msg += ", or a law that realises e = 0: kelvin_voigt_tension or stereomechanical"
+        raise LawError(msg)
+
+
+def realised_number(law: Law, e: Any) -> np.ndarray:
+    """Damping number with which two free masses rebound at exactly `e`.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law.
+    e : array_like
+        Coefficient of restitution wanted.
+
+    Returns
+    -------
+    ndarray
+        The law's damping number (dimensionless; what `Law.number` gives as published),
+        shape of `e`; exactly 0 at e = 1. Relative error below 1e-12. Zero for laws
+        without damping; `e` itself for a velocity jump, which is exact as it is.
+
+    Raises
+    ------
+    LawError
+        No finite damping does it; the message says which `e` are valid.
+
+    Examples
+    --------
+    >>> float(realised_number(get_law("hertz_damped"), 0.6).round(6))
+    0.974872
+    """
+    values = np.asarray(e, dtype=float)
+    if law.number is None:
+        return np.zeros(values.shape)
+    if law.impulsive:
+        return np.asarray(law.number(values), dtype=float)
+    distinct, inverse = np.unique(values, return_inverse=True)  # a sweep repeats few values in many scenarios
+    for value in distinct[[0, -1]] if distinct.size else ():  # NaN sorts last
+        check_realisable(law, float(value))
+    relation = RELATIONS[law.relation]
+    inside = (distinct > 0.0) & (distinct < 1.0)
+    solved = relation.number(np.where(inside, distinct, 0.5)) / law.relation_factor
+    ends = np.where(distinct > 0.0, 0.0, relation.at_zero / law.relation_factor)
+    return np.asarray(np.where(inside, solved, ends)[inverse].reshape(values.shape))
+
+
+def damping_number(law: Law, e: Any, basis: str = "published") -> np.ndarray:
+    """Damping number of a law that takes restitution, on either basis.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law.
+    e : array_like
+        Nominal coefficient of restitution.
+    basis : {"published", "realised"}
+        The law's published formula, or the number that realises `e`.
+
+    Returns
+    -------
+    ndarray
+        Dimensionless; zero for laws without damping.
+
+    Raises
+    ------
+    LawError
+        The basis is unknown, or `e` can't be realised.
+    """
+    check_basis(basis)
+    if basis == "realised":
+        return realised_number(law, e)
+    values = np.asarray(e, dtype=float)
+    return np.zeros(values.shape) if law.number is None else np.asarray(law.number(values), dtype=float)
+
+
+def realised_restitution(law: Law, e: Any, basis: str = "published") -> np.ndarray:
+    """Restitution that two free masses really have under a law of nominal restitution `e`.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law.
+    e : array_like
+        Nominal coefficient of restitution.
+    basis : {"published", "realised"}
+        What `e` means; with "realised" it is returned as it is.
+
+    Returns
+    -------
+    ndarray
+        Shape of `e`; 1 for laws without damping, NaN where floors don't touch
+        and for a damped law whose relation is not known.
+
+    Raises
+    ------
+    LawError
+        `e` is not valid for the law on that basis, or the basis is unknown.
+
+    Examples
+    --------
+    >>> float(realised_restitution(get_law("hertz_damped"), 0.6).round(3))
+    0.756
+    """
+    check_basis(basis)
+    values = np.asarray(e, dtype=float)
+    if not law.takes_restitution:
+        return np.full(values.shape, 1.0 if law.has_contact else np.nan)
+    for value in (values.min(), values.max()) if values.size else ():
+        law.check_restitution(float(value), basis)
+    if basis == "realised" or law.impulsive:
+        return values.copy()
+    if law.relation not in RELATIONS:
+        return np.full(values.shape, np.nan)
+    number = damping_number(law, values) * law.relation_factor
+    damped = number > 0.0
+    found = RELATIONS[law.relation].restitution(np.where(damped, number, 1.0))
+    return np.asarray(np.where(damped, found, 1.0))

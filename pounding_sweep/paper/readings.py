@@ -180,7 +180,8 @@ def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
     InputError
         It is no cube of one of the readings, or lacks outputs that the report needs.
     """
-    from pounding_sweep.sweep.spec import build_spec, to_json
+    from pounding_sweep.sweep.build import build_spec
+    from pounding_sweep.sweep.spec import to_json
 
     try:
         scene = json.loads(cube.attrs["sweep"])["scene"]

@@ -6,8 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from pounding_sweep.contact.laws import LAWS, MATE2015_MODELS, Law, get_law
-from pounding_sweep.contact.restitution import realised_validity
+from pounding_sweep.contact.laws import LAWS, MATE2015_MODELS, Law, get_law, realised_validity
 from pounding_sweep.errors import LawError, shown, unknown
 from pounding_sweep.scene import Scene
 from pounding_sweep.sweep.faults import FAILED, Faults, Place, listed, one_number

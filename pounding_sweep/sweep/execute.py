@@ -10,9 +10,9 @@ import os
 import re
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +27,7 @@ from pounding_sweep.sweep.dispatch import Dispatcher
 from pounding_sweep.sweep.jobs import Job
 from pounding_sweep.sweep.plan import Plan, untouched
 from pounding_sweep.sweep.refinement import run_at_step, run_refined
-from pounding_sweep.sweep.results import Results, table_type, to_table
+from pounding_sweep.sweep.results import Outcome, Results, table_type, to_table
 from pounding_sweep.sweep.saving import Saver
 from pounding_sweep.sweep.scenarios import Scenarios
 from pounding_sweep.sweep.store import ChunkCorrupt, ChunkStore
@@ -60,47 +60,6 @@ class Progress:
 
     def close(self) -> None:
         """End the display."""
-
-
-@dataclass
-class Outcome:
-    """Results of the unique scenarios of a plan.
-
-    Attributes
-    ----------
-    results : Results
-        What each of them ended with.
-    run : int
-        Scenarios integrated, runs without pounding included.
-    untouched : int
-        Unique scenarios answered by the run without pounding.
-    reused : int
-        Scenarios read from an interrupted run, which it had run itself.
-    taken : int
-        Scenarios taken from an earlier cube, in this run or an interrupted one.
-    taken_from : mapping or None
-        What that cube said of itself; see `pounding_sweep.sweep.taken`.
-    compiled : int
-        Kernels that had to be compiled.
-    compile_seconds, run_seconds : float
-        Wall time of the two stages.
-    failures : list of str
-        What went wrong in chunks that have no result, or only what was taken.
-    left_out : ndarray of bool or None
-        Unique scenarios answered by a run without pounding; None where nothing was run.
-    """
-
-    results: Results
-    run: int = 0
-    untouched: int = 0
-    reused: int = 0
-    taken: int = 0
-    taken_from: Mapping[str, Any] | None = None
-    compiled: int = 0
-    compile_seconds: float = 0.0
-    run_seconds: float = 0.0
-    failures: list[str] = field(default_factory=list)
-    left_out: np.ndarray | None = None
 
 
 def run_chunk(

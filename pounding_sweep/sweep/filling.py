@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from pounding_sweep.accuracy.audit import Audit
-    from pounding_sweep.sweep.execute import Outcome, Progress
+    from pounding_sweep.sweep.execute import Progress
     from pounding_sweep.sweep.plan import Plan
+    from pounding_sweep.sweep.results import Outcome
 
 
 def cube_in_memory(

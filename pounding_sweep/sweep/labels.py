@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.contact.laws import get_law
-from pounding_sweep.contact.restitution import realised_restitution
+from pounding_sweep.contact.laws import get_law, realised_restitution
 from pounding_sweep.cube.assemble import Axis
 from pounding_sweep.cube.provenance import library_attribute
 from pounding_sweep.sweep.property_labels import product_coordinates, property_axis, row_coordinates
@@ -15,8 +14,8 @@ from pounding_sweep.sweep.source import library_versions
 from pounding_sweep.sweep.spec import contact_stiffness, to_json
 
 if TYPE_CHECKING:
-    from pounding_sweep.sweep.execute import Outcome
     from pounding_sweep.sweep.plan import Plan
+    from pounding_sweep.sweep.results import Outcome
 
 _AXES = {
     "law": ("", "contact law"),

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.regular import open_own
-from pounding_sweep.sweep.execute import Outcome, Progress
+from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.sweep.results import Outcome
 
 if TYPE_CHECKING:
     from pounding_sweep.sweep.plan import Plan

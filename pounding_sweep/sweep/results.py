@@ -8,6 +8,8 @@ therefore does not grow with the outputs of a sweep whose chunks are on disk.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -168,3 +170,44 @@ class Results:
         self._tables.clear()
         self._first = [0]
         self._slot[:] = -1
+
+
+@dataclass
+class Outcome:
+    """Results of the unique scenarios of a plan.
+
+    Attributes
+    ----------
+    results : Results
+        What each of them ended with.
+    run : int
+        Scenarios integrated, runs without pounding included.
+    untouched : int
+        Unique scenarios answered by the run without pounding.
+    reused : int
+        Scenarios read from an interrupted run, which it had run itself.
+    taken : int
+        Scenarios taken from an earlier cube, in this run or an interrupted one.
+    taken_from : mapping or None
+        What that cube said of itself; see `pounding_sweep.sweep.taken`.
+    compiled : int
+        Kernels that had to be compiled.
+    compile_seconds, run_seconds : float
+        Wall time of the two stages.
+    failures : list of str
+        What went wrong in chunks that have no result, or only what was taken.
+    left_out : ndarray of bool or None
+        Unique scenarios answered by a run without pounding; None where nothing was run.
+    """
+
+    results: Results
+    run: int = 0
+    untouched: int = 0
+    reused: int = 0
+    taken: int = 0
+    taken_from: Mapping[str, Any] | None = None
+    compiled: int = 0
+    compile_seconds: float = 0.0
+    run_seconds: float = 0.0
+    failures: list[str] = field(default_factory=list)
+    left_out: np.ndarray | None = None

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.errors import OutputError, RunError, SweepError, WriteError
+from pounding_sweep.sweep.build import build_spec
 from pounding_sweep.sweep.source import package_digest
-from pounding_sweep.sweep.spec import SweepSpec, build_spec
+from pounding_sweep.sweep.spec import SweepSpec
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,15 +21,16 @@ if TYPE_CHECKING:
     from pounding_sweep.records import Record
     from pounding_sweep.records.catalogue import Folders
     from pounding_sweep.scene import Scene
-    from pounding_sweep.sweep.execute import Outcome, Progress
+    from pounding_sweep.sweep.execute import Progress
     from pounding_sweep.sweep.plan import Plan
+    from pounding_sweep.sweep.results import Outcome
     from pounding_sweep.sweep.store import ChunkStore
 
 
 class Sweep:
     """A parametric sweep of one row of buildings.
 
-    Every combination of the axes is one scenario; see `pounding_sweep.sweep.spec.build_spec`
+    Every combination of the axes is one scenario; see `pounding_sweep.sweep.build.build_spec`
     for all arguments and their units (kN, t, m, s).
 
     Parameters
