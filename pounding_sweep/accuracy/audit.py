@@ -65,14 +65,16 @@ class Sample:
     ----------
     rows : ndarray of int
         Rows of the plan's unique scenarios, a lane group at most.
-    law, record, steps : int
-        Index of the law and the record, and steps per record interval in the sweep.
+    law, record, steps, begun : int
+        Index of the law and the record, steps per record interval that the scenarios ended with in the sweep, and
+        those that they began with.
     """
 
     rows: np.ndarray
     law: int
     record: int
     steps: int
+    begun: int
 
     def cost(self, plan: Plan) -> int:
         """Lane-steps that it takes; a group costs all its lanes, filled or not."""
@@ -171,7 +173,7 @@ def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
     for kind in np.unique(kinds):
         mine = random.permutation(rows[kinds == kind])
         record, law, steps = int(table.record[mine[0]]), int(table.law[mine[0]]), int(plan.steps[mine[0]])
-        alike = [Sample(mine[i : i + GROUP], law, record, steps) for i in range(0, len(mine), GROUP)]
+        alike = [Sample(mine[i : i + GROUP], law, record, steps, steps) for i in range(0, len(mine), GROUP)]
         groups += alike
         costs += [alike[0].cost(plan)] * len(alike)
     sizes = np.array([len(group.rows) for group in groups], dtype=float)
@@ -182,7 +184,7 @@ def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
     for index in affordable:
         if left and (not chosen or costs[index] <= budget):
             group = groups[index]
-            chosen.append(Sample(np.sort(group.rows[:left]), group.law, group.record, group.steps))
+            chosen.append(replace(group, rows=np.sort(group.rows[:left])))
             left -= len(chosen[-1].rows)
             budget -= costs[index]
     return chosen
@@ -244,17 +246,17 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
 
 
 def _by_step(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[Sample]:
-    """Put scenarios together that ended with the same law, record and step."""
+    """Put scenarios of one law and record together that began and ended with the same step."""
     table = plan.unique[rows]
     steps = plan.steps[rows]
     if plan.spec.accuracy is not None:
         interval = np.array([record.dt for record in plan.spec.records])[table.record]
         steps = np.rint(interval / own["time_step"]).astype(int)
-    kinds = np.stack([table.law, table.record, steps])
+    kinds = np.stack([table.law, table.record, steps, plan.steps[rows]])
     samples = []
-    for law, record, count in np.unique(kinds, axis=1).T.tolist():
-        alike = rows[(kinds == [[law], [record], [count]]).all(axis=0)]
-        samples += [Sample(alike[i : i + LANES], law, record, count) for i in range(0, len(alike), LANES)]
+    for kind in np.unique(kinds, axis=1).T:
+        alike = rows[(kinds == kind[:, None]).all(axis=0)]
+        samples += [Sample(alike[i : i + LANES], *kind.tolist()) for i in range(0, len(alike), LANES)]
     return samples
 
 
@@ -287,9 +289,9 @@ def _run(
 
 def _batches(samples: list[Sample]) -> list[list[Sample]]:
     """Put samples of one law, record and step together: enough of them that a task is worth its while."""
-    kinds: dict[tuple[int, int, int], list[Sample]] = {}
+    kinds: dict[tuple[int, ...], list[Sample]] = {}
     for sample in samples:
-        kinds.setdefault((sample.law, sample.record, sample.steps), []).append(sample)
+        kinds.setdefault((sample.law, sample.record, sample.steps, sample.begun), []).append(sample)
     size = min(LARGEST_BATCH, math.ceil(len(samples) / BATCHES))
     return [alike[i : i + size] for alike in kinds.values() for i in range(0, len(alike), size)]
 
@@ -321,7 +323,7 @@ def _settling_job(plan: Plan, outputs: Sequence[str], tolerance: float) -> Calla
 
 def _kernel_of(plan: Plan, sample: Sample) -> RowKernel:
     """Return the kernel of a sample at half the step that it ended with."""
-    finer = plan.numerics.finer * sample.steps / int(plan.steps[sample.rows[0]])
+    finer = plan.numerics.finer * sample.steps / sample.begun
     kernel = plan.kernel(sample.law, record=sample.record, steps=FINER * sample.steps)
     return replace(kernel, numerics=replace(kernel.numerics, finer=FINER * finer))
 
