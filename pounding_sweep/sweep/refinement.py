@@ -30,6 +30,9 @@ from pounding_sweep.sweep.variants import Variants
 
 #: Halvings of a step after which single precision, and after which a scenario is given up, the first included.
 SINGLE_HALVINGS, MOST_HALVINGS = 3, 6
+#: Impacts of one floor beyond which a scenario is held to less than what was asked, in proportion: the more often
+#: floors meet, the likelier some graze each other by less than the error, and are counted or not.
+GRAZES = 16.0
 #: Steps that most scenarios take in all, over those that they begin with.
 REFINED = 3
 
@@ -138,11 +141,19 @@ def run_refined(
         if "amplification" in outputs:
             moves = amplification(kernel, record, table[rows], variants[rows], outputs, fine)
             result["amplification"][rows] = moves
-        rest = (estimate[rows] > accuracy) | (fine["status"] != Status.OK)
+        rest = (estimate[rows] > accuracy / _strictness(fine)) | (fine["status"] != Status.OK)
         coarse, rows = {name: values[rest] for name, values in fine.items()}, rows[rest]
     result["status"][(result["status"] == Status.OK) & ~(estimate <= accuracy)] = Status.UNSETTLED
     result["error_estimate"] = estimate
     return result
+
+
+def _strictness(found: Values) -> np.ndarray:
+    """By how much scenarios whose impacts are counted are held to less than what was asked, shape (n,)."""
+    if "impact_count" not in found:
+        return np.ones(len(found["status"]))
+    most = found["impact_count"].reshape(len(found["status"]), -1).max(axis=1, initial=0)
+    return np.maximum(1.0, most / GRAZES)
 
 
 def run_at_step(
