@@ -206,16 +206,24 @@ def _refined(
     accuracy: float,
 ) -> tuple[RowKernel, dict[str, np.ndarray], np.ndarray]:
     """Halve the step until that changes no output by more than `accuracy`; see `pounding_sweep.sweep.refinement`."""
-    from pounding_sweep.sweep.refinement import MOST_HALVINGS, SINGLE_HALVINGS, differences, halved, in_double
+    from pounding_sweep.sweep.refinement import (
+        MOST_HALVINGS,
+        SINGLE_HALVINGS,
+        differences,
+        halved,
+        in_double,
+        strictness,
+    )
 
     for halving in range(MOST_HALVINGS):
         kernel = halved(kernel if halving < SINGLE_HALVINGS else in_double(kernel), motion)
         fine, history = run(kernel)
         estimate = differences(comparable(fine), coarse, fine)
-        if estimate[0] <= accuracy and fine["status"][0] == Status.OK:
+        if estimate[0] <= accuracy / strictness(fine)[0] and fine["status"][0] == Status.OK:
             return kernel, fine, history
         coarse = fine
-    fine["status"] = np.where(fine["status"] == Status.OK, Status.UNSETTLED, fine["status"])
+    settled = (estimate <= accuracy) | (fine["status"] != Status.OK)
+    fine["status"] = np.where(settled, fine["status"], Status.UNSETTLED)
     return kernel, fine, history
 
 

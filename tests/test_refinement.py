@@ -77,6 +77,17 @@ def test_the_estimate_is_the_difference_of_the_last_two_steps():
         assert found["error_estimate"][i] == pytest.approx(differences(comparable(OUTPUTS), twice, mine)[0], rel=0.5)
 
 
+def test_scenarios_of_many_impacts_are_held_to_less(monkeypatch):
+    lying(monkeypatch)
+    plain = flat(make(accuracy=1e-2, dt=None).run(scheduler="synchronous"))
+    monkeypatch.setattr(refinement, "GRAZES", 0.1)
+    found = flat(make(accuracy=1e-2, dt=None).run(scheduler="synchronous"))
+    most = found["impact_count"].reshape(len(found["status"]), -1).max(axis=1)
+    assert (found["error_estimate"] <= 1e-2 / np.maximum(1.0, 10.0 * most)).all()
+    assert (found["time_step"] < plain["time_step"]).any()
+    assert (found["time_step"] <= plain["time_step"]).all()
+
+
 def test_what_does_not_settle_says_so(monkeypatch):
     monkeypatch.setattr(refinement, "MOST_HALVINGS", 1)
     lying(monkeypatch)

@@ -141,14 +141,14 @@ def run_refined(
         if "amplification" in outputs:
             moves = amplification(kernel, record, table[rows], variants[rows], outputs, fine)
             result["amplification"][rows] = moves
-        rest = (estimate[rows] > accuracy / _strictness(fine)) | (fine["status"] != Status.OK)
+        rest = (estimate[rows] > accuracy / strictness(fine)) | (fine["status"] != Status.OK)
         coarse, rows = {name: values[rest] for name, values in fine.items()}, rows[rest]
     result["status"][(result["status"] == Status.OK) & ~(estimate <= accuracy)] = Status.UNSETTLED
     result["error_estimate"] = estimate
     return result
 
 
-def _strictness(found: Values) -> np.ndarray:
+def strictness(found: Values) -> np.ndarray:
     """By how much scenarios whose impacts are counted are held to less than what was asked, shape (n,)."""
     if "impact_count" not in found:
         return np.ones(len(found["status"]))
