@@ -230,7 +230,7 @@ def test_every_part_of_the_text_is_in_the_name(monkeypatch):
         name: wrapped(name) for name in ("_law", "emit_run", "emit_turns", "emit_energy", "emit_fly", "emit_begin")
     }
     edits["prelude"] = lambda patch: patch.setattr(driver, "PRELUDE", driver.PRELUDE + "# edited\n")
-    edits["constant"] = lambda patch: patch.setattr(driver, "REST_RATE", 5.0)
+    edits["constant"] = lambda patch: patch.setattr(driver, "MAX_TRIES", 999)
     edits["signature"] = lambda patch: patch.setattr(cache, "SIGNATURE", cache.SIGNATURE + " ")
     edits |= {f"template {name}": commented(name) for name in ("located", "motion", "energy")}
     names = [digest_with(monkeypatch, edit, shapes["rk4"]) for edit in edits.values()]
