@@ -185,8 +185,8 @@ def commented(template):
     """An edit of a template."""
     true_functions = driver._functions
 
-    def functions(name, only=()):
-        return true_functions(name, only) + ("\n# edited\n" if name == template else "")
+    def functions(name, *which, **more):
+        return true_functions(name, *which, **more) + ("\n# edited\n" if name == template else "")
 
     return lambda patch: patch.setattr(driver, "_functions", functions)
 
