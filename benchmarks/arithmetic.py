@@ -12,10 +12,10 @@ from benchmarks.c_kernel import WIDTHS, CKernel, find_compiler
 from benchmarks.engine import OUTPUTS
 from benchmarks.timing import medians
 from benchmarks.work import Work, neighbouring_gaps
-from pounding_sweep.contact.laws import get_law
-from pounding_sweep.cube.variables import reducers_for
-from pounding_sweep.kernels.shape import LANES
-from pounding_sweep.sweep.blocks import Numerics, RowKernel
+from pounding_sweep.emit.spec import LANES
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import get_law
+from pounding_sweep.outputs.variables import reducers_for
 
 #: Time step (s) of both, and lane groups of one call.
 STEP, GROUPS = 1e-3, 2

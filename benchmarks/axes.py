@@ -10,8 +10,8 @@ import numpy as np
 from benchmarks.engine import BATCH, OUTPUTS, run_chunks
 from benchmarks.timing import medians
 from benchmarks.work import GAPS, Work
-from pounding_sweep.sweep.plan import Plan
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.plan.plan import Plan
+from pounding_sweep.run.sweep import Sweep
 
 #: Values of each axis, of one building where an axis has one; the gap axis is what the others are compared with.
 AXES: dict[str, dict[str, Any]] = {

@@ -8,11 +8,11 @@ import numpy as np
 
 from benchmarks.peers import Peer, Run
 from benchmarks.work import Peaks, Work
-from pounding_sweep.contact.laws import get_law
-from pounding_sweep.scene import Scene
-from pounding_sweep.sweep.execute import run_chunk
-from pounding_sweep.sweep.plan import Plan
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.model.laws import get_law
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.plan.plan import Plan
+from pounding_sweep.run.execute import run_chunk
+from pounding_sweep.run.sweep import Sweep
 
 #: What every tool reports, and nothing else.
 OUTPUTS = ("displacement_max", "displacement_min", "impact_force_max", "impact_count")

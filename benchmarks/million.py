@@ -9,7 +9,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from pounding_sweep.sweep.sweep import load_sweep
+from pounding_sweep.run.sweep import load_sweep
 
 SWEEP = Path(__file__).parents[1] / "sweeps" / "million.toml"
 

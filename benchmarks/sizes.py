@@ -15,12 +15,12 @@ import numpy as np
 
 import pounding_sweep as ps
 from benchmarks.engine import OUTPUTS, run_chunks
-from pounding_sweep.kernels.cache import CACHE_VARIABLE
-from pounding_sweep.kernels.prepare import to_json
-from pounding_sweep.kernels.shape import LANES
+from pounding_sweep.emit.spec import LANES
+from pounding_sweep.engine.cache import CACHE_VARIABLE
+from pounding_sweep.engine.compile import to_json
+from pounding_sweep.plan.plan import Plan
 from pounding_sweep.records import Record
-from pounding_sweep.sweep.plan import Plan
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.run.sweep import Sweep
 
 #: Gap (m) at which nothing touches: the arithmetic of the row is measured, not how often it pounds.
 WIDE = 10.0
@@ -64,8 +64,8 @@ class Start:
 
 _LOAD = """
 import json, sys, time
-from pounding_sweep.kernels.cache import get_kernel
-from pounding_sweep.kernels.prepare import from_json
+from pounding_sweep.engine.cache import get_kernel
+from pounding_sweep.engine.compile import from_json
 shape = from_json(json.load(sys.stdin))
 started = time.perf_counter()
 get_kernel(shape)

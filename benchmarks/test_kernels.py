@@ -11,9 +11,9 @@ from benchmarks.engine import OUTPUTS, run_chunks
 from benchmarks.sizes import row_of
 from benchmarks.timing import medians
 from benchmarks.work import neighbouring_gaps
-from pounding_sweep.cube.variables import VARIABLES
-from pounding_sweep.kernels.cache import CACHE_VARIABLE, get_kernel
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.engine.cache import CACHE_VARIABLE, get_kernel
+from pounding_sweep.outputs.variables import VARIABLES
+from pounding_sweep.run.sweep import Sweep
 
 needs_compiler = pytest.mark.skipif(
     find_compiler() is None, reason="no C compiler: install one, or name it in CC, to compare with the C kernel"

@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.engine import OUTPUTS
 from benchmarks.work import GAPS, Work
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.run.sweep import Sweep
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Throughput:
 @contextmanager
 def kernel_clock() -> Iterator[Callable[[], float]]:
     """Count the seconds that all threads of this process spend in compiled kernels."""
-    from pounding_sweep.kernels import cache
+    from pounding_sweep.engine import cache
 
     lock, total = threading.Lock(), 0.0
     find = cache.get_kernel

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 import pounding_sweep as ps
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
-from pounding_sweep.scene import Scene
 
 #: Gaps (m) of the sweeps that are timed: neighbours stand side by side in lanes, as they do in any sweep over gaps.
 GAPS = (0.004, 0.020)

@@ -18,11 +18,11 @@ from pounding_sweep.analysis.events import EVENTS
 from pounding_sweep.analysis.separation_rules import SEPARATION_RULES
 from pounding_sweep.cli.app import app
 from pounding_sweep.cli.reporting import NAME
-from pounding_sweep.contact.laws import LAWS, RESTING_SPEED
-from pounding_sweep.contact.restitution import RELATIONS
-from pounding_sweep.cube.variables import DEFAULT_OUTPUTS, STATUS, VARIABLES
 from pounding_sweep.figures import FIGURES
-from pounding_sweep.presets import PRESETS
+from pounding_sweep.model.laws import LAWS, RESTING_SPEED
+from pounding_sweep.model.presets import PRESETS
+from pounding_sweep.model.rebound import RELATIONS
+from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, STATUS, VARIABLES
 from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS
 
 

@@ -8,12 +8,12 @@ from typing import Any
 from numpydoc.docscrape import NumpyDocString
 from pydantic.fields import FieldInfo
 
-from pounding_sweep.contact.hertz import hertz_stiffness
+from pounding_sweep.model.hertz import hertz_stiffness
+from pounding_sweep.model.scene import Building, ContactProperties, Wall
 from pounding_sweep.records import pulse_record, read_record, synthetic_record
-from pounding_sweep.scene import Building, ContactProperties, Wall
-from pounding_sweep.sweep import toml_tables as schema
-from pounding_sweep.sweep.axes import Case, Range
-from pounding_sweep.sweep.build import build_spec
+from pounding_sweep.spec import toml_tables as schema
+from pounding_sweep.spec.axes import Case, Range
+from pounding_sweep.spec.build import build_spec
 
 #: Type of a key whose values the schema leaves to a later check.
 _AXIS = "a number, a list of numbers, or a table of evenly spaced values"

@@ -8,31 +8,31 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.deferred import attribute
+from pounding_sweep.base.deferred import attribute
 
 _HOME = {
-    "Building": "pounding_sweep.scene",
-    "ContactProperties": "pounding_sweep.scene",
-    "Scene": "pounding_sweep.scene",
-    "Wall": "pounding_sweep.scene",
-    "Law": "pounding_sweep.contact.laws",
-    "LAWS": "pounding_sweep.contact.laws",
-    "get_law": "pounding_sweep.contact.laws",
-    "hertz_stiffness": "pounding_sweep.contact.hertz",
+    "Building": "pounding_sweep.model.scene",
+    "ContactProperties": "pounding_sweep.model.scene",
+    "Scene": "pounding_sweep.model.scene",
+    "Wall": "pounding_sweep.model.scene",
+    "Law": "pounding_sweep.model.laws",
+    "LAWS": "pounding_sweep.model.laws",
+    "get_law": "pounding_sweep.model.laws",
+    "hertz_stiffness": "pounding_sweep.model.hertz",
     "Record": "pounding_sweep.records",
     "read_record": "pounding_sweep.records",
     "find_record": "pounding_sweep.records",
     "list_records": "pounding_sweep.records",
     "pulse_record": "pounding_sweep.records",
     "synthetic_record": "pounding_sweep.records",
-    "get_preset": "pounding_sweep.presets",
-    "Range": "pounding_sweep.sweep.axes",
-    "Sweep": "pounding_sweep.sweep.sweep",
-    "load_sweep": "pounding_sweep.sweep.sweep",
-    "simulate": "pounding_sweep.scenario",
-    "open_cube": "pounding_sweep.cube.write",
+    "get_preset": "pounding_sweep.model.presets",
+    "Range": "pounding_sweep.spec.axes",
+    "Sweep": "pounding_sweep.run.sweep",
+    "load_sweep": "pounding_sweep.run.sweep",
+    "simulate": "pounding_sweep.run.simulate",
+    "open_cube": "pounding_sweep.output.netcdf",
     "tradeoff": "pounding_sweep.accuracy.tradeoff",
-    "PoundingSweepError": "pounding_sweep.errors",
+    "PoundingSweepError": "pounding_sweep.base.errors",
 }
 
 __all__ = [
@@ -63,11 +63,12 @@ __all__ = [
 
 if TYPE_CHECKING:
     from pounding_sweep.accuracy.tradeoff import tradeoff
-    from pounding_sweep.contact.hertz import hertz_stiffness
-    from pounding_sweep.contact.laws import LAWS, Law, get_law
-    from pounding_sweep.cube.write import open_cube
-    from pounding_sweep.errors import PoundingSweepError
-    from pounding_sweep.presets import get_preset
+    from pounding_sweep.base.errors import PoundingSweepError
+    from pounding_sweep.model.hertz import hertz_stiffness
+    from pounding_sweep.model.laws import LAWS, Law, get_law
+    from pounding_sweep.model.presets import get_preset
+    from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+    from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.records import (
         Record,
         find_record,
@@ -76,15 +77,14 @@ if TYPE_CHECKING:
         read_record,
         synthetic_record,
     )
-    from pounding_sweep.scenario import simulate
-    from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
-    from pounding_sweep.sweep.axes import Range
-    from pounding_sweep.sweep.sweep import Sweep, load_sweep
+    from pounding_sweep.run.simulate import simulate
+    from pounding_sweep.run.sweep import Sweep, load_sweep
+    from pounding_sweep.spec.axes import Range
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from pounding_sweep.cube.assemble import package_version
+        from pounding_sweep.output.dataset import package_version
 
         return package_version()
     return attribute(__name__, _HOME, name)

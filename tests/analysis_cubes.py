@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from pounding_sweep.cube.assemble import Axis, assemble
-from pounding_sweep.cube.layout import inner_shape, scatter_contact, scatter_dof
-from pounding_sweep.cube.variables import VARIABLES
-from pounding_sweep.scene import Building, Scene, Wall
-from pounding_sweep.sweep.build import build_spec
-from pounding_sweep.sweep.spec import to_json
+from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.output.dataset import Axis, assemble
+from pounding_sweep.outputs.layout import inner_shape, scatter_contact, scatter_dof
+from pounding_sweep.outputs.variables import VARIABLES
+from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.spec import to_json
 
 LAWS = ["none", "linear", "hertz_damped"]
 PGA = {"one": 3.0, "two": 2.0, "three": 4.0}

@@ -89,7 +89,7 @@ def _repeats(parameters):
 
 
 def _compile(*wanted):
-    from pounding_sweep.kernels.prepare import prepare
+    from pounding_sweep.engine.compile import prepare
 
     prepare([kernel.shape for kernels in wanted for kernel in kernels()], workers=2)
 

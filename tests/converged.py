@@ -15,7 +15,7 @@ import naive
 import numpy as np
 
 import pounding_sweep as ps
-from pounding_sweep.presets import get_preset
+from pounding_sweep.model.presets import get_preset
 
 FILE = Path(ps.__file__).parent / "data" / "converged.json"
 PRESET, RECORD = "mate2015", "el_centro"

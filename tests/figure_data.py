@@ -8,13 +8,13 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.accuracy.trade_dataset import KIND, KIND_ATTRIBUTE
-from pounding_sweep.cube.assemble import Axis, assemble
-from pounding_sweep.cube.layout import inner_shape
-from pounding_sweep.cube.variables import VARIABLES
+from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.output.dataset import Axis, assemble
+from pounding_sweep.outputs.layout import inner_shape
+from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.records import pulse_record
-from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.sweep.build import build_spec
-from pounding_sweep.sweep.spec import scene_data, to_json
+from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.spec import scene_data, to_json
 
 LAWS = ("linear", "kelvin_voigt", "none")
 

@@ -8,15 +8,15 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.analysis.spectra import response_spectrum
-from pounding_sweep.contact.laws import MATE2015_MODELS
-from pounding_sweep.cube.variables import Status, get_variable
+from pounding_sweep.model.laws import MATE2015_MODELS
+from pounding_sweep.outputs.variables import Status, get_variable
 from pounding_sweep.paper.hertz import LAWS as HERTZ_LAWS
 from pounding_sweep.paper.published import BUILDINGS, PAIRS, STOREYS
 from pounding_sweep.paper.readings import OUTPUTS, READINGS, sweep_of
 from pounding_sweep.paper.steps import OUTPUTS as STEP_OUTPUTS
 from pounding_sweep.paper.study import Study
 from pounding_sweep.records import find_record, records_dataset
-from pounding_sweep.sweep.spec import to_json
+from pounding_sweep.spec.spec import to_json
 
 LAWS = list(MATE2015_MODELS)
 INNER = {"building": list(BUILDINGS), "pair": list(PAIRS), "storey": list(STOREYS)}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pounding_sweep.model.scene import Building, ContactProperties, Scene
 from pounding_sweep.records import Record
-from pounding_sweep.scene import Building, ContactProperties, Scene
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 #: Outputs that need every reducer but the closing displacement: those of `simulate`.

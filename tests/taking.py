@@ -11,7 +11,7 @@ from fuzz import HANGING
 from typer.main import get_command
 
 from pounding_sweep.cli.app import app
-from pounding_sweep.cube.write import open_cube
+from pounding_sweep.output.netcdf import open_cube
 
 OUT = "out.nc"
 #: Made once: it takes as long as a command that is refused.

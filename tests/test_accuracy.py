@@ -16,20 +16,21 @@ from naive import NaiveBuilding, modal_exact, two_mass_impact
 from scenes import OUTPUTS, pair, row
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy import advice, calibrate
-from pounding_sweep.accuracy.advice import CLASSES, Curve, Measured, classes_of, load_measured, whole_steps
-from pounding_sweep.accuracy.measure import comparable, relative_error, relative_errors
-from pounding_sweep.accuracy.timescales import approach_speeds, elastic_duration, highest_frequency, shortest_contact
-from pounding_sweep.contact.laws import LAWS, get_law
-from pounding_sweep.cube.variables import VARIABLES, Status
-from pounding_sweep.errors import SweepError
+from pounding_sweep.accuracy import calibrate
+from pounding_sweep.base.errors import SweepError
+from pounding_sweep.model.laws import LAWS, get_law
+from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.outputs.differences import comparable, relative_error, relative_errors
+from pounding_sweep.outputs.variables import VARIABLES, Status
+from pounding_sweep.plan import advice
+from pounding_sweep.plan.advice import CLASSES, Curve, Measured, classes_of, load_measured, whole_steps
+from pounding_sweep.plan.plan import make_plan
+from pounding_sweep.plan.timescales import approach_speeds, elastic_duration, highest_frequency, shortest_contact
 from pounding_sweep.records import Record, synthetic_record
-from pounding_sweep.scene import Building, Scene, Wall
-from pounding_sweep.sweep.build import build_spec
-from pounding_sweep.sweep.execute import dispatcher_for, execute
-from pounding_sweep.sweep.plan import make_plan
-from pounding_sweep.sweep.stability import largest_step
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.run.execute import dispatcher_for, execute
+from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.build import build_spec
 
 
 def motions():
@@ -167,7 +168,7 @@ def test_the_cube_says_what_was_chosen(tmp_path):
 
 def test_schedulers_and_chunks_make_no_difference(monkeypatch):
     first = make(accuracy=1e-2).run(scheduler="synchronous")
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
     second = make(accuracy=1e-2).run(scheduler="threads", workers=3)
     for name in first.variables:
         np.testing.assert_array_equal(first[name].values, second[name].values, err_msg=str(name))

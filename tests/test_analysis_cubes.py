@@ -15,11 +15,11 @@ from hypothesis.extra.numpy import arrays
 import pounding_sweep.analysis as analysis
 from pounding_sweep.analysis.along import fractiles_along, interpolate
 from pounding_sweep.analysis.amplified import RESPONSES
-from pounding_sweep.contact.laws import get_law, realised_restitution
-from pounding_sweep.cube.variables import VARIABLES, Status
-from pounding_sweep.cube.write import open_cube, write_cube
-from pounding_sweep.errors import InputError
-from pounding_sweep.scene import Building, Scene
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.model.laws import get_law, realised_restitution
+from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.outputs.variables import VARIABLES, Status
 
 AXES = {"law": LAWS, "gap": [0.01, 0.02], "restitution": [0.2, 0.6, 1.0], "record": list(PGA), "scale": [0.5, 1.0]}
 

@@ -19,8 +19,8 @@ from pounding_sweep.analysis.events import EVENTS
 from pounding_sweep.analysis.fragilities import sentence
 from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, LognormalFit, fit_lognormal, probability
 from pounding_sweep.analysis.rows import fit_rows
-from pounding_sweep.cube.variables import VARIABLES, Status
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.outputs.variables import VARIABLES, Status
 
 _PLACE = importlib.util.spec_from_file_location(
     "interval_coverage", Path(__file__).parents[1] / "docs" / "interval_coverage.py"

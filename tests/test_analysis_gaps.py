@@ -17,8 +17,8 @@ from pounding_sweep import Sweep
 from pounding_sweep.analysis import SEPARATION_RULES, BehaviourFactors, required_gap
 from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.separation_rules import FROM_MEMORY, cqc_correlation
-from pounding_sweep.errors import InputError
-from pounding_sweep.scene import Building, Scene, Wall
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.model.scene import Building, Scene, Wall
 
 OUTPUTS = ["displacement_max", "displacement_min", "closing_max"]
 

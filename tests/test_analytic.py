@@ -8,9 +8,9 @@ from naive import NaiveBuilding, modal_exact, sdof_exact
 from scipy.integrate import cumulative_simpson
 
 import pounding_sweep as ps
-from pounding_sweep.contact.laws import LAWS
-from pounding_sweep.cube.variables import Status
-from pounding_sweep.sweep.spec import METHODS
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.outputs.variables import Status
+from pounding_sweep.spec.spec import METHODS
 
 # Restitution that two free masses realise with the published damping at nominal e (independent integrations).
 REALISED = {

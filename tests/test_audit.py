@@ -12,22 +12,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, motions, row
 
-from pounding_sweep.accuracy import audit
-from pounding_sweep.accuracy.audit import GROUP, candidates, draw, sweep_cost
-from pounding_sweep.accuracy.measure import relative_error
-from pounding_sweep.contact.laws import get_law
-from pounding_sweep.cube.audited import audit_sentence, audit_table
-from pounding_sweep.cube.describe import describe
-from pounding_sweep.cube.variables import Status, get_variable, reducers_for
-from pounding_sweep.cube.write import open_cube
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import get_law
+from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.output.audited import audit_sentence, audit_table
+from pounding_sweep.output.describe import describe
+from pounding_sweep.output.netcdf import open_cube
+from pounding_sweep.output.results import Outcome
+from pounding_sweep.outputs.differences import relative_error
+from pounding_sweep.outputs.variables import Status, get_variable, reducers_for
+from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import synthetic_record
-from pounding_sweep.scene import Building, Scene
-from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.build import build_spec
-from pounding_sweep.sweep.plan import make_plan
-from pounding_sweep.sweep.readout import variables_of
-from pounding_sweep.sweep.results import Outcome
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.run import audit
+from pounding_sweep.run.audit import GROUP, candidates, draw, sweep_cost
+from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.spec.build import build_spec
 
 #: Several groups of lanes in the audit.
 LARGER = {"gaps": [0.0005, 0.5, 0.001, 0.002, 0.003, 0.005, 0.01, 0.02], "audit": 1.0}
@@ -98,7 +98,7 @@ def test_a_row_is_a_scenario_of_the_sweep(audited):
 
 
 def test_the_audit_is_the_same_whoever_runs_it(audited, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
     _, cube = audited
     again = make(**LARGER).run(scheduler="threads", workers=3)
     for name in cube.variables:
@@ -210,7 +210,7 @@ def chaotic(duration):
 
 
 def test_sensitive_and_undecided_scenarios_are_told(monkeypatch):
-    monkeypatch.setattr("pounding_sweep.sweep.refinement.MOST_HALVINGS", 2)  # else hardly any is undecided
+    monkeypatch.setattr("pounding_sweep.run.refinement.MOST_HALVINGS", 2)  # else hardly any is undecided
     for duration in (16.0, 12.0, 20.0, 24.0):
         sweep = chaotic(duration)
         with warnings.catch_warnings():

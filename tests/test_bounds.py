@@ -16,18 +16,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from pounding_sweep import errors, paths, tables, texts
+from pounding_sweep.base import errors, paths, tables
+from pounding_sweep.base import text as texts
+from pounding_sweep.base.errors import InputError, OutputError, RecordError, SceneError, SweepError, shown, unknown
 from pounding_sweep.cli.app import app
-from pounding_sweep.cube.describe import describe
-from pounding_sweep.errors import InputError, OutputError, RecordError, SceneError, SweepError, shown, unknown
 from pounding_sweep.figures import plot
+from pounding_sweep.model.scene import Building, Wall
+from pounding_sweep.output.describe import describe
+from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, find_record, list_records, read_record, resolve_records
-from pounding_sweep.scene import Building, Wall
-from pounding_sweep.sweep import step_counts
-from pounding_sweep.sweep.build import build_spec
-from pounding_sweep.sweep.plan import make_plan
-from pounding_sweep.sweep.toml_file import load_spec
-from pounding_sweep.sweep.toml_read import MAX_DEPTH, parse_bounded
+from pounding_sweep.spec import step_counts
+from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.toml_file import load_spec
+from pounding_sweep.spec.toml_read import MAX_DEPTH, parse_bounded
 
 SWEEP = '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\nlaws = ["linear"]\n'
 LINES = "two\nlines"
@@ -270,8 +271,8 @@ def test_home_folders_that_are_not_known(tmp_path, monkeypatch):
 
 
 def test_doctor_tells_of_folders_that_are_not_known(monkeypatch, tmp_path):
-    from pounding_sweep.doctor import diagnose
-    from pounding_sweep.kernels.cache import cache_folder, lasting_folder
+    from pounding_sweep.engine.cache import cache_folder, lasting_folder
+    from pounding_sweep.run.diagnosis import diagnose
 
     monkeypatch.setenv("POUNDING_SWEEP_RECORDS", NOBODY)
     monkeypatch.setenv("POUNDING_SWEEP_CACHE", NOBODY)
@@ -294,7 +295,7 @@ def test_doctor_tells_of_folders_that_are_not_known(monkeypatch, tmp_path):
 
 
 def test_a_working_folder_that_was_removed(tmp_path, monkeypatch):
-    from pounding_sweep.doctor import diagnose
+    from pounding_sweep.run.diagnosis import diagnose
 
     gone = tmp_path / "gone"
     gone.mkdir()

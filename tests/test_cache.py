@@ -21,15 +21,16 @@ import pytest
 from numba.core import caching
 
 import pounding_sweep as ps
-from pounding_sweep.contact.laws import get_law
-from pounding_sweep.cube.variables import Status
-from pounding_sweep.kernels import cache, driver
-from pounding_sweep.kernels.cache import get_kernel, is_cached, module_name, source_digest, text_sizes
-from pounding_sweep.kernels.prepare import from_json, prepare, shares, to_json
+from pounding_sweep.engine import cache
+from pounding_sweep.engine import kernel as driver
+from pounding_sweep.engine.cache import get_kernel, is_cached, module_name, source_digest, text_sizes
+from pounding_sweep.engine.compile import from_json, prepare, shares, to_json
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import get_law
+from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.output.source import package_digest
+from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record
-from pounding_sweep.scene import Building, Scene, Wall
-from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.source import package_digest
 
 LINEAR = get_law("linear")
 DOUBLED = dataclasses.replace(LINEAR, elastic="2.0*k*d", elastic_slope="2.0*k")

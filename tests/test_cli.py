@@ -23,13 +23,13 @@ from rich.console import Console
 from typer.main import get_command
 
 from pounding_sweep.cli.app import app
-from pounding_sweep.contact import LAWS
-from pounding_sweep.cube.variables import STATUS, Status
-from pounding_sweep.progress import LineProgress, TerminalProgress, make_progress
+from pounding_sweep.cli.progress import LineProgress, TerminalProgress, make_progress
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.output.summary import status_table, summary_table
+from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.records import KNOWN_RECORDS
-from pounding_sweep.sweep.execute import Progress
-from pounding_sweep.sweep.store import MANIFEST
-from pounding_sweep.sweep.summary import status_table, summary_table
+from pounding_sweep.resume.checkpoint import MANIFEST
+from pounding_sweep.run.execute import Progress
 
 ROOT = Path(__file__).resolve().parent.parent
 QUICKSTART = ROOT / "sweeps" / "quickstart.toml"
@@ -364,7 +364,7 @@ def test_a_chunk_that_fails_is_told_and_the_rest_is_kept(tiny, tmp_path):
     folder, _ = tiny
     code = """
         from pounding_sweep import cli
-        from pounding_sweep.sweep import execute
+        from pounding_sweep.run import execute
 
         real = execute.run_chunk
         execute.run_chunk = lambda kernel, *more: real(kernel, *more) if kernel.law.key == "none" else "on purpose"
@@ -386,7 +386,7 @@ def test_an_unforeseen_error_exits_with_1(tiny, tmp_path):
     folder, _ = tiny
     code = """
         from pounding_sweep import cli
-        from pounding_sweep.sweep import execute
+        from pounding_sweep.run import execute
 
         def fail(*args):
             raise ZeroDivisionError("by chance")

@@ -18,9 +18,9 @@ from pounding_sweep import Sweep
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.rows import table_rows
 from pounding_sweep.cli import app as cli_app
-from pounding_sweep.cube.variables import Status
-from pounding_sweep.cube.write import open_cube, write_cube
 from pounding_sweep.figures import FIGURES
+from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.outputs.variables import Status
 
 SCALES = [0.1, 0.3, 1.0, 2.0]
 

@@ -20,13 +20,16 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pounding_sweep import lock
-from pounding_sweep.cube import files
-from pounding_sweep.cube import write as writing
-from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, Axis, assemble, unit_attributes
-from pounding_sweep.cube.describe import describe
-from pounding_sweep.cube.layout import inner_shape, mask_invalid, scatter_contact, scatter_dof
-from pounding_sweep.cube.variables import (
+from pounding_sweep.base import files, lock
+from pounding_sweep.base.errors import InputError, OutputError
+from pounding_sweep.base.lock import LOCK
+from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.output import netcdf as writing
+from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, Axis, assemble, unit_attributes
+from pounding_sweep.output.describe import describe
+from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
+from pounding_sweep.outputs.layout import inner_shape, mask_invalid, scatter_contact, scatter_dof
+from pounding_sweep.outputs.variables import (
     DEFAULT_OUTPUTS,
     INNER_DIMS,
     INTEGER_FILL,
@@ -39,11 +42,7 @@ from pounding_sweep.cube.variables import (
     get_variable,
     reducers_for,
 )
-from pounding_sweep.cube.write import check_output, open_cube, write_cube
-from pounding_sweep.errors import InputError, OutputError
-from pounding_sweep.lock import LOCK
-from pounding_sweep.scene import Building, Scene, Wall
-from pounding_sweep.sweep.store import IDENTITY, parts_folder
+from pounding_sweep.resume.checkpoint import IDENTITY, parts_folder
 
 
 def building(name, n, height=3.0):
@@ -560,7 +559,7 @@ class TestFile:
         """The target is not there until the content is complete and on disk; the next who writes there cleans up."""
         code = (
             "import os, sys; from pathlib import Path\n"
-            "from pounding_sweep.cube.files import replacing\n"
+            "from pounding_sweep.base.files import replacing\n"
             "with replacing(Path(sys.argv[1])) as part:\n"
             "    part.write_bytes(b'half'); os.kill(os.getpid(), 9)\n"
         )
@@ -753,8 +752,8 @@ class TestDescribe:
 
 def test_registry_and_description_need_no_netcdf():
     code = (
-        "import sys; import pounding_sweep.cube.variables, pounding_sweep.cube.assemble, pounding_sweep.cube.describe\n"
-        "import pounding_sweep.cube.write, pounding_sweep.sweep.store\n"
+        "import sys; import pounding_sweep.outputs.variables, pounding_sweep.output.dataset\n"
+        "import pounding_sweep.output.describe, pounding_sweep.output.netcdf, pounding_sweep.resume.checkpoint\n"
         "sys.exit(bool({'xarray', 'netCDF4'} & set(sys.modules)))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -7,8 +7,9 @@ import doctest
 import pytest
 
 import pounding_sweep
-from pounding_sweep import analysis, deferred
+from pounding_sweep import analysis
 from pounding_sweep.analysis.comparisons import COMPARISONS
+from pounding_sweep.base import deferred
 from pounding_sweep.figures import FIGURES
 
 

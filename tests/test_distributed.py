@@ -26,15 +26,15 @@ from test_cli import HEEDING, LONG, environment, write
 from test_execute import make, same
 
 import pounding_sweep
-from pounding_sweep.cube.variables import Status
-from pounding_sweep.errors import ClusterError
-from pounding_sweep.sweep import far_workers
-from pounding_sweep.sweep.dispatch import Dispatcher
-from pounding_sweep.sweep.execute import Progress
-from pounding_sweep.sweep.jobs import Job
-from pounding_sweep.sweep.source import fingerprint
-from pounding_sweep.sweep.store import MANIFEST
-from pounding_sweep.sweep.variants import Variants
+from pounding_sweep.base.errors import ClusterError
+from pounding_sweep.model.variants import Variants
+from pounding_sweep.output.source import fingerprint
+from pounding_sweep.outputs.variables import Status
+from pounding_sweep.plan.jobs import Job
+from pounding_sweep.resume.checkpoint import MANIFEST
+from pounding_sweep.run import far_workers
+from pounding_sweep.run.dispatch import Dispatcher
+from pounding_sweep.run.execute import Progress
 
 pytestmark = [
     pytest.mark.slow,
@@ -64,7 +64,7 @@ def reference():
 @pytest.fixture(autouse=True)
 def small_chunks(monkeypatch):
     """Chunks of one lane group at most, and a close look at the workers."""
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
     monkeypatch.setattr(far_workers, "LOOK_SECONDS", 0.05)
 
 
@@ -282,7 +282,7 @@ def test_the_client_is_killed(reference, tmp_path, whole):
     """Its cluster lives on, and the next client of the same scheduler continues."""
     code = (
         "import os, signal, sys; sys.path.insert(0, sys.argv[3]); from test_distributed import *\n"
-        "import pounding_sweep.sweep.plan as planning; planning.CHUNK_SECONDS = 0.0\n"
+        "import pounding_sweep.plan.plan as planning; planning.CHUNK_SECONDS = 0.0\n"
         "die = Events((40, lambda: os.kill(os.getpid(), signal.SIGKILL)))\n"
         "make().run(sys.argv[1], scheduler=sys.argv[2], progress=die)\n"
     )

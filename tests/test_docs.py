@@ -11,11 +11,11 @@ from PIL import Image
 
 import pounding_sweep as ps
 from pounding_sweep import analysis
-from pounding_sweep.contact.laws import LAWS
-from pounding_sweep.cube.variables import VARIABLES
 from pounding_sweep.figures import FIGURES
-from pounding_sweep.presets import PRESETS
-from pounding_sweep.sweep import toml_tables
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.model.presets import PRESETS
+from pounding_sweep.outputs.variables import VARIABLES
+from pounding_sweep.spec import toml_tables
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pounding_sweep import doctor, self_check
+from pounding_sweep.accuracy import self_check
 from pounding_sweep.cli.app import app
+from pounding_sweep.run import diagnosis as doctor
 
 
 @pytest.fixture(scope="module")

@@ -20,19 +20,19 @@ from hypothesis import strategies as st
 from scenes import AXES, EVERY, OUTPUTS, motions, pair, row
 
 import pounding_sweep as ps
-from pounding_sweep.cube.variables import Status, get_variable
-from pounding_sweep.cube.write import open_cube
-from pounding_sweep.errors import InputError, OutputError
+from pounding_sweep.base.errors import InputError, OutputError
+from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.output.netcdf import open_cube
+from pounding_sweep.outputs.variables import Status, get_variable
+from pounding_sweep.plan.chunks import cut
+from pounding_sweep.plan.jobs import Job
+from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
-from pounding_sweep.sweep.blocks import RowKernel
-from pounding_sweep.sweep.chunks import cut
-from pounding_sweep.sweep.dispatch import Dispatcher
-from pounding_sweep.sweep.execute import Progress
-from pounding_sweep.sweep.jobs import Job
-from pounding_sweep.sweep.scenarios import Scenarios
-from pounding_sweep.sweep.spec import to_json
-from pounding_sweep.sweep.store import ChunkStore
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.resume.checkpoint import ChunkStore
+from pounding_sweep.run.dispatch import Dispatcher
+from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.spec.spec import to_json
 
 
 def make(**changes):
@@ -70,7 +70,7 @@ def reference():
 @pytest.fixture
 def small_chunks(monkeypatch):
     """Chunks of one lane group at most: six of them, of 8 and 16 scenarios."""
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
 
 
 # -- the same bits however they are made -------------------------------------------------------------------------------
@@ -81,7 +81,7 @@ def small_chunks(monkeypatch):
     ("scheduler", "workers"), [("threads", 1), ("threads", 2), ("threads", 3), ("synchronous", None)]
 )
 def test_no_scheduler_and_no_chunk_size_changes_a_bit(reference, monkeypatch, scheduler, workers, chunk_seconds):
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", chunk_seconds)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", chunk_seconds)
     same(make().run(scheduler=scheduler, workers=workers), reference)
 
 
@@ -129,7 +129,7 @@ from pathlib import Path
 import numpy as np
 from test_execute import make
 
-from pounding_sweep.cube.write import open_cube
+from pounding_sweep.output.netcdf import open_cube
 
 folder = Path(sys.argv[1])
 whole = make().run(out=folder / "whole.nc").load()
@@ -389,7 +389,7 @@ def test_the_parts_of_another_sweep_are_not_used(reference, tmp_path, monkeypatc
         with pytest.raises(OutputError, match=r"belong to another sweep.*differ in.*sweep"):
             make(**changes).run(out)
     with monkeypatch.context() as patch:
-        patch.setattr("pounding_sweep.sweep.identity.package_digest", lambda: "another version")
+        patch.setattr("pounding_sweep.resume.identity.package_digest", lambda: "another version")
         with pytest.raises(OutputError, match="differ in source"):
             make().run(out)
     assert sorted((p.name, p.stat().st_mtime_ns) for p in parts.iterdir()) == before

@@ -15,23 +15,23 @@ from test_limits import At, on_a_disk_of_its_own, stop
 from typer.testing import CliRunner
 
 from pounding_sweep import Sweep
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app
-from pounding_sweep.cube.describe import describe
-from pounding_sweep.cube.merge import merge_cubes
-from pounding_sweep.cube.variables import Status, cube_variables
-from pounding_sweep.cube.write import open_cube, write_cube
-from pounding_sweep.errors import InputError
+from pounding_sweep.output.describe import describe
+from pounding_sweep.output.merge import merge_cubes
+from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.output.results import Outcome, Results
+from pounding_sweep.outputs.variables import Status, cube_variables
+from pounding_sweep.plan import chunks as cutting
+from pounding_sweep.plan import plan as planning
+from pounding_sweep.plan.jobs import Job
 from pounding_sweep.records import Record
-from pounding_sweep.sweep import chunks as cutting
-from pounding_sweep.sweep import dispatch, execute
-from pounding_sweep.sweep import plan as planning
-from pounding_sweep.sweep import sweep as sweeping
-from pounding_sweep.sweep.extend import EarlierCube
-from pounding_sweep.sweep.filling import cube_in_memory
-from pounding_sweep.sweep.identity import identity_of
-from pounding_sweep.sweep.jobs import Job
-from pounding_sweep.sweep.results import Outcome, Results
-from pounding_sweep.sweep.store import MANIFEST
+from pounding_sweep.resume.checkpoint import MANIFEST
+from pounding_sweep.resume.extend import EarlierCube
+from pounding_sweep.resume.identity import identity_of
+from pounding_sweep.run import dispatch, execute
+from pounding_sweep.run import sweep as sweeping
+from pounding_sweep.run.cube_writer import cube_in_memory
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 WHOLE = {
@@ -117,7 +117,7 @@ def same(found, expected):
 def test_what_is_new_on_an_axis_is_run(whole, ran, tmp_path, monkeypatch, axis, chunk_seconds):
     monkeypatch.setattr(planning, "CHUNK_SECONDS", chunk_seconds)
     monkeypatch.setattr(cutting, "SHARE", 1.0)
-    monkeypatch.setattr("pounding_sweep.sweep.extend.SLAB_BYTES", 2000)  # read in several parts
+    monkeypatch.setattr("pounding_sweep.resume.extend.SLAB_BYTES", 2000)  # read in several parts
     less = LESS if axis == "all" else {axis: LESS[axis]}
     with sweep(**less).run(tmp_path / "old.nc", workers=1):
         before = set(ran)
@@ -567,8 +567,8 @@ FULL = """
 import sys
 from pathlib import Path
 from test_extend import same, sweep
-from pounding_sweep.errors import WriteError
-from pounding_sweep.sweep import extend
+from pounding_sweep.base.errors import WriteError
+from pounding_sweep.resume import extend
 
 disk, old = map(Path, sys.argv[1:])
 ballast, check_space = disk / "ballast", extend.check_space

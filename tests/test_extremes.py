@@ -21,20 +21,20 @@ from pounding_sweep.accuracy.extremes import run_extremes, run_judged
 from pounding_sweep.accuracy.judge import judge, make_reference, peak_error, peaks_of, sensitive_rows
 from pounding_sweep.accuracy.random_scenes import random_batches
 from pounding_sweep.accuracy.stability_map import SCHEMES, stability_map
-from pounding_sweep.contact.laws import LAWS
-from pounding_sweep.cube.variables import OK_CLAIM, Status
-from pounding_sweep.cube.write import open_cube, write_cube
-from pounding_sweep.errors import InputError, StabilityError
-from pounding_sweep.figures import plot
-from pounding_sweep.sweep.blocks import Numerics
-from pounding_sweep.sweep.readout import variables_of
-from pounding_sweep.sweep.resolution import (
+from pounding_sweep.base.errors import InputError, StabilityError
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.resolution import (
     MAX_PHASE_ERROR,
     displacement_limit,
     energy_limit,
     loses_ground,
     phase_error,
 )
+from pounding_sweep.engine.row_kernel import Numerics
+from pounding_sweep.figures import plot
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.outputs.variables import OK_CLAIM, Status
 
 #: A law whose force jumps at the touch.
 FAST_LAWS = ("kelvin_voigt",)

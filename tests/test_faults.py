@@ -25,13 +25,13 @@ import pytest
 from scenes import OUTPUTS, motions, row
 from test_cli import LONG, ROOT, TINY, cli, environment, write
 
-from pounding_sweep.cube.files import is_temporary
-from pounding_sweep.cube.write import open_cube
-from pounding_sweep.errors import OutputError
-from pounding_sweep.lock import LOCK
-from pounding_sweep.sweep.saving import Saver
-from pounding_sweep.sweep.store import IDENTITY, MANIFEST, ChunkStore
-from pounding_sweep.sweep.sweep import Sweep, load_sweep
+from pounding_sweep.base.errors import OutputError
+from pounding_sweep.base.files import is_temporary
+from pounding_sweep.base.lock import LOCK
+from pounding_sweep.output.netcdf import open_cube
+from pounding_sweep.resume.checkpoint import IDENTITY, MANIFEST, ChunkStore
+from pounding_sweep.run.async_writer import Saver
+from pounding_sweep.run.sweep import Sweep, load_sweep
 
 OUT, PARTS = "out.nc", "out.nc.parts"
 
@@ -55,7 +55,7 @@ def own_package(folder):
 
 @pytest.fixture
 def small_chunks(monkeypatch):
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
 
 
 @pytest.fixture
@@ -306,7 +306,7 @@ RUN = ["run", "sweep.toml", "-o", f"study/{OUT}", "--workers", "1", "--quiet", "
 NURSERY = r"""
 import os, sys
 from pounding_sweep import cli
-from pounding_sweep.sweep.sweep import load_sweep
+from pounding_sweep.run.sweep import load_sweep
 
 load_sweep("warm.toml").run(scheduler="synchronous")
 for line in sys.stdin:
@@ -479,7 +479,7 @@ def test_kills(tmp_path, counts, undisturbed, seed):
 #: Has all chunks finished, and stops before the cube.
 STOPPED = """
 from pounding_sweep import cli
-from pounding_sweep.sweep import filling
+from pounding_sweep.run import cube_writer as filling
 
 def stop(*arguments, **more):
     raise KeyboardInterrupt
@@ -536,14 +536,14 @@ CHANGES = {
     ),
     "a kernel": (
         lambda folder: edit(
-            folder / "package/pounding_sweep/contact/laws.py",
+            folder / "package/pounding_sweep/model/laws.py",
             '"elastic": "k*d", "elastic_slope": "k"}',
             '"elastic": "2.0*k*d", "elastic_slope": "2.0*k"}',
         ),
         r"source \(\w{12}\.\.\. there, \w{12}\.\.\. here\);",
     ),
     "what each scheme was measured to cost": (
-        lambda folder: edit(folder / "package/pounding_sweep/accuracy/measured.json", '"cost": {', '"cost":  {'),
+        lambda folder: edit(folder / "package/pounding_sweep/data/measured.json", '"cost": {', '"cost":  {'),
         r"source \(\w{12}\.\.\. there, \w{12}\.\.\. here\);",
     ),
     "the version": (lambda folder: installed(folder, "pounding_sweep"), r"package \(\S+ there, 9\.9 here\);"),

@@ -19,20 +19,20 @@ from typer.testing import CliRunner
 import pounding_sweep as ps
 from pounding_sweep.analysis import amplification, response_spectrum
 from pounding_sweep.analysis.rebuild import stored_scene
-from pounding_sweep.choice import scenario_of, simulate_one
+from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.cli.app import app
-from pounding_sweep.cube.select import select
-from pounding_sweep.cube.write import open_cube, write_cube
-from pounding_sweep.errors import InputError, OutputError
 from pounding_sweep.figures import CONTACT, FIGURES, NO_CONTACT, SOURCES, plot, require
 from pounding_sweep.figures.animation import PERIODS, WATCHED, _Picture, animate
 from pounding_sweep.figures.chosen import heading, middle
 from pounding_sweep.figures.emptiness import shows_values
 from pounding_sweep.figures.row import Stage, _round_down, strongest, walls
+from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.output.select import select
+from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.records import records_dataset
-from pounding_sweep.sweep.axes import Case
-from pounding_sweep.sweep.build import build_spec
-from pounding_sweep.sweep.variants import case_variants
+from pounding_sweep.run.choice import scenario_of, simulate_one
+from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.build import build_spec
 
 #: Words of labels that have no unit.
 NO_UNIT = re.compile(r"impacts|error|probability|restitution|ratio|factor|share|pounding over|storey|law")
@@ -445,7 +445,7 @@ def asked(monkeypatch):
         calls.append((args, more))
         return xr.Dataset()
 
-    monkeypatch.setattr("pounding_sweep.scenario.simulate", simulate)
+    monkeypatch.setattr("pounding_sweep.run.simulate.simulate", simulate)
     return calls
 
 

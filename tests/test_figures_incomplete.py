@@ -9,13 +9,13 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from pounding_sweep.analysis import amplification
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app
-from pounding_sweep.cube.variables import Status
-from pounding_sweep.cube.write import write_cube
-from pounding_sweep.errors import InputError
 from pounding_sweep.figures import FIGURES, plot
 from pounding_sweep.figures.chosen import middle
 from pounding_sweep.figures.emptiness import shows_values
+from pounding_sweep.output.netcdf import write_cube
+from pounding_sweep.outputs.variables import Status
 
 CUBE_FIGURES = [key for key, kind in FIGURES.items() if kind.source == "cube"]
 

@@ -16,13 +16,13 @@ import pytest
 from scenes import AXES, motions, row
 from test_cli import bad, cli, edited, environment, write
 
-from pounding_sweep.cube.variables import Status
-from pounding_sweep.cube.write import open_cube
-from pounding_sweep.doctor import diagnose
-from pounding_sweep.sweep import execute
-from pounding_sweep.sweep import free_memory as module
-from pounding_sweep.sweep.free_memory import FreeMemory, free_memory
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.base import memory as module
+from pounding_sweep.base.memory import FreeMemory, free_memory
+from pounding_sweep.output.netcdf import open_cube
+from pounding_sweep.outputs.variables import Status
+from pounding_sweep.run import execute
+from pounding_sweep.run.diagnosis import diagnose
+from pounding_sweep.run.sweep import Sweep
 
 MIB, GIB = 2**20, 2**30
 MACHINE = {"proc/meminfo": "MemTotal: 67108864 kB\nMemAvailable:   33554432 kB\nSwapFree: 0 kB\n"}
@@ -162,7 +162,7 @@ def test_a_system_that_does_not_tell(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "sysconf", unknown)
     assert free_memory(tmp_path) is None
-    monkeypatch.setattr("pounding_sweep.sweep.free_memory.free_memory", lambda: None)
+    monkeypatch.setattr("pounding_sweep.base.memory.free_memory", lambda: None)
     assert diagnose()["memory"] == {"free_bytes": None, "limit": None}
     assert Sweep("mate2015", "el_centro", "none").plan().n_asked == 1
 
@@ -236,7 +236,7 @@ def test_more_than_the_limit_of_a_control_group_is_refused(tmp_path):
 
 def test_results_that_find_no_memory_cost_their_own_scenarios_only(monkeypatch):
     """As a worker finds it when it puts them into a table."""
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
     sweep = Sweep(scene=row(), records=motions(), **AXES, audit=0)
     reference, real, calls = sweep.run(scheduler="synchronous"), execute.to_table, iter(range(1, 10**6))
 
@@ -260,8 +260,8 @@ import resource, sys, warnings
 import numpy as np
 from scenes import AXES, motions, row
 from pounding_sweep.records import Record
-from pounding_sweep.sweep.execute import Progress
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.sweep import Sweep
 
 def limit(most):
     resource.setrlimit(resource.RLIMIT_AS, (most, resource.RLIM_INFINITY))

@@ -12,11 +12,11 @@ from analysis_cubes import hand_cube, random_fill
 from typer.testing import CliRunner
 
 from pounding_sweep.cli.app import app
-from pounding_sweep.cube import describe as module
-from pounding_sweep.cube.describe import about
-from pounding_sweep.cube.variables import Status
-from pounding_sweep.cube.write import write_cube
-from pounding_sweep.sweep.store import EXPECTED, ChunkStore
+from pounding_sweep.output import describe as module
+from pounding_sweep.output.describe import about
+from pounding_sweep.output.netcdf import write_cube
+from pounding_sweep.outputs.variables import Status
+from pounding_sweep.resume.checkpoint import EXPECTED, ChunkStore
 
 AXES = {"law": ["none", "linear"], "gap": [0.01, 0.02, 0.03], "record": ["one", "two"]}
 RECORDS = [{"name": "one", "pga": 1.5, "sha256": "3f2a"}, {"name": "two", "pga": 2.5, "sha256": "91bc"}]

@@ -13,14 +13,14 @@ from naive import WALL, NaiveBuilding, contact_floors, modal_exact, run
 from scenes import EVERY
 
 import pounding_sweep as ps
-from pounding_sweep.contact.laws import LAWS
-from pounding_sweep.cube.variables import VARIABLES, Status, reducers_for
-from pounding_sweep.errors import SweepError
-from pounding_sweep.kernels.driver import kernel_text
-from pounding_sweep.kernels.shape import history_slots
-from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.readout import NEEDS_FORCE, variables_of
-from pounding_sweep.sweep.spec import METHODS
+from pounding_sweep.base.errors import SweepError
+from pounding_sweep.emit.spec import history_slots
+from pounding_sweep.engine.kernel import kernel_text
+from pounding_sweep.engine.postprocess import NEEDS_FORCE, variables_of
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
+from pounding_sweep.spec.spec import METHODS
 
 pytestmark = pytest.mark.usefixtures("pair_kernels")
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pounding_sweep.contact.laws import LAWS
+from pounding_sweep.model.laws import LAWS
 
 
 def value(text, d):

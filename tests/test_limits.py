@@ -23,16 +23,16 @@ import pytest
 from scenes import AXES, motions, row
 from test_cli import LONG, TINY, cli, environment, write
 
-from pounding_sweep.cube.files import is_temporary
-from pounding_sweep.cube.write import open_cube
-from pounding_sweep.errors import OutputError, RunError, WriteError
-from pounding_sweep.lock import LOCK, FolderLock, running
-from pounding_sweep.sweep import execute
-from pounding_sweep.sweep.execute import Progress
-from pounding_sweep.sweep.identity import identity_of
-from pounding_sweep.sweep.store import EXPECTED, IDENTITY, MANIFEST, ChunkStore
-from pounding_sweep.sweep.sweep import Sweep, load_sweep
-from pounding_sweep.sweep.unfinished import survey
+from pounding_sweep.base.errors import OutputError, RunError, WriteError
+from pounding_sweep.base.files import is_temporary
+from pounding_sweep.base.lock import LOCK, FolderLock, running
+from pounding_sweep.output.netcdf import open_cube
+from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore
+from pounding_sweep.resume.identity import identity_of
+from pounding_sweep.resume.survey import survey
+from pounding_sweep.run import execute
+from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.sweep import Sweep, load_sweep
 
 #: Eight chunks of some tenths of a second, after one without pounding.
 SWEEP = LONG.replace("dt = 1e-6", "dt = 5e-6")
@@ -124,8 +124,8 @@ def test_a_night(tmp_path, reference):
 RACER = """
 import os, sys, time, warnings
 from pathlib import Path
-from pounding_sweep.errors import OutputError
-from pounding_sweep.sweep.store import ChunkStore
+from pounding_sweep.base.errors import OutputError
+from pounding_sweep.resume.checkpoint import ChunkStore
 
 warnings.simplefilter("error")
 folder, seen = Path(sys.argv[1]), Path(sys.argv[2])
@@ -217,7 +217,7 @@ def test_a_job_that_was_killed_under_another_name_of_this_machine(parts):
     if shutil.which("unshare") is None or subprocess.run([*named, "job-17", "true"], check=False).returncode:
         pytest.skip("no host name of its own may be given here")
     code = (
-        "import os, signal, sys; from pathlib import Path; from pounding_sweep.lock import FolderLock\n"
+        "import os, signal, sys; from pathlib import Path; from pounding_sweep.base.lock import FolderLock\n"
         "FolderLock(Path(sys.argv[1])).__enter__(); os.kill(os.getpid(), signal.SIGKILL)"
     )
     killed = subprocess.run([*named, "job-17", sys.executable, "-c", code, parts], env=environment(), check=False)
@@ -237,7 +237,7 @@ def test_a_lock_that_names_nobody_is_free(parts, text):
 
 
 def test_a_process_cannot_lock_twice(parts, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.lock.PATIENCE", 0.0)
+    monkeypatch.setattr("pounding_sweep.base.lock.PATIENCE", 0.0)
     with FolderLock(parts):
         with pytest.raises(OutputError, match=rf"another run is at work.*process {os.getpid()} on"):
             FolderLock(parts).__enter__()
@@ -316,7 +316,7 @@ with begin(disk, finished=3) as process:  # full while chunks are written
 ballast.unlink()
 code = BALLAST + '''
 from pounding_sweep import cli
-from pounding_sweep.sweep import filling
+from pounding_sweep.run import cube_writer as filling
 slabs = filling._slabs
 def full(*arguments):
     fill("ballast")
@@ -423,7 +423,7 @@ def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, reme
         raise OSError(number, os.strerror(number))
 
     store = ChunkStore(tmp_path, "x").open()
-    monkeypatch.setattr("pounding_sweep.sweep.store.replacing", fails)
+    monkeypatch.setattr("pounding_sweep.resume.checkpoint.replacing", fails)
     for write_something in (lambda: store.write("k", np.zeros(1, [("a", "f8")])), lambda: store.expect({})):
         with pytest.raises(WriteError, match=rf"failed \({os.strerror(number)}\); {remedy}"):
             write_something()
@@ -440,7 +440,7 @@ write(disk, TINY)
 code = '''
 import os
 from pounding_sweep import cli
-from pounding_sweep.sweep import filling
+from pounding_sweep.run import cube_writer as filling
 slabs = filling._slabs
 def dies(*arguments):
     yield next(slabs(*arguments))
@@ -483,10 +483,10 @@ def test_room_is_judged_on_the_disk_that_is_written(tmp_path, monkeypatch):
         room = {tmp_path: plan.n_asked * plan.bytes_per_scenario, link: plan.n_unique * plan.bytes_per_scenario}
         for small, what in ((tmp_path, "the cube of"), (link, "the folder of chunks of")):
             free = {**room, small: room[small] - 1}
-            monkeypatch.setattr("pounding_sweep.cube.write.free_space", free.get)
+            monkeypatch.setattr("pounding_sweep.output.netcdf.free_space", free.get)
             with pytest.raises(OutputError, match=rf"{what} [\d,]+ scenarios needs about .* are free in '{small}';"):
                 sweep.run(out)
-        monkeypatch.setattr("pounding_sweep.cube.write.free_space", room.get)
+        monkeypatch.setattr("pounding_sweep.output.netcdf.free_space", room.get)
         sweep.run(out).close()
 
 
@@ -496,7 +496,7 @@ def test_a_disk_that_does_not_say_how_large_it_is(tmp_path):
 import os, sys
 from pathlib import Path
 from test_cli import TINY, cli, write
-from pounding_sweep.cube.write import free_space
+from pounding_sweep.output.netcdf import free_space
 
 disk = Path(sys.argv[1])
 assert os.statvfs(disk).f_blocks == 0
@@ -672,7 +672,7 @@ def test_what_is_kept_is_counted_and_named_where_it_is(tmp_path):
     code = """
 from pathlib import Path
 from pounding_sweep import cli
-from pounding_sweep.sweep import filling
+from pounding_sweep.run import cube_writer as filling
 
 def stop(*arguments, **more):
     min(Path("data/real.nc.parts").glob("chunk-*")).unlink()
@@ -758,7 +758,7 @@ def stop():
 
 
 def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
     sweep, parts = Sweep(scene=row(), records=motions(), **AXES, title="Row"), tmp_path / "out.nc.parts"
     with pytest.raises(KeyboardInterrupt):
         sweep.run(tmp_path / "out.nc", scheduler="synchronous", progress=At("no pounding", stop, 1))
@@ -793,7 +793,7 @@ def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
 
 
 def test_a_run_that_is_stopped_earlier_than_the_one_before_forgets_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
     sweep, out, parts = Sweep(row(), motions(), **AXES), tmp_path / "out.nc", tmp_path / "out.nc.parts"
     with pytest.raises(KeyboardInterrupt):
         sweep.run(out, scheduler="synchronous", progress=At("scenarios", stop, 20))
@@ -817,7 +817,7 @@ def test_a_run_that_is_stopped_earlier_than_the_one_before_forgets_nothing(tmp_p
 
 
 def test_a_cube_beside_which_a_run_is_not_finished(tmp_path, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
     out, parts = tmp_path / "out.nc", tmp_path / "out.nc.parts"
     sweep = Sweep(scene=row(), records=motions(), **AXES)
     sweep.run(out).close()

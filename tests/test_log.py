@@ -15,11 +15,11 @@ import pytest
 from scenes import AXES, motions, row
 from test_cli import TINY, cli, write
 
-from pounding_sweep.cube.assemble import package_version
-from pounding_sweep.sweep import execute
-from pounding_sweep.sweep.execute import Progress
-from pounding_sweep.sweep.log_file import RunLog
-from pounding_sweep.sweep.sweep import Sweep, load_sweep
+from pounding_sweep.output.dataset import package_version
+from pounding_sweep.run import execute
+from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.log import RunLog
+from pounding_sweep.run.sweep import Sweep, load_sweep
 
 
 def make(**changes):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import pounding_sweep as ps
-from pounding_sweep.cube.variables import VARIABLES, Status
-from pounding_sweep.kernels import shape
-from pounding_sweep.kernels.cache import get_kernel
+from pounding_sweep.emit import spec as shape
+from pounding_sweep.engine.cache import get_kernel
+from pounding_sweep.outputs.variables import VARIABLES, Status
 
 OUTPUTS = [name for name in VARIABLES if name not in ("status", "energy_residual", "steps_per_contact")]
 #: A wall; three buildings alike, two pairs that meet alike; a lower building, whose pair is another kind.

@@ -19,21 +19,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, motions, row
 
-from pounding_sweep.cube import slabs as slabbing
-from pounding_sweep.cube import write as writing
-from pounding_sweep.cube.describe import describe
-from pounding_sweep.cube.slabs import block_shape, cuts, slab_shape, slabs
-from pounding_sweep.cube.variables import Status, cube_variables
-from pounding_sweep.cube.write import write_cube
-from pounding_sweep.errors import OutputError, SweepError
-from pounding_sweep.sweep import filling
-from pounding_sweep.sweep.execute import dispatcher_for, execute
-from pounding_sweep.sweep.free_memory import FreeMemory
-from pounding_sweep.sweep.results import Results, table_type, to_table
-from pounding_sweep.sweep.saving import Saver
-from pounding_sweep.sweep.store import ChunkStore
-from pounding_sweep.sweep.summary import summary_table
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.base.errors import OutputError, SweepError
+from pounding_sweep.base.memory import FreeMemory
+from pounding_sweep.output import netcdf as writing
+from pounding_sweep.output import slabs as slabbing
+from pounding_sweep.output.describe import describe
+from pounding_sweep.output.netcdf import write_cube
+from pounding_sweep.output.results import Results, table_type, to_table
+from pounding_sweep.output.slabs import block_shape, cuts, slab_shape, slabs
+from pounding_sweep.output.summary import summary_table
+from pounding_sweep.outputs.variables import Status, cube_variables
+from pounding_sweep.resume.checkpoint import ChunkStore
+from pounding_sweep.run import cube_writer as filling
+from pounding_sweep.run.async_writer import Saver
+from pounding_sweep.run.execute import dispatcher_for, execute
+from pounding_sweep.run.sweep import Sweep
 
 MIB = 2**20
 
@@ -57,8 +57,8 @@ MANY = """
 import json, os, sys
 import numpy as np
 import pounding_sweep as ps
-from pounding_sweep.cube.describe import describe
-from pounding_sweep.sweep.summary import summary_table
+from pounding_sweep.output.describe import describe
+from pounding_sweep.output.summary import summary_table
 
 jolt = ps.Record("jolt", 0.02, 3.0 * np.sin(np.arange(4)))
 
@@ -114,10 +114,8 @@ def test_a_million_scenarios_stay_below_a_gibibyte(tmp_path):
 def test_a_cube_that_does_not_fit_is_refused_before_it_is_run(monkeypatch):
     sweep = make()
     needed = 3 * sweep.plan().bytes_per_scenario * sweep.spec.n_scenarios
-    monkeypatch.setattr("pounding_sweep.sweep.plan.PLAN_BYTES", 1)
-    monkeypatch.setattr(
-        "pounding_sweep.sweep.free_memory.free_memory", lambda: FreeMemory(needed - 1, "limit of a test")
-    )
+    monkeypatch.setattr("pounding_sweep.plan.plan.PLAN_BYTES", 1)
+    monkeypatch.setattr("pounding_sweep.base.memory.free_memory", lambda: FreeMemory(needed - 1, "limit of a test"))
     with pytest.raises(
         SweepError,
         match=r"the cube of 180 scenarios needs about .*B of memory, .*B are free \(limit of a test\); give an output",
@@ -162,7 +160,7 @@ def small_slabs(monkeypatch):
     for module in (slabbing, filling):
         monkeypatch.setattr(module, "SLAB_BYTES", 2000)
     monkeypatch.setattr(filling, "BLOCK_BYTES", 100)
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -209,7 +207,7 @@ def test_a_large_cube_is_described_in_parts(reference, tmp_path, monkeypatch):
 
 
 def test_a_median_is_that_of_all_values():
-    from pounding_sweep.sweep.summary import _median
+    from pounding_sweep.output.summary import _median
 
     for values in ([3.0], [1.0, 2.0], [1.0, 1.0, 7.0], [5.0, 1.0, 1.0, 4.0], [2.0] * 6 + [9.0] * 6):
         times = {value: values.count(value) for value in values}
@@ -310,7 +308,7 @@ def test_a_parts_path_that_is_a_file(tmp_path):
 KILLED = """
 import os, signal, sys
 sys.path.insert(0, sys.argv[2])
-from pounding_sweep.sweep import filling
+from pounding_sweep.run import cube_writer as filling
 from test_memory import make
 
 filling.SLAB_BYTES, filling.BLOCK_BYTES = 2000, 100

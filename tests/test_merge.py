@@ -18,15 +18,15 @@ from scenes import motions, row
 from typer.testing import CliRunner
 
 from pounding_sweep import Sweep
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.lock import LOCK
 from pounding_sweep.cli.app import app
-from pounding_sweep.cube import merge as merging
-from pounding_sweep.cube.describe import describe
-from pounding_sweep.cube.merge import merge_cubes
-from pounding_sweep.cube.variables import Status
-from pounding_sweep.cube.write import open_cube, write_cube
-from pounding_sweep.errors import InputError
-from pounding_sweep.lock import LOCK
-from pounding_sweep.sweep.spec import digest, to_json
+from pounding_sweep.output import merge as merging
+from pounding_sweep.output.describe import describe
+from pounding_sweep.output.merge import merge_cubes
+from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.outputs.variables import Status
+from pounding_sweep.spec.spec import digest, to_json
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 LAWS = ["linear", "none", "kelvin_voigt"]

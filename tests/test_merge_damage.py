@@ -24,7 +24,7 @@ from test_extend import SWEEP
 from typer.testing import CliRunner
 
 from pounding_sweep.cli.app import app
-from pounding_sweep.cube.write import open_cube, write_cube
+from pounding_sweep.output.netcdf import open_cube, write_cube
 
 ANSWERS = {
     "same": "taken with the same results",

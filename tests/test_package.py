@@ -32,7 +32,7 @@ DATA = {
     "data/elcentro_ns_1940.csv",
     "data/converged.json",
     *(f"data/mate2015/table{number}.csv" for number in (3, 4, 5, 6)),
-    "accuracy/measured.json",
+    "data/measured.json",
     "paper/report.html.j2",
 }
 
@@ -64,7 +64,7 @@ def test_the_wheel_holds_the_package_and_nothing_else(built):
         licences = {name.rpartition("/")[2]: wheel.read(name) for name in names if "/licenses/" in name}
     inside = {name.removeprefix("pounding_sweep/") for name in names if name.startswith("pounding_sweep/")}
     assert DATA | modules() <= inside
-    assert any(name.startswith("kernels/templates/") for name in inside)
+    assert any(name.startswith("emit/templates/") for name in inside)
     others = {name.partition("/")[0] for name in names} - {"pounding_sweep"}
     assert len(others) == 1
     assert others.pop().endswith(".dist-info")

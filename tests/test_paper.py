@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from paper_study import LAWS, by_law, outputs, run_cube, spectra, steps
 
 import pounding_sweep as ps
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper.checks import energy_checks
 from pounding_sweep.paper.compare import agreement, side_by_side, table_grid
 from pounding_sweep.paper.conclusions import CONCLUSIONS, Outcome, Verdict, judge, overall, spread
@@ -26,7 +27,6 @@ from pounding_sweep.paper.published import GROUND_MOTIONS, MODELS, RECORDS, TABL
 from pounding_sweep.paper.readings import READINGS, RESCALED, paper_records, reading_of, sweep_of
 from pounding_sweep.paper.steps import largest_steps, step_rows
 from pounding_sweep.paper.study import study
-from pounding_sweep.presets import PRESETS
 from pounding_sweep.records.record import STANDARD_GRAVITY
 
 SWEEPS = Path(__file__).resolve().parent.parent / "sweeps"

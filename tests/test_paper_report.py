@@ -17,7 +17,7 @@ from paper_study import histories, make_study, outputs
 
 import pounding_sweep as ps
 from pounding_sweep.analysis.energies import energy_transfer
-from pounding_sweep.errors import OutputError
+from pounding_sweep.base.errors import OutputError
 from pounding_sweep.figures.paper import FIGURES, save_figures
 from pounding_sweep.figures.paper_histories import roof_force
 from pounding_sweep.paper.histories import INTERVAL, kept, scenario

@@ -16,18 +16,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import OUTPUTS, motions, row
 
-from pounding_sweep.contact.laws import LAWS, get_law
-from pounding_sweep.cube.variables import Status, get_variable, reducers_for
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import LAWS, get_law
+from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.outputs.variables import Status, get_variable, reducers_for
+from pounding_sweep.plan import plan as planning
+from pounding_sweep.plan.plan import make_plan, untouched
 from pounding_sweep.records import Record
-from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.sweep import plan as planning
-from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.build import build_spec
-from pounding_sweep.sweep.plan import make_plan, untouched
-from pounding_sweep.sweep.readout import variables_of
-from pounding_sweep.sweep.spec import contact_stiffness, digest
-from pounding_sweep.sweep.stability import largest_step
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.spec import contact_stiffness, digest
 
 VALUES = (*OUTPUTS, "status", "steps_per_contact")
 
@@ -362,7 +362,7 @@ def keys_of(plan):
 
 
 def test_the_same_sweep_gives_the_same_plan(monkeypatch):
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
     first, second = (Sweep(row(), motions(), **PRODUCT).plan() for _ in range(2))
     assert first.digest == second.digest == digest(first.spec)
     exactly(first.inverse, second.inverse)

@@ -16,8 +16,8 @@ from rich.console import Console
 from scenes import AXES, motions, row
 from test_cli import TINY, environment, write
 
-from pounding_sweep.progress import BETWEEN_LINES, LineProgress, TerminalProgress
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.cli.progress import BETWEEN_LINES, LineProgress, TerminalProgress
+from pounding_sweep.run.sweep import Sweep
 
 # -- bars --------------------------------------------------------------------------------------------------------------
 
@@ -60,7 +60,7 @@ def test_a_terminal_that_goes_away_is_told_nothing_more(when):
 WAITS = """
 import os
 from pounding_sweep import cli
-from pounding_sweep.sweep import filling
+from pounding_sweep.run import cube_writer as filling
 
 real = filling.write_cube_of
 
@@ -158,7 +158,7 @@ def test_time_left_where_a_line_comes_while_chunks_are_taken_up():
 
 def test_bars_of_a_run_that_continues(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr("pounding_sweep.progress.time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr("pounding_sweep.cli.progress.time", SimpleNamespace(monotonic=lambda: now[0]))
     file = io.StringIO()
     console = Console(file=file, force_terminal=True, width=120, get_time=lambda: now[0])
     progress = TerminalProgress(console)
@@ -178,7 +178,7 @@ def test_bars_of_a_run_that_continues(monkeypatch):
 
 def test_lines_have_no_control_characters(monkeypatch):
     """A whole run with a line at every step."""
-    monkeypatch.setattr("pounding_sweep.progress.BETWEEN_LINES", 0.0)
+    monkeypatch.setattr("pounding_sweep.cli.progress.BETWEEN_LINES", 0.0)
     stream = io.StringIO()
     Sweep(scene=row(), records=motions(), **AXES).run(progress=LineProgress(stream))
     said = stream.getvalue()

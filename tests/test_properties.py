@@ -17,26 +17,26 @@ from scenes import EVERY, OUTPUTS, motions, pair, row
 from scipy.linalg import expm
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy.timescales import approach_speeds, highest_frequency, shortest_contact
 from pounding_sweep.accuracy.trade_sample import find_touching
-from pounding_sweep.contact.laws import get_law
-from pounding_sweep.cube.variables import reducers_for
-from pounding_sweep.errors import SweepError
-from pounding_sweep.kernels import cache
-from pounding_sweep.kernels.shape import LANES, input_slots, property_slots
-from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.sweep import plan as planning
-from pounding_sweep.sweep.axes import Case
-from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.build import build_spec
-from pounding_sweep.sweep.flight import transitions
-from pounding_sweep.sweep.plan import PLAN_BYTES, make_plan
-from pounding_sweep.sweep.resolution import displacement_limit, energy_limit, phase_error
-from pounding_sweep.sweep.spec import to_json
-from pounding_sweep.sweep.stability import largest_step
-from pounding_sweep.sweep.sweep import Sweep
-from pounding_sweep.sweep.toml_file import load_spec
-from pounding_sweep.sweep.variants import Variants, variants_of
+from pounding_sweep.base.errors import SweepError
+from pounding_sweep.emit.spec import LANES, input_slots, property_slots
+from pounding_sweep.engine import cache
+from pounding_sweep.engine.flight import transitions
+from pounding_sweep.engine.resolution import displacement_limit, energy_limit, phase_error
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import get_law
+from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.outputs.variables import reducers_for
+from pounding_sweep.plan import plan as planning
+from pounding_sweep.plan.plan import PLAN_BYTES, make_plan
+from pounding_sweep.plan.timescales import approach_speeds, highest_frequency, shortest_contact
+from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.spec import to_json
+from pounding_sweep.spec.toml_file import load_spec
 
 PERIODS, MASSES, RATIOS = {"a": [0.8, 1.0, 1.5]}, {"b": [2.0, 1.0]}, [0.02, 0.05]
 AXES = {"period_factors": PERIODS, "mass_factors": MASSES, "damping_ratios": RATIOS}
@@ -257,7 +257,7 @@ def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
 @pytest.mark.parametrize("law", ["none", "linear", "kelvin_voigt"])
 @pytest.mark.parametrize("method", ["rk4", "newmark", "exact"])
 def test_lanes_hold_the_constants_of_buildings_built_so(law, method, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.sweep.blocks.SLAB_BYTES", 20_000)  # handed over in several parts
+    monkeypatch.setattr("pounding_sweep.engine.row_kernel.SLAB_BYTES", 20_000)  # handed over in several parts
     scene, record = tall(), motions()[0]
     variants = some_variants(scene, 50)
     more = (get_law(law), Numerics(method, 0.002), reducers_for(["impact_force_max", "displacement_max"]))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pounding_sweep.errors import RecordError
+from pounding_sweep.base.errors import RecordError
 from pounding_sweep.records import STANDARD_GRAVITY as G
 from pounding_sweep.records import loading, numbers, read_record
 from pounding_sweep.records.numbers import plain_rows, plain_words

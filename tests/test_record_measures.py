@@ -15,7 +15,7 @@ from scipy.integrate import quad
 from scipy.interpolate import PPoly
 
 import pounding_sweep as ps
-from pounding_sweep.errors import MissingRecordError, RecordError
+from pounding_sweep.base.errors import MissingRecordError, RecordError
 from pounding_sweep.records import (
     RECORD_SETS,
     Record,

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pounding_sweep.errors import InputError, RecordError
+from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.records import (
     KNOWN_RECORDS,
     MAX_FILE_BYTES,

@@ -10,8 +10,8 @@ from test_cli import TINY, at2, write
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
+from pounding_sweep.base.errors import MissingRecordError, SweepError
 from pounding_sweep.cli.app import app
-from pounding_sweep.errors import MissingRecordError, SweepError
 from pounding_sweep.records import RECORD_SETS, find_record, record_measures
 
 PULSE = '{ pulse = "sine", amplitude = 5.0, period = 0.5, dt = 0.01, duration = 2.0 }'

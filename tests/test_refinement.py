@@ -9,13 +9,13 @@ import pytest
 from scenes import AXES, OUTPUTS, motions, row
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy import advice
-from pounding_sweep.accuracy.advice import CLASSES, Curve, Measured
-from pounding_sweep.accuracy.measure import CHANGE, comparable, relative_errors
-from pounding_sweep.contact.laws import LAWS
-from pounding_sweep.cube.variables import OK_CLAIM, SETTLED, Status
-from pounding_sweep.sweep import refinement
-from pounding_sweep.sweep.refinement import differences
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
+from pounding_sweep.outputs.variables import OK_CLAIM, SETTLED, Status
+from pounding_sweep.plan import advice
+from pounding_sweep.plan.advice import CLASSES, Curve, Measured
+from pounding_sweep.run import refinement
+from pounding_sweep.run.refinement import differences
 
 FEW = {"laws": ["linear", "kelvin_voigt"], "gaps": [0.001, 0.003], "restitutions": [0.6], "audit": 0.0}
 
@@ -111,7 +111,7 @@ def test_single_precision_gives_way_to_double(monkeypatch):
 def test_a_scenario_is_refined_alike_whatever_is_beside_it(monkeypatch):
     lying(monkeypatch)
     whole = make(accuracy=1e-4, dt=None).run(scheduler="synchronous")
-    monkeypatch.setattr("pounding_sweep.sweep.plan.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
     parts = make(accuracy=1e-4, dt=None).run(scheduler="threads", workers=3)
     one = make(accuracy=1e-4, dt=None, gaps=[0.003]).run(scheduler="synchronous")
     for name in whole.data_vars:

@@ -17,7 +17,9 @@ from typer.testing import CliRunner
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.certificate import certify, deviation
-from pounding_sweep.contact.laws import (
+from pounding_sweep.base.errors import InputError, LawError, SweepError
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import (
     LAWS,
     damping_number,
     get_law,
@@ -25,11 +27,9 @@ from pounding_sweep.contact.laws import (
     realised_restitution,
     realised_validity,
 )
-from pounding_sweep.contact.restitution import RELATIONS, SMALLEST
-from pounding_sweep.errors import InputError, LawError, SweepError
-from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.build import build_spec
-from pounding_sweep.sweep.stability import largest_step
+from pounding_sweep.model.rebound import RELATIONS, SMALLEST
+from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.build import build_spec
 
 getcontext().prec = 80
 
@@ -421,7 +421,7 @@ def test_an_undamped_law_runs_in_a_damped_kernel_on_either_basis():
 
 
 def write(cube, folder):
-    from pounding_sweep.cube.write import write_cube
+    from pounding_sweep.output.netcdf import write_cube
 
     path = folder / "cube.nc"
     write_cube(cube, path)

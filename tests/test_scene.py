@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pounding_sweep.contact import LAWS, MATE2015_MODELS, Law, get_law, hertz_stiffness
-from pounding_sweep.errors import LawError, SceneError
-from pounding_sweep.presets import PRESETS, get_preset
-from pounding_sweep.scene import FLOOR_TOLERANCE, Building, ContactProperties, Scene, Wall
+from pounding_sweep.base.errors import LawError, SceneError
+from pounding_sweep.model.hertz import hertz_stiffness
+from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, get_law
+from pounding_sweep.model.presets import PRESETS, get_preset
+from pounding_sweep.model.scene import FLOOR_TOLERANCE, Building, ContactProperties, Scene, Wall
 
 NAN = float("nan")
 INF = float("inf")

@@ -10,10 +10,10 @@ import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.cubes import axis_values
-from pounding_sweep.cube import select as module
-from pounding_sweep.cube.select import NEAR, select
-from pounding_sweep.errors import InputError
+from pounding_sweep.output import select as module
+from pounding_sweep.output.select import NEAR, select
 
 
 def line(axis, values):

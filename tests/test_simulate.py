@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from naive import NaiveBuilding, run
 
 import pounding_sweep as ps
-from pounding_sweep.choice import simulate_one
-from pounding_sweep.contact.laws import LAWS
-from pounding_sweep.cube.variables import INTEGER_FILL, VARIABLES, Status
-from pounding_sweep.errors import PoundingSweepError, StabilityError
-from pounding_sweep.scenario import NOT_OF_ONE
-from pounding_sweep.sweep.spec import METHODS
+from pounding_sweep.base.errors import PoundingSweepError, StabilityError
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.outputs.variables import INTEGER_FILL, VARIABLES, Status
+from pounding_sweep.run.choice import simulate_one
+from pounding_sweep.run.simulate import NOT_OF_ONE
+from pounding_sweep.spec.spec import METHODS
 
 pytestmark = pytest.mark.usefixtures("pair_kernels")
 

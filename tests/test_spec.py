@@ -17,23 +17,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pounding_sweep import Sweep
-from pounding_sweep.contact import LAWS, MATE2015_MODELS, get_law
-from pounding_sweep.cube.variables import DEFAULT_OUTPUTS, VARIABLES
-from pounding_sweep.errors import SweepError
-from pounding_sweep.presets import get_preset
+from pounding_sweep.base.errors import SweepError
+from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, get_law
+from pounding_sweep.model.presets import get_preset
+from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES
 from pounding_sweep.records import Record, find_record, pulse_record, synthetic_record
-from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.sweep.axes import Case, Range
-from pounding_sweep.sweep.build import build_spec
-from pounding_sweep.sweep.spec import (
+from pounding_sweep.spec.axes import Case, Range
+from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.spec import (
     MAX_AXIS,
     SweepSpec,
     contact_stiffness,
     digest,
     to_json,
 )
-from pounding_sweep.sweep.toml_file import load_spec
-from pounding_sweep.sweep.toml_lines import key_lines, line_of
+from pounding_sweep.spec.toml_file import load_spec
+from pounding_sweep.spec.toml_lines import key_lines, line_of
 
 ROOT = Path(__file__).resolve().parent.parent
 NAN = float("nan")
@@ -542,9 +542,9 @@ def test_digest_is_the_same_in_another_process():
     again = subprocess.run(
         [sys.executable, "-c", textwrap.dedent("""
             from pounding_sweep.records import Record
-            from pounding_sweep.scene import Building, Scene
-            from pounding_sweep.sweep.build import build_spec
-            from pounding_sweep.sweep.spec import digest
+            from pounding_sweep.model.scene import Building, Scene
+            from pounding_sweep.spec.build import build_spec
+            from pounding_sweep.spec.spec import digest
             scene = Scene([Building("a", [1.0], [4.0])])
             pulse = Record("pulse", dt=0.01, acceleration=[0.0, 1.0, -1.0, 0.0])
             print(digest(build_spec(scene=scene, records=pulse, laws="none", outputs=["displacement_max"], dt=0.01)))
@@ -1109,7 +1109,7 @@ def test_key_lines_follows_any_file(data):
 
 def test_importing_is_light():
     code = (
-        "import sys; import pounding_sweep.sweep.toml_file, pounding_sweep.presets; "
+        "import sys; import pounding_sweep.spec.toml_file, pounding_sweep.model.presets; "
         "print([m for m in ('numba', 'dask', 'matplotlib', 'xarray', 'netCDF4') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)

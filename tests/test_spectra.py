@@ -21,11 +21,11 @@ from scipy.signal import lsim
 import pounding_sweep as ps
 from pounding_sweep.analysis import floor_spectra, response_spectrum
 from pounding_sweep.analysis.spectra import ORDINATES, usual_periods
-from pounding_sweep.errors import InputError, RecordError
+from pounding_sweep.base.errors import InputError, RecordError
+from pounding_sweep.engine.spectrum import MOST_STEPS, STEPS_PER_PERIOD
 from pounding_sweep.figures import plot
 from pounding_sweep.figures.ground_motion import ground_motion
 from pounding_sweep.figures.response_spectra import response_spectra
-from pounding_sweep.kernels.spectrum import MOST_STEPS, STEPS_PER_PERIOD
 from pounding_sweep.records import records_dataset
 
 EL_CENTRO = ps.find_record("el_centro")
@@ -220,7 +220,7 @@ def test_each_period_is_independent_of_its_neighbours():
 
 def test_a_damaged_cache_costs_itself_only(tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    program = [sys.executable, "-c", "import pounding_sweep.kernels.spectrum"]
+    program = [sys.executable, "-c", "import pounding_sweep.engine.spectrum"]
     subprocess.run(program, env=environment, check=True, timeout=300)
     found = [path for path in tmp_path.rglob("*.nb?") if path.is_file()]
     assert found
@@ -232,7 +232,7 @@ def test_a_damaged_cache_costs_itself_only(tmp_path):
 def test_where_no_cache_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):
     import numba.core.caching
 
-    from pounding_sweep.kernels import spectrum
+    from pounding_sweep.engine import spectrum
 
     monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
     place = importlib.util.spec_from_file_location("spectrum_without_cache", spectrum.__file__)

@@ -11,10 +11,10 @@ from scenes import EVERY, OUTPUTS, motions, row
 from test_kernels import both, errors, twins
 
 import pounding_sweep as ps
-from pounding_sweep.cube.merge import merge_cubes
-from pounding_sweep.cube.variables import Status
-from pounding_sweep.errors import SweepError
-from pounding_sweep.sweep.spec import METHODS
+from pounding_sweep.base.errors import SweepError
+from pounding_sweep.output.merge import merge_cubes
+from pounding_sweep.outputs.variables import Status
+from pounding_sweep.spec.spec import METHODS
 
 FREE = 1e-9  # kN/m: so soft that the building does not notice
 

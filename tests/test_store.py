@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from pounding_sweep.cube import files
-from pounding_sweep.errors import OutputError
-from pounding_sweep.lock import LOCK
-from pounding_sweep.sweep import store as storing
-from pounding_sweep.sweep.store import IDENTITY, MANIFEST, ChunkCorrupt, ChunkStore
+from pounding_sweep.base import files
+from pounding_sweep.base.errors import OutputError
+from pounding_sweep.base.lock import LOCK
+from pounding_sweep.resume import checkpoint as storing
+from pounding_sweep.resume.checkpoint import IDENTITY, MANIFEST, ChunkCorrupt, ChunkStore
 
 KIND = np.dtype([("drift_max", "f8", (1, 2)), ("impact_count", "i4"), ("status", "i1")], align=True)
 TABLE = np.array(
@@ -334,8 +334,8 @@ def test_a_failed_write_leaves_nothing(store, monkeypatch):
 KILLED = """
 import os, sys
 import numpy as np
-from pounding_sweep.cube import write
-from pounding_sweep.sweep import store as storing
+from pounding_sweep.output import netcdf as write
+from pounding_sweep.resume import checkpoint as storing
 
 store = storing.ChunkStore(sys.argv[1], "x").open()
 store.write("first", np.zeros(3, [("a", "f8")]))

@@ -14,7 +14,7 @@ from test_cli import TINY, cli, environment, same_data, write
 from test_faults import STOPPED
 
 from pounding_sweep.cli.reporting import reporting
-from pounding_sweep.sweep.store import MANIFEST
+from pounding_sweep.resume.checkpoint import MANIFEST
 
 RUN = ("run", "sweep.toml", "-o", "out.nc")
 
@@ -90,7 +90,7 @@ def test_a_result_that_cannot_be_printed(stopped, tmp_path, buffered):
 SLEEPS = """
 import signal, sys, time
 from pounding_sweep import cli
-from pounding_sweep.sweep import execute
+from pounding_sweep.run import execute
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 real = execute.run_chunk
@@ -227,7 +227,9 @@ def test_what_is_ignored_stays_ignored(tmp_path, names):
 WHEN = """
 import os, shutil, signal
 from pounding_sweep import cli
-from pounding_sweep.sweep import filling, store, summary
+from pounding_sweep.run import cube_writer as filling
+from pounding_sweep.resume import checkpoint as store
+from pounding_sweep.output import summary
 
 def when(owner, name, event):
     real = getattr(owner, name)

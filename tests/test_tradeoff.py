@@ -19,15 +19,15 @@ from pounding_sweep.accuracy.trade_measure import Compared, measure
 from pounding_sweep.accuracy.trade_report import order_table, table_of, trade_rows
 from pounding_sweep.accuracy.trade_sample import draw, find_touching
 from pounding_sweep.accuracy.tradeoff import tradeoff, warn_of_doubt
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli import main  # noqa: F401  registers the commands
 from pounding_sweep.cli.app import app
-from pounding_sweep.cube.describe import describe
-from pounding_sweep.cube.variables import VARIABLES
-from pounding_sweep.cube.write import write_cube
-from pounding_sweep.errors import InputError
+from pounding_sweep.emit.spec import LANES
 from pounding_sweep.figures import plot
-from pounding_sweep.kernels.shape import LANES
-from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.output.describe import describe
+from pounding_sweep.output.netcdf import write_cube
+from pounding_sweep.outputs.variables import VARIABLES
+from pounding_sweep.run.execute import Progress
 
 STEPS = (2e-2, 2e-3, 1e-3, 5e-4)
 LAWS = ["kelvin_voigt", "linear"]  # which share their kernels

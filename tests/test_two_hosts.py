@@ -14,7 +14,7 @@ from dask_cluster import DaskCluster
 from test_distributed import Events, count, small_chunks, whole  # noqa: F401 - fixtures
 from test_execute import make
 
-from pounding_sweep.kernels.cache import cache_folder
+from pounding_sweep.engine.cache import cache_folder
 
 pytestmark = pytest.mark.slow
 NET = "10.213.{}.{}"

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pounding_sweep.kernels.shape import LANES
+from pounding_sweep.emit.spec import LANES
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
-from pounding_sweep.scene import Scene
 
 SOURCE = Path(__file__).with_name("rk4_row.c")
 FLAGS = ("-O3", "-march=native", "-ffast-math", "-std=gnu11", "-shared", "-fPIC")

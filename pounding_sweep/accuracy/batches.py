@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pounding_sweep.contact.laws import Law
-from pounding_sweep.cube.layout import inner_shape, mask_invalid
-from pounding_sweep.cube.variables import Status, cube_variables, get_variable, reducers_for
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import Law
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.outputs.layout import inner_shape, mask_invalid
+from pounding_sweep.outputs.variables import Status, cube_variables, get_variable, reducers_for
 from pounding_sweep.records import Record
-from pounding_sweep.scene import Scene
-from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.readout import variables_of
-from pounding_sweep.sweep.stability import largest_step
+from pounding_sweep.schemes.stability import largest_step
 
 #: Peaks whose error is judged.
 PEAKS = ("displacement_max", "displacement_min", "impact_force_max", "penetration_max")

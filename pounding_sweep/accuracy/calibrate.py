@@ -6,7 +6,7 @@ synthetic earthquakes of 20 and 40 s are run with ever finer steps and compared 
 converged run. Each gives a line of error against steps in its shortest time; the
 measured curve is a quantile of these lines. It says at which step a sweep begins: most
 scenarios are within the error asked for there, and the others are refined
-(`pounding_sweep.sweep.refinement`). Scenarios whose converged run is none are left out.
+(`pounding_sweep.run.refinement`). Scenarios whose converged run is none are left out.
 To be run again whenever a kernel or a law changes; it takes a while, most of it for
 compiling, and overwrites the file in the package.
 """
@@ -27,17 +27,17 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.advice import CLASSES, EXACT_STEPS, MEASURED
-from pounding_sweep.accuracy.measure import relative_errors
-from pounding_sweep.accuracy.timescales import approach_speeds, highest_frequency, shortest_contact
-from pounding_sweep.contact.laws import LAWS, Law, get_law
-from pounding_sweep.cube.assemble import package_version
-from pounding_sweep.cube.variables import Status, reducers_for
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import LAWS, Law, get_law
+from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.output.dataset import package_version
+from pounding_sweep.outputs.differences import relative_errors
+from pounding_sweep.outputs.variables import Status, reducers_for
+from pounding_sweep.plan.advice import CLASSES, EXACT_STEPS, MEASURED
+from pounding_sweep.plan.timescales import approach_speeds, highest_frequency, shortest_contact
 from pounding_sweep.records import Record, synthetic_record
-from pounding_sweep.scene import Building, Scene, Wall
-from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.readout import variables_of
-from pounding_sweep.sweep.stability import largest_step
+from pounding_sweep.schemes.stability import largest_step
 
 #: Share of the scenarios whose error the curves hold: the others cost a step or two of refinement.
 QUANTILE = 0.9
@@ -241,7 +241,7 @@ def calibrate(
     say : callable
         Told what goes on.
     """
-    from pounding_sweep.kernels.prepare import prepare
+    from pounding_sweep.engine.compile import prepare
 
     started = time.perf_counter()
     first = records()[0]
@@ -331,7 +331,9 @@ def merged(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Measure, and write the file."""
     parser = argparse.ArgumentParser(prog="python -m pounding_sweep.accuracy.calibrate", description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=Path(__file__).with_name(MEASURED), help="file to write")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path(__file__).parents[1] / "data" / MEASURED, help="file to write"
+    )
     names = ["/".join(scheme) for scheme in LADDERS]
     parser.add_argument("--only", nargs="+", choices=names, help="schemes to measure; the file keeps the others")
     parser.add_argument("--laws", nargs="+", choices=list(LAWS), help="laws to measure; the file keeps the others")

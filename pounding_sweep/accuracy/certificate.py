@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.contact.laws import LAWS, Law, damping_number, get_law, realised_restitution
-from pounding_sweep.contact.restitution import RESTITUTION_BASES
-from pounding_sweep.errors import InputError, LawError
+from pounding_sweep.base.errors import InputError, LawError
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import LAWS, Law, damping_number, get_law, realised_restitution
+from pounding_sweep.model.rebound import RESTITUTION_BASES
+from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
-from pounding_sweep.scene import Building, Scene
-from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.run.execute import Progress
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -116,7 +116,7 @@ def certify(
     """
     import xarray as xr
 
-    from pounding_sweep.kernels.prepare import prepare
+    from pounding_sweep.engine.compile import prepare
 
     nominal = np.array(list(restitutions), dtype=float)
     if not nominal.size or not (np.isfinite(nominal) & (nominal >= 0.0) & (nominal <= 1.0)).all():

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.accuracy.batches import Batch, run_batch
-from pounding_sweep.contact.laws import Law
+from pounding_sweep.model.laws import Law
+from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.records import Record, synthetic_record
-from pounding_sweep.scene import Building, Scene, Wall
 
 #: A gap (m) that no scenario closes.
 OPEN_GAP = 1.0e3
@@ -50,7 +50,7 @@ def make_batch(
 
     Examples
     --------
-    >>> from pounding_sweep.contact.laws import get_law
+    >>> from pounding_sweep.model.laws import get_law
     >>> scene = Scene([Building("a", [100.0], [1e5]), Wall()], [0.0])
     >>> batch = make_batch("gap", "", scene, get_law("linear"), Record("r", 0.01, [0.0, 1.0]), gaps=[0.0, 0.1])
     >>> len(batch), batch.gaps.ravel().tolist()

@@ -19,10 +19,10 @@ from pounding_sweep.accuracy.batches import Batch, kernel_of, run_batch
 from pounding_sweep.accuracy.extreme_families import FAMILIES, family_batches
 from pounding_sweep.accuracy.judge import Verdict, judge, make_reference
 from pounding_sweep.accuracy.random_scenes import random_batches
-from pounding_sweep.contact.laws import LAWS, Law, get_law
-from pounding_sweep.cube.variables import STATUS, Status
-from pounding_sweep.errors import InputError, unknown
-from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.model.laws import LAWS, Law, get_law
+from pounding_sweep.outputs.variables import STATUS, Status
+from pounding_sweep.run.execute import Progress
 
 #: Name of the family of random scenes.
 RANDOM = "random"
@@ -230,7 +230,7 @@ def _prepare(
     progress: Progress,
 ) -> list[Batch]:
     """Make the batches, and the kernels of all of them."""
-    from pounding_sweep.kernels.prepare import prepare
+    from pounding_sweep.engine.compile import prepare
 
     batches = family_batches([key for key in keys if key in FAMILIES], laws)
     batches += random_batches(scenes, seed, laws) if RANDOM in keys else []

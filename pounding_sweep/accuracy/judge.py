@@ -12,7 +12,7 @@ Five things are demanded of a run, at any step:
 4. Where the status is ok, contacts create no energy: their work is not negative.
 5. Where the status is ok, and a run at half the step agrees within `SETTLED`,
    the peaks are within `OK_CLAIM` of those of a converged run, unless it is
-   sensitive: `measure.CHANGE` of all inputs changes a peak by more than that.
+   sensitive: `CHANGE` of all inputs changes a peak by more than that.
 
 All ok scenarios that are farther off are counted as missed by the rules of the
 status, whether half the step tells them or not and however sensitive they are.
@@ -26,11 +26,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pounding_sweep.accuracy.batches import PEAKS, Batch, run_batch, stable_step, take
-from pounding_sweep.accuracy.measure import CHANGE, relative_error
-from pounding_sweep.cube.layout import scatter_contact, scatter_dof
-from pounding_sweep.cube.variables import OK_CLAIM, SETTLED, STATUS, Status, get_variable
-from pounding_sweep.sweep.readout import NEEDS_FORCE
-from pounding_sweep.sweep.resolution import displacement_limit, energy_limit
+from pounding_sweep.engine.postprocess import NEEDS_FORCE
+from pounding_sweep.engine.resolution import displacement_limit, energy_limit
+from pounding_sweep.outputs.differences import CHANGE, relative_error
+from pounding_sweep.outputs.layout import scatter_contact, scatter_dof
+from pounding_sweep.outputs.variables import OK_CLAIM, SETTLED, STATUS, Status, get_variable
 
 #: A reference run is believed where one of half the step agrees with it this closely.
 CONVERGED = 0.1 * OK_CLAIM

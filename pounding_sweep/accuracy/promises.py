@@ -22,18 +22,18 @@ from pathlib import Path
 
 import numpy as np
 
-from pounding_sweep.accuracy.advice import CLASSES
-from pounding_sweep.accuracy.measure import CHANGE, relative_errors
-from pounding_sweep.contact.laws import LAWS, get_law
-from pounding_sweep.cube.variables import OK_CLAIM, Status, reducers_for
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import LAWS, get_law
+from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.outputs.differences import CHANGE, relative_errors
+from pounding_sweep.outputs.variables import OK_CLAIM, Status, reducers_for
+from pounding_sweep.plan.advice import CLASSES
+from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, read_record, resolve_record, synthetic_record
-from pounding_sweep.scene import Building, Scene, Wall
-from pounding_sweep.sweep.axes import Case
-from pounding_sweep.sweep.blocks import Numerics, RowKernel
-from pounding_sweep.sweep.build import build_spec
-from pounding_sweep.sweep.execute import run_chunk
-from pounding_sweep.sweep.plan import make_plan
-from pounding_sweep.sweep.spec import SweepSpec
+from pounding_sweep.run.execute import run_chunk
+from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.spec import SweepSpec
 
 #: Storeys of the buildings of a row; 0: a wall.
 SHAPES = ((1, 0), (1, 1), (2, 1), (1, 1, 1), (2, 2), (0, 2, 1), (3, 2, 0), (2, 3, 2), (3, 3, 3), (5, 4))

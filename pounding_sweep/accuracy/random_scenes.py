@@ -9,10 +9,10 @@ import numpy as np
 
 from pounding_sweep.accuracy.batches import Batch
 from pounding_sweep.accuracy.extreme_families import lowest_restitution, oscillator
-from pounding_sweep.contact.laws import Law
-from pounding_sweep.kernels.shape import LANES
+from pounding_sweep.emit.spec import LANES
+from pounding_sweep.model.laws import Law
+from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.records import Record, synthetic_record
-from pounding_sweep.scene import Building, Scene, Wall
 
 #: Time steps (s) that random scenes are run at.
 STEPS = (5.0e-3, 1.0e-3, 2.0e-4)

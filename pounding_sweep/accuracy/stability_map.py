@@ -10,11 +10,11 @@ import numpy as np
 from pounding_sweep.accuracy.batches import kernel_of, run_batch, take
 from pounding_sweep.accuracy.extreme_families import earthquake, make_batch, pair
 from pounding_sweep.accuracy.judge import make_reference, peaks_of
-from pounding_sweep.accuracy.measure import relative_error
-from pounding_sweep.contact.laws import Law, get_law
-from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE, package_version
-from pounding_sweep.cube.variables import OK_CLAIM, STATUS, Status
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.model.laws import Law, get_law
+from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, package_version
+from pounding_sweep.outputs.differences import relative_error
+from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status
 
 if TYPE_CHECKING:
     import xarray as xr

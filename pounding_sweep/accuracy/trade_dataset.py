@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.measure import CHANGE
 from pounding_sweep.accuracy.trade_measure import Measured
-from pounding_sweep.cube.assemble import CONVENTIONS, VERSION_ATTRIBUTE, package_version
-from pounding_sweep.cube.variables import OK_CLAIM, STATUS, Status
-from pounding_sweep.sweep.spec import digest, to_json
+from pounding_sweep.output.dataset import CONVENTIONS, VERSION_ATTRIBUTE, package_version
+from pounding_sweep.outputs.differences import CHANGE
+from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status
+from pounding_sweep.spec.spec import digest, to_json
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -307,7 +307,7 @@ def _attributes(m: Measured, settings: Mapping[str, Any]) -> dict[str, Any]:
     import numba
     import xarray
 
-    from pounding_sweep.doctor import diagnose
+    from pounding_sweep.run.diagnosis import diagnose
 
     version = package_version()
     machine = diagnose()

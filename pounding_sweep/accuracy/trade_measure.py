@@ -11,16 +11,17 @@ from itertools import product
 
 import numpy as np
 
-from pounding_sweep.accuracy.measure import changed, comparable, relative_errors
 from pounding_sweep.accuracy.trade_sample import Group, Sample, draw
-from pounding_sweep.cube.variables import OK_CLAIM, Status
-from pounding_sweep.errors import InputError
-from pounding_sweep.sweep.blocks import Numerics
-from pounding_sweep.sweep.execute import Progress
-from pounding_sweep.sweep.plan import Plan, make_plan
-from pounding_sweep.sweep.refinement import run_once
-from pounding_sweep.sweep.spec import SweepSpec
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.engine.row_kernel import Numerics
+from pounding_sweep.outputs.differences import comparable, relative_errors
+from pounding_sweep.outputs.variables import OK_CLAIM, Status
+from pounding_sweep.plan.plan import Plan, make_plan
+from pounding_sweep.plan.scenarios import changed
+from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.refinement import run_once
+from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.spec.spec import SweepSpec
 
 #: The converged solution's step is the finest compared over this; it is checked at twice its step.
 REFINEMENT = 8
@@ -88,7 +89,7 @@ class Measured:
     reference_errors : ndarray, shape (n, outputs)
         Upper estimate of its relative error; NaN where it has no values.
     sensitivity : ndarray, shape (n,)
-        Largest relative change of an output when all inputs change by `measure.CHANGE`.
+        Largest relative change of an output when all inputs change by `CHANGE`.
     errors : ndarray, shape (*compared.shape, n, outputs)
         Relative errors; infinite where the scenario diverged, NaN where it was refused.
     statuses : ndarray of int, shape (*compared.shape, n)
@@ -174,7 +175,7 @@ def measure(
 
 def _compile(plan: Plan, sample: Sample, every: Sequence[Numerics], workers: int | None, progress: Progress) -> None:
     """Make every kernel ready before anything is timed."""
-    from pounding_sweep.kernels.prepare import prepare
+    from pounding_sweep.engine.compile import prepare
 
     laws = [group.law for group in sample.timed]
     shapes = list(dict.fromkeys(replace(plan.kernel(law), numerics=n).shape for n in every for law in laws))
@@ -210,7 +211,7 @@ def _run(
     skip: np.ndarray | None = None,
 ) -> Values:
     """Run all scenarios of a sample but those to `skip`, which are given as refused."""
-    from pounding_sweep.cube.layout import inner_shape
+    from pounding_sweep.outputs.layout import inner_shape
 
     n = sum(len(group.rows) for group in groups)
     result = {name: np.full((n, *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.accuracy.trade_dataset import CONFIGURATION, KIND, KIND_ATTRIBUTE
-from pounding_sweep.cube.variables import Status, get_variable
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.outputs.variables import Status, get_variable
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pounding_sweep.errors import InputError
-from pounding_sweep.kernels.shape import LANES
-from pounding_sweep.sweep.blocks import Numerics
-from pounding_sweep.sweep.plan import Plan, untouched
-from pounding_sweep.sweep.readout import variables_of
-from pounding_sweep.sweep.stability import largest_step
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.emit.spec import LANES
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.row_kernel import Numerics
+from pounding_sweep.plan.plan import Plan, untouched
+from pounding_sweep.schemes.stability import largest_step
 
 #: Largest step (s) of the runs without pounding that tell which scenarios can touch.
 CLOSING_STEP = 1.0e-3

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.errors import InputError, unknown
-from pounding_sweep.sweep.blocks import Numerics
-from pounding_sweep.sweep.execute import Progress
-from pounding_sweep.sweep.spec import METHODS, PRECISIONS, SweepSpec
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.engine.row_kernel import Numerics
+from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.spec.spec import METHODS, PRECISIONS, SweepSpec
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pounding_sweep.deferred import attribute
+from pounding_sweep.base.deferred import attribute
 
 _HOME = {
     "amplification": "pounding_sweep.analysis.amplified",

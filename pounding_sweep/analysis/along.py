@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -19,7 +19,7 @@ from pounding_sweep.analysis.scenarios import (
     values,
     without_pounding,
 )
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -97,7 +97,7 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
 
 
 def _asked(cube: xr.Dataset, responses: Iterable[str]) -> list[str]:
-    from pounding_sweep.errors import unknown
+    from pounding_sweep.base.errors import unknown
 
     names = list(responses)
     for name in names:

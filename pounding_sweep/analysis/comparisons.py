@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pounding_sweep.deferred import function_at
+from pounding_sweep.base.deferred import function_at
 
 if TYPE_CHECKING:
     import xarray as xr

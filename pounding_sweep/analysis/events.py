@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from pounding_sweep.errors import InputError, unknown
+from pounding_sweep.base.errors import InputError, unknown
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from pounding_sweep.analysis.scenarios import (
     trusted,
     values,
 )
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr

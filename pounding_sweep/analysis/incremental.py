@@ -18,7 +18,7 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.analysis.suites import QUANTILES, responses
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.scenarios import described
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,7 +1,7 @@
 """Contact laws against a reference law, at equal nominal and at equal realised restitution.
 
 The published damping formulas don't give the restitution they promise (see
-`pounding_sweep.contact.restitution`), so that two laws at the same nominal value
+`pounding_sweep.model.rebound`), so that two laws at the same nominal value
 rebound differently. Where a sweep has several restitutions, its values are also
 read, law by law, where two free masses would rebound equally.
 """
@@ -26,8 +26,8 @@ from pounding_sweep.analysis.scenarios import (
     scenarios_only,
     values,
 )
-from pounding_sweep.contact.laws import LAWS, get_law, realised_restitution
-from pounding_sweep.errors import InputError, unknown
+from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.model.laws import LAWS, get_law, realised_restitution
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -15,7 +15,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from pounding_sweep.errors import PoundingSweepError
+from pounding_sweep.base.errors import PoundingSweepError
 
 #: Intensities that differ by less than this share are one.
 SAME = 1e-9

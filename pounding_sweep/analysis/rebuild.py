@@ -13,9 +13,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.errors import InputError, RecordError
+from pounding_sweep.base.errors import InputError, RecordError
+from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import Record, find_record, list_records
-from pounding_sweep.scene import Building, ContactProperties, Scene, Wall
 
 if TYPE_CHECKING:
     import xarray as xr

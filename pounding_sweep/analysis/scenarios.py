@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.cube.assemble import VERSION_ATTRIBUTE
-from pounding_sweep.cube.audited import AUDIT_DIMS
-from pounding_sweep.cube.variables import INNER_DIMS, VARIABLES, Status
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.output.audited import AUDIT_DIMS
+from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
+from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from pounding_sweep.cube.assemble import CONVENTIONS, VERSION_ATTRIBUTE, package_version
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.output.dataset import CONVENTIONS, VERSION_ATTRIBUTE, package_version
 from pounding_sweep.records import Record
 
 if TYPE_CHECKING:
@@ -225,7 +225,7 @@ def _even_step(time: Array) -> float:
 
 def _ordinates(signal: Array, dt: float, periods: Array, damping: float) -> Array:
     """Spectral ordinates of one signal (m/s2), shape (4, n_periods), in the order of `ORDINATES`."""
-    from pounding_sweep.kernels.spectrum import MOST_STEPS, STEPS_PER_PERIOD, oscillator_peaks
+    from pounding_sweep.engine.spectrum import MOST_STEPS, STEPS_PER_PERIOD, oscillator_peaks
 
     found = np.zeros((len(ORDINATES), periods.size))
     found[2:] = np.max(np.abs(signal))  # what a rigid oscillator does

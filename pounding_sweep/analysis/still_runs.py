@@ -22,10 +22,10 @@ from pounding_sweep.analysis.scenarios import (
     values,
     without_pounding,
 )
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record, resolve_records
-from pounding_sweep.scene import Building, Scene
-from pounding_sweep.sweep.axes import FACTOR_KINDS, Case, PropertyAxis, property_axes
+from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis, property_axes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,7 +62,7 @@ class StillRuns:
 
 def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
     """Run a row without pounding, once for each record."""
-    from pounding_sweep.sweep.sweep import Sweep
+    from pounding_sweep.run.sweep import Sweep
 
     sweep = Sweep(scene, records, NO_POUNDING, folders=folders, **_settings())
     _check_pairs(sweep.spec.scene)
@@ -122,7 +122,7 @@ def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any
     """Run a product sweep without pounding, once for each sign of its scales: responses grow with the scale."""
     import xarray as xr
 
-    from pounding_sweep.sweep.sweep import Sweep
+    from pounding_sweep.run.sweep import Sweep
 
     about = {"units": "1", "long_name": "factor on the record"}
     scales = xr.DataArray(sweep["scales"], dims="scale", coords={"scale": sweep["scales"]}, attrs=about)
@@ -144,7 +144,7 @@ def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any
 
 def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) -> xr.Dataset:
     """Run each record, scale and building of listed cases once without pounding."""
-    from pounding_sweep.sweep.sweep import Sweep
+    from pounding_sweep.run.sweep import Sweep
 
     cases = [
         Case(

@@ -18,7 +18,7 @@ from pounding_sweep.analysis.scenarios import (
     trusted,
     values,
 )
-from pounding_sweep.cube.variables import STATUS, VARIABLES
+from pounding_sweep.outputs.variables import STATUS, VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr

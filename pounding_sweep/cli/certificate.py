@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.errors import InputError
-from pounding_sweep.tables import print_json, print_table
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.tables import print_json, print_table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,8 +22,8 @@ def print_certificate(nominal: str | None, as_json: bool) -> None:
         The list holds something that is no number in [0, 1].
     """
     from pounding_sweep.accuracy.certificate import RESTITUTIONS, certify
-    from pounding_sweep.progress import make_progress
-    from pounding_sweep.sweep.execute import check_scheduler
+    from pounding_sweep.cli.progress import make_progress
+    from pounding_sweep.run.execute import check_scheduler
 
     restitutions = RESTITUTIONS if nominal is None else _numbers(nominal)
     found = certify(restitutions, workers=check_scheduler("threads", None), progress=make_progress())
@@ -79,7 +79,7 @@ def _summary(found: xr.Dataset) -> dict[str, Any]:
 
 
 def _print_text(found: xr.Dataset) -> None:
-    from pounding_sweep.contact.laws import get_law
+    from pounding_sweep.model.laws import get_law
 
     published, realised = found.sel(basis="published"), found.sel(basis="realised")
 

@@ -12,9 +12,9 @@ import typer
 
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.events import EVENTS, get_event
+from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table
 from pounding_sweep.cli.app import AsJson, CubeFile, Folders, app
 from pounding_sweep.cli.reporting import reporting, say
-from pounding_sweep.tables import number_text, print_json, print_pairs, print_table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,8 +69,8 @@ def compare_command(
     with reporting():
         from pounding_sweep.analysis.rows import table_rows
         from pounding_sweep.analysis.scenarios import law_keys, pounding_only
-        from pounding_sweep.cube.write import open_cube
-        from pounding_sweep.errors import InputError, unknown
+        from pounding_sweep.base.errors import InputError, unknown
+        from pounding_sweep.output.netcdf import open_cube
 
         keys = list(dict.fromkeys(what)) if what else list(COMPARISONS)
         for key in keys:
@@ -121,7 +121,7 @@ def compare_command(
 
 def _check_options(given: list[str], keys: list[str]) -> None:
     """Raise `InputError` for an option that no comparison takes."""
-    from pounding_sweep.errors import InputError
+    from pounding_sweep.base.errors import InputError
 
     for option in given:
         key = _TAKEN_BY[option]
@@ -132,8 +132,8 @@ def _check_options(given: list[str], keys: list[str]) -> None:
 
 def _left_out(cube: xr.Dataset) -> tuple[int, dict[str, int]]:
     """Count the scenarios of a cube, and by status those that no comparison takes: they are not ok."""
-    from pounding_sweep.cube.slabs import status_counts
-    from pounding_sweep.cube.variables import STATUS, Status
+    from pounding_sweep.output.slabs import status_counts
+    from pounding_sweep.outputs.variables import STATUS, Status
 
     if "status" not in cube.data_vars:
         return 0, {}
@@ -153,7 +153,7 @@ def _plain(attributes: dict[Any, Any]) -> dict[str, Any]:
 
 def _check_data(folder: Path, keys: list[str], overwrite: bool) -> None:
     """Raise `OutputError` where a table or a result is there already, before anything is computed or replaced."""
-    from pounding_sweep.cube.write import check_output
+    from pounding_sweep.output.netcdf import check_output
 
     for path in (folder / f"{key}{suffix}" for key in keys for suffix in (".csv", ".nc")):
         if os.path.exists(path):  # Path.exists raises where the folder can't be read
@@ -162,10 +162,10 @@ def _check_data(folder: Path, keys: list[str], overwrite: bool) -> None:
 
 def _write(result: xr.Dataset, rows: list[Row], key: str, folder: Path, overwrite: bool) -> list[str]:
     """Write the table, the result and the figure of a comparison; returns the names of the files."""
-    from pounding_sweep.cube.files import replacing
-    from pounding_sweep.cube.write import write_cube
-    from pounding_sweep.errors import InputError, OutputError
+    from pounding_sweep.base.errors import InputError, OutputError
+    from pounding_sweep.base.files import replacing
     from pounding_sweep.figures import plot
+    from pounding_sweep.output.netcdf import write_cube
 
     table = folder / f"{key}.csv"
     headings = list(dict.fromkeys(name for row in rows for name in row))

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pounding_sweep.base.errors import InputError, OutputError
+from pounding_sweep.base.tables import print_json, print_pairs, print_table
 from pounding_sweep.cli.app import FIGURE_FILE, AsJson, app
 from pounding_sweep.cli.reporting import reporting, say
-from pounding_sweep.errors import InputError, OutputError
 from pounding_sweep.figures import FIGURES, SOURCES
-from pounding_sweep.tables import print_json, print_pairs, print_table
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pounding_sweep.sweep.unfinished import Survey
+    from pounding_sweep.resume.survey import Survey
 
 
 @app.command("info")
@@ -35,10 +35,10 @@ def info_command(
 ) -> None:
     """Describe a cube: axes, variables, statuses, records; or what is done of one that is not finished."""
     with reporting():
-        from pounding_sweep.cube.describe import about, describe
-        from pounding_sweep.cube.write import open_cube
-        from pounding_sweep.sweep.store import IDENTITY, parts_folder
-        from pounding_sweep.sweep.unfinished import survey
+        from pounding_sweep.output.describe import about, describe
+        from pounding_sweep.output.netcdf import open_cube
+        from pounding_sweep.resume.checkpoint import IDENTITY, parts_folder
+        from pounding_sweep.resume.survey import survey
 
         parts = cube if os.path.isdir(cube) else parts_folder(cube)  # unlike Path's, no error in a closed folder
         if os.path.isdir(parts) and not os.path.isfile(cube):
@@ -125,9 +125,9 @@ def plot_command(
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
     with reporting():
-        from pounding_sweep.cube.select import select
-        from pounding_sweep.cube.write import open_cube
         from pounding_sweep.figures import plot
+        from pounding_sweep.output.netcdf import open_cube
+        from pounding_sweep.output.select import select
 
         if cube is None:
             if not only_list:

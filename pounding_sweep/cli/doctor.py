@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 import typer
 
+from pounding_sweep.base.tables import bytes_text, print_json, print_pairs, seconds_text
+from pounding_sweep.base.text import printable
 from pounding_sweep.cli.app import AsJson, app
 from pounding_sweep.cli.reporting import FAILED, NAME, reporting, say
-from pounding_sweep.tables import bytes_text, print_json, print_pairs, seconds_text
-from pounding_sweep.texts import printable
 
 
 @app.command("doctor")
@@ -21,13 +21,13 @@ def doctor_command(
 ) -> None:
     """Show versions, processor, kernel cache, problems, and run a few scenarios whose results are known."""
     with reporting():
-        from pounding_sweep.doctor import diagnose
+        from pounding_sweep.run.diagnosis import diagnose
 
         found = diagnose()
         if not as_json:
             _print_state(found)
         if not no_check:
-            from pounding_sweep.self_check import TOLERANCE, self_check
+            from pounding_sweep.accuracy.self_check import TOLERANCE, self_check
 
             if not as_json:
                 say("running the self-check; the first time its kernels are compiled, which may take a minute")

@@ -7,10 +7,10 @@ from typing import Annotated
 
 import typer
 
+from pounding_sweep.base.tables import print_pairs
 from pounding_sweep.cli.app import CubeFile, Overwrite, app
 from pounding_sweep.cli.cubes import axis_values
 from pounding_sweep.cli.reporting import reporting
-from pounding_sweep.tables import print_pairs
 
 
 @app.command("export")
@@ -33,9 +33,9 @@ def export_command(
 ) -> None:
     """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr."""
     with reporting():
-        from pounding_sweep.cube.export import export_cube
-        from pounding_sweep.cube.select import select
-        from pounding_sweep.cube.write import open_cube
+        from pounding_sweep.output.export import export_cube
+        from pounding_sweep.output.netcdf import open_cube
+        from pounding_sweep.output.select import select
 
         with open_cube(cube) as found:
             print(export_cube(select(found, axis_values(at or [])), out, names or (), overwrite=overwrite))
@@ -70,7 +70,7 @@ def merge_command(
 ) -> None:
     """Put cubes of one study together: same scene, numerics and outputs, other values on the axes or other cases."""
     with reporting():
-        from pounding_sweep.cube.merge import TOLERANCE, merge_cubes
+        from pounding_sweep.output.merge import TOLERANCE, merge_cubes
 
         found = merge_cubes(
             cubes,

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pounding_sweep.base.tables import print_json, print_table, seconds_text
 from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Workers, app
 from pounding_sweep.cli.reporting import FAILED, reporting, say
-from pounding_sweep.tables import print_json, print_table, seconds_text
 
 if TYPE_CHECKING:
     from pounding_sweep.accuracy.extremes import Extremes
@@ -45,9 +45,9 @@ def extremes_command(
     """Judge extreme scenarios: crashes, false statuses, errors."""
     with reporting():
         from pounding_sweep.accuracy.extremes import run_extremes
-        from pounding_sweep.cube.write import check_output
-        from pounding_sweep.progress import make_progress
-        from pounding_sweep.sweep.execute import check_scheduler
+        from pounding_sweep.cli.progress import make_progress
+        from pounding_sweep.output.netcdf import check_output
+        from pounding_sweep.run.execute import check_scheduler
 
         if map_file is not None:
             check_output(map_file, overwrite)
@@ -78,8 +78,8 @@ def _map(map_file: Path | None, plot_file: Path | None, laws: list[str] | None) 
     if map_file is None and plot_file is None:
         return []
     from pounding_sweep.accuracy.stability_map import stability_map
-    from pounding_sweep.cube.write import write_cube
     from pounding_sweep.figures import plot
+    from pounding_sweep.output.netcdf import write_cube
 
     dataset = stability_map(laws[0]) if laws else stability_map()
     if map_file is not None:
@@ -107,8 +107,8 @@ def _report(found: Extremes, files: list[str]) -> dict[str, Any]:
 
 def _print(found: Extremes) -> None:
     from pounding_sweep.accuracy.judge import OK_CLAIM
-    from pounding_sweep.accuracy.measure import CHANGE
-    from pounding_sweep.cube.variables import STATUS
+    from pounding_sweep.outputs.differences import CHANGE
+    from pounding_sweep.outputs.variables import STATUS
 
     counted = [s for s in STATUS if any(result.statuses[s.label] for result in found.results)]
     headings = ["family", "scheme", "scenarios", *(s.label.replace("_", " ") for s in counted)]

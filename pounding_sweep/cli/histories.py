@@ -50,7 +50,7 @@ def simulate_command(
 ) -> None:
     """Run one scenario of a sweep, the middle one by default, and write its histories."""
     with reporting():
-        from pounding_sweep.cube.write import check_output, write_cube
+        from pounding_sweep.output.netcdf import check_output, write_cube
 
         check_output(out, overwrite)
         one = _simulate(
@@ -110,8 +110,8 @@ def animate_command(
 ) -> None:
     """Animate the row in one scenario of a sweep, by default round its strongest impact."""
     with reporting():
-        from pounding_sweep.cube.write import check_output
         from pounding_sweep.figures.animation import animate, check_movie
+        from pounding_sweep.output.netcdf import check_output
 
         check_output(out, overwrite=True, netcdf=False)
         check_movie(out, frames, speed)
@@ -133,9 +133,9 @@ def animate_command(
 
 def _simulate(sweep: Path, folders: list[Path] | None, skip_missing: bool, **choice: Any) -> xr.Dataset:
     """Run the scenario that is chosen as for `simulate_one`; say which it is."""
-    from pounding_sweep.choice import simulate_one
     from pounding_sweep.figures.chosen import heading
-    from pounding_sweep.sweep.sweep import load_sweep
+    from pounding_sweep.run.choice import simulate_one
+    from pounding_sweep.run.sweep import load_sweep
 
     one = simulate_one(load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec, **choice)
     say(heading(one))

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
+from pounding_sweep.base.tables import print_json, print_table
 from pounding_sweep.cli.app import AsJson, app
 from pounding_sweep.cli.reporting import reporting
-from pounding_sweep.tables import print_json, print_table
 
 
 @app.command("laws")
@@ -24,10 +24,10 @@ def laws_command(
 ) -> None:
     """List the contact laws, or what restitution they really give."""
     with reporting():
+        from pounding_sweep.base.errors import InputError
         from pounding_sweep.cli.certificate import print_certificate
-        from pounding_sweep.contact.laws import LAWS
-        from pounding_sweep.contact.restitution import RELATIONS
-        from pounding_sweep.errors import InputError
+        from pounding_sweep.model.laws import LAWS
+        from pounding_sweep.model.rebound import RELATIONS
 
         if restitution:
             print_certificate(nominal, as_json)

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
+from pounding_sweep.base.tables import print_json, print_table
 from pounding_sweep.cli.app import AsJson, Folders, app
 from pounding_sweep.cli.reporting import reporting, say
-from pounding_sweep.tables import print_json, print_table
 
 #: Name of the report in its folder.
 REPORT = "report.html"
@@ -39,13 +39,13 @@ def paper_command(
 ) -> None:
     """Compute Mate, Bakre & Jaiswal (2015) again and report on its tables, figures and conclusions."""
     with reporting() as said, ExitStack() as stack:
-        from pounding_sweep.cube.write import check_output, open_cube
-        from pounding_sweep.errors import OutputError
+        from pounding_sweep.base.errors import OutputError
+        from pounding_sweep.cli.progress import make_progress
         from pounding_sweep.figures.paper import save_figures
+        from pounding_sweep.output.netcdf import check_output, open_cube
         from pounding_sweep.paper.conclusions import judge
         from pounding_sweep.paper.report import summary, write_report
         from pounding_sweep.paper.study import study
-        from pounding_sweep.progress import make_progress
 
         try:
             out.mkdir(parents=True, exist_ok=True)

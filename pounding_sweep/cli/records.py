@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
+from pounding_sweep.base.tables import number_text, print_json, print_table
 from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, app
 from pounding_sweep.cli.reporting import reporting, say
-from pounding_sweep.tables import number_text, print_json, print_table
 
 records_app = typer.Typer(rich_markup_mode=None)
 app.add_typer(records_app, name="records")
@@ -126,8 +126,8 @@ def plot_command(
     """Draw acceleration histories and response spectra of records."""
     with reporting():
         from pounding_sweep.analysis.spectra import response_spectrum
-        from pounding_sweep.cube.write import check_output, write_cube
         from pounding_sweep.figures import plot
+        from pounding_sweep.output.netcdf import check_output, write_cube
         from pounding_sweep.records import Record, list_records, records_dataset, resolve_records
 
         if data is not None:

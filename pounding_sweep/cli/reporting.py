@@ -15,7 +15,7 @@ from typing import Any
 
 import typer
 
-from pounding_sweep.texts import printable
+from pounding_sweep.base.text import printable
 
 NAME = "pounding-sweep"
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
@@ -29,7 +29,14 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
 
     `out` is the cube of a run, whose finished chunks outlast an interruption.
     """
-    from pounding_sweep.errors import ClusterError, InputError, OutputError, PoundingSweepError, RunError, WriteError
+    from pounding_sweep.base.errors import (
+        ClusterError,
+        InputError,
+        OutputError,
+        PoundingSweepError,
+        RunError,
+        WriteError,
+    )
 
     said: list[str] = []
     left = _left_by(out)
@@ -145,8 +152,8 @@ def open_streams() -> None:
 
 def _left_by(out: Path | None) -> Callable[[], str]:
     """Return what says, when a run ends early, what it leaves behind; nothing for other commands."""
-    from pounding_sweep.errors import InputError
-    from pounding_sweep.paths import absolute
+    from pounding_sweep.base.errors import InputError
+    from pounding_sweep.base.paths import absolute
 
     target = None
     if out is not None:
@@ -157,7 +164,7 @@ def _left_by(out: Path | None) -> Callable[[], str]:
     before = _stamp(target)
 
     def left() -> str:
-        from pounding_sweep.sweep.store import parts_folder
+        from pounding_sweep.resume.checkpoint import parts_folder
 
         parts = parts_folder(target)
         if _stamp(target) in (None, before):
@@ -179,8 +186,8 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 
 def _kept(parts: Path) -> str:
     """Say what a run that wrote no cube keeps of it."""
-    from pounding_sweep.errors import OutputError
-    from pounding_sweep.sweep.store import ChunkStore
+    from pounding_sweep.base.errors import OutputError
+    from pounding_sweep.resume.checkpoint import ChunkStore
 
     try:
         chunks = len(ChunkStore(parts, "").completed())

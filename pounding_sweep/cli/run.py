@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pounding_sweep.base.tables import bytes_text, number_text, print_json, print_pairs, print_table, seconds_text
+from pounding_sweep.base.text import printable
 from pounding_sweep.cli.app import AsJson, Folders, SweepFile, Workers, app
 from pounding_sweep.cli.reporting import FAILED, reporting, say
-from pounding_sweep.tables import bytes_text, number_text, print_json, print_pairs, print_table, seconds_text
-from pounding_sweep.texts import printable
 
 if TYPE_CHECKING:
-    from pounding_sweep.sweep.results import Outcome
-    from pounding_sweep.sweep.sweep import Sweep
+    from pounding_sweep.output.results import Outcome
+    from pounding_sweep.run.sweep import Sweep
 
 Accuracy = Annotated[
     float | None,
@@ -28,12 +28,12 @@ SkipMissing = Annotated[
 
 def _job(sweep: Path, accuracy: float | None, skip: bool, folders: list[Path] | None) -> Sweep:
     """Read a sweep file; ask for `accuracy` if one is given."""
-    from pounding_sweep.sweep.sweep import load_sweep
+    from pounding_sweep.run.sweep import load_sweep
 
     job = load_sweep(sweep, skip_missing_records=skip, folders=folders or None)
     if accuracy is None:
         return job
-    from pounding_sweep.sweep.spec import with_accuracy
+    from pounding_sweep.spec.spec import with_accuracy
 
     return job.from_spec(with_accuracy(job.spec, accuracy))
 
@@ -62,9 +62,9 @@ def run_command(
 ) -> None:
     """Run a sweep, write its cube and print a summary."""
     with reporting(out) as said:
-        from pounding_sweep.cube.audited import audit_sentence, audit_table
-        from pounding_sweep.progress import make_progress
-        from pounding_sweep.sweep.summary import status_table, summary_table
+        from pounding_sweep.cli.progress import make_progress
+        from pounding_sweep.output.audited import audit_sentence, audit_table
+        from pounding_sweep.output.summary import status_table, summary_table
 
         job = _job(sweep, accuracy, skip_missing, folders)
         progress = make_progress(quiet)
@@ -93,7 +93,7 @@ def run_command(
         else:
             _print_run(report)
         if outcome.failures:
-            from pounding_sweep.sweep.store import parts_folder
+            from pounding_sweep.resume.checkpoint import parts_folder
 
             say(
                 "failed: some scenarios have no result (status not_run). What is finished is kept in "
@@ -113,8 +113,8 @@ def plan_command(
 ) -> None:
     """Say what a sweep would run, and at what cost; nothing is run."""
     with reporting():
-        from pounding_sweep.cube.variables import Status
-        from pounding_sweep.sweep.execute import check_scheduler
+        from pounding_sweep.outputs.variables import Status
+        from pounding_sweep.run.execute import check_scheduler
 
         n_workers = check_scheduler("threads", workers)
         job = _job(sweep, accuracy, skip_missing, folders)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pounding_sweep.base.tables import print_json, print_table
 from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, SweepFile, Workers, app
 from pounding_sweep.cli.reporting import reporting
-from pounding_sweep.tables import print_json, print_table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -39,10 +39,10 @@ def tradeoff_command(
     """Measure error and cost of schemes, steps and number formats on a sample of a sweep."""
     with reporting():
         from pounding_sweep.accuracy.tradeoff import DEFAULT_STEPS, tradeoff
-        from pounding_sweep.cube.write import check_output, write_cube
+        from pounding_sweep.cli.progress import make_progress
         from pounding_sweep.figures import plot
-        from pounding_sweep.progress import make_progress
-        from pounding_sweep.sweep.sweep import load_sweep
+        from pounding_sweep.output.netcdf import check_output, write_cube
+        from pounding_sweep.run.sweep import load_sweep
 
         if out is not None:
             check_output(out, overwrite)
@@ -77,7 +77,7 @@ def tradeoff_command(
 
 def _numbers(text: str) -> list[float]:
     """Read numbers separated by commas."""
-    from pounding_sweep.errors import InputError
+    from pounding_sweep.base.errors import InputError
 
     found = []
     for part in text.split(","):

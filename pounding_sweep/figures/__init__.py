@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.deferred import function_at
-from pounding_sweep.errors import InputError, OutputError, unknown
-from pounding_sweep.paths import expanded
+from pounding_sweep.base.deferred import function_at
+from pounding_sweep.base.errors import InputError, OutputError, unknown
+from pounding_sweep.base.paths import expanded
 
 if TYPE_CHECKING:
     import xarray as xr

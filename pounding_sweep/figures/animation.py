@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.errors import InputError, OutputError
+from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.figures import require
 from pounding_sweep.figures.chosen import WIDTH, heading
 from pounding_sweep.figures.row import Stage, forces_of, strongest

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.choice import SCENARIO_ATTRIBUTE
-from pounding_sweep.cube.audited import AUDIT_DIMS
-from pounding_sweep.cube.variables import INNER_DIMS, STATUS
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures.style import unit_text
+from pounding_sweep.output.audited import AUDIT_DIMS
+from pounding_sweep.outputs.variables import INNER_DIMS, STATUS
+from pounding_sweep.run.choice import SCENARIO_ATTRIBUTE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -150,7 +150,7 @@ def heading(one: xr.Dataset, more: str = "", width: int | None = None) -> str:
     Parameters
     ----------
     one : xarray.Dataset
-        What `pounding_sweep.simulate` or `pounding_sweep.choice.simulate_one` returned.
+        What `pounding_sweep.simulate` or `pounding_sweep.run.choice.simulate_one` returned.
     more : str
         What else is to be said.
     width : int, optional

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.cube.variables import STATUS, Status
 from pounding_sweep.figures.chosen import middle
+from pounding_sweep.outputs.variables import STATUS, Status
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures.chosen import along, labels_with_values, middle
 from pounding_sweep.figures.compared import result_of
 from pounding_sweep.figures.emptiness import nothing_to_draw

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.incremental import directions
-from pounding_sweep.cube.variables import VARIABLES
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures.chosen import along, labels_with_values, middle
 from pounding_sweep.figures.compared import result_of
 from pounding_sweep.figures.style import COLOURS, axis_label, label_edges, legend_below, start_at_zero, styled, subplots
+from pounding_sweep.outputs.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr

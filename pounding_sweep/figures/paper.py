@@ -8,13 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pounding_sweep.errors import OutputError
+from pounding_sweep.base.errors import OutputError
 from pounding_sweep.figures.paper_histories import roof_displacement, roof_force, structural_energy
 from pounding_sweep.figures.paper_profiles import displacement_profiles, shear_profiles
 from pounding_sweep.figures.paper_spectra import roof_spectra
 from pounding_sweep.paper.published import BUILDINGS, PAIRS
 from pounding_sweep.paper.report import Picture
-from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.run.execute import Progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.contact.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.figures.style import COLOURS, label_edges
+from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.paper.published import record_title
 from pounding_sweep.paper.readings import READINGS
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures.style import COLOURS, LINES, styled, subplots
 
 if TYPE_CHECKING:

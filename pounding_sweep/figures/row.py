@@ -11,7 +11,7 @@ from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import require
 from pounding_sweep.figures.chosen import WIDTH, heading
 from pounding_sweep.figures.style import COLOURS, styled
-from pounding_sweep.scene import Wall
+from pounding_sweep.model.scene import Wall
 
 if TYPE_CHECKING:
     import xarray as xr

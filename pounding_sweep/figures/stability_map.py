@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.cube.variables import Status
 from pounding_sweep.figures import require
 from pounding_sweep.figures.style import axis_label, label_edges, styled, subplots
+from pounding_sweep.outputs.variables import Status
 
 if TYPE_CHECKING:
     import xarray as xr

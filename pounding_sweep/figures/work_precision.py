@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.accuracy.trade_report import check_trade, leading_outputs
-from pounding_sweep.cube.variables import get_variable
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, styled, subplots
+from pounding_sweep.outputs.variables import get_variable
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.contact.laws import LAWS
-from pounding_sweep.cube.variables import get_variable
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.outputs.variables import get_variable
 from pounding_sweep.paper.published import TABLES, published, record_title
 from pounding_sweep.paper.readings import READINGS
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.contact.laws import LAWS, MATE2015_MODELS
+from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 
 if TYPE_CHECKING:
     import xarray as xr

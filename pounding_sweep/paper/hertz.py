@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pounding_sweep.model.presets import get_preset
 from pounding_sweep.paper.published import published
 from pounding_sweep.paper.readings import GAP, METHOD, OUTPUTS, READINGS, RESTITUTION, STEP
-from pounding_sweep.presets import get_preset
 from pounding_sweep.records import Record
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.run.sweep import Sweep
 
 if TYPE_CHECKING:
     import xarray as xr

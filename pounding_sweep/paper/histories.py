@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.contact.laws import MATE2015_MODELS, get_law
+from pounding_sweep.model.laws import MATE2015_MODELS, get_law
 from pounding_sweep.paper.readings import METHOD, RESTITUTION, STEP, Reading
 from pounding_sweep.records import Record
-from pounding_sweep.scenario import simulate
+from pounding_sweep.run.simulate import simulate
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.energies import energy_transfer
-from pounding_sweep.contact.laws import LAWS
+from pounding_sweep.model.laws import LAWS
 from pounding_sweep.paper.published import published, record_title
 from pounding_sweep.paper.readings import READINGS
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.contact.laws import LAWS, MATE2015_MODELS
-from pounding_sweep.cube.variables import get_variable
-from pounding_sweep.errors import InputError, unknown
+from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
+from pounding_sweep.outputs.variables import get_variable
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -11,18 +11,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pounding_sweep.errors import InputError, MissingRecordError
+from pounding_sweep.base.errors import InputError, MissingRecordError
+from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper.published import GROUND_MOTIONS
-from pounding_sweep.presets import PRESETS
 from pounding_sweep.records import Record, find_record
 from pounding_sweep.records.record import STANDARD_GRAVITY
-from pounding_sweep.sweep.spec import AUDIT_SHARE
+from pounding_sweep.spec.spec import AUDIT_SHARE
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from pounding_sweep.records.catalogue import Folders
-    from pounding_sweep.sweep.sweep import Sweep
+    from pounding_sweep.run.sweep import Sweep
 
 #: Gap (m) and restitution of every scenario.
 GAP, RESTITUTION = 0.01, 0.6
@@ -117,7 +117,7 @@ def sweep_of(reading: Reading, records: Sequence[Record], step: float = STEP, au
     Sweep
         By default the same as that of the file in ``sweeps/`` named after the preset.
     """
-    from pounding_sweep.sweep.sweep import Sweep
+    from pounding_sweep.run.sweep import Sweep
 
     return Sweep(
         reading.preset,
@@ -180,8 +180,8 @@ def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
     InputError
         It is no cube of one of the readings, or lacks outputs that the report needs.
     """
-    from pounding_sweep.sweep.build import build_spec
-    from pounding_sweep.sweep.spec import to_json
+    from pounding_sweep.spec.build import build_spec
+    from pounding_sweep.spec.spec import to_json
 
     try:
         scene = json.loads(cube.attrs["sweep"])["scene"]

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.contact.laws import LAWS
-from pounding_sweep.cube.assemble import package_version
-from pounding_sweep.cube.files import replacing
-from pounding_sweep.errors import OutputError
+from pounding_sweep.base.errors import OutputError
+from pounding_sweep.base.files import replacing
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.output.dataset import package_version
 from pounding_sweep.paper.checks import energy_checks
 from pounding_sweep.paper.compare import ALL, Grid, agreement, side_by_side, table_grid
 from pounding_sweep.paper.conclusions import HOLDS_SHARE, PARTLY_SHARE, Judgement, judge

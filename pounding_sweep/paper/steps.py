@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from pounding_sweep.accuracy.tradeoff import tradeoff
-from pounding_sweep.cube.variables import STATUS, Status
+from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.paper.readings import GAP, Reading
-from pounding_sweep.sweep.execute import Progress
-from pounding_sweep.sweep.sweep import Sweep
+from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.sweep import Sweep
 
 if TYPE_CHECKING:
     import xarray as xr

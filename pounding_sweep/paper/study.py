@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.contact.laws import MATE2015_MODELS
-from pounding_sweep.errors import InputError
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.model.laws import MATE2015_MODELS
 from pounding_sweep.paper.published import RECORDS
 from pounding_sweep.paper.readings import (
     GAP,
@@ -24,7 +24,7 @@ from pounding_sweep.paper.readings import (
     sweep_of,
 )
 from pounding_sweep.records import Record
-from pounding_sweep.sweep.execute import Progress
+from pounding_sweep.run.execute import Progress
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -197,10 +197,10 @@ def _together(parts: Mapping[str, xr.Dataset]) -> xr.Dataset:
 
 
 def _error(reading: Reading, cube: xr.Dataset, records: Sequence[Record], progress: Progress) -> xr.Dataset:
-    """Relative difference of a cube to a run at half the step; see `pounding_sweep.accuracy.measure`."""
+    """Relative difference of a cube to a run at half the step; see `pounding_sweep.outputs.differences`."""
     import xarray as xr
 
-    from pounding_sweep.accuracy.measure import relative_errors
+    from pounding_sweep.outputs.differences import relative_errors
 
     names = [record.name for record in records]
     dims = ("law", "record")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.errors import RecordError
+from pounding_sweep.base.errors import RecordError
 from pounding_sweep.records.measures import RecordMeasures, record_measures
 from pounding_sweep.records.record import Record
 

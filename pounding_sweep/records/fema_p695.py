@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pounding_sweep.errors import MissingRecordError, RecordError, unknown
+from pounding_sweep.base.errors import MissingRecordError, RecordError, unknown
 from pounding_sweep.records.record import STANDARD_GRAVITY, Record
 
 if TYPE_CHECKING:

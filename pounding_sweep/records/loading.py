@@ -11,8 +11,8 @@ from typing import NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from pounding_sweep.errors import MissingRecordError, RecordError
-from pounding_sweep.texts import printable
+from pounding_sweep.base.errors import MissingRecordError, RecordError
+from pounding_sweep.base.text import printable
 
 MAX_FILE_BYTES = 64 * 2**20
 """Larger files are refused: the longest strong-motion records have a few MiB."""

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pounding_sweep.errors import RecordError, shown
-from pounding_sweep.paths import expanded
+from pounding_sweep.base.errors import RecordError, shown
+from pounding_sweep.base.paths import expanded
 from pounding_sweep.records.columns import STATED_DT, parse_columns
 from pounding_sweep.records.loading import Content, fail, in_bounds, in_quotes, load_text
 from pounding_sweep.records.numbers import NUMBER, Array, blocks, plain_words, to_float, words

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pounding_sweep.errors import RecordError, shown, unknown
-from pounding_sweep.texts import label_fault, printable
+from pounding_sweep.base.errors import RecordError, shown, unknown
+from pounding_sweep.base.text import label_fault, printable
 
 STANDARD_GRAVITY = 9.81
 """Acceleration of one g in m/s2, as in the pounding literature (not 9.80665)."""
@@ -116,8 +116,8 @@ class Record:
     Raises
     ------
     RecordError
-        If the name is empty or no label (`pounding_sweep.texts.label_fault`), `dt` is not positive and finite, or the
-        acceleration is empty, not one-dimensional or not finite.
+        If the name is empty or no label (`pounding_sweep.base.text.label_fault`), `dt` is not positive and finite, or
+        the acceleration is empty, not one-dimensional or not finite.
 
     Examples
     --------

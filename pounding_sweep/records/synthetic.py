@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pounding_sweep.errors import RecordError, shown, unknown
+from pounding_sweep.base.errors import RecordError, shown, unknown
 from pounding_sweep.records.loading import MOST_POINTS
 from pounding_sweep.records.record import Record, number
 

@@ -1,0 +1,48 @@
+"""Names that are loaded where they are first used, so that importing the package is fast."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+
+def attribute(package: str, home: Mapping[str, str], name: str) -> Any:
+    """Return a name of a package: its module-level ``__getattr__`` (PEP 562).
+
+    Parameters
+    ----------
+    package : str
+        The package.
+    home : mapping of str to str
+        Names of the package -> modules that define them.
+    name : str
+        The one that is asked for.
+
+    Raises
+    ------
+    AttributeError
+        The package has no such name.
+
+    Examples
+    --------
+    >>> attribute("pounding_sweep", {"unknown": "pounding_sweep.base.errors"}, "unknown").__name__
+    'unknown'
+    """
+    if name in home:
+        return getattr(import_module(home[name]), name)
+    msg = f"module {package!r} has no attribute {name!r}"
+    raise AttributeError(msg)
+
+
+def function_at(place: str) -> Callable[..., Any]:
+    """Return the function of a place in a registry, ``module:function``.
+
+    Examples
+    --------
+    >>> function_at("pounding_sweep.base.errors:unknown").__name__
+    'unknown'
+    """
+    module, _, name = place.partition(":")
+    found: Callable[..., Any] = getattr(import_module(module), name)
+    return found

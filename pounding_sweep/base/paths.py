@@ -1,0 +1,53 @@
+"""Paths as users write them: ``~``, and a working folder that may be gone."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from pounding_sweep.base.errors import InputError, shown
+
+
+def expanded(path: str | os.PathLike[str], error: type[InputError] = InputError) -> Path:
+    """Return a path with the home folder in the place of ``~`` or ``~user``.
+
+    Parameters
+    ----------
+    path : str or path
+        As it was given.
+    error : type
+        What to raise.
+
+    Raises
+    ------
+    InputError
+        The home folder is not known.
+
+    Examples
+    --------
+    >>> expanded("records/x.AT2").as_posix()
+    'records/x.AT2'
+    """
+    try:
+        return Path(path).expanduser()
+    except RuntimeError:
+        msg = f"{shown(os.fspath(path))}: the home folder that '~' stands for is not known here; write it out in full"
+        raise error(msg) from None
+
+
+def absolute(path: str | os.PathLike[str]) -> Path:
+    """Return an absolute path, ``~`` expanded and links followed, whether or not it exists.
+
+    Raises
+    ------
+    InputError
+        The home folder is not known, or the path starts from the working folder and that was removed.
+    OSError, ValueError
+        It is no usable path.
+    """
+    found = expanded(path)
+    try:
+        return Path(os.path.realpath(found))
+    except FileNotFoundError:
+        msg = f"{shown(os.fspath(path))}: the working folder was removed; change to another one, or give a whole path"
+        raise InputError(msg) from None

@@ -1,0 +1,1 @@
+"""The parts of which the text of a kernel is written."""

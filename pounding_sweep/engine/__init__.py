@@ -1,0 +1,1 @@
+"""Kernels for one scene, law and scheme: written, compiled, kept, run, and read out."""

@@ -1,0 +1,109 @@
+"""Compiling several kernels at once, each process its share.
+
+numba compiles under one lock per process, so kernels that are not on disk yet
+are shared out to child processes, which leave them in the disk cache.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from pounding_sweep.emit.spec import KernelShape, LawShape
+from pounding_sweep.engine.cache import get_kernel, is_cached, is_loaded, text_sizes
+
+
+def to_json(shape: KernelShape) -> dict[str, Any]:
+    """Return the shape as plain data."""
+    return {**asdict(shape), "reducers": sorted(shape.reducers)}
+
+
+def from_json(data: dict[str, Any]) -> KernelShape:
+    """Return the shape of `to_json`."""
+    return KernelShape(
+        storeys=tuple(data["storeys"]),
+        contacts=tuple((int(a), int(b), int(c)) for a, b, c in data["contacts"]),
+        n_pairs=data["n_pairs"],
+        law=None if data["law"] is None else LawShape(**data["law"]),
+        scheme=data["scheme"],
+        located=data["located"],
+        reducers=frozenset(data["reducers"]),
+        history=data["history"],
+        precision=data["precision"],
+        varied=data["varied"],
+    )
+
+
+def shares(shapes: Sequence[KernelShape], n: int) -> list[list[KernelShape]]:
+    """Cut kernels into at most `n` shares that take about as long to compile; none is empty.
+
+    Compiling takes about as long as the text is. Kernels of the same row stand side by side: in
+    one share, what they have in common is compiled once.
+    """
+    sizes = {shape: text_sizes(shape) for shape in shapes}
+    rows: dict[str, dict[KernelShape, int]] = {}
+    for shape, (row, row_size, main_size) in sizes.items():
+        here = rows.setdefault(row, {})
+        here[shape] = main_size + (0 if here else row_size)
+    total, done = sum(sum(here.values()) for here in rows.values()), 0.0
+    found: list[list[KernelShape]] = [[] for _ in range(max(1, n))]
+    for shape, size in (item for here in rows.values() for item in here.items()):
+        found[int((done + size / 2) * len(found) / total)].append(shape)
+        done += size
+    return [share for share in found if share]
+
+
+def prepare(shapes: Sequence[KernelShape], workers: int = 1, advance: Callable[[int], None] | None = None) -> int:
+    """Make kernels ready to run in this process; returns how many had to be compiled.
+
+    Parameters
+    ----------
+    shapes : sequence of KernelShape
+        Kernels that will be needed.
+    workers : int
+        Processes to compile in.
+    advance : callable, optional
+        Called with the number of kernels that became ready.
+    """
+    wanted = list(dict.fromkeys(shapes))
+    missing = [shape for shape in wanted if not (is_loaded(shape) or is_cached(shape))]
+    mine, *others = shares(missing, workers) or [[]]
+    children = []
+    for theirs in others:
+        text = json.dumps([to_json(shape) for shape in theirs])
+        child = subprocess.Popen(
+            [sys.executable, "-m", "pounding_sweep.engine.compile"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        assert child.stdin is not None
+        child.stdin.write(text)
+        child.stdin.close()
+        children.append(child)
+    try:
+        for shape in [*mine, *(s for s in wanted if s not in missing)]:
+            get_kernel(shape)
+            if advance:
+                advance(1)
+        for child in children:
+            child.wait()
+    except BaseException:
+        for child in children:
+            child.kill()
+        raise
+    for shape in (shape for theirs in others for shape in theirs):
+        get_kernel(shape)  # from the disk cache; compiled here should a child have failed
+        if advance:
+            advance(1)
+    return len(missing)
+
+
+if __name__ == "__main__":
+    for item in json.load(sys.stdin):
+        get_kernel(from_json(item))

@@ -1,0 +1,182 @@
+"""Whether a time step resolves what happens: contacts, the buildings' motion and the ground's.
+
+Each rule is one number that can be known without a finer run. Their limits
+were set by measurement, so that the peaks of a scenario that passes them all
+are within `OK_CLAIM`; the stability suite (`pounding_sweep.accuracy.extremes`)
+checks that claim. A motion that no ground can bring about has diverged,
+however finite it is: `energy_limit` tells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.outputs.variables import Status
+from pounding_sweep.records import Record
+
+if TYPE_CHECKING:
+    from pounding_sweep.engine.row_kernel import Numerics
+
+#: Steps that the fastest part of the shortest contact needs, by scheme and located or not.
+MIN_STEPS_PER_CONTACT = {
+    ("rk4", True): 1.5,
+    ("newmark", True): 12.0,
+    ("exact", True): 1.5,
+    ("rk4", False): 16.0,
+    ("newmark", False): 16.0,
+}
+#: Largest phase error of a building's fundamental motion (rad).
+MAX_PHASE_ERROR = 0.01
+#: Weight of the second mode in it, which moves the building less but decides how it hits.
+SECOND_MODE = 0.25
+#: Most energy, in multiples of `energy_limit`, of a motion that has not diverged.
+MAX_ENERGY = 2.0
+#: Steps of the largest ground acceleration that the range of the ground's velocity must exceed.
+MIN_GROUND_STEPS = 8.0
+
+
+def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np.ndarray:
+    """Phase by which a scheme misses a building's first two modes (rad), the largest of all buildings.
+
+    A scheme lengthens a period by a share that grows with the step, and damps (or
+    feeds) the motion by another; either adds up over the time that the building
+    remembers, 1 / (zeta w), or the whole record where that is shorter.
+
+    Parameters
+    ----------
+    row : Scene or Variants
+        The row, or n variants of it.
+    record : Record
+        Ground motion; only its time step and its length matter.
+    numerics : Numerics
+        Scheme and step.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Largest over the buildings and their first two modes, the second weighted by
+        `SECOND_MODE`; one number for a scene.
+
+    Notes
+    -----
+    With x = w h, shares of the frequency: (beta / 2 - 1 / 24) x**2 and the damping
+    (gamma - 1/2) x / 2 of Newmark's method, x**4 / 120 and x**5 / 144 of RK4
+    (leading terms of the free motion of an undamped oscillator); `exact` takes RK4's
+    steps beside contacts and is judged like it. They are a quarter
+    of a cycle apart, and so add like the sides of a right angle.
+    """
+    h = record.dt / numerics.steps(record)
+    variants = variants_of(row)
+    worst = np.zeros(len(variants))
+    for index in range(len(variants.scene.buildings)):
+        a, b = variants.rayleigh(index)
+        for w, weight in zip(variants.frequencies(index).T, (1.0, SECOND_MODE), strict=False):
+            memory = np.minimum(record.duration, 2.0 / np.maximum(a + b * w * w, 1e-300))
+            x = w * h
+            if numerics.method == "newmark":
+                share = np.hypot((0.5 * numerics.beta - 1.0 / 24.0) * x * x, 0.5 * (numerics.gamma - 0.5) * x)
+            else:
+                share = np.hypot(x**4 / 120.0, x**5 / 144.0)
+            worst = np.maximum(worst, weight * w * memory * share)
+    return worst
+
+
+def loses_ground(record: Record, numerics: Numerics) -> bool:
+    """Whether the ground turns back within single steps of Newmark's method.
+
+    The ground's acceleration is linear within a step, but average acceleration
+    sees its mean only: what comes and goes within one step is lost. That is little
+    beside the motion once the ground's velocity changes by more than its largest
+    acceleration makes it in `MIN_GROUND_STEPS`. RK4 integrates the line itself.
+
+    Examples
+    --------
+    >>> from pounding_sweep.engine.row_kernel import Numerics
+    >>> shaking = Record("shaking", 0.01, [1.0, -1.0] * 20)
+    >>> loses_ground(shaking, Numerics("newmark", 0.01)), loses_ground(shaking, Numerics("newmark", 0.0005))
+    (True, False)
+    """
+    steps = numerics.steps(record)
+    # around its peak alone the ground gains the velocity of at least a quarter of a record interval
+    if numerics.method != "newmark" or steps >= 4.0 * MIN_GROUND_STEPS or not record.duration or not record.pga:
+        return False
+    points = np.arange((record.n_points - 1) * steps + 1) / steps
+    a = np.interp(points, np.arange(record.n_points), record.acceleration)
+    gained = np.cumsum(0.5 * (a[1:] + a[:-1]))  # velocity over the step
+    return bool(max(gained.max(), 0.0) - min(gained.min(), 0.0) < MIN_GROUND_STEPS * record.pga * (1.0 - 1e-9))
+
+
+def energy_limit(
+    row: Scene | Variants, record: Record, scale: np.ndarray, initial_velocity: Sequence[float] | None = None
+) -> np.ndarray:
+    """Most energy that a row can ever hold (kN m), shape of `scale`.
+
+    Contacts and dampers only take energy, so the energy E grows by the work of the
+    ground alone, dE/dt <= |a_g| sum m |v| <= |a_g| sqrt(M) sqrt(2 E):
+
+        E <= (sqrt(2 E_0) + sqrt(M) int |a_g| dt)**2 / 2,   M all masses.
+
+    Parameters
+    ----------
+    row : Scene or Variants
+        The row, or the variant of it that each scenario has.
+    record : Record
+        Ground motion (m/s2).
+    scale : ndarray, shape (n,)
+        Factors on the record.
+    initial_velocity : sequence of float, optional
+        Velocity (m/s) of every floor at the start, building by building.
+    """
+    masses = variants_of(row).masses
+    a = np.abs(record.acceleration)
+    pushed = 0.5 * float(np.sum(a[1:] + a[:-1])) * record.dt  # never less than the integral
+    start = 0.0 if initial_velocity is None else np.sqrt((masses * np.square(initial_velocity)).sum(axis=1))
+    return np.asarray(0.5 * (np.sqrt(masses.sum(axis=1)) * pushed * np.abs(scale) + start) ** 2)
+
+
+def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
+    """Largest displacement of every floor (m) that the energies (kN m) allow, shape (n, floors)."""
+    variants = variants_of(row)
+    # a push at floor i bends all storeys below it, each by 1 / k
+    softness = [np.cumsum(1.0 / np.asarray(b.stiffnesses)) for b in variants.scene.buildings]
+    reach = np.concatenate(
+        [own / variants.stiffness_factor[:, index, None] for index, own in enumerate(softness)], axis=1
+    )
+    return np.asarray(np.sqrt(2.0 * np.asarray(energy)[:, None] * reach))
+
+
+def resolution_status(
+    row: Scene | Variants, record: Record, numerics: Numerics, steps_per_contact: np.ndarray, quickening: np.ndarray
+) -> np.ndarray:
+    """Status of scenarios by what their step resolves.
+
+    Parameters
+    ----------
+    row : Scene or Variants
+        The row, or the variant of it that each scenario has.
+    record : Record
+        Ground motion.
+    numerics : Numerics
+        Scheme and step.
+    steps_per_contact : ndarray, shape (n,)
+        Steps in the shortest contact, by its elastic duration; NaN where nothing touched.
+    quickening : ndarray, shape (n,)
+        By what factor damping makes the fastest part of a contact shorter (`Law.quickening`).
+
+    Returns
+    -------
+    ndarray of int8, shape (n,)
+        ``OK``, ``UNDER_RESOLVED_MOTION`` or ``UNDER_RESOLVED_CONTACT``.
+    """
+    blurred = (phase_error(row, record, numerics) > MAX_PHASE_ERROR) | loses_ground(record, numerics)
+    status = np.full(len(steps_per_contact), Status.OK, dtype=np.int8)
+    status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
+    need = MIN_STEPS_PER_CONTACT[(numerics.method, numerics.locate)]
+    status[np.nan_to_num(steps_per_contact / quickening, nan=math.inf) < need] = Status.UNDER_RESOLVED_CONTACT
+    return status

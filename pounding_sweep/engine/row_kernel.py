@@ -1,0 +1,340 @@
+"""Between scenes and kernels: a scene under one law and one scheme, ready to run scenarios side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from pounding_sweep.emit.spec import (
+    CONTACT_CAP,
+    CONTACT_REDUCERS,
+    LANES,
+    KernelShape,
+    LawShape,
+    input_slots,
+    output_slots,
+    property_slots,
+)
+from pounding_sweep.engine.flight import transitions
+from pounding_sweep.model.laws import Law
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.records import Record
+
+#: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
+#: others: peaks are looked for between the ends by a cubic, which errs by (w h)**4 / 384 of what a mode contributes.
+GLIDE = (0.3, 0.8, 1.2)
+#: The same where accelerations are asked for, in which high modes weigh more.
+ACCELERATION_GLIDE = (0.2, 0.3, 0.5)
+#: Inputs handed to a kernel at a time (bytes).
+SLAB_BYTES = 1 << 24
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """How scenarios are integrated.
+
+    Attributes
+    ----------
+    method : {"rk4", "newmark", "exact"}
+        Scheme.
+    dt : float
+        Largest time step (s); a record interval is cut into equal steps no longer than it.
+    locate : bool
+        Locate contacts and peaks inside the step.
+    beta, gamma : float
+        Newmark's parameters.
+    precision : {"float64", "float32"}
+        Number format of the kernel.
+    finer : float
+        Divisor of lengths that `dt` does not set: of sub-steps of a stiff contact and of long steps of exact flight.
+    """
+
+    method: str
+    dt: float
+    locate: bool = True
+    beta: float = 0.25
+    gamma: float = 0.5
+    precision: str = "float64"
+    finer: float = 1.0
+
+    def steps(self, record: Record) -> int:
+        """Return the steps per record interval."""
+        return max(1, math.ceil(record.dt / self.dt - 1e-9))
+
+
+def kernel_shape(
+    scene: Scene,
+    law: Law,
+    numerics: Numerics,
+    reducers: Iterable[str],
+    history: bool = False,
+    varied: bool = False,
+) -> KernelShape:
+    """Return what the kernel of a scene under a law is compiled for; no contact code where none can touch."""
+    touching = law.has_contact and bool(scene.contacts)
+    wanted = frozenset(reducers)
+    if not touching:
+        wanted -= (CONTACT_REDUCERS - {"closing"}) | {"transfer"}
+    if not scene.contacts:
+        wanted -= {"closing"}
+    compiled = None
+    if touching:
+        compiled = LawShape(
+            law.elastic,
+            law.elastic_slope,
+            law.damper,
+            law.damper_slope,
+            law.exponent or 1.0,
+            law.approach_only,
+            law.tension,
+            law.damping == "elastic",
+            law.damper_exponent,
+            law.impulsive,
+            law.yields,
+        )
+    return KernelShape(
+        storeys=tuple(b.n_storeys for b in scene.buildings),
+        contacts=tuple((c.left, c.right, c.pair) for c in scene.contacts) if touching or "closing" in wanted else (),
+        n_pairs=len(scene.pair_names),
+        law=compiled,
+        scheme=numerics.method,
+        located=numerics.locate,
+        reducers=wanted,
+        history=history,
+        precision=numerics.precision,
+        varied=varied,
+    )
+
+
+@lru_cache(maxsize=64)
+def _transitions(scene: Scene, h: float) -> np.ndarray:
+    """Transition matrices of a scene as given over a step h (s), shape (numbers,)."""
+    return transitions(scene, h)[:, 0]
+
+
+@dataclass(frozen=True)
+class RowKernel:
+    """A scene under one law and one scheme, ready to run.
+
+    Attributes
+    ----------
+    scene : Scene
+        The row.
+    law : Law
+        Contact law.
+    numerics : Numerics
+        Scheme and step.
+    reducers : frozenset of str
+        What is kept of each scenario.
+    history : bool
+        Keep the state of the first scenario after every step.
+    initial_velocity : tuple of float, optional
+        Velocity (m/s) of every floor, building by building; at rest where not given.
+    host : Law, optional
+        Damped law in whose kernel this undamped one runs, with c = 0.
+    basis : {"published", "realised"}
+        Whether damping follows from the restitution by the law's published formula,
+        or so that two free masses rebound at exactly it.
+    varied : bool
+        Building properties differ from scenario to scenario.
+    accuracy : float, optional
+        Relative error that each scenario is refined to, from this step on.
+    """
+
+    scene: Scene
+    law: Law
+    numerics: Numerics
+    reducers: frozenset[str]
+    history: bool = False
+    initial_velocity: tuple[float, ...] | None = None
+    host: Law | None = None
+    basis: str = "published"
+    varied: bool = False
+    accuracy: float | None = None
+
+    @cached_property
+    def shape(self) -> KernelShape:
+        """What the kernel is compiled for."""
+        law = self.host or self.law
+        return kernel_shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied)
+
+    @cached_property
+    def constants(self) -> np.ndarray:
+        """Scene constants in the kernel's layout."""
+        slots = property_slots(self.shape)
+        values = np.zeros(slots.size, self.numerics.precision)
+
+        def put(name: str, numbers: Any) -> None:
+            numbers = np.atleast_1d(np.asarray(numbers, dtype=float))
+            values[slots.first[name] : slots.first[name] + slots.count[name]] = numbers[: slots.count[name]]
+
+        for name, numbers in _properties(variants_of(self.scene)).items():
+            if slots.count[name]:
+                put(name, numbers[0])
+        if self.initial_velocity is not None:
+            put("v0", self.initial_velocity)
+        put("cap", CONTACT_CAP / self.numerics.finer)
+        put("newmark_beta", self.numerics.beta)
+        put("newmark_gamma", self.numerics.gamma)
+        return values
+
+    def glides(self, record: Record, variants: Variants | None = None) -> np.ndarray:
+        """Return the exact steps of free flight per record interval: a divisor of the steps.
+
+        They are short beside the fastest mode, because peaks are looked for between their
+        ends, and as short as the steps where a history is kept. One number for the scene,
+        or one for each of its variants.
+        """
+        row = variants_of(self.scene) if variants is None else variants
+        steps = self.numerics.steps(record)
+        if self.history:
+            return np.full(len(row), steps)
+        caps = ACCELERATION_GLIDE if "acceleration" in self.reducers else GLIDE
+        need = np.zeros(len(row))
+        for index in range(len(self.scene.buildings)):
+            frequencies = row.frequencies(index)
+            for w, cap in (*zip(frequencies.T[:2], caps, strict=False), (frequencies[:, -1], caps[-1])):
+                need = np.maximum(need, record.dt * w / cap * self.numerics.finer)
+        divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
+        return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])
+
+    def constants_for(self, record: Record, glides: int) -> np.ndarray:
+        """Scene constants, with the transition matrices of this record's steps where all lanes share them."""
+        if self.numerics.method != "exact" or self.varied:
+            return self.constants
+        slots = property_slots(self.shape)
+        values = self.constants.copy()
+        for name, parts in (("glide", glides), ("short", self.numerics.steps(record))):
+            first = slots.first[name]
+            values[first : first + slots.count[name]] = _transitions(self.scene, record.dt / parts)
+        return values
+
+    def run(
+        self,
+        record: Record,
+        *,
+        scale: np.ndarray,
+        gaps: np.ndarray,
+        stiffness: np.ndarray,
+        restitution: np.ndarray,
+        variants: Variants | None = None,
+        history: np.ndarray | None = None,
+    ) -> dict[str, np.ndarray]:
+        """Integrate scenarios over a record.
+
+        Parameters
+        ----------
+        record : Record
+            Ground motion (m/s2).
+        scale : ndarray, shape (n,)
+            Factors on the record.
+        gaps : ndarray, shape (n, pairs)
+            Gaps (m).
+        stiffness : ndarray, shape (n,)
+            Contact stiffness (kN/m**exponent).
+        restitution : ndarray, shape (n,)
+            Coefficients of restitution; ignored by laws that take none.
+        variants : Variants, optional
+            Building properties, one row per scenario; those of the scene where not given.
+        history : ndarray, shape (steps + 1, history slots), optional
+            Filled with the states of the first scenario.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Kernel outputs by name, shape (n, slots).
+        """
+        from pounding_sweep.engine.cache import get_kernel
+
+        n = len(scale)
+        groups = -(-n // LANES)
+        inputs, outputs = input_slots(self.shape), output_slots(self.shape)
+        row = variants_of(self.scene) if variants is None else variants
+        glides = int(self.glides(record, row).max())
+        constants = self.constants_for(record, glides)
+        results = np.zeros((groups, outputs.size * LANES))
+        if history is None:
+            history = np.zeros((1, 1))
+        kernel = get_kernel(self.shape)
+        e = np.asarray(restitution, float)
+        given = {"scale": np.asarray(scale, float), "stiffness": np.asarray(stiffness, float), "restitution": e}
+        slab = max(1, SLAB_BYTES // (inputs.size * LANES * 8))
+        for first in range(0, groups, slab):
+            mine = slice(first * LANES, (first + slab) * LANES)
+            part = {name: values[mine] for name, values in given.items()}
+            lanes = self._lanes(record, glides, gaps=np.asarray(gaps, float)[mine], row=row[mine], **part)
+            kernel(
+                np.array(record.acceleration),
+                float(record.dt),
+                self.numerics.steps(record),
+                glides,
+                constants,
+                lanes.reshape(len(lanes), -1),
+                results[first : first + slab],
+                history,
+            )
+        by_scenario = results.reshape(groups, outputs.size, LANES).transpose(0, 2, 1).reshape(-1, outputs.size)[:n]
+        found = {name: by_scenario[:, i : i + outputs.count[name]] for name, i in outputs.first.items()}
+        # what the status asks of the scenario beside its results
+        found["scale"] = np.asarray(scale, float)[:, None]
+        if self.shape.law is not None:
+            found["quickening"] = self.law.quickening(e[:, None], self.basis)
+        return found
+
+    def _lanes(
+        self,
+        record: Record,
+        glides: int,
+        *,
+        scale: np.ndarray,
+        gaps: np.ndarray,
+        stiffness: np.ndarray,
+        restitution: np.ndarray,
+        row: Variants,
+    ) -> np.ndarray:
+        """Return the inputs of scenarios as they lie in the lanes, shape (groups, slots, lanes)."""
+        slots, n = input_slots(self.shape), len(scale)
+        groups = -(-n // LANES)
+        padded = np.minimum(np.arange(groups * LANES), n - 1)  # idle lanes repeat the last scenario
+        lanes = np.empty((groups, slots.size, LANES))
+
+        def put(name: str, values: np.ndarray) -> None:
+            """Put in values of shape (slots, n), or (slots, 1) where all lanes agree."""
+            first, count = slots.first[name], slots.count[name]
+            spread = values[:, padded] if values.shape[1] == n else np.broadcast_to(values, (count, len(padded)))
+            lanes[:, first : first + count] = spread.reshape(count, groups, LANES).transpose(1, 0, 2)
+
+        put("scale", scale[None, :])
+        if "gap" in slots.first:
+            put("gap", gaps.T)
+        if self.shape.law is not None:
+            put("k", stiffness[None, :])
+            damping = self.law.damping_coefficient(restitution, stiffness, row.contact_masses.T, self.basis)
+            put("c", damping)
+        if self.varied:
+            for name, values in _properties(row).items():
+                if f"p_{name}" in slots.first:
+                    put(f"p_{name}", values.T)
+            if self.numerics.method == "exact":
+                for name, parts in (("p_glide", glides), ("p_short", self.numerics.steps(record))):
+                    put(name, transitions(row, record.dt / parts))
+        return lanes
+
+
+def _properties(row: Variants) -> dict[str, np.ndarray]:
+    """Return building properties by the name of their slots, shape (n, slots)."""
+    alpha, beta = zip(*(row.rayleigh(b) for b in range(len(row.scene.buildings))), strict=True)
+    return {
+        "m": row.masses,
+        "im": 1.0 / row.masses,
+        "k": row.stiffnesses,
+        "alpha": np.stack(alpha, axis=1),
+        "beta": np.stack(beta, axis=1),
+        "reduced": row.contact_masses,
+    }

@@ -1,1 +1,0 @@
-"""Compiled time stepping: kernels generated per scene shape, law, scheme and outputs."""

@@ -1,0 +1,1 @@
+"""The row of buildings, its contact laws and the rebound that they give."""

@@ -1,0 +1,648 @@
+"""The registry of contact laws: formula beside metadata.
+
+Every law here gives the contact force of one pair of floors while their
+penetration ``d`` (m) is positive, as an elastic part plus a damper,
+
+    F = E(d) + B(d) v,                                   kN, pressing positive
+
+with ``v`` the rate of ``d`` (m/s). The two expressions are written once, as
+text, in the variables
+
+    d   penetration (m)           r   sqrt(d)
+    k   contact stiffness         c   damping coefficient of this contact
+
+and are compiled inline into the time-stepping kernels; the slopes dE/dd and
+dB/dd stand beside them for the implicit scheme and for locating peaks. Adding
+a law is adding one `Law` to `LAWS`; kernels, planner, command line and
+documentation read the registry.
+
+The damping coefficient follows from the coefficient of restitution ``e``
+through one dimensionless damping number per law, as published, and is
+
+    c = 2 * number * sqrt(k m)     (``viscous``)
+    c = number * k / v0            (``elastic``: the damper is a share of E)
+    c = number                     (``jump``: no force in an impact, velocities jump, v -> -c v)
+    c = number                     (``yield``: the share of the energy that is lost)
+
+with the pair's effective mass m = m1 m2 / (m1 + m2) (t) and the approach
+velocity v0 (m/s) at the located touch.
+
+A law that yields has memory: its force is that of a spring beside another one that
+slips, F = K2 d + q, q' = (K1 - K2) v between 0 and a yield force that, like K1 and K2,
+follows at the touch from k, v0 and m. As long as it neither begins nor ends to slip the
+force is a straight line in d; its expressions are those of that line, k and c its
+slope and its force at d = 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from pounding_sweep.base.errors import LawError, unknown
+from pounding_sweep.model.rebound import RELATIONS, YIELD_SHARE, RelationName, check_basis
+
+#: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting
+#: contact, zero gap) is damped as if it came at this speed, so that it stays finite. Where
+#: velocities jump, floors that would rebound slower than this come to rest on each other.
+RESTING_SPEED = 1.0e-3
+
+Number = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Law:
+    """One contact law: expressions, parameters, validity and source.
+
+    Attributes
+    ----------
+    key : str
+        Name in sweeps, cubes and on the command line.
+    title : str
+        What the field calls it.
+    model : str
+        Number in Mate, Bakre & Jaiswal (2015), or ``"-"``.
+    exponent : float or None
+        Power of the penetration in E; the contact stiffness is in
+        kN/m**exponent. None: the law has no contact force.
+    elastic, elastic_slope : str
+        E(d) (kN) and dE/dd (kN/m) in the variables of this module.
+    damper, damper_slope : str
+        B(d) (kN s/m) and dB/dd; empty for a law without damping.
+    damper_exponent : float
+        Power of the penetration in B.
+    damping : {"none", "viscous", "elastic", "jump", "yield"}
+        How the damping number becomes the coefficient ``c``.
+    number : callable or None
+        Published damping number of e (dimensionless).
+    number_text : str
+        The same as text, with its usual symbol.
+    relation : str
+        Key of `pounding_sweep.model.rebound.RELATIONS`: what restitution the damping really gives.
+    relation_factor : float
+        Factor that turns the damping number into the one of the relation.
+    approach_only : bool
+        The damper acts only while v > 0.
+    tension : bool
+        The force may pull while d > 0; otherwise F = max(0, E + B v).
+    zero_restitution : bool
+        e = 0 is valid.
+    formula : str
+        The whole law as text.
+    reference : str
+        Source.
+    """
+
+    key: str
+    title: str
+    model: str
+    exponent: float | None
+    formula: str
+    reference: str
+    elastic: str = "0.0"
+    elastic_slope: str = "0.0"
+    damper: str = ""
+    damper_slope: str = "0.0"
+    damper_exponent: float = 0.0
+    damping: Literal["none", "viscous", "elastic", "jump", "yield"] = "none"
+    number: Number | None = None
+    number_text: str = ""
+    relation: RelationName = ""
+    relation_factor: float = 1.0
+    approach_only: bool = False
+    tension: bool = False
+    zero_restitution: bool = False
+
+    @property
+    def has_contact(self) -> bool:
+        """Whether floors that meet act on each other at all."""
+        return self.exponent is not None or self.impulsive
+
+    @property
+    def impulsive(self) -> bool:
+        """Whether velocities jump at the touch, and floors rest on each other without penetration."""
+        return self.damping == "jump"
+
+    @property
+    def yields(self) -> bool:
+        """Whether the force depends on how deep this contact has been before."""
+        return self.damping == "yield"
+
+    @property
+    def takes_restitution(self) -> bool:
+        """Whether the coefficient of restitution enters the law."""
+        return self.number is not None
+
+    @property
+    def stiffness_unit(self) -> str:
+        """Unit of the contact stiffness ("" for a law without contact)."""
+        if self.exponent is None:
+            return ""
+        return "kN m-1" if self.exponent == 1 else f"kN m-{self.exponent:g}"
+
+    @property
+    def validity(self) -> str:
+        """Valid coefficients of restitution, as text."""
+        if not self.takes_restitution:
+            return "takes none (e = 1)" if self.has_contact else "takes none"
+        return "0 <= e <= 1" if self.zero_restitution else "0 < e <= 1"
+
+    def check_restitution(self, e: float | None, basis: str = "published") -> None:
+        """Raise `LawError` unless `e` is valid for this law on that basis ("published" or "realised")."""
+        check_basis(basis)
+        if not self.takes_restitution:
+            return
+        if e is None:
+            msg = f"law {self.key!r} needs a coefficient of restitution; give {self.validity}"
+            raise LawError(msg)
+        low_ok = e >= 0 if self.zero_restitution else e > 0
+        if not (math.isfinite(e) and low_ok and e <= 1):
+            msg = f"restitution {e!r} is outside the validity of law {self.key!r}; give {self.validity}"
+            raise LawError(msg)
+        if basis == "realised":
+            check_realisable(self, e)
+
+    def damping_coefficient(self, e: Any, k: Any, m: Any, basis: str = "published") -> np.ndarray:
+        """Coefficient ``c`` of the damper, times v0 where ``damping`` is "elastic".
+
+        Parameters
+        ----------
+        e : array_like
+            Coefficient of restitution (dimensionless); ignored by laws without damping.
+        k : array_like
+            Contact stiffness (kN/m**exponent).
+        m : array_like
+            Effective mass of the pair (t).
+        basis : {"published", "realised"}
+            Whether damping follows from `e` by the published formula, or so that two
+            free masses rebound at exactly `e`.
+
+        Returns
+        -------
+        ndarray
+            c (broadcast of the arguments); zero for a law without damping.
+
+        Raises
+        ------
+        LawError
+            The basis is unknown, or no finite damping realises `e`.
+
+        Examples
+        --------
+        >>> c = get_law("kelvin_voigt").damping_coefficient(0.6, 2e6, 87.25)
+        >>> round(float(c), 1)
+        4240.2
+        """
+        if self.number is None:
+            return np.zeros(np.broadcast_shapes(np.shape(k), np.shape(m)))
+        number = damping_number(self, e, basis)
+        if self.damping == "viscous":
+            return np.asarray(2.0 * number * np.sqrt(np.asarray(k, float) * np.asarray(m, float)))
+        if self.impulsive or self.yields:
+            return np.asarray(number * np.ones(np.broadcast_shapes(np.shape(k), np.shape(m))))
+        return np.asarray(number * np.asarray(k, float) * np.ones_like(np.asarray(m, float)))
+
+    def quickening(self, e: Any, basis: str = "published") -> np.ndarray:
+        """By what factor damping makes the fastest part of a contact shorter than an elastic contact.
+
+        An overdamped dashpot has a rate of 2 zeta times the frequency; a damper that
+        is D times the elastic force at the touch stiffens it to 1 + D, and so does a
+        contact that yields before it does.
+
+        Parameters
+        ----------
+        e : array_like
+            Coefficient of restitution.
+        basis : {"published", "realised"}
+            What it means.
+
+        Returns
+        -------
+        ndarray
+            Factors >= 1, shape of `e`; 1 where no force lasts.
+
+        Examples
+        --------
+        >>> float(get_law("kelvin_voigt").quickening(0.6)), round(float(get_law("modified_kelvin").quickening(0.1)), 2)
+        (1.0, 3.81)
+        """
+        if self.number is None or self.impulsive:
+            return np.ones(np.shape(e))
+        number = damping_number(self, e, basis)
+        if self.yields:
+            number = 0.4 / YIELD_SHARE * number
+        return np.asarray(np.maximum(1.0, 2.0 * number) if self.damping == "viscous" else np.sqrt(1.0 + number))
+
+
+def _zeta(e: np.ndarray) -> np.ndarray:
+    """-ln e / sqrt(pi**2 + ln(e)**2), whose limit at e = 0 is 1."""
+    safe = np.where(e > 0, e, 0.5)
+    log = np.log(safe)
+    return np.where(e > 0, -log / np.sqrt(math.pi**2 + log**2), 1.0)
+
+
+def _per_e(numerator: Callable[[np.ndarray], np.ndarray], denominator: Callable[[np.ndarray], np.ndarray]) -> Number:
+    def number(e: np.ndarray) -> np.ndarray:
+        return np.asarray(numerator(e) / denominator(e))
+
+    return number
+
+
+_HERTZ: dict[str, Any] = {"exponent": 1.5, "elastic": "k*d*r", "elastic_slope": "1.5*k*r"}
+_HERTZ_DAMPED: dict[str, Any] = {
+    **_HERTZ,
+    "damper": "c*d*r",
+    "damper_slope": "1.5*c*r",
+    "damper_exponent": 1.5,
+    "damping": "elastic",
+}
+_LINEAR: dict[str, Any] = {"exponent": 1.0, "elastic": "k*d", "elastic_slope": "k"}
+
+_ALL = [
+    Law(
+        key="none",
+        title="No pounding",
+        model="VII",
+        exponent=None,
+        formula="F = 0",
+        reference="-",
+    ),
+    Law(
+        key="linear",
+        title="Linear spring",
+        model="I",
+        **_LINEAR,
+        formula="F = k d",
+        reference="Maison & Kasai (1992), Earthquake Eng. Struct. Dyn. 21(9), 771-786",
+    ),
+    Law(
+        key="kelvin_voigt",
+        title="Kelvin-Voigt without tension",
+        model="II",
+        **_LINEAR,
+        damper="c",
+        damping="viscous",
+        number=_zeta,
+        number_text="zeta = -ln e / sqrt(pi^2 + ln^2 e)",
+        relation="dashpot_clipped",
+        zero_restitution=True,
+        formula="F = max(0, k d + c v), c = 2 zeta sqrt(k m)",
+        reference="Anagnostopoulos (1988), Earthquake Eng. Struct. Dyn. 16(3), 443-456; "
+        "tension removed as in Komodromos et al. (2007), Earthquake Eng. Struct. Dyn. 36(12), 1605-1622",
+    ),
+    Law(
+        key="kelvin_voigt_tension",
+        title="Kelvin-Voigt, original",
+        model="II (original)",
+        **_LINEAR,
+        damper="c",
+        damping="viscous",
+        number=_zeta,
+        number_text="zeta = -ln e / sqrt(pi^2 + ln^2 e)",
+        relation="dashpot_tension",
+        tension=True,
+        zero_restitution=True,
+        formula="F = k d + c v, c = 2 zeta sqrt(k m)",
+        reference="Anagnostopoulos (1988), Earthquake Eng. Struct. Dyn. 16(3), 443-456",
+    ),
+    Law(
+        key="modified_kelvin_voigt",
+        title="Modified Kelvin-Voigt",
+        model="III",
+        **_LINEAR,
+        damper="c*max(d, 0.0)",
+        damper_slope="c",
+        damper_exponent=1.0,
+        damping="elastic",
+        number=_per_e(lambda e: 3.0 * (1.0 - e * e), lambda e: 2.0 * e * e),
+        number_text="xi v0 / k = 3 (1 - e^2) / (2 e^2)",
+        relation="approach",
+        approach_only=True,
+        formula="F = k d + xi d v on approach, k d on rebound",
+        reference="Pant & Wijeyewickrema (2010), 14th European Conference on Earthquake Engineering, Ohrid",
+    ),
+    Law(
+        key="hertz",
+        title="Hertz",
+        model="IV",
+        **_HERTZ,
+        formula="F = k d^1.5",
+        reference="Hertz (1882), J. reine angew. Math. 92, 156-171; "
+        "Davis (1992), Earthquake Eng. Struct. Dyn. 21(3), 253-274",
+    ),
+    Law(
+        key="hertz_damped",
+        title="Hertz with nonlinear damping",
+        model="V",
+        **_HERTZ_DAMPED,
+        number=lambda e: 0.75 * (1.0 - e * e),
+        number_text="D = 3 (1 - e^2) / 4",
+        relation="both_phases",
+        zero_restitution=True,
+        formula="F = max(0, k d^1.5 (1 + D v / v0))",
+        reference="Muthukumar & DesRoches (2006), Earthquake Eng. Struct. Dyn. 35(7), 811-828; "
+        "Lankarani & Nikravesh (1990), J. Mech. Des. 112(3), 369-376",
+    ),
+    Law(
+        key="nonlinear_viscoelastic",
+        title="Nonlinear viscoelastic",
+        model="VI",
+        **_HERTZ,
+        damper="c*math.sqrt(r)",
+        damper_slope="0.25*c*math.sqrt(r)/max(d, 1e-30)",
+        damper_exponent=0.25,
+        damping="viscous",
+        number=_per_e(
+            lambda e: 4.5 * math.sqrt(5.0) * (1.0 - e * e),
+            lambda e: e * (e * (9.0 * math.pi - 16.0) + 16.0),
+        ),
+        number_text="xi = 9 sqrt(5)/2 (1 - e^2) / (e (e (9 pi - 16) + 16))",
+        relation="dashpot_approach",
+        relation_factor=2.0 / math.sqrt(5.0),
+        approach_only=True,
+        formula="F = k d^1.5 + cbar v on approach, k d^1.5 on rebound, cbar = 2 xi sqrt(k sqrt(d) m)",
+        reference="Jankowski (2005), Earthquake Eng. Struct. Dyn. 34(6), 595-611, and (2006) 35(4), 517-524",
+    ),
+    Law(
+        key="linear_viscoelastic",
+        title="Linear viscoelastic",
+        model="-",
+        **_LINEAR,
+        damper="c",
+        damping="viscous",
+        number=_per_e(lambda e: 1.0 - e * e, lambda e: e * (e * (math.pi - 2.0) + 2.0)),
+        number_text="xi = (1 - e^2) / (e (e (pi - 2) + 2))",
+        relation="dashpot_approach",
+        approach_only=True,
+        formula="F = k d + c v on approach, k d on rebound, c = 2 xi sqrt(k m)",
+        reference="Mahmoud & Jankowski (2011), Iran. J. Sci. Technol. Trans. Civil Environ. Eng. 35(C1), 51-62",
+    ),
+    Law(
+        key="modified_kelvin",
+        title="Modified Kelvin",
+        model="-",
+        **_LINEAR,
+        damper="c*max(d, 0.0)",
+        damper_slope="c",
+        damper_exponent=1.0,
+        damping="elastic",
+        number=_per_e(lambda e: 3.0 * (1.0 - e), lambda e: 2.0 * e),
+        number_text="xi v0 / k = 3 (1 - e) / (2 e)",
+        relation="both_phases",
+        formula="F = max(0, k d + xi d v)",
+        reference="Ye, Li & Zhu (2009), Earthq. Eng. Eng. Vib. 8(3), 433-446",
+    ),
+    Law(
+        key="hunt_crossley",
+        title="Hunt-Crossley",
+        model="-",
+        **_HERTZ_DAMPED,
+        number=lambda e: 1.5 * (1.0 - e),
+        number_text="D = 3 (1 - e) / 2",
+        relation="both_phases",
+        zero_restitution=True,
+        formula="F = max(0, k d^1.5 (1 + D v / v0))",
+        reference="Hunt & Crossley (1975), J. Appl. Mech. 42(2), 440-445",
+    ),
+    Law(
+        key="ye_hertz",
+        title="Hertz-damped of Ye et al.",
+        model="-",
+        **_HERTZ_DAMPED,
+        number=_per_e(lambda e: 8.0 * (1.0 - e), lambda e: 5.0 * e),
+        number_text="D = 8 (1 - e) / (5 e)",
+        relation="both_phases",
+        formula="F = max(0, k d^1.5 (1 + D v / v0))",
+        reference="Ye, Li & Zhu (2009), Earthquake Eng. Struct. Dyn. 38, 1135-1142; "
+        "Flores et al. (2011), Multibody Syst. Dyn. 25(3), 357-375",
+    ),
+    Law(
+        key="gonthier",
+        title="Gonthier",
+        model="-",
+        **_HERTZ_DAMPED,
+        number=_per_e(lambda e: 1.0 - e * e, lambda e: e),
+        number_text="D = (1 - e^2) / e",
+        relation="both_phases",
+        formula="F = max(0, k d^1.5 (1 + D v / v0))",
+        reference="Gonthier et al. (2004), Multibody Syst. Dyn. 11(3), 209-233",
+    ),
+    Law(
+        key="hysteretic",
+        title="Bilinear with yielding and hysteresis",
+        model="-",
+        exponent=1.5,
+        elastic="k*d + c",
+        elastic_slope="k",
+        damping="yield",
+        number=lambda e: 1.0 - e * e,
+        number_text="L = 1 - e^2",
+        relation="yielding",
+        zero_restitution=True,
+        formula=(
+            "slope K1 up to the yield penetration dy, then K2; back along K1 to K2 d, and along it to 0; "
+            "K1 = Ke + W / (a dm^2), K2 = Ke - W / ((1 - a) dm^2), dy = a dm, a = 0.1, Ke = k sqrt(dm), "
+            "W = L k dm^2.5 / 2.5, dm = (5 m v0^2 / (4 k))^(2/5)"
+        ),
+        reference="Muthukumar & DesRoches (2006), Earthquake Eng. Struct. Dyn. 35(7), 811-828",
+    ),
+    Law(
+        key="stereomechanical",
+        title="Stereomechanical impact (velocity jump)",
+        model="-",
+        exponent=None,
+        damping="jump",
+        number=lambda e: e,
+        number_text="e itself",
+        zero_restitution=True,
+        formula="v1' = v1 - (1 + e) m2 / (m1 + m2) (v1 - v2) at the touch, v2' likewise; no force. Floors that would "
+        "rebound slower than 1 mm/s, and are pressed together, move as one until they would pull",
+        reference="Newton's impact law; Goldsmith (1960), Impact, Edward Arnold",
+    ),
+]
+
+#: All laws by key, in the order in which they are listed.
+LAWS: dict[str, Law] = {law.key: law for law in _ALL}
+
+#: The paper's Models I to VII in its order.
+MATE2015_MODELS = (
+    "linear",
+    "kelvin_voigt",
+    "modified_kelvin_voigt",
+    "hertz",
+    "hertz_damped",
+    "nonlinear_viscoelastic",
+    "none",
+)
+
+
+def get_law(key: str | Law) -> Law:
+    """Return the law of that key; a `Law` is returned as it is.
+
+    Raises
+    ------
+    LawError
+        The key is unknown; the message lists the valid ones.
+    """
+    if isinstance(key, Law):
+        return key
+    try:
+        return LAWS[key]
+    except (KeyError, TypeError):
+        raise LawError(unknown("contact law", key, LAWS)) from None
+
+
+def realised_validity(law: Law) -> str:
+    """Coefficients of restitution that a law can realise exactly, as text."""
+    if not law.takes_restitution or law.impulsive:
+        return law.validity
+    if law.relation not in RELATIONS:
+        return "none: its damping has no known relation to the realised restitution"
+    relation = RELATIONS[law.relation]
+    return "0 <= e <= 1" if math.isfinite(relation.at_zero) else f"{relation.smallest:g} <= e <= 1"
+
+
+def check_realisable(law: Law, e: float) -> None:
+    """Raise `LawError` unless some finite damping makes two free masses rebound at exactly `e`.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law; those without restitution realise e = 1 whatever is asked for.
+    e : float
+        Coefficient of restitution.
+    """
+    if not law.takes_restitution or law.impulsive:
+        return
+    if law.relation not in RELATIONS:
+        msg = (
+            f"law {law.key!r} has damping but names no relation to the realised restitution "
+            f"({', '.join(RELATIONS)}); give restitution_basis='published'"
+        )
+        raise LawError(msg)
+    relation = RELATIONS[law.relation]
+    smallest = 0.0 if math.isfinite(relation.at_zero) else relation.smallest
+    if not smallest <= e <= 1.0:
+        msg = f"restitution {e!r} can't be realised by law {law.key!r}; give {realised_validity(law)}"
+        if 0.0 <= e < smallest:
+            msg += ", or a law that realises e = 0: kelvin_voigt_tension or stereomechanical"
+        raise LawError(msg)
+
+
+def realised_number(law: Law, e: Any) -> np.ndarray:
+    """Damping number with which two free masses rebound at exactly `e`.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law.
+    e : array_like
+        Coefficient of restitution wanted.
+
+    Returns
+    -------
+    ndarray
+        The law's damping number (dimensionless; what `Law.number` gives as published),
+        shape of `e`; exactly 0 at e = 1. Relative error below 1e-12. Zero for laws
+        without damping; `e` itself for a velocity jump, which is exact as it is.
+
+    Raises
+    ------
+    LawError
+        No finite damping does it; the message says which `e` are valid.
+
+    Examples
+    --------
+    >>> float(realised_number(get_law("hertz_damped"), 0.6).round(6))
+    0.974872
+    """
+    values = np.asarray(e, dtype=float)
+    if law.number is None:
+        return np.zeros(values.shape)
+    if law.impulsive:
+        return np.asarray(law.number(values), dtype=float)
+    distinct, inverse = np.unique(values, return_inverse=True)  # a sweep repeats few values in many scenarios
+    for value in distinct[[0, -1]] if distinct.size else ():  # NaN sorts last
+        check_realisable(law, float(value))
+    relation = RELATIONS[law.relation]
+    inside = (distinct > 0.0) & (distinct < 1.0)
+    solved = relation.number(np.where(inside, distinct, 0.5)) / law.relation_factor
+    ends = np.where(distinct > 0.0, 0.0, relation.at_zero / law.relation_factor)
+    return np.asarray(np.where(inside, solved, ends)[inverse].reshape(values.shape))
+
+
+def damping_number(law: Law, e: Any, basis: str = "published") -> np.ndarray:
+    """Damping number of a law that takes restitution, on either basis.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law.
+    e : array_like
+        Nominal coefficient of restitution.
+    basis : {"published", "realised"}
+        The law's published formula, or the number that realises `e`.
+
+    Returns
+    -------
+    ndarray
+        Dimensionless; zero for laws without damping.
+
+    Raises
+    ------
+    LawError
+        The basis is unknown, or `e` can't be realised.
+    """
+    check_basis(basis)
+    if basis == "realised":
+        return realised_number(law, e)
+    values = np.asarray(e, dtype=float)
+    return np.zeros(values.shape) if law.number is None else np.asarray(law.number(values), dtype=float)
+
+
+def realised_restitution(law: Law, e: Any, basis: str = "published") -> np.ndarray:
+    """Restitution that two free masses really have under a law of nominal restitution `e`.
+
+    Parameters
+    ----------
+    law : Law
+        Contact law.
+    e : array_like
+        Nominal coefficient of restitution.
+    basis : {"published", "realised"}
+        What `e` means; with "realised" it is returned as it is.
+
+    Returns
+    -------
+    ndarray
+        Shape of `e`; 1 for laws without damping, NaN where floors don't touch
+        and for a damped law whose relation is not known.
+
+    Raises
+    ------
+    LawError
+        `e` is not valid for the law on that basis, or the basis is unknown.
+
+    Examples
+    --------
+    >>> float(realised_restitution(get_law("hertz_damped"), 0.6).round(3))
+    0.756
+    """
+    check_basis(basis)
+    values = np.asarray(e, dtype=float)
+    if not law.takes_restitution:
+        return np.full(values.shape, 1.0 if law.has_contact else np.nan)
+    for value in (values.min(), values.max()) if values.size else ():
+        law.check_restitution(float(value), basis)
+    if basis == "realised" or law.impulsive:
+        return values.copy()
+    if law.relation not in RELATIONS:
+        return np.full(values.shape, np.nan)
+    number = damping_number(law, values) * law.relation_factor
+    damped = number > 0.0
+    found = RELATIONS[law.relation].restitution(np.where(damped, number, 1.0))
+    return np.asarray(np.where(damped, found, 1.0))

@@ -1,0 +1,205 @@
+"""What restitution a contact law really gives, and the damping that gives exactly the one asked for.
+
+Two free masses meet with approach velocity v0 and part with e v0. The published
+damping formulas hold that e only roughly: at a nominal e = 0.6 ``hertz_damped``
+parts them with 0.756 v0. The rebound itself has a closed form in the damping
+number of each law, its *relation*, which a law names in the registry:
+
+``dashpot_tension``
+    A linear spring and dashpot of damping ratio z, parted at d = 0:
+    e = exp(-pi z / sqrt(1 - z^2)).
+``dashpot_clipped``
+    The same, parted where the force becomes zero: e = G(z)^2, with
+    G(z) = exp(-z acos(z) / sqrt(1 - z^2)), and acosh(z) / sqrt(z^2 - 1) for z > 1.
+``dashpot_approach``
+    The dashpot acts on approach only: e = G(z). A dashpot 2 xi sqrt(k sqrt(d) m)
+    beside k d^1.5 is that linear one in the coordinate d^(5/4), with z = 2 xi / sqrt(5).
+``both_phases``
+    F = E(d) (1 + D v / v0), E any elastic force: D (1 + e) = ln((1 + D) / (1 - e D)).
+    This is the exact damping of a damper that is proportional to the force of any spring.
+``approach``
+    The same damper on approach only: e^2 = 2 (D - ln(1 + D)) / D^2.
+
+``yielding``
+    A spring that yields at the share a = 0.1 of the depth at which an elastic Hertz contact
+    would turn, so stiff that at that depth it loses the share L of the energy:
+    1 - e^2 = B (x - a) / 0.4, x the depth at which it really turns, in parts of the same,
+    (1 - B) x^2 / 2 + B (x - a/2) = 0.4, B = 0.4 L / (1 - a).
+
+``both_phases`` and ``approach`` follow from m v dv = -F dd: the share S(D) = 2 (D - ln(1 + D)) / D^2 of
+the energy m v0^2 / 2 is stored in E at the deepest point; on the way back the damper
+has the sign of -e D, and what is stored is the share S(-e D) of m (e v0)^2 / 2.
+
+Everything is evaluated in logarithms, so that it stays exact to rounding near
+e = 1, where the damping number vanishes, and towards e = 0, where it grows
+without limit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pounding_sweep.base.errors import LawError, unknown
+
+#: What a coefficient of restitution means: the damping formula of the literature, or the rebound of two free masses.
+RESTITUTION_BASES = ("published", "realised")
+#: Smallest restitution that damping is solved for, where e = 0 would need infinite damping. The damping number
+#: of the hardest relation is 2e12 there: no step resolves a harder contact.
+SMALLEST = 1e-6
+
+RelationName = Literal[
+    "", "dashpot_tension", "dashpot_clipped", "dashpot_approach", "both_phases", "approach", "yielding"
+]
+#: Share of its greatest penetration at which a contact that yields does so.
+YIELD_SHARE = 0.1
+
+#: Coefficients of S(-x) - 1 in powers of x, for |x| < 1/4.
+_STORED_SERIES = np.array([0.0, *(2.0 / (n + 2) for n in range(1, 28))])
+#: Bracket of ln(unknown) for every root: the unknowns are 7e-17 just below e = 1, and at most 2 / SMALLEST^2.
+_LOG_LOW, _LOG_HIGH = -40.0, 35.0
+#: Halvings after which that bracket is shorter than the spacing of its numbers.
+_HALVINGS = 56
+
+
+@dataclass(frozen=True)
+class Relation:
+    """How the restitution of two free masses follows from a damping number.
+
+    Attributes
+    ----------
+    text : str
+        The relation, z a damping ratio and D = (damper over elastic force) at v = v0.
+    restitution : callable
+        e of damping numbers > 0.
+    number : callable
+        Damping number of 0 < e < 1.
+    at_zero : float
+        Damping number that gives e = 0; infinite where none does.
+    smallest : float
+        Smallest restitution that is solved for, where none does.
+    """
+
+    text: str
+    restitution: Callable[[np.ndarray], np.ndarray]
+    number: Callable[[np.ndarray], np.ndarray]
+    at_zero: float = math.inf
+    smallest: float = SMALLEST
+
+
+def _root(increasing: Callable[[np.ndarray], np.ndarray], like: np.ndarray) -> np.ndarray:
+    """Positive root of a function that increases, element by element, to rounding."""
+    low, high = np.full(like.shape, _LOG_LOW), np.full(like.shape, _LOG_HIGH)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        below = increasing(np.exp(middle)) < 0.0
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return np.asarray(np.exp(0.5 * (low + high)))
+
+
+def _log_loss(z: np.ndarray) -> np.ndarray:
+    """-ln G(z); increases from 0 like pi z / 2 at first and ln(2 z) at last."""
+    off = np.abs(z - 1.0)
+    root = np.sqrt(np.where(off > 0.0, off, 1.0)) * np.sqrt(1.0 + z)
+    angle = np.where(z < 1.0, np.arccos(np.minimum(z, 1.0)), np.arccosh(np.maximum(z, 1.0)))
+    return np.asarray(np.where(off > 0.0, z * angle / root, 1.0))
+
+
+def _log_stored(x: np.ndarray, log1p_x: np.ndarray) -> np.ndarray:
+    """Return ln S(x), x > -1; ln(1 + x) is given beside it because it outlasts x near -1."""
+    near = np.abs(x) < 0.25
+    series = np.polynomial.polynomial.polyval(np.where(near, -x, 0.0), _STORED_SERIES)
+    far = np.where(near, 1.0, np.abs(x))
+    difference = np.where(near, 1.0, x - log1p_x)
+    return np.asarray(np.where(near, np.log1p(series), np.log(2.0 * difference) - 2.0 * np.log(far)))
+
+
+def _log_stored_approach(number: np.ndarray) -> np.ndarray:
+    return _log_stored(number, np.log1p(number))
+
+
+def _log_stored_rebound(w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return y = e D and ln S(-y) of w = -ln(1 - y), which tells apart the y that round to 1."""
+    y = -np.expm1(-w)
+    return y, _log_stored(-y, -w)
+
+
+def _both_phases_restitution(number: np.ndarray) -> np.ndarray:
+    stored = 2.0 * np.log(number) + _log_stored_approach(number)
+
+    def excess(w: np.ndarray) -> np.ndarray:
+        y, rebound = _log_stored_rebound(w)
+        return np.asarray(2.0 * np.log(y) + rebound - stored)
+
+    return np.asarray(_log_stored_rebound(_root(excess, number))[0] / number)
+
+
+def _both_phases_number(e: np.ndarray) -> np.ndarray:
+    def excess(w: np.ndarray) -> np.ndarray:
+        y, rebound = _log_stored_rebound(w)
+        return np.asarray(rebound - _log_stored_approach(y / e) + 2.0 * np.log(e))
+
+    return np.asarray(_log_stored_rebound(_root(excess, e))[0] / e)
+
+
+def _tension_restitution(z: np.ndarray) -> np.ndarray:
+    """Zero from critical damping on: the masses then part only after infinite time."""
+    under = np.minimum(z, 1.0)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.exp(-math.pi * under / np.sqrt((1.0 - under) * (1.0 + under))))
+
+
+def _yielding_lost(held: np.ndarray) -> np.ndarray:
+    """1 - e^2 of B in [0, 1], the yield force in parts of that at the depth which an elastic contact would reach."""
+    energy = 0.5 * held * YIELD_SHARE + 0.4
+    depth = 2.0 * energy / (held + np.sqrt(held * held + 2.0 * (1.0 - held) * energy))
+    return np.asarray(held * (depth - YIELD_SHARE) / 0.4)
+
+
+def _yielding_number(e: np.ndarray) -> np.ndarray:
+    lost = (1.0 - e) * (1.0 + e)
+    ratio = _root(lambda ratio: _yielding_lost(ratio / (1.0 + ratio)) - lost, e)  # of the yield force to what is left
+    return np.asarray(ratio / (1.0 + ratio) * (1.0 - YIELD_SHARE) / 0.4)
+
+
+#: Relations by name.
+RELATIONS: dict[str, Relation] = {
+    "dashpot_tension": Relation(
+        "e = exp(-pi z / sqrt(1 - z^2))",
+        _tension_restitution,
+        lambda e: -np.log(e) / np.hypot(math.pi, np.log(e)),
+        at_zero=1.0,
+    ),
+    "dashpot_clipped": Relation(
+        "e = exp(-2 z acos(z) / sqrt(1 - z^2))",
+        lambda z: np.exp(-2.0 * _log_loss(z)),
+        lambda e: _root(lambda z: 2.0 * _log_loss(z) + np.log(e), e),
+    ),
+    "dashpot_approach": Relation(
+        "e = exp(-z acos(z) / sqrt(1 - z^2))",
+        lambda z: np.exp(-_log_loss(z)),
+        lambda e: _root(lambda z: _log_loss(z) + np.log(e), e),
+    ),
+    "both_phases": Relation("D (1 + e) = ln((1 + D) / (1 - e D))", _both_phases_restitution, _both_phases_number),
+    "approach": Relation(
+        "e^2 = 2 (D - ln(1 + D)) / D^2",
+        lambda number: np.exp(0.5 * _log_stored_approach(number)),
+        lambda e: _root(lambda number: 2.0 * np.log(e) - _log_stored_approach(number), e),
+    ),
+    "yielding": Relation(
+        "1 - e^2 = B (x - a) / 0.4, (1 - B) x^2 / 2 + B (x - a/2) = 0.4, B = 0.4 L / (1 - a), a = 0.1",
+        lambda lost: np.sqrt(1.0 - _yielding_lost(lost * 0.4 / (1.0 - YIELD_SHARE))),
+        _yielding_number,
+        smallest=0.36,  # where the force hardly grows once it has yielded
+    ),
+}
+
+
+def check_basis(basis: str) -> None:
+    """Raise `LawError` unless `basis` is one of `RESTITUTION_BASES`."""
+    if basis not in RESTITUTION_BASES:
+        raise LawError(unknown("restitution basis", basis, RESTITUTION_BASES))

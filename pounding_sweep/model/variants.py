@@ -1,0 +1,146 @@
+"""Building properties that vary from scenario to scenario: a scene and factors on it.
+
+Three factors are enough for what sweeps over buildings ask: periods, masses and
+damping. None of them changes the shape of a mode, so that everything a scenario
+needs of its buildings follows from the scene's own numbers by multiplication,
+for any number of scenarios at once:
+
+- a period factor f multiplies all periods of a building: stiffnesses / f**2, masses kept;
+- a mass factor multiplies its masses and its stiffnesses, so that its periods are kept;
+- a damping ratio replaces the ratios of the first two modes of all buildings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pounding_sweep.model.scene import Scene, rayleigh_factors
+
+
+@dataclass(frozen=True)
+class Variants:
+    """A table of building properties, one row per variant of a scene.
+
+    Attributes
+    ----------
+    scene : Scene
+        The row as given.
+    period_factor, mass_factor : ndarray, shape (n, buildings)
+        Factors on all natural periods and on all masses.
+    damping_ratio : ndarray, shape (n,)
+        Damping ratio of all buildings; NaN: the scene's own.
+
+    Examples
+    --------
+    >>> from pounding_sweep.model.presets import get_preset
+    >>> slower = Variants(get_preset("mate2015"), np.array([[2.0, 1.0, 1.0]]), np.ones((1, 3)), np.array([np.nan]))
+    >>> [round(float(slower.frequencies(b)[0, 0]), 2) for b in (0, 1, 2)]
+    [13.44, 21.34, 20.32]
+    """
+
+    scene: Scene
+    period_factor: np.ndarray
+    mass_factor: np.ndarray
+    damping_ratio: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.damping_ratio)
+
+    def __getitem__(self, rows: Any) -> Variants:
+        if len(self) == 1:  # stands for any number of scenarios
+            return self
+        return Variants(self.scene, self.period_factor[rows], self.mass_factor[rows], self.damping_ratio[rows])
+
+    @cached_property
+    def _owner(self) -> np.ndarray:
+        """Building of each floor."""
+        buildings = self.scene.buildings
+        return np.repeat(np.arange(len(buildings)), [b.n_storeys for b in buildings])
+
+    @property
+    def stiffness_factor(self) -> np.ndarray:
+        """Factor on all storey stiffnesses, shape (n, buildings)."""
+        return np.asarray(self.mass_factor / np.square(self.period_factor))
+
+    @cached_property
+    def masses(self) -> np.ndarray:
+        """Floor masses (t), shape (n, floors)."""
+        own = np.concatenate([b.masses for b in self.scene.buildings])
+        return np.asarray(own * self.mass_factor[:, self._owner])
+
+    @cached_property
+    def stiffnesses(self) -> np.ndarray:
+        """Storey stiffnesses (kN/m), shape (n, floors)."""
+        own = np.concatenate([b.stiffnesses for b in self.scene.buildings])
+        return np.asarray(own * self.stiffness_factor[:, self._owner])
+
+    def frequencies(self, building: int) -> np.ndarray:
+        """Natural circular frequencies of a building (rad/s), rising, shape (n, storeys)."""
+        return np.asarray(self.scene.buildings[building].frequencies / self.period_factor[:, building, None])
+
+    def rayleigh(self, building: int) -> tuple[np.ndarray, np.ndarray]:
+        """Factors (a, b) of C = a M + b K of a building (1/s, s), shape (n,) each."""
+        item, period = self.scene.buildings[building], self.period_factor[:, building]
+        own, unit = item.rayleigh, rayleigh_factors(item.frequencies, (1.0, 1.0))
+        given = np.isnan(self.damping_ratio)
+        a = np.where(given, own[0], self.damping_ratio * unit[0]) / period
+        b = np.where(given, own[1], self.damping_ratio * unit[1]) * period
+        return np.asarray(a), np.asarray(b)
+
+    def contact_mass(self, contact: int) -> np.ndarray:
+        """Effective mass of a contact (t), shape (n,): the floor's own at a wall."""
+        ends = [i for i in (self.scene.contacts[contact].left, self.scene.contacts[contact].right) if i >= 0]
+        own = np.concatenate([b.masses for b in self.scene.buildings])
+        masses = [own[i] * self.mass_factor[:, self._owner[i]] for i in ends]
+        return np.asarray(masses[0] if len(masses) == 1 else masses[0] * masses[1] / (masses[0] + masses[1]))
+
+    @cached_property
+    def contact_masses(self) -> np.ndarray:
+        """Effective masses of all contacts (t), shape (n, contacts)."""
+        result = np.empty((len(self), len(self.scene.contacts)))
+        for j in range(result.shape[1]):
+            result[:, j] = self.contact_mass(j)
+        return result
+
+
+def variants_of(row: Scene | Variants) -> Variants:
+    """Return a table of variants; of a scene as given, its one row stands for any number of scenarios."""
+    if isinstance(row, Variants):
+        return row
+    ones = np.ones((1, len(row.buildings)))
+    return Variants(row, ones, ones, np.array([np.nan]))
+
+
+def distinct(given: np.ndarray, compute: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Compute something of each column of a table, once for each distinct column.
+
+    Parameters
+    ----------
+    given : ndarray, shape (m, n)
+        Finite numbers.
+    compute : callable
+        Shape (m, d) -> (..., d), column by column.
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+
+    Examples
+    --------
+    >>> distinct(np.array([[2.0, 3.0, 2.0]]), lambda column: column**2)
+    array([[4., 9., 4.]])
+    """
+    if given.shape[1] == 1:
+        return compute(given)
+    order = np.lexsort(given)
+    new = np.append(True, np.any(given[:, order[1:]] != given[:, order[:-1]], axis=0))
+    if new.all():
+        return compute(given)
+    where = np.empty(len(order), np.int64)
+    where[order] = np.cumsum(new) - 1
+    return compute(given[:, order[new]])[..., where]

@@ -1,0 +1,1 @@
+"""The labelled cube of results: assembled, written, read, described, merged, exported."""

@@ -1,0 +1,358 @@
+"""From arrays of results to a labelled dataset with CF attributes.
+
+Attributes that `pounding_sweep.output.describe` understands are listed there.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.outputs.layout import inner_shape, mask_invalid, scatter_contact, scatter_dof
+from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Variable
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+CONVENTIONS = "CF-1.11"
+#: Global attribute by which a file is known as a cube of this package.
+VERSION_ATTRIBUTE = "pounding_sweep_version"
+#: Global attribute of a cube: digest of the source of the package that made it.
+SOURCE_ATTRIBUTE = "package_sha256"
+
+#: How text is stored in netCDF: as characters (UTF-8) along a dimension of their own, which every reader knows. The
+#: library may crash where a file with texts of any length is open several times (HDF5, issue 5359).
+TEXT: Mapping[str, Any] = {"dtype": "S1", "_FillValue": None}
+#: name -> (dimensions, values, attributes)
+Coordinates = Mapping[str, tuple[Sequence[str], Any, Mapping[str, Any]]]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One dimension along which scenarios differ.
+
+    Attributes
+    ----------
+    name : str
+        Name of the dimension: ``gap``, ``law``, ``case`` ...
+    values : sequence
+        Numbers or labels, one per position.
+    units : str
+        In UDUNITS spelling; "" for labels.
+    long_name : str
+        For axes and tables; the name where not given.
+    comment : str
+        What else is to be said of it.
+    """
+
+    name: str
+    values: Sequence[Any] | np.ndarray
+    units: str = ""
+    long_name: str = ""
+    comment: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of positions."""
+        return len(self.values)
+
+
+def package_version() -> str:
+    """Return the installed version of this package, or "unknown"."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("pounding-sweep")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+#: A power that is no whole number, which UDUNITS reads as something else: "m-1.5" is m-1 times 0.5.
+_FRACTIONAL_POWER = re.compile(r"[A-Za-z][\^*]*[-+]?\d*\.\d")
+
+
+def unit_attributes(units: str) -> dict[str, str]:
+    """Return ``units``, or ``unit_text`` for a unit that UDUNITS can't spell.
+
+    Examples
+    --------
+    >>> unit_attributes("kN m-1")
+    {'units': 'kN m-1'}
+    >>> unit_attributes("kN m-1.5")
+    {'unit_text': 'kN m-1.5'}
+    """
+    if not units:
+        return {}
+    return {"unit_text" if _FRACTIONAL_POWER.search(units) else "units": units}
+
+
+def _attribute(value: Any) -> Any:
+    """Turn a value into what a netCDF attribute can hold."""
+    if isinstance(value, (bool, np.bool_)):
+        return "true" if value else "false"
+    if isinstance(value, (str, int, float, np.integer, np.floating)):
+        return value
+    if isinstance(value, np.ndarray) and value.dtype.kind in "iuf" and value.ndim == 1:
+        return value
+    if isinstance(value, (list, tuple)) and value and all(type(v) in (int, float) for v in value):
+        return np.asarray(value)
+    return json.dumps(value, sort_keys=True, default=str, ensure_ascii=False)
+
+
+def _attributes(given: Mapping[str, Any]) -> dict[str, Any]:
+    units = unit_attributes(str(given.get("units", "")))
+    kept = {key: value for key, value in given.items() if key != "units" and value is not None}
+    return {**units, **{key: _attribute(value) for key, value in kept.items()}}
+
+
+def _labels(values: Any) -> np.ndarray:
+    """Values of a coordinate: text, or numbers of a type that every netCDF reader knows; None among numbers is NaN."""
+    array = np.asarray(values)
+    if array.dtype.kind == "O" and all(v is None or isinstance(v, (int, float)) for v in array.flat):
+        return array.astype(np.float64)
+    if array.dtype.kind in "OUST":
+        return np.array([str(v) for v in np.ravel(array)]).reshape(array.shape)
+    if array.dtype.kind == "b":
+        return array.astype(np.int8)
+    if array.dtype.kind in "iu":
+        small = not array.size or (array.min() >= -(2**31) and array.max() < 2**31)
+        return array.astype(np.int32 if small else np.int64)
+    return array.astype(np.float64)
+
+
+def _scene_coordinates(scene: Scene) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+    elevations = np.concatenate([building.elevations for building in scene.buildings])
+    coordinates: dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]] = {
+        "building": (("building",), [b.name for b in scene.buildings], {"long_name": "building, left to right"}),
+        "storey": (
+            ("storey",),
+            np.arange(1, scene.n_storeys + 1),
+            {"units": "1", "long_name": "storey, 1 at the bottom"},
+        ),
+        "floor_elevation": (
+            ("building", "storey"),
+            scatter_dof(elevations, scene),
+            {"units": "m", "long_name": "elevation of the floor above the base"},
+        ),
+    }
+    if scene.pair_names:
+        meets = np.array([elevations[c.left if c.left >= 0 else c.right] for c in scene.contacts], dtype=float)
+        coordinates["pair"] = (("pair",), list(scene.pair_names), {"long_name": "pair of neighbours, left-right"})
+        coordinates["contact_elevation"] = (
+            ("pair", "storey"),
+            scatter_contact(meets, scene),
+            {"units": "m", "long_name": "elevation at which the floors of the pair meet"},
+        )
+    return coordinates
+
+
+def _law_coordinates(dims: Sequence[str], laws: Any) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+    """Return what the registry knows about the laws of a coordinate, as far as it knows them."""
+    keys = [str(key) for key in np.ravel(np.asarray(laws))]
+    if len(dims) != 1 or not any(key in LAWS for key in keys):
+        return {}
+
+    def column(attribute: str) -> list[str]:
+        return [str(getattr(LAWS[key], attribute)) if key in LAWS else "" for key in keys]
+
+    where = tuple(dims)
+    model = {"law_model": (where, column("model"), {"long_name": "model number in Mate, Bakre & Jaiswal (2015)"})}
+    if where != ("law",):  # listed cases, of which there may be many
+        return model
+    return model | {
+        "law_title": (where, column("title"), {"long_name": "contact law in words"}),
+        "law_formula": (where, column("formula"), {"long_name": "contact force (kN) of penetration d and its rate v"}),
+    }
+
+
+def _data_attributes(variable: Variable) -> dict[str, Any]:
+    attributes: dict[str, Any] = {
+        "units": variable.units,
+        "long_name": variable.long_name,
+        "comment": variable.definition,
+    }
+    if variable.flag_values:
+        attributes["flag_values"] = np.array(variable.flag_values, dtype=np.int8)
+        attributes["flag_meanings"] = variable.flag_meanings
+    return attributes
+
+
+def as_read(name: str, values: np.ndarray) -> np.ndarray:
+    """Return stored values of a variable as a file gives them: missing integers are NaN, and then all are float64."""
+    variable = VARIABLES[name]
+    if variable.dtype == "f8":
+        return np.asarray(values, dtype=np.float64)
+    if variable.fill is None:
+        return np.asarray(values, dtype=np.int8)
+    return np.where(np.asarray(values) == variable.fill, np.nan, np.asarray(values, dtype=np.float64))
+
+
+def as_stored(name: str, values: np.ndarray) -> np.ndarray:
+    """Return values of a variable as they are stored, from what a file gave: the inverse of `as_read`."""
+    variable = VARIABLES[name]
+    if variable.dtype != "f8" and variable.fill is not None:
+        values = np.where(np.isnan(values), variable.fill, values)
+    return np.asarray(values, dtype=variable.dtype)
+
+
+def assemble(
+    scene: Scene,
+    axes: Sequence[Axis],
+    arrays: Mapping[str, np.ndarray],
+    attributes: Mapping[str, Any] | None = None,
+    extra_coords: Coordinates | None = None,
+) -> xr.Dataset:
+    """Make a labelled dataset of results.
+
+    Parameters
+    ----------
+    scene : Scene
+        The row that all scenarios share.
+    axes : sequence of Axis
+        Dimensions of the scenarios, outermost first: product axes, or one ``case`` axis.
+    arrays : mapping of str to ndarray
+        Results by variable name, shape (*axis lengths, *inner_shape(name, scene)).
+        ``status`` must be there. Pair variables of a scene without pairs are left out.
+    attributes : mapping, optional
+        Global attributes; lists and tables are stored as JSON.
+    extra_coords : mapping, optional
+        Further coordinates, name -> (dimensions, values, attributes), for instance
+        the gap of each listed case.
+
+    Returns
+    -------
+    xarray.Dataset
+        Variables in the order of the registry. Integers with missing values are
+        float64 with NaN, as xarray reads them from a file; they are stored as int32.
+
+    Raises
+    ------
+    InputError
+        A variable is unknown, has the wrong shape or is missing; an axis has the
+        name of an inner dimension; a status has no meaning.
+
+    Notes
+    -----
+    Scenarios whose status says that they have no values lose any they carry.
+    """
+    names = [axis.name for axis in axes]
+    reserved = set(INNER_DIMS) | set(VARIABLES)
+    for name in (*names, *(extra_coords or {})):
+        if name in reserved or names.count(name) > 1:
+            msg = (
+                f"axis name {name!r} is taken; give each axis a name of its own, none of {', '.join(sorted(reserved))}"
+            )
+            raise InputError(msg)
+    lengths = tuple(axis.size for axis in axes)
+    for variable in VARIABLES.values():
+        if variable.always and variable.name not in arrays:
+            msg = f"the results have no {variable.name!r}, which is in every cube"
+            raise InputError(msg)
+    for name, values in arrays.items():
+        expected = (*lengths, *inner_shape(name, scene))
+        if np.shape(values) != expected:
+            dims = (*names, *VARIABLES[name].dims)
+            msg = f"{name!r} has shape {np.shape(values)}; it must be {expected}, ({', '.join(dims)})"
+            raise InputError(msg)
+    strange = np.setdiff1d(arrays["status"], [int(s) for s in STATUS])
+    if strange.size:
+        msg = f"status {strange.tolist()} has no meaning; valid: {', '.join(f'{int(s)} {s.label}' for s in STATUS)}"
+        raise InputError(msg)
+    data = {name: as_read(name, values) for name, values in mask_invalid(arrays).items()}
+    return label(scene, axes, data, attributes, extra_coords)
+
+
+def frame(
+    scene: Scene,
+    axes: Sequence[Axis],
+    names: Iterable[str],
+    attributes: Mapping[str, Any] | None = None,
+    extra_coords: Coordinates | None = None,
+) -> xr.Dataset:
+    """Make the dataset of results that are still to come: like `assemble`, its values zeros that take no memory.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Variables.
+    scene, axes, attributes, extra_coords
+        As for `assemble`.
+    """
+    lengths = tuple(axis.size for axis in axes)
+    data = {
+        name: np.broadcast_to(as_read(name, np.zeros((), VARIABLES[name].dtype)), (*lengths, *inner_shape(name, scene)))
+        for name in names
+    }
+    return label(scene, axes, data, attributes, extra_coords)
+
+
+def label(
+    scene: Scene,
+    axes: Sequence[Axis],
+    data: Mapping[str, np.ndarray],
+    attributes: Mapping[str, Any] | None = None,
+    extra_coords: Coordinates | None = None,
+) -> xr.Dataset:
+    """Label values that are as they are to be read (see `as_read`); arguments as for `assemble`, nothing is checked."""
+    import xarray as xr
+
+    coordinates: dict[str, Any] = {}
+    for axis in axes:
+        details = {"units": axis.units, "long_name": axis.long_name or axis.name, "comment": axis.comment or None}
+        coordinates[axis.name] = ((axis.name,), axis.values, details)
+    coordinates.update(extra_coords or {})
+    if "law" in coordinates:
+        coordinates = {**_law_coordinates(*coordinates["law"][:2]), **coordinates}
+    coordinates = {**coordinates, **_scene_coordinates(scene)}
+
+    labelled = {
+        name: ((*(axis.name for axis in axes), *variable.dims), data[name], _data_attributes(variable))
+        for name, variable in VARIABLES.items()
+        if name in data and not (variable.per_pair and not scene.pair_names)
+    }
+    version = package_version()
+    found = {
+        "Conventions": CONVENTIONS,
+        "title": "Parametric sweep of seismic pounding of adjacent buildings",
+        "source": f"pounding_sweep {version}",
+        "history": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} made by pounding_sweep {version}",
+        VERSION_ATTRIBUTE: version,
+        **(attributes or {}),
+    }
+    coords = {k: (tuple(dims), _labels(v), _attributes(more)) for k, (dims, v, more) in coordinates.items()}
+    dataset = xr.Dataset(labelled, coords=coords, attrs=_attributes(found))
+    for key, stored in dataset.variables.items():
+        stored.encoding = stored_as(key, stored, key in dataset.coords)
+    return dataset
+
+
+def stored_as(name: Hashable, values: xr.Variable, is_coordinate: bool) -> dict[str, Any]:
+    """Return how a variable stands in a netCDF file: text as characters, coordinates without missing values."""
+    if values.dtype.kind in "OSUT":
+        return dict(TEXT)
+    return {"_FillValue": None} if is_coordinate else encoding_of(name, values)
+
+
+def encoding_of(name: Hashable, values: xr.Variable) -> dict[str, Any]:
+    """Return how a variable of numbers is stored: its type and what stands for a missing value.
+
+    Declared outputs follow the registry; others keep the integer type and fill
+    they were read with, and floats get NaN.
+    """
+    if name in VARIABLES:
+        variable = VARIABLES[str(name)]
+        fill = variable.fill
+        return {"dtype": variable.dtype, "_FillValue": None if fill is None else np.dtype(variable.dtype).type(fill)}
+    kept = {key: values.encoding[key] for key in ("dtype", "_FillValue") if key in values.encoding}
+    if kept.get("_FillValue") is not None and np.issubdtype(kept.get("dtype", values.dtype), np.integer):
+        return kept
+    return {"_FillValue": values.dtype.type(np.nan) if values.dtype.kind == "f" else None}

@@ -1,0 +1,325 @@
+"""A cube as readable text, or as what JSON holds.
+
+Beside the CF attributes, these global attributes are understood where they
+are there: ``records`` (JSON list of tables with ``name``, ``pga`` in m/s2 and
+anything else), ``scenarios_asked``, ``scenarios_run``, ``sweep`` (JSON, only
+its size is told), ``sweep_sha256``, and everything whose name ends in
+``_version``. Any other global attribute is shown shortened.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.base.errors import shown
+from pounding_sweep.base.text import printable
+from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
+from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
+from pounding_sweep.output.provenance import LIBRARIES, ORIGINS, library_attribute, origins, plain
+from pounding_sweep.output.slabs import cuts, status_counts
+from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_SHOWN_ELSEWHERE = {
+    *("title", "history", "records", "scenarios_asked", "scenarios_run", "sweep", "sweep_sha256", "accuracy_choice"),
+    *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
+}
+#: Attributes that are JSON.
+_CODED = frozenset({"records", "records_left_out", "sweep", *ORIGINS})
+#: Counts that a cube keeps of one that its results were taken from.
+_COUNTS = {"scenarios_asked": "asked", "scenarios_run": "run", "scenarios_taken": "taken"}
+_WIDTH = 100
+#: Digits of a digest that tell it from others.
+_DIGITS = 12
+#: Cubes that results were taken from, of which no more are told.
+_MOST_ORIGINS = 100
+#: No line is longer, whatever a file says.
+_LONGEST_LINE = 2000
+
+
+def _number(value: Any) -> str:
+    if isinstance(value, (float, np.floating)):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else shown(value)
+
+
+def _short(value: Any, width: int = _WIDTH) -> str:
+    text = " ".join(str(value).split())
+    return text if len(text) <= width else f"{text[: width - 3]}..."
+
+
+def _short_line(line: str) -> str:
+    return line if len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 3]}..."
+
+
+def _units(variable: xr.DataArray) -> str:
+    units = str(variable.attrs.get("units", variable.attrs.get("unit_text", "")))
+    return "" if units == "1" else units
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    """Align columns; the last one may be of any length."""
+    if not rows:
+        return []
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]) - 1)] + [0]
+    return ["  " + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _values(coordinate: xr.DataArray) -> str:
+    values = coordinate.values
+    if not values.size:
+        return "empty"
+    if values.dtype.kind not in "iuf" or values.size <= 8:
+        return _short(", ".join(_number(v) for v in values.tolist()))
+    return f"{_number(values.min().item())} to {_number(values.max().item())}"
+
+
+def _axes(dataset: xr.Dataset, dims: list[str]) -> list[str]:
+    rows = []
+    for dim in dims:
+        coordinate = dataset[dim]  # a dimension without coordinate counts from 0
+        units = _units(coordinate)
+        name = str(coordinate.attrs.get("long_name", ""))
+        values = f"{_values(coordinate)} {units}".rstrip()
+        rows.append((dim, str(dataset.sizes[dim]), f"{values}  ({name})" if name else values))
+    return _table(rows)
+
+
+def _coordinates(dataset: xr.Dataset) -> list[str]:
+    rows = []
+    for name in dataset.coords:
+        coordinate = dataset[name]
+        if name not in dataset.dims and AUDIT_DIMS[0] not in coordinate.dims:
+            dims = f"({', '.join(map(str, coordinate.dims))})"
+            rows.append((str(name), dims, _units(coordinate) or "-", str(coordinate.attrs.get("long_name", ""))))
+    return _table(rows)
+
+
+def _range(values: xr.DataArray, status: xr.DataArray | None) -> str:
+    """Smallest and largest finite value, of the scenarios that are ok where there is a status."""
+    if values.dtype.kind not in "iuf":
+        return "-"
+    low, high = np.inf, -np.inf
+    for cut in cuts(values):
+        kept = values.isel(cut).astype(float)
+        if status is not None and set(status.dims) <= set(kept.dims):
+            kept = kept.where(status.isel(cut, missing_dims="ignore") == int(Status.OK))
+        array = kept.values[np.isfinite(kept.values)]
+        low, high = min(low, array.min(initial=np.inf)), max(high, array.max(initial=-np.inf))
+    return f"{_number(low)} to {_number(high)}" if low <= high else "no values"
+
+
+def _variables(dataset: xr.Dataset, status: xr.DataArray | None) -> list[str]:
+    rows = []
+    for name in dataset.data_vars:
+        variable = dataset[name]
+        if name != "status" and AUDIT_DIMS[0] not in variable.dims:
+            long_name = str(variable.attrs.get("long_name", ""))
+            inner = [str(dim) for dim in variable.dims if dim in INNER_DIMS]
+            rows.append((str(name), _units(variable) or "-", _range(variable, status), _per(inner, long_name)))
+    return _table(rows)
+
+
+def _per(inner: list[str], long_name: str) -> str:
+    return f"{long_name}, per {' and '.join(inner)}" if inner else long_name
+
+
+def _statuses(status: xr.DataArray) -> list[str]:
+    known = {int(s): s for s in STATUS}
+    rows = []
+    for code, count in status_counts(status).items():
+        found = known.get(int(code))
+        label = found.label if found is not None else f"code {code}"
+        text = found.meaning if found is not None else "no known meaning"
+        if found is not None and found.remedy:
+            text += f": {found.remedy}"
+        rows.append((str(count), label, text))
+    return _table(rows)
+
+
+def _audit(dataset: xr.Dataset) -> list[str]:
+    """Measured errors by output."""
+    rows: list[tuple[str, ...]] = []
+    for row in audit_table(dataset):
+        median, largest, apart = (
+            "-" if row[name] is None else f"{row[name]:.1e}"
+            for name in ("error_median", "error_max", "error_max_undecided")
+        )
+        undecided = f"undecided ones up to {apart}" if row["undecided"] else ""
+        rows.append((row["output"], f"median {median}", f"up to {largest}", undecided))
+    return [f"  {audit_sentence(dataset)}", *_table(rows)] if rows else []
+
+
+def _records(dataset: xr.Dataset) -> list[str]:
+    try:
+        entries = json.loads(dataset.attrs["records"])
+    except (KeyError, TypeError, ValueError, RecursionError):
+        entries = []
+    rows: list[tuple[str, ...]] = []
+    for entry in entries if isinstance(entries, list) else []:
+        if isinstance(entry, dict):
+            pga = entry.get("pga")
+            peak = f"PGA {_number(pga)} m/s2" if isinstance(pga, (int, float)) else "PGA unknown"
+            told = {k: v for k, v in entry.items() if k not in ("name", "pga") and v not in ("", None)}
+            more = [f"{k} {_number(v)[:_DIGITS] if k == 'sha256' else _number(v)}" for k, v in told.items()]
+            rows.append((_short(_number(entry.get("name", "?"))), peak, _short(", ".join(more), 2 * _WIDTH)))
+    if not rows and "record_pga" in dataset.coords and "record" in dataset.coords:
+        names, peaks = np.atleast_1d(dataset["record"].values), np.atleast_1d(dataset["record_pga"].values)
+        if names.shape == peaks.shape:
+            rows = [(str(n), f"PGA {_number(float(p))} m/s2", "") for n, p in zip(names, peaks, strict=True)]
+    return _table(rows)
+
+
+def _origins(attributes: Mapping[Any, Any]) -> list[str]:
+    """List the cubes that results were taken from, each below the one that took them."""
+    try:
+        found = list(origins(attributes))
+    except (ValueError, TypeError, RecursionError):  # an attribute of any kind
+        return []
+    rows = []
+    for depth, how, told in found[:_MOST_ORIGINS]:
+        counts = [f"{told[key]} {text}" for key, text in _COUNTS.items() if isinstance(told.get(key), int)]
+        made_by = [f"source {_number(told[SOURCE_ATTRIBUTE])[:_DIGITS]}"] if SOURCE_ATTRIBUTE in told else []
+        for library in (name for name in LIBRARIES if library_attribute(name) in told):
+            made_by.append(f"{library} {_number(told[library_attribute(library)])}")
+        cells = (_number(told.get("history", "")), ", ".join(counts), ", ".join(made_by))
+        rows.append((f"{'  ' * min(depth, 10)}{how}", _short(told["file"], 4 * _WIDTH), *map(_short, cells)))
+    more = [f"  and {len(found) - _MOST_ORIGINS} more"] if len(found) > _MOST_ORIGINS else []
+    return _table(rows) + more
+
+
+def about(dataset: xr.Dataset) -> dict[str, Any]:
+    """Return what `describe` tells of a cube, the ranges of its variables apart, as JSON holds it.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        As for `describe`: what is not there is left out.
+
+    Returns
+    -------
+    dict
+        ``title``, ``history``, ``versions`` and other attributes, by their names; those that are JSON, such as
+        ``records``, ``sweep``, ``merged_from`` and ``extended_from``, as what they hold. ``dims``: dimensions with
+        ``size``, ``values``, ``units`` and ``long_name``; ``variables``: with ``dims``, ``units`` and ``long_name``;
+        ``statuses``: scenarios by name of their status; ``audit``: rows of `pounding_sweep.output.audited.audit_table`.
+        Numbers that are not finite are None.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> cube = xr.Dataset({"x": ("gap", [3.0, 4.0])}, {"gap": ("gap", [0.01, 0.02], {"units": "m"})}, {"title": "Row"})
+    >>> found = about(cube)
+    >>> found["title"], found["dims"]["gap"]
+    ('Row', {'size': 2, 'values': [0.01, 0.02], 'units': 'm', 'long_name': ''})
+    """
+    dims = [str(dim) for dim in dataset.sizes if dim not in AUDIT_DIMS]
+    labels = {int(status): status.label for status in STATUS}
+    counts = status_counts(dataset["status"]) if "status" in dataset.data_vars else {}
+    told = {str(key): _plain(value, coded=key in _CODED) for key, value in dataset.attrs.items()}
+    versions = {key.removesuffix("_version"): told.pop(key) for key in list(told) if key.endswith("_version")}
+    return {
+        "title": told.pop("title", ""),
+        "history": told.pop("history", ""),
+        "versions": versions,
+        "dims": {
+            dim: {"size": dataset.sizes[dim], "values": _plain(dataset[dim].values), **_meaning(dataset[dim])}
+            for dim in dims
+        },
+        "variables": {
+            str(name): {"dims": [str(dim) for dim in array.dims], **_meaning(array)}
+            for name, array in dataset.data_vars.items()
+            if AUDIT_DIMS[0] not in array.dims
+        },
+        "statuses": {labels.get(code, f"code {code}"): count for code, count in counts.items()},
+        "audit": audit_table(dataset),
+        "attributes": told,
+    }
+
+
+def _meaning(array: xr.DataArray) -> dict[str, str]:
+    return {"units": _units(array), "long_name": str(array.attrs.get("long_name", ""))}
+
+
+def _plain(value: Any, *, coded: bool = False) -> Any:
+    """Return the value of an attribute or an axis as JSON can hold it; what is coded as JSON, as what that says."""
+    value = plain(value)
+    try:
+        return _finite(json.loads(value) if coded else value)
+    except (ValueError, TypeError, RecursionError):  # a file may hold anything
+        return str(value)
+
+
+def _finite(value: Any) -> Any:
+    """Return a value of JSON without numbers that it has none of its own for."""
+    if isinstance(value, dict):
+        return {str(key): _finite(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def describe(dataset: xr.Dataset) -> str:
+    """Describe a cube in plain text.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A cube of this package, or any dataset: what is not there is left out.
+
+    Returns
+    -------
+    str
+        Title, scenarios, axes, variables with their range over the scenarios that
+        are ok, statuses with remedies, measured errors, records and versions; several
+        lines without a line break at the end.
+
+    Notes
+    -----
+    Reads every variable once, a part at a time. Control characters of a file are escaped, and what is long is cut.
+    """
+    attributes = dataset.attrs
+    status = dataset["status"] if "status" in dataset.data_vars else None
+    inner = [str(dim) for dim in dataset.sizes if dim in INNER_DIMS]
+    outer = [str(dim) for dim in dataset.sizes if dim not in (*INNER_DIMS, *AUDIT_DIMS)]
+
+    lines = [_short(attributes.get("title", "(no title)"))]
+    lines += [f"  {_short(line)}" for line in str(attributes.get("history", "")).splitlines()]
+    if "scenarios_asked" in attributes or "scenarios_run" in attributes:
+        asked, run = (attributes.get(f"scenarios_{what}", "?") for what in ("asked", "run"))
+        lines.append(f"  {asked} scenarios asked, {run} run")
+    elif status is not None:
+        lines.append(f"  {status.size} scenarios")
+    if "accuracy_choice" in attributes:
+        lines.append(f"  {attributes['accuracy_choice']}")
+
+    versions = {str(k): v for k, v in attributes.items() if str(k).endswith("_version")}
+    made_from = _origins(attributes)
+    elsewhere = {*_SHOWN_ELSEWHERE, *versions, *(ORIGINS if made_from else ())}
+    others = [(str(k), _short(v)) for k, v in attributes.items() if k not in elsewhere]
+    if "sweep" in attributes:
+        others.append(("sweep", f"{len(str(attributes['sweep']))} characters of JSON"))
+    if "sweep_sha256" in attributes:
+        others.append(("sweep_sha256", str(attributes["sweep_sha256"])))
+    sections = {
+        "Scenario axes": _axes(dataset, outer),
+        "Within a scenario": _axes(dataset, inner),
+        "Further coordinates": _coordinates(dataset),
+        f"Variables{'' if status is None else ' (range over scenarios that are ok)'}": _variables(dataset, status),
+        "Scenarios by status": _statuses(status) if status is not None else [],
+        "Audit: relative error, by the difference to half the step": _audit(dataset),
+        "Records": _records(dataset),
+        "Made from": made_from,
+        "Versions": _table([(k.removesuffix("_version"), str(v)) for k, v in versions.items()]),
+        "Attributes": _table(others),
+    }
+    for heading, body in sections.items():
+        if body:
+            lines += ["", heading, *body]
+    return "\n".join(printable(_short_line(line)) for line in lines)

@@ -1,0 +1,435 @@
+"""The one writer and reader of cubes.
+
+A file appears under its name only when it is complete and on disk. HDF5 is
+not thread-safe: everything of this package that touches a netCDF file holds
+`NETCDF_LOCK`, as does whoever reads values of a cube that `open_cube` has opened.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import stat
+import tempfile
+import threading
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.base.errors import OutputError, WriteError
+from pounding_sweep.base.files import failure, remove_leftovers, replacing
+from pounding_sweep.base.paths import absolute
+from pounding_sweep.base.tables import bytes_text
+from pounding_sweep.output.dataset import TEXT, VERSION_ATTRIBUTE, encoding_of, stored_as
+from pounding_sweep.output.form import wrong_form
+from pounding_sweep.output.heaps import has_endless_heap
+from pounding_sweep.output.slabs import cuts
+from pounding_sweep.output.stored import wrongly_stored
+
+if TYPE_CHECKING:
+    import netCDF4
+    import numpy.typing as npt
+    import xarray as xr
+
+
+class _OneLock(type(threading.RLock())):  # type: ignore[misc]
+    """A lock of the process that one thread may hold several times; what is pickled with it finds that of its own."""
+
+    def __reduce__(self) -> str:
+        return "NETCDF_LOCK"
+
+
+NETCDF_LOCK = _OneLock()
+os.register_at_fork(after_in_child=NETCDF_LOCK._at_fork_reinit)
+#: Endings of what is no netCDF file: sweep files, and what cubes are exported to.
+_OTHER_ENDINGS = frozenset({".csv", ".parquet", ".zarr", ".toml"})
+#: What an unfinished run has beside its cube, as long as it can go on.
+_UNFINISHED = ".parts/identity.json"
+#: Memory (bytes) in which a variable of an opened cube keeps what was read last; the library's 64 MiB are too much
+#: for the many variables of a cube.
+READ_CACHE = 2**22
+#: How the arrays of a dataset that is written in one piece are compressed, and checked when they are read.
+COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
+
+
+def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
+    """Return the file that `path` stands for, links followed, so that a link stays one, and its mode if it is there."""
+    try:
+        target = absolute(path)
+        str(target).encode()  # the netCDF library opens no other names
+        return target, target.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return target, None
+    except (OSError, ValueError, RuntimeError) as error:
+        reason = "no UTF-8" if isinstance(error, UnicodeError) else getattr(error, "strerror", None) or error
+        msg = f"path {os.fspath(path)!r} is not usable ({reason}); give another path"
+        raise OutputError(msg) from None
+
+
+def check_output(path: str | os.PathLike[str], overwrite: bool = False, *, netcdf: bool = True) -> Path:
+    """Check, before a long run, that a cube can be written to `path`; what killed writers left beside it is removed.
+
+    Parameters
+    ----------
+    path : path-like
+        Where the cube is to stand.
+    overwrite : bool
+        Whether a file that is there may be replaced.
+    netcdf : bool
+        Whether it is a cube; else a file of another kind.
+
+    Returns
+    -------
+    Path
+        The absolute path, links followed.
+
+    Raises
+    ------
+    OutputError
+        The path is a folder or a device, exists and may not be overwritten, is too long or
+        no UTF-8, its folder is missing or can't be written, or a cube has the ending of another kind of file.
+    """
+    if netcdf and Path(path).suffix.lower() in _OTHER_ENDINGS:
+        msg = (
+            f"output {str(path)!r} won't do: netCDF is written here, such as {str(Path(path).with_suffix('.nc'))!r}; "
+            "tables are made of a cube by 'pounding-sweep export'"
+        )
+        raise OutputError(msg)
+    target, mode = _target(path)
+    if mode is not None and stat.S_ISDIR(mode):
+        msg = f"output path {str(path)!r} is a folder; give the path of a file, such as {str(target / 'out.nc')!r}"
+        raise OutputError(msg)
+    if mode is not None and not stat.S_ISREG(mode):
+        msg = f"output path {str(path)!r} is not a regular file; give the path of a file to be written"
+        raise OutputError(msg)
+    if mode is not None and not overwrite:
+        msg = (
+            f"output file {str(path)!r} exists; give another path, or overwrite it "
+            "(overwrite=True, on the command line --overwrite)"
+        )
+        raise OutputError(msg)
+    if _is_too_long(target):
+        msg = f"the name of output {str(path)!r} is too long for what stands beside it in a run; give a shorter path"
+        raise OutputError(msg)
+    folder = target.parent
+    if not folder.is_dir():
+        what = "is not a folder" if folder.exists() else "does not exist"
+        msg = f"the folder {str(folder)!r} of output {str(path)!r} {what}; make it first or give another path"
+        raise OutputError(msg)
+    remove_leftovers(folder)
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or error
+        msg = f"the folder {str(folder)!r} of output {str(path)!r} can't be written ({reason}); give another path"
+        raise OutputError(msg) from None
+    return target
+
+
+def _is_too_long(target: Path) -> bool:
+    """Whether a chunk, in the folder beside a cube, would have a name or a path that is too long."""
+    try:
+        os.stat(f"{target}.parts/{'x' * 64}")
+    except OSError as error:
+        return error.errno == errno.ENAMETOOLONG
+    return False
+
+
+def free_space(folder: Path) -> int | None:
+    """Return the bytes that are free on the disk of `folder`; None where its file system does not say."""
+    usage = shutil.disk_usage(folder)
+    return usage.free if usage.total else None
+
+
+def check_space(folder: Path, needed: int, what: str) -> None:
+    """Raise `OutputError` where the disk of `folder` has less than `needed` bytes free for `what`."""
+    free = free_space(folder)
+    if free is not None and needed > free:
+        msg = (
+            f"{what} needs about {bytes_text(needed)} of disk, {bytes_text(free)} are free in "
+            f"{str(folder)!r}; free some space, give a path on another disk, or take fewer values on an axis"
+        )
+        raise OutputError(msg)
+
+
+def _encoding(name: Hashable, array: xr.DataArray, is_coordinate: bool) -> dict[str, Any]:
+    encoding = stored_as(name, array.variable, is_coordinate)
+    if encoding.get("dtype") == TEXT["dtype"]:
+        return {**encoding, **COMPRESSION}
+    if array.dtype.kind == "f" and not _holds(encoding.get("dtype", array.dtype), encoding["_FillValue"], array):
+        encoding = {"_FillValue": array.dtype.type(np.nan)}  # such as the median of numbers of impacts
+    if array.ndim and array.dtype.kind in "iuf":
+        encoding.update(COMPRESSION)
+    return encoding
+
+
+def _with_plain_attributes(dataset: xr.Dataset) -> xr.Dataset:
+    """Encode attributes beyond ASCII: as text they become strings of any length, which not every reader knows."""
+
+    def plain(attributes: Mapping[Any, Any]) -> dict[Any, Any]:
+        beyond = {key: text for key, text in attributes.items() if isinstance(text, str) and not text.isascii()}
+        return {**attributes, **{key: text.encode() for key, text in beyond.items()}}
+
+    found = dataset.assign_attrs(plain(dataset.attrs))
+    for variable in found.variables.values():  # of a copy
+        variable.attrs = plain(variable.attrs)
+    return found
+
+
+def _holds(dtype: npt.DTypeLike, fill: Any, array: xr.DataArray) -> bool:
+    """Whether numbers stay what they are when they are stored as that type, where `fill` stands for a missing one."""
+    if not np.issubdtype(dtype, np.integer):
+        return True
+    limits = np.iinfo(np.dtype(dtype))
+    for cut in cuts(array):
+        numbers = array.isel(cut).values
+        missing = np.isnan(numbers)
+        there = numbers[~missing]
+        if missing.any() if fill is None else (there == fill).any():
+            return False
+        if ((there != np.rint(there)) | (there < limits.min) | (there > limits.max)).any():
+            return False
+    return True
+
+
+def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
+    """Write a dataset as a netCDF-4 file that is either complete or not there.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A cube, or any dataset of numbers and text; truth values become int8. Numbers are stored
+        in the type of the output whose name they have, or that they were read in, unless that
+        is one of integers which can't hold them: a median of numbers of impacts stays what it is.
+    path : path-like
+        Where it is to stand.
+    overwrite : bool
+        Whether a file that is there may be replaced; it stays until the new one is complete.
+
+    Returns
+    -------
+    Path
+        The absolute path of the file.
+
+    Raises
+    ------
+    OutputError
+        See `check_output`.
+    WriteError
+        The disk is full or failed, or the folder is gone.
+    """
+    target = check_output(path, overwrite)
+    truths = [name for name, variable in dataset.variables.items() if variable.dtype.kind == "b"]
+    if truths:
+        dataset = dataset.assign({name: dataset[name].astype("i1") for name in truths})
+    encoding = {name: _encoding(name, dataset[name], name in dataset.coords) for name in dataset.variables}
+    dataset = _with_plain_attributes(dataset)
+    try:
+        with NETCDF_LOCK, replacing(target) as temporary:
+            job = dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding, compute=False)
+            job.compute(scheduler="synchronous")  # other threads would wait for the lock
+    except (OSError, RuntimeError) as error:
+        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
+        raise WriteError(msg) from error
+    return target
+
+
+def write_in_slabs(
+    dataset: xr.Dataset,
+    path: str | os.PathLike[str],
+    blocks: Mapping[str, Sequence[int]],
+    slabs: Iterable[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]],
+    *,
+    overwrite: bool = False,
+    folder: Path | None = None,
+) -> Path:
+    """Write a cube, some variables of which are made while it is written, as `write_cube` would.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        The cube; of the variables in `blocks` only type, dimensions and attributes are used.
+    path : path-like
+        Where it is to stand.
+    blocks : mapping of str to sequence of int
+        Variables that come in slabs -> shape of the blocks in which the file stores them.
+    slabs : iterable of (slices, mapping of str to ndarray)
+        Part of the outer dimensions -> values as they are stored, by variable.
+    overwrite : bool
+        Whether a file that is there may be replaced; it stays until the new one is complete.
+    folder : Path, optional
+        Where the unfinished file stands, if it is on the same disk; by default beside `path`.
+
+    Returns
+    -------
+    Path
+        The absolute path of the file.
+
+    Raises
+    ------
+    OutputError
+        See `check_output`.
+    WriteError
+        The disk is full or failed, or the folder is gone.
+
+    Notes
+    -----
+    What comes in slabs is not compressed: that would take longer than to compute it.
+    """
+    import netCDF4
+    from xarray.conventions import encode_dataset_coordinates
+
+    target = check_output(path, overwrite)
+    dataset = _with_plain_attributes(dataset)
+    variables, attributes = encode_dataset_coordinates(dataset)
+    labels = dataset.drop_vars(list(dataset.data_vars))
+    encoding = {name: _encoding(name, labels[name], True) for name in labels.variables}
+    try:
+        with NETCDF_LOCK, replacing(target, folder) as temporary:
+            labels.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
+            with netCDF4.Dataset(temporary, "a") as file:
+                file.set_fill_off()
+                if "coordinates" in file.ncattrs():  # those of no variable, and now there are variables
+                    file.delncattr("coordinates")
+                file.setncatts({key: value for key, value in attributes.items() if key == "coordinates"})
+                for name in map(str, dataset.data_vars):
+                    _declare(file, name, variables[name], blocks.get(name))
+                    if name not in blocks:
+                        file[name][...] = dataset[name].values
+                for slab, values in slabs:
+                    for name in blocks:
+                        file[name][slab] = values[name]
+    except OutputError:  # what the slabs are made from can't be read
+        raise
+    except (OSError, RuntimeError) as error:
+        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
+        raise WriteError(msg) from error
+    return target
+
+
+def _declare(file: netCDF4.Dataset, name: str, variable: xr.Variable, block: Sequence[int] | None) -> None:
+    """Make a variable of numbers in an open file, stored in blocks of that shape or in one piece."""
+    dims = tuple(str(dim) for dim in variable.dims)
+    for dim, size in zip(dims, variable.shape, strict=True):
+        if dim not in file.dimensions:
+            file.createDimension(dim, size)
+    encoding = encoding_of(name, variable)
+    fill = encoding["_FillValue"]
+    stored = file.createVariable(
+        name,
+        encoding.get("dtype", variable.dtype),
+        dims,
+        chunksizes=block,
+        fletcher32=bool(dims),  # damage is found when it is read; it costs next to nothing
+        fill_value=False if fill is None else fill,
+    )
+    stored.set_auto_maskandscale(False)
+    if block is not None:
+        stored.set_var_chunk_cache(size=1)  # none: whole blocks are written (0 stands for the default)
+    stored.setncatts(variable.attrs)
+
+
+@contextmanager
+def _chunk_cache(size: int) -> Iterator[None]:
+    """Let variables of files that are opened in the block keep at most so many bytes in memory."""
+    import netCDF4
+
+    before = netCDF4.get_chunk_cache()
+    netCDF4.set_chunk_cache(size)
+    try:
+        yield
+    finally:
+        netCDF4.set_chunk_cache(*before)
+
+
+def _open_checked(target: Path) -> tuple[xr.Dataset | None, str | None]:
+    """Open a file whose header is in order, else say what is wrong; one handle, as two on a file may crash."""
+    import xarray as xr
+
+    if has_endless_heap(target):
+        return None, "a heap of its texts is broken"
+    fault = wrongly_stored(target)
+    if fault is not None:
+        return None, fault
+    store = xr.backends.NetCDF4DataStore.open(target, lock=NETCDF_LOCK)
+    try:
+        fault = wrong_form(store.ds, target.stat().st_size)
+        if fault is None:
+            return _with_texts(xr.open_dataset(store, decode_times=False)), None
+    except BaseException:
+        store.close()
+        raise
+    store.close()
+    return None, fault
+
+
+def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
+    """Make texts of characters what they were when they were written, for which they are read."""
+    texts = [name for name, values in dataset.variables.items() if values.dtype.kind == "O"]
+    found = dataset.assign({name: dataset[name].astype(str) for name in texts})
+    for name in texts:
+        found.variables[name].encoding = {**TEXT, **COMPRESSION}  # for who writes it anew with xarray
+    found.set_close(dataset.close)
+    return found
+
+
+def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
+    """Open a cube; its values are read where they are used.
+
+    Parameters
+    ----------
+    path : path-like
+        A file made by this package.
+
+    Returns
+    -------
+    xarray.Dataset
+        To be closed by the caller: ``with open_cube(path) as cube: ...``
+
+    Raises
+    ------
+    OutputError
+        There is no such file, or it is not finished; it can't be read as netCDF, or it is no cube of this package.
+
+    Notes
+    -----
+    The header is checked before values are read (`pounding_sweep.output.form`), and every array carries
+    checksums: where the values of a damaged file are read later, the library raises RuntimeError.
+    """
+    target, mode = _target(path)
+    if mode is None and os.path.isfile(f"{target}{_UNFINISHED}"):
+        msg = (
+            f"cube {str(path)!r} is not finished: its chunks wait in {f'{target}.parts'!r}; the same 'run' command "
+            f"completes it, 'pounding-sweep info {path}' tells what is missing"
+        )
+        raise OutputError(msg)
+    if mode is None or not stat.S_ISREG(mode):
+        what = "does not exist" if mode is None else "is not a file"
+        msg = f"cube {str(path)!r} {what}; give the path of a file made by 'pounding-sweep run'"
+        raise OutputError(msg)
+    try:
+        with NETCDF_LOCK, _chunk_cache(READ_CACHE):
+            dataset, fault = _open_checked(target)
+    except Exception as error:  # the libraries raise anything at a damaged file
+        reason = getattr(error, "strerror", None) or error
+        msg = (
+            f"cube {str(path)!r} can't be read as netCDF ({reason}); it is damaged or another kind of file. "
+            "Run the sweep again or give a file made by 'pounding-sweep run'"
+        )
+        raise OutputError(msg) from None
+    if dataset is None:
+        msg = f"cube {str(path)!r} is damaged, or not made by this package ({fault}); run the sweep again"
+        raise OutputError(msg)
+    if VERSION_ATTRIBUTE not in dataset.attrs:
+        dataset.close()
+        msg = (
+            f"{str(path)!r} is a netCDF file, but not one of this package (no attribute {VERSION_ATTRIBUTE!r}); "
+            "give a file made by 'pounding-sweep run'"
+        )
+        raise OutputError(msg)
+    return dataset

@@ -1,0 +1,213 @@
+"""Results of a sweep's scenarios: each stays in the table of its chunk, in memory or on disk.
+
+Of every scenario only the place of its results, its status and whether it
+touched are held here; what is asked for is gathered from the tables. Memory
+therefore does not grow with the outputs of a sweep whose chunks are on disk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from pounding_sweep.base.errors import OutputError, WriteError
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.outputs.layout import inner_shape
+from pounding_sweep.outputs.variables import Status, get_variable
+
+
+def table_type(names: Iterable[str], scene: Scene) -> np.dtype:
+    """Return the type of a table of results: one row per scenario, one field per variable."""
+    return np.dtype([(name, get_variable(name).dtype, inner_shape(name, scene)) for name in names], align=True)
+
+
+def to_table(found: Mapping[str, np.ndarray], names: Iterable[str], scene: Scene) -> np.ndarray:
+    """Put variables of shape (n, *inner) side by side, one row per scenario.
+
+    Examples
+    --------
+    >>> from pounding_sweep.model.presets import get_preset
+    >>> table = to_table({"status": np.zeros(2, "i1")}, ["status"], get_preset("mate2015"))
+    >>> table["status"].tolist()
+    [0, 0]
+    """
+    kind = table_type(names, scene)
+    fields = kind.names or ()
+    table = np.empty(len(found[fields[0]]), kind)
+    for name in fields:
+        table[name] = found[name]
+    return table
+
+
+class _Filed:
+    """A table in a file: checked when it is first needed, then mapped as it was found.
+
+    Parameters
+    ----------
+    read : callable
+        Returns the table, mapped from its file, after a check; raises `OutputError`.
+    """
+
+    def __init__(self, read: Callable[[], np.ndarray]) -> None:
+        self._read = read
+        self._mapped: tuple[str, np.dtype, int, int] | None = None
+
+    def open(self) -> np.ndarray:
+        """Map the table; nothing of it stays in memory."""
+        if self._mapped is not None:
+            name, kind, offset, n = self._mapped
+            return np.memmap(name, kind, mode="r", offset=offset, shape=(n,))
+        try:
+            table = self._read()
+        except OutputError as error:
+            raise WriteError(f"{error}; what is missing or damaged is made anew by the next run") from error
+        assert isinstance(table, np.memmap)
+        self._mapped = (str(table.filename), table.dtype, table.offset, len(table))
+        return table
+
+
+class Results:
+    """Where the results of scenarios stand.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Variables of the cube.
+    scene : Scene
+        The row, for their shapes.
+    n : int
+        Scenarios.
+
+    Attributes
+    ----------
+    status : ndarray of int8, shape (n,)
+        How each ended; not run, until it is answered.
+    touched : ndarray of bool, shape (n,)
+        Whether floors met, as far as a contact that lasted tells.
+    """
+
+    def __init__(self, names: Iterable[str], scene: Scene, n: int) -> None:
+        self.names = tuple(names)
+        self.scene = scene
+        self.status = np.full(n, int(Status.NOT_RUN), np.int8)
+        self.touched = np.zeros(n, bool)
+        self._slot = np.full(n, -1, np.int64)
+        self._tables: list[np.ndarray | _Filed] = []
+        self._first = [0]
+
+    def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> tuple[int, np.ndarray]:
+        """Take up a table.
+
+        Parameters
+        ----------
+        table : ndarray, shape (m,)
+            Of `table_type`; further fields are passed over.
+        read : callable, optional
+            Reads it from the file that holds it already; then it is not kept in memory.
+
+        Returns
+        -------
+        index : int
+            Number of the table, for `move`.
+        slots : ndarray of int64, shape (m,)
+            What its rows are known by.
+        """
+        self._tables.append(table if read is None else _Filed(read))
+        self._first.append(self._first[-1] + len(table))
+        return len(self._tables) - 1, np.arange(self._first[-2], self._first[-1])
+
+    def move(self, index: int, read: Callable[[], np.ndarray]) -> None:
+        """Let go of a table that is now in a file, from which it is to be read."""
+        self._tables[index] = _Filed(read)
+
+    def answer(self, rows: np.ndarray, slots: np.ndarray, status: np.ndarray, touched: np.ndarray | bool) -> None:
+        """Say which rows of tables answer the scenarios `rows`, how they ended and whether they touched."""
+        self._slot[rows] = slots
+        self.status[rows] = status
+        self.touched[rows] = touched
+
+    def take(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """Gather the results of scenarios.
+
+        Parameters
+        ----------
+        rows : ndarray of int, shape (m,)
+            Scenarios, in any order, repeated or not.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Variable -> shape (m, *inner); those of scenarios without result are missing.
+
+        Raises
+        ------
+        WriteError
+            A table is not in its file any more as it was written there.
+        """
+        kind = table_type(self.names, self.scene)
+        found = {name: np.empty((len(rows), *kind[name].shape), kind[name].base) for name in self.names}
+        slots = self._slot[rows]
+        order = np.argsort(slots, kind="stable")
+        slots = slots[order]
+        edges = np.searchsorted(slots, self._first)
+        nowhere = order[: edges[0]]
+        for name, values in found.items():
+            values[nowhere] = self.status[rows[nowhere]] if name == "status" else get_variable(name).fill
+        for index in np.flatnonzero(np.diff(edges)).tolist():
+            here = slice(edges[index], edges[index + 1])
+            table = self._tables[index]
+            whole = table if isinstance(table, np.ndarray) else table.open()
+            part = np.asarray(whole).take(slots[here] - self._first[index])
+            for name, values in found.items():
+                values[order[here]] = part[name]
+        return found
+
+    def let_go(self) -> None:
+        """Let go of all tables; status and touched remain."""
+        self._tables.clear()
+        self._first = [0]
+        self._slot[:] = -1
+
+
+@dataclass
+class Outcome:
+    """Results of the unique scenarios of a plan.
+
+    Attributes
+    ----------
+    results : Results
+        What each of them ended with.
+    run : int
+        Scenarios integrated, runs without pounding included.
+    untouched : int
+        Unique scenarios answered by the run without pounding.
+    reused : int
+        Scenarios read from an interrupted run, which it had run itself.
+    taken : int
+        Scenarios taken from an earlier cube, in this run or an interrupted one.
+    taken_from : mapping or None
+        What that cube said of itself; see `pounding_sweep.resume.reuse_ledger`.
+    compiled : int
+        Kernels that had to be compiled.
+    compile_seconds, run_seconds : float
+        Wall time of the two stages.
+    failures : list of str
+        What went wrong in chunks that have no result, or only what was taken.
+    left_out : ndarray of bool or None
+        Unique scenarios answered by a run without pounding; None where nothing was run.
+    """
+
+    results: Results
+    run: int = 0
+    untouched: int = 0
+    reused: int = 0
+    taken: int = 0
+    taken_from: Mapping[str, Any] | None = None
+    compiled: int = 0
+    compile_seconds: float = 0.0
+    run_seconds: float = 0.0
+    failures: list[str] = field(default_factory=list)
+    left_out: np.ndarray | None = None

@@ -1,0 +1,1 @@
+"""Every output of a sweep, where it stands in a cube, and how two of its values are compared."""

@@ -1,0 +1,103 @@
+"""What the error of an output is: one number per scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from pounding_sweep.outputs.variables import check_outputs, get_variable
+
+#: Relative change of gaps, contact stiffness and ground motion that no engineer can tell: where it changes an output
+#: by more than a tolerance, the scenario is sensitive at that tolerance. Its error is counted all the same.
+CHANGE = 1.0e-6
+#: Outputs that say how a run went, not what it found.
+BOOKKEEPING = frozenset(
+    {"status", "energy_residual", "steps_per_contact", "time_step", "error_estimate", "amplification"}
+)
+
+
+#: Outputs that are differences of larger ones, or ends of one range: an error in one of
+#: them is relative to the largest of them all. An undamped contact, for instance, takes
+#: in no work in the end, however much passed through it.
+ONE_SCALE = (
+    ("displacement_max", "displacement_min"),
+    ("energy_transfer_max", "energy_transfer_min", "contact_work"),
+)
+#: Outputs whose product is an energy of the contacts (kN m).
+_CONTACT_ENERGIES = (("impact_force_max", "penetration_max"), ("impulse", "approach_speed_max"))
+
+
+def comparable(outputs: Iterable[str]) -> tuple[str, ...]:
+    """Return those of `outputs` that have an error, in the order of the registry."""
+    return tuple(name for name in check_outputs(outputs) if name not in BOOKKEEPING)
+
+
+def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
+    """Largest error of each scenario over its floors, pairs or buildings.
+
+    Relative to the largest absolute reference value of the same scenario, so
+    that a floor that hardly moves does not decide: ``max |x - x_ref| / max |x_ref|``.
+
+    Parameters
+    ----------
+    name : str
+        Output.
+    values, reference : ndarray, shape (n, *inner)
+        The output, and what it should be (in any unit, both the same).
+    scale : ndarray, shape (n,), optional
+        What the error is relative to where it is larger than the largest reference value.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Zero where both are zero; infinite where only the reference is zero, or
+        where one of the two is missing (a pair that touched in one run only).
+
+    Examples
+    --------
+    >>> relative_error("impact_force_max", np.array([[2.0, 99.0]]), np.array([[1.0, 100.0]]))
+    array([0.01])
+    """
+    variable = get_variable(name)
+    x = np.asarray(values, dtype=float).reshape(len(values), -1)
+    y = np.asarray(reference, dtype=float).reshape(len(reference), -1)
+    if variable.dtype != "f8":  # integers are missing where they are negative
+        x, y = np.where(x < 0, np.nan, x), np.where(y < 0, np.nan, y)
+    if not x.shape[1]:
+        return np.zeros(len(x))
+    differs = (np.isnan(x) != np.isnan(y)).any(axis=1)
+    off = np.nan_to_num(np.abs(x - y), nan=0.0, posinf=np.inf).max(axis=1)
+    size = _largest(y) if scale is None else np.maximum(_largest(y), scale)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        error = np.where(off == 0.0, 0.0, np.where(size > 0.0, off / size, np.inf))
+    return np.where(differs, np.inf, error)
+
+
+def relative_errors(
+    outputs: Iterable[str], values: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """`relative_error` of every comparable output, by name; those of `ONE_SCALE` relative to their largest."""
+    return {
+        name: relative_error(name, values[name], reference[name], _scale(name, reference))
+        for name in comparable(outputs)
+    }
+
+
+def _largest(values: np.ndarray) -> np.ndarray:
+    """Largest absolute value of each scenario."""
+    found = np.abs(np.asarray(values, dtype=float).reshape(len(values), -1))
+    return np.asarray(np.nan_to_num(found, nan=0.0, posinf=np.inf).max(axis=1, initial=0.0))
+
+
+def _scale(name: str, reference: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Return what an error of `name` is relative to, as far as `reference` holds more than itself."""
+    together = next((group for group in ONE_SCALE if name in group), ())
+    sizes = [_largest(reference[other]) for other in together if other in reference]
+    if name == "contact_work":
+        sizes += [
+            _largest(reference[first]) * _largest(reference[second])
+            for first, second in _CONTACT_ENERGIES
+            if first in reference and second in reference
+        ]
+    return np.max(sizes, axis=0) if sizes else None

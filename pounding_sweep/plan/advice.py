@@ -1,0 +1,438 @@
+"""The scheme and the steps that reach a relative error, by measurement.
+
+``measured.json`` (made by ``python -m pounding_sweep.accuracy.calibrate``)
+holds, for every law, scheme and class of outputs, the relative error against
+the number of steps in the shortest time of a scenario, the shorter of its
+shortest contact and half the period of the buildings' highest mode. The
+advice reads off the largest step that keeps most errors within what is asked,
+from which on scenarios are refined (`pounding_sweep.run.refinement`), shortens it
+where stability or a long record of hardly damped buildings needs
+it, and takes the scheme whose steps cost least.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.base.errors import SweepError
+from pounding_sweep.engine.resolution import MAX_PHASE_ERROR, MIN_STEPS_PER_CONTACT, loses_ground, phase_error
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import Law
+from pounding_sweep.outputs.variables import check_outputs, reducers_for
+from pounding_sweep.plan.timescales import approach_speeds, highest_frequency, shortest_contact
+from pounding_sweep.records import Record
+from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.step_counts import step_fault
+
+if TYPE_CHECKING:
+    from pounding_sweep.model.variants import Variants
+    from pounding_sweep.plan.scenarios import Scenarios
+    from pounding_sweep.spec.spec import SweepSpec
+
+#: File of measured errors beside this module.
+MEASURED = "measured.json"
+#: Outputs that have one measured error together: the largest among them.
+CLASSES: dict[str, tuple[str, ...]] = {
+    "motions": ("displacement_max", "displacement_min", "drift_max", "storey_shear_max", "closing_max"),
+    "contacts": (
+        "acceleration_max",
+        "impact_force_max",
+        "impact_count",
+        "penetration_max",
+        "impulse",
+        "first_impact_time",
+        "approach_speed_max",
+    ),
+    "energies": (
+        "energy_input",
+        "energy_damping",
+        "energy_kinetic",
+        "energy_strain",
+        "energy_transfer_max",
+        "energy_transfer_min",
+        "contact_work",
+    ),
+}
+#: Method and precision.
+Scheme = tuple[str, str]
+#: Steps in the shortest contact over those that its status asks for: its speed is an estimate, and three times the
+#: speed shortens a Hertz contact by so much.
+CONTACT_MARGIN = 1.25
+#: Short exact steps in half a period of the highest mode where `finer` is 1: where floors meet they are Runge-Kutta's.
+EXACT_STEPS = 8.0
+#: Scenarios whose times are worked out at once.
+BLOCK = 2**16
+#: Leading digits of the numbers of steps in a record interval: few, so that many scenarios share one.
+_STEPS = (10, 12, 16, 20, 25, 30, 40, 50, 60, 80)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Measured error against steps in the shortest time.
+
+    Attributes
+    ----------
+    steps : tuple of float
+        Steps in the shortest time of the scenario, rising.
+    error : tuple of float
+        Relative error of so many steps.
+    """
+
+    steps: tuple[float, ...]
+    error: tuple[float, ...]
+
+    def needed(self, accuracy: float) -> float:
+        """Return the least steps from which on the error stays within `accuracy`; infinite if that was not reached.
+
+        Interpolated in the logarithms of both.
+
+        Examples
+        --------
+        >>> round(Curve((1.0, 10.0, 100.0), (1e-1, 1e-3, 1e-5)).needed(1e-4), 1)
+        31.6
+        """
+        log_error = np.log(np.maximum.accumulate(np.asarray(self.error)[::-1])[::-1])  # no use of a lucky coarse step
+        within = log_error <= math.log(accuracy) + 1e-12
+        if not within[-1]:
+            return math.inf
+        first = int(np.argmax(within))
+        if first == 0:
+            return self.steps[0]
+        low, high = first - 1, first
+        share = (log_error[low] - math.log(accuracy)) / (log_error[low] - log_error[high])
+        return float(self.steps[low] * (self.steps[high] / self.steps[low]) ** share)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was measured: errors and costs.
+
+    Attributes
+    ----------
+    curves : dict
+        (method, precision, law, class of outputs) -> `Curve`.
+    cost : dict
+        (method, precision) -> ns of one scenario, step (of exact flight: long step) and degree of freedom.
+    about : dict
+        Where the numbers come from: quantile, version, date, machine.
+    """
+
+    curves: dict[tuple[str, str, str, str], Curve]
+    cost: dict[tuple[str, str], float]
+    about: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What was chosen for a sweep.
+
+    Attributes
+    ----------
+    method, precision : str
+        Scheme and number format.
+    finer : float
+        Divisor of the lengths that steps do not set (see `Numerics`).
+    steps : ndarray of int, shape (scenarios,)
+        Steps per record interval of each scenario.
+    still : ndarray of int, shape (records, variants)
+        Steps per record interval of each run without pounding.
+    sentence : str
+        What was chosen, and why.
+    """
+
+    method: str
+    precision: str
+    finer: float
+    steps: np.ndarray
+    still: np.ndarray
+    sentence: str
+
+
+@lru_cache(maxsize=1)
+def load_measured() -> Measured:
+    """Read the measured errors and costs of this version of the package."""
+    return read_measured(json.loads(files("pounding_sweep").joinpath("data", MEASURED).read_text(encoding="utf-8")))
+
+
+def read_measured(data: dict[str, Any]) -> Measured:
+    """Return what ``measured.json`` holds."""
+    curves = {}
+    for scheme, laws in data["errors"].items():
+        method, precision = scheme.split("/")
+        for law, classes in laws.items():
+            for kind, points in classes.items():
+                curves[method, precision, law, kind] = Curve(*zip(*map(tuple, points), strict=True))
+    cost = {}
+    for scheme, value in data["cost"].items():
+        method, precision = scheme.split("/")
+        cost[method, precision] = float(value)
+    return Measured(curves, cost, data["about"])
+
+
+def classes_of(outputs: Iterable[str]) -> tuple[str, ...]:
+    """Return the classes that hold any of `outputs`; motions where none does."""
+    asked = set(check_outputs(outputs))
+    return tuple(kind for kind, names in CLASSES.items() if asked & set(names)) or ("motions",)
+
+
+def whole_steps(wanted: np.ndarray) -> np.ndarray:
+    """Round numbers of steps up to 1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 40, 50, 60, 80, 100, 120 ...
+
+    Examples
+    --------
+    >>> whole_steps(np.array([0.2, 1.0, 6.2, 130.0])).tolist()
+    [1, 1, 8, 160]
+    """
+    wanted = np.asarray(wanted, dtype=float)
+    decades = range(max(0, math.ceil(math.log10(max(1.0, float(wanted.max(initial=1.0)))))) + 1)
+    ladder = sorted({1, 2, 3, 4, 5, 6, 8, *(m * 10**d for m in _STEPS for d in decades)})
+    return np.asarray(ladder)[np.searchsorted(ladder, wanted * (1.0 - 1e-9))]
+
+
+def advise(
+    spec: SweepSpec,
+    laws: Sequence[Law],
+    table: Scenarios,
+    variants: Variants,
+    *,
+    initial_speed: float = 0.0,
+    measured: Measured | None = None,
+) -> Advice:
+    """Choose the scheme of a sweep and the steps of each of its scenarios.
+
+    Parameters
+    ----------
+    spec : SweepSpec
+        A sweep with an ``accuracy``; its ``method`` and ``precision`` are kept where it names them.
+    laws : sequence of Law
+        Laws by the index that `table` uses; the last is no pounding.
+    table : Scenarios
+        Unique scenarios.
+    variants : Variants
+        Building properties by the index that `table` uses.
+    initial_speed : float
+        Largest speed (m/s) of approach at the start.
+    measured : Measured, optional
+        Errors and costs; those of this package by default.
+
+    Returns
+    -------
+    Advice
+        The same for the same sweep, always.
+
+    Raises
+    ------
+    SweepError
+        A law was not measured, or no scheme reached the accuracy.
+    """
+    assert spec.accuracy is not None
+    known = load_measured() if measured is None else measured
+    job = _Job(spec, laws, table, variants, initial_speed)
+    found: dict[Scheme, tuple[float, np.ndarray, np.ndarray, dict[str, float]]] = {}
+    reached: dict[Scheme, tuple[float, str]] = {}
+    schemes = [(m, p) for m, p in known.cost if spec.method in (None, m) and p in _formats(spec)]
+    for scheme in schemes:
+        need, best = _needed(known, spec, scheme, laws)
+        if max(need.values()) < math.inf:
+            steps, still = job.steps(scheme[0], need)
+            found[scheme] = job.cost(scheme[0], known.cost[scheme], steps, need), steps, still, need
+        else:
+            reached[scheme] = best
+    if not found:
+        listed = ", ".join(f"{' '.join(s)} reaches {value:.2g} with law {law}" for s, (value, law) in reached.items())
+        msg = (
+            f"accuracy {spec.accuracy:g} was not reached when errors were measured "
+            f"({listed}); ask for less, for other laws or another method, or give dt and see the cube's audit"
+        )
+        raise SweepError(msg)
+    scheme = min(found, key=lambda name: found[name][0])
+    cost, steps, still, need = found[scheme]
+    others = {name: values[0] / cost for name, values in found.items() if name != scheme and cost > 0}
+    return Advice(
+        *scheme, _finer(scheme[0], need), steps, still, job.sentence(known, scheme, need, steps, still, others)
+    )
+
+
+def _formats(spec: SweepSpec) -> tuple[str, ...]:
+    """Return the number formats to choose from: energies are small differences of large sums, and need the wide one."""
+    if spec.precision is not None:
+        return (spec.precision,)
+    return ("float64",) if "energies" in classes_of(spec.outputs) else ("float64", "float32")
+
+
+def _needed(
+    known: Measured, spec: SweepSpec, scheme: Scheme, laws: Sequence[Law]
+) -> tuple[dict[str, float], tuple[float, str]]:
+    """Return what each law needs (of exact flight its `finer`, else steps in the shortest time) and the worst error."""
+    assert spec.accuracy is not None
+    need, best = {}, (0.0, "")
+    for law in laws:
+        curves = [known.curves.get((*scheme, law.key, kind)) for kind in classes_of(spec.outputs)]
+        if None in curves:
+            msg = (
+                f"accuracy: no errors of law {law.key!r} with {' and precision '.join(scheme)} were measured; "
+                "give method and dt instead, or measure them: python -m pounding_sweep.accuracy.calibrate"
+            )
+            raise SweepError(msg)
+        need[law.key] = max(curve.needed(spec.accuracy) for curve in curves if curve is not None)
+        best = max(best, *((curve.error[-1], law.key) for curve in curves if curve is not None))
+    return need, best
+
+
+def _finer(method: str, need: dict[str, float]) -> float:
+    """Divisor of sub-steps and flight steps: exact flight is refined by it, the other schemes by their steps alone."""
+    return max(need.values()) if method == "exact" else 1.0
+
+
+class _Job:
+    """The times that the scenarios of a sweep must resolve, and what steps then cost."""
+
+    def __init__(
+        self, spec: SweepSpec, laws: Sequence[Law], table: Scenarios, variants: Variants, initial_speed: float
+    ) -> None:
+        self.spec, self.laws, self.table, self.variants = spec, laws, table, variants
+        self.contact = np.full(len(table), np.inf)
+        self.mode = math.pi / highest_frequency(variants)
+        speeds = [self._speeds(record) for record in spec.records]
+        for i, law in enumerate(laws):
+            for r in range(len(spec.records)):
+                if law.exponent is None or not spec.scene.contacts:
+                    continue
+                for rows in _blocks(np.flatnonzero((table.law == i) & (table.record == r))):
+                    each = np.abs(table.scale[rows])[:, None] * speeds[r][table.variant[rows]] + initial_speed
+                    self.contact[rows] = shortest_contact(
+                        variants[table.variant[rows]],
+                        law,
+                        table.stiffness[rows],
+                        table.restitution[rows],
+                        each,
+                        spec.restitution_basis,
+                    )
+
+    def _speeds(self, record: Record) -> np.ndarray:
+        """Speeds of approach, shape (variants, pairs); zeros where no law of the sweep depends on them."""
+        if all(law.exponent in (None, 1.0) for law in self.laws):
+            return np.zeros((len(self.variants), len(self.spec.scene.pair_names)))
+        return approach_speeds(self.variants, record)
+
+    def steps(self, method: str, need: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """Return steps per record interval of each scenario, and of the run without pounding by record and variant."""
+        spec, table = self.spec, self.table
+        interval = np.array([record.dt for record in spec.records])
+        mode = self.mode[table.variant]
+        alone = np.ones(len(self.variants))
+        if method == "exact":  # contacts have sub-steps of their own
+            still_need = EXACT_STEPS * _finer(method, need)
+            wanted = still_need / mode
+        else:
+            still_need = need["none"]
+            wanted = np.array([need[law.key] for law in self.laws])[table.law] / np.minimum(self.contact, mode)
+            wanted = np.maximum(wanted, still_need / mode)  # where contacts are followed with sub-steps, modes decide
+        wanted = np.maximum(wanted, CONTACT_MARGIN * MIN_STEPS_PER_CONTACT[method, True] / self.contact)
+        for i, law in enumerate(self.laws):
+            for rows in _blocks(np.flatnonzero(table.law == i)):
+                limit = self._limit(
+                    self.variants[table.variant[rows]], method, law, table.stiffness[rows], table.restitution[rows]
+                )
+                wanted[rows] = np.maximum(wanted[rows], 1.0 / limit)
+        for r, record in enumerate(spec.records):
+            most = max(float(np.max(part, initial=0.0)) for part in (wanted[table.record == r], still_need / self.mode))
+            if fault := step_fault(record, most * record.dt):
+                msg = f"accuracy {spec.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it"
+                raise SweepError(msg)
+        least = np.stack([self._motion_steps(method, record) for record in spec.records])
+        open_limit = self._limit(self.variants, method, self.laws[-1], 0.0 * alone, alone)
+        still = whole_steps(np.maximum(still_need / self.mode, 1.0 / open_limit) * interval[:, None])
+        steps = np.maximum(whole_steps(wanted * interval[table.record]), least[table.record, table.variant])
+        return steps.astype(np.int32), np.maximum(still, least).astype(np.int32)
+
+    def _motion_steps(self, method: str, record: Record) -> np.ndarray:
+        """Least steps per interval at which the buildings of each variant keep their phase over so long a record.
+
+        The measured records are short and the measured buildings damped; over a
+        long record of undamped ones, the lengthening of the period adds up.
+        """
+        assert self.spec.accuracy is not None
+        limit = min(self.spec.accuracy, MAX_PHASE_ERROR)
+        result = np.zeros(len(self.variants), dtype=int)
+        steps = 1
+        while not result.all():
+            numerics = Numerics(method, record.dt / steps)
+            late = phase_error(self.variants, record, numerics) > limit
+            result[(result == 0) & ~late & (not loses_ground(record, numerics))] = steps
+            steps = int(whole_steps(np.array([steps + 1.0]))[0])
+        return result
+
+    def _limit(
+        self, row: Variants, method: str, law: Law, stiffness: np.ndarray, restitution: np.ndarray
+    ) -> np.ndarray:
+        limit = largest_step(row, law, stiffness, restitution, method=method, basis=self.spec.restitution_basis)
+        return limit * (1.0 - 1e-6)  # the step itself must not exceed the limit by its rounding
+
+    def cost(self, method: str, each: float, steps: np.ndarray, need: dict[str, float]) -> float:
+        """Seconds of all scenarios on one core, by the measured cost of a step."""
+        total, finer = 0.0, _finer(method, need)
+        for r, record in enumerate(self.spec.records):
+            for count in np.unique(steps[self.table.record == r]).tolist():
+                rows = np.flatnonzero((self.table.record == r) & (steps == count))
+                each_interval = float(count)
+                if method == "exact":
+                    numerics = Numerics(method, record.dt / count, finer=finer)
+                    kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
+                    each_interval = float(kernel.glides(record, self.variants[self.table.variant[rows]]).mean())
+                total += (record.n_points - 1) * each_interval * len(rows)
+        return total * self.spec.scene.n_dof * each * 1e-9
+
+    def sentence(
+        self,
+        known: Measured,
+        scheme: Scheme,
+        need: dict[str, float],
+        steps: np.ndarray,
+        still: np.ndarray,
+        others: dict[Scheme, float],
+    ) -> str:
+        """Say what was chosen and why."""
+        spec, about = self.spec, known.about
+        still = still[:, np.unique(self.table.variant)]
+        counts = np.concatenate([steps, still.ravel()])
+        interval = np.array([r.dt for r in spec.records])
+        lengths = np.concatenate([interval[self.table.record] / steps, (interval[:, None] / still).ravel()])
+        named = "as the sweep names it" if spec.method else "the cheapest"
+        text = (
+            f"for a relative error of {spec.accuracy:g}: {scheme[0]} ({named}; {scheme[1]}, located) with "
+            f"{_range(counts, 'd')} steps per record interval, {_range(lengths, '.3g')} s. "
+            + (
+                "Sub-steps of contacts and long steps of flight are divided by"
+                if scheme[0] == "exact"
+                else "Steps in the shortest contact or half period of the highest mode"
+            )
+            + f", as measured in {about['quantile']:.0%} of scenarios, the others refined: "
+            + ", ".join(f"{law} {value:.3g}" for law, value in need.items())
+            + f"; at least {CONTACT_MARGIN * MIN_STEPS_PER_CONTACT[scheme[0], True]:g} in a contact, for its status. "
+            f"Half period of the highest mode: {_range(self.mode, '.3g')} s"
+        )
+        lasting = self.contact[np.isfinite(self.contact)]
+        if lasting.size:
+            text += f"; contacts last {_range(lasting, '.3g')} s"
+        text += "".join(f". {' '.join(name)} would cost {ratio:.3g} times as much" for name, ratio in others.items())
+        return text
+
+
+def _blocks(rows: np.ndarray) -> Iterator[np.ndarray]:
+    """Cut rows into parts whose arrays take little memory."""
+    for first in range(0, len(rows), BLOCK):
+        yield rows[first : first + BLOCK]
+
+
+def _range(values: np.ndarray, form: str) -> str:
+    low, high = format(values.min(), form), format(values.max(), form)
+    return low if low == high else f"{low} to {high}"

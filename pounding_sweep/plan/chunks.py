@@ -1,0 +1,105 @@
+"""Scenarios cut into chunks: what one task runs, and what is kept of an interrupted run."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from pounding_sweep.emit.spec import LANES
+from pounding_sweep.plan.scenarios import Scenarios
+
+#: Share of what is left that one chunk takes, near the end of a sweep.
+SHARE = 1.0 / 16.0
+#: Smallest chunk over the largest, where there are scenarios for it.
+SMALLEST = 1.0 / 8.0
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Scenarios of one kernel and one record that one task runs.
+
+    Attributes
+    ----------
+    key : str
+        Digest of the sweep and of the scenarios: the same chunk of the same sweep has the same key.
+    law, record : int
+        Index into the plan's laws and records.
+    rows : ndarray of int
+        Rows of the table that was cut, neighbouring gaps side by side.
+    steps : int
+        Steps per record interval.
+    """
+
+    key: str
+    law: int
+    record: int
+    rows: np.ndarray
+    steps: int
+
+
+def cut(
+    table: Scenarios,
+    rows: np.ndarray,
+    steps: np.ndarray,
+    flights: np.ndarray,
+    *,
+    name: str,
+    longest: float,
+    most: int,
+    seconds: Callable[[int, int], float],
+) -> list[Chunk]:
+    """Cut scenarios into chunks, the dearest first; depends on nothing but the arguments.
+
+    Chunks get smaller towards the end, so that all workers end together, however
+    many they are. Every chunk but the last of its kind fills its lane groups.
+
+    Parameters
+    ----------
+    table : Scenarios
+        Scenarios; within a record, law and step they stand as they should run.
+    rows : ndarray of int
+        Rows to cut, rising.
+    steps : ndarray of int
+        Steps per record interval of each row of `table`.
+    flights : ndarray of int
+        Steps of free flight that `RowKernel.glides` asks for each row of `table`. A chunk
+        flies in those of its fastest scenario; apart, scenarios don't depend on how they are cut.
+    name : str
+        What the keys are made from, beside the rows.
+    longest : float
+        Wanted duration (s) of the largest chunks.
+    most : int
+        Scenarios of a chunk, whatever they take; rounded to whole lane groups.
+    seconds : callable
+        (record, steps) -> estimated duration of one scenario (s).
+
+    Returns
+    -------
+    list of Chunk
+        In the order in which they should run.
+    """
+    order = rows[np.lexsort((flights[rows], steps[rows], table.law[rows], table.record[rows]))]
+    ends = np.zeros(max(0, len(order) - 1), bool)
+    for column in (table.record, table.law, steps, flights):
+        ends |= np.diff(column[order]) != 0
+    parts = np.split(order, np.flatnonzero(ends) + 1) if len(order) else []
+    found = []
+    for part in parts:
+        record, law, count = (int(values[part[0]]) for values in (table.record, table.law, steps))
+        found.append((max(seconds(record, count), 1e-12), record, law, count, part))
+    found.sort(key=lambda kind: -kind[0])
+    left = sum(each * len(part) for each, *_, part in found)
+    result: list[Chunk] = []
+    for each, record, law, count, part in found:
+        first = 0
+        while first < len(part):
+            wanted = min(longest, max(SMALLEST * longest, SHARE * left))
+            mine = part[first : first + LANES * max(1, int(min(wanted / each, most) / LANES))]
+            text = f"{name}:{record}:{law}:{count}:".encode() + np.ascontiguousarray(mine, dtype="<i8").tobytes()
+            result.append(Chunk(hashlib.sha256(text).hexdigest()[:32], law, record, mine, count))
+            first += len(mine)
+            left -= each * len(mine)
+    return result

@@ -1,0 +1,359 @@
+"""From a sweep to the scenarios that must really run.
+
+Every combination that was asked for is reduced to what can matter to it: a
+law without restitution ignores that axis, no pounding ignores gap, stiffness
+and restitution, a row in which no floors meet ignores the law. What remains
+once is run once and broadcast back into the cube. A scenario whose every gap
+is at least the largest closing displacement of the run without pounding never
+touches: it is that run.
+
+Where the sweep asks for an accuracy, scheme and steps are chosen here too, for
+each scenario by what it must resolve.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import Law, get_law
+from pounding_sweep.model.variants import Variants
+from pounding_sweep.outputs.variables import check_outputs, cube_variables, get_variable, reducers_for
+from pounding_sweep.plan.chunks import Chunk, cut
+from pounding_sweep.plan.scenarios import Scenarios, motions_of, unique_scenarios
+from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.spec import SweepSpec, digest
+
+#: Steps that most scenarios take in all, over those that they begin with.
+REFINED = 3
+#: Cost of one scenario and step (ns per degree of freedom), for estimates and chunk sizes only.
+NS_PER_DOF_AND_STEP = {"rk4": 2.6, "newmark": 4.5, "exact": 0.8}
+#: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
+CHUNK_SECONDS = 0.25
+#: Largest size (bytes) of the results of one chunk.
+CHUNK_BYTES = 2**23
+#: Memory of one scenario while it is planned, by measurement.
+PLAN_BYTES = 300
+#: Scenarios whose largest steps are found at a time.
+LIMIT_BLOCK = 1 << 16
+#: Scenarios that must share a run without pounding for it to be run: it costs about what one of them does.
+LEAST_SHARED = 4
+#: Margin by which a gap must exceed the closing displacement to be left out.
+CLOSING_MARGIN = 1e-9
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a sweep will run.
+
+    Attributes
+    ----------
+    spec : SweepSpec
+        The sweep.
+    unique : Scenarios
+        Scenarios that differ in something that matters.
+    variants : Variants
+        Building properties by the index that `unique` uses; row 0 is the scene as given.
+    inverse : ndarray of int, shape (n_asked,)
+        Row of `unique` that answers each asked scenario, in the order of the cube.
+    refused : ndarray of bool
+        Rows whose step is beyond the stability limit (none with ``force_unstable``).
+    limit : ndarray of float
+        Largest stable step (s) of each row.
+    numerics : Numerics
+        Scheme and largest step of the sweep.
+    steps : ndarray of int
+        Steps per record interval of each row.
+    still : ndarray of int, shape (records, variants)
+        Steps per record interval of the runs without pounding.
+    choice : str
+        What was chosen for the accuracy asked for, and why; "" where the sweep gives scheme and step.
+    """
+
+    spec: SweepSpec
+    unique: Scenarios
+    variants: Variants
+    inverse: np.ndarray
+    refused: np.ndarray
+    limit: np.ndarray
+    numerics: Numerics
+    steps: np.ndarray
+    still: np.ndarray
+    choice: str = ""
+
+    @cached_property
+    def laws(self) -> tuple[Law, ...]:
+        """Laws by the index that `unique` uses; the last is no pounding."""
+        return _laws(self.spec)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the sweep's description."""
+        return digest(self.spec)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Variables that are asked for; where steps were chosen, the step and the estimated error among them."""
+        chosen = () if self.spec.accuracy is None else ("time_step", "error_estimate")
+        return check_outputs((*self.spec.outputs, *chosen))
+
+    @property
+    def n_asked(self) -> int:
+        """Scenarios asked for."""
+        return len(self.inverse)
+
+    @property
+    def n_unique(self) -> int:
+        """Scenarios that may have to run."""
+        return int(len(self.unique) - self.refused.sum())
+
+    @cached_property
+    def no_contact(self) -> np.ndarray:
+        """Rows of `unique` without pounding."""
+        return self.unique.law == len(self.laws) - 1
+
+    def kernel(
+        self, law: int, closing: bool = False, *, record: int | None = None, steps: int | None = None
+    ) -> RowKernel:
+        """Return the kernel of a law; `closing` adds the largest closing displacements.
+
+        With so many `steps` per interval of a `record`; else with the largest step of the sweep.
+        """
+        numerics = self.numerics
+        if record is not None and steps is not None:
+            numerics = replace(numerics, dt=self.spec.records[record].dt / steps)
+        reducers = reducers_for(self.spec.outputs) | ({"closing"} if closing else frozenset())
+        return RowKernel(
+            self.spec.scene,
+            self.laws[law],
+            numerics,
+            reducers,
+            host=self._host(law),
+            basis=self.spec.restitution_basis,
+            varied=len(self.variants) > 1,
+            accuracy=self.spec.accuracy,
+        )
+
+    def kernels(self) -> dict[tuple[int, bool], RowKernel]:
+        """Return the kernels that a run needs by (law, closing); the last law's decides who can touch."""
+        runnable = ~self.refused
+        if not runnable.any():
+            return {}
+        last = len(self.laws) - 1
+        contact = [int(law) for law in np.unique(self.unique.law[runnable]) if law != last]
+        found = {(law, False): self.kernel(law) for law in contact}
+        return {**found, (last, True): self.kernel(last, closing=True)} if len(self.motions_to_run) else found
+
+    def _host(self, law: int) -> Law | None:
+        """Return the law of this sweep whose kernel an undamped law can run in.
+
+        An undamped law is the damped law of the same elastic force with c = 0, to
+        the last bit: F = E + 0 v. One kernel less is compiled.
+        """
+        own = self.laws[law]
+        if not own.has_contact or own.damper:
+            return None
+        both = [item for item in self.laws if item.damper and item.elastic == own.elastic]
+        simple = [item for item in both if not (item.approach_only or item.tension or item.impulsive)]
+        return simple[0] if simple else None
+
+    @cached_property
+    def _motions(self) -> tuple[Scenarios, np.ndarray]:
+        return motions_of(self.unique, len(self.laws) - 1)
+
+    @property
+    def motions(self) -> Scenarios:
+        """Distinct runs without pounding of all rows of `unique`."""
+        return self._motions[0]
+
+    @property
+    def motion_of(self) -> np.ndarray:
+        """Row of `motions` for each row of `unique`, shape (unique,)."""
+        return self._motions[1]
+
+    @cached_property
+    def motions_to_run(self) -> np.ndarray:
+        """Rows of `motions` that are worth running, rising.
+
+        Those that are asked for themselves, and those that tell of at least `LEAST_SHARED`
+        other scenarios whether they touch: fewer are as soon run themselves.
+        """
+        runnable = ~self.refused
+        count = np.bincount(self.motion_of[runnable & ~self.no_contact], minlength=len(self.motions))
+        asked = np.bincount(self.motion_of[runnable & self.no_contact], minlength=len(self.motions))
+        return np.flatnonzero((asked > 0) | (count >= LEAST_SHARED))
+
+    def chunks(self, rows: np.ndarray) -> list[Chunk]:
+        """Cut `rows` of the unique table into chunks; depends on nothing but the sweep and the rows."""
+        name = f"{self.digest}:{self.numerics.method}"
+        return self._cut(self.unique, rows, self.steps, name)
+
+    def motion_chunks(self) -> list[Chunk]:
+        """Cut the runs without pounding that are worth it into chunks; their rows are those of `motions`."""
+        steps = self.still[self.motions.record, self.motions.variant]
+        name = f"{self.digest}:{self.numerics.method}:without pounding"
+        return self._cut(self.motions, self.motions_to_run, steps, name)
+
+    def _cut(self, table: Scenarios, rows: np.ndarray, steps: np.ndarray, name: str) -> list[Chunk]:
+        flights = np.broadcast_to(np.int16(0), len(table))
+        if self.numerics.method == "exact" and len(self.variants) > 1:
+            flights = np.zeros(len(table), np.int32)
+            for record, motion in enumerate(self.spec.records):
+                for count in np.unique(steps[table.record == record]).tolist():
+                    mine = np.flatnonzero((table.record == record) & (steps == count))
+                    kernel = self.kernel(len(self.laws) - 1, record=record, steps=count)
+                    flights[mine] = kernel.glides(motion, self.variants[table.variant[mine]])
+        most = CHUNK_BYTES // self.bytes_per_scenario
+        seconds = self.scenario_seconds
+        return cut(table, rows, steps, flights, name=name, longest=CHUNK_SECONDS, most=most, seconds=seconds)
+
+    def scenario_seconds(self, record: int, steps: Any) -> Any:
+        """Estimated seconds of one scenario on one core, with `steps` (one number or an array) per record interval."""
+        total = (self.spec.records[record].n_points - 1) * steps * (1 if self.spec.accuracy is None else REFINED)
+        return total * self.spec.scene.n_dof * NS_PER_DOF_AND_STEP[self.numerics.method] * 1e-9
+
+    @property
+    def bytes_per_scenario(self) -> int:
+        """Bytes of one scenario's values."""
+        from pounding_sweep.outputs.layout import inner_shape
+
+        return sum(
+            np.dtype(get_variable(name).dtype).itemsize * math.prod(inner_shape(name, self.spec.scene))
+            for name in cube_variables(self.outputs)
+        )
+
+    def summary(self, workers: int = 1) -> dict[str, Any]:
+        """Return counts and estimates, before anything is run.
+
+        Returns
+        -------
+        dict
+            ``asked``, ``at_most`` (scenarios to run before those that never touch
+            are left out), ``refused``, ``kernels``, ``steps`` and ``steps_least`` (most and
+            least per scenario of each record), ``seconds`` (estimate, all workers),
+            ``cube_bytes``, ``chunks``, ``accuracy_choice`` ("" where the sweep gives scheme and step).
+        """
+        rows = np.flatnonzero(~self.refused)
+        seconds, most, least = 0.0, {}, {}
+        for index, motion in enumerate(self.spec.records):
+            mine = self.steps[rows[self.unique.record[rows] == index]]
+            seconds += float(self.scenario_seconds(index, mine).sum())
+            each = mine if len(mine) else self.still[index]
+            most[motion.name] = (motion.n_points - 1) * int(each.max())
+            least[motion.name] = (motion.n_points - 1) * int(each.min())
+        return {
+            "asked": self.n_asked,
+            "at_most": self.n_unique,
+            "refused": int(self.refused.sum()),
+            "kernels": len({kernel.shape for kernel in self.kernels().values()}),
+            "steps": most,
+            "steps_least": least,
+            "seconds": seconds / max(1, workers),
+            "cube_bytes": self.n_asked * self.bytes_per_scenario,
+            "chunks": len(self.chunks(rows)),
+            "accuracy_choice": self.choice,
+        }
+
+
+def _laws(spec: SweepSpec) -> tuple[Law, ...]:
+    return (*(get_law(key) for key in spec.laws if key != "none"), get_law("none"))
+
+
+def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
+    """Reduce a sweep to its unique scenarios.
+
+    Parameters
+    ----------
+    spec : SweepSpec
+        A valid sweep.
+    initial_speed : float
+        Largest speed (m/s) of approach at the start, which an accuracy must allow for.
+
+    Returns
+    -------
+    Plan
+        The same for the same sweep, always.
+
+    Raises
+    ------
+    SweepError
+        The accuracy asked for was not reached by any scheme when errors were measured.
+    """
+    laws = _laws(spec)
+    unique, variants, inverse = unique_scenarios(spec, laws)
+    advice = None
+    if spec.accuracy is None:
+        assert spec.method is not None
+        assert spec.dt is not None
+        assert spec.precision is not None
+        numerics = Numerics(spec.method, spec.dt, spec.locate, spec.beta, spec.gamma, spec.precision)
+        each = np.array([numerics.steps(r) for r in spec.records], np.int32)
+        still = np.broadcast_to(each[:, None], (len(each), len(variants)))
+        steps = each[unique.record]
+    else:
+        from pounding_sweep.plan.advice import advise
+
+        advice = advise(spec, laws, unique, variants, initial_speed=initial_speed)
+        still, steps = advice.still, advice.steps
+        largest = max(r.dt / int(n.min()) for r, n in zip(spec.records, still, strict=True))
+        numerics = Numerics(advice.method, largest, spec.locate, spec.beta, spec.gamma, advice.precision, advice.finer)
+    limit = _limits(spec, laws, unique, variants, numerics)
+    step = np.array([r.dt for r in spec.records])[unique.record] / steps
+    refused = np.zeros(len(unique), bool) if spec.force_unstable else step > limit
+    choice = advice.sentence if advice else ""
+    return Plan(spec, unique, variants, inverse, refused, limit, numerics, steps, still, choice)
+
+
+def _limits(
+    spec: SweepSpec, laws: tuple[Law, ...], unique: Scenarios, variants: Variants, numerics: Numerics
+) -> np.ndarray:
+    """Largest stable step (s) of each row."""
+    limit = np.full(len(unique), np.inf)
+    for i, item in enumerate(laws):
+        mine = np.flatnonzero(unique.law == i)
+        for first in range(0, len(mine), LIMIT_BLOCK):
+            rows = mine[first : first + LIMIT_BLOCK]
+            limit[rows] = largest_step(
+                variants[unique.variant[rows]],
+                item,
+                unique.stiffness[rows],
+                unique.restitution[rows],
+                method=numerics.method,
+                beta=spec.beta,
+                gamma=spec.gamma,
+                basis=spec.restitution_basis,
+            )
+    return limit
+
+
+def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
+    """Rows of the unique table in which no pair can ever touch.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    closing : ndarray, shape (motions, contacts)
+        Largest closing displacement (m) of each contact without pounding, by row of
+        `Plan.motions`; infinite where it is not known.
+
+    Returns
+    -------
+    ndarray of bool
+        True where every gap is at least the closing displacement at all of its floors.
+    """
+    scene, table = plan.spec.scene, plan.unique
+    needed = np.full((len(closing), len(scene.pair_names)), -np.inf)
+    for j, contact in enumerate(scene.contacts):
+        needed[:, contact.pair] = np.maximum(needed[:, contact.pair], np.maximum(closing[:, j], 0.0))
+    needed *= 1.0 + CLOSING_MARGIN
+    known = np.isfinite(closing).all(axis=1)
+    result = known[plan.motion_of]
+    for pair in range(needed.shape[1]):
+        result &= table.gaps[:, pair] >= needed[plan.motion_of, pair]
+    return result | plan.no_contact

@@ -1,0 +1,335 @@
+"""The scenarios of a sweep as a table, each that differs in something that matters once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pounding_sweep.model.laws import Law
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.outputs.differences import CHANGE
+from pounding_sweep.spec.axes import Case, PropertyAxis
+from pounding_sweep.spec.spec import SweepSpec, contact_stiffness
+
+
+@dataclass(frozen=True)
+class Scenarios:
+    """A table of scenarios, one row each.
+
+    Columns in which all rows agree may take the memory of one row, and then can't be written to.
+
+    Attributes
+    ----------
+    law, record : ndarray of int
+        Index into the plan's laws and records.
+    scale, stiffness, restitution : ndarray of float
+        Values (stiffness in kN/m**exponent); 0 and 1 where the law ignores them.
+    gaps : ndarray, shape (n, pairs)
+        Gaps (m); infinite where nothing can touch.
+    variant : ndarray of int
+        Row of the plan's table of building properties; 0 stands for the scene as given.
+    """
+
+    law: np.ndarray
+    record: np.ndarray
+    scale: np.ndarray
+    stiffness: np.ndarray
+    restitution: np.ndarray
+    gaps: np.ndarray
+    variant: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.law)
+
+    def __getitem__(self, rows: Any) -> Scenarios:
+        return Scenarios(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What a sweep asks for, coded: equal codes are scenarios that can't differ.
+
+    Attributes
+    ----------
+    codes : ndarray of int64, shape (n_asked,)
+        Sorted by them, scenarios that are most alike stand side by side.
+    variants : Variants
+        Building properties.
+    table : callable
+        Asked scenarios (positions) -> `Scenarios`.
+    """
+
+    codes: np.ndarray
+    variants: Variants
+    table: Callable[[np.ndarray], Scenarios]
+
+
+def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, Variants, np.ndarray]:
+    """Reduce what a sweep asks for to what can matter.
+
+    Parameters
+    ----------
+    spec : SweepSpec
+        A valid sweep.
+    laws : sequence of Law
+        Laws by the index that the table uses; the last is no pounding.
+
+    Returns
+    -------
+    scenarios : Scenarios
+        The unique ones, by record and law, and there in the order in which they run
+        side by side: the axis with the most values innermost.
+    variants : Variants
+        Building properties by the index that the table uses; one row, the scene as
+        given, where the sweep varies none.
+    inverse : ndarray of int32, shape (n_asked,)
+        Row that answers each asked scenario, in the order of the cube.
+    """
+    asked = _asked_product(spec, laws) if spec.cases is None else _asked_cases(spec, laws)
+    _, first, inverse = np.unique(asked.codes, return_index=True, return_inverse=True)
+    return asked.table(first), asked.variants, inverse.reshape(-1).astype(np.int32)
+
+
+def motions_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np.ndarray]:
+    """Return the distinct runs without pounding of a table of scenarios.
+
+    Parameters
+    ----------
+    table : Scenarios
+        n scenarios.
+    no_pounding : int
+        Index of the law without pounding.
+
+    Returns
+    -------
+    motions : Scenarios
+        Rows that differ in record, variant or scale; no pounding, gaps infinite.
+    motion_of : ndarray of int32, shape (n,)
+        Row of `motions` for each scenario.
+    """
+    codes = _combine([_factors(table.record), _factors(table.variant), _factors(table.scale)])
+    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
+    n = len(first)
+    motions = Scenarios(
+        law=np.full(n, no_pounding, np.int16),
+        record=table.record[first],
+        scale=table.scale[first],
+        stiffness=np.zeros(n),
+        restitution=np.ones(n),
+        gaps=np.full((n, table.gaps.shape[1]), np.inf),
+        variant=table.variant[first],
+    )
+    return motions, inverse.reshape(-1).astype(np.int32)
+
+
+def _factors(column: np.ndarray) -> tuple[np.ndarray, int]:
+    """Codes of a column, rising with its values, and how many there are."""
+    if len(column) and not column.strides[0]:  # one value, repeated
+        return np.zeros(len(column), np.int64), 1
+    found, inverse = np.unique(column, return_inverse=True)
+    return inverse.reshape(-1), len(found)
+
+
+def _combine(columns: Sequence[tuple[np.ndarray, int]]) -> np.ndarray:
+    """Make one code of several, the last varying fastest."""
+    codes, size = np.zeros(1, dtype=np.int64), 1
+    for index, count in columns:
+        if size * count >= 2**62:  # renumber before the codes overflow
+            found, codes = np.unique(codes, return_inverse=True)
+            size = len(found)
+        codes = codes * count + index
+        size *= count
+    return codes
+
+
+def _gather(values: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Return `values` at `index`; where there is but one value, as one row of memory."""
+    return values[index] if len(values) > 1 else np.broadcast_to(values, (len(index), *values.shape[1:]))
+
+
+def _stiffness(spec: SweepSpec, key: str, absolute: float | None, factor: float | None) -> float:
+    return contact_stiffness(spec.scene, key, stiffness=absolute, stiffness_factor=factor)
+
+
+def _effective_laws(spec: SweepSpec, laws: Sequence[Law]) -> dict[str, int]:
+    """Law that really acts, by key: none where no floors meet."""
+    last = len(laws) - 1
+    return {law.key: i if spec.scene.contacts else last for i, law in enumerate(laws)}
+
+
+def _ranks(values: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Places of the values of an axis when sorted."""
+    ranks = np.empty(len(values), np.int64)
+    ranks[np.argsort(np.asarray(values, dtype=float), kind="stable")] = np.arange(len(values))
+    return ranks
+
+
+def _variant_ranks(spec: SweepSpec) -> np.ndarray:
+    """Places of the combinations of property values when sorted, the axis with the most values innermost."""
+    axes = spec.property_axes
+    shape = [len(axis.values) for axis in axes]
+    codes = np.zeros(shape, np.int64)
+    for place in sorted(range(len(axes)), key=shape.__getitem__):
+        ranks = _ranks(axes[place].values)
+        codes = codes * len(ranks) + ranks.reshape([-1 if i == place else 1 for i in range(len(axes))])
+    return codes.reshape(-1)
+
+
+def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
+    acting, last = _effective_laws(spec, laws), len(laws) - 1
+    law_of = np.array([acting[key] for key in spec.laws], np.int16)
+    absolute = spec.stiffnesses is not None
+    values = (spec.stiffnesses if absolute else spec.stiffness_factors) or ()
+    stiffness = np.array(
+        [[_stiffness(spec, key, v if absolute else None, None if absolute else v) for v in values] for key in spec.laws]
+    )
+    n_pairs = len(spec.scene.pair_names)
+    if spec.gaps is None:
+        gaps, gap_ranks = np.array([spec.scene.gaps], dtype=float).reshape(1, n_pairs), np.zeros(1, np.int64)
+    else:
+        gap_ranks = _ranks(spec.gaps)
+        gaps = np.broadcast_to(np.array(spec.gaps, dtype=float)[:, None], (len(spec.gaps), n_pairs))
+    restitutions, scales = np.array(spec.restitutions, dtype=float), np.array(spec.scales, dtype=float)
+    variants = product_variants(spec.scene, spec.property_axes)
+    first_variant = len(variants) > 1  # behind the scene as given
+    ranks = {
+        "scale": _ranks(scales),
+        "stiffness": _ranks(values),
+        "restitution": _ranks(restitutions),
+        "variant": _variant_ranks(spec),
+        "gap": gap_ranks,
+    }
+    dims = ("gap", "stiffness", "restitution", "record", "scale", "variant")  # as in the cube, behind the law
+    shape = tuple(len(spec.records) if dim == "record" else len(ranks[dim]) for dim in dims)
+    # outermost first; sorted() is stable, so that gaps are innermost among equals
+    order = sorted(ranks, key=lambda name: len(ranks[name]))
+    codes = np.empty((len(spec.laws), *shape), np.int64)
+    for i, law in enumerate(law_of):
+        ignored = {"stiffness", "restitution", "gap"} if law == last else set()
+        ignored |= set() if laws[law].takes_restitution else {"restitution"}
+        ignored |= {"stiffness"} if laws[law].exponent is None else set()  # velocities jump
+        block = np.arange(len(spec.records)) * len(laws) + law
+        block = block.reshape([-1 if dim == "record" else 1 for dim in dims])
+        for name in order:
+            own = np.zeros_like(ranks[name]) if name in ignored else ranks[name]
+            block = block * len(own) + own.reshape([-1 if dim == name else 1 for dim in dims])
+        codes[i] = block
+
+    def table(asked: np.ndarray) -> Scenarios:
+        at_law, at_gap, at_stiffness, at_restitution, at_record, at_scale, at_variant = np.unravel_index(
+            asked, codes.shape
+        )
+        law = law_of[at_law]
+        open_everywhere = law == last
+        takes = np.array([item.takes_restitution for item in laws])[law]
+        rows = _gather(gaps, at_gap)
+        return Scenarios(
+            law=law,
+            record=_gather(np.arange(len(spec.records), dtype=np.int32), at_record),
+            scale=_gather(scales, at_scale),
+            stiffness=np.where(open_everywhere, 0.0, stiffness[at_law, at_stiffness]),
+            restitution=np.where(takes, restitutions[at_restitution], 1.0),
+            gaps=np.where(open_everywhere[:, None], np.inf, rows) if open_everywhere.any() else rows,
+            variant=_gather(np.arange(first_variant, len(variants), dtype=np.int32), at_variant),
+        )
+
+    return _Asked(codes.reshape(-1), variants, table)
+
+
+def _asked_cases(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
+    cases = spec.cases or ()
+    acting, last = _effective_laws(spec, laws), len(laws) - 1
+    names = {record.name: i for i, record in enumerate(spec.records)}
+    law = np.array([acting[c.law] for c in cases], np.int16)
+    record = np.array([names[c.record] if c.record is not None else 0 for c in cases], np.int32)
+    takes = np.array([item.takes_restitution for item in laws])[law]
+    restitution = np.array([1.0 if c.restitution is None else c.restitution for c in cases])
+    stiffness = np.array([_stiffness(spec, c.law, c.stiffness, c.stiffness_factor) for c in cases])
+    gaps = np.empty((len(cases), len(spec.scene.pair_names)))
+    for i, case in enumerate(cases):
+        gaps[i] = spec.scene.gaps if case.gap is None else case.gap
+    gaps[law == last] = np.inf
+    variants, variant = case_variants(spec.scene, cases)
+    whole = Scenarios(
+        law=law,
+        record=record,
+        scale=np.array([c.scale for c in cases], dtype=float),
+        stiffness=np.where(law == last, 0.0, stiffness),
+        restitution=np.where(takes, restitution, 1.0),
+        gaps=gaps,
+        variant=variant,
+    )
+    columns = (whole.scale, whole.stiffness, whole.restitution, variant, *whole.gaps.T)
+    inner = sorted((_factors(column) for column in columns), key=lambda column: column[1])
+    return _Asked(_combine([_factors(record), _factors(law), *inner]), variants, whole.__getitem__)
+
+
+def changed(table: Scenarios) -> Scenarios:
+    """Return scenarios with every input changed by `CHANGE` of itself.
+
+    Gaps and stiffness are changed one way and the ground motion the other: a linear
+    contact that is scaled as a whole would answer in proportion.
+    """
+    return replace(
+        table,
+        scale=table.scale * (1.0 - CHANGE),
+        stiffness=table.stiffness * (1.0 + CHANGE),
+        gaps=table.gaps * (1.0 + CHANGE),
+    )
+
+
+def product_variants(scene: Scene, axes: Sequence[PropertyAxis]) -> Variants:
+    """Return the scene as given, and behind it every combination of the values of axes, the last varying fastest."""
+    shape = [len(axis.values) for axis in axes]
+    n = 1 + math.prod(shape) if axes else 1
+    columns: dict[str, dict[str | None, np.ndarray]] = {"period_factor": {}, "mass_factor": {}, "damping_ratio": {}}
+    for place, axis in enumerate(axes):
+        values = np.array(axis.values).reshape([-1 if i == place else 1 for i in range(len(shape))])
+        columns[axis.kind][axis.building] = np.broadcast_to(values, shape).ravel()
+
+    def factors(kind: str) -> np.ndarray:
+        result = np.ones((n if columns[kind] else 1, len(scene.buildings)))
+        for index, building in enumerate(scene.buildings):
+            if building.name in columns[kind]:
+                result[1:, index] = columns[kind][building.name]
+        return np.broadcast_to(result, (n, result.shape[1]))
+
+    ratio = np.full(n, np.nan)
+    for values in columns["damping_ratio"].values():
+        ratio[1:] = _own_ratio(scene, values)
+    found = Variants(scene, factors("period_factor"), factors("mass_factor"), ratio)
+    same = (
+        n == 2 and np.isnan(ratio[1]) and bool((found.period_factor == 1.0).all() and (found.mass_factor == 1.0).all())
+    )
+    return variants_of(scene) if same else found
+
+
+def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.ndarray]:
+    """Return the scene as given and behind it what cases make of it, each once; and the row of each case."""
+    n = len(scene.buildings)
+    table = np.ones((1 + len(cases), 2 * n + 1))
+    table[:, -1] = np.nan
+    place = {building.name: i for i, building in enumerate(scene.buildings)}
+    for row, case in zip(table[1:], cases, strict=True):
+        for first, factors in ((0, case.period_factors), (n, case.mass_factors)):
+            for name, factor in dict(factors).items():
+                row[first + place[name]] = factor
+        if case.damping_ratio is not None:
+            row[-1] = case.damping_ratio
+    table[:, -1] = _own_ratio(scene, table[:, -1])
+    found: dict[bytes, int] = {}
+    index = np.array([found.setdefault(row.tobytes(), len(found)) for row in table], np.int32)
+    kept = table[np.unique(index, return_index=True)[1]]
+    return Variants(scene, kept[:, :n], kept[:, n : 2 * n], kept[:, -1]), index[1:]
+
+
+def _own_ratio(scene: Scene, ratios: np.ndarray) -> np.ndarray:
+    """Replace a damping ratio that all buildings have of their own by NaN."""
+    own = {building.damping_ratio for building in scene.buildings}
+    (ratio,) = own if len(own) == 1 else (None,)
+    return np.where(ratios == ratio, np.nan, ratios) if isinstance(ratio, float) else ratios

@@ -1,0 +1,1 @@
+"""What is kept of an interrupted sweep, and what a sweep takes from an earlier cube."""

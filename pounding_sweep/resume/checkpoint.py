@@ -1,0 +1,455 @@
+"""Results of finished chunks on disk, so that an interrupted sweep continues where it stopped.
+
+A folder holds ``identity.json`` (which sweep it belongs to), ``expected.json``
+(the chunks of which it will consist, as far as known), one ``chunk-<key>.npy``
+per finished chunk and ``manifest.jsonl``, one line per chunk, written after the
+chunk is safely on disk. A chunk is complete when the manifest says so and at no
+other time. ``earlier-<digest>.json`` tells of a cube that results were taken
+from. ``lock`` is there while somebody runs.
+
+A chunk is a table in numpy's own format, one row per scenario and one field
+per variable: it is written in one piece, and any of its rows can be read
+without the others.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pounding_sweep.base.errors import OutputError, WriteError
+from pounding_sweep.base.files import failure, is_temporary, replacing, sync_folder
+from pounding_sweep.base.lock import LOCK, PATIENCE, FolderLock
+from pounding_sweep.base.paths import absolute, expanded
+from pounding_sweep.base.regular import open_own, parse_json, read_regular
+from pounding_sweep.resume.identity import differences
+
+FORMAT = 2
+IDENTITY = "identity.json"
+EXPECTED = "expected.json"
+MANIFEST = "manifest.jsonl"
+
+_KEY = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,127}")
+_CHUNK_FILE = re.compile(rf"chunk-{_KEY.pattern}\.npy")
+#: What an earlier cube said of itself; see `pounding_sweep.resume.reuse_ledger`.
+_EARLIER_FILE = re.compile(r"earlier-[0-9a-f]{32}\.json")
+#: What NFS makes of a file that is removed while it is open; it goes by itself.
+_REMOVED = re.compile(r"\.nfs[0-9a-f]+")
+
+
+class ChunkCorrupt(OutputError):  # noqa: N818 - an event of the store, caught by the executor
+    """A chunk on disk is not what was written."""
+
+
+def parts_folder(out: str | os.PathLike[str]) -> Path:
+    """Return the folder of a run's chunks: beside the cube `out`, links followed.
+
+    Examples
+    --------
+    >>> parts_folder("/home/me/night.nc").name
+    'night.nc.parts'
+    """
+    return Path(f"{absolute(out)}.parts")
+
+
+def unreadable(folder: Path, error: OSError) -> str:
+    """Say that a folder of chunks can't be read, which says nothing against the chunks."""
+    why = error.strerror or error
+    return f"the chunk folder {str(folder)!r} can't be read ({why}); ask its owner for access, or give another path"
+
+
+def _unfit(error: ValueError) -> str:
+    """Say that a file of a folder of chunks is none of a run."""
+    return f"{error}; remove it, or give another output path"
+
+
+def _own(name: str) -> bool:
+    """Whether a file of that name is the store's, its identity apart."""
+    kinds = (_CHUNK_FILE, _EARLIER_FILE)
+    return name in (EXPECTED, MANIFEST) or any(kind.fullmatch(name) for kind in kinds) or is_temporary(name)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _save(path: Path, table: np.ndarray) -> None:
+    with path.open("wb") as file:
+        np.lib.format.write_array(file, table, allow_pickle=False)
+
+
+def _is_table(table: np.ndarray) -> bool:
+    """Whether the array is a row or more of named real numbers."""
+    fields = (table.dtype.fields or {}).values()
+    return table.ndim == 1 and len(table) > 0 and bool(fields) and all(f[0].base.kind in "iuf" for f in fields)
+
+
+def _has_fields(table: np.ndarray, expected: np.dtype | None) -> bool:
+    names = (expected.names or ()) if expected is not None else ()
+    return expected is None or all(
+        name in (table.dtype.names or ()) and table.dtype[name] == expected[name] for name in names
+    )
+
+
+class ChunkStore:
+    """Finished chunks of one sweep in one folder, in which one thread of one process writes while it has the `lock`.
+
+    Parameters
+    ----------
+    folder : path-like
+        Where the chunks stand; made by `open`.
+    identity : str
+        Digest of the sweep. Chunks of another sweep are never mixed in.
+    details : mapping of str to str, optional
+        What the digest was made from, in short (scheme, dt, versions ...): stored
+        beside it, and compared in the message when the identities differ.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> store = ChunkStore(tempfile.mkdtemp(), "3f2a").open()
+    >>> store.write("0", np.array([(0, 1.5), (2, np.nan)], [("status", "i1"), ("drift_max", "f8")]))
+    >>> store.completed(), store.read("0")["status"].tolist()
+    ({'0'}, [0, 2])
+    >>> store.discard()
+    """
+
+    def __init__(self, folder: str | os.PathLike[str], identity: str, details: Mapping[str, str] | None = None) -> None:
+        self.folder = expanded(folder)
+        self.identity = identity
+        self.details = {str(key): str(value) for key, value in (details or {}).items()}
+        self._entries: dict[str, dict[str, Any]] = {}
+
+    @property
+    def _manifest(self) -> Path:
+        return self.folder / MANIFEST
+
+    def path(self, key: str) -> Path:
+        """Return the file of a chunk.
+
+        Raises
+        ------
+        OutputError
+            The key can't be part of a file name.
+        """
+        if not _KEY.fullmatch(key):
+            msg = f"chunk key {key!r} must be 1 to 128 letters, digits, '_', '-' and '.', not beginning with '-' or '.'"
+            raise OutputError(msg)
+        return self.folder / f"chunk-{key}.npy"
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Keep other runs out of the folder while the context is open; what a killed run was writing is removed.
+
+        Raises
+        ------
+        OutputError
+            The folder is another sweep's or none of chunks, another process runs there, or it can't be used.
+        """
+        self._check()
+        with FolderLock(self.folder):
+            self._remove(p for p in self.folder.iterdir() if is_temporary(p.name))
+            yield
+
+    def open(self) -> ChunkStore:
+        """Make the folder ready: it is made where it is missing, and what is complete in it is kept.
+
+        Returns
+        -------
+        ChunkStore
+            Itself.
+
+        Raises
+        ------
+        OutputError
+            The folder is another sweep's or none of chunks, or it can't be used.
+        """
+        try:
+            if self._check():  # the run before may have been killed before the folder's name was lasting
+                sync_folder(self.folder.parent)
+                self._entries = self._lines()
+                return self
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._remove(path for path in self.folder.iterdir() if _own(path.name))  # of a sweep that finished nothing
+            text = json.dumps({"format": FORMAT, "identity": self.identity, "details": self.details}, indent=1)
+            with replacing(self.folder / IDENTITY, self.folder) as temporary:
+                temporary.write_text(text + "\n", encoding="utf-8")
+            sync_folder(self.folder.parent)
+            self._entries = {}
+        except OSError as error:
+            if isinstance(error, OutputError):
+                raise
+            msg = f"the chunk folder {str(self.folder)!r} can't be made or written ({error}); give another output path"
+            raise OutputError(msg) from error
+        return self
+
+    def _check(self) -> bool:
+        """Return whether the folder is this sweep's; False where it is missing, unused, or no chunk was finished."""
+        found = self._identity()
+        if found is None:
+            return False
+        if found.get("format") != FORMAT:
+            msg = (
+                f"the chunks in {str(self.folder)!r} have format {found.get('format')!r}, not {FORMAT}: another "
+                "version of pounding_sweep wrote them. Continue with that version, or remove the folder"
+            )
+            raise OutputError(msg)
+        if found.get("identity") != self.identity:
+            if not self._has_lines():
+                return False
+            there = found.get("details")
+            differing = differences(there if isinstance(there, dict) else {}, self.details)
+            what = f"they differ in {', '.join(differing)}; " if differing else ""
+            msg = (
+                f"the chunks in {str(self.folder)!r} belong to another sweep: {what}identity "
+                f"{str(found.get('identity'))[:12]!r} there, {self.identity[:12]!r} here. "
+                "Give another output path, go back to the sweep that began there, or remove the folder"
+            )
+            raise OutputError(msg)
+        return True
+
+    def _identity(self) -> dict[str, Any] | None:
+        """Read whose chunks stand in the folder; None where it is missing or unused."""
+        path, limit = self.folder / IDENTITY, time.monotonic() + PATIENCE
+        while True:
+            try:
+                found = parse_json(read_regular(path))
+                if not isinstance(found, dict):
+                    raise TypeError
+                return found
+            except FileNotFoundError:
+                others = self._others()
+                if not others:
+                    return None
+                if IDENTITY not in others:
+                    msg = (
+                        f"the folder {str(self.folder)!r} is not one of chunks: it has no {IDENTITY}, but "
+                        f"{', '.join(others[:3])}{' ...' if len(others) > 3 else ''}; give another output path"
+                    )
+                    raise OutputError(msg) from None
+                if time.monotonic() > limit:  # a link to nothing
+                    raise OutputError(self._damaged) from None
+                time.sleep(0.001)  # another run has begun there just now
+            except NotADirectoryError:
+                msg = f"{str(self.folder)!r} is not a folder; give another output path"
+                raise OutputError(msg) from None
+            except OSError as error:
+                raise OutputError(unreadable(self.folder, error)) from None
+            except (ValueError, TypeError):
+                raise OutputError(self._damaged) from None
+
+    def _has_lines(self) -> bool:
+        try:
+            return b"\n" in read_regular(self._manifest)
+        except FileNotFoundError:
+            return False
+        except OSError as error:
+            raise OutputError(unreadable(self.folder, error)) from None
+        except ValueError as error:
+            raise OutputError(_unfit(error)) from None
+
+    @property
+    def _damaged(self) -> str:
+        return f"{str(self.folder / IDENTITY)!r} is damaged; remove the folder and run the sweep again"
+
+    def _others(self) -> list[str]:
+        """Names in the folder that neither a run nor the file system made."""
+        try:
+            names = os.listdir(self.folder)
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise OutputError(unreadable(self.folder, error)) from None
+        return sorted(name for name in names if not (is_temporary(name) or _REMOVED.fullmatch(name) or name == LOCK))
+
+    def write(self, key: str, table: np.ndarray, **more: Any) -> None:
+        """Store a chunk; when this returns, it outlasts a power cut.
+
+        Parameters
+        ----------
+        key : str
+            Name of the chunk, the same in every run of the same sweep.
+        table : ndarray, shape (n,)
+            Structured: one row per scenario, one field of numbers (of any shape) per
+            variable; it is read back bit for bit.
+        **more
+            What else its line in the manifest is to say; see `told`.
+
+        Raises
+        ------
+        OutputError
+            The array is no such table.
+        WriteError
+            The disk is full or failed, or the folder is gone.
+        """
+        path = self.path(key)
+        if not _is_table(table):
+            msg = f"chunk {key!r}: an array of shape {table.shape} and type {table.dtype} is no table; give one row "
+            msg += "per scenario, with a named field of real numbers for each variable"
+            raise OutputError(msg)
+        try:
+            with replacing(path, self.folder) as temporary:
+                _save(temporary, table)
+                digest, size = _sha256(temporary), temporary.stat().st_size
+            line = {**more, "key": key, "file": path.name, "sha256": digest, "bytes": size, "rows": len(table)}
+            self._append(json.dumps(line, sort_keys=True))
+        except OSError as error:
+            raise WriteError(failure(f"writing chunk {key!r} to {str(self.folder)!r}", error)) from error
+        self._entries[key] = line
+
+    def expect(self, chunks: Mapping[str, Any]) -> None:
+        """Note of which chunks the sweep will consist, for who looks at an unfinished folder.
+
+        Parameters
+        ----------
+        chunks : mapping
+            Anything that JSON can hold; see `pounding_sweep.resume.survey`.
+
+        Raises
+        ------
+        WriteError
+            The disk is full or failed, or the folder is gone.
+        """
+        try:
+            with replacing(self.folder / EXPECTED, self.folder) as temporary:
+                temporary.write_text(json.dumps(chunks) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise WriteError(failure(f"writing to {str(self.folder)!r}", error)) from error
+
+    def _append(self, line: str) -> None:
+        new = not self._manifest.exists()
+        with open(open_own(self._manifest, os.O_RDWR | os.O_APPEND | os.O_CREAT), "ab+") as file:
+            end = file.seek(0, os.SEEK_END)
+            torn = False
+            if end:
+                file.seek(end - 1)
+                torn = file.read(1) != b"\n"
+            # A line that an interrupted run left half written is closed off, so that it spoils only itself.
+            file.write((b"\n" if torn else b"") + line.encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+        if new:
+            sync_folder(self.folder)
+
+    def _lines(self) -> dict[str, dict[str, Any]]:
+        """Read the manifest by key, later lines winning; a line that is no entry is passed over."""
+        try:
+            text = read_regular(self._manifest)
+        except (FileNotFoundError, NotADirectoryError):
+            return {}
+        except OSError as error:
+            raise OutputError(unreadable(self.folder, error)) from None
+        except ValueError as error:
+            raise OutputError(_unfit(error)) from None
+        entries: dict[str, dict[str, Any]] = {}
+        for line in text.split(b"\n"):
+            try:
+                entry = parse_json(line)
+                key, digest = entry["key"], entry["sha256"]
+            except (ValueError, TypeError, KeyError):
+                continue
+            if isinstance(key, str) and isinstance(digest, str) and _KEY.fullmatch(key):
+                entries[key] = entry
+        return entries
+
+    def completed(self) -> set[str]:
+        """Return the keys of the chunks that the manifest lists and whose file is there; raises `OutputError`."""
+        entries = self._lines()
+        self._entries.update(entries)  # not replaced, nor gone through: the thread that writes may add to it meanwhile
+        return {key for key in entries if self.path(key).is_file()}
+
+    def read(self, key: str, expected: np.dtype | None = None, rows: int | None = None) -> np.ndarray:
+        """Return a chunk, after a check that it is what was written.
+
+        Parameters
+        ----------
+        key : str
+            Its name.
+        expected : dtype, optional
+            Fields that it must have, of these types and shapes.
+        rows : int, optional
+            Rows that it must have.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            The table, mapped from its file: what is used of it is read.
+
+        Raises
+        ------
+        ChunkCorrupt
+            The file is not what was written.
+        OutputError
+            There is no such complete chunk.
+        """
+        path = self.path(key)
+        entry = self._entries.get(key)
+        if entry is None or not path.is_file():
+            what = "is not complete in" if entry is None else "was removed from"
+            raise OutputError(f"chunk {key!r} {what} {str(self.folder)!r}")
+        damaged = f"chunk {key!r} in {str(self.folder)!r} is damaged: "
+        try:
+            digest = _sha256(path)
+            if digest != entry["sha256"]:
+                msg = f"{damaged}its SHA-256 is {digest[:12]}..., it was written as {entry['sha256'][:12]}..."
+                raise ChunkCorrupt(msg)
+            table: np.ndarray = np.lib.format.open_memmap(path, mode="r")
+            if not _is_table(table) or rows not in (None, len(table)) or not _has_fields(table, expected):
+                raise ChunkCorrupt(f"{damaged}it is another table than it should be")
+            return table
+        except (OSError, ValueError) as error:
+            if isinstance(error, ChunkCorrupt):
+                raise
+            raise ChunkCorrupt(f"{damaged}{error}") from error
+
+    def told(self, key: str) -> Mapping[str, Any]:
+        """Return the line of a chunk in the manifest."""
+        return self._entries[key]
+
+    def size(self) -> int:
+        """Bytes of the chunks that are complete, whoever removes them meanwhile."""
+        total = 0
+        for key in self.completed():
+            with suppress(FileNotFoundError):
+                total += self.path(key).stat().st_size
+        return total
+
+    def forget(self, key: str) -> None:
+        """Remove a chunk, so that the next run makes it again; no error where it is not there."""
+        self.path(key).unlink(missing_ok=True)
+
+    def discard(self) -> None:
+        """Remove the store's own files, and the folder if nothing else is in it and it is no link.
+
+        Raises
+        ------
+        OutputError
+            The folder is not one of chunks, or a file can't be removed.
+        """
+        self._identity()  # raises where the folder is somebody else's
+        if not self.folder.is_dir():
+            return
+        own = [path for path in self.folder.iterdir() if _own(path.name)]
+        self._remove(sorted(own, key=lambda path: path.name != MANIFEST))  # first: what is left is not complete
+        sync_folder(self.folder)  # a power cut must not bring back chunks of a folder that says of no sweep it is
+        self._remove([self.folder / IDENTITY, self.folder / LOCK])
+        with suppress(OSError):  # somebody else's files are in it, or it is a link
+            self.folder.rmdir()
+
+    def _remove(self, paths: Iterable[Path]) -> None:
+        try:
+            for path in paths:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            msg = f"{error.filename!r} can't be removed ({error.strerror}); remove it by hand"
+            raise OutputError(msg) from error

@@ -1,0 +1,178 @@
+"""What is done and what is missing of a sweep that has not been finished.
+
+While a sweep runs, its folder says of which chunks each stage consists; held
+against the manifest, that tells what is missing. Which scenarios have to run
+is known only after the runs without pounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pounding_sweep.base.errors import OutputError
+from pounding_sweep.base.lock import Holder, running
+from pounding_sweep.base.regular import parse_json, read_regular
+from pounding_sweep.plan.chunks import Chunk
+from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, ChunkStore, unreadable
+from pounding_sweep.resume.identity import WHOLE
+
+if TYPE_CHECKING:
+    from pounding_sweep.plan.plan import Plan
+
+
+def listed(chunks: Sequence[Chunk]) -> list[list[Any]]:
+    """Return what a folder says of the chunks of a stage: key, law, record and number of scenarios of each."""
+    return [[chunk.key, chunk.law, chunk.record, len(chunk.rows)] for chunk in chunks]
+
+
+def expected(plan: Plan, stages: Mapping[str, list[list[Any]]]) -> dict[str, Any]:
+    """Return what `survey` wants to find in a folder: the chunks of each stage, with the names of what they run."""
+    return {
+        "title": plan.spec.title,
+        "asked": plan.n_asked,
+        "at_most": plan.n_unique,
+        "laws": [law.key for law in plan.laws],
+        "records": [record.name for record in plan.spec.records],
+        "stages": dict(stages),
+    }
+
+
+def stages_before(plan: Plan, folder: Path) -> dict[str, list[list[Any]]]:
+    """Return the stages that a run of the same plan left in its folder: those that a run comes to later stay known.
+
+    Nothing needs them but `survey`: where they can't be read, there are none.
+    """
+    try:
+        there = parse_json(read_regular(folder / EXPECTED))
+        if {**there, "stages": {}} != expected(plan, {}):
+            return {}
+        return {
+            str(stage): [[str(key), int(law), int(record), int(n)] for key, law, record, n in chunks]
+            for stage, chunks in there["stages"].items()
+        }
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        return {}
+
+
+@dataclass
+class Part:
+    """Chunks of one stage, law and record.
+
+    Attributes
+    ----------
+    stage, law, record : str
+        What they run.
+    chunks, scenarios : int
+        How many there are.
+    chunks_done, scenarios_done : int
+        How many of them are finished.
+    """
+
+    stage: str
+    law: str
+    record: str
+    chunks: int = 0
+    chunks_done: int = 0
+    scenarios: int = 0
+    scenarios_done: int = 0
+
+
+@dataclass
+class Survey:
+    """An unfinished sweep.
+
+    Attributes
+    ----------
+    folder : Path
+        Where its chunks stand.
+    details : dict of str to str
+        Digest of the sweep and of the package's source, its version, and those of numba and numpy.
+    title : str
+        Title of the sweep.
+    asked, at_most : int or None
+        Scenarios asked for, and those that may have to run; None where no run came as far as its first stage.
+    parts : list of Part
+        By stage, law and record, as far as planned.
+    planned : bool
+        Whether all chunks are known.
+    now : Holder or None
+        Who runs on it.
+    """
+
+    folder: Path
+    details: dict[str, str] = field(default_factory=dict)
+    title: str = ""
+    asked: int | None = None
+    at_most: int | None = None
+    parts: list[Part] = field(default_factory=list)
+    planned: bool = False
+    now: Holder | None = None
+
+
+def survey(folder: Path) -> Survey:
+    """Look at the folder of a sweep that is not finished; nothing is changed.
+
+    Parameters
+    ----------
+    folder : Path
+        ``OUT.nc.parts``.
+
+    Returns
+    -------
+    Survey
+        Chunks count as done when the manifest lists them and their file is there; the
+        files are not read.
+
+    Raises
+    ------
+    OutputError
+        The folder does not hold chunks, or what it says of itself is damaged.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> store = ChunkStore(folder, "3f2a", {"package": "0.1.0"}).open()
+    >>> found = survey(folder)
+    >>> found.details, found.asked, found.now
+    ({'package': '0.1.0'}, None, None)
+    """
+    try:
+        identity = parse_json(read_regular(folder / IDENTITY))
+        details = identity["details"]
+        found = Survey(folder, {key: str(details[key]) for key in WHOLE if key in details})
+        found.now = running(folder)
+        if (folder / EXPECTED).exists():
+            _count(found, parse_json(read_regular(folder / EXPECTED)))
+    except FileNotFoundError:
+        msg = f"{str(folder)!r} is no folder of finished chunks: it has no {IDENTITY}; give OUT.nc.parts of a run"
+        raise OutputError(msg) from None
+    except OutputError:
+        raise
+    except OSError as error:
+        raise OutputError(unreadable(folder, error)) from None
+    except (ValueError, TypeError, KeyError, AttributeError, IndexError, OverflowError) as error:
+        msg = f"what {str(folder)!r} says of itself can't be read ({error}); run the sweep again, or remove the folder"
+        raise OutputError(msg) from None
+    return found
+
+
+def _count(found: Survey, planned: dict[str, Any]) -> None:
+    """Hold what was planned against the manifest."""
+    done = ChunkStore(found.folder, "").completed()
+    found.title, found.asked, found.at_most = str(planned["title"]), int(planned["asked"]), int(planned["at_most"])
+    found.planned = "scenarios" in planned["stages"]
+    parts: dict[tuple[str, int, int], Part] = {}
+    for stage, chunks in planned["stages"].items():
+        for key, law, record, scenarios in chunks:
+            names = (str(stage), str(planned["laws"][law]), str(planned["records"][record]))
+            part = parts.setdefault((stage, law, record), Part(*names))
+            part.chunks += 1
+            part.scenarios += scenarios
+            if key in done:
+                part.chunks_done += 1
+                part.scenarios_done += scenarios
+    found.parts = [parts[key] for key in sorted(parts, key=lambda k: (list(planned["stages"]).index(k[0]), *k[1:]))]

@@ -1,0 +1,437 @@
+"""The audit: a sample of a sweep's own scenarios run again at half the step.
+
+A cube then carries the error of its own numbers, by measurement. The sample
+is drawn by a generator that the sweep's digest seeds, so that the same sweep
+has the same audit, whoever runs it and however often it was interrupted.
+
+Each group of lanes holds scenarios at half the step, and the same ones with gaps,
+contact stiffness and ground motion changed by `CHANGE`. Where such a change,
+below any engineering meaning, changes an output by more than the error looked for, the
+scenario is called sensitive; its error counts all the same. A scenario whose error is
+beyond what was asked is run once more, in double precision and at ever finer steps:
+that tells its error whatever the number format was. Only where these runs settle on no
+answer is it set apart, as undecided.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pounding_sweep.emit.spec import LANES
+from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.output.property_labels import row_coordinates
+from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
+from pounding_sweep.outputs.variables import STATUS, Status
+from pounding_sweep.plan.jobs import Job
+from pounding_sweep.plan.plan import REFINED
+from pounding_sweep.plan.scenarios import changed
+from pounding_sweep.run.dispatch import Dispatcher
+from pounding_sweep.run.refinement import in_double
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from pounding_sweep.output.results import Outcome
+    from pounding_sweep.plan.plan import Plan
+
+#: Scenarios of one lane group, which is run twice.
+GROUP = LANES // 2
+#: Steps of the audit in one step of the sweep.
+FINER = 2
+#: Steps that most scenarios end with, over those that they begin with, where they are refined for an accuracy.
+ENDS = 2
+#: Error of an ok scenario beyond which a warning is given, where the sweep asked for none.
+TOLERANCE = 0.05
+#: Share of the tolerance within which the runs agree that tell the error of a scenario beyond it.
+CONVERGED = 0.25
+#: Tasks that the sample is cut into, and most lane groups of one.
+BATCHES, LARGEST_BATCH = 8, 64
+#: How the flags are spelt in a cube.
+FLAGS = {
+    "audit_sensitive": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "steady sensitive"},
+    "audit_undecided": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "decided undecided"},
+}
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Scenarios of one law, record and step that are run again together.
+
+    Attributes
+    ----------
+    rows : ndarray of int
+        Rows of the plan's unique scenarios, a lane group at most.
+    law, record, steps, begun : int
+        Index of the law and the record, steps per record interval that the scenarios ended with in the sweep, and
+        those that they began with.
+    """
+
+    rows: np.ndarray
+    law: int
+    record: int
+    steps: int
+    begun: int
+
+    def cost(self, plan: Plan) -> int:
+        """Lane-steps that it takes; a group costs all its lanes, filled or not."""
+        times = FINER if plan.spec.accuracy is None else FINER * ENDS
+        return LANES * times * self.steps * (plan.spec.records[self.record].n_points - 1)
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Measured errors of a sample of scenarios.
+
+    Attributes
+    ----------
+    rows : ndarray of int, shape (n,)
+        Rows of the plan's unique scenarios, rising.
+    outputs : tuple of str
+        Outputs that have an error.
+    error, sensitivity : ndarray, shape (n, outputs)
+        Relative difference to half the step, and relative change by the perturbation.
+    status : ndarray of int, shape (n,)
+        How the scenario ended in the sweep.
+    sensitive : ndarray of bool, shape (n,)
+        Where the perturbation changes an output by more than the tolerance, or a number of impacts.
+    undecided : ndarray of bool, shape (n,)
+        Beyond the tolerance, and no step settles it in double precision.
+    touching : int
+        Touching scenarios of the sweep that the sample was drawn from.
+    share : float
+        Cost over that of the touching scenarios in the sweep, in lane-steps.
+    tolerance : float
+        Error that was asked for, or `TOLERANCE`.
+    """
+
+    rows: np.ndarray
+    outputs: tuple[str, ...]
+    error: np.ndarray
+    sensitivity: np.ndarray
+    status: np.ndarray
+    sensitive: np.ndarray
+    undecided: np.ndarray
+    touching: int
+    share: float
+    tolerance: float
+
+    @property
+    def exceeding(self) -> np.ndarray:
+        """Scenarios with status ok, not undecided, whose error is beyond the tolerance."""
+        return ~self.undecided & (self.status == Status.OK) & (self.error.max(axis=1) > self.tolerance)
+
+
+def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
+    """Rows of the unique scenarios that touched and have values.
+
+    A velocity jump has no contact that lasts, by which it would be known: all that might touch count.
+    """
+    if outcome.left_out is None:
+        return np.zeros(0, dtype=int)
+    valued = np.isin(outcome.results.status, [int(s) for s in STATUS if s.has_values])
+    impulsive = np.array([law.impulsive for law in plan.laws])[plan.unique.law]
+    touched = impulsive | outcome.results.touched
+    return np.flatnonzero(valued & touched & ~outcome.left_out)
+
+
+def sweep_cost(plan: Plan, rows: np.ndarray) -> int:
+    """Lane-steps of the scenarios `rows` in the sweep."""
+    points = np.array([record.n_points - 1 for record in plan.spec.records])
+    times = 1 if plan.spec.accuracy is None else REFINED
+    return int((times * plan.steps[rows] * points[plan.unique.record[rows]]).sum())
+
+
+def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
+    """Draw the groups of an audit.
+
+    Parameters
+    ----------
+    plan : Plan
+        The sweep.
+    rows : ndarray of int
+        Rows to draw from; of their cost, `plan.spec.audit` is the share that may be spent.
+
+    Returns
+    -------
+    list of Sample
+        Groups without a common row, drawn with probability proportional to the number of
+        scenarios, those left out that the rest of the budget can't pay; at least one where
+        there are rows, at most half the rows together.
+    """
+    if not len(rows) or plan.spec.audit <= 0.0:
+        return []
+    random = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16)))
+    table = plan.unique
+    columns = (table.record[rows], table.law[rows], plan.steps[rows])
+    kinds = np.ravel_multi_index(columns, [int(column.max()) + 1 for column in columns])
+    groups: list[Sample] = []
+    costs: list[int] = []
+    for kind in np.unique(kinds):
+        mine = random.permutation(rows[kinds == kind])
+        record, law, steps = int(table.record[mine[0]]), int(table.law[mine[0]]), int(plan.steps[mine[0]])
+        alike = [Sample(mine[i : i + GROUP], law, record, steps, steps) for i in range(0, len(mine), GROUP)]
+        groups += alike
+        costs += [alike[0].cost(plan)] * len(alike)
+    sizes = np.array([len(group.rows) for group in groups], dtype=float)
+    order = random.choice(len(groups), size=len(groups), replace=False, p=sizes / sizes.sum()).tolist()
+    left, budget = max(1, len(rows) // 2), plan.spec.audit * sweep_cost(plan, rows)
+    affordable = [index for index in order if costs[index] <= budget] or order[:1]
+    chosen: list[Sample] = []
+    for index in affordable:
+        if left and (not chosen or costs[index] <= budget):
+            group = groups[index]
+            chosen.append(replace(group, rows=np.sort(group.rows[:left])))
+            left -= len(chosen[-1].rows)
+            budget -= costs[index]
+    return chosen
+
+
+def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
+    """Run a sample of a sweep's scenarios again at half the step.
+
+    Parameters
+    ----------
+    plan : Plan
+        The sweep.
+    outcome : Outcome
+        Its results. The kernels are those that it compiled.
+    dispatcher : Dispatcher
+        Open; its workers run the sample.
+
+    Returns
+    -------
+    Audit or None
+        None where nothing touched, nothing has an error, or the sweep wants no audit.
+
+    Warns
+    -----
+    RuntimeWarning
+        An ok scenario's error is beyond what was asked for (5 % where nothing was), or the sample could not be run.
+    """
+    outputs = comparable(plan.spec.outputs)
+    rows = candidates(plan, outcome)
+    samples = draw(plan, rows) if outputs else []
+    if not samples:
+        return None
+    tolerance = TOLERANCE if plan.spec.accuracy is None else plan.spec.accuracy
+    share = sum(sample.cost(plan) for sample in samples) / sweep_cost(plan, rows)
+    where = np.sort(np.concatenate([sample.rows for sample in samples]))
+    own = outcome.results.take(where)
+    batches = _batches(_by_step(plan, where, own))
+    fine = _run(plan, batches, dispatcher, _halved_job(plan, outputs))
+    moved = None if fine is None else _run(plan, batches, dispatcher, _halved_job(plan, outputs, change=True))
+    if fine is None or moved is None:
+        return None
+    error = _table(relative_errors(outputs, own, fine))
+    sensitivity = _table(relative_errors(outputs, moved, fine))
+    sensitive = _counts_differ(moved, fine) | (sensitivity.max(axis=1) > tolerance)
+    undecided = np.zeros(len(where), bool)
+    again = np.flatnonzero((own["status"] == Status.OK) & (error.max(axis=1) > tolerance))
+    if len(again):
+        some = {name: values[again] for name, values in own.items()}
+        settled = _run(
+            plan, _batches(_by_step(plan, where[again], some)), dispatcher, _settling_job(plan, outputs, tolerance)
+        )
+        if settled is None:
+            return None
+        error[again] = _table(relative_errors(outputs, some, settled))
+        undecided[again] = settled["status"] != Status.OK
+    result = Audit(where, outputs, error, sensitivity, own["status"], sensitive, undecided, len(rows), share, tolerance)
+    _warn(plan, result)
+    return result
+
+
+def _by_step(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[Sample]:
+    """Put scenarios of one law and record together that began and ended with the same step."""
+    table = plan.unique[rows]
+    steps = plan.steps[rows]
+    if plan.spec.accuracy is not None:
+        interval = np.array([record.dt for record in plan.spec.records])[table.record]
+        steps = np.rint(interval / own["time_step"]).astype(int)
+    kinds = np.stack([table.law, table.record, steps, plan.steps[rows]])
+    samples = []
+    for kind in np.unique(kinds, axis=1).T:
+        alike = rows[(kinds == kind[:, None]).all(axis=0)]
+        samples += [Sample(alike[i : i + LANES], *kind.tolist()) for i in range(0, len(alike), LANES)]
+    return samples
+
+
+def _run(
+    plan: Plan, batches: list[list[Sample]], dispatcher: Dispatcher, job: Callable[[list[Sample], int], Job]
+) -> dict[str, np.ndarray] | None:
+    """Run batches; returns results in rising order of their rows, or None, with a warning, where one failed."""
+    measured: list[tuple[np.ndarray, np.ndarray]] = []
+    failures: list[str] = []
+
+    def take(position: int, found: np.ndarray | str) -> None:
+        if isinstance(found, str):
+            failures.append(found)
+        else:
+            measured.append((np.concatenate([sample.rows for sample in batches[position]]), found))
+
+    dispatcher.run(len(batches), lambda position: job(batches[position], position), take)
+    if failures:
+        warnings.warn(
+            f"the audit has no result: {failures[0]}. The cube has none; to have it audited again, run the sweep with "
+            "that cube as the one to extend (--extend OUT.nc --overwrite), which takes all else from it",
+            RuntimeWarning,
+            stacklevel=4,
+        )
+        return None
+    rows, tables = (np.concatenate(part) for part in zip(*measured, strict=True))
+    table = tables[np.argsort(rows)]
+    return {name: table[name] for name in table.dtype.names or ()}
+
+
+def _batches(samples: list[Sample]) -> list[list[Sample]]:
+    """Put samples of one law, record and step together: enough of them that a task is worth its while."""
+    kinds: dict[tuple[int, ...], list[Sample]] = {}
+    for sample in samples:
+        kinds.setdefault((sample.law, sample.record, sample.steps, sample.begun), []).append(sample)
+    size = min(LARGEST_BATCH, math.ceil(len(samples) / BATCHES))
+    return [alike[i : i + size] for alike in kinds.values() for i in range(0, len(alike), size)]
+
+
+def _halved_job(plan: Plan, outputs: Sequence[str], change: bool = False) -> Callable[[list[Sample], int], Job]:
+    """Return what makes the run of a batch at half of all its steps, as it is or with all inputs changed."""
+
+    def job(batch: list[Sample], position: int) -> Job:
+        sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
+        kernel = replace(_kernel_of(plan, sample), accuracy=None)
+        key = f"audit-{plan.digest[:32]}-{'changed' if change else 'halved'}-{position}"
+        scenarios = changed(table) if change else table
+        return Job(key, kernel, sample.record, scenarios, plan.variants[table.variant], tuple(outputs))
+
+    return job
+
+
+def _settling_job(plan: Plan, outputs: Sequence[str], tolerance: float) -> Callable[[list[Sample], int], Job]:
+    """Return what makes the run of a batch in double precision, at ever finer steps until they agree."""
+
+    def job(batch: list[Sample], position: int) -> Job:
+        sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
+        kernel = replace(in_double(_kernel_of(plan, sample)), accuracy=CONVERGED * tolerance)
+        key = f"audit-{plan.digest[:32]}-settled-{position}"
+        return Job(key, kernel, sample.record, table, plan.variants[table.variant], tuple(outputs))
+
+    return job
+
+
+def _kernel_of(plan: Plan, sample: Sample) -> RowKernel:
+    """Return the kernel of a sample at half the step that it ended with."""
+    finer = plan.numerics.finer * sample.steps / sample.begun
+    kernel = plan.kernel(sample.law, record=sample.record, steps=FINER * sample.steps)
+    return replace(kernel, numerics=replace(kernel.numerics, finer=FINER * finer))
+
+
+def _counts_differ(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> np.ndarray:
+    """Whether impacts were won or lost, where the sweep counts them."""
+    n = len(first["status"])
+    if "impact_count" not in first:
+        return np.zeros(n, bool)
+    return np.asarray((first["impact_count"] != second["impact_count"]).reshape(n, -1).any(axis=1))
+
+
+def _table(errors: dict[str, np.ndarray]) -> np.ndarray:
+    """One column per output."""
+    return np.stack(list(errors.values()), axis=1)
+
+
+def _warn(plan: Plan, found: Audit) -> None:
+    exceeding = found.exceeding
+    if not exceeding.any():
+        return
+    worst = np.where(exceeding[:, None], found.error, 0.0).max(axis=0)
+    output = int(np.argmax(worst))
+    asked = f"the {found.tolerance:g} asked for" if plan.spec.accuracy is not None else f"{found.tolerance:.0%}"
+    remedy = "ask for a smaller accuracy" if plan.spec.accuracy is not None else "use a smaller dt"
+    warnings.warn(
+        f"the audit of {len(found.rows)} scenarios found {int(exceeding.sum())} with status ok whose error is beyond "
+        f"{asked}, the worst {worst[output]:.2g} in {found.outputs[output]}; {remedy} (see audit_error in the cube)",
+        RuntimeWarning,
+        stacklevel=4,
+    )
+
+
+def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit) -> xr.Dataset:
+    """Put an audit into a cube: dimensions ``audit`` and ``output``, and attributes on every output.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        The cube of the plan.
+    plan : Plan
+        The sweep.
+    found : Audit
+        Its audit.
+
+    Returns
+    -------
+    xarray.Dataset
+        With ``audit_error``, ``audit_sensitivity`` (audit, output), ``audit_sensitive``,
+        ``audit_undecided`` and ``audit_status`` (audit), and coordinates that say which scenario each row is.
+    """
+    table = plan.unique[found.rows]
+    dt = np.array([record.dt for record in plan.spec.records])[table.record] / plan.steps[found.rows]
+    errors, rows = ("audit", "output"), ("audit",)
+    about_status = {key: cube["status"].attrs[key] for key in ("flag_values", "flag_meanings")}
+    data = {
+        "audit_error": (errors, found.error, "relative error, by the difference to half the time step", "1"),
+        "audit_sensitivity": (errors, found.sensitivity, f"relative change by a change of {CHANGE:g}", "1"),
+        "audit_sensitive": (
+            rows,
+            found.sensitive.astype(np.int8),
+            f"whether that is more than {found.tolerance:g}, or changes a number of impacts",
+            "1",
+        ),
+        "audit_undecided": (rows, found.undecided.astype(np.int8), "whether no step settles it", "1"),
+        "audit_status": (rows, found.status.astype(np.int8), "status of the scenario in the sweep", "1"),
+    }
+    names = np.array([law.key for law in plan.laws])
+    records = np.array([record.name for record in plan.spec.records])
+    laws = np.array(names[table.law].tolist(), dtype=np.str_)  # no wider than a file gives them back
+    coordinates = {
+        "audit": (rows, np.arange(1, len(found.rows) + 1, dtype=np.int32), "scenario run again", "1"),
+        "output": (("output",), np.array(found.outputs), "output whose error it is", ""),
+        "audit_law": (rows, laws, "contact law", ""),
+        "audit_record": (rows, np.array(records[table.record].tolist(), dtype=np.str_), "ground-motion record", ""),
+        "audit_scale": (rows, table.scale, "factor on the record", "1"),
+        "audit_stiffness": (rows, table.stiffness, "contact stiffness (kN/m**exponent of the law)", ""),
+        "audit_restitution": (rows, table.restitution, "nominal coefficient of restitution, 1 for laws without", "1"),
+        "audit_gap": ((*rows, "pair"), table.gaps, "gap of the pair", "m"),
+        "audit_time_step": (rows, dt, "time step in the sweep", "s"),
+    }
+    if len(plan.variants) > 1:
+        for name, (dims, values, about) in row_coordinates(plan.variants[table.variant], "audit", "audit_").items():
+            coordinates[name] = (dims, values, about["long_name"], about["units"])
+    import xarray as xr
+
+    from pounding_sweep.output.dataset import stored_as
+
+    def array(dims: tuple[str, ...], values: np.ndarray, long_name: str, units: str) -> xr.Variable:
+        stored = xr.Variable(dims, values, {"long_name": long_name, **({"units": units} if units else {})})
+        stored.encoding = stored_as("", stored, is_coordinate=True)
+        return stored
+
+    result = cube.assign({name: array(*item) for name, item in data.items()})
+    result = result.assign_coords({name: array(*item) for name, item in coordinates.items()})
+    for name, flags in FLAGS.items():
+        result[name].attrs |= flags
+    result["audit_status"].attrs |= about_status
+    decided = ~found.undecided
+    for i, name in enumerate(found.outputs):
+        if decided.any() and name in result:
+            result[name].attrs["audit_error_max"] = float(found.error[decided, i].max())
+            result[name].attrs["audit_error_median"] = float(np.median(found.error[decided, i]))
+    result.attrs["audit_scenarios"] = len(found.rows)
+    result.attrs["audit_touching"] = found.touching
+    result.attrs["audit_share"] = found.share
+    result.attrs["audit_perturbation"] = CHANGE
+    result.attrs["audit_undecided_share"] = float(found.undecided.mean())
+    return result

@@ -1,0 +1,111 @@
+"""Results of unique scenarios broadcast to all that were asked for, a slab at a time, in memory or into a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.output.dataset import as_read, frame, label
+from pounding_sweep.output.labels import global_attributes, scenario_axes
+from pounding_sweep.output.results import table_type
+from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
+from pounding_sweep.outputs.layout import inner_shape, mask_invalid
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from pounding_sweep.output.results import Outcome
+    from pounding_sweep.plan.plan import Plan
+    from pounding_sweep.run.audit import Audit
+    from pounding_sweep.run.execute import Progress
+
+
+def cube_in_memory(
+    plan: Plan, outcome: Outcome, found: Audit | None, progress: Progress, more: Mapping[str, Any]
+) -> xr.Dataset:
+    """Return the cube of a sweep and its audit, if there is one; `more` are further global attributes."""
+    axes, extra = scenario_axes(plan)
+    sizes = tuple(axis.size for axis in axes)
+    stored = table_type(outcome.results.names, plan.spec.scene)
+    data = {}
+    for name in outcome.results.names:
+        kind = as_read(name, np.zeros(0, stored[name].base)).dtype
+        data[name] = np.empty((*sizes, *stored[name].shape), kind)
+    for slab, values in _slabs(plan, outcome, sizes, (1,) * len(sizes), progress):
+        for name, array in data.items():
+            array[slab] = as_read(name, values[name])
+    attributes = {**global_attributes(plan, outcome), **more}
+    return _with_audit(label(plan.spec.scene, axes, data, attributes, extra), plan, found)
+
+
+def write_cube_of(
+    plan: Plan,
+    outcome: Outcome,
+    found: Audit | None,
+    path: Path,
+    progress: Progress,
+    more: Mapping[str, Any],
+    *,
+    overwrite: bool,
+    folder: Path,
+) -> None:
+    """Write the cube of a sweep and its audit, if there is one; no more than a slab of it is ever in memory.
+
+    Parameters
+    ----------
+    plan : Plan
+        The sweep.
+    outcome : Outcome
+        Its results.
+    found : Audit or None
+        Its audit.
+    path : Path
+        Where the cube is to stand.
+    progress : Progress
+        Is told of each slab.
+    more : mapping of str to object
+        Further global attributes.
+    overwrite : bool
+        Whether a file that is there may be replaced.
+    folder : Path
+        Where the unfinished file stands.
+
+    Raises
+    ------
+    OutputError
+        The file can't be written.
+    """
+    from pounding_sweep.output.netcdf import write_in_slabs
+
+    scene, names = plan.spec.scene, outcome.results.names
+    axes, extra = scenario_axes(plan)
+    cube = frame(scene, axes, names, {**global_attributes(plan, outcome), **more}, extra)
+    sizes = tuple(axis.size for axis in axes)
+    kept = [name for name in names if name in cube]
+    largest = max(table_type([name], scene).itemsize for name in kept)
+    block = block_shape(sizes, BLOCK_BYTES // largest)
+    blocks = {name: (*block, *inner_shape(name, scene)) for name in kept}
+    values = _slabs(plan, outcome, sizes, block, progress)
+    write_in_slabs(_with_audit(cube, plan, found), path, blocks, values, overwrite=overwrite, folder=folder)
+
+
+def _with_audit(cube: xr.Dataset, plan: Plan, found: Audit | None) -> xr.Dataset:
+    from pounding_sweep.run.audit import add_to_cube
+
+    return cube if found is None else add_to_cube(cube, plan, found)
+
+
+def _slabs(
+    plan: Plan, outcome: Outcome, sizes: tuple[int, ...], block: tuple[int, ...], progress: Progress
+) -> Iterator[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]]:
+    """Values of the cube as they are stored, in slabs of whole blocks; scenarios without values have none."""
+    row_of = plan.inverse.reshape(sizes)
+    each = table_type(outcome.results.names, plan.spec.scene).itemsize
+    for slab in slabs(sizes, slab_shape(sizes, block, SLAB_BYTES // each)):
+        rows = row_of[slab]
+        found = mask_invalid(outcome.results.take(rows.ravel()))
+        yield slab, {name: values.reshape(*rows.shape, *values.shape[1:]) for name, values in found.items()}
+        progress.advance(rows.size)

@@ -1,0 +1,202 @@
+"""What this installation runs on: versions, processor, kernel cache and record folders."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import secrets
+from functools import cache
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+from typing import Any
+
+from pounding_sweep.base.errors import InputError, OutputError
+from pounding_sweep.base.paths import expanded
+
+#: Name of the distribution.
+NAME = "pounding-sweep"
+#: Its extras that users install; the others are for its development.
+EXTRAS = ("records", "export")
+
+#: Register width (bits) by the processor feature that brings it, widest first.
+_WIDTHS = {"avx512f": 512, "avx": 256, "sse2": 128, "neon": 128}
+
+#: Variables of the environment that limit the threads of the libraries below.
+_THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def diagnose() -> dict[str, Any]:
+    """Look at the installation; changes nothing.
+
+    Returns
+    -------
+    dict
+        ``versions`` (distribution -> version or None), ``optional`` (distributions that only some extra
+        of the package needs -> that extra), ``processor`` (name, features,
+        vector width in bits, cores), ``threads`` (workers of a run, limits set in the
+        environment), ``memory`` (free bytes, and what keeps them from being more; None where
+        the system does not tell), ``kernel_cache`` (folder or None, kernels, bytes), ``record_folders``
+        (path, record files), ``output`` (the current folder, None where it was removed: whether it
+        can be written, free bytes), ``problems`` (texts with remedies).
+    """
+    versions, optional = installed_versions(), _optional()
+    problems = [
+        f"{name} is not installed; install the package: pip install ."
+        for name, found in versions.items()
+        if found is None
+    ]
+    cache = _cache(problems)
+    return {
+        "versions": versions | {name: None for name in optional if name not in versions},
+        "optional": optional,
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "processor": processor(),
+        "threads": _threads(),
+        "memory": _memory(),
+        "kernel_cache": cache,
+        "record_folders": _record_folders(problems),
+        "output": _output(problems),
+        "problems": problems,
+    }
+
+
+@cache
+def installed_versions() -> dict[str, str | None]:
+    """Return the versions of Python, the package and what it uses.
+
+    Returns
+    -------
+    dict of str to str or None
+        By distribution. None for one that is required and not installed; of the optional ones only those that are.
+    """
+    from pounding_sweep.output.provenance import LIBRARIES
+
+    needed, optional = {*_required(""), *LIBRARIES}, _optional()
+    versions: dict[str, str | None] = {"python": platform.python_version()}
+    for name in (NAME, *sorted(needed, key=str.lower), *optional):
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            if name not in optional:
+                versions[name] = None
+    return versions
+
+
+def _required(extra: str) -> list[str]:
+    """Return the distributions that the package, as it is installed, requires for an extra; "" for always."""
+    try:
+        lines = requires(NAME) or []
+    except PackageNotFoundError:
+        return []
+    found = []
+    for line in lines:
+        name = re.match(r"[\w.-]+", line)
+        marker = re.search(r"extra == ['\"](\w+)['\"]", line)
+        if name and (marker[1] if marker else "") == extra:
+            found.append(name[0])
+    return found
+
+
+def _optional() -> dict[str, str]:
+    """Return the distributions that only some extra needs, by name."""
+    always = _required("")
+    return {name: extra for extra in EXTRAS for name in sorted(_required(extra)) if name not in always}
+
+
+def processor() -> dict[str, Any]:
+    """Return name, features, vector width (bits) and cores of the processor."""
+    from llvmlite import binding
+
+    from pounding_sweep.emit.spec import LANES
+
+    features = sorted(name for name, present in binding.get_host_cpu_features().items() if present)
+    width = next((bits for name, bits in _WIDTHS.items() if name in features), None)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "name": binding.get_host_cpu_name(),
+        "vector_bits": width,
+        "lanes_per_kernel": LANES,
+        "cores_usable": cores,
+        "cores": os.cpu_count(),
+        "features": features,
+    }
+
+
+def _threads() -> dict[str, Any]:
+    from pounding_sweep.run.execute import check_scheduler
+
+    named = {name: os.environ[name] for name in _THREAD_LIMITS if name in os.environ}
+    return {"workers": check_scheduler("threads", None), "environment": named}
+
+
+def _memory() -> dict[str, Any]:
+    from pounding_sweep.base.memory import free_memory
+
+    found = free_memory()
+    return {"free_bytes": found and found.bytes, "limit": found and found.limit}
+
+
+def _output(problems: list[str]) -> dict[str, Any]:
+    from pounding_sweep.output.netcdf import check_output, free_space
+
+    try:
+        folder = Path.cwd()
+    except OSError:
+        problems.append("the current folder was removed; change to another one")
+        return {"folder": None, "writable": False, "free_bytes": None}
+    try:
+        check_output(folder / f"{secrets.token_hex(8)}.nc")
+    except OutputError:
+        problems.append(f"the current folder {str(folder)!r} can't be written; give runs an output path elsewhere")
+        return {"folder": str(folder), "writable": False, "free_bytes": None}
+    return {"folder": str(folder), "writable": True, "free_bytes": free_space(folder)}
+
+
+def _cache(problems: list[str]) -> dict[str, Any]:
+    from pounding_sweep.engine.cache import CACHE_VARIABLE, lasting_folder
+
+    try:
+        folder = lasting_folder()
+    except InputError as error:
+        problems.append(f"{CACHE_VARIABLE}: {error}")
+        return {"folder": None, "kernels": 0, "bytes": 0}
+    if folder is None:
+        problems.append(
+            "no home folder is known, so every run compiles its kernels anew; "
+            f"name a folder for them in {CACHE_VARIABLE}"
+        )
+        return {"folder": None, "kernels": 0, "bytes": 0}
+    files = [path for path in folder.rglob("pounding_kernel_*") if path.is_file()]
+    kernels = {path.name.partition(".")[0] for path in files if path.suffix == ".nbi" and ".run-" in path.name}
+    parent = next((path for path in (folder, *folder.parents) if path.exists()), Path())
+    if not (parent.is_dir() and os.access(parent, os.W_OK)):
+        problems.append(
+            f"the kernel cache {str(folder)!r} can't be written, so every run compiles its kernels anew; "
+            f"name another folder in {CACHE_VARIABLE}"
+        )
+    return {"folder": str(folder), "kernels": len(kernels), "bytes": sum(path.stat().st_size for path in files)}
+
+
+def _record_folders(problems: list[str]) -> list[dict[str, Any]]:
+    from pounding_sweep.records import RECORD_SUFFIXES, RECORDS_VARIABLE
+
+    found = []
+    for part in os.environ.get(RECORDS_VARIABLE, "").split(os.pathsep):
+        if not part.strip():
+            continue
+        try:
+            folder = expanded(part)
+        except InputError as error:
+            problems.append(f"{RECORDS_VARIABLE}: {error}")
+            continue
+        if not folder.is_dir():
+            problems.append(f"{str(folder)!r}, named in {RECORDS_VARIABLE}, is no folder; make it or mend the variable")
+            continue
+        try:
+            files = sum(path.suffix.lower() in RECORD_SUFFIXES for path in folder.iterdir())
+        except OSError as error:
+            problems.append(f"{str(folder)!r}, named in {RECORDS_VARIABLE}, can't be read ({error.strerror})")
+            continue
+        found.append({"folder": str(folder), "files": files})
+    return found

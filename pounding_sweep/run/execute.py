@@ -1,0 +1,284 @@
+"""Running a plan: kernels made ready, chunks fanned out by dask, results kept.
+
+Workers return tables; only this process writes. A chunk that fails costs its
+own scenarios (status ``not_run``), never the batch.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.model.variants import Variants
+from pounding_sweep.output.results import Outcome, Results, table_type, to_table
+from pounding_sweep.outputs.variables import Status, cube_variables
+from pounding_sweep.plan.chunks import Chunk
+from pounding_sweep.plan.jobs import Job
+from pounding_sweep.plan.plan import Plan, untouched
+from pounding_sweep.plan.scenarios import Scenarios
+from pounding_sweep.records import Record
+from pounding_sweep.resume.checkpoint import ChunkCorrupt, ChunkStore
+from pounding_sweep.resume.reuse_ledger import Taken
+from pounding_sweep.resume.survey import expected, listed, stages_before
+from pounding_sweep.run.async_writer import Saver
+from pounding_sweep.run.dispatch import Dispatcher
+from pounding_sweep.run.refinement import run_at_step, run_refined
+
+if TYPE_CHECKING:
+    from pounding_sweep.resume.extend import EarlierCube
+
+#: Names of the schedulers that start on this machine.
+SCHEDULERS = ("threads", "processes", "synchronous")
+
+
+@dataclass
+class Progress:
+    """What a display is told while a sweep runs; this one is silent.
+
+    ``stage`` names what goes on; ``advance`` counts scenarios.
+    """
+
+    def stage(self, name: str, total: int) -> None:
+        """Begin a stage of `total` steps."""
+
+    def advance(self, count: int) -> None:
+        """Count steps of the stage as done."""
+
+    def note(self, text: str) -> None:
+        """Hear of something that is worth a line in a log: workers that come and go."""
+
+    def close(self) -> None:
+        """End the display."""
+
+
+def run_chunk(
+    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
+) -> dict[str, np.ndarray] | str:
+    """Run the scenarios of one chunk; returns variables of shape (n, *inner), or what went wrong."""
+    try:
+        if kernel.accuracy is not None:
+            return run_refined(kernel, record, table, variants, outputs, kernel.accuracy)
+        return run_at_step(kernel, record, table, variants, outputs)
+    except Exception as error:  # reported with the chunk: a batch never dies of one scenario
+        return f"{type(error).__name__}: {error}"
+
+
+def run_table(
+    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
+) -> np.ndarray | str:
+    """Run the scenarios of one chunk; returns their table of results, or what went wrong."""
+    found = run_chunk(kernel, record, table, variants, outputs)
+    try:
+        return found if isinstance(found, str) else to_table(found, found, kernel.scene)
+    except MemoryError as error:  # as in `run_chunk`
+        return f"MemoryError: {error}"
+
+
+def check_scheduler(scheduler: str, workers: int | None) -> int:
+    """Return the number of workers; raise `InputError` for an unknown scheduler or no whole number of at least 1."""
+    if not isinstance(scheduler, str) or (scheduler not in SCHEDULERS and "://" not in scheduler):
+        msg = unknown("scheduler", scheduler, [*SCHEDULERS, "tcp://HOST:PORT"])
+        raise InputError(msg)
+    if re.match(r"(tcp|tls)://", scheduler) and not re.search(r":\d+/?$", scheduler):
+        msg = f"the address {scheduler!r} has no port; give one such as {scheduler.partition(':')[0]}://HOST:8786"
+        raise InputError(msg)
+    if workers is None:
+        return 1 if scheduler == "synchronous" else len(os.sched_getaffinity(0))
+    if not isinstance(workers, int | np.integer) or workers < 1:
+        msg = f"workers = {workers!r} must be a whole number, at least 1"
+        raise InputError(msg)
+    return int(workers)
+
+
+def dispatcher_for(
+    plan: Plan, scheduler: str = "threads", workers: int | None = None, progress: Progress | None = None
+) -> Dispatcher:
+    """Return the workers of a run; see `check_scheduler` for what is valid. `progress` hears of them."""
+    note = (progress or Progress()).note
+    return Dispatcher(scheduler, check_scheduler(scheduler, workers), plan.spec.records, run_table, note)
+
+
+def execute(
+    plan: Plan,
+    dispatcher: Dispatcher,
+    *,
+    store: ChunkStore | None = None,
+    progress: Progress | None = None,
+    earlier: EarlierCube | None = None,
+) -> Outcome:
+    """Run a plan and keep the results of its unique scenarios.
+
+    Parameters
+    ----------
+    plan : Plan
+        What to run.
+    dispatcher : Dispatcher
+        Open; see `dispatcher_for`.
+    store : ChunkStore, optional
+        Open store: completed chunks are read from it, new ones written to it.
+    progress : Progress, optional
+        Display; it is not closed.
+    earlier : EarlierCube, optional
+        The cube that `dispatcher` takes scenarios from.
+
+    Returns
+    -------
+    Outcome
+        Results that do not depend on scheduler, workers or what was resumed.
+    """
+    progress, taken = progress or Progress(), Taken(store, earlier)
+    outcome = _execute(plan, dispatcher, store, progress, taken)
+    outcome.taken, outcome.taken_from = taken.scenarios, taken.origin
+    if taken.origin is not None:
+        progress.note(f"{taken.scenarios} scenarios taken from {taken.origin['file']}")
+    if outcome.failures:
+        shown_failures = "; ".join(sorted(set(outcome.failures))[:3])
+        warnings.warn(
+            f"{len(outcome.failures)} chunks have no result (status not_run): {shown_failures}",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return outcome
+
+
+def _execute(plan: Plan, dispatcher: Dispatcher, store: ChunkStore | None, progress: Progress, taken: Taken) -> Outcome:
+    kernels = plan.kernels()
+    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels.values()))
+    progress.stage("kernels", len(shapes))
+    started = time.perf_counter()
+    compiled = dispatcher.prepare(shapes, progress.advance)
+    results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
+    results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
+    outcome = Outcome(results, compiled=compiled, compile_seconds=time.perf_counter() - started)
+    started = time.perf_counter()
+    if kernels:
+        with ExitStack() as contexts:
+            saver = None if store is None else contexts.enter_context(Saver(store, results))
+            before = {} if store is None else stages_before(plan, store.folder)
+            stages = _Stages(plan, outcome, store, saver, dispatcher, progress, taken, before)
+            stages.without_pounding()
+            stages.scenarios()
+    outcome.run_seconds = time.perf_counter() - started
+    return outcome
+
+
+#: (chunk, its table, what the rows of the table are known by)
+_Place = Callable[[Chunk, np.ndarray, np.ndarray], None]
+
+
+@dataclass
+class _Stages:
+    """The two stages of a run: the runs without pounding, and what may touch by them."""
+
+    plan: Plan
+    outcome: Outcome
+    store: ChunkStore | None
+    saver: Saver | None
+    dispatcher: Dispatcher
+    progress: Progress
+    taken: Taken
+    expected: dict[str, list[list[Any]]]
+
+    def without_pounding(self) -> None:
+        """Run each motion that is worth it, and find the scenarios that never touch: they are answered by it."""
+        plan, outcome, results = self.plan, self.outcome, self.outcome.results
+        contacts, n = plan.spec.scene.contacts, len(plan.motions)
+        last, wide = len(plan.laws) - 1, (*plan.outputs, "closing_max")
+        closing = np.full((n, len(contacts)), np.inf)
+        status, slot = np.full(n, int(Status.NOT_RUN), np.int8), np.full(n, -1)
+
+        def job(chunk: Chunk) -> Job:
+            kernel = plan.kernel(last, closing=True, record=chunk.record, steps=chunk.steps)
+            table = plan.motions[chunk.rows]
+            return Job(chunk.key, kernel, chunk.record, table, plan.variants[table.variant], wide)
+
+        def place(chunk: Chunk, table: np.ndarray, slots: np.ndarray) -> None:
+            status[chunk.rows], slot[chunk.rows] = table["status"], slots
+            ok = table["status"] == Status.OK
+            for j, contact in enumerate(contacts):
+                found = table["closing_max"][:, contact.pair, contact.storey - 1]
+                closing[chunk.rows, j] = np.where(ok, found, np.inf)
+
+        self._run("no pounding", plan.motion_chunks(), wide, job, place)
+        left_out = untouched(plan, closing) & ~plan.refused
+        outcome.left_out = left_out
+        outcome.untouched = int((left_out & ~plan.no_contact).sum())
+        rows = np.flatnonzero(left_out)
+        motion = plan.motion_of[rows]
+        results.answer(rows, slot[motion], status[motion], touched=False)
+
+    def scenarios(self) -> None:
+        """Run the scenarios that may touch."""
+        plan, outcome = self.plan, self.outcome
+        assert outcome.left_out is not None
+
+        def job(chunk: Chunk) -> Job:
+            kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
+            table = plan.unique[chunk.rows]
+            return Job(chunk.key, kernel, chunk.record, table, plan.variants[table.variant], plan.outputs)
+
+        def place(chunk: Chunk, table: np.ndarray, slots: np.ndarray) -> None:
+            touched = np.isfinite(table["steps_per_contact"])
+            outcome.results.answer(chunk.rows, slots, table["status"], touched)
+
+        chunks = plan.chunks(np.flatnonzero(~outcome.left_out & ~plan.refused))
+        self._run("scenarios", chunks, plan.outputs, job, place)
+
+    def _run(
+        self, stage: str, chunks: list[Chunk], outputs: Sequence[str], job: Callable[[Chunk], Job], place: _Place
+    ) -> None:
+        """Take up the chunks that are in the store, and run the others."""
+        outcome, results = self.outcome, self.outcome.results
+        if self.store is not None:
+            self.expected[stage] = listed(chunks)
+            self.store.expect(expected(self.plan, self.expected))
+        self.progress.stage(stage, sum(len(chunk.rows) for chunk in chunks))
+        done = self.store.completed() if self.store is not None else set()
+        fields = table_type(cube_variables(outputs), self.plan.spec.scene)
+        waiting = []
+        for chunk in chunks:
+            kept = self._kept(chunk, fields) if chunk.key in done else None
+            if self.store is None or kept is None:
+                waiting.append(chunk)
+                continue
+            place(chunk, kept, results.hold(kept, partial(self.store.read, chunk.key))[1])
+            outcome.reused += len(chunk.rows) - self.taken.kept(chunk.key)
+            self.progress.advance(len(chunk.rows))
+
+        def take(position: int, found: np.ndarray | str) -> None:
+            chunk = waiting[position]
+            failure = found if isinstance(found, str) else self.taken.lost(chunk.key)
+            if failure:
+                outcome.failures.append(failure)
+            if not isinstance(found, str):
+                index, slots = results.hold(found)
+                place(chunk, found, slots)
+                taken = self.taken.new(chunk.key)
+                if not failure:
+                    outcome.run += len(chunk.rows) - taken
+                if self.saver is not None and not failure:  # else the next run makes what is missing
+                    self.saver.save(chunk.key, found, index, **self.taken.line(taken))
+            self.progress.advance(len(chunk.rows))
+
+        self.dispatcher.run(len(waiting), lambda position: job(waiting[position]), take)
+
+    def _kept(self, chunk: Chunk, fields: np.dtype) -> np.ndarray | None:
+        """Return the table of a chunk that was finished before; None where it is damaged."""
+        assert self.store is not None
+        try:
+            return self.store.read(chunk.key, fields, len(chunk.rows))
+        except ChunkCorrupt as error:
+            self.store.forget(chunk.key)
+            warnings.warn(f"{error}; it is computed again", RuntimeWarning, stacklevel=2)
+            return None

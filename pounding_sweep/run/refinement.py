@@ -1,0 +1,174 @@
+"""Scenarios run at ever finer steps until a finer one changes nothing that was asked for.
+
+An accuracy is a promise about every scenario, and no rule that is known beforehand
+keeps it: a touch that only just happens, or a row of impacts that each magnify the
+last, multiplies the error of a step by whatever it likes. So each scenario is run at
+the step that was chosen for it and at half of it; what differs by more than was asked
+is run at half the step again, in double precision where single precision gains no
+more, and so on. The last difference is reported with the scenario, as its estimate of
+the error.
+
+What is done with a scenario follows from its own results alone, so it does not depend
+on the chunk that it is in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.model.variants import Variants
+from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
+from pounding_sweep.outputs.variables import SETTLED, Status
+from pounding_sweep.plan.scenarios import Scenarios, changed
+from pounding_sweep.records import Record
+from pounding_sweep.spec.step_counts import step_fault
+
+#: Halvings of a step after which single precision, and after which a scenario is given up, the first included.
+SINGLE_HALVINGS, MOST_HALVINGS = 3, 6
+#: Impacts of one floor beyond which a scenario is held to less than what was asked, in proportion: the more often
+#: floors meet, the likelier some graze each other by less than the error, and are counted or not.
+GRAZES = 16.0
+
+Values = dict[str, np.ndarray]
+
+
+def halved(kernel: RowKernel, record: Record) -> RowKernel:
+    """Return the kernel at half of all its steps."""
+    numerics = kernel.numerics
+    half = replace(numerics, dt=record.dt / (2 * numerics.steps(record)), finer=2.0 * numerics.finer)
+    return replace(kernel, numerics=half)
+
+
+def in_double(kernel: RowKernel) -> RowKernel:
+    """Return the kernel in double precision, at the same steps."""
+    return replace(kernel, numerics=replace(kernel.numerics, precision="float64"))
+
+
+def run_once(kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]) -> Values:
+    """Run scenarios at the kernel's step; returns variables of shape (n, *inner)."""
+    raw = kernel.run(
+        record,
+        scale=table.scale,
+        gaps=table.gaps,
+        stiffness=table.stiffness,
+        restitution=table.restitution,
+        variants=variants,
+    )
+    return variables_of(kernel, raw, outputs, record, variants)
+
+
+def _run_alike(
+    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
+) -> Values:
+    """`run_once`, those together that fly in equally long steps whatever is run beside them."""
+    if kernel.numerics.method != "exact" or not kernel.varied:
+        return run_once(kernel, record, table, variants, outputs)
+    glides = kernel.glides(record, variants)
+    parts = [np.flatnonzero(glides == each) for each in np.unique(glides)]
+    found = [run_once(kernel, record, table[rows], variants[rows], outputs) for rows in parts]
+    order = np.argsort(np.concatenate(parts), kind="stable")
+    return {name: np.concatenate([part[name] for part in found])[order] for name in found[0]}
+
+
+def differences(outputs: Sequence[str], coarse: Values, fine: Values) -> np.ndarray:
+    """Largest relative difference of an output between two runs, shape (n,); infinite where one has no values."""
+    found = relative_errors(outputs, coarse, fine)
+    worst = np.max(list(found.values()), axis=0, initial=0.0) if found else np.zeros(len(fine["status"]))
+    lost = (coarse["status"] == Status.DIVERGED) | (fine["status"] == Status.DIVERGED)
+    return np.where(lost, np.inf, worst)
+
+
+def amplification(
+    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str], found: Values
+) -> np.ndarray:
+    """How much more an output of what was `found` changes, relatively, than all inputs together, shape (n,)."""
+    moved = _run_alike(kernel, record, changed(table), variants, outputs)
+    return differences(comparable(outputs), moved, found) / CHANGE
+
+
+def run_refined(
+    kernel: RowKernel,
+    record: Record,
+    table: Scenarios,
+    variants: Variants,
+    outputs: Sequence[str],
+    accuracy: float,
+) -> Values:
+    """Run scenarios until half the step changes no output by more than `accuracy`.
+
+    Parameters
+    ----------
+    kernel : RowKernel
+        Scheme and first step.
+    record : Record
+        Ground motion.
+    table : Scenarios
+        n scenarios.
+    variants : Variants
+        Their building properties.
+    outputs : sequence of str
+        Variables asked for.
+    accuracy : float
+        Largest relative difference of an output.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Variables of shape (n, *inner), of the finer of the two runs that agree, with
+        ``error_estimate`` where asked for. Where none agreed before `MOST_HALVINGS`, those
+        of the finest run, with the status ``UNSETTLED``.
+    """
+    judged = comparable(outputs)
+    rows = np.arange(len(table))
+    coarse = _run_alike(kernel, record, table, variants, outputs)
+    result = {name: values.copy() for name, values in coarse.items()}
+    estimate, halvings = np.full(len(table), np.inf), 0
+    while len(rows) and halvings < MOST_HALVINGS and not step_fault(record, 2.0 * kernel.numerics.steps(record)):
+        kernel, halvings = halved(kernel, record), halvings + 1
+        if halvings > SINGLE_HALVINGS:
+            kernel = in_double(kernel)
+        fine = _run_alike(kernel, record, table[rows], variants[rows], outputs)
+        estimate[rows] = differences(judged, coarse, fine)
+        for name, values in fine.items():
+            result[name][rows] = values
+        if "amplification" in outputs:
+            moves = amplification(kernel, record, table[rows], variants[rows], outputs, fine)
+            result["amplification"][rows] = moves
+        rest = (estimate[rows] > accuracy / strictness(fine)) | (fine["status"] != Status.OK)
+        coarse, rows = {name: values[rest] for name, values in fine.items()}, rows[rest]
+    result["status"][(result["status"] == Status.OK) & ~(estimate <= accuracy)] = Status.UNSETTLED
+    result["error_estimate"] = estimate
+    return result
+
+
+def strictness(found: Values) -> np.ndarray:
+    """By how much scenarios whose impacts are counted are held to less than what was asked, shape (n,)."""
+    if "impact_count" not in found:
+        return np.ones(len(found["status"]))
+    most = found["impact_count"].reshape(len(found["status"]), -1).max(axis=1, initial=0)
+    return np.maximum(1.0, most / GRAZES)
+
+
+def run_at_step(
+    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
+) -> Values:
+    """Run scenarios at the kernel's step, and what else their outputs ask for; variables of shape (n, *inner).
+
+    A run at half the step tells the ``error_estimate``; a scenario of status ok whose estimate is
+    beyond `SETTLED` is ``UNSETTLED``. A run of changed inputs tells the ``amplification``.
+    """
+    result = run_once(kernel, record, table, variants, outputs)
+    if "amplification" in outputs:
+        result["amplification"] = amplification(kernel, record, table, variants, outputs, result)
+    if "error_estimate" not in outputs:
+        return result
+    fine = _run_alike(halved(kernel, record), record, table, variants, outputs)
+    estimate = differences(comparable(outputs), result, fine)
+    result["status"][(result["status"] == Status.OK) & ~(estimate <= SETTLED)] = Status.UNSETTLED
+    result["error_estimate"] = estimate
+    return result

@@ -1,0 +1,346 @@
+"""One scenario with full histories."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.base.errors import InputError, StabilityError
+from pounding_sweep.model.laws import Law, get_law, realised_restitution
+from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.output.dataset import assemble
+from pounding_sweep.outputs.differences import comparable
+from pounding_sweep.outputs.layout import scatter_contact, scatter_dof
+from pounding_sweep.outputs.variables import Status
+from pounding_sweep.records import Record, resolve_record
+from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.spec import contact_stiffness, scene_data
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from pounding_sweep.engine.row_kernel import RowKernel
+
+
+#: Outputs that no history is told with.
+NOT_OF_ONE = ("closing_max", "time_step", "error_estimate", "amplification")
+
+
+def simulate(
+    scene: Scene | str,
+    record: Record | str,
+    *,
+    law: str | Law = "none",
+    stiffness: float | None = None,
+    restitution: float | None = None,
+    method: str | None = None,
+    dt: float | None = None,
+    locate: bool = True,
+    initial_velocity: Sequence[Any] | None = None,
+    beta: float | None = None,
+    gamma: float | None = None,
+    force_unstable: bool = False,
+    restitution_basis: str = "published",
+    precision: str | None = None,
+    accuracy: float | None = None,
+) -> xr.Dataset:
+    """Run one scenario and return its histories.
+
+    Parameters
+    ----------
+    scene : Scene or str
+        The row (kN, t, m, s), or the name of a preset.
+    record : Record or str
+        Ground motion, or its name or file.
+    law : str or Law
+        Contact law.
+    stiffness : float, optional
+        Contact stiffness (kN/m**exponent); the scene's reference where not given.
+    restitution : float, optional
+        Coefficient of restitution; the scene's where not given.
+    method : {"rk4", "newmark", "exact"}, optional
+        Scheme; "rk4" by default, with `accuracy` the cheapest that reaches it.
+    dt : float, optional
+        Largest time step (s); 1e-3 by default, with `accuracy` the largest that reaches it.
+    locate : bool
+        Locate contacts and peaks inside the step.
+    initial_velocity : sequence, optional
+        Velocity (m/s) of the floors relative to the ground at the start: one
+        sequence (or number for all floors) per building, left to right.
+    beta, gamma : float, optional
+        Newmark's parameters.
+    force_unstable : bool
+        Run beyond the stability limit.
+    restitution_basis : {"published", "realised"}
+        Whether damping follows from the restitution by the law's published formula,
+        or so that two free masses rebound at exactly it.
+    precision : {"float64", "float32"}, optional
+        Number format of the kernel; "float64" by default, with `accuracy` the cheaper that reaches it.
+    accuracy : float, optional
+        Relative error asked for, 1e-6 to 1e-2, instead of a step.
+
+    Returns
+    -------
+    xarray.Dataset
+        On ``time`` (s): ``displacement``, ``velocity`` (m, m/s, relative to the
+        ground), ``acceleration`` (m/s2, total), ``ground_acceleration``,
+        ``contact_force`` (kN), ``penetration`` (m, zero while open), and energies
+        (kN m) ``input``, ``kinetic``, ``strain``, ``damping`` and ``transfer`` per
+        building and ``work`` per pair; beside them every variable of a cube. The attribute
+        ``scene`` holds the row as JSON.
+
+    Raises
+    ------
+    InputError
+        An argument is not valid.
+    StabilityError
+        The step is beyond the stability limit; the message gives the largest one.
+
+    Examples
+    --------
+    >>> import pounding_sweep as ps
+    >>> one = ps.simulate("mate2015", "el_centro", law="linear", stiffness=2e6)
+    >>> round(float(one.impact_force_max.max()) / 1e3, 1)
+    3.7
+    """
+    from pounding_sweep.emit.spec import history_slots
+    from pounding_sweep.engine.postprocess import variables_of
+    from pounding_sweep.engine.row_kernel import RowKernel
+    from pounding_sweep.outputs.variables import VARIABLES, reducers_for
+    from pounding_sweep.plan.plan import make_plan
+
+    motion = resolve_record(record)
+    found = get_law(law)
+    outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
+    spec = build_spec(
+        scene=scene,
+        records=motion,
+        laws=found.key,
+        stiffnesses=stiffness if found.has_contact else None,
+        restitutions=restitution if found.takes_restitution else None,
+        method=method,
+        dt=dt,
+        locate=locate,
+        beta=beta,
+        gamma=gamma,
+        force_unstable=force_unstable,
+        restitution_basis=restitution_basis,
+        precision=precision,
+        accuracy=accuracy,
+        outputs=outputs,
+    )
+    row = spec.scene
+    velocities = _velocities(row, initial_velocity)
+    k = contact_stiffness(row, found, stiffness=stiffness)
+    e = spec.restitutions[0]
+    plan = make_plan(spec, initial_speed=_approach(row, velocities))
+    numerics = replace(plan.numerics, dt=motion.dt / int(plan.steps[0]))
+    limit = float(plan.limit[0])
+    step = motion.dt / numerics.steps(motion)
+    if step > limit and not force_unstable:
+        scheme = numerics.method
+        stable = "the newmark scheme" if scheme != "newmark" else "beta >= (gamma + 0.5)^2 / 4, which has no limit,"
+        msg = (
+            f"the step {step:.6g} s is beyond the stability limit of {scheme} for this scene and contact stiffness; "
+            f"give dt <= {limit:.6g} s, {stable} or force_unstable=True"
+        )
+        raise StabilityError(msg)
+    kernel = RowKernel(
+        row,
+        found,
+        numerics,
+        reducers_for(outputs),
+        history=True,
+        initial_velocity=velocities,
+        basis=restitution_basis,
+    )
+
+    def run(kernel: RowKernel) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        n_steps = (motion.n_points - 1) * kernel.numerics.steps(motion)
+        history = np.zeros((n_steps + 1, max(1, history_slots(kernel.shape).size)))
+        gaps = np.array([row.gaps], dtype=float).reshape(1, -1)
+        alone = np.ones(1)
+        raw = kernel.run(motion, scale=alone, gaps=gaps, stiffness=k * alone, restitution=e * alone, history=history)
+        return variables_of(kernel, raw, outputs, motion), history
+
+    variables, history = run(kernel)
+    if spec.accuracy is not None:
+        kernel, variables, history = _refined(kernel, motion, run, variables, spec.accuracy)
+    numerics, n_steps = kernel.numerics, len(history) - 1
+    step = motion.dt / numerics.steps(motion)
+    values = {name: v[0] for name, v in variables.items()}
+    realised = realised_restitution(found, e, restitution_basis)
+    attributes = {
+        "title": spec.title or f"{motion.name}: {found.title}",
+        "law": found.key,
+        "stiffness": k,
+        "restitution": e if found.takes_restitution else "none",
+        "restitution_realised": float(realised) if found.has_contact else "none",
+        "restitution_basis": restitution_basis,
+        "record": motion.name,
+        "method": numerics.method,
+        "precision": numerics.precision,
+        "time_step": step,
+        "located": spec.locate,
+        "unit_system": "kN, t, m, s",
+        "scene": json.dumps(scene_data(row), sort_keys=True, separators=(",", ":"), allow_nan=False),
+    }
+    if spec.accuracy is not None:
+        attributes |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
+    extra = {"pair_gap": (("pair",), row.gaps, {"units": "m", "long_name": "gap of the pair"})} if row.gaps else None
+    dataset = assemble(row, [], values, attributes, extra)
+    if int(values["status"]) != Status.DIVERGED:
+        dataset = dataset.assign(_histories(kernel, history, motion, n_steps))
+    return dataset
+
+
+def _refined(
+    kernel: RowKernel,
+    motion: Record,
+    run: Callable[[RowKernel], tuple[dict[str, np.ndarray], np.ndarray]],
+    coarse: dict[str, np.ndarray],
+    accuracy: float,
+) -> tuple[RowKernel, dict[str, np.ndarray], np.ndarray]:
+    """Halve the step until that changes no output by more than `accuracy`; see `pounding_sweep.run.refinement`."""
+    from pounding_sweep.run.refinement import (
+        MOST_HALVINGS,
+        SINGLE_HALVINGS,
+        differences,
+        halved,
+        in_double,
+        strictness,
+    )
+
+    for halving in range(MOST_HALVINGS):
+        kernel = halved(kernel if halving < SINGLE_HALVINGS else in_double(kernel), motion)
+        fine, history = run(kernel)
+        estimate = differences(comparable(fine), coarse, fine)
+        if estimate[0] <= accuracy / strictness(fine)[0] and fine["status"][0] == Status.OK:
+            return kernel, fine, history
+        coarse = fine
+    settled = (estimate <= accuracy) | (fine["status"] != Status.OK)
+    fine["status"] = np.where(settled, fine["status"], Status.UNSETTLED)
+    return kernel, fine, history
+
+
+def _velocities(scene: Scene, given: Sequence[Any] | None) -> tuple[float, ...] | None:
+    if given is None:
+        return None
+    buildings = scene.buildings
+    if len(given) != len(buildings):
+        msg = f"initial_velocity has {len(given)} entries for {len(buildings)} buildings; give one per building (m/s)"
+        raise InputError(msg)
+    result: list[float] = []
+    for building, values in zip(buildings, given, strict=True):
+        floors = np.asarray(values, dtype=float)
+        if floors.ndim == 0:
+            floors = np.full(building.n_storeys, float(floors))
+        if floors.shape != (building.n_storeys,) or not np.isfinite(floors).all():
+            msg = (
+                f"initial_velocity of building {building.name!r} is {values!r}; "
+                f"give {building.n_storeys} finite numbers (m/s), bottom first"
+            )
+            raise InputError(msg)
+        result += [float(v) for v in floors]
+    return tuple(result)
+
+
+def _approach(scene: Scene, velocities: tuple[float, ...] | None) -> float:
+    """Largest speed (m/s) at which floors that can meet approach each other at the start."""
+    if velocities is None:
+        return 0.0
+    at = (*velocities, 0.0)  # a wall has the index -1
+    return max([0.0, *(at[contact.left] - at[contact.right] for contact in scene.contacts)])
+
+
+def _building_sum(values: np.ndarray, scene: Scene) -> np.ndarray:
+    return np.add.reduceat(values, np.array(scene.offsets[:-1]), axis=1)
+
+
+def _below(values: np.ndarray, buildings: Sequence[Building]) -> np.ndarray:
+    """Difference to the floor below (the ground, at rest, for the lowest)."""
+    result = values.copy()
+    first = 0
+    for b in buildings:
+        result[:, first + 1 : first + b.n_storeys] -= values[:, first : first + b.n_storeys - 1]
+        first += b.n_storeys
+    return result
+
+
+def _histories(kernel: Any, history: np.ndarray, motion: Record, n_steps: int) -> dict[str, Any]:
+    import xarray as xr
+
+    from pounding_sweep.emit.spec import history_slots
+
+    scene = kernel.scene
+    slots = history_slots(kernel.shape)
+
+    def part(name: str) -> np.ndarray:
+        return history[:, slots.first[name] : slots.first[name] + slots.count[name]]
+
+    time = np.linspace(0.0, motion.duration, n_steps + 1) if n_steps else np.zeros(1)
+    ground = np.interp(time, motion.time, motion.acceleration)
+    buildings = scene.buildings
+    masses = np.concatenate([b.masses for b in buildings])
+    stiffnesses = np.concatenate([b.stiffnesses for b in buildings])
+    owner = np.repeat(np.arange(len(buildings)), [b.n_storeys for b in buildings])
+    alpha = np.array([b.rayleigh[0] for b in buildings])[owner]
+    beta = np.array([b.rayleigh[1] for b in buildings])[owner]
+    u, v = part("u"), part("v")
+    n_contacts = len(scene.contacts)
+    force = part("force") if "force" in slots.first else np.zeros((n_steps + 1, n_contacts))
+    gap = np.array([scene.gaps[c.pair] for c in scene.contacts])
+    penetration = np.zeros((n_steps + 1, n_contacts))
+    on_floor = -alpha * masses * v
+    storey = stiffnesses * (_below(u, buildings) + beta * _below(v, buildings))
+    on_floor -= storey
+    for b, first in zip(buildings, scene.offsets[:-1], strict=True):
+        on_floor[:, first : first + b.n_storeys - 1] += storey[:, first + 1 : first + b.n_storeys]
+    for j, c in enumerate(scene.contacts):
+        closing = np.zeros(n_steps + 1)
+        if c.left >= 0:
+            closing += u[:, c.left]
+            on_floor[:, c.left] -= force[:, j]
+        if c.right >= 0:
+            closing -= u[:, c.right]
+            on_floor[:, c.right] += force[:, j]
+        penetration[:, j] = np.maximum(closing - gap[j], 0.0)
+    kinetic = _building_sum(0.5 * masses * v**2, scene)
+    strain = _building_sum(0.5 * stiffnesses * _below(u, buildings) ** 2, scene)
+    taken, damping = part("e_in"), part("e_damp")
+    axis = ("time",)
+    floors, pairs = (*axis, "building", "storey"), (*axis, "pair", "storey")
+    variables: dict[str, Any] = {
+        "displacement": (floors, scatter_dof(u, scene), "m", "floor displacement relative to the ground"),
+        "velocity": (floors, scatter_dof(v, scene), "m s-1", "floor velocity relative to the ground"),
+        "acceleration": (floors, scatter_dof(on_floor / masses, scene), "m s-2", "total floor acceleration"),
+        "ground_acceleration": (axis, ground, "m s-2", "ground acceleration"),
+        "input": ((*axis, "building"), taken, "kN m", "input energy"),
+        "damping": ((*axis, "building"), damping, "kN m", "energy dissipated by structural damping"),
+        "kinetic": ((*axis, "building"), kinetic, "kN m", "kinetic energy"),
+        "strain": ((*axis, "building"), strain, "kN m", "strain energy"),
+        "transfer": (
+            (*axis, "building"),
+            taken - damping - strain - (kinetic - kinetic[0]),
+            "kN m",
+            "transferred energy: input - kinetic - damping - strain since the start",
+        ),
+    }
+    if scene.pair_names:
+        variables["contact_force"] = (pairs, scatter_contact(force, scene), "kN", "contact force, pressing positive")
+        variables["penetration"] = (pairs, scatter_contact(penetration, scene), "m", "penetration, zero while open")
+        work = np.zeros((n_steps + 1, len(scene.pair_names)))
+        if "work" in slots.first:
+            for j, c in enumerate(scene.contacts):
+                work[:, c.pair] += part("work")[:, j]
+        variables["work"] = ((*axis, "pair"), work, "kN m", "work of the contacts: what they took in")
+    result: dict[str, Any] = {
+        "time": xr.DataArray(time, dims=axis, attrs={"units": "s", "long_name": "time", "axis": "T"})
+    }
+    for name, (dims, values, units, long_name) in variables.items():
+        result[name] = xr.DataArray(values, dims=dims, attrs={"units": units, "long_name": long_name})
+    return result

@@ -1,0 +1,319 @@
+"""The sweep as users meet it: describe, plan, run."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pounding_sweep.base.errors import OutputError, RunError, SweepError, WriteError
+from pounding_sweep.output.source import package_digest
+from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.spec import SweepSpec
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from pounding_sweep.model.scene import Scene
+    from pounding_sweep.output.results import Outcome
+    from pounding_sweep.plan.plan import Plan
+    from pounding_sweep.records import Record
+    from pounding_sweep.records.catalogue import Folders
+    from pounding_sweep.resume.checkpoint import ChunkStore
+    from pounding_sweep.run.audit import Audit
+    from pounding_sweep.run.execute import Progress
+
+
+class Sweep:
+    """A parametric sweep of one row of buildings.
+
+    Every combination of the axes is one scenario; see `pounding_sweep.spec.build.build_spec`
+    for all arguments and their units (kN, t, m, s).
+
+    Parameters
+    ----------
+    scene : Scene or str
+        The row, or the name of a preset.
+    records : Record, str, path, or several
+        Ground motions.
+    laws : str, Law, or several
+        Contact laws.
+    gaps, stiffnesses, stiffness_factors, restitutions, scales : float or several, optional
+        Axes (m; kN/m**exponent; dimensionless).
+    period_factors, mass_factors : mapping of str to float or several, optional
+        Axes of factors on all periods, or all masses, of a building, by its name.
+    damping_ratios : float or several, optional
+        Axis of damping ratios of all buildings.
+    **settings
+        ``cases``, ``method``, ``dt``, ``accuracy``, ``locate``, ``outputs``, ``beta``, ``gamma``,
+        ``precision``, ``restitution_basis``, ``audit``, ``force_unstable``, ``title``, ``folders``, ``base``,
+        ``skip_missing_records``.
+
+    Raises
+    ------
+    SweepError
+        Something is not valid; ``problems`` lists every fault.
+
+    Examples
+    --------
+    >>> import pounding_sweep as ps
+    >>> sweep = ps.Sweep("mate2015", records="el_centro", laws=["linear", "none"], gaps=[0.01, 0.02])
+    >>> sweep.plan().n_asked
+    4
+    """
+
+    def __init__(
+        self,
+        scene: Scene | str,
+        records: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
+        laws: Any = None,
+        *,
+        gaps: Any = None,
+        stiffnesses: Any = None,
+        stiffness_factors: Any = None,
+        restitutions: Any = None,
+        scales: Any = None,
+        period_factors: Any = None,
+        mass_factors: Any = None,
+        damping_ratios: Any = None,
+        **settings: Any,
+    ) -> None:
+        self.spec: SweepSpec = build_spec(
+            scene=scene,
+            records=records,
+            laws=laws,
+            gaps=gaps,
+            stiffnesses=stiffnesses,
+            stiffness_factors=stiffness_factors,
+            restitutions=restitutions,
+            scales=scales,
+            period_factors=period_factors,
+            mass_factors=mass_factors,
+            damping_ratios=damping_ratios,
+            **settings,
+        )
+        self.last_outcome: Outcome | None = None
+        self.last_audit: Audit | None = None
+
+    @classmethod
+    def from_spec(cls, spec: SweepSpec) -> Sweep:
+        """Return the sweep of a description that is already checked."""
+        sweep = cls.__new__(cls)
+        sweep.spec = spec
+        sweep.last_outcome = None
+        sweep.last_audit = None
+        return sweep
+
+    def __repr__(self) -> str:
+        names = " x ".join(f"{len(v)} {k}" for k, v in self.spec.axes.items()) or f"{self.spec.n_scenarios} cases"
+        how = f"dt = {self.spec.dt} s" if self.spec.accuracy is None else f"accuracy {self.spec.accuracy:g}"
+        return f"Sweep({names}: {self.spec.n_scenarios} scenarios, {self.spec.method or 'any method'}, {how})"
+
+    def plan(self) -> Plan:
+        """Return what would be run; nothing is.
+
+        Raises
+        ------
+        SweepError
+            The plan does not fit into the memory that is free.
+        """
+        from pounding_sweep.plan.plan import PLAN_BYTES, make_plan
+
+        _check_memory(self.spec.n_scenarios, PLAN_BYTES, "planning", "take fewer values on an axis")
+        return make_plan(self.spec)
+
+    def run(
+        self,
+        out: str | os.PathLike[str] | None = None,
+        *,
+        scheduler: str = "threads",
+        workers: int | None = None,
+        overwrite: bool = False,
+        progress: Progress | None = None,
+        extend: str | os.PathLike[str] | None = None,
+    ) -> xr.Dataset:
+        """Run the sweep.
+
+        Parameters
+        ----------
+        out : path, optional
+            netCDF file for the cube; None keeps it in memory. Finished chunks wait in
+            ``OUT.parts`` until the cube is written, and an interrupted run continues there;
+            no more than a few chunks are in memory at a time. ``OUT.log`` tells what ran.
+        scheduler : str
+            "threads", "processes", "synchronous", or the address of a dask scheduler.
+        workers : int, optional
+            Threads or processes; one per core by default.
+        overwrite : bool
+            Whether a file `out` may be replaced.
+        progress : Progress, optional
+            Display.
+        extend : path, optional
+            Cube of the same scene, numerics and outputs, over other values of the axes or of other
+            listed cases: scenarios that it holds are taken from it, and the cube is the one that
+            running all of them gives. It may be `out` itself, with `overwrite`. The attribute
+            ``extended_from`` says how many, and what that cube says of itself.
+
+        Returns
+        -------
+        xarray.Dataset
+            The cube: in memory, or opened from `out` so that values are read where they are used.
+
+        Raises
+        ------
+        InputError
+            Unknown scheduler; the cube `extend` is of another scene, numerics or outputs, or made by other versions.
+        SweepError
+            The cube does not fit into memory, without `out`.
+        OutputError
+            The file can't be written, exists, does not fit on the disk, belongs to another
+            sweep, or another process is making it.
+        WriteError
+            The disk is full or failed, or the folder was removed; what is finished is kept.
+        RunError
+            No scenario has a result, and a file `out` is there: it stays.
+        ClusterError
+            The dask cluster can't be reached, is gone, or has no workers that can take part.
+
+        Notes
+        -----
+        Several sweeps may run at once, in threads of one process, and the values of their cubes be read meanwhile. The
+        netCDF library is not made for threads: who opens or reads a file by other means than this package, such as
+        ``xarray.open_dataset``, or closes one, while a sweep may be writing, does so holding
+        ``pounding_sweep.output.netcdf.NETCDF_LOCK``, else the process may crash. Nothing that dask computes in threads
+        may be waited for meanwhile: they would wait for the lock.
+        """
+        from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
+        from pounding_sweep.output.netcdf import check_output, open_cube
+        from pounding_sweep.resume.checkpoint import ChunkStore, parts_folder
+        from pounding_sweep.resume.extend import EarlierCube
+        from pounding_sweep.resume.identity import identity_of
+        from pounding_sweep.resume.reuse_ledger import extension_attributes
+        from pounding_sweep.run.audit import audit
+        from pounding_sweep.run.cube_writer import cube_in_memory, write_cube_of
+        from pounding_sweep.run.dispatch import ExtendingDispatcher
+        from pounding_sweep.run.execute import Progress, check_scheduler, dispatcher_for, execute
+        from pounding_sweep.run.log import RunLog
+
+        n_workers = check_scheduler(scheduler, workers)
+        target = check_output(out, overwrite) if out is not None else None
+        plan = self.plan()
+        progress = progress or Progress()
+        more: dict[str, Any] = {SOURCE_ATTRIBUTE: package_digest()}
+        earlier = None
+        if extend is not None:
+            earlier = EarlierCube(extend, plan, more[SOURCE_ATTRIBUTE], None if target is None else target.parent)
+        store = log = None
+        with ExitStack() as contexts:
+            if target is None:
+                _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
+            else:
+                store = ChunkStore(parts_folder(target), *identity_of(plan))
+                contexts.enter_context(store.lock())
+                check_output(target, overwrite)  # a run that ended just now may have made it
+                _check_disks(plan, target, store)
+                store.open()
+                progress = log = contexts.enter_context(RunLog(Path(f"{target}.log"), progress))
+                log.begin(plan, scheduler, n_workers)
+            try:
+                with dispatcher_for(plan, scheduler, workers, progress) as dispatcher:
+                    runs = dispatcher if earlier is None else ExtendingDispatcher(dispatcher, earlier)
+                    outcome = self.last_outcome = execute(plan, runs, store=store, progress=progress, earlier=earlier)
+                    if target is not None and target.exists():
+                        _check_results(outcome, target)
+                    if outcome.taken_from is not None:
+                        more |= extension_attributes(outcome.taken_from, outcome.taken)
+                    progress.stage("audit", 0)
+                    self.last_audit = audit(plan, outcome, dispatcher)
+                progress.stage("cube", plan.n_asked)
+                if target is None or store is None:
+                    cube = cube_in_memory(plan, outcome, self.last_audit, progress, more)
+                else:
+                    write_cube_of(
+                        plan, outcome, self.last_audit, target, progress, more, overwrite=overwrite, folder=store.folder
+                    )
+                    cube = open_cube(target)
+            except OSError as error:
+                if store is None or store.folder.is_dir():
+                    raise
+                msg = f"the folder {str(store.folder)!r} was removed or moved during the run; run again, and leave it"
+                raise WriteError(msg) from error
+            finally:
+                progress.close()
+            outcome.results.let_go()
+            if log is not None and target is not None:
+                log.result(outcome, target)
+            if store is not None and not outcome.failures:
+                try:
+                    store.discard()
+                except OutputError as error:
+                    msg = f"the cube {str(target)!r} is complete, but not all of its chunks are removed: {error}"
+                    warnings.warn(msg, RuntimeWarning, stacklevel=2)
+        return cube
+
+
+def _check_disks(plan: Plan, target: Path, store: ChunkStore) -> None:
+    """Raise `OutputError` where the cube or its chunks, which may be on another disk, find no room."""
+    from pounding_sweep.output.netcdf import check_space
+
+    cube, chunks = plan.n_asked * plan.bytes_per_scenario, plan.n_unique * plan.bytes_per_scenario - store.size()
+    what = f"the cube of {plan.n_asked:,} scenarios"
+    if target.parent.stat().st_dev == store.folder.stat().st_dev:
+        check_space(target.parent, cube + chunks, f"{what}, with its chunks,")
+    else:
+        check_space(target.parent, cube, what)
+        check_space(store.folder, chunks, f"the folder of chunks of {plan.n_asked:,} scenarios")
+
+
+def _check_results(outcome: Outcome, target: Path) -> None:
+    """Raise `RunError` where a cube without any result would replace the file `target`."""
+    from pounding_sweep.outputs.variables import Status
+
+    status = outcome.results.status
+    if outcome.failures and ((status == Status.NOT_RUN) | (status == Status.BEYOND_STABILITY_LIMIT)).all():
+        msg = (
+            f"no scenario has a result, all {len(outcome.failures)} chunks failed ({outcome.failures[0]}): "
+            f"{str(target)!r} stays as it was; see to what failed and run again"
+        )
+        raise RunError(msg)
+
+
+def _check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
+    """Raise `SweepError` where `scenarios` times `each` bytes are more than this process may still take."""
+    from pounding_sweep.base.memory import free_memory
+    from pounding_sweep.base.tables import bytes_text
+
+    free = free_memory()
+    if free is not None and scenarios * each > free.bytes:
+        msg = (
+            f"{what} {scenarios:,} scenarios needs about {bytes_text(scenarios * each)} of memory, "
+            f"{bytes_text(free.bytes)} are free ({free.limit}); {remedy}, make several sweeps of it, "
+            "or go where more is free"
+        )
+        raise SweepError(msg)
+
+
+def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = False, folders: Folders = None) -> Sweep:
+    """Read a sweep file (TOML).
+
+    Parameters
+    ----------
+    path : path
+        The file; relative paths of records in it start from its folder.
+    skip_missing_records : bool
+        Go on without the records that are not found, with a warning for each, as long
+        as one is left; the cube's attribute ``records_left_out`` names them.
+    folders : path or several, optional
+        Where records are looked for by name; by default in the folders of ``POUNDING_SWEEP_RECORDS``.
+
+    Raises
+    ------
+    SweepError
+        Something in the file is not valid; every fault is reported with its line.
+    """
+    from pounding_sweep.spec.toml_file import load_spec
+
+    return Sweep.from_spec(load_spec(path, skip_missing_records=skip_missing_records, folders=folders))

@@ -1,0 +1,92 @@
+"""Text of one exact step of free flight: each building by its own transition matrix.
+
+Between impacts a building is linear, and the ground acceleration is linear between
+record points; over a step h its state x = (u, v) then moves by
+
+    x' = A x + s (p g0 + q g1),    A = exp(F h),  F = [[0, I], [-M^-1 K, -M^-1 C]]
+
+without error at any h (Nigam & Jennings 1969, here for a whole building at once).
+A, p and q are constants of the scene and the step.
+"""
+
+from __future__ import annotations
+
+from pounding_sweep.emit.spec import LANES, KernelShape, Slots
+from pounding_sweep.emit.text import Source
+from pounding_sweep.emit.watch import watch
+
+#: Constants of one lane loop: as many as a processor's registers hold beside the motion.
+CONSTANTS = 16
+
+
+def emit_flight(shape: KernelShape, slots: Slots) -> str:
+    """Write ``flight(S, props, h, table)``: an exact step of all buildings, and what it may have met.
+
+    `table` is where the matrices of this step's length begin in the scene's constants.
+    All lanes fly; those that should not are brought back afterwards.
+    """
+    src = Source()
+    first = matrix = 0
+    calls = []
+    for b, n in enumerate(shape.storeys):
+        if shape.fused:
+            _straight(src, b, n, first * LANES)
+            calls.append(f"glide{b}(S, props, table + {matrix})")
+        else:
+            calls.append(f"glide_rows(S, {first * LANES} + 0 * table, props, table + {matrix}, {n} + 0 * table)")
+        first += n
+        matrix += 2 * n * (2 * n + 2)
+    if not shape.fused:
+        _by_rows(src)
+    src.function("flight(S, props, h, table)")
+    for call in calls:
+        src(call)
+    if shape.fused:
+        with src.block("for l in range(L):"):
+            watch(src, shape, slots, "S[HL + l] > 0.0")
+    else:
+        src("watch(S, h)")
+    return str(src)
+
+
+def _straight(src: Source, b: int, n: int, at: int) -> None:
+    """Write ``glide<b>``: rows of A, p and q as one line of multiply-adds each, at addresses known to differ."""
+    src.function(f"glide{b}(S, props, a)")
+    width = 2 * n + 2
+    before = [f"S[{home} + {at + i * LANES} + l]" for home in ("UO", "VO") for i in range(n)]
+    now = [f"S[{home} + {at + i * LANES} + l]" for home in ("U", "V") for i in range(n)]
+    together = max(1, CONSTANTS // width)
+    for first in range(0, 2 * n, together):
+        rows = range(first, min(first + together, 2 * n))
+        for row in rows:
+            for column in range(width):
+                src(f"a{row}_{column} = props[a + {row * width + column}]")
+        with src.block("for l in range(L):"):
+            src("g0 = S[G0 + l]; g1 = S[G1 + l]")
+            for column in range(2 * n):
+                src(f"x{column} = {before[column] if first else now[column]}")
+                if not first:
+                    src(f"{before[column]} = x{column}")
+            for row in rows:
+                text = f"fma(a{row}_{2 * n}, g0, a{row}_{2 * n + 1} * g1)"
+                for column in range(2 * n):
+                    text = f"fma(a{row}_{column}, x{column}, {text})"
+                src(f"{now[row]} = {text}")
+
+
+def _by_rows(src: Source) -> None:
+    """Write ``glide_rows``: the same in loops, for longer rows."""
+    src.function("glide_rows(S, at, props, a, n)")
+    with src.block("for i in range(n):"), src.block("for l in range(L):"):
+        src("S[UO + at + i * L + l] = S[U + at + i * L + l]; S[VO + at + i * L + l] = S[V + at + i * L + l]")
+    with src.block("for row in range(2 * n):"):
+        src("here = a + row * (2 * n + 2)")
+        src("home = at + row * L if row < n else at + (row - n) * L")
+        src("now = U + home if row < n else V + home")
+        src("p = props[here + 2 * n]; q = props[here + 2 * n + 1]")
+        with src.block("for l in range(L):"):
+            src("S[now + l] = p * S[G0 + l] + q * S[G1 + l]")
+        with src.block("for i in range(n):"):
+            src("b = props[here + i]; c = props[here + n + i]")
+            with src.block("for l in range(L):"):
+                src("S[now + l] = fma(b, S[UO + at + i * L + l], fma(c, S[VO + at + i * L + l], S[now + l]))")

@@ -1,0 +1,107 @@
+"""The largest time step at which a scheme stays bounded, all contacts closed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pounding_sweep.model.laws import Law
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.variants import Variants, variants_of
+
+#: Radius of RK4's stability region: along the imaginary axis, and its least over the left half-plane.
+RK4_UNDAMPED = 2.0 * math.sqrt(2.0)
+RK4_DAMPED = 2.615
+
+
+def largest_step(
+    row: Scene | Variants,
+    law: Law,
+    stiffness: np.ndarray,
+    restitution: np.ndarray,
+    *,
+    method: str,
+    beta: float = 0.25,
+    gamma: float = 0.5,
+    basis: str = "published",
+) -> np.ndarray:
+    """Largest stable step (s) of each scenario; infinite where the scheme has no limit.
+
+    The highest frequency with every contact closed is bounded by the largest row
+    sum, w^2 <= max_i sum_j |K_ij| / m_i, and damping in the same way. A Hertz-type
+    contact has no stiffness of its own before it closes, so the bound is that of
+    the buildings; its steps are then cut in contact (see `steps_per_contact`).
+
+    Parameters
+    ----------
+    row : Scene or Variants
+        The row, or the variant of it that each scenario has.
+    law : Law
+        Contact law.
+    stiffness : ndarray, shape (n,)
+        Contact stiffness (kN/m**exponent).
+    restitution : ndarray, shape (n,)
+        Coefficients of restitution.
+    method : {"rk4", "newmark", "exact"}
+        Scheme.
+    beta, gamma : float
+        Newmark's parameters.
+    basis : {"published", "realised"}
+        How damping follows from the restitution.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Seconds.
+    """
+    stiffness = np.asarray(stiffness, dtype=float)
+    variants = variants_of(row)
+    scene = variants.scene
+    contact_k = np.zeros_like(stiffness)
+    contact_c = np.zeros_like(stiffness)
+    if law.exponent == 1.0 and scene.contacts and method != "exact":
+        contact_k = stiffness
+        if law.damping == "viscous":
+            largest = variants.contact_mass(0)
+            for j in range(1, len(scene.contacts)):
+                largest = np.maximum(largest, variants.contact_mass(j))
+            contact_c = law.damping_coefficient(restitution, stiffness, largest, basis)
+    w2, rate = np.zeros_like(stiffness), np.zeros_like(stiffness)
+    weights = _contact_weights(scene)
+    for index, building in enumerate(scene.buildings):
+        a, b = variants.rayleigh(index)
+        masses = np.asarray(building.masses)
+        rows = np.abs(building.stiffness_matrix).sum(axis=1) / masses
+        # floors that differ only in a smaller row sum or weight can't decide
+        for own, weight in _decisive(rows, weights[scene.offsets[index] : scene.offsets[index + 1]] / masses):
+            stiff = own / np.square(variants.period_factor[:, index])
+            contact = weight / variants.mass_factor[:, index]
+            w2 = np.maximum(w2, stiff + contact_k * contact)
+            rate = np.maximum(rate, a + b * stiff + contact_c * contact)
+    if method == "newmark":
+        if beta >= 0.25 * (gamma + 0.5) ** 2 or gamma / 2.0 - beta <= 0.0:
+            return np.full(stiffness.shape, np.inf)
+        return np.asarray(1.0 / np.sqrt(w2 * (gamma / 2.0 - beta)))
+    # an overdamped mode has no frequency: its rate is at most that of the dampers, in whatever floor they are largest
+    fastest = np.maximum(np.sqrt(w2), rate)
+    return np.asarray(np.where(rate > 0.0, RK4_DAMPED, RK4_UNDAMPED) / fastest)
+
+
+def _contact_weights(scene: Scene) -> np.ndarray:
+    """Row sums of the contacts' stiffness matrices by the stiffness of one, shape (floors,)."""
+    weights = np.zeros(scene.n_dof)
+    for contact in scene.contacts:
+        ends = [i for i in (contact.left, contact.right) if i >= 0]
+        weights[ends] += len(ends)  # k on the diagonal, and -k beside it unless the other end is a wall
+    return weights
+
+
+def _decisive(stiffness: np.ndarray, weights: np.ndarray) -> list[tuple[float, float]]:
+    """Row sums of stiffness and of contact, over the mass, of those floors that no other exceeds in both."""
+    pairs = sorted(set(zip(stiffness.tolist(), weights.tolist(), strict=True)), reverse=True)
+    kept: list[tuple[float, float]] = []
+    for pair in pairs:
+        if not kept or pair[1] > kept[-1][1]:
+            kept.append(pair)
+    return kept

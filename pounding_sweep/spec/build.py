@@ -1,0 +1,145 @@
+"""From what a user gave to the sweep's description.
+
+`build_spec` turns what a user gave, in Python or in a file, into a `SweepSpec`
+or into one error that lists every fault. Nothing is run and nothing of the
+sweep's size is allocated here.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from pounding_sweep.base.errors import unknown
+from pounding_sweep.model.laws import Law
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.records import Record
+from pounding_sweep.spec.axes import Case, Range
+from pounding_sweep.spec.checks import check_sweep
+from pounding_sweep.spec.faults import Faults
+from pounding_sweep.spec.spec import AUDIT_SHARE, SweepSpec, sweep_error
+
+
+def build_spec(
+    *,
+    scene: Scene | str,
+    records: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
+    laws: str | Law | Iterable[str | Law] | None = None,
+    gaps: float | Range | Iterable[float] | None = None,
+    stiffnesses: float | Range | Iterable[float] | None = None,
+    stiffness_factors: float | Range | Iterable[float] | None = None,
+    restitutions: float | Range | Iterable[float] | None = None,
+    scales: float | Range | Iterable[float] | None = None,
+    period_factors: Mapping[str, float | Range | Iterable[float]] | None = None,
+    mass_factors: Mapping[str, float | Range | Iterable[float]] | None = None,
+    damping_ratios: float | Range | Iterable[float] | None = None,
+    cases: Iterable[Case | dict[str, Any]] | None = None,
+    method: str | None = None,
+    dt: float | None = None,
+    locate: bool = True,
+    outputs: str | Iterable[str] | None = None,
+    beta: float | None = None,
+    gamma: float | None = None,
+    force_unstable: bool = False,
+    title: str = "",
+    precision: str | None = None,
+    restitution_basis: str = "published",
+    accuracy: float | None = None,
+    audit: float = AUDIT_SHARE,
+    folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+    base: str | os.PathLike[str] | None = None,
+    skip_missing_records: bool = False,
+    **unknowns: Any,
+) -> SweepSpec:
+    """Check everything a user gave and make the sweep's description of it.
+
+    Parameters
+    ----------
+    scene : Scene or str
+        The row, or the name of a preset.
+    records : Record, str, path, or several
+        Ground motions: records, names or files.
+    laws : str, Law, or several, optional
+        Contact laws; "all" stands for every law, "mate2015" for the paper's seven
+        models. Needed without `cases`.
+    gaps : float, Range, or several, optional
+        Gaps (m), each for every pair; by default the scene's own.
+    stiffnesses : float, Range, or several, optional
+        Contact stiffnesses (kN/m**exponent); only where all laws share one exponent.
+    stiffness_factors : float, Range, or several, optional
+        Factors on the scene's reference stiffnesses; 1 where neither axis is given.
+    restitutions : float, Range, or several, optional
+        Coefficients of restitution; by default the scene's.
+    scales : float, Range, or several, optional
+        Factors on the records; 1 by default.
+    period_factors : mapping of str to float, Range, or several, optional
+        Factors on all natural periods of a building, by its name, one axis each:
+        stiffnesses are divided by the square, masses kept.
+    mass_factors : mapping of str to float, Range, or several, optional
+        Factors on all masses of a building, by its name, one axis each: stiffnesses
+        take the same factor, so that periods are kept.
+    damping_ratios : float, Range, or several, optional
+        Rayleigh damping ratios of the first two modes of all buildings, in [0, 1);
+        by default each building's own.
+    cases : iterable of Case or dict, optional
+        Listed scenarios instead of laws and axes.
+    method : {"rk4", "newmark", "exact"}, optional
+        Time-stepping scheme; "rk4" by default, with `accuracy` the cheapest that reaches it.
+    dt : float, optional
+        Time step (s); 1e-3 by default, with `accuracy` the largest that reaches it.
+    locate : bool
+        Split steps where a pair touches or separates.
+    outputs : str or several, optional
+        Variables; "default" (as by default), "all", or names.
+    beta, gamma : float, optional
+        Newmark's parameters, in [0, 0.5] and [0.5, 1]; 0.25 and 0.5 by default.
+    force_unstable : bool
+        Run even beyond the stability limit.
+    title : str
+        Title of the cube.
+    precision : {"float64", "float32"}, optional
+        Number format of the kernels; "float64" by default, with `accuracy` the cheaper that reaches it.
+    restitution_basis : {"published", "realised"}
+        Whether damping follows from the restitution by each law's published formula,
+        or so that two free masses rebound at exactly it.
+    accuracy : float, optional
+        Relative error asked for, 1e-6 to 1e-2, instead of a step.
+    audit : float
+        Share of the sweep's cost, in [0, 1], spent on running a sample of its own
+        scenarios again at a finer step, to measure their error; 0 for none.
+    folders : path or several, optional
+        Where to find records by name.
+    base : path, optional
+        Folder that relative record paths start from.
+    skip_missing_records : bool
+        Go on without the records that are not found, with a warning for each, as long as
+        one is left. A file that is found but can't be read is always an error.
+    **unknowns
+        Anything else is a fault like others.
+
+    Returns
+    -------
+    SweepSpec
+        Values in the order given.
+
+    Raises
+    ------
+    SweepError
+        Something is not valid; ``problems`` lists every fault, each with its place.
+
+    Examples
+    --------
+    >>> spec = build_spec(scene="mate2015", records="el_centro", laws=["linear", "hertz"], gaps=[0.005, 0.01])
+    >>> spec.n_scenarios
+    4
+    """
+    given = dict(locals())  # the arguments by name: must stay the first statement
+    del given["unknowns"]
+    faults = Faults()
+    for name in unknowns:
+        faults.add((), unknown("argument", name, given))
+    spec = check_sweep(faults, given)
+    if spec is None:
+        raise sweep_error([f"{place}: {text}" if place else text for place, text in faults.named()])
+    return spec

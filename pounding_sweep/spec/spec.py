@@ -1,0 +1,288 @@
+"""What a sweep is: the validated description that everything else starts from.
+
+`pounding_sweep.spec.build.build_spec` makes it of what a user gave.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pounding_sweep.base.errors import SweepError
+from pounding_sweep.model.laws import Law, get_law
+from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.records import Record
+from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis, property_axes
+
+#: Time-stepping schemes by name.
+METHODS = ("rk4", "newmark", "exact")
+#: Number formats of the kernels.
+PRECISIONS = ("float64", "float32")
+#: Range of the relative error that ``accuracy`` may ask for.
+ACCURACY_RANGE = (1e-6, 1e-2)
+#: Share of a sweep's own cost that its audit may take, by default.
+AUDIT_SHARE = 0.05
+#: More scenarios than this are refused.
+MAX_SCENARIOS = 1_000_000_000
+#: More values than this on one axis are refused.
+MAX_AXIS = 1_000_000
+#: Problems that one message tells.
+MOST_PROBLEMS = 40
+#: Property of `ContactProperties` that holds a force exponent's reference stiffness.
+REFERENCE_PROPERTIES = {1.0: "linear_stiffness", 1.5: "hertz_stiffness"}
+
+
+@dataclass(frozen=True)
+class SweepSpec:
+    """A valid sweep; made by `build_spec` or `load_spec`, which check it.
+
+    Values keep the order in which the user gave them.
+
+    Attributes
+    ----------
+    scene : Scene
+        The row (kN, t, m, s).
+    records : tuple of Record
+        Ground motions (m/s2), names all different.
+    laws : tuple of str
+        Keys of contact laws; with `cases`, those that the cases use.
+    gaps : tuple of float or None
+        Gap axis (m), each value for every pair; None: the scene's own gaps.
+    stiffnesses : tuple of float or None
+        Contact stiffness axis (kN/m**exponent of the laws).
+    stiffness_factors : tuple of float or None
+        Factors on the scene's reference stiffness of each law's exponent.
+        Without `cases`, exactly one of the two stiffness axes is set.
+    restitutions : tuple of float
+        Coefficients of restitution; (1.0,) where none was given and no law takes one.
+    scales : tuple of float
+        Factors on the records.
+    cases : tuple of Case or None
+        Listed scenarios instead of the product. Then `gaps` and both stiffness
+        axes are None, `restitutions` and `scales` empty, and in every case the
+        record's name, the stiffness or factor of a law with contact, and the
+        restitution of a law that takes one are filled in; factors of 1 are left out.
+    method : {"rk4", "newmark", "exact"} or None
+        Time-stepping scheme; None: chosen for `accuracy`.
+    dt : float or None
+        Time step (s); None: chosen for `accuracy`.
+    locate : bool
+        Whether steps are split where a pair touches or separates.
+    outputs : tuple of str
+        Variables of the cube.
+    beta, gamma : float
+        Parameters of Newmark's method.
+    force_unstable : bool
+        Run even beyond the stability limit.
+    title : str
+        Title of the cube.
+    precision : str or None
+        Number format of the kernels, "float64" or "float32"; None: chosen with the accuracy.
+    restitution_basis : {"published", "realised"}
+        Whether damping follows from the restitution by the law's published formula,
+        or so that two free masses rebound at exactly it.
+    accuracy : float or None
+        Relative error asked for; the engine then chooses scheme and step.
+    audit : float
+        Share of the sweep's cost spent on running a sample again at a finer step; 0: none.
+    period_factors, mass_factors : tuple of (str, tuple of float)
+        Axes of factors on all periods, or all masses, of a building, in the order of the row.
+    damping_ratios : tuple of float or None
+        Axis of damping ratios of all buildings; None: their own.
+    records_left_out : tuple of str
+        Records asked for that are missing, where going on without them was allowed.
+    """
+
+    scene: Scene
+    records: tuple[Record, ...]
+    laws: tuple[str, ...]
+    gaps: tuple[float, ...] | None
+    stiffnesses: tuple[float, ...] | None
+    stiffness_factors: tuple[float, ...] | None
+    restitutions: tuple[float, ...]
+    scales: tuple[float, ...]
+    cases: tuple[Case, ...] | None
+    method: str | None
+    dt: float | None
+    locate: bool
+    outputs: tuple[str, ...]
+    beta: float = 0.25
+    gamma: float = 0.5
+    force_unstable: bool = False
+    title: str = ""
+    precision: str | None = "float64"
+    restitution_basis: str = "published"
+    accuracy: float | None = None
+    audit: float = AUDIT_SHARE
+    period_factors: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    mass_factors: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    damping_ratios: tuple[float, ...] | None = None
+    records_left_out: tuple[str, ...] = ()
+
+    @property
+    def property_axes(self) -> tuple[PropertyAxis, ...]:
+        """Axes over building properties; none for listed cases."""
+        factors = {kind: getattr(self, name) for name, kind in FACTOR_KINDS.items()}
+        return property_axes(factors, self.damping_ratios)
+
+    @property
+    def axes(self) -> dict[str, tuple[Any, ...]]:
+        """Values by dimension, in the order of the cube; empty for listed cases.
+
+        The gap axis is ``(None,)`` where the scene's own gaps are used.
+        """
+        if self.cases is not None:
+            return {}
+        absolute, relative = ("stiffness", self.stiffnesses), ("stiffness_factor", self.stiffness_factors)
+        name, stiffnesses = relative if self.stiffnesses is None else absolute
+        return {
+            "law": self.laws,
+            "gap": (None,) if self.gaps is None else self.gaps,
+            name: stiffnesses or (),
+            "restitution": self.restitutions,
+            "record": tuple(record.name for record in self.records),
+            "scale": self.scales,
+            **{axis.dimension: axis.values for axis in self.property_axes},
+        }
+
+    @property
+    def n_scenarios(self) -> int:
+        """Number of scenarios asked for."""
+        return len(self.cases) if self.cases is not None else math.prod(len(v) for v in self.axes.values())
+
+    def record(self, name: str) -> Record:
+        """Return the record of that name; KeyError if the sweep has none."""
+        for record in self.records:
+            if record.name == name:
+                return record
+        raise KeyError(name)
+
+
+def outside_accuracy(value: float) -> str:
+    """Say that an accuracy was not measured."""
+    low, high = ACCURACY_RANGE
+    return f"accuracy is {value!r}; it must be in [{low:g}, {high:g}], the range that was measured"
+
+
+def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:
+    """Return a sweep that asks for a relative error in place of its own step; its scheme is kept.
+
+    Raises
+    ------
+    SweepError
+        The accuracy is outside `ACCURACY_RANGE`.
+    """
+    low, high = ACCURACY_RANGE
+    if not low <= accuracy <= high:
+        raise SweepError(outside_accuracy(accuracy))
+    return replace(spec, accuracy=accuracy, dt=None)
+
+
+def contact_stiffness(
+    scene: Scene, law: str | Law, *, stiffness: float | None = None, stiffness_factor: float | None = None
+) -> float:
+    """Absolute contact stiffness of a law (kN/m**exponent); 0 for a law without contact.
+
+    Parameters
+    ----------
+    scene : Scene
+        Gives the reference stiffness that a factor scales.
+    law : str or Law
+        Contact law.
+    stiffness : float, optional
+        Returned as it is (kN/m**exponent).
+    stiffness_factor : float, optional
+        Dimensionless; 1 where neither is given.
+
+    Raises
+    ------
+    SweepError
+        The scene has no reference stiffness for the law's exponent.
+    """
+    found = get_law(law)
+    if found.exponent is None:
+        return 0.0
+    if stiffness is not None:
+        return stiffness
+    reference = scene.contact.reference(found.exponent)
+    if reference is None:
+        raise SweepError(missing_reference(found.exponent, [found.key]))
+    return reference * (1.0 if stiffness_factor is None else stiffness_factor)
+
+
+def missing_reference(exponent: float, laws: Sequence[str]) -> str:
+    """Say which contact property the scene lacks for laws of a force exponent."""
+    what = REFERENCE_PROPERTIES.get(exponent, f"reference stiffness for force ~ d^{exponent:g}")
+    unit = "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
+    plural = len(laws) > 1
+    return (
+        f"{what} ({unit}) is missing: law{'s' * plural} {', '.join(laws)} need{'s' * (not plural)} it as the "
+        f"reference of stiffness factors; give contact=ContactProperties({what}=...), in a file "
+        f"[scene.contact] {what}, or an absolute stiffness"
+    )
+
+
+def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
+    """Make one error of all problems (texts with their places); of very many, the message has the first ones."""
+    if len(problems) == 1:
+        return SweepError(problems[0], problems)
+    lines = [f"{owner}: {len(problems)} problems", *problems[:MOST_PROBLEMS]]
+    if len(problems) > MOST_PROBLEMS:
+        lines.append(f"and {len(problems) - MOST_PROBLEMS} more")
+    return SweepError("\n  ".join(lines), problems)
+
+
+def scene_data(scene: Scene) -> dict[str, Any]:
+    """Return a row as JSON holds it, in sweeps and in scenarios with their histories."""
+    row: list[dict[str, Any]] = []
+    for item in scene.row:
+        if isinstance(item, Building):
+            ratio = item.damping_ratio
+            row.append(
+                {
+                    "name": item.name,
+                    "masses": list(item.masses),
+                    "stiffnesses": list(item.stiffnesses),
+                    "damping_ratio": [float(z) for z in ratio] if isinstance(ratio, tuple) else ratio,
+                    "storey_heights": list(item.storey_heights or ()),
+                }
+            )
+        else:
+            row.append({"wall": True, "name": item.name})
+    given = {name: getattr(scene.contact, name) for name in (*REFERENCE_PROPERTIES.values(), "restitution")}
+    contact = {name: None if value is None else float(value) for name, value in given.items()}
+    return {"row": row, "gaps": list(scene.gaps), "contact": contact}
+
+
+def to_json(spec: SweepSpec) -> str:
+    """Write a sweep as canonical JSON: the same sweep gives the same text.
+
+    Records are given by name, digest of the motion, PGA (m/s2), time step (s),
+    points, scale and source; everything else is given in full, floats by
+    their shortest exact text.
+
+    Examples
+    --------
+    >>> from pounding_sweep.spec.build import build_spec
+    >>> spec = build_spec(scene="mate2015", records="el_centro", laws="linear")
+    >>> json.loads(to_json(spec))["laws"]
+    ['linear']
+    """
+    data = {name: getattr(spec, name) for name in spec.__dataclass_fields__}
+    data["scene"] = scene_data(spec.scene)
+    data["records"] = [
+        {name: getattr(record, name) for name in ("name", "sha256", "pga", "dt", "n_points", "scale", "source")}
+        for record in spec.records
+    ]
+    if spec.cases is not None:
+        data["cases"] = [{name: getattr(case, name) for name in case.__dataclass_fields__} for case in spec.cases]
+    return json.dumps({"format": 1, **data}, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def digest(spec: SweepSpec) -> str:
+    """SHA-256 (hex) of `to_json`."""
+    return hashlib.sha256(to_json(spec).encode()).hexdigest()

@@ -1,1 +1,0 @@
-"""Sweeps: from a description to a plan, its execution and the chunks on disk."""
