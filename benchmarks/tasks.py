@@ -12,9 +12,9 @@ import numpy as np
 
 from benchmarks.engine import plan_gaps
 from benchmarks.work import GAPS, Work
-from pounding_sweep.plan.jobs import Job
-from pounding_sweep.run.dispatch import Dispatcher
+from pounding_sweep.plan.chunks import Job
 from pounding_sweep.run.execute import dispatcher_for
+from pounding_sweep.run.pool import Dispatcher
 
 #: Scenarios of the chunks by which the time of one is found.
 PROBE = 1024

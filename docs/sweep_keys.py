@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 from pounding_sweep.model.hertz import hertz_stiffness
 from pounding_sweep.model.scene import Building, ContactProperties, Wall
 from pounding_sweep.records import pulse_record, read_record, synthetic_record
-from pounding_sweep.spec import toml_tables as schema
+from pounding_sweep.spec import toml as schema
 from pounding_sweep.spec.axes import Case, Range
 from pounding_sweep.spec.build import build_spec
 

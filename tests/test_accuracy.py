@@ -23,9 +23,19 @@ from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.outputs.differences import comparable, relative_error, relative_errors
 from pounding_sweep.outputs.variables import VARIABLES, Status
 from pounding_sweep.plan import advice
-from pounding_sweep.plan.advice import CLASSES, Curve, Measured, classes_of, load_measured, whole_steps
+from pounding_sweep.plan.advice import (
+    CLASSES,
+    Curve,
+    Measured,
+    approach_speeds,
+    classes_of,
+    elastic_duration,
+    highest_frequency,
+    load_measured,
+    shortest_contact,
+    whole_steps,
+)
 from pounding_sweep.plan.plan import make_plan
-from pounding_sweep.plan.timescales import approach_speeds, elastic_duration, highest_frequency, shortest_contact
 from pounding_sweep.records import Record, synthetic_record
 from pounding_sweep.run.execute import dispatcher_for, execute
 from pounding_sweep.run.sweep import Sweep

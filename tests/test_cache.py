@@ -28,7 +28,7 @@ from pounding_sweep.engine.compile import from_json, prepare, shares, to_json
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.output.source import package_digest
+from pounding_sweep.output.provenance import package_digest
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record
 

@@ -28,13 +28,13 @@ from test_execute import make, same
 import pounding_sweep
 from pounding_sweep.base.errors import ClusterError
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.output.source import fingerprint
+from pounding_sweep.output.provenance import fingerprint
 from pounding_sweep.outputs.variables import Status
-from pounding_sweep.plan.jobs import Job
+from pounding_sweep.plan.chunks import Job
 from pounding_sweep.resume.checkpoint import MANIFEST
-from pounding_sweep.run import far_workers
-from pounding_sweep.run.dispatch import Dispatcher
+from pounding_sweep.run import pool as far_workers
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.pool import Dispatcher
 
 pytestmark = [
     pytest.mark.slow,

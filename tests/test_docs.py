@@ -15,7 +15,7 @@ from pounding_sweep.figures import FIGURES
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.outputs.variables import VARIABLES
-from pounding_sweep.spec import toml_tables
+from pounding_sweep.spec import toml as toml_tables
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -24,13 +24,12 @@ from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.outputs.variables import Status, get_variable
-from pounding_sweep.plan.chunks import cut
-from pounding_sweep.plan.jobs import Job
+from pounding_sweep.plan.chunks import Job, cut
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkStore
-from pounding_sweep.run.dispatch import Dispatcher
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.spec import to_json
 
@@ -389,7 +388,7 @@ def test_the_parts_of_another_sweep_are_not_used(reference, tmp_path, monkeypatc
         with pytest.raises(OutputError, match=r"belong to another sweep.*differ in.*sweep"):
             make(**changes).run(out)
     with monkeypatch.context() as patch:
-        patch.setattr("pounding_sweep.resume.identity.package_digest", lambda: "another version")
+        patch.setattr("pounding_sweep.resume.checkpoint.package_digest", lambda: "another version")
         with pytest.raises(OutputError, match="differ in source"):
             make().run(out)
     assert sorted((p.name, p.stat().st_mtime_ns) for p in parts.iterdir()) == before

@@ -24,12 +24,12 @@ from pounding_sweep.output.results import Outcome, Results
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.plan import chunks as cutting
 from pounding_sweep.plan import plan as planning
-from pounding_sweep.plan.jobs import Job
+from pounding_sweep.plan.chunks import Job
 from pounding_sweep.records import Record
-from pounding_sweep.resume.checkpoint import MANIFEST
-from pounding_sweep.resume.extend import EarlierCube
-from pounding_sweep.resume.identity import identity_of
-from pounding_sweep.run import dispatch, execute
+from pounding_sweep.resume.checkpoint import MANIFEST, identity_of
+from pounding_sweep.resume.reuse import EarlierCube
+from pounding_sweep.run import execute
+from pounding_sweep.run import pool as dispatch
 from pounding_sweep.run import sweep as sweeping
 from pounding_sweep.run.cube_writer import cube_in_memory
 
@@ -117,7 +117,7 @@ def same(found, expected):
 def test_what_is_new_on_an_axis_is_run(whole, ran, tmp_path, monkeypatch, axis, chunk_seconds):
     monkeypatch.setattr(planning, "CHUNK_SECONDS", chunk_seconds)
     monkeypatch.setattr(cutting, "SHARE", 1.0)
-    monkeypatch.setattr("pounding_sweep.resume.extend.SLAB_BYTES", 2000)  # read in several parts
+    monkeypatch.setattr("pounding_sweep.resume.reuse.SLAB_BYTES", 2000)  # read in several parts
     less = LESS if axis == "all" else {axis: LESS[axis]}
     with sweep(**less).run(tmp_path / "old.nc", workers=1):
         before = set(ran)
@@ -568,7 +568,7 @@ import sys
 from pathlib import Path
 from test_extend import same, sweep
 from pounding_sweep.base.errors import WriteError
-from pounding_sweep.resume import extend
+from pounding_sweep.resume import reuse as extend
 
 disk, old = map(Path, sys.argv[1:])
 ballast, check_space = disk / "ballast", extend.check_space

@@ -32,12 +32,11 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import OutputError, PoundingSweepError, RecordError, SweepError
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
 from pounding_sweep.output.export import export_cube
-from pounding_sweep.output.heaps import has_endless_heap
-from pounding_sweep.output.netcdf import NETCDF_LOCK, open_cube, write_cube, write_in_slabs
+from pounding_sweep.output.netcdf import NETCDF_LOCK, has_endless_heap, open_cube, write_cube, write_in_slabs
 from pounding_sweep.records import find_record, read_record
 from pounding_sweep.records.record import STANDARD_GRAVITY
 from pounding_sweep.spec.axes import Range
-from pounding_sweep.spec.toml_read import MAX_FILE_BYTES
+from pounding_sweep.spec.toml import MAX_FILE_BYTES
 
 ROOT = Path(ps.__file__).parent
 SWEEPS = Path(__file__).parent.parent / "sweeps"
@@ -327,7 +326,7 @@ import numpy as np
 import pounding_sweep.cli
 from pounding_sweep.cli.app import app
 from pounding_sweep.output.export import export_cube
-from pounding_sweep.output.heaps import has_endless_heap
+from pounding_sweep.output.netcdf import has_endless_heap
 from pounding_sweep.output.netcdf import open_cube
 
 resource.setrlimit(resource.RLIMIT_AS, (6 * 2**30, 6 * 2**30))
@@ -696,7 +695,7 @@ def test_a_file_of_another_form_is_refused(make, why, tmp_path):
 
 
 def test_texts_that_would_fill_the_memory_are_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr("pounding_sweep.output.form.MOST_CHARACTERS", 50)
+    monkeypatch.setattr("pounding_sweep.output.netcdf.MOST_CHARACTERS", 50)
     path = write_cube(small_cube(), tmp_path / "cube.nc")
     with pytest.raises(OutputError, match=r"its texts have \d\d+ characters, more than 50"):
         open_cube(path)

@@ -27,8 +27,7 @@ from pounding_sweep.base.errors import OutputError, RunError, WriteError
 from pounding_sweep.base.files import is_temporary
 from pounding_sweep.base.lock import LOCK, FolderLock, running
 from pounding_sweep.output.netcdf import open_cube
-from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore
-from pounding_sweep.resume.identity import identity_of
+from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore, identity_of
 from pounding_sweep.resume.survey import survey
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress

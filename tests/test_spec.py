@@ -32,8 +32,7 @@ from pounding_sweep.spec.spec import (
     digest,
     to_json,
 )
-from pounding_sweep.spec.toml_file import load_spec
-from pounding_sweep.spec.toml_lines import key_lines, line_of
+from pounding_sweep.spec.toml import key_lines, line_of, load_spec
 
 ROOT = Path(__file__).resolve().parent.parent
 NAN = float("nan")
@@ -1109,7 +1108,7 @@ def test_key_lines_follows_any_file(data):
 
 def test_importing_is_light():
     code = (
-        "import sys; import pounding_sweep.spec.toml_file, pounding_sweep.model.presets; "
+        "import sys; import pounding_sweep.spec.toml, pounding_sweep.model.presets; "
         "print([m for m in ('numba', 'dask', 'matplotlib', 'xarray', 'netCDF4') if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from pounding_sweep.output.stored import wrongly_stored
+from pounding_sweep.output.netcdf import wrongly_stored
 
 WRONG = "blocks of the values of {!r} are missing, or without checksums"
 

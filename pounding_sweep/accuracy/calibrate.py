@@ -34,8 +34,14 @@ from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.outputs.differences import relative_errors
 from pounding_sweep.outputs.variables import Status, reducers_for
-from pounding_sweep.plan.advice import CLASSES, EXACT_STEPS, MEASURED
-from pounding_sweep.plan.timescales import approach_speeds, highest_frequency, shortest_contact
+from pounding_sweep.plan.advice import (
+    CLASSES,
+    EXACT_STEPS,
+    MEASURED,
+    approach_speeds,
+    highest_frequency,
+    shortest_contact,
+)
 from pounding_sweep.records import Record, synthetic_record
 from pounding_sweep.schemes.stability import largest_step
 

@@ -42,7 +42,7 @@ from pounding_sweep.engine.loop import (
 )
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
-from pounding_sweep.schemes import march
+from pounding_sweep.schemes import exact as march
 from pounding_sweep.schemes.exact import emit_flight
 from pounding_sweep.schemes.newmark import NewmarkStep
 from pounding_sweep.schemes.rk4 import Rk4Step

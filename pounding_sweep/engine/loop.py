@@ -13,7 +13,7 @@ from pounding_sweep.emit.spec import (
     output_slots,
 )
 from pounding_sweep.emit.text import Source
-from pounding_sweep.schemes.march import begin_march, march
+from pounding_sweep.schemes.exact import begin_march, march
 
 #: A displacement (m) that only a diverged run reaches.
 DIVERGED = 1.0e5

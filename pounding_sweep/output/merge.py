@@ -2,28 +2,619 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError
-from pounding_sweep.output.dataset import as_read, as_stored
-from pounding_sweep.output.merge_cases import CASE, case_name, cases_together, telling
-from pounding_sweep.output.merge_checks import check_statuses, outer_dims, reading
-from pounding_sweep.output.merge_labels import attributes, coordinates, places, together, with_audit
-from pounding_sweep.output.merge_study import check_parts, parts_makers, scenario_variables
+from pounding_sweep.base.errors import InputError, shown
+from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
+from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, as_read, as_stored, package_version
+from pounding_sweep.output.integrity import (
+    AXES,
+    BUILDING_AXES,
+    FREE,
+    MOTION,
+    REMEDY,
+    check_attributes,
+    check_axes,
+    check_statuses,
+    check_variables,
+    damaged,
+    load_labels,
+    outer_dims,
+    reading,
+    told_axes,
+    told_sweep,
+)
 from pounding_sweep.output.netcdf import check_output, check_space, open_cube, write_in_slabs
+from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, ORIGINS, Maker, makers, origin, plain, runs
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
-from pounding_sweep.outputs.variables import VARIABLES, Status
+from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+#: Cubes by the name of their file
+Parts = Mapping[str, "xr.Dataset"]
+#: Dimension of listed scenarios.
+CASE = "case"
+#: Coordinates that tell listed cases apart, as far as a cube has them. Restitution and stiffness count where the
+#: law ignores them, too: they are what the case was listed with, and selected by.
+_KNOWN_BY = (
+    *("law", "record", "scale", "restitution", "contact_stiffness", "pair_gap"),
+    *("period_factor", "mass_factor", "damping_ratio"),
+)
+
+
+def lists_cases(cube: xr.Dataset) -> bool:
+    """Whether the scenarios of a cube are listed ones."""
+    return CASE in cube.dims
+
+
+def check_cases(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> None:
+    """Raise `InputError` where the cases of cubes are not those of their sweeps, or ran in different kernels."""
+    for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
+        for key in ("law", "record"):
+            if key not in cube.coords or cube[key].values.tolist() != [case[key] for case in sweep["cases"] or ()]:
+                msg = f"{name!r} has other cases than its sweep; {REMEDY}"
+                raise InputError(msg)
+        for key in _KNOWN_BY:
+            if key in cube.coords and cube[key].dims[:1] != (CASE,):
+                raise damaged(name, f"coordinate {key!r} is not along {CASE!r} first")
+        labels = cube[CASE].values
+        if labels.dtype.kind == "f" and not np.isfinite(labels).all():
+            raise damaged(name, "a case has no label")
+    (first, base), *others = parts.items()
+    for name, cube in others:
+        if ("period_factor" in cube.coords) != ("period_factor" in base.coords):
+            varied, plain = (first, name) if "period_factor" in base.coords else (name, first)
+            msg = (
+                f"{varied!r} varies building properties and {plain!r} doesn't, so they ran in different kernels: add a "
+                "case with such a property to the sweep of the second and run it again"
+            )
+            raise InputError(msg)
+        for key in _KNOWN_BY:
+            if (key in cube.coords) != (key in base.coords):
+                has, lacks = (first, name) if key in base.coords else (name, first)
+                msg = f"{lacks!r} has no coordinate {key!r}, {has!r} has; give the cubes as they were made"
+                raise InputError(msg)
+
+
+@dataclass(frozen=True)
+class Cases:
+    """Cases of several cubes.
+
+    Attributes
+    ----------
+    parts : dict of str to xarray.Dataset
+        The cubes, each scenario once: a list may name one in two spellings.
+    keys : list of list of bytes
+        What each case of each part is known by: equal for the same scenario, under the same label if it has one.
+    labels : list
+        Labels of all cases, each once, in the order given; numbers from 1 where no cube has labels of its own.
+    described : list of dict
+        What the sweeps say of them.
+    """
+
+    parts: dict[str, xr.Dataset]
+    keys: list[list[bytes]]
+    labels: list[Any]
+    described: list[dict[str, Any]]
+
+
+def cases_together(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> Cases:
+    """Find out which cases of cubes are the same.
+
+    Parameters
+    ----------
+    parts : mapping of str to xarray.Dataset
+        Cubes of one study, by the name of their file.
+    sweeps : sequence of dict
+        What they say of their sweeps.
+
+    Raises
+    ------
+    InputError
+        The same label stands for two scenarios, or some labels are text and others numbers.
+
+    Notes
+    -----
+    Values that differ by rounding only make two cases. Values of an axis of two parts are hardly so close by
+    intention, those of a long list may be.
+    """
+    labelled = any(cube[CASE].values.tolist() != list(range(1, cube.sizes[CASE] + 1)) for cube in parts.values())
+    texts: dict[str, int] = {}
+    found, keys = {}, []
+    described: dict[bytes, dict[str, Any]] = {}
+    for (file, cube), sweep in zip(parts.items(), sweeps, strict=True):
+        first: dict[bytes, int] = {}
+        for position, key in enumerate(_keys(cube, texts, labelled=labelled)):
+            first.setdefault(key, position)
+        for key, position in first.items():
+            described.setdefault(key, sweep["cases"][position])
+        found[file] = cube if len(first) == cube.sizes[CASE] else cube.isel(case=list(first.values()))
+        keys.append(list(first))
+    labels = _labels(found, keys) if labelled else list(range(1, len(described) + 1))
+    return Cases(found, keys, labels, list(described.values()))
+
+
+def _keys(cube: xr.Dataset, texts: dict[str, int], *, labelled: bool) -> list[bytes]:
+    """Return what each case is known by; `texts` are the numbers of the texts met so far, in any cube."""
+    columns = []
+    for name in (*([CASE] if labelled else []), *_KNOWN_BY):
+        if name not in cube.coords:
+            continue
+        values = cube[name].values
+        if values.dtype.kind not in "iuf":
+            values = np.array([texts.setdefault(str(value), len(texts)) for value in values.tolist()])
+        columns.append(values.reshape(len(values), -1) + 0.0)  # -0.0 is 0.0
+    table = np.hstack(columns)
+    table[np.isnan(table)] = np.nan  # which may have many forms
+    return [row.tobytes() for row in table]
+
+
+def _labels(parts: Parts, keys: Sequence[Sequence[bytes]]) -> list[Any]:
+    """Return the labels of all cases, each once, in the order given."""
+    found: dict[Any, tuple[bytes, str, int]] = {}
+    for (file, cube), mine in zip(parts.items(), keys, strict=True):
+        for position, (label, key) in enumerate(zip(cube[CASE].values.tolist(), mine, strict=True)):
+            known, other, place = found.setdefault(label, (key, file, position))
+            if known != key:
+                one, two = case_name(parts[other].coords, place), case_name(cube.coords, position)
+                msg = f"case {label!r} is {one} in {other!r}, and {two} in {file!r}; give one of them another label"
+                raise InputError(msg)
+    kinds = sorted({type(label).__name__ for label in found})
+    if len(kinds) > 1:
+        msg = f"some cases have labels of type {kinds[0]}, others of type {kinds[1]}; give all of them text"
+        raise InputError(msg)
+    return list(found)
+
+
+def telling(coordinates: Mapping[Any, xr.Variable]) -> list[str]:
+    """Return those coordinates of listed cases in which they differ."""
+    found = []
+    for name in (name for name in _KNOWN_BY if name in coordinates):
+        values = coordinates[name].values
+        if values.dtype.kind == "f":
+            values = np.nan_to_num(values, nan=-np.inf)
+        if (values != values[:1]).any():
+            found.append(name)
+    return found
+
+
+def case_name(coordinates: Mapping[Any, Any], position: int, names: Sequence[str] = _KNOWN_BY) -> str:
+    """Say which scenario a listed case is, by those of its coordinates that have a value.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> cases = {"law": xr.Variable("case", ["linear"]), "pair_gap": xr.Variable(("case", "pair"), [[0.01, 0.02]])}
+    >>> case_name(cases, 0)
+    'law=linear pair_gap=0.01/0.02'
+    """
+    told = []
+    for name in (name for name in names if name in coordinates):
+        values = list(dict.fromkeys(np.ravel(coordinates[name].values[position]).tolist()))
+        if not any(isinstance(value, float) and math.isnan(value) for value in values):
+            told.append(f"{name}={'/'.join(map(str, values))}")
+    return " ".join(told)
+
+
+#: Global attributes that say how a part came to be, or are made anew.
+OWN_ATTRIBUTES = frozenset(
+    {
+        *("history", "title", "records", "records_left_out", "sweep", "sweep_sha256", "time_step", "accuracy_choice"),
+        *("scenarios_asked", "scenarios_run", "scenarios_never_touching", "scenarios_missing"),
+        *("audit_scenarios", "audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share"),
+        *("source", VERSION_ATTRIBUTE, "xarray_version", *MAKER_ATTRIBUTES, *ORIGINS),
+    }
+)
+
+
+def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
+    """Return what cubes of one study say of their sweeps.
+
+    Parameters
+    ----------
+    parts : mapping of str to xarray.Dataset
+        The cubes, by the name of their file. Their labels are read.
+    mix_sources : bool
+        Whether they may be made by several states of the package's source, or versions of the libraries that compute.
+
+    Raises
+    ------
+    InputError
+        They are not of one study, or one is not whole; the message names what differs, and both values.
+    OutputError
+        Their labels can't be read.
+    """
+    for name, cube in parts.items():
+        if "status" not in cube.data_vars or "sweep" not in cube.attrs:
+            msg = f"{name!r} is no cube of a sweep: it has no status, or no attribute 'sweep'; give cubes made by 'run'"
+            raise InputError(msg)
+        strange = [str(key) for key in scenario_variables(cube) if key not in VARIABLES]
+        if strange:
+            msg = f"{name!r} has the variables {', '.join(strange)}, which sweeps don't make; give cubes made by 'run'"
+            raise InputError(msg)
+    sweeps = [_check_whole(name, cube) for name, cube in parts.items()]
+    _check_makers(parts, mix_sources=mix_sources)
+    (first, base), *others = parts.items()
+    for (name, cube), sweep in zip(others, sweeps[1:], strict=True):
+        if lists_cases(base) != lists_cases(cube):
+            cases, axes = (first, name) if lists_cases(base) else (name, first)
+            msg = (
+                f"{cases!r} lists its scenarios as cases, {axes!r} has axes. List those scenarios of the second that "
+                f"you want as cases, run that sweep with --extend {axes}, which takes their results from it, and merge "
+                "the cube so made with the first"
+            )
+            raise InputError(msg)
+        for what, here, there in _differences(base, cube, sweeps[0], sweep):
+            msg = (
+                f"{first!r} and {name!r} are not parts of one study: {what} is {shown(here)} in the first and "
+                f"{shown(there)} in the second; run one of them again with the other's"
+            )
+            raise InputError(msg)
+    if lists_cases(base):
+        check_cases(parts, sweeps)
+    _check_labels(parts)
+    return sweeps
+
+
+def _check_whole(name: str, cube: xr.Dataset) -> dict[str, Any]:
+    """Return what a cube says of its sweep; raise where it can't be what that sweep wrote."""
+    told = told_sweep(name, cube)
+    check_axes(name, cube, told_axes(cube, told))
+    check_variables(name, cube, map(str, scenario_variables(cube)))
+    check_attributes(name, cube, told)
+    load_labels(name, cube)
+    return told
+
+
+def _check_makers(parts: Parts, *, mix_sources: bool) -> None:
+    """Raise `InputError` where cubes were made by other versions of the package or of libraries, or another source."""
+    (first, base), *others = parts.items()
+    for name, cube in others:
+        released = plain(cube.attrs[VERSION_ATTRIBUTE]) == plain(base.attrs[VERSION_ATTRIBUTE])
+        both = parts_makers({first: base, name: cube})
+        if released and (mix_sources or (len(both) == 1 and all(maker.source is not None for maker in both))):
+            continue
+        told = [key for key in Maker._fields if key == "source" or len({getattr(maker, key) for maker in both}) > 1]
+        msg = (
+            f"{first!r} was made by {_made_by(base, told)}, {name!r} by {_made_by(cube, told)}: the same scenario may "
+            "have another result in each. Run them again with one of them, such as the installed package (version "
+            f"{package_version()})"
+        )
+        if released:
+            msg += (
+                "; or, where you know that what changed between them touches no result, allow both: mix_sources=True, "
+                "on the command line --mix-sources. The cube then says which file is of which"
+            )
+        raise InputError(msg)
+
+
+def parts_makers(parts: Parts) -> set[Maker]:
+    """Return what made cubes, or their parts."""
+    return set().union(*(makers(cube.attrs) for cube in parts.values()))
+
+
+def _made_by(cube: xr.Dataset, told: Sequence[str]) -> str:
+    """Say what made a cube, by its version and those fields of its makers."""
+    found = sorted({", ".join(_named(key, getattr(maker, key)) for key in told) for maker in makers(cube.attrs)})
+    return f"version {cube.attrs[VERSION_ATTRIBUTE]} ({'; '.join(found)})"
+
+
+def _named(key: str, value: str | None) -> str:
+    if value is None:
+        return f"of a {key} it does not name"
+    return f"{key} {value[:12] if key == 'source' else value}"  # of a digest the first digits tell enough
+
+
+def _check_labels(parts: Parts) -> None:
+    """Raise `InputError` where coordinates of cubes, or their audits, are not of one form."""
+    (first, base), *others = parts.items()
+    for name, cube in others:
+        for key in sorted({*map(str, base.coords), *map(str, cube.coords)} - {CASE}):
+            here, there = _form(base, key), _form(cube, key)
+            if here != there and not _is_audit(base, key) and not _is_audit(cube, key):
+                msg = (
+                    f"coordinate {key!r} is {here} in {first!r} and {there} in {name!r}; "
+                    "cubes of one study have the same, give them as they were made"
+                )
+                raise InputError(msg)
+    audits = [(name, cube) for name, cube in parts.items() if has_audit(cube)]
+    for name, cube in audits[1:]:
+        first, base = audits[0]
+        keys = [str(key) for key in base.variables if key in cube.variables and _is_audit(base, str(key))]
+        unlike = [key for key in keys if _form(base, key) != _form(cube, key)]
+        if unlike or base["output"].values.tolist() != cube["output"].values.tolist():
+            what = unlike[0] if unlike else "output"
+            msg = f"the audits of {first!r} and {name!r} differ in {what!r}; run one of the sweeps again"
+            raise InputError(msg)
+
+
+def _is_audit(cube: xr.Dataset, key: str) -> bool:
+    """Whether a variable or coordinate belongs to the audit."""
+    return key in cube.variables and bool(set(AUDIT_DIMS) & set(cube.variables[key].dims))
+
+
+def _form(cube: xr.Dataset, key: str) -> str:
+    """Say what kind of a coordinate a cube has under a name."""
+    if key not in cube.variables:
+        return "missing"
+    kind = "numbers" if cube[key].dtype.kind in "iuf" else "text"
+    return f"{kind} along ({', '.join(map(str, cube[key].dims))})"
+
+
+def _differences(
+    a: xr.Dataset, b: xr.Dataset, one: Mapping[str, Any], two: Mapping[str, Any]
+) -> list[tuple[str, Any, Any]]:
+    found: list[tuple[str, Any, Any]] = [
+        ("the list of axes", outer_dims(a), outer_dims(b)),
+        ("the list of variables", scenario_variables(a), scenario_variables(b)),
+    ]
+    for key in sorted({*one, *two} - AXES - BUILDING_AXES - FREE):
+        found.append((f"{key!r} of the sweep", one.get(key), two.get(key)))
+    for key in sorted(AXES):
+        found.append((f"whether {key!r} are given", one.get(key) is not None, two.get(key) is not None))
+    for key in sorted({*a.attrs, *b.attrs} - OWN_ATTRIBUTES):
+        found.append((f"attribute {key!r}", plain(a.attrs.get(key)), plain(b.attrs.get(key))))
+    for name in INNER_DIMS:
+        here, there = (cube[name].values.tolist() if name in cube.dims else [] for cube in (a, b))
+        found.append((f"the list of {name}s", here, there))
+    motions = {record["name"]: record for record in two["records"]}
+    for record in one["records"]:
+        if record["name"] in motions:
+            other = motions[record["name"]]
+            here, there = ([each[key] for key in MOTION] for each in (record, other))
+            found.append((f"record {record['name']!r}", here, there))
+    return [each for each in found if each[1] != each[2]]
+
+
+def scenario_variables(cube: xr.Dataset) -> list[Hashable]:
+    """Variables of a cube that are not its audit's."""
+    return [name for name, array in cube.data_vars.items() if AUDIT_DIMS[0] not in array.dims]
+
+
+#: Values of an axis that differ by less than this were meant to be the same.
+NEARLY = 1e-9
+
+
+def together(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
+    """Return all values of an axis, each once: rising or falling if all parts are, else as they come.
+
+    Raises
+    ------
+    InputError
+        Two of them, which no part holds both of, are the same but for rounding.
+
+    Examples
+    --------
+    >>> together("gap", [[0.01, 0.03], [0.02]]), together("law", [["linear", "none"], ["hertz"]])
+    ([0.01, 0.02, 0.03], ['linear', 'none', 'hertz'])
+    """
+    values = list(dict.fromkeys(value for part in parts for value in part))
+    if not all(isinstance(value, int | float) for value in values):
+        return values
+    rising, held = sorted(values), [set(part) for part in parts]
+    for a, b in pairwise(rising):
+        near = abs(b - a) <= NEARLY * max(abs(a), abs(b))
+        if near and not any(a in part and b in part for part in held):  # a part with both means them apart
+            msg = f"{what} has the values {a!r} and {b!r}, the same but for rounding; run one part again with the other"
+            raise InputError(msg)
+    if all(a < b for part in parts for a, b in pairwise(part)):
+        return rising
+    return rising[::-1] if all(a > b for part in parts for a, b in pairwise(part)) else values
+
+
+def places(along: Sequence[Mapping[str, Sequence[Any]]], axes: Mapping[str, list[Any]]) -> list[dict[str, np.ndarray]]:
+    """Where the values of each part's axes stand on the axes of all."""
+    where = {axis: {value: i for i, value in enumerate(values)} for axis, values in axes.items()}
+    return [{axis: np.array([at[value] for value in mine[axis]]) for axis, at in where.items()} for mine in along]
+
+
+def coordinates(parts: Parts, axes: Mapping[str, list[Any]], where: list[dict[str, np.ndarray]]) -> dict[str, Any]:
+    """Return the coordinates of all parts; missing (NaN, "") where no part has both values of two axes.
+
+    Raises
+    ------
+    InputError
+        Parts give different values at the same place.
+    """
+    import xarray as xr
+
+    base = next(iter(parts.values()))
+    found: dict[str, Any] = {}
+    for name, given in base.coords.items():
+        if set(AUDIT_DIMS) & set(given.dims):
+            continue
+        shape = [len(axes[str(dim)]) if dim in axes else base.sizes[dim] for dim in given.dims]
+        if name == CASE:  # each part may number its own from 1
+            kind = np.result_type(*(cube[CASE].dtype for cube in parts.values()))
+            whole = np.array(axes[CASE], kind if kind.kind in "iuf" else np.str_)
+        else:
+            whole = _whole(str(name), given.dims, shape, parts, axes, where)
+        stored = xr.Variable(given.dims, whole, given.attrs)
+        stored.encoding = {"_FillValue": None}
+        found[str(name)] = stored
+    return found
+
+
+def _whole(
+    name: str,
+    dims: Sequence[Hashable],
+    shape: Sequence[int],
+    parts: Parts,
+    axes: Mapping[str, list[Any]],
+    where: list[dict[str, np.ndarray]],
+) -> np.ndarray:
+    """Return the values of a coordinate from all parts."""
+    given = next(iter(parts.values()))[name].dtype
+    text = given.kind not in "iuf"
+    whole = np.full(shape, "", object) if text else np.full(shape, np.nan)
+    origin = np.full(shape, -1)
+    for index, ((file, cube), at) in enumerate(zip(parts.items(), where, strict=True)):
+        box = np.ix_(*(at[str(d)] if d in axes else np.arange(cube.sizes[d]) for d in dims))
+        values = cube[name].transpose(*dims).values
+        differs = (origin[box] >= 0) & (whole[box] != values)
+        if not text:
+            differs &= ~(np.isnan(whole[box]) & np.isnan(values))
+        if differs.any():
+            one, two = whole[box][differs].tolist()[0], values[differs].tolist()[0]
+            earlier = list(parts)[int(origin[box][differs][0])]
+            msg = (
+                f"coordinate {name!r} is {one!r} in {earlier!r}, and {two!r} at the same place in {file!r}; "
+                "cubes of one study agree in it, so one is damaged or was changed: run it again"
+            )
+            raise InputError(msg)
+        whole[box], origin[box] = values, index
+    if text:
+        return whole.astype(np.str_)
+    return whole.astype(given) if given.kind in "iu" and (origin >= 0).all() else whole
+
+
+def attributes(
+    parts: Parts, described: Sequence[Mapping[str, Any]], n: int, cases: list[dict[str, Any]] | None
+) -> dict[str, Any]:
+    """Return what a cube says of its parts: what they share, the sweep of all, where each is from.
+
+    Parameters
+    ----------
+    parts : mapping of str to xarray.Dataset
+        Cubes of one study.
+    described : sequence of dict
+        What they say of their sweeps.
+    n : int
+        Scenarios of all of them together.
+    cases : list of dict or None
+        What is to be said of those, where they are listed cases.
+    """
+    cubes = list(parts.values())
+    whole = {**described[0], "cases": cases}
+    for key in AXES:
+        if whole[key] is not None:
+            whole[key] = together(key, [each[key] for each in described])
+    for key in BUILDING_AXES:
+        each_building = zip(*(each[key] for each in described), strict=True)
+        whole[key] = [[alike[0][0], together(key, [values for _, values in alike])] for alike in each_building]
+    whole["records"] = list(_by_name([each["records"] for each in described]).values())
+    there = {record["name"] for record in whole["records"]}
+    left_out = together("records_left_out", [each["records_left_out"] for each in described])
+    whole["records_left_out"] = [name for name in left_out if name not in there]
+    text = json.dumps(whole, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    base = cubes[0].attrs
+    found = {key: value for key, value in base.items() if key not in OWN_ATTRIBUTES or key == "title"}
+    told = _by_name([json.loads(cube.attrs["records"]) for cube in cubes])
+    found["records"] = json.dumps([told[record["name"]] for record in whole["records"]], sort_keys=True)
+    found |= {"sweep": text, "sweep_sha256": hashlib.sha256(text.encode()).hexdigest(), "scenarios_asked": n}
+    for key in ("scenarios_run", "scenarios_never_touching"):
+        found[key] = sum(int(run.get(key, 0)) for run in _runs(parts))
+    steps = [
+        dict(zip((r["name"] for r in each["records"]), np.atleast_1d(cube.attrs["time_step"]).tolist(), strict=True))
+        for each, cube in zip(described, cubes, strict=True)
+        if "time_step" in cube.attrs
+    ]
+    if steps:
+        every = {name: step for each in steps for name, step in each.items()}
+        found["time_step"] = np.array([every[record["name"]] for record in whole["records"]])
+    if "accuracy_choice" in base:
+        found["accuracy_choice"] = " | ".join(dict.fromkeys(str(cube.attrs["accuracy_choice"]) for cube in cubes))
+    if whole["records_left_out"]:
+        found["records_left_out"] = json.dumps(whole["records_left_out"])
+    for key in ("source", VERSION_ATTRIBUTE):  # the same for all
+        if key in base:
+            found[key] = base[key]
+    for key, values in zip(MAKER_ATTRIBUTES, zip(*parts_makers(parts), strict=True), strict=True):
+        if len(set(values)) == 1 and values[0] is not None:
+            found[key] = values[0]
+    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+    found["history"] = f"{now} merged from {len(cubes)} cubes by pounding_sweep {package_version()} (see merged_from)"
+    found["merged_from"] = json.dumps([origin(file, cube.attrs) for file, cube in parts.items()])
+    return found
+
+
+def _by_name(listed: list[list[dict[str, Any]]]) -> dict[str, dict[str, Any]]:
+    """Return the records of several lists, each once, the first one of its name."""
+    found: dict[str, dict[str, Any]] = {}
+    for records in listed:
+        for record in records:
+            found.setdefault(record["name"], record)
+    return found
+
+
+def _runs(parts: Parts) -> list[dict[str, Any]]:
+    """Return what is said of the runs that made cubes, each once: one may be a part of another, or a copy."""
+    found: dict[str, dict[str, Any]] = {}
+    for file, cube in parts.items():
+        found |= runs(file, cube.attrs)
+    return list(found.values())
+
+
+def _first_of_each(audits: Sequence[Sequence[xr.DataArray]]) -> list[int]:
+    """Where, along audits one after another, a scenario comes first, by the coordinates that say which it is."""
+    found: dict[str, int] = {}
+    position = 0
+    for audit in audits:
+        columns = [array.transpose(AUDIT_DIMS[0], ...).values.tolist() for array in audit]
+        for row in zip(*columns, strict=True):
+            found.setdefault(repr(row), position)  # as text, in which a missing value equals another
+            position += 1
+    return list(found.values())
+
+
+def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
+    """Put the audits of all parts, one after another, into their cube; of each scenario the first one."""
+    import xarray as xr
+
+    audits = [part for part in parts.values() if has_audit(part)]
+    if not audits:
+        return cube
+    first = audits[0]
+    names = [name for name in first.variables if set(AUDIT_DIMS) & set(first[name].dims)]
+    names = [name for name in names if all(name in audit.variables for audit in audits)]
+    scenarios = [name for name in names if name in first.coords and name not in AUDIT_DIMS]
+    chosen = _first_of_each([[audit[name] for name in scenarios] for audit in audits])
+    n = len(chosen)
+    found = {}
+    for name in names:
+        dims = first[name].dims
+        values = first[name].values
+        if AUDIT_DIMS[0] in dims:
+            along = dims.index(AUDIT_DIMS[0])
+            values = np.concatenate([audit[name].values for audit in audits], axis=along).take(chosen, axis=along)
+        found[name] = xr.Variable(dims, values, first[name].attrs)
+        found[name].encoding = {"_FillValue": None}
+    found["audit"] = xr.Variable(("audit",), np.arange(1, n + 1, dtype=np.int32), first["audit"].attrs)
+    found["audit"].encoding = {"_FillValue": None}
+    labels = {name: variable for name, variable in found.items() if name in first.coords}
+    result = cube.assign({name: v for name, v in found.items() if name not in labels}).assign_coords(labels)
+    decided = found["audit_undecided"].values == 0
+    for i, name in enumerate(found["output"].values.tolist()):
+        if decided.any() and name in result:
+            error = found["audit_error"].values[decided, i]
+            result[name].attrs |= {"audit_error_max": float(error.max()), "audit_error_median": float(np.median(error))}
+    audited = [run for run in _runs({f: p for f, p in parts.items() if has_audit(p)}) if "audit_touching" in run]
+    touching = np.array([int(run["audit_touching"]) for run in audited])
+    share = np.array([float(run["audit_share"]) for run in audited])
+    result.attrs |= {
+        "audit_scenarios": n,
+        "audit_touching": int(touching.sum()),
+        "audit_share": float((share * touching).sum() / touching.sum()),
+        "audit_perturbation": first.attrs["audit_perturbation"],
+        "audit_undecided_share": float(1.0 - decided.mean()),
+    }
+    return result
+
 
 #: Scenarios, missing or in conflict, that are named.
 NAMED = 5

@@ -8,6 +8,9 @@ not thread-safe: everything of this package that touches a netCDF file holds
 from __future__ import annotations
 
 import errno
+import itertools
+import math
+import mmap
 import os
 import shutil
 import stat
@@ -24,16 +27,236 @@ from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.base.files import failure, remove_leftovers, replacing
 from pounding_sweep.base.paths import absolute
 from pounding_sweep.base.tables import bytes_text
+from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.dataset import TEXT, VERSION_ATTRIBUTE, encoding_of, stored_as
-from pounding_sweep.output.form import wrong_form
-from pounding_sweep.output.heaps import has_endless_heap
 from pounding_sweep.output.slabs import cuts
-from pounding_sweep.output.stored import wrongly_stored
+from pounding_sweep.outputs.variables import VARIABLES
 
 if TYPE_CHECKING:
+    import h5py
     import netCDF4
     import numpy.typing as npt
     import xarray as xr
+
+
+#: Bytes at the beginning and at the end of a file that are looked through: labels and attributes stand there.
+LOOKED_AT = 2**26
+
+_SIGNATURE = b"GCOL\x01\x00\x00\x00"
+_HEADER = 16
+
+
+def has_endless_heap(path: Path) -> bool:
+    """Whether a global heap (HDF5 File Format Specification, III.E) of a file leads nowhere.
+
+    Parameters
+    ----------
+    path : Path
+        Any file that is not empty.
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        return any(not _ends(data, at) for at in _heaps(data))
+
+
+def _heaps(data: mmap.mmap) -> Iterator[int]:
+    parts = [(0, len(data))] if len(data) <= 2 * LOOKED_AT else [(0, LOOKED_AT), (len(data) - LOOKED_AT, len(data))]
+    for start, stop in parts:
+        at = data.find(_SIGNATURE, start, stop)
+        while at >= 0:
+            yield at
+            at = data.find(_SIGNATURE, at + 1, stop)
+
+
+def _ends(data: mmap.mmap, at: int) -> bool:
+    """Walk through a heap as HDF5 does; False where an object takes no room, or more than there is."""
+    end = min(at + int.from_bytes(data[at + 8 : at + 16], "little"), len(data))
+    here = at + _HEADER
+    while here + _HEADER <= end:
+        index = int.from_bytes(data[here : here + 2], "little")
+        size = int.from_bytes(data[here + 8 : here + 16], "little")
+        taken = _HEADER + (size + 7) // 8 * 8 if index else size  # object 0 is the room that is left, header and all
+        if not _HEADER <= taken <= end - here:
+            return False
+        here += taken
+    return True
+
+
+#: Bytes of the checksum behind a block.
+_CHECKSUM = 4
+
+
+def wrongly_stored(path: Path) -> str | None:
+    """Say what in a file is not stored as this package does it; None if nothing, or if it is no HDF5 file.
+
+    Parameters
+    ----------
+    path : Path
+        Any file; nothing that it refers to is opened.
+
+    Raises
+    ------
+    Exception
+        Whatever the library raises at a file that it can't read.
+    """
+    import h5py
+
+    if not h5py.is_hdf5(path):
+        return None
+    taken: set[int] = set()
+    with h5py.File(path, "r") as file:
+        for name in file:
+            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+                return f"{name!r} is a link to something else"
+            found = file[name]
+            if isinstance(found, h5py.Group):  # the netCDF library would look into it before it can be refused
+                return "it has groups, or types of its own"
+            if isinstance(found, h5py.Dataset):
+                if found.external or found.is_virtual:
+                    return f"the values of {name!r} stand in other files"
+                if found.chunks and not _blocks_are_whole(found, taken):
+                    return f"blocks of the values of {name!r} are missing, or without checksums"
+    return None
+
+
+def _blocks_are_whole(values: h5py.Dataset, taken: set[int]) -> bool:
+    """Whether each block is there once, is found where it belongs, and is read with its checksum, if there are any.
+
+    `taken` are the places of other variables' blocks, to which these are added: no two share one.
+    """
+    import h5py
+
+    pipeline = values.id.get_create_plist()
+    filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
+    checked = sum(1 << i for i, each in enumerate(filters) if each == h5py.h5z.FILTER_FLETCHER32)
+    blocks: list[Any] = []
+    if values.size:
+        values.id.chunk_iter(blocks.append)
+    starts = [range(0, size, block) for size, block in zip(values.shape, values.chunks, strict=True)]
+    if len(blocks) != math.prod(map(len, starts)):  # which may be more than can be counted
+        return False
+    corners = list(itertools.product(*starts))
+    places = {block.byte_offset for block in blocks}
+    shared = places & taken
+    taken |= places
+    return (
+        {block.chunk_offset for block in blocks} == set(corners)
+        and len(places) == len(blocks) == len(corners)
+        and not shared
+        and not any(block.filter_mask & checked for block in blocks)
+        and not any(checked and block.size <= _CHECKSUM for block in blocks)  # at which the library crashes
+        and all(_is_found(values, corner) for corner in corners)
+    )
+
+
+def _is_found(values: h5py.Dataset, corner: tuple[int, ...]) -> bool:
+    """Whether the library finds a block when it reads: it looks it up, and then sees that there is no room for it."""
+    try:
+        values.id.read_direct_chunk(corner, out=bytearray())
+    except ValueError:
+        return True
+    except RuntimeError:
+        pass
+    return False
+
+
+#: No compressed file holds more bytes per byte of its own: the limit of deflate, and something for headers.
+MOST_PACKED = 1100
+#: Attributes of variables that change what is read; this package writes none of them.
+_RECODING = ("scale_factor", "add_offset", "dtype", "_Unsigned", "missing_value", "valid_range")
+#: Values of an axis at most, characters of a text, and of all texts together: they are in memory while a cube is open.
+LONGEST_AXIS, LONGEST_TEXT, MOST_CHARACTERS = 2**24, 2**12, 2**29
+#: How characters are to be read.
+ENCODING = "utf-8"
+#: Attributes that are text where they are there.
+_TEXTS = ("units", "unit_text", "long_name", "coordinates", "standard_name", "comment")
+#: Numbers of the audit among the attributes of a cube.
+_AUDIT_NUMBERS = ("audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share")
+
+
+def wrong_form(file: netCDF4.Dataset, size: int) -> str | None:
+    """Say what in a netCDF file's header is not as this package writes it; None if nothing is.
+
+    Parameters
+    ----------
+    file : netCDF4.Dataset
+        The file, open; the caller holds the lock of the library.
+    size : int
+        Its bytes.
+
+    Returns
+    -------
+    str or None
+        The first fault: a type that is neither number nor text, more values than the file
+        can hold, attributes that would change what is read, an audit that is not whole.
+
+    Raises
+    ------
+    Exception
+        Whatever the library raises at a file that it can't read.
+    """
+    return next(_faults(file, size), None)
+
+
+def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
+    if file.groups or file.cmptypes or file.vltypes or file.enumtypes:
+        yield "it has groups, or types of its own"
+    texts = sum(variable.size for variable in file.variables.values() if _is_of_characters(variable))
+    if texts > MOST_CHARACTERS:
+        yield f"its texts have {texts} characters, more than {MOST_CHARACTERS}"
+    for name, variable in file.variables.items():
+        dtype: Any = variable.dtype
+        if dtype is not str and dtype.kind not in "iufS":
+            yield f"variable {name!r} has type {dtype}, neither number nor text"
+        labels = variable.dimensions[:1] == (name,)  # names of statuses, along which a trade counts
+        characters = _is_of_characters(variable)
+        if name in VARIABLES and not labels and (dtype is str or characters):
+            yield f"variable {name!r} is text"
+        if len(set(variable.dimensions)) < len(variable.dimensions):
+            yield f"variable {name!r} has a dimension twice"
+        count = math.prod(len(dim) for dim in variable.get_dims())
+        most = size if variable.chunking() == "contiguous" else MOST_PACKED * size
+        if count * (1 if dtype is str else dtype.itemsize) > most:
+            yield f"variable {name!r} has {count} values, more than a file of {size} bytes can hold"
+        if labels and len(variable) > LONGEST_AXIS:
+            yield f"axis {name!r} has {len(variable)} values, more than {LONGEST_AXIS}"
+        if characters and variable.shape and variable.shape[-1] > LONGEST_TEXT:
+            yield f"texts of {name!r} have {variable.shape[-1]} characters, more than {LONGEST_TEXT}"
+        attributes = {key: variable.getncattr(key) for key in variable.ncattrs()}
+        for key in _RECODING:
+            if key in attributes:
+                yield f"variable {name!r} has an attribute {key!r}"
+        if attributes.get("_Encoding") != (ENCODING if characters else None):
+            yield f"variable {name!r} has {'no' if characters else 'an'} attribute '_Encoding' of {ENCODING!r}"
+        for key in _TEXTS:
+            if not isinstance(attributes.get(key, ""), str):
+                yield f"attribute {key!r} of variable {name!r} is no text"
+    yield from _audit_faults(file)
+
+
+def _is_of_characters(variable: netCDF4.Variable) -> bool:
+    return variable.dtype is not str and bool(variable.dtype.kind == "S")
+
+
+def _dimensions(variable: netCDF4.Variable) -> tuple[str, ...]:
+    """Return the dimensions of a variable's values; characters of a text are no values."""
+    dimensions: tuple[str, ...] = variable.dimensions
+    return dimensions[:-1] if _is_of_characters(variable) else dimensions
+
+
+def _audit_faults(file: netCDF4.Dataset) -> Iterator[str]:
+    """Find what is missing of an audit that is there in part."""
+    if "audit_error" not in file.variables:
+        return
+    if set(file["audit_error"].dimensions) != set(AUDIT_DIMS):
+        yield f"variable 'audit_error' has dimensions {file['audit_error'].dimensions}, not {AUDIT_DIMS}"
+    sample, outputs = AUDIT_DIMS
+    for name, dimension in (("audit_sensitive", sample), ("audit_undecided", sample), ("output", outputs)):
+        if name not in file.variables or _dimensions(file[name]) != (dimension,):
+            yield f"variable {name!r} is missing, or is not along {dimension!r}"
+    for name in _AUDIT_NUMBERS:
+        value = file.getncattr(name) if name in file.ncattrs() else None
+        if not isinstance(value, (int, float, np.number)):
+            yield f"attribute {name!r} is {value!r}, no number"
 
 
 class _OneLock(type(threading.RLock())):  # type: ignore[misc]
@@ -398,7 +621,7 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
 
     Notes
     -----
-    The header is checked before values are read (`pounding_sweep.output.form`), and every array carries
+    The header is checked before values are read (`pounding_sweep.output.netcdf`), and every array carries
     checksums: where the values of a damaged file are read later, the library raises RuntimeError.
     """
     target, mode = _target(path)

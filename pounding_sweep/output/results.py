@@ -189,7 +189,7 @@ class Outcome:
     taken : int
         Scenarios taken from an earlier cube, in this run or an interrupted one.
     taken_from : mapping or None
-        What that cube said of itself; see `pounding_sweep.resume.reuse_ledger`.
+        What that cube said of itself; see `pounding_sweep.resume.reuse`.
     compiled : int
         Kernels that had to be compiled.
     compile_seconds, run_seconds : float

@@ -16,8 +16,7 @@ from pounding_sweep.base.errors import OutputError
 from pounding_sweep.base.lock import Holder, running
 from pounding_sweep.base.regular import parse_json, read_regular
 from pounding_sweep.plan.chunks import Chunk
-from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, ChunkStore, unreadable
-from pounding_sweep.resume.identity import WHOLE
+from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, WHOLE, ChunkStore, unreadable
 
 if TYPE_CHECKING:
     from pounding_sweep.plan.plan import Plan

@@ -25,13 +25,13 @@ import numpy as np
 
 from pounding_sweep.emit.spec import LANES
 from pounding_sweep.engine.row_kernel import RowKernel
-from pounding_sweep.output.property_labels import row_coordinates
+from pounding_sweep.output.labels import row_coordinates
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
 from pounding_sweep.outputs.variables import STATUS, Status
-from pounding_sweep.plan.jobs import Job
+from pounding_sweep.plan.chunks import Job
 from pounding_sweep.plan.plan import REFINED
 from pounding_sweep.plan.scenarios import changed
-from pounding_sweep.run.dispatch import Dispatcher
+from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import in_double
 
 if TYPE_CHECKING:

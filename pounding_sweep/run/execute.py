@@ -23,20 +23,19 @@ from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.results import Outcome, Results, table_type, to_table
 from pounding_sweep.outputs.variables import Status, cube_variables
-from pounding_sweep.plan.chunks import Chunk
-from pounding_sweep.plan.jobs import Job
+from pounding_sweep.plan.chunks import Chunk, Job
 from pounding_sweep.plan.plan import Plan, untouched
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkCorrupt, ChunkStore
-from pounding_sweep.resume.reuse_ledger import Taken
+from pounding_sweep.resume.reuse import Taken
 from pounding_sweep.resume.survey import expected, listed, stages_before
 from pounding_sweep.run.async_writer import Saver
-from pounding_sweep.run.dispatch import Dispatcher
+from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import run_at_step, run_refined
 
 if TYPE_CHECKING:
-    from pounding_sweep.resume.extend import EarlierCube
+    from pounding_sweep.resume.reuse import EarlierCube
 
 #: Names of the schedulers that start on this machine.
 SCHEDULERS = ("threads", "processes", "synchronous")

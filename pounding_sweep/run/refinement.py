@@ -26,7 +26,7 @@ from pounding_sweep.outputs.differences import CHANGE, comparable, relative_erro
 from pounding_sweep.outputs.variables import SETTLED, Status
 from pounding_sweep.plan.scenarios import Scenarios, changed
 from pounding_sweep.records import Record
-from pounding_sweep.spec.step_counts import step_fault
+from pounding_sweep.spec.spec import step_fault
 
 #: Halvings of a step after which single precision, and after which a scenario is given up, the first included.
 SINGLE_HALVINGS, MOST_HALVINGS = 3, 6

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import OutputError, RunError, SweepError, WriteError
-from pounding_sweep.output.source import package_digest
+from pounding_sweep.output.provenance import package_digest
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import SweepSpec
 
@@ -188,15 +188,13 @@ class Sweep:
         """
         from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
         from pounding_sweep.output.netcdf import check_output, open_cube
-        from pounding_sweep.resume.checkpoint import ChunkStore, parts_folder
-        from pounding_sweep.resume.extend import EarlierCube
-        from pounding_sweep.resume.identity import identity_of
-        from pounding_sweep.resume.reuse_ledger import extension_attributes
+        from pounding_sweep.resume.checkpoint import ChunkStore, identity_of, parts_folder
+        from pounding_sweep.resume.reuse import EarlierCube, extension_attributes
         from pounding_sweep.run.audit import audit
         from pounding_sweep.run.cube_writer import cube_in_memory, write_cube_of
-        from pounding_sweep.run.dispatch import ExtendingDispatcher
         from pounding_sweep.run.execute import Progress, check_scheduler, dispatcher_for, execute
         from pounding_sweep.run.log import RunLog
+        from pounding_sweep.run.pool import ExtendingDispatcher
 
         n_workers = check_scheduler(scheduler, workers)
         target = check_output(out, overwrite) if out is not None else None
@@ -314,6 +312,6 @@ def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = Fal
     SweepError
         Something in the file is not valid; every fault is reported with its line.
     """
-    from pounding_sweep.spec.toml_file import load_spec
+    from pounding_sweep.spec.toml import load_spec
 
     return Sweep.from_spec(load_spec(path, skip_missing_records=skip_missing_records, folders=folders))

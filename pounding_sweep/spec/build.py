@@ -16,9 +16,8 @@ from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
 from pounding_sweep.spec.axes import Case, Range
-from pounding_sweep.spec.checks import check_sweep
-from pounding_sweep.spec.faults import Faults
 from pounding_sweep.spec.spec import AUDIT_SHARE, SweepSpec, sweep_error
+from pounding_sweep.spec.validation import Faults, check_sweep
 
 
 def build_spec(

@@ -23,6 +23,7 @@ from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES
 if TYPE_CHECKING:
     import xarray as xr
 
+
 #: Axes in the description of a sweep.
 AXES = frozenset({"laws", "gaps", "stiffnesses", "stiffness_factors", "restitutions", "scales", "damping_ratios"})
 #: Axes there that are given for some buildings: [name, values].

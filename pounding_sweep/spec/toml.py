@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 import os
+import re
+import stat
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from pounding_sweep.base.errors import MissingRecordError, PoundingSweepError, RecordError, SweepError, shown, unknown
@@ -20,27 +23,415 @@ from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import FACTOR_KINDS, Case, Range
-from pounding_sweep.spec.checks import check_sweep
-from pounding_sweep.spec.faults import FAILED, Faults, Place, gap_check, is_number, one_number, spell
-from pounding_sweep.spec.spec import SweepSpec, sweep_error
-from pounding_sweep.spec.toml_lines import key_lines, line_of
-from pounding_sweep.spec.toml_read import parse_bounded, read_bounded, syntax_error
-from pounding_sweep.spec.toml_tables import (
-    RECORD_TABLES,
-    SECTIONS,
-    BuildingTable,
-    ContactTable,
-    FactorTable,
-    FileTable,
-    HertzTable,
-    OutputTable,
-    RangeTable,
-    SceneTable,
-    SolverTable,
-    SweepTable,
-    Table,
-    WallTable,
+from pounding_sweep.spec.spec import AUDIT_SHARE, SweepSpec, sweep_error
+from pounding_sweep.spec.validation import FAILED, Faults, Place, check_sweep, gap_check, is_number, one_number, spell
+
+#: Larger sweep files are refused: tens of thousands of listed cases have a few MiB.
+MAX_FILE_BYTES = 64 * 2**20
+#: Deeper tables and arrays are refused, and longer dotted keys: those of sweep files have six parts at most.
+MAX_DEPTH = 20
+
+_PART = r"""(?:[A-Za-z0-9_-]++|"(?:\\.|[^"\\\n])*+"|'[^'\n]*+')"""
+#: What a file is made of: comments and strings, which may hold anything, words, and dotted keys that are too long.
+_TOKEN = re.compile(
+    r"#[^\n]*+"
+    r'|"{3}(?:\\.|[^"\\]|"(?!""))*+(?:"{3,5}|\Z)'
+    r"|'{3}(?:[^']|'(?!''))*+(?:'{3,5}|\Z)"
+    rf"|(?P<key>{_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_DEPTH}}}+)"
+    r'|"(?:\\.|[^"\\\n])*+(?:"|(?=\n)|\Z)'
+    r"|'[^'\n]*+(?:'|(?=\n)|\Z)"
+    r"|[A-Za-z0-9_-]++",
+    re.DOTALL,
 )
+
+
+def read_bounded(file: Path) -> bytes:
+    """Read a regular file of at most `MAX_FILE_BYTES`; opening a pipe would wait, a device may never end.
+
+    Raises
+    ------
+    OSError, ValueError
+        It can't be read, is no regular file, or is larger.
+    """
+    status = file.stat()
+    if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):  # a folder can't be read: said below
+        msg = "it is no regular file; save the sweep to one first"
+        raise ValueError(msg)
+    if status.st_size > MAX_FILE_BYTES:
+        msg = f"it has {status.st_size:,} bytes, at most {MAX_FILE_BYTES:,} are read; give axes as ranges"
+        raise ValueError(msg)
+    return file.read_bytes()
+
+
+def parse_bounded(text: str) -> dict[str, Any]:
+    """Parse TOML of at most `MAX_DEPTH` levels; the parser takes the square of the parts of a key in time and memory.
+
+    Raises
+    ------
+    tomllib.TOMLDecodeError
+        It is no TOML.
+    ValueError
+        A key, table or array is too deep, or a number too long.
+    """
+    for token in _TOKEN.finditer(text):
+        if token["key"]:
+            line = text.count("\n", 0, token.start()) + 1
+            msg = f"line {line}: a key of more than {MAX_DEPTH} parts; those of sweep files have six at most"
+            raise ValueError(msg)
+    try:
+        data = tomllib.loads(text)
+    except RecursionError:
+        data = None
+    if data is None or _is_deep(data):
+        msg = f"tables or arrays are more than {MAX_DEPTH} levels deep; those of sweep files are six at most"
+        raise ValueError(msg)
+    return data
+
+
+def _is_deep(data: dict[str, Any]) -> bool:
+    level: list[Any] = [data]
+    for _ in range(MAX_DEPTH + 1):
+        level = [
+            item
+            for given in level
+            for item in (given.values() if isinstance(given, dict) else given)
+            if isinstance(item, dict | list)
+        ]
+    return bool(level)
+
+
+def syntax_error(path: str, text: str, error: tomllib.TOMLDecodeError) -> SweepError:
+    """Put the place of a TOML syntax error in front of what it says."""
+    said = str(error)
+    match = re.search(r" \(at line (\d+), column (\d+)\)$", said)
+    if match:
+        place, said = f"{path}:{match[1]}:{match[2]}", said[: match.start()]
+    else:
+        place, said = f"{path}:{len(text.splitlines()) or 1}", re.sub(r" \(at (end of document)\)$", r" at \1", said)
+    problem = f"{place}: no valid TOML: {said[:1].lower()}{said[1:]}"
+    return SweepError(problem, [problem])
+
+
+_BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_SPACE = re.compile(r"[ \t]*")
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_STRING = re.compile(
+    r'"""(?:\\.|[^\\])*?"{3,5}' + r"|'''.*?'{3,5}" + r'|"(?:\\.|[^"\\\n])*"' + r"|'[^'\n]*'",
+    re.DOTALL,
+)
+_SCALAR = re.compile(r"[^,\]}#\n]*")
+
+
+def key_lines(text: str) -> dict[Place, int]:
+    r"""Find the line of every key, table and array element.
+
+    Parameters
+    ----------
+    text : str
+        Valid TOML: `tomllib` has accepted it.
+
+    Returns
+    -------
+    dict
+        Line, counted from 1, by place, such as ``("sweep", "gaps", 3)``.
+
+    Examples
+    --------
+    >>> key_lines("[sweep]\ngaps = [\n  0.1,\n  0.2,\n]\n")[("sweep", "gaps", 1)]
+    4
+    """
+    scanner = _Scanner(text)
+    scanner.file()
+    return scanner.lines
+
+
+def line_of(lines: Mapping[Place, int], place: Place) -> int | None:
+    """Line of a place, or of the nearest table or array around it; None if none is known."""
+    for end in range(len(place), 0, -1):
+        if place[:end] in lines:
+            return lines[place[:end]]
+    return None
+
+
+class _Scanner:
+    """One pass over valid TOML; it stops silently at anything it does not follow."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.at = 0
+        self.lines: dict[Place, int] = {}
+        self.counts: dict[Place, int] = {}
+        self.ends = [match.start() for match in re.finditer("\n", text)]
+
+    def note(self, place: Place, at: int) -> None:
+        self.lines.setdefault(place, bisect.bisect_left(self.ends, at) + 1)
+
+    def take(self, pattern: re.Pattern[str]) -> str:
+        match = pattern.match(self.text, self.at)
+        if match is None:
+            return ""
+        self.at = match.end()
+        return match[0]
+
+    def eat(self, token: str) -> bool:
+        if not self.text.startswith(token, self.at):
+            return False
+        self.at += len(token)
+        return True
+
+    def key(self) -> list[str]:
+        """Read a key, dotted or not."""
+        parts: list[str] = []
+        while True:
+            self.take(_SPACE)
+            parts.append(self.take(_BARE) or self.take(_STRING)[1:-1])
+            self.take(_SPACE)
+            if not self.eat("."):
+                return parts
+
+    def file(self) -> None:
+        table: Place = ()
+        while True:
+            self.take(_BLANK)
+            start = self.at
+            if start >= len(self.text):
+                return
+            if self.eat("["):
+                table = self.header(start)
+            else:
+                self.assignment(table)
+            if self.at == start:
+                return
+
+    def header(self, start: int) -> Place:
+        """Read the rest of a table's header; return the table's place."""
+        several = self.eat("[")
+        parts = self.key()
+        self.eat("]]" if several else "]")
+        place: Place = ()
+        for index, part in enumerate(parts):
+            place = (*place, part)
+            self.note(place, start)
+            if several and index == len(parts) - 1:
+                self.counts[place] = self.counts.get(place, 0) + 1
+            if place in self.counts:
+                place = (*place, self.counts[place] - 1)
+                self.note(place, start)
+        return place
+
+    def assignment(self, table: Place) -> None:
+        start = self.at
+        place = table
+        for part in self.key():
+            place = (*place, part)
+            self.note(place, start)
+        if self.eat("="):
+            self.take(_SPACE)
+            self.value(place)
+
+    def value(self, place: Place) -> None:
+        if self.eat("["):
+            index = 0
+            while True:
+                self.take(_BLANK)
+                if self.at >= len(self.text) or self.eat("]"):
+                    return
+                self.note((*place, index), self.at)
+                self.value((*place, index))
+                index += 1
+                self.take(_BLANK)
+                self.eat(",")
+        elif self.eat("{"):
+            while True:
+                self.take(_BLANK)
+                if self.at >= len(self.text) or self.eat("}"):
+                    return
+                self.assignment(place)
+                self.take(_BLANK)
+                self.eat(",")
+        elif not self.take(_STRING):
+            self.take(_SCALAR)
+
+
+class Table(BaseModel):
+    """A table of the file: its keys and their types. Other keys are faults."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, title="table")
+
+
+class FileTable(Table):
+    """The whole file."""
+
+    title: str = ""
+    scene: dict[str, Any] = Field(description="a table [scene]")
+    sweep: dict[str, Any] = Field(description="a table [sweep]")
+    solver: dict[str, Any] = Field(default_factory=dict, description="a table [solver]")
+    output: dict[str, Any] = Field(default_factory=dict, description="a table [output]")
+
+
+class SceneTable(Table):
+    """[scene]: a preset, or a row of its own."""
+
+    preset: str | None = Field(None, description="name of a preset")
+    row: list[dict[str, Any]] | None = Field(None, description="tables [[scene.row]], left to right")
+    gaps: list[Any] | None = Field(None, description="a list of numbers, the gap of each pair in m")
+    contact: dict[str, Any] | None = Field(None, description="a table [scene.contact]")
+
+
+class BuildingTable(Table):
+    """[[scene.row]]: a building."""
+
+    name: str = Field(description="a text")
+    masses: list[Any] = Field(description="a list of numbers, floor masses in t, bottom first")
+    stiffnesses: list[Any] = Field(description="a list of numbers, storey stiffnesses in kN/m, bottom first")
+    damping_ratio: Any = 0.05
+    storey_heights: list[Any] | None = Field(None, description="a list of numbers, storey heights in m, bottom first")
+
+
+class WallTable(Table):
+    """[[scene.row]]: a rigid wall, with ``wall = true``."""
+
+    wall: Literal[True] = Field(description="true")
+    name: str = Field("wall", description="a text")
+
+
+class ContactTable(Table):
+    """[scene.contact]: reference contact properties."""
+
+    linear_stiffness: float | None = Field(None, description="a number in kN/m")
+    hertz_stiffness: float | None = Field(None, description="a number in kN/m^1.5")
+    hertz: dict[str, Any] | None = Field(None, description="a table of material and masses or radii")
+    restitution: float | None = Field(None, description="a number")
+
+
+class HertzTable(Table):
+    """scene.contact.hertz: what a Hertz stiffness follows from."""
+
+    young_modulus: float = Field(25.0e6, description="a number in kN/m2")
+    poisson_ratio: float = Field(0.2, description="a number")
+    density: float = Field(2.5, description="a number in t/m3")
+    mass_1: float | None = Field(None, description="a number in t")
+    mass_2: float | None = Field(None, description="a number in t")
+    radii: list[float] | None = Field(None, min_length=2, max_length=2, description="two numbers in m")
+
+
+class SweepTable(Table):
+    """[sweep]: records, laws and axes, or records and cases."""
+
+    records: list[Any] | str = Field(description="a list of names, files and tables")
+    laws: list[Any] | str | None = Field(None, description="a name or a list of names")
+    gaps: Any = None
+    stiffnesses: Any = None
+    stiffness_factors: Any = None
+    restitutions: Any = None
+    restitution_basis: str = Field("published", description="a text")
+    scales: Any = None
+    building: dict[str, Any] | None = Field(None, description="tables building.NAME of factors")
+    damping_ratios: Any = None
+    cases: list[Any] | None = Field(None, description="tables [[sweep.cases]]")
+
+
+class FactorTable(Table):
+    """building.NAME in [sweep] or in a case: factors on its properties."""
+
+    period_factor: Any = None
+    mass_factor: Any = None
+
+
+class RangeTable(Table):
+    """An axis as evenly spaced values."""
+
+    start: Any = Field(description="a number, the first value")
+    stop: Any = Field(description="a number, the last value")
+    count: Any = Field(description="a whole number, how many values")
+    spacing: Any = "linear"
+
+
+class SolverTable(Table):
+    """[solver]: scheme and step."""
+
+    method: str | None = Field(None, description="a text")
+    dt: float | None = Field(None, description="a number in s")
+    accuracy: float | None = Field(None, description="a number, the relative error asked for")
+    precision: str | None = Field(None, description="a text")
+    locate: bool = Field(True, description="true or false")
+    beta: float | None = Field(None, description="a number")
+    gamma: float | None = Field(None, description="a number")
+    force_unstable: bool = Field(False, description="true or false")
+    audit: float = Field(AUDIT_SHARE, description="a number, the share of the cost spent on the audit")
+
+
+class OutputTable(Table):
+    """[output]: variables of the cube."""
+
+    variables: list[Any] | str = Field("default", description="a name or a list of names")
+
+
+class PathRecord(Table):
+    """A record from a file."""
+
+    path: str = Field(description="a text")
+    units: str | None = Field(None, description="a text")
+    dt: float | None = Field(None, description="a number in s")
+    name: str | None = Field(None, description="a text")
+    scale: float = Field(1.0, description="a number")
+    pga: float | None = Field(None, description="a number in m/s2")
+
+
+class NamedRecord(Table):
+    """A record found by name, scaled or renamed."""
+
+    record: str = Field(description="a text")
+    name: str | None = Field(None, description="a text")
+    scale: float = Field(1.0, description="a number")
+    pga: float | None = Field(None, description="a number in m/s2")
+
+
+class SyntheticRecord(Table):
+    """A synthetic earthquake; ``synthetic`` is the seed."""
+
+    synthetic: int = Field(description="a whole number, the seed")
+    duration: float = Field(20.0, description="a number in s")
+    dt: float = Field(0.01, description="a number in s")
+    pga: float = Field(3.0, description="a number in m/s2")
+    ground_frequency: float = Field(15.6, description="a number in rad/s")
+    ground_damping: float = Field(0.6, description="a number")
+    filter_frequency: float = Field(1.5, description="a number in rad/s")
+    filter_damping: float = Field(0.6, description="a number")
+    rise: float = Field(0.1, description="a number")
+    strong: float = Field(0.4, description="a number")
+    end_level: float = Field(0.05, description="a number")
+    name: str | None = Field(None, description="a text")
+
+
+class PulseRecord(Table):
+    """A simple pulse; ``pulse`` is its shape."""
+
+    pulse: str = Field(description="a text")
+    amplitude: float = Field(description="a number in m/s2")
+    period: float = Field(description="a number in s")
+    dt: float = Field(description="a number in s")
+    duration: float | None = Field(None, description="a number in s")
+    name: str | None = Field(None, description="a text")
+
+
+#: Kinds of record tables, by the key that tells them.
+RECORD_TABLES: dict[str, type[Table]] = {
+    "path": PathRecord,
+    "record": NamedRecord,
+    "synthetic": SyntheticRecord,
+    "pulse": PulseRecord,
+}
+
+
+#: Tables of settings: a key put into the wrong one is told where it belongs.
+SECTIONS: dict[str, type[Table]] = {
+    "[scene]": SceneTable,
+    "[scene.contact]": ContactTable,
+    "[sweep]": SweepTable,
+    "[solver]": SolverTable,
+    "[output]": OutputTable,
+}
 
 
 def _say(error: ErrorDetails, model: type[Table]) -> str:

@@ -1,0 +1,533 @@
+"""How many scenarios a sweep took from an earlier cube, in this run and in those that it goes on from.
+
+The line of a chunk in the manifest says how many of its scenarios were taken, and from what: a digest, which
+names the file beside the chunks that holds what that cube said of itself. The file is there before the line.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.base.errors import InputError, OutputError, WriteError, shown
+from pounding_sweep.base.files import failure, replacing
+from pounding_sweep.base.regular import parse_json, read_regular
+from pounding_sweep.model.variants import Variants
+from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, as_stored, package_version
+from pounding_sweep.output.integrity import (
+    AXES,
+    BUILDING_AXES,
+    FREE,
+    MOTION,
+    check_axes,
+    check_origins,
+    check_statuses,
+    check_variables,
+    damaged,
+    load_labels,
+    other_values,
+    reading,
+    told_sweep,
+)
+from pounding_sweep.output.labels import scenario_axes
+from pounding_sweep.output.netcdf import check_space, open_cube
+from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, library_attribute, library_versions, origin, plain
+from pounding_sweep.output.results import table_type
+from pounding_sweep.output.slabs import SLAB_BYTES, block_shape, slabs
+from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
+from pounding_sweep.plan.chunks import Job
+from pounding_sweep.plan.plan import Plan, make_plan
+from pounding_sweep.plan.scenarios import Scenarios, case_variants, product_variants
+from pounding_sweep.resume.checkpoint import ChunkStore
+from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.spec import SweepSpec, to_json
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def motion(record: Any) -> tuple[Any, ...]:
+    """Return what a record, or what a cube says of one, is known by."""
+    return tuple(record[key] if isinstance(record, Mapping) else getattr(record, key) for key in MOTION)
+
+
+def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) -> None:
+    """Raise `InputError` where results of the cube could differ from those of the sweep."""
+    check_origins(path, cube.attrs)
+    if "merged_from" in cube.attrs and not set(MAKER_ATTRIBUTES) <= set(cube.attrs):
+        msg = (
+            f"{path!r} can't be extended: it was merged from cubes that several states of the package's source, or "
+            "several versions of numba, llvmlite or numpy, made (see its merged_from). Extend those of them that the "
+            "installed ones made, or run the sweep without it"
+        )
+        raise InputError(msg)
+    if "sweep" not in cube.attrs or "status" not in cube.data_vars or SOURCE_ATTRIBUTE not in cube.attrs:
+        msg = (
+            f"{path!r} does not say what it needs to be extended: it has no status, or no attribute 'sweep' or "
+            f"{SOURCE_ATTRIBUTE!r}; give a cube made by this version's 'pounding-sweep run', or run without it"
+        )
+        raise InputError(msg)
+    there, here = told_sweep(path, cube), json.loads(to_json(spec))
+    free = AXES | BUILDING_AXES | FREE | {"force_unstable"}
+    sweeps = [(key, there.get(key), here.get(key)) for key in sorted({*there, *here} - free)]
+    makers = [
+        ("version", plain(cube.attrs[VERSION_ATTRIBUTE]), package_version()),
+        ("source of the package, as SHA-256,", plain(cube.attrs[SOURCE_ATTRIBUTE]), source),
+        *(
+            (name, plain(cube.attrs.get(library_attribute(name))), version)
+            for name, version in library_versions().items()
+        ),
+    ]
+    for each, remedy in (
+        (sweeps, "Make them agree"),
+        (makers, "The same scenario may have another result with each: install what made it"),
+    ):
+        differing = [f"{what} is {shown(old)} there and {shown(new)} here" for what, old, new in each if old != new]
+        if differing:
+            msg = (
+                f"{path!r} can't be extended by this sweep: {'; '.join(differing)}. "
+                f"{remedy}, or run the sweep without it"
+            )
+            raise InputError(msg)
+
+
+def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
+    """Return the sweep that a cube was made by, but for its records, which are those of `spec`.
+
+    Raises
+    ------
+    InputError
+        The cube has other scenarios than that sweep, or not the outputs of `spec` as sweeps store them.
+    OutputError
+        Its labels can't be read.
+    """
+    told = told_sweep(path, cube)
+    given: dict[str, Any] = {key: None if told[key] is None else tuple(told[key]) for key in AXES}
+    for key in BUILDING_AXES:
+        given[key] = tuple((building, tuple(values)) for building, values in told[key])
+    given |= {key: told[key] for key in ("title", "audit", "force_unstable")}
+    given["records_left_out"] = tuple(told["records_left_out"])
+    try:
+        given["cases"] = None if told["cases"] is None else tuple(map(_case, told["cases"]))
+    except (TypeError, ValueError, KeyError):
+        raise damaged(path, "its sweep lists no valid cases") from None
+    found = replace(spec, **given)
+    names = [record["name"] for record in told["records"]]
+    if found.cases is None:
+        check_axes(path, cube, {**found.axes, "gap": found.gaps or 1, "record": names})
+    else:
+        check_axes(path, cube, {"case": len(found.cases)})
+    load_labels(path, cube)
+    if found.cases is not None:
+        there = cube["record"].values.tolist() if "record" in cube.coords else None
+        if there != [case.record for case in found.cases]:
+            raise InputError(other_values(path, "record"))
+    _check_results(path, cube, spec)
+    return found
+
+
+def _check_results(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
+    """Raise `InputError` where a cube has not all outputs of a sweep, or not of its buildings, pairs and storeys."""
+    scene = spec.scene
+    names = [name for name in cube_variables(spec.outputs) if scene.pair_names or not VARIABLES[name].per_pair]
+    check_variables(path, cube, names)
+    labels = {
+        "building": [building.name for building in scene.buildings],
+        "pair": list(scene.pair_names),
+        "storey": list(range(1, scene.n_storeys + 1)),
+    }
+    for dim in {dim for name in names for dim in VARIABLES[name].dims}:
+        if dim not in cube.coords or cube[dim].values.tolist() != labels[dim]:
+            raise InputError(other_values(path, dim))
+
+
+def _case(told: Mapping[str, Any]) -> Case:
+    """Return a listed case as a cube describes it."""
+    factors = {key: tuple((name, factor) for name, factor in told[key]) for key in ("period_factors", "mass_factors")}
+    gap = told["gap"]
+    return Case(**{**told, **factors, "gap": tuple(gap) if isinstance(gap, list) else gap})
+
+
+def dimensions(spec: SweepSpec) -> tuple[str, ...]:
+    """Return the dimensions of the scenarios in the cube of a sweep."""
+    return tuple(spec.axes) or ("case",)
+
+
+def varies_buildings(spec: SweepSpec) -> bool:
+    """Whether scenarios of a sweep differ in building properties, or from the scene as given."""
+    if spec.cases is not None:
+        return len(case_variants(spec.scene, spec.cases)[0]) > 1
+    return len(product_variants(spec.scene, spec.property_axes)) > 1
+
+
+def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, xr.Dataset]:
+    """Return an earlier sweep and its cube, without the records that the new sweep has not."""
+    known = {motion(record): record for record in whole.records}
+    known |= {(record.name, *motion(record)): record for record in whole.records}  # several may be of one motion
+    told = []
+    for record in json.loads(cube.attrs["sweep"])["records"]:
+        alike = known.get(motion(record))
+        told.append((record["name"], known.get((record["name"], *motion(record)), alike)))
+    records = tuple(record for _, record in told if record is not None)
+    if whole.cases is None:
+        kept = [i for i, (_, record) in enumerate(told) if record is not None]
+        return replace(whole, records=records), cube.isel(record=kept)
+    names = {name: record.name for name, record in told if record is not None}  # there -> here
+    chosen = [i for i, case in enumerate(whole.cases) if case.record in names]
+    cases = tuple(replace(whole.cases[i], record=names[str(whole.cases[i].record)]) for i in chosen)
+    return replace(whole, records=records, cases=cases), cube.isel(case=chosen)
+
+
+def check_cases(path: str, cube: xr.Dataset, old: Plan) -> None:
+    """Raise `InputError` where a cube says of its listed cases what its sweep, planned again, does not."""
+    for name, (dims, values, _) in scenario_axes(old)[1].items():
+        if name == "record":  # may have another name in the new sweep
+            continue
+        there, own = cube.coords.get(name), np.asarray(values)
+        numbers = own.dtype.kind == "f"
+        if there is None or not np.array_equal(there.transpose(*dims).values, own, equal_nan=numbers):
+            raise InputError(other_values(path, name))
+
+
+class EarlierCube:
+    """Results of an earlier cube, by what the scenarios are.
+
+    Parameters
+    ----------
+    path : path-like
+        Cube of the same scene, numerics and outputs, over axes or of listed cases, made by `Sweep.run` or a merge.
+    plan : Plan
+        The sweep that is to be run.
+    source : str
+        Digest of the package's source.
+    folder : Path, optional
+        Where a copy of its results may stand meanwhile; by default where the system keeps such files.
+
+    Attributes
+    ----------
+    path : str
+        The cube.
+    sha256 : str
+        Digest of its sweep.
+    origin : dict
+        What it says of itself; see `pounding_sweep.output.provenance.origin`.
+    taken : dict of str to int
+        Scenarios taken so far, by the chunks that they are in.
+    lost : dict of str to str
+        What went wrong with the rest of chunks that are known in part, by the chunk.
+
+    Raises
+    ------
+    InputError
+        The cube is not of such a sweep; the message names what differs.
+    OutputError
+        The cube can't be read.
+
+    Notes
+    -----
+    Runs without pounding are made anew, one for each motion: they decide who can touch, and what they need for that
+    is not in a cube. Where some motions are not worth it, a scenario that never touched is taken only if the earlier
+    sweep had no such run of its motion either: else it may have been answered by that run, whose kernel may differ in
+    the last bits from the one that the whole sweep would take.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], plan: Plan, source: str, folder: Path | None = None) -> None:
+        self.path = os.fspath(path)
+        self.taken: dict[str, int] = {}
+        self.lost: dict[str, str] = {}
+        self._plan = plan
+        self._rows: _RowFinder | None = None
+        motions = [motion(record) for record in plan.spec.records]
+        self._first = np.array([motions.index(each) for each in motions])  # several records may be of one motion
+        with open_cube(path) as cube:
+            check_same_study(self.path, cube, plan.spec, source)
+            self.sha256 = str(cube.attrs["sweep_sha256"])
+            self.origin = origin(self.path, cube.attrs)
+            whole = described_sweep(self.path, cube, plan.spec)
+            spec, shared = shared_part(cube, whole)
+            if not spec.n_scenarios:
+                return
+            old = self._planned(spec)
+            self._check_numerics(shared, old, varied=varies_buildings(whole))
+            if spec.cases is not None:
+                check_cases(self.path, shared, old)
+            self._table = self._copy(shared, spec, folder)
+        results = self._table
+        valid = ~np.isin(results["status"], [int(Status.NOT_RUN), int(Status.BEYOND_STABILITY_LIMIT)])
+        if len(plan.motions_to_run) < len(plan.motions):
+            without = np.isin(old.motion_of, old.motions_to_run, invert=True)
+            valid &= np.isfinite(results["steps_per_contact"]) | without[old.inverse]
+        unique, first = np.unique(old.inverse[valid], return_index=True)
+        self._place = np.flatnonzero(valid)[first]
+        if not len(unique):
+            return
+        table = old.unique[unique]
+        keys = {law.key: i for i, law in enumerate(plan.laws)}
+        law = np.array([keys.get(item.key, -1) for item in old.laws])[table.law]
+        record = np.array([motions.index(motion(record)) for record in spec.records])[table.record]
+        own = replace(table, law=law, record=record)
+        self._rows = _RowFinder(self._columns(own, old.variants[table.variant], old.steps[unique]))
+
+    def _planned(self, spec: SweepSpec) -> Plan:
+        """Plan the earlier sweep, as far as it can be what a user once gave: a file may say anything of it."""
+        try:
+            return make_plan(spec)
+        except InputError:
+            raise
+        except (TypeError, ValueError, KeyError, IndexError) as error:
+            raise damaged(self.path, f"its sweep can't be planned ({type(error).__name__}: {error})") from None
+
+    def _check_numerics(self, cube: xr.Dataset, old: Plan, *, varied: bool) -> None:
+        plan, spec = self._plan, old.spec
+        ran = [str(cube.attrs.get(key)) for key in ("method", "precision")]
+        what = ""
+        if varied != (len(plan.variants) > 1):
+            what = "only one of the two sweeps varies building properties, which runs in kernels of its own"
+        elif replace(old.numerics, dt=0.0) != replace(plan.numerics, dt=0.0):
+            what = f"for its accuracy the new sweep takes another scheme: {plan.choice}"
+        elif spec.accuracy is not None and "merged_from" in cube.attrs:
+            what = "what was chosen for the accuracy in each of its parts is not known"
+        elif spec.accuracy is not None and old.digest != self.sha256:
+            what = "with an accuracy, all records of the earlier sweep must be in the new one, under the same names"
+        elif spec.accuracy is not None and ran != [plan.numerics.method, plan.numerics.precision]:
+            what = f"for the accuracy it ran by {' in '.join(ran)}, the new sweep takes another scheme: {plan.choice}"
+        if what:
+            msg = f"{self.path!r} can't be extended: {what}; run the sweep without it"
+            raise InputError(msg)
+
+    def _copy(self, cube: xr.Dataset, spec: SweepSpec, folder: Path | None) -> np.ndarray:
+        """Copy the results to a table in a file without a name, one row per scenario: any of them can be read alone."""
+        names = cube_variables(self._plan.outputs)
+        kind = table_type(names, spec.scene)
+        dims = dimensions(spec)
+        sizes = [cube.sizes[dim] for dim in dims]
+        place = Path(tempfile.gettempdir()) if folder is None else folder
+        check_space(place, math.prod(sizes) * kind.itemsize, f"a copy of {self.path!r}")
+        try:
+            with tempfile.TemporaryFile(dir=place) as file:
+                # written, not mapped: a disk that gets full fails a write, but kills whoever writes into a map of it
+                for slab in slabs(sizes, block_shape(sizes, max(1, SLAB_BYTES // kind.itemsize))):
+                    file.write(self._slab(cube, dict(zip(dims, slab, strict=True)), kind))
+                file.flush()
+                os.fsync(file.fileno())  # network disks say only now that they are full
+                return np.memmap(file, kind, "r", shape=(math.prod(sizes),))
+        except OutputError:
+            raise
+        except OSError as error:
+            msg = (
+                f"writing a copy of {self.path!r} to {str(place)!r} failed ({error.strerror or error}); free some "
+                "space on that disk and run again"
+            )
+            raise WriteError(msg) from error
+
+    def _slab(self, cube: xr.Dataset, where: Mapping[str, slice], kind: np.dtype) -> memoryview:
+        """Return the results of scenarios that lie side by side as rows of a table."""
+        part = cube.isel(where)
+        rows = np.zeros([part.sizes[dim] for dim in where], kind)
+        for name in kind.names or ():
+            if name not in part:  # of pairs, in a row without any
+                continue
+            with reading(self.path):
+                values = part[name].transpose(*where, *VARIABLES[name].dims).values
+            rows[name] = as_stored(name, values)
+        check_statuses(self.path, rows["status"])
+        return rows.data
+
+    def _columns(self, table: Scenarios, variants: Variants, steps: np.ndarray) -> list[np.ndarray]:
+        """Everything that tells scenarios apart, as columns of numbers."""
+        found = [table.law, table.record, steps, table.scale, table.stiffness, table.restitution, *table.gaps.T]
+        if len(self._plan.variants) > 1:
+            ratio = np.nan_to_num(variants.damping_ratio, nan=-1.0)  # the buildings' own
+            found += [*variants.period_factor.T, *variants.mass_factor.T, ratio]
+        return [np.broadcast_to(np.asarray(column, dtype=float), len(table)) for column in found]
+
+    def find(self, job: Job) -> np.ndarray:
+        """Return the rows of the table of results that answer the scenarios of a job; -1 where there is none."""
+        if self._rows is None or set(job.outputs) != set(self._plan.outputs):
+            return np.full(len(job.table), -1)
+        numerics, record = job.kernel.numerics, self._plan.spec.records[job.record]
+        steps = np.full(len(job.table), numerics.steps(record))
+        table = replace(job.table, record=self._first[job.table.record])
+        found = self._rows.find(self._columns(table, job.variants, steps))
+        return np.where(found >= 0, self._place[found], -1)
+
+    def results(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows of the table of results."""
+        return np.asarray(self._table[rows])
+
+    def completed(self, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
+        """Return results where there are some, and in the places of the others `new` ones in their order."""
+        known = rows >= 0
+        both = np.empty(len(rows), new.dtype)
+        both[~known] = new
+        there = self.results(rows[known])
+        for name in new.dtype.names or ():
+            both[name][known] = there[name]
+        return both
+
+    def without(self, rows: np.ndarray) -> np.ndarray:
+        """Return results where there are some; in the places of the others, scenarios that are not run."""
+        new = np.empty(int((rows < 0).sum()), self._table.dtype)
+        for name in new.dtype.names or ():
+            new[name] = int(Status.NOT_RUN) if name == "status" else VARIABLES[name].fill
+        return self.completed(rows, new)
+
+
+class _RowFinder:
+    """Rows of a table by the values in its columns.
+
+    Parameters
+    ----------
+    columns : sequence of ndarray, shape (n,)
+        Numbers. Of rows that are the same, the last is found.
+
+    Examples
+    --------
+    >>> rows = _RowFinder([np.array([1.0, 1.0, 2.0]), np.array([5.0, 6.0, 5.0])])
+    >>> rows.find([np.array([2.0, 1.0, 2.0]), np.array([5.0, 6.0, 6.0])]).tolist()
+    [2, 1, -1]
+    """
+
+    def __init__(self, columns: Sequence[np.ndarray]) -> None:
+        codes = np.zeros(len(columns[0]), np.int64)
+        self._stages = []
+        for column in columns:  # codes of the columns so far, always less than the rows
+            values, own = np.unique(column, return_inverse=True)
+            seen, codes = np.unique(codes * len(values) + own.reshape(-1), return_inverse=True)
+            codes = codes.reshape(-1)
+            self._stages.append((values, seen))
+        self._row = np.empty(len(codes), np.int64)
+        self._row[codes] = np.arange(len(codes))
+
+    def find(self, columns: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the row that equals each of others, in all columns; -1 where there is none."""
+        codes, known = np.zeros(len(columns[0]), np.int64), np.ones(len(columns[0]), bool)
+        for column, (values, seen) in zip(columns, self._stages, strict=True):
+            own, there = _places(values, column)
+            codes, followed = _places(seen, codes * len(values) + own)
+            known &= there & followed
+        return np.where(known, self._row[codes], -1)
+
+
+def _places(rising: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where values stand among others, and whether they do."""
+    places = np.searchsorted(rising, wanted).clip(max=len(rising) - 1)
+    return places, rising[places] == wanted
+
+
+class Taken:
+    """Counts what was taken.
+
+    Parameters
+    ----------
+    store : ChunkStore, optional
+        Open store, which tells of earlier runs.
+    earlier : EarlierCube, optional
+        The cube that this run extends.
+
+    Attributes
+    ----------
+    origin : mapping or None
+        What the cube said of itself that scenarios are from: the one of this run, else the first that is met
+        among the chunks. None where there is no such cube.
+    scenarios : int
+        Scenarios taken from it so far. What was taken from another one is not counted.
+    """
+
+    def __init__(self, store: ChunkStore | None, earlier: EarlierCube | None) -> None:
+        self.origin: Mapping[str, Any] | None = None
+        self._name = ""
+        if earlier is not None:
+            self.origin, self._name = earlier.origin, _digest(earlier.origin)
+        self.scenarios = 0
+        self._store, self._now = store, {} if earlier is None else earlier.taken
+        self._lost = {} if earlier is None else earlier.lost
+        self._written = False
+
+    def new(self, key: str) -> int:
+        """Count what a chunk of this run took."""
+        taken = self._now.get(key, 0)
+        self.scenarios += taken
+        return taken
+
+    def lost(self, key: str) -> str:
+        """Return what went wrong with what a chunk of this run did not take; "" where all of it has a result."""
+        return self._lost.get(key, "")
+
+    def kept(self, key: str) -> int:
+        """Count what a chunk of an earlier run took."""
+        assert self._store is not None
+        told = self._store.told(key)
+        taken, name = told.get("taken"), told.get("from")
+        if not isinstance(taken, int) or not isinstance(name, str):
+            return 0
+        if self.origin is None:
+            self.origin, self._name = self._read(name), name
+        if self.origin is None or self._name != name:
+            return 0
+        self.scenarios += taken
+        return taken
+
+    def line(self, taken: int) -> dict[str, Any]:
+        """Return what the manifest is to say of a chunk that took so many; raises `WriteError`."""
+        if not taken or self._store is None or self.origin is None:
+            return {}
+        if not self._written:
+            try:
+                with replacing(_file(self._store, self._name), self._store.folder) as temporary:
+                    temporary.write_text(json.dumps(self.origin) + "\n", encoding="utf-8")
+            except OSError as error:
+                raise WriteError(failure(f"writing to {str(self._store.folder)!r}", error)) from error
+            self._written = True
+        return {"taken": taken, "from": self._name}
+
+    def _read(self, name: str) -> Mapping[str, Any] | None:
+        """Return what a cube said of itself; None where the file is not what was written."""
+        assert self._store is not None
+        try:
+            found = parse_json(read_regular(_file(self._store, name)))
+            return found if _digest(found) == name else None
+        except (OSError, ValueError, TypeError, AttributeError):
+            return None
+
+
+def _file(store: ChunkStore, name: str) -> Path:
+    return store.folder / f"earlier-{name}.json"
+
+
+def _digest(origin: Mapping[str, Any]) -> str:
+    """Digest of what a cube says of itself, wherever it stands."""
+    told = {key: value for key, value in origin.items() if key != "file"}
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def extension_attributes(origin: Mapping[str, Any], taken: int) -> dict[str, Any]:
+    """Return what a cube says of the one that it extends: global attributes.
+
+    Parameters
+    ----------
+    origin : mapping
+        What that one said of itself, with its ``file``.
+    taken : int
+        Scenarios taken from it.
+
+    Examples
+    --------
+    >>> extension_attributes({"file": "old.nc"}, 12)["extended_from"]
+    {'file': 'old.nc', 'scenarios_taken': 12}
+    """
+    now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
+    return {
+        "history": f"{now} extended from another cube by pounding_sweep {package_version()} (see extended_from)",
+        "extended_from": {**origin, "scenarios_taken": taken},
+    }
