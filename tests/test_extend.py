@@ -721,7 +721,7 @@ def test_a_chunk_that_fails_keeps_what_was_taken_for_it(whole, earlier, tmp_path
     assert (found["status"].where(~there, Status.NOT_RUN) == Status.NOT_RUN).all()
     for name in OUTPUTS:
         np.testing.assert_array_equal(found[name], whole[name].where(there))
-    assert (job.last_outcome.run, found_taken(found)) == (len(job.plan().motions_to_run), 32)
+    assert (job.last_outcome.run, found_taken(found)) == (len(job.plan().uncoupled_to_run), 32)
     assert 0 < job.last_outcome.failures.count("MemoryError: no room") == len(job.last_outcome.failures)
     found.close()
     finished(whole, sweep(), new, extend=new, overwrite=True)
@@ -741,7 +741,7 @@ def test_an_audit_without_result_is_made_up_for_as_the_warning_says(whole, tmp_p
     assert "audit" not in cube.dims
     cube.close()
     run, _, taken = finished(whole, sweep(), out, extend=out, overwrite=True)  # audited like the whole
-    assert run == len(sweep().plan().motions_to_run)
+    assert run == len(sweep().plan().uncoupled_to_run)
     assert taken > run
 
 
@@ -801,7 +801,7 @@ def test_with_processes(whole, ran, tmp_path):
     ran.clear()
     found = cases.run(extend=tmp_path / "new.nc", scheduler="processes", workers=2)
     same(found, expected)
-    assert len(ran) == cases.last_outcome.run - len(cases.plan().motions_to_run) > 0
+    assert len(ran) == cases.last_outcome.run - len(cases.plan().uncoupled_to_run) > 0
     assert found_taken(found) > 0
 
 

@@ -485,7 +485,7 @@ def long_and_short_steps(row):
     """Variables by a kernel without histories, whose flight goes in long steps, and by RK4."""
     reducers = reducers_for([*LONG_STEPS, *ENERGIES])
     kernel = RowKernel(ROWS[row], LAWS["hertz_damped"], Numerics("exact", 1e-3), reducers)
-    assert kernel.glides(motion(251)) < kernel.numerics.steps(motion(251))
+    assert kernel.flight_substeps(motion(251)) < kernel.numerics.steps(motion(251))
     return peaks(kernel, row), peaks(row_kernel(row, "hertz_damped", "rk4", 2.5e-4), row)
 
 

@@ -238,9 +238,9 @@ def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
     def kernel_of(shape):
         del shape
 
-        def run(acceleration, dt, steps, glides, constants, lanes, results, history):
+        def run(acceleration, dt, steps, flight_substeps, constants, lanes, results, history):
             del acceleration, dt, steps, results, history
-            taken["glides"], taken["constants"] = glides, constants.copy()
+            taken["flight_substeps"], taken["constants"] = flight_substeps, constants.copy()
             taken.setdefault("lanes", []).append(lanes.copy())
 
         return run
@@ -251,7 +251,7 @@ def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
     kernel.run(record, **given, restitution=np.full(n, 0.5), variants=variants)
     slots = input_slots(kernel.shape).size
     lanes = np.concatenate(taken["lanes"]).reshape(-1, slots, LANES).transpose(0, 2, 1).reshape(-1, slots)
-    return taken["glides"], taken["constants"], lanes
+    return taken["flight_substeps"], taken["constants"], lanes
 
 
 @pytest.mark.parametrize("law", ["none", "linear", "kelvin_voigt"])
@@ -263,7 +263,7 @@ def test_lanes_hold_the_constants_of_buildings_built_so(law, method, monkeypatch
     more = (get_law(law), Numerics(method, 0.002), reducers_for(["impact_force_max", "displacement_max"]))
     kernel = RowKernel(scene, *more, varied=True)
     assert not RowKernel(scene, *more).shape.varied
-    glides, _, lanes = inputs_of(kernel, record, monkeypatch, variants, 50)
+    flight_substeps, _, lanes = inputs_of(kernel, record, monkeypatch, variants, 50)
     assert len(lanes) == 64
     assert (lanes[50:] == lanes[49]).all()  # idle lanes repeat the last scenario
     inputs = input_slots(kernel.shape)
@@ -271,7 +271,7 @@ def test_lanes_hold_the_constants_of_buildings_built_so(law, method, monkeypatch
         own = RowKernel(other, *more)
         _, _, alone = inputs_of(own, record, monkeypatch)
         theirs = property_slots(own.shape)
-        constants = own.constants_for(record, glides)
+        constants = own.constants_for(record, flight_substeps)
         for name, first in inputs.first.items():
             values = lanes[i, first : first + inputs.count[name]]
             if name.startswith("p_"):
@@ -291,9 +291,9 @@ def test_flights_suit_the_fastest_of_a_chunk():
     scene, record = tall(), motions()[0]
     variants = some_variants(scene, 30)
     kernel = RowKernel(scene, get_law("linear"), Numerics("exact", 0.001), frozenset({"force"}), varied=True)
-    each = kernel.glides(record, variants)
+    each = kernel.flight_substeps(record, variants)
     want = [
-        RowKernel(s, get_law("linear"), Numerics("exact", 0.001), frozenset({"force"})).glides(record)[0]
+        RowKernel(s, get_law("linear"), Numerics("exact", 0.001), frozenset({"force"})).flight_substeps(record)[0]
         for s in scenes_of(variants)
     ]
     assert each.tolist() == want
@@ -305,7 +305,7 @@ def test_flights_suit_the_fastest_of_a_chunk():
     kinds = set()
     for chunk in plan.chunks(np.arange(len(plan.unique))):
         kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
-        steps = kernel.glides(record, plan.variants[plan.unique.variant[chunk.rows]])
+        steps = kernel.flight_substeps(record, plan.variants[plan.unique.variant[chunk.rows]])
         assert len(set(steps.tolist())) == 1  # so that a result does not depend on how scenarios are cut
         kinds |= set(steps.tolist())
     assert len(kinds) > 1
@@ -431,15 +431,15 @@ def test_a_scene_that_does_not_vary_holds_and_computes_nothing_more():
 
 def test_runs_without_pounding_are_shared_by_what_they_have_in_common():
     plan = plan_of(**AXES, scales=[0.5, 1.0])
-    assert len(plan.motions) == 2 * 2 * 12
-    table, of = plan.unique, plan.motion_of
+    assert len(plan.uncoupled_runs) == 2 * 2 * 12
+    table, of = plan.unique, plan.uncoupled_of
     for name in ("record", "scale", "variant"):
-        np.testing.assert_array_equal(getattr(plan.motions, name)[of], getattr(table, name))
-    assert set(plan.motions_to_run) == set(range(48))
+        np.testing.assert_array_equal(getattr(plan.uncoupled_runs, name)[of], getattr(table, name))
+    assert set(plan.uncoupled_to_run) == set(range(48))
     # what a motion could spare must be worth its own run
-    assert not len(plan_of(laws="linear", gaps=[0.01, 0.02, 0.03], **AXES).motions_to_run)
-    assert len(plan_of(laws="linear", gaps=[0.01, 0.02, 0.03, 0.04], **AXES).motions_to_run) == 24
-    assert len(plan_of(laws="none", gaps=0.01, **AXES).motions_to_run) == 24
+    assert not len(plan_of(laws="linear", gaps=[0.01, 0.02, 0.03], **AXES).uncoupled_to_run)
+    assert len(plan_of(laws="linear", gaps=[0.01, 0.02, 0.03, 0.04], **AXES).uncoupled_to_run) == 24
+    assert len(plan_of(laws="none", gaps=0.01, **AXES).uncoupled_to_run) == 24
 
 
 def test_neighbours_in_a_lane_are_those_most_alike():

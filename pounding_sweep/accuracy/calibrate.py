@@ -307,7 +307,7 @@ def _cost(scheme: tuple[str, str], repeats: int = 3) -> float:
     for key in ("kelvin_voigt", "hertz_damped", "modified_kelvin_voigt"):
         for cell in (cell for cell in _cells(get_law(key)) if cell.scene.n_dof == most):
             kernel = cell.kernel(*scheme, level)
-            each = int(kernel.glides(cell.record)[0]) if exact else kernel.numerics.steps(cell.record)
+            each = int(kernel.flight_substeps(cell.record)[0]) if exact else kernel.numerics.steps(cell.record)
             seconds = []
             for _ in range(repeats):
                 begun = time.process_time()  # other programs on the core do not count

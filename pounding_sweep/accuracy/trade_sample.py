@@ -86,7 +86,7 @@ def find_touching(plan: Plan) -> np.ndarray:
     limit = largest_step(plan.variants, plan.laws[last], 0.0 * one, one, method="rk4")
     step = min(CLOSING_STEP, 0.5 * float(limit.min()))
     kernel = replace(plan.kernel(last, closing=True), numerics=Numerics("rk4", step))
-    motions = plan.motions
+    motions = plan.uncoupled_runs
     closing = np.full((len(motions), len(contacts)), np.inf)
     for record in np.unique(motions.record):
         rows, motion = np.flatnonzero(motions.record == record), plan.spec.records[record]

@@ -16,7 +16,7 @@ import numpy as np
 
 from pounding_sweep.analysis.scenarios import described, finished, peak_displacement, values
 from pounding_sweep.analysis.separation_rules import SEPARATION_RULES, BehaviourFactors, Neighbours, cqc_correlation
-from pounding_sweep.analysis.still_runs import StillRuns, runs_of_cube, runs_of_row
+from pounding_sweep.analysis.uncoupled_runs import StillRuns, runs_of_cube, runs_of_row
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene
 

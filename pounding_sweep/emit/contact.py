@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from pounding_sweep.emit.spec import KernelShape, LawShape, Slots
+from pounding_sweep.emit.spec import KernelSpec, LawShape, Slots
 from pounding_sweep.emit.text import ContactBody, Source, over_contacts
 
 
-def emit_measure(shape: KernelShape, slots: Slots) -> str:
+def emit_measure(shape: KernelSpec, slots: Slots) -> str:
     """Write ``measure``: penetrations and their rates at both ends of the trial, and lanes to look at (LOOK > 0).
 
     A lane is looked at if an open contact may have touched, or a closed one may have
@@ -59,7 +59,7 @@ def emit_measure(shape: KernelShape, slots: Slots) -> str:
     return str(src)
 
 
-def emit_give_back(shape: KernelShape) -> str:
+def emit_give_back(shape: KernelSpec) -> str:
     """Write ``give_back``: lanes that refuse their trial return to its start."""
     src = Source()
     src.function("give_back(S, I)")
@@ -75,7 +75,7 @@ def emit_give_back(shape: KernelShape) -> str:
     return str(src)
 
 
-def emit_ends(shape: KernelShape, slots: Slots) -> str:
+def emit_ends(shape: KernelSpec, slots: Slots) -> str:
     """Write ``ends``: forces and penetrations at both ends of the sub-step just taken.
 
     Lanes in which one of them peaks in between are marked (LOOK > 0). Of a sub-step that
@@ -124,7 +124,7 @@ def emit_ends(shape: KernelShape, slots: Slots) -> str:
     return str(src)
 
 
-def emit_look_ahead(shape: KernelShape, slots: Slots) -> str:
+def emit_look_ahead(shape: KernelSpec, slots: Slots) -> str:
     """Write ``look_ahead``: length and ground of every lane's next trial.
 
     A sub-step is short beside the fastest rate of a pressing contact (P_CAP) and,
@@ -144,7 +144,7 @@ def emit_look_ahead(shape: KernelShape, slots: Slots) -> str:
     if capped or max(touch, release) > 1.0:
         over_contacts(src, shape, slots, _sub_step(src, law, capped, touch, release))
     with src.block("for l in range(L):"):
-        src("rest = S[REM + l]; longest = S[LONGEST + l]")
+        src("rest = S[TIME_LEFT + l]; longest = S[LONGEST + l]")
         if capped:
             src("longest = min(longest, cap / math.sqrt(S[RATE + l]))")
         src("ahead = longest if (longest < rest) & (I[TRIES + l] < MAX_TRIES) else rest")
@@ -191,7 +191,7 @@ def _power(x: str, power: float) -> str:
     return {2.0: f"{x} * {x}", 4.0: f"({x} * {x}) * ({x} * {x})"}.get(power, f"max({x}, 0.0) ** {power!r}")
 
 
-def emit_plain_contacts(shape: KernelShape, slots: Slots) -> str:
+def emit_plain_contacts(shape: KernelSpec, slots: Slots) -> str:
     """Write ``plain_contacts``, the contacts of an unlocated kernel at the end of a step: onsets and sampled peaks."""
     src, r = Source(), shape.reducers
     src.function("onsets(S, I, l, props)")
@@ -214,12 +214,12 @@ def emit_plain_contacts(shape: KernelShape, slots: Slots) -> str:
     return str(src)
 
 
-def fused_ends(shape: KernelShape) -> bool:
+def fused_ends(shape: KernelSpec) -> bool:
     """Whether the step of an unlocated kernel takes its own peaks, from values that it still holds."""
     return shape.fused and shape.scheme != "newmark" and not shape.located
 
 
-def plain_contact(src: Source, shape: KernelShape) -> ContactBody:
+def plain_contact(src: Source, shape: KernelSpec) -> ContactBody:
     """Return what writes one contact of an unlocated kernel at the end of a step.
 
     Its names end in no figure: a fused step, in which it may stand, has v0, f0 and so on of its floors.

@@ -7,14 +7,14 @@ steps are skipped in which no lane turns (slot TURN).
 
 from __future__ import annotations
 
-from pounding_sweep.emit.spec import KernelShape, Slots
+from pounding_sweep.emit.spec import KernelSpec, Slots
 from pounding_sweep.emit.text import Source, relative
 
 #: Reducers of the motion.
 PEAKS = frozenset({"displacement", "drift", "closing"})
 
 
-def emit_turns(shape: KernelShape) -> str:
+def emit_turns(shape: KernelSpec) -> str:
     """Write ``turns(S)``: extremes of displacement, drift and closing that lie inside the step just taken.
 
     A motion is looked at where it turns in some lane, and could go farther than before: the
@@ -71,7 +71,7 @@ def _turn(src: Source, ends: list[str], most: str, least: str, signed: bool = Fa
             src(f"{least} = min({least}, min(p, min(x0, x1)))")
 
 
-def emit_samples(shape: KernelShape, slots: Slots) -> str:
+def emit_samples(shape: KernelSpec, slots: Slots) -> str:
     """``samples(S)``: the same peaks, sampled at the present state."""
     src, at = Source(), slots.at
     src.function("samples(S)")
@@ -86,7 +86,7 @@ def emit_samples(shape: KernelShape, slots: Slots) -> str:
     return str(src)
 
 
-def sample(src: Source, shape: KernelShape, slots: Slots, u: list[str]) -> None:
+def sample(src: Source, shape: KernelSpec, slots: Slots, u: list[str]) -> None:
     """Write, in a lane loop, the peaks of the motion whose displacements are `u`."""
     at = slots.at
     for i, here in enumerate(u):
@@ -122,7 +122,7 @@ def _samples_in_loops(src: Source, reducers: frozenset[str]) -> None:
     src("return")
 
 
-def emit_energy(shape: KernelShape, slots: Slots) -> str:
+def emit_energy(shape: KernelSpec, slots: Slots) -> str:
     """``energies(S)``: commit the step's energy and contact increments."""
     src, at = Source(), slots.at
     src.function("energies(S)")
@@ -145,7 +145,7 @@ def emit_energy(shape: KernelShape, slots: Slots) -> str:
     return str(src)
 
 
-def emit_accelerations(shape: KernelShape, contact: bool) -> str:
+def emit_accelerations(shape: KernelSpec, contact: bool) -> str:
     """Write ``accelerations``: largest total acceleration of each floor over one step.
 
     Total acceleration (f(u, v) + F) / m and, where peaks are located, its rate are

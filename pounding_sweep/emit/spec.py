@@ -123,7 +123,7 @@ class Neighbours:
 
 
 @dataclass(frozen=True)
-class KernelShape:
+class KernelSpec:
     """Everything that decides a kernel's code.
 
     Attributes
@@ -249,7 +249,7 @@ class Slots:
         return f"S[{(self.first[name] + i) * LANES} + l]"
 
 
-def input_slots(shape: KernelShape) -> Slots:
+def input_slots(shape: KernelSpec) -> Slots:
     """Layout of the values a scenario brings: record scale, contact stiffness, gaps, damping.
 
     Building properties that vary are there too, under their names in `property_slots` with ``p_`` in front.
@@ -269,7 +269,7 @@ def input_slots(shape: KernelShape) -> Slots:
     return slots
 
 
-def property_slots(shape: KernelShape) -> Slots:
+def property_slots(shape: KernelSpec) -> Slots:
     """Layout of the scene's constants, shared by all lanes (one number per slot)."""
     n = shape.n_dof
     slots = Slots()
@@ -288,7 +288,7 @@ def property_slots(shape: KernelShape) -> Slots:
     return slots
 
 
-def output_slots(shape: KernelShape) -> Slots:
+def output_slots(shape: KernelSpec) -> Slots:
     """Layout of a scenario's results."""
     n, nc, nb = shape.n_dof, len(shape.contacts), shape.n_buildings
     r, slots = shape.reducers, Slots()
@@ -325,7 +325,7 @@ def output_slots(shape: KernelShape) -> Slots:
     return slots
 
 
-def history_slots(shape: KernelShape) -> Slots:
+def history_slots(shape: KernelSpec) -> Slots:
     """Layout of one row of a history."""
     slots = Slots()
     slots.add("u", shape.n_dof)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from pounding_sweep.emit.spec import LANES, Floors, KernelShape, Neighbours, Slots, property_slots
+from pounding_sweep.emit.spec import LANES, Floors, KernelSpec, Neighbours, Slots, property_slots
 
 
 class Source:
@@ -58,7 +58,7 @@ class StepText:
     compiler could not tell that they differ, and would not put the lanes into vectors.
     """
 
-    def __init__(self, shape: KernelShape, slots: Slots, in_memory: bool) -> None:
+    def __init__(self, shape: KernelSpec, slots: Slots, in_memory: bool) -> None:
         self.shape, self.slots, self.props = shape, slots, property_slots(shape)
         self.in_memory = in_memory
         self.moves = False
@@ -175,7 +175,7 @@ class StepText:
                 src(f"{slot} = {old}{weight} * ({value})")
 
 
-def emit_spread(shape: KernelShape, slots: Slots) -> str:
+def emit_spread(shape: KernelSpec, slots: Slots) -> str:
     """Write ``spread(S)``, which gives the buildings of a longer row their copies of the step's length and ground."""
     src = Source()
     src.function("spread(S)")
@@ -191,7 +191,7 @@ def emit_spread(shape: KernelShape, slots: Slots) -> str:
 ContactBody = Callable[[Callable[[str], str], str, str, str], None]
 
 
-def over_contacts(src: Source, shape: KernelShape, slots: Slots, body: ContactBody) -> None:
+def over_contacts(src: Source, shape: KernelSpec, slots: Slots, body: ContactBody) -> None:
     """Write `body` for every contact, in lane loops.
 
     Few contacts are written out one by one, with addresses that are known to differ:

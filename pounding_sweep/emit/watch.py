@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pounding_sweep.emit.spec import KernelShape, Slots
+from pounding_sweep.emit.spec import KernelSpec, Slots
 from pounding_sweep.emit.text import Source, StepText, relative
 
 
-def watch(src: Source, shape: KernelShape, slots: Slots, flies: str = "") -> None:
+def watch(src: Source, shape: KernelSpec, slots: Slots, flies: str = "") -> None:
     """Write, per lane (that `flies`), whether a floor may have touched (HIT > 0) and a kept peak turned (TURN <= 0)."""
     text = StepText(shape, slots, in_memory=True)
     ends = [(left, right) for left, right, _ in shape.contacts]
@@ -22,7 +22,7 @@ def watch(src: Source, shape: KernelShape, slots: Slots, flies: str = "") -> Non
         src(f"{slots.at('TURN')} = turn")
 
 
-def emit_watch(shape: KernelShape, slots: Slots, flies: str = "") -> str:
+def emit_watch(shape: KernelSpec, slots: Slots, flies: str = "") -> str:
     """Write ``watch(S, h)``, which does the same for a longer row, with one function for buildings or pairs alike."""
     src, text = Source(), StepText(shape, slots, in_memory=True)
     heights = shape.heights if shape.reducers & {"displacement", "drift"} else []
@@ -74,7 +74,7 @@ def emit_watch(shape: KernelShape, slots: Slots, flies: str = "") -> str:
     return str(src)
 
 
-def _turning_kept(shape: KernelShape) -> bool:
+def _turning_kept(shape: KernelSpec) -> bool:
     return bool(shape.reducers & {"displacement", "drift", "closing"})
 
 
@@ -90,7 +90,7 @@ def _near(src: Source, text: StepText, left: int, right: int, gap: str) -> None:
     src("hit = max(hit, max(d1, min(fma(h, v0, d0), fma(-h, v1, d1))))")
 
 
-def _floors_turn(src: Source, shape: KernelShape, text: StepText, floors: list[int]) -> None:
+def _floors_turn(src: Source, shape: KernelSpec, text: StepText, floors: list[int]) -> None:
     """Lower ``turn`` to zero or less where a displacement or drift that is kept turns in the step."""
     at = text.floor
     if "displacement" in shape.reducers:
@@ -104,7 +104,7 @@ def _floors_turn(src: Source, shape: KernelShape, text: StepText, floors: list[i
                 src(f"turn = min(turn, {at('VO', i)} * {at('V', i)})")
 
 
-def _closings_turn(src: Source, shape: KernelShape, text: StepText, ends: list[tuple[int, int]]) -> None:
+def _closings_turn(src: Source, shape: KernelSpec, text: StepText, ends: list[tuple[int, int]]) -> None:
     """Lower ``turn`` to zero or less where two floors that can meet turn towards or from each other in the step."""
     for left, right in ends if "closing" in shape.reducers else ():
         src(f"turn = min(turn, {_between(text, 'VO', left, right)} * {_between(text, 'V', left, right)})")

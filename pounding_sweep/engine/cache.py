@@ -30,13 +30,13 @@ from typing import Any
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.paths import expanded
-from pounding_sweep.emit.spec import KernelShape
+from pounding_sweep.emit.spec import KernelSpec
 from pounding_sweep.engine.kernel import ROW_NAME, kernel_text
 
 #: Environment variable that names another folder for compiled kernels.
 CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
 _LOCK = RLock()
-_LOADED: set[KernelShape] = set()
+_LOADED: set[KernelSpec] = set()
 #: Folders of which it was said that they are damaged, or can't be used.
 _TOLD: set[Path] = set()
 
@@ -88,7 +88,7 @@ def module_name(text: str) -> str:
     return "pounding_kernel_" + hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
-def _texts(shape: KernelShape) -> list[tuple[str, str]]:
+def _texts(shape: KernelSpec) -> list[tuple[str, str]]:
     """Name and text of the row module and of the main module, with disk caching switched on."""
     text = kernel_text(shape)
     row = text.row.replace("@njit(**OPTIONS)", "@njit(cache=True, **OPTIONS)")
@@ -99,23 +99,23 @@ def _texts(shape: KernelShape) -> list[tuple[str, str]]:
     return [(row_name, row), (module_name(main), main)]
 
 
-def source_digest(shape: KernelShape) -> str:
+def source_digest(shape: KernelSpec) -> str:
     """Return the name of the kernel's main module, which its whole text decides."""
     return _texts(shape)[-1][0]
 
 
-def text_sizes(shape: KernelShape) -> tuple[str, int, int]:
+def text_sizes(shape: KernelSpec) -> tuple[str, int, int]:
     """Return the name of the kernel's row module, and the lengths of both texts: what compiling takes goes by them."""
     (row_name, row), (_, main) = _texts(shape)
     return row_name, len(row), len(main)
 
 
-def is_loaded(shape: KernelShape) -> bool:
+def is_loaded(shape: KernelSpec) -> bool:
     """Whether this process has the kernel already."""
     return shape in _LOADED
 
 
-def is_cached(shape: KernelShape) -> bool:
+def is_cached(shape: KernelSpec) -> bool:
     """Whether a compiled form of this kernel is on disk (for some CPU), and not seen to be damaged."""
     name = source_digest(shape)
     try:
@@ -307,7 +307,7 @@ def _tell(folder: Path, text: str) -> None:
 
 
 @lru_cache(maxsize=256)
-def get_kernel(shape: KernelShape) -> Callable[..., Any]:
+def get_kernel(shape: KernelSpec) -> Callable[..., Any]:
     """Return the kernel's compiled ``run`` function, loaded from the disk cache where it is there.
 
     A folder that can't be written costs the cache, not the run; files of it that are damaged are compiled anew.

@@ -13,18 +13,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from pounding_sweep.emit.spec import KernelShape, LawShape
+from pounding_sweep.emit.spec import KernelSpec, LawShape
 from pounding_sweep.engine.cache import get_kernel, is_cached, is_loaded, text_sizes
 
 
-def to_json(shape: KernelShape) -> dict[str, Any]:
+def to_json(shape: KernelSpec) -> dict[str, Any]:
     """Return the shape as plain data."""
     return {**asdict(shape), "reducers": sorted(shape.reducers)}
 
 
-def from_json(data: dict[str, Any]) -> KernelShape:
+def from_json(data: dict[str, Any]) -> KernelSpec:
     """Return the shape of `to_json`."""
-    return KernelShape(
+    return KernelSpec(
         storeys=tuple(data["storeys"]),
         contacts=tuple((int(a), int(b), int(c)) for a, b, c in data["contacts"]),
         n_pairs=data["n_pairs"],
@@ -38,31 +38,31 @@ def from_json(data: dict[str, Any]) -> KernelShape:
     )
 
 
-def shares(shapes: Sequence[KernelShape], n: int) -> list[list[KernelShape]]:
+def shares(shapes: Sequence[KernelSpec], n: int) -> list[list[KernelSpec]]:
     """Cut kernels into at most `n` shares that take about as long to compile; none is empty.
 
     Compiling takes about as long as the text is. Kernels of the same row stand side by side: in
     one share, what they have in common is compiled once.
     """
     sizes = {shape: text_sizes(shape) for shape in shapes}
-    rows: dict[str, dict[KernelShape, int]] = {}
+    rows: dict[str, dict[KernelSpec, int]] = {}
     for shape, (row, row_size, main_size) in sizes.items():
         here = rows.setdefault(row, {})
         here[shape] = main_size + (0 if here else row_size)
     total, done = sum(sum(here.values()) for here in rows.values()), 0.0
-    found: list[list[KernelShape]] = [[] for _ in range(max(1, n))]
+    found: list[list[KernelSpec]] = [[] for _ in range(max(1, n))]
     for shape, size in (item for here in rows.values() for item in here.items()):
         found[int((done + size / 2) * len(found) / total)].append(shape)
         done += size
     return [share for share in found if share]
 
 
-def prepare(shapes: Sequence[KernelShape], workers: int = 1, advance: Callable[[int], None] | None = None) -> int:
+def prepare(shapes: Sequence[KernelSpec], workers: int = 1, advance: Callable[[int], None] | None = None) -> int:
     """Make kernels ready to run in this process; returns how many had to be compiled.
 
     Parameters
     ----------
-    shapes : sequence of KernelShape
+    shapes : sequence of KernelSpec
         Kernels that will be needed.
     workers : int
         Processes to compile in.

@@ -19,7 +19,7 @@ from pounding_sweep.emit.precision import TOLERANCES, narrow
 from pounding_sweep.emit.reduce import emit_accelerations, emit_energy, emit_samples, emit_turns
 from pounding_sweep.emit.spec import (
     LANES,
-    KernelShape,
+    KernelSpec,
     Slots,
     input_slots,
     output_slots,
@@ -102,7 +102,7 @@ def pointer(typingctx, array):
 '''
 
 
-def state_slots(shape: KernelShape) -> Slots:
+def state_slots(shape: KernelSpec) -> Slots:
     """Everything a lane group holds while it runs; inputs and outputs come first."""
     slots = Slots()
     for part in (input_slots(shape), output_slots(shape)):
@@ -129,7 +129,7 @@ def state_slots(shape: KernelShape) -> Slots:
     for name in ("HL", "G0", "G1"):  # length and ground of the step, lane by lane
         slots.add(name)
     if contact:
-        for name in ("HIT", "REM", "THETA", "AHEAD", "GA", "GB", "LOOK", "LONGEST", "RATE"):
+        for name in ("HIT", "TIME_LEFT", "EVENT_FRACTION", "AHEAD", "GA", "GB", "LOOK", "LONGEST", "RATE"):
             slots.add(name)
         for name in ("KE", "CE", "KL", "CL", "TJ", "FORCE", "FS", "FE", "RS", "RE", "VRUN", "AGE", "LASTS"):
             slots.add(name, nc)
@@ -171,13 +171,13 @@ class KernelText:
 ROW_NAME = "row"
 
 
-def kernel_text(shape: KernelShape) -> KernelText:
+def kernel_text(shape: KernelSpec) -> KernelText:
     """Return the kernel of `shape`; its main module imports the row module as `ROW_NAME`.
 
-    Its function ``run(ag, dt_record, steps, glides, props, X, O, H)`` integrates every
+    Its function ``run(ag, dt_record, steps, flight_substeps, props, X, O, H)`` integrates every
     lane group of ``X`` (groups, inputs * LANES) over the record ``ag`` (m/s2)
-    with `steps` steps per record interval (`glides` exact ones in free flight), and fills ``O`` (groups, outputs *
-    LANES) and, with a history, ``H`` (steps + 1, history slots) of lane 0.
+    with `steps` steps per record interval (`flight_substeps` exact ones in free flight), and fills ``O`` (groups,
+    outputs * LANES) and, with a history, ``H`` (steps + 1, history slots) of lane 0.
     """
     slots = state_slots(shape)
     contact = shape.law is not None and len(shape.contacts) > 0
@@ -193,7 +193,7 @@ def kernel_text(shape: KernelShape) -> KernelText:
     return KernelText(*texts)
 
 
-def _row_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str:
+def _row_text(shape: KernelSpec, slots: Slots, contact: bool, make: Any) -> str:
     """Write the parts that depend on no law: flight, peaks, energies, accelerations."""
     parts = [PRELUDE, _constants(shape, slots, contact)]
     if shape.scheme == "exact" and "energy" in shape.reducers:
@@ -238,7 +238,7 @@ def _row_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str
     return "".join(parts)
 
 
-def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> str:
+def _main_text(shape: KernelSpec, slots: Slots, contact: bool, make: Any) -> str:
     """Write the parts that hold the law, and the loop over time."""
     parts = [PRELUDE.partition("import math")[0], f"import math\n\nimport numpy as np\nfrom {ROW_NAME} import *\n"]
     if "_x" in slots.first:  # names with an underscore are not imported by the line above
@@ -249,7 +249,7 @@ def _main_text(shape: KernelShape, slots: Slots, contact: bool, make: Any) -> st
         parts.append(_impulses(shape) if shape.impulsive else _law(shape))
         if shape.impulsive:
             parts += [emit_measure(shape, slots), emit_give_back(shape), emit_look_ahead(shape, slots)]
-            parts.append(_functions("located", ("judge", "contact_step", "engage", "part")))
+            parts.append(_functions("located", ("accept_substep", "contact_step", "begin_contact", "clear_forces")))
             if newmark:
                 parts.append(_functions("stiff", ("touch_miss",)))
             parts.append(_functions("impulse", but=_unneeded(shape)))
@@ -305,7 +305,7 @@ def _without(text: str, flag: str) -> str:
     return "".join(kept)
 
 
-def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
+def _constants(shape: KernelSpec, slots: Slots, contact: bool) -> str:
     lines = ["", ""]
     r = shape.reducers
     props = property_slots(shape)
@@ -324,7 +324,7 @@ def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
         values[f"P_{name.upper()}"] = slots.first.get(f"p_{name}", first_slot)
     values["REACH"] = 4.0 / 27.0
     nc = len(shape.contacts)
-    marks = ("TRIES", "SHUT", "FALLBACK", "UNSOLVED", "STIFF", "LAND", "TAKEN", "STEP", "KIND")
+    marks = ("TRIES", "N_CLOSED", "FALLBACK", "UNSOLVED", "STIFF", "LAND", "TAKEN", "STEP", "KIND")
     for slot, name in enumerate(marks, 2 * nc):
         values[name] = slot * LANES
     if shape.scheme == "exact":
@@ -362,13 +362,13 @@ def _constants(shape: KernelShape, slots: Slots, contact: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _unneeded(shape: KernelShape) -> frozenset[str]:
+def _unneeded(shape: KernelSpec) -> frozenset[str]:
     """Functions of velocity jumps that the kernel of this shape has no use for."""
     stages = shape.scheme != "newmark" and not shape.fused
     return frozenset({"implicit"} if shape.scheme != "newmark" else ()) | frozenset(() if stages else {"rest_push"})
 
 
-def _impulses(shape: KernelShape) -> str:
+def _impulses(shape: KernelSpec) -> str:
     """Constants of velocity jumps: the contacts beside each one at the same floors, and what is nothing."""
     left, right = ([ends[side] for ends in shape.contacts] for side in (0, 1))
     values: dict[str, Any] = {
@@ -382,7 +382,7 @@ def _impulses(shape: KernelShape) -> str:
     return "\n\n" + "".join(f"{name} = {value!r}\n" for name, value in values.items())
 
 
-def _law(shape: KernelShape) -> str:
+def _law(shape: KernelSpec) -> str:
     law = shape.law
     assert law is not None
     damper = law.damper or "0.0"

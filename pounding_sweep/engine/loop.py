@@ -6,7 +6,7 @@ from pounding_sweep.emit.contact import fused_ends
 from pounding_sweep.emit.reduce import PEAKS
 from pounding_sweep.emit.spec import (
     LANES,
-    KernelShape,
+    KernelSpec,
     Slots,
     history_slots,
     input_slots,
@@ -21,12 +21,12 @@ DIVERGED = 1.0e5
 FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
 
 
-def integer_size(shape: KernelShape) -> int:
+def integer_size(shape: KernelSpec) -> int:
     """Length of the integer array of a lane group: modes, next modes and nine marks per lane."""
     return (2 * len(shape.contacts) + 9) * LANES
 
 
-def emit_copy(shape: KernelShape) -> str:
+def emit_copy(shape: KernelSpec) -> str:
     """Write ``copy(S)``: the present state becomes the start of the next step."""
     src = Source()
     src.function("copy(S)")
@@ -38,7 +38,7 @@ def emit_copy(shape: KernelShape) -> str:
     return str(src)
 
 
-def emit_back(shape: KernelShape) -> str:
+def emit_back(shape: KernelSpec) -> str:
     """Write ``back(S)``: the start of a step that is not taken becomes the present state again."""
     src = Source()
     src.function("back(S)")
@@ -59,7 +59,7 @@ def emit_ground() -> str:
     return str(src)
 
 
-def emit_begin(shape: KernelShape, slots: Slots, contact: bool) -> str:
+def emit_begin(shape: KernelSpec, slots: Slots, contact: bool) -> str:
     """``begin(S, I, X, group, props, start)``: fill a lane group; `start` is the first ground acceleration."""
     src, r = Source(), shape.reducers
     src.function("begin(S, I, X, group, props, start)")
@@ -99,7 +99,7 @@ def emit_begin(shape: KernelShape, slots: Slots, contact: bool) -> str:
     return str(src)
 
 
-def emit_finish(shape: KernelShape, contact: bool) -> str:
+def emit_finish(shape: KernelSpec, contact: bool) -> str:
     """``finish(S, I, O, group, props)``: last peaks, energies and flags; then copy out."""
     src, r = Source(), shape.reducers
     src.function("finish(S, I, O, group, props)")
@@ -123,7 +123,7 @@ def emit_finish(shape: KernelShape, contact: bool) -> str:
     return str(src)
 
 
-def emit_fly(shape: KernelShape, contact: bool) -> str:
+def emit_fly(shape: KernelSpec, contact: bool) -> str:
     """``fly``: one step without contact, reduced unless a floor may have touched; returns how many lanes may."""
     src = Source()
     src.function("fly(S, props, h)")
@@ -139,7 +139,7 @@ def emit_fly(shape: KernelShape, contact: bool) -> str:
     return str(src)
 
 
-def emit_reduce_flight(shape: KernelShape) -> str:
+def emit_reduce_flight(shape: KernelSpec) -> str:
     """``reduce_flight``: every reducer over a step without contact."""
     src, r = Source(), shape.reducers
     src.function("reduce_flight(S, props, h)")
@@ -159,7 +159,7 @@ def emit_reduce_flight(shape: KernelShape) -> str:
     return str(src)
 
 
-def emit_reduce_step(shape: KernelShape) -> str:
+def emit_reduce_step(shape: KernelSpec) -> str:
     """``reduce_step``: every reducer over one located sub-step per lane."""
     src, law = Source(), shape.law
     src.function("reduce_step(S, props)")
@@ -174,7 +174,7 @@ def emit_reduce_step(shape: KernelShape) -> str:
     return str(src)
 
 
-def _increments(src: Source, shape: KernelShape) -> None:
+def _increments(src: Source, shape: KernelSpec) -> None:
     """Write the increments of energy, work and impulse of a step that may have contact."""
     if "energy" in shape.reducers:
         src("energies(S)")
@@ -182,11 +182,11 @@ def _increments(src: Source, shape: KernelShape) -> None:
         src("contact_energies(S)")
 
 
-def emit_run(shape: KernelShape, slots: Slots, contact: bool) -> str:
+def emit_run(shape: KernelSpec, slots: Slots, contact: bool) -> str:
     """``run``: every lane group over the whole record."""
     src = Source()
     columns = 4 * len(shape.contacts) if shape.scheme == "newmark" else 0
-    src.function("run(ag, dtr, steps, glides, constants, X, O, H)")
+    src.function("run(ag, dtr, steps, flight_substeps, constants, X, O, H)")
     src(f"lanes = np.zeros({slots.size} * L, REAL)")
     src(f"marks = np.zeros({integer_size(shape)}, np.int64)")
     src("S = pointer(lanes); I = pointer(marks); props = pointer(constants)")
@@ -213,7 +213,7 @@ def emit_run(shape: KernelShape, slots: Slots, contact: bool) -> str:
     return str(src)
 
 
-def emit_note(shape: KernelShape, slots: Slots) -> str:
+def emit_note(shape: KernelSpec, slots: Slots) -> str:
     """Write ``note``: the state of lane 0 becomes a row of the history."""
     src = Source()
     src.function("note(S, H, row)")
@@ -236,7 +236,7 @@ def emit_note(shape: KernelShape, slots: Slots) -> str:
     return str(src)
 
 
-def _fixed_loop(src: Source, shape: KernelShape, slots: Slots, contact: bool) -> None:
+def _fixed_loop(src: Source, shape: KernelSpec, slots: Slots, contact: bool) -> None:
     """Write the steps of one lane group, all of one length."""
     r = shape.reducers
     src("closed = 0")

@@ -14,7 +14,7 @@ from pounding_sweep.emit.spec import (
     CONTACT_CAP,
     CONTACT_REDUCERS,
     LANES,
-    KernelShape,
+    KernelSpec,
     LawShape,
     input_slots,
     output_slots,
@@ -75,7 +75,7 @@ def kernel_shape(
     reducers: Iterable[str],
     history: bool = False,
     varied: bool = False,
-) -> KernelShape:
+) -> KernelSpec:
     """Return what the kernel of a scene under a law is compiled for; no contact code where none can touch."""
     touching = law.has_contact and bool(scene.contacts)
     wanted = frozenset(reducers)
@@ -98,7 +98,7 @@ def kernel_shape(
             law.impulsive,
             law.yields,
         )
-    return KernelShape(
+    return KernelSpec(
         storeys=tuple(b.n_storeys for b in scene.buildings),
         contacts=tuple((c.left, c.right, c.pair) for c in scene.contacts) if touching or "closing" in wanted else (),
         n_pairs=len(scene.pair_names),
@@ -159,7 +159,7 @@ class RowKernel:
     accuracy: float | None = None
 
     @cached_property
-    def shape(self) -> KernelShape:
+    def shape(self) -> KernelSpec:
         """What the kernel is compiled for."""
         law = self.host or self.law
         return kernel_shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied)
@@ -184,7 +184,7 @@ class RowKernel:
         put("newmark_gamma", self.numerics.gamma)
         return values
 
-    def glides(self, record: Record, variants: Variants | None = None) -> np.ndarray:
+    def flight_substeps(self, record: Record, variants: Variants | None = None) -> np.ndarray:
         """Return the exact steps of free flight per record interval: a divisor of the steps.
 
         They are short beside the fastest mode, because peaks are looked for between their
@@ -204,13 +204,13 @@ class RowKernel:
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
         return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])
 
-    def constants_for(self, record: Record, glides: int) -> np.ndarray:
+    def constants_for(self, record: Record, flight_substeps: int) -> np.ndarray:
         """Scene constants, with the transition matrices of this record's steps where all lanes share them."""
         if self.numerics.method != "exact" or self.varied:
             return self.constants
         slots = property_slots(self.shape)
         values = self.constants.copy()
-        for name, parts in (("glide", glides), ("short", self.numerics.steps(record))):
+        for name, parts in (("glide", flight_substeps), ("short", self.numerics.steps(record))):
             first = slots.first[name]
             values[first : first + slots.count[name]] = _transitions(self.scene, record.dt / parts)
         return values
@@ -256,8 +256,8 @@ class RowKernel:
         groups = -(-n // LANES)
         inputs, outputs = input_slots(self.shape), output_slots(self.shape)
         row = variants_of(self.scene) if variants is None else variants
-        glides = int(self.glides(record, row).max())
-        constants = self.constants_for(record, glides)
+        flight_substeps = int(self.flight_substeps(record, row).max())
+        constants = self.constants_for(record, flight_substeps)
         results = np.zeros((groups, outputs.size * LANES))
         if history is None:
             history = np.zeros((1, 1))
@@ -268,12 +268,12 @@ class RowKernel:
         for first in range(0, groups, slab):
             mine = slice(first * LANES, (first + slab) * LANES)
             part = {name: values[mine] for name, values in given.items()}
-            lanes = self._lanes(record, glides, gaps=np.asarray(gaps, float)[mine], row=row[mine], **part)
+            lanes = self._lanes(record, flight_substeps, gaps=np.asarray(gaps, float)[mine], row=row[mine], **part)
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
                 self.numerics.steps(record),
-                glides,
+                flight_substeps,
                 constants,
                 lanes.reshape(len(lanes), -1),
                 results[first : first + slab],
@@ -290,7 +290,7 @@ class RowKernel:
     def _lanes(
         self,
         record: Record,
-        glides: int,
+        flight_substeps: int,
         *,
         scale: np.ndarray,
         gaps: np.ndarray,
@@ -322,7 +322,7 @@ class RowKernel:
                 if f"p_{name}" in slots.first:
                     put(f"p_{name}", values.T)
             if self.numerics.method == "exact":
-                for name, parts in (("p_glide", glides), ("p_short", self.numerics.steps(record))):
+                for name, parts in (("p_glide", flight_substeps), ("p_short", self.numerics.steps(record))):
                     put(name, transitions(row, record.dt / parts))
         return lanes
 

@@ -64,7 +64,7 @@ def reading(path: str) -> Iterator[None]:
         raise OutputError(msg) from error
 
 
-def told_sweep(path: str, cube: xr.Dataset) -> dict[str, Any]:
+def recorded_sweep(path: str, cube: xr.Dataset) -> dict[str, Any]:
     """Return what a cube says of its sweep.
 
     Raises
@@ -130,7 +130,7 @@ def other_values(path: str, name: str) -> str:
     return f"{path!r} has other values of {name} than its sweep; {REMEDY}"
 
 
-def told_axes(cube: xr.Dataset, told: Mapping[str, Any]) -> dict[str, Sequence[Any] | int]:
+def recorded_axes(cube: xr.Dataset, told: Mapping[str, Any]) -> dict[str, Sequence[Any] | int]:
     """Return the axes that a cube should have by what it says of its sweep, for `check_axes`."""
     if told["cases"] is not None:
         return {"case": len(told["cases"])}

@@ -33,8 +33,8 @@ from pounding_sweep.output.integrity import (
     load_labels,
     outer_dims,
     reading,
-    told_axes,
-    told_sweep,
+    recorded_axes,
+    recorded_sweep,
 )
 from pounding_sweep.output.netcdf import check_output, check_space, open_cube, write_in_slabs
 from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, ORIGINS, Maker, makers, origin, plain, runs
@@ -273,8 +273,8 @@ def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
 
 def _check_whole(name: str, cube: xr.Dataset) -> dict[str, Any]:
     """Return what a cube says of its sweep; raise where it can't be what that sweep wrote."""
-    told = told_sweep(name, cube)
-    check_axes(name, cube, told_axes(cube, told))
+    told = recorded_sweep(name, cube)
+    check_axes(name, cube, recorded_axes(cube, told))
     check_variables(name, cube, map(str, scenario_variables(cube)))
     check_attributes(name, cube, told)
     load_labels(name, cube)

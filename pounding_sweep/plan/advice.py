@@ -535,7 +535,9 @@ class _Job:
                 if method == "exact":
                     numerics = Numerics(method, record.dt / count, finer=finer)
                     kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
-                    each_interval = float(kernel.glides(record, self.variants[self.table.variant[rows]]).mean())
+                    each_interval = float(
+                        kernel.flight_substeps(record, self.variants[self.table.variant[rows]]).mean()
+                    )
                 total += (record.n_points - 1) * each_interval * len(rows)
         return total * self.spec.scene.n_dof * each * 1e-9
 

@@ -67,7 +67,7 @@ def cut(
     steps : ndarray of int
         Steps per record interval of each row of `table`.
     flights : ndarray of int
-        Steps of free flight that `RowKernel.glides` asks for each row of `table`. A chunk
+        Steps of free flight that `RowKernel.flight_substeps` asks for each row of `table`. A chunk
         flies in those of its fastest scenario; apart, scenarios don't depend on how they are cut.
     name : str
         What the keys are made from, beside the rows.

@@ -25,7 +25,7 @@ from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import check_outputs, cube_variables, get_variable, reducers_for
 from pounding_sweep.plan.chunks import Chunk, cut
-from pounding_sweep.plan.scenarios import Scenarios, motions_of, unique_scenarios
+from pounding_sweep.plan.scenarios import Scenarios, uncoupled_runs_of, unique_scenarios
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.spec import SweepSpec, digest
 
@@ -69,7 +69,7 @@ class Plan:
         Scheme and largest step of the sweep.
     steps : ndarray of int
         Steps per record interval of each row.
-    still : ndarray of int, shape (records, variants)
+    uncoupled_steps : ndarray of int, shape (records, variants)
         Steps per record interval of the runs without pounding.
     choice : str
         What was chosen for the accuracy asked for, and why; "" where the sweep gives scheme and step.
@@ -83,7 +83,7 @@ class Plan:
     limit: np.ndarray
     numerics: Numerics
     steps: np.ndarray
-    still: np.ndarray
+    uncoupled_steps: np.ndarray
     choice: str = ""
 
     @cached_property
@@ -147,7 +147,7 @@ class Plan:
         last = len(self.laws) - 1
         contact = [int(law) for law in np.unique(self.unique.law[runnable]) if law != last]
         found = {(law, False): self.kernel(law) for law in contact}
-        return {**found, (last, True): self.kernel(last, closing=True)} if len(self.motions_to_run) else found
+        return {**found, (last, True): self.kernel(last, closing=True)} if len(self.uncoupled_to_run) else found
 
     def _host(self, law: int) -> Law | None:
         """Return the law of this sweep whose kernel an undamped law can run in.
@@ -163,29 +163,29 @@ class Plan:
         return simple[0] if simple else None
 
     @cached_property
-    def _motions(self) -> tuple[Scenarios, np.ndarray]:
-        return motions_of(self.unique, len(self.laws) - 1)
+    def _uncoupled(self) -> tuple[Scenarios, np.ndarray]:
+        return uncoupled_runs_of(self.unique, len(self.laws) - 1)
 
     @property
-    def motions(self) -> Scenarios:
+    def uncoupled_runs(self) -> Scenarios:
         """Distinct runs without pounding of all rows of `unique`."""
-        return self._motions[0]
+        return self._uncoupled[0]
 
     @property
-    def motion_of(self) -> np.ndarray:
-        """Row of `motions` for each row of `unique`, shape (unique,)."""
-        return self._motions[1]
+    def uncoupled_of(self) -> np.ndarray:
+        """Row of `uncoupled_runs` for each row of `unique`, shape (unique,)."""
+        return self._uncoupled[1]
 
     @cached_property
-    def motions_to_run(self) -> np.ndarray:
-        """Rows of `motions` that are worth running, rising.
+    def uncoupled_to_run(self) -> np.ndarray:
+        """Rows of `uncoupled_runs` that are worth running, rising.
 
         Those that are asked for themselves, and those that tell of at least `LEAST_SHARED`
         other scenarios whether they touch: fewer are as soon run themselves.
         """
         runnable = ~self.refused
-        count = np.bincount(self.motion_of[runnable & ~self.no_contact], minlength=len(self.motions))
-        asked = np.bincount(self.motion_of[runnable & self.no_contact], minlength=len(self.motions))
+        count = np.bincount(self.uncoupled_of[runnable & ~self.no_contact], minlength=len(self.uncoupled_runs))
+        asked = np.bincount(self.uncoupled_of[runnable & self.no_contact], minlength=len(self.uncoupled_runs))
         return np.flatnonzero((asked > 0) | (count >= LEAST_SHARED))
 
     def chunks(self, rows: np.ndarray) -> list[Chunk]:
@@ -194,10 +194,10 @@ class Plan:
         return self._cut(self.unique, rows, self.steps, name)
 
     def motion_chunks(self) -> list[Chunk]:
-        """Cut the runs without pounding that are worth it into chunks; their rows are those of `motions`."""
-        steps = self.still[self.motions.record, self.motions.variant]
+        """Cut the runs without pounding that are worth it into chunks; their rows are those of `uncoupled_runs`."""
+        steps = self.uncoupled_steps[self.uncoupled_runs.record, self.uncoupled_runs.variant]
         name = f"{self.digest}:{self.numerics.method}:without pounding"
-        return self._cut(self.motions, self.motions_to_run, steps, name)
+        return self._cut(self.uncoupled_runs, self.uncoupled_to_run, steps, name)
 
     def _cut(self, table: Scenarios, rows: np.ndarray, steps: np.ndarray, name: str) -> list[Chunk]:
         flights = np.broadcast_to(np.int16(0), len(table))
@@ -207,7 +207,7 @@ class Plan:
                 for count in np.unique(steps[table.record == record]).tolist():
                     mine = np.flatnonzero((table.record == record) & (steps == count))
                     kernel = self.kernel(len(self.laws) - 1, record=record, steps=count)
-                    flights[mine] = kernel.glides(motion, self.variants[table.variant[mine]])
+                    flights[mine] = kernel.flight_substeps(motion, self.variants[table.variant[mine]])
         most = CHUNK_BYTES // self.bytes_per_scenario
         seconds = self.scenario_seconds
         return cut(table, rows, steps, flights, name=name, longest=CHUNK_SECONDS, most=most, seconds=seconds)
@@ -243,7 +243,7 @@ class Plan:
         for index, motion in enumerate(self.spec.records):
             mine = self.steps[rows[self.unique.record[rows] == index]]
             seconds += float(self.scenario_seconds(index, mine).sum())
-            each = mine if len(mine) else self.still[index]
+            each = mine if len(mine) else self.uncoupled_steps[index]
             most[motion.name] = (motion.n_points - 1) * int(each.max())
             least[motion.name] = (motion.n_points - 1) * int(each.min())
         return {
@@ -340,7 +340,7 @@ def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
         The plan.
     closing : ndarray, shape (motions, contacts)
         Largest closing displacement (m) of each contact without pounding, by row of
-        `Plan.motions`; infinite where it is not known.
+        `Plan.uncoupled_runs`; infinite where it is not known.
 
     Returns
     -------
@@ -353,7 +353,7 @@ def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
         needed[:, contact.pair] = np.maximum(needed[:, contact.pair], np.maximum(closing[:, j], 0.0))
     needed *= 1.0 + CLOSING_MARGIN
     known = np.isfinite(closing).all(axis=1)
-    result = known[plan.motion_of]
+    result = known[plan.uncoupled_of]
     for pair in range(needed.shape[1]):
-        result &= table.gaps[:, pair] >= needed[plan.motion_of, pair]
+        result &= table.gaps[:, pair] >= needed[plan.uncoupled_of, pair]
     return result | plan.no_contact

@@ -95,7 +95,7 @@ def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, V
     return asked.table(first), asked.variants, inverse.reshape(-1).astype(np.int32)
 
 
-def motions_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np.ndarray]:
+def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np.ndarray]:
     """Return the distinct runs without pounding of a table of scenarios.
 
     Parameters
@@ -107,15 +107,15 @@ def motions_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np.ndarra
 
     Returns
     -------
-    motions : Scenarios
+    uncoupled : Scenarios
         Rows that differ in record, variant or scale; no pounding, gaps infinite.
-    motion_of : ndarray of int32, shape (n,)
-        Row of `motions` for each scenario.
+    uncoupled_of : ndarray of int32, shape (n,)
+        Row of `uncoupled` for each scenario.
     """
     codes = _combine([_factors(table.record), _factors(table.variant), _factors(table.scale)])
     _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
     n = len(first)
-    motions = Scenarios(
+    uncoupled = Scenarios(
         law=np.full(n, no_pounding, np.int16),
         record=table.record[first],
         scale=table.scale[first],
@@ -124,7 +124,7 @@ def motions_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np.ndarra
         gaps=np.full((n, table.gaps.shape[1]), np.inf),
         variant=table.variant[first],
     )
-    return motions, inverse.reshape(-1).astype(np.int32)
+    return uncoupled, inverse.reshape(-1).astype(np.int32)
 
 
 def _factors(column: np.ndarray) -> tuple[np.ndarray, int]:

@@ -354,7 +354,7 @@ class ChunkStore:
             Structured: one row per scenario, one field of numbers (of any shape) per
             variable; it is read back bit for bit.
         **more
-            What else its line in the manifest is to say; see `told`.
+            What else its line in the manifest is to say; see `manifest_entry`.
 
         Raises
         ------
@@ -483,7 +483,7 @@ class ChunkStore:
                 raise
             raise ChunkCorrupt(f"{damaged}{error}") from error
 
-    def told(self, key: str) -> Mapping[str, Any]:
+    def manifest_entry(self, key: str) -> Mapping[str, Any]:
         """Return the line of a chunk in the manifest."""
         return self._entries[key]
 

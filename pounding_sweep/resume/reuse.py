@@ -37,7 +37,7 @@ from pounding_sweep.output.integrity import (
     load_labels,
     other_values,
     reading,
-    told_sweep,
+    recorded_sweep,
 )
 from pounding_sweep.output.labels import scenario_axes
 from pounding_sweep.output.netcdf import check_space, open_cube
@@ -77,7 +77,7 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) 
             f"{SOURCE_ATTRIBUTE!r}; give a cube made by this version's 'pounding-sweep run', or run without it"
         )
         raise InputError(msg)
-    there, here = told_sweep(path, cube), json.loads(to_json(spec))
+    there, here = recorded_sweep(path, cube), json.loads(to_json(spec))
     free = AXES | BUILDING_AXES | FREE | {"force_unstable"}
     sweeps = [(key, there.get(key), here.get(key)) for key in sorted({*there, *here} - free)]
     makers = [
@@ -111,7 +111,7 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     OutputError
         Its labels can't be read.
     """
-    told = told_sweep(path, cube)
+    told = recorded_sweep(path, cube)
     given: dict[str, Any] = {key: None if told[key] is None else tuple(told[key]) for key in AXES}
     for key in BUILDING_AXES:
         given[key] = tuple((building, tuple(values)) for building, values in told[key])
@@ -264,8 +264,8 @@ class EarlierCube:
             self._table = self._copy(shared, spec, folder)
         results = self._table
         valid = ~np.isin(results["status"], [int(Status.NOT_RUN), int(Status.BEYOND_STABILITY_LIMIT)])
-        if len(plan.motions_to_run) < len(plan.motions):
-            without = np.isin(old.motion_of, old.motions_to_run, invert=True)
+        if len(plan.uncoupled_to_run) < len(plan.uncoupled_runs):
+            without = np.isin(old.uncoupled_of, old.uncoupled_to_run, invert=True)
             valid &= np.isfinite(results["steps_per_contact"]) | without[old.inverse]
         unique, first = np.unique(old.inverse[valid], return_index=True)
         self._place = np.flatnonzero(valid)[first]
@@ -467,7 +467,7 @@ class Taken:
     def kept(self, key: str) -> int:
         """Count what a chunk of an earlier run took."""
         assert self._store is not None
-        told = self._store.told(key)
+        told = self._store.manifest_entry(key)
         taken, name = told.get("taken"), told.get("from")
         if not isinstance(taken, int) or not isinstance(name, str):
             return 0

@@ -192,14 +192,14 @@ class _Stages:
     def without_pounding(self) -> None:
         """Run each motion that is worth it, and find the scenarios that never touch: they are answered by it."""
         plan, outcome, results = self.plan, self.outcome, self.outcome.results
-        contacts, n = plan.spec.scene.contacts, len(plan.motions)
+        contacts, n = plan.spec.scene.contacts, len(plan.uncoupled_runs)
         last, wide = len(plan.laws) - 1, (*plan.outputs, "closing_max")
         closing = np.full((n, len(contacts)), np.inf)
         status, slot = np.full(n, int(Status.NOT_RUN), np.int8), np.full(n, -1)
 
         def job(chunk: Chunk) -> Job:
             kernel = plan.kernel(last, closing=True, record=chunk.record, steps=chunk.steps)
-            table = plan.motions[chunk.rows]
+            table = plan.uncoupled_runs[chunk.rows]
             return Job(chunk.key, kernel, chunk.record, table, plan.variants[table.variant], wide)
 
         def place(chunk: Chunk, table: np.ndarray, slots: np.ndarray) -> None:
@@ -214,7 +214,7 @@ class _Stages:
         outcome.left_out = left_out
         outcome.untouched = int((left_out & ~plan.no_contact).sum())
         rows = np.flatnonzero(left_out)
-        motion = plan.motion_of[rows]
+        motion = plan.uncoupled_of[rows]
         results.answer(rows, slot[motion], status[motion], touched=False)
 
     def scenarios(self) -> None:

@@ -135,7 +135,9 @@ class RunLog(Progress):
         self.say(f"begins: {shlex.join(sys.argv)}")
         self.say(f"process {os.getpid()} on {socket.gethostname()}, in {_working_folder()}")
         self.say(f"sweep {plan.digest} {plan.spec.title}".rstrip())
-        self.say(f"{plan.n_asked} scenarios asked, at most {plan.n_unique} to run, in {len(plan.motions)} motions")
+        self.say(
+            f"{plan.n_asked} scenarios asked, at most {plan.n_unique} to run, in {len(plan.uncoupled_runs)} motions"
+        )
         self.say("versions: " + ", ".join(f"{name} {version}" for name, version in installed_versions().items()))
         self.say(
             f"machine: {platform.platform()}, {here['name']}, vectors of {here['vector_bits']} bits, "

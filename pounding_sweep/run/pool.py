@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import ClusterError
-from pounding_sweep.emit.spec import KernelShape
+from pounding_sweep.emit.spec import KernelSpec
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.provenance import fingerprint
@@ -51,7 +51,7 @@ def _same(thing: Any) -> Any:
     return thing
 
 
-def _ready(shape: KernelShape) -> bool:
+def _ready(shape: KernelSpec) -> bool:
     """Make a kernel ready in a worker; returns whether it had to be compiled."""
     from pounding_sweep.engine.cache import get_kernel, is_cached, is_loaded
 
@@ -149,7 +149,7 @@ class FarWorkers:
         self._answers: SimpleQueue[tuple[str, Future[Any]]] = SimpleQueue()
         self.most_in_flight = 0
 
-    def prepare(self, shapes: Sequence[KernelShape], advance: Callable[[int], None] | None = None) -> int:
+    def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
         """Make kernels ready on every machine that is there; returns how many had to be compiled.
 
         Machines that join later make theirs ready as chunks need them.
@@ -167,9 +167,9 @@ class FarWorkers:
         for address in self._threads:
             hosts.setdefault(get_address_host(address), []).append(address)
         done: SimpleQueue[tuple[str, Future[Any]]] = SimpleQueue()
-        under_way: dict[str, tuple[Any, list[str], KernelShape]] = {}
+        under_way: dict[str, tuple[Any, list[str], KernelSpec]] = {}
 
-        def begin(there: list[str], shape: KernelShape) -> None:
+        def begin(there: list[str], shape: KernelSpec) -> None:
             future = self.client.submit(_ready, shape, workers=there, pure=False)
             under_way[future.key] = future, there, shape
             self._fetch(future, done)
@@ -477,12 +477,12 @@ class Dispatcher:
     def __exit__(self, *raised: Any) -> None:
         self._open.__exit__(*raised)
 
-    def prepare(self, shapes: Sequence[KernelShape], advance: Callable[[int], None] | None = None) -> int:
+    def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
         """Make kernels ready where they will run; returns how many had to be compiled.
 
         Parameters
         ----------
-        shapes : sequence of KernelShape
+        shapes : sequence of KernelSpec
             Kernels that will be needed.
         advance : callable, optional
             Called with the number of kernels that became ready.
@@ -571,7 +571,7 @@ class ExtendingDispatcher(Dispatcher):
     def __init__(self, workers: Dispatcher, earlier: EarlierCube) -> None:
         self._workers, self._earlier = workers, earlier
 
-    def prepare(self, shapes: Sequence[KernelShape], advance: Callable[[int], None] | None = None) -> int:
+    def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
         """See `Dispatcher.prepare`."""
         return self._workers.prepare(shapes, advance)
 

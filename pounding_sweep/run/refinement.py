@@ -68,8 +68,8 @@ def _run_alike(
     """`run_once`, those together that fly in equally long steps whatever is run beside them."""
     if kernel.numerics.method != "exact" or not kernel.varied:
         return run_once(kernel, record, table, variants, outputs)
-    glides = kernel.glides(record, variants)
-    parts = [np.flatnonzero(glides == each) for each in np.unique(glides)]
+    flight_substeps = kernel.flight_substeps(record, variants)
+    parts = [np.flatnonzero(flight_substeps == each) for each in np.unique(flight_substeps)]
     found = [run_once(kernel, record, table[rows], variants[rows], outputs) for rows in parts]
     order = np.argsort(np.concatenate(parts), kind="stable")
     return {name: np.concatenate([part[name] for part in found])[order] for name in found[0]}

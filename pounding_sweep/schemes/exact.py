@@ -11,7 +11,7 @@ A, p and q are constants of the scene and the step.
 
 from __future__ import annotations
 
-from pounding_sweep.emit.spec import LANES, KernelShape, Slots
+from pounding_sweep.emit.spec import LANES, KernelSpec, Slots
 from pounding_sweep.emit.text import Source
 from pounding_sweep.emit.watch import watch
 
@@ -19,7 +19,7 @@ from pounding_sweep.emit.watch import watch
 CONSTANTS = 16
 
 
-def emit_flight(shape: KernelShape, slots: Slots) -> str:
+def emit_flight(shape: KernelSpec, slots: Slots) -> str:
     """Write ``flight(S, props, h, table)``: an exact step of all buildings, and what it may have met.
 
     `table` is where the matrices of this step's length begin in the scene's constants.
@@ -102,7 +102,7 @@ KINDS = {"GLIDING": 0, "STEPPING": 1, "TOUCHING": 2, "ENDED": 3}
 
 def begin_march(src: Source) -> None:
     """Write what all lane groups share: lengths of steps, and the ground at the ends of all short ones."""
-    src("short = steps // glides; hg = REAL(dtr / glides); last = (len(ag) - 1) * steps")
+    src("short = steps // flight_substeps; hg = REAL(dtr / flight_substeps); last = (len(ag) - 1) * steps")
     src("motion = np.empty(last + 1, REAL)")
     with src.block("for i in range(len(ag) - 1):"), src.block("for j in range(steps):"):
         src("motion[i * steps + j] = ag[i] + (ag[i + 1] - ag[i]) * (j / steps)")
@@ -110,7 +110,7 @@ def begin_march(src: Source) -> None:
     src("track = pointer(motion)")
 
 
-def march(src: Source, shape: KernelShape, contact: bool) -> None:
+def march(src: Source, shape: KernelSpec, contact: bool) -> None:
     """Write the whole motion of one lane group."""
     if shape.history:
         src("row = 0")

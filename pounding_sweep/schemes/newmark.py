@@ -10,7 +10,7 @@ u' = u~ + beta h^2 a', v' = v~ + gamma h a'. The matrix is tridiagonal per build
 
 from __future__ import annotations
 
-from pounding_sweep.emit.spec import Floors, KernelShape, Slots
+from pounding_sweep.emit.spec import Floors, KernelSpec, Slots
 from pounding_sweep.emit.text import Source, StepText
 from pounding_sweep.emit.watch import watch
 
@@ -18,7 +18,7 @@ from pounding_sweep.emit.watch import watch
 class NewmarkStep:
     """Emits the step in the variants ``flight``, ``trial`` and ``plain`` (as for RK4)."""
 
-    def __init__(self, shape: KernelShape, slots: Slots, variant: str) -> None:
+    def __init__(self, shape: KernelSpec, slots: Slots, variant: str) -> None:
         self.shape, self.slots, self.variant = shape, slots, variant
         self.t = StepText(shape, slots, in_memory=False)
         self.src = Source()

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 
 from pounding_sweep.emit.contact import plain_contact
 from pounding_sweep.emit.reduce import sample
-from pounding_sweep.emit.spec import LANES, KernelShape, Neighbours, Slots
+from pounding_sweep.emit.spec import LANES, KernelSpec, Neighbours, Slots
 from pounding_sweep.emit.text import Source, StepText, relative
 from pounding_sweep.emit.watch import watch
 
@@ -35,7 +35,7 @@ class Rk4Step:
     by all variants, and only the small functions ``forces1`` and ``forces`` are compiled for a law.
     """
 
-    def __init__(self, shape: KernelShape, slots: Slots, variant: str) -> None:
+    def __init__(self, shape: KernelSpec, slots: Slots, variant: str) -> None:
         self.shape, self.slots, self.variant = shape, slots, variant
         self.fused = shape.fused
         self.t = StepText(shape, slots, in_memory=not self.fused)

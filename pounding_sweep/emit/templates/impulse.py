@@ -79,7 +79,7 @@ def rest_push(S, I, u, v, first, second, weight, props):
     for c in range(N * L):
         S[PUSH + c] = 0.0
     for l in range(L):
-        if I[SHUT + l] == 0:
+        if I[N_CLOSED + l] == 0:
             continue
         alone(S, l, u, v, 0.5 * (S[first + l] + S[second + l]), props)
         join(S, l, A, props)
@@ -96,7 +96,7 @@ def rest_push(S, I, u, v, first, second, weight, props):
 @njit(**OPTIONS)
 def implicit(S, I, W, l, h, props):
     """Find the end forces of a Newmark step by which resting floors accelerate as one; correct U, V and A with them."""
-    if I[SHUT + l] == 0 or not (h > 0.0):
+    if I[N_CLOSED + l] == 0 or not (h > 0.0):
         return
     be = props[P_NEWMARK_BETA] * h * h
     ga = props[P_NEWMARK_GAMMA] * h
@@ -184,7 +184,7 @@ def note_onset(S, I, l, j, v, h):
         S[COUNT + q] += 1.0
     I[NEXT + q] = 2
     if HAS_FIRST_TIME and S[TFIRST + q] < 0.0:
-        S[TFIRST + q] = I[STEP + l] * h + (h - S[REM + l])
+        S[TFIRST + q] = I[STEP + l] * h + (h - S[TIME_LEFT + l])
     if HAS_APPROACH_SPEED:
         S[VMAX + q] = max(S[VMAX + q], v)
     if HAS_FORCE:
@@ -291,27 +291,27 @@ def apply_events(S, I, l, theta, h, props):
     collide(S, I, l, h, props)
     halt(S, I, l, props)
     choose(S, l, props)
-    I[SHUT + l] = 0
+    I[N_CLOSED + l] = 0
     for j in range(NC):
         q = j * L + l
         mode = 1 if S[KE + q] > 0.0 else 0
         if mode > I[MODE + q]:
             note_onset(S, I, l, j, S[V1 + q], h)
         I[MODE + q] = mode
-        I[SHUT + l] += mode
+        I[N_CLOSED + l] += mode
 
 
 @njit(**OPTIONS)
-def conclude(S, I, l, h, props):
+def finalize_substep(S, I, l, h, props):
     """What a lane does at the end of a sub-step that it takes: energies transferred, events."""
-    if HAS_TRANSFER and I[SHUT + l] > 0:
+    if HAS_TRANSFER and I[N_CLOSED + l] > 0:
         transfer_peaks(S, I, l, S[HL + l], props)
     elif HAS_TRANSFER:
         for b in range(NB):
             S[TNOW + b * L + l] = transfer_now(S, l, b, props)
     if I[LAND + l] > 0:
         I[LAND + l] = 0
-        apply_events(S, I, l, S[THETA + l], h, props)
+        apply_events(S, I, l, S[EVENT_FRACTION + l], h, props)
 
 
 @njit(**OPTIONS)
@@ -326,15 +326,15 @@ def contact_pass(S, I, W, props, h):
         S[FS + c] = S[FE + c]
     trial(S, I, W, props)
     for l in range(L):
-        if I[SHUT + l] > 0:
+        if I[N_CLOSED + l] > 0:
             rests(S, l, props)
     measure(S, I, props)
     refused = 0
     for l in range(L):
-        I[TAKEN + l] = 1 if S[REM + l] > 0.0 else 0
+        I[TAKEN + l] = 1 if S[TIME_LEFT + l] > 0.0 else 0
     for l in range(L):
         if (I[LAND + l] > 0 or S[LOOK + l] > 0.0) and I[TAKEN + l] != 0:
-            if judge(S, I, l, h, props):
+            if accept_substep(S, I, l, h, props):
                 I[LAND + l] += 1
                 I[TAKEN + l] = 0
                 S[HL + l] = 0.0
@@ -353,16 +353,16 @@ def contact_pass(S, I, W, props, h):
                 S[RE + j * L + l] = mean
     reduce_step(S, props)
     for l in range(L):
-        rest = S[REM + l] - S[HL + l]
-        S[REM + l] = rest if rest > DONE * h else 0.0
+        rest = S[TIME_LEFT + l] - S[HL + l]
+        S[TIME_LEFT + l] = rest if rest > DONE * h else 0.0
         I[TRIES + l] += I[TAKEN + l]
     for l in range(L):
         if I[TAKEN + l] != 0 and (CONCLUDES or I[LAND + l] > 0):
-            conclude(S, I, l, h, props)
+            finalize_substep(S, I, l, h, props)
     copy(S)
     left = 0
     for l in range(L):
-        rest = S[REM + l]
+        rest = S[TIME_LEFT + l]
         left += 1 if rest > 0.0 else 0
         I[FALLBACK + l] |= 1 if (rest > 0.0) & (I[TRIES + l] >= MAX_TRIES) else 0
     return left

@@ -246,7 +246,7 @@ def apply_events(S, I, l, theta, h, props):
             if HAS_COUNT:
                 S[COUNT + q] += 1.0
             if HAS_FIRST_TIME and S[TFIRST + q] < 0.0:
-                S[TFIRST + q] = I[STEP + l] * h + (h - S[REM + l])
+                S[TFIRST + q] = I[STEP + l] * h + (h - S[TIME_LEFT + l])
             if HAS_APPROACH_SPEED:
                 S[VMAX + q] = max(S[VMAX + q], v)
             S[KL + q] = k
@@ -271,26 +271,26 @@ def apply_events(S, I, l, theta, h, props):
                 stick(S, q)
             elif nxt == 2:
                 slip(S, q, relative(S, U, j, l) - S[GAP + PAIR[j] * L + l])
-        I[SHUT + l] += (1 if nxt != 0 else 0) - (1 if mode != 0 else 0)
+        I[N_CLOSED + l] += (1 if nxt != 0 else 0) - (1 if mode != 0 else 0)
         I[MODE + q] = nxt
     return switched
 
 
 @njit(**OPTIONS)
-def judge(S, I, l, h, props):
+def accept_substep(S, I, l, h, props):
     """Whether lane l refuses its trial, because an event ends it earlier; the length of the next one is in AHEAD."""
     if I[LAND + l] == 0:
         if S[LOOK + l] > 0.0 and I[TRIES + l] < MAX_TRIES:
             theta = first_event(S, I, l, S[HL + l], props)
             if theta < 1.0:
-                S[THETA + l] = theta
+                S[EVENT_FRACTION + l] = theta
                 S[AHEAD + l] = S[HL + l] * theta
                 return True
     elif NEWMARK and I[LAND + l] <= 4:
         # at large steps the quartic misses the touch by enough for a stiff contact to feel; Newton on the step
         change = touch_miss(S, I, l)
         if change != 0.0:
-            S[AHEAD + l] = min(max(S[HL + l] - change, 0.0), S[REM + l])
+            S[AHEAD + l] = min(max(S[HL + l] - change, 0.0), S[TIME_LEFT + l])
             return True
     return False
 
@@ -299,7 +299,7 @@ def judge(S, I, l, h, props):
 def newmark_ends(S, I, l, h):
     """Peaks of a Newmark lane over the sub-step just taken, and its contact forces at both ends."""
     taken = I[TAKEN + l] != 0
-    if taken and I[STIFF + l] == 0 and I[SHUT + l] > 0:
+    if taken and I[STIFF + l] == 0 and I[N_CLOSED + l] > 0:
         contact_peaks(S, I, l, S[HL + l], h)
         return
     if not NEEDS_ENDS:
@@ -318,9 +318,9 @@ def newmark_ends(S, I, l, h):
 
 
 @njit(**OPTIONS)
-def conclude(S, I, l, h, props):
+def finalize_substep(S, I, l, h, props):
     """What a lane does at the end of a sub-step that it takes: energies transferred, modes, velocity jumps."""
-    if HAS_TRANSFER and I[SHUT + l] > 0:
+    if HAS_TRANSFER and I[N_CLOSED + l] > 0:
         transfer_peaks(S, I, l, S[HL + l], props)
     elif HAS_TRANSFER:
         for b in range(NB):
@@ -331,7 +331,7 @@ def conclude(S, I, l, h, props):
         switched = True
     if I[LAND + l] > 0:
         I[LAND + l] = 0
-        switched = apply_events(S, I, l, S[THETA + l], h, props) or switched
+        switched = apply_events(S, I, l, S[EVENT_FRACTION + l], h, props) or switched
     if NEWMARK and switched:
         equilibrium(S, l, S[G1 + l], True, props)
 
@@ -346,18 +346,18 @@ def contact_pass(S, I, W, props, h):
     look_ahead(S, I, props, h)
     if NEWMARK:
         for l in range(L):
-            if S[REM + l] > 0.0 and I[LAND + l] == 0:
+            if S[TIME_LEFT + l] > 0.0 and I[LAND + l] == 0:
                 I[STIFF + l] = 0
-                if I[SHUT + l] > 0:
+                if I[N_CLOSED + l] > 0:
                     soften(S, I, l, S[HL + l], props)
     trial(S, I, W, props)
     measure(S, I, props)
     refused = 0
     for l in range(L):
-        I[TAKEN + l] = 1 if S[REM + l] > 0.0 else 0
+        I[TAKEN + l] = 1 if S[TIME_LEFT + l] > 0.0 else 0
     for l in range(L):
         if (I[LAND + l] > 0 or S[LOOK + l] > 0.0) and I[TAKEN + l] != 0:
-            if judge(S, I, l, h, props):
+            if accept_substep(S, I, l, h, props):
                 I[LAND + l] += 1
                 I[TAKEN + l] = 0
                 S[HL + l] = 0.0
@@ -378,16 +378,16 @@ def contact_pass(S, I, W, props, h):
             for l in range(L):
                 S[AGE + j * L + l] += S[HL + l]
     for l in range(L):
-        rest = S[REM + l] - S[HL + l]
-        S[REM + l] = rest if rest > DONE * h else 0.0
+        rest = S[TIME_LEFT + l] - S[HL + l]
+        S[TIME_LEFT + l] = rest if rest > DONE * h else 0.0
         I[TRIES + l] += I[TAKEN + l]
     for l in range(L):
         if I[TAKEN + l] != 0 and (CONCLUDES or I[LAND + l] > 0):
-            conclude(S, I, l, h, props)
+            finalize_substep(S, I, l, h, props)
     copy(S)
     left = 0
     for l in range(L):
-        rest = S[REM + l]
+        rest = S[TIME_LEFT + l]
         left += 1 if rest > 0.0 else 0
         I[FALLBACK + l] |= 1 if (rest > 0.0) & (I[TRIES + l] >= MAX_TRIES) else 0
     return left
@@ -401,23 +401,23 @@ def contact_step(S, I, W, props, ga, gb, h, number):
     """
     back(S)
     for l in range(L):
-        engage(S, I, l, S[SCALE + l] * ga, S[SCALE + l] * gb, h)
+        begin_contact(S, I, l, S[SCALE + l] * ga, S[SCALE + l] * gb, h)
         I[STEP + l] = number
     while contact_pass(S, I, W, props, h) > 0:
         pass
     closed = 0
     for l in range(L):
-        closed += I[SHUT + l]
+        closed += I[N_CLOSED + l]
     if NEEDS_ENDS and closed == 0:
         for l in range(L):
-            part(S, l)
+            clear_forces(S, l)
     return closed
 
 
 @njit(**OPTIONS)
-def engage(S, I, l, g0, g1, h):
+def begin_contact(S, I, l, g0, g1, h):
     """Lane l begins a step of length h that its contacts may cut; g0 and g1 are its ground at both ends."""
-    S[REM + l] = h
+    S[TIME_LEFT + l] = h
     S[GA + l] = g0
     S[GB + l] = g1
     I[TRIES + l] = 0
@@ -425,7 +425,7 @@ def engage(S, I, l, g0, g1, h):
 
 
 @njit(**OPTIONS)
-def part(S, l):
+def clear_forces(S, l):
     """Flight goes on without contact forces."""
     for j in range(NC):
         q = j * L + l

@@ -35,21 +35,21 @@ def meet(S, I, l, track, h):
     """Lane l begins a short step that its contacts may cut."""
     I[KIND + l] = TOUCHING
     at = I[STEP + l]
-    engage(S, I, l, S[SCALE + l] * track[at], S[SCALE + l] * track[at + 1], h)
+    begin_contact(S, I, l, S[SCALE + l] * track[at], S[SCALE + l] * track[at + 1], h)
 
 
 @njit(**OPTIONS)
 def go_on(S, I, track, short, last, h):
     """Lanes whose step is over begin the next: with their contacts, or in flight."""
     for l in range(L):
-        if I[KIND + l] != TOUCHING or S[REM + l] > 0.0:
+        if I[KIND + l] != TOUCHING or S[TIME_LEFT + l] > 0.0:
             continue
         I[STEP + l] += 1
         if I[STEP + l] >= last:
             I[KIND + l] = ENDED
-        elif I[SHUT + l] > 0:
+        elif I[N_CLOSED + l] > 0:
             meet(S, I, l, track, h)
         else:
             I[KIND + l] = GLIDING if I[STEP + l] % short == 0 else STEPPING
-        if NEEDS_ENDS and I[SHUT + l] == 0:
-            part(S, l)
+        if NEEDS_ENDS and I[N_CLOSED + l] == 0:
+            clear_forces(S, l)

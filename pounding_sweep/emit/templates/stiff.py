@@ -73,7 +73,7 @@ def settle(S, I, l, h, props):
         if YIELDS:
             if nxt == 1:
                 nxt = settle_yielding(S, q, d, v)
-        I[SHUT + l] -= 1 if nxt == 0 else 0
+        I[N_CLOSED + l] -= 1 if nxt == 0 else 0
         I[MODE + q] = nxt
 
 
@@ -83,7 +83,7 @@ def touch_miss(S, I, l):
     late = 0.0
     for j in range(NC):
         q = j * L + l
-        if I[MODE + q] == 0 and I[NEXT + q] == 1 and S[TJ + q] <= S[THETA + l] + SAME_TIME:
+        if I[MODE + q] == 0 and I[NEXT + q] == 1 and S[TJ + q] <= S[EVENT_FRACTION + l] + SAME_TIME:
             d = relative(S, U, j, l) - S[GAP + PAIR[j] * L + l]
             v = relative(S, V, j, l)
             if v > 0.0 and abs(d) > EXACT:
