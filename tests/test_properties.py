@@ -495,7 +495,7 @@ def test_steps_and_limits_follow_the_buildings():
         own = make_plan(build_spec(scene=other, **common, accuracy=1e-4, **chosen))
         mine = plan.unique.variant == 1 + i
         assert plan.steps[mine].tolist() == own.steps.tolist()
-        assert plan.still[:, 1 + i].tolist() == own.still[:, 0].tolist()
+        assert plan.uncoupled_steps[:, 1 + i].tolist() == own.uncoupled_steps[:, 0].tolist()
         alone = make_plan(build_spec(scene=other, **common, dt=0.015))
         assert refusing.refused[mine].tolist() == alone.refused.tolist()
         np.testing.assert_allclose(refusing.limit[mine], alone.limit, rtol=1e-12)
