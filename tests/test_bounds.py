@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 import json
 import os
 import subprocess
@@ -16,8 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from pounding_sweep.base import errors, paths, tables
-from pounding_sweep.base import text as texts
+from pounding_sweep.base import errors, tables
 from pounding_sweep.base.errors import InputError, OutputError, RecordError, SceneError, SweepError, shown, unknown
 from pounding_sweep.cli.app import app
 from pounding_sweep.figures import plot
@@ -25,7 +23,6 @@ from pounding_sweep.model.scene import Building, Wall
 from pounding_sweep.output.describe import describe
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, find_record, list_records, read_record, resolve_records
-from pounding_sweep.spec import spec as step_counts
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.toml import MAX_DEPTH, load_spec, parse_bounded
 
@@ -45,11 +42,6 @@ def refused(folder, text):
         load_spec(write(folder, text))
     assert len(str(caught.value)) < 20_000
     return str(caught.value)
-
-
-@pytest.mark.parametrize("module", [errors, paths, texts, step_counts])
-def test_examples_run(module):
-    assert doctest.testmod(module).failed == 0
 
 
 # --- sweep files ------------------------------------------------------------------------------------------------

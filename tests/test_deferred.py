@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import doctest
-
 import pytest
 
 import pounding_sweep
 from pounding_sweep import analysis
 from pounding_sweep.analysis.comparisons import COMPARISONS
-from pounding_sweep.base import deferred
 from pounding_sweep.figures import FIGURES
 
 
@@ -27,7 +24,3 @@ def test_every_function_of_a_registry_is_there(registry):
     for key, entry in registry.items():
         function = entry.load()
         assert f"{function.__module__}:{function.__name__}" == entry.place, key
-
-
-def test_examples_of_docstrings():
-    assert doctest.testmod(deferred).failed == 0

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
-import importlib
 import io
 import re
 
@@ -270,23 +268,6 @@ def test_listed_cases_are_drawn_one_by_one():
     figure = FIGURES["profiles"].load()(select(cases, {"case": 2}))
     assert {line.get_label() for line in figure.axes[2].lines} == {"hertz"}
     assert figure.get_suptitle() == "case 2"
-
-
-@pytest.mark.parametrize(
-    "module",
-    [
-        "analysis.lognormal",
-        "choice",
-        "cube.select",
-        "figures.animation",
-        "figures.chosen",
-        "figures.emptiness",
-        "figures.histories",
-        "figures.style",
-    ],
-)
-def test_examples_of_docstrings(module):
-    assert doctest.testmod(importlib.import_module(f"pounding_sweep.{module}")).failed == 0
 
 
 # -- the row -----------------------------------------------------------------------------------------------------------

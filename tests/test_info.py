@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 import json
 
 import numpy as np
@@ -12,7 +11,6 @@ from analysis_cubes import hand_cube, random_fill
 from typer.testing import CliRunner
 
 from pounding_sweep.cli.app import app
-from pounding_sweep.output import describe as module
 from pounding_sweep.output.describe import about
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.outputs.variables import Status
@@ -42,10 +40,6 @@ def unfinished(folder):
     stages = {"no pounding": [["chunk-1", 0, 0, 4]]}
     told = {"title": "Night", "asked": 9, "at_most": 7, "laws": ["none"], "records": ["one"], "stages": stages}
     (folder / EXPECTED).write_text(json.dumps(told))
-
-
-def test_examples_run():
-    assert doctest.testmod(module).failed == 0
 
 
 def test_a_cube(tmp_path):

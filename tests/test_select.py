@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
-
 import numpy as np
 import pytest
 import xarray as xr
@@ -12,17 +10,12 @@ from hypothesis import strategies as st
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.cubes import axis_values
-from pounding_sweep.output import select as module
 from pounding_sweep.output.select import NEAR, select
 
 
 def line(axis, values):
     """A dataset whose x tells the place on its axis."""
     return xr.Dataset({"x": (axis, np.arange(len(values)))}, {axis: values})
-
-
-def test_examples_run():
-    assert doctest.testmod(module).failed == 0
 
 
 @pytest.mark.parametrize("value", [1_400_000, "1400000", 1_400_000.0, "1.4e6", np.int64(1_400_000)])

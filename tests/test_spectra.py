@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 import importlib.util
 import itertools
 import os
@@ -333,11 +332,6 @@ def test_floor_spectra_need_even_histories(histories):
         floor_spectra(histories.isel(time=[0, 1, 2, 5, 6]))
     with pytest.raises(InputError, match="at least 2"):
         floor_spectra(histories.isel(time=[0]))
-
-
-@pytest.mark.parametrize("module", ["pounding_sweep.analysis.spectra"])
-def test_examples_run(module):
-    assert doctest.testmod(importlib.import_module(module)).failed == 0
 
 
 # -- figures -----------------------------------------------------------------------------------------------------------

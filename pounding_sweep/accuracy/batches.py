@@ -93,27 +93,7 @@ def stable_step(batch: Batch, method: str) -> np.ndarray:
 def run_batch(
     batch: Batch, method: str, dt: float, precision: str = "float64", finer: float = 1.0
 ) -> dict[str, np.ndarray]:
-    """Run every scenario of a batch.
-
-    Parameters
-    ----------
-    batch : Batch
-        n scenarios.
-    method : {"rk4", "newmark"}
-        Scheme.
-    dt : float
-        Largest time step (s).
-    precision : {"float64", "float32"}
-        Number format.
-    finer : float
-        See `Numerics`.
-
-    Returns
-    -------
-    dict of str to ndarray
-        `OUTPUTS`, ``status`` and ``steps_per_contact``, shape (n, *inner), as they
-        would stand in a cube: refused and diverged scenarios have no values.
-    """
+    """Run every scenario of a batch."""
     kernel = kernel_of(batch, method, dt, precision, finer)
     step = batch.record.dt / kernel.numerics.steps(batch.record)
     rows = np.flatnonzero(step <= stable_step(batch, method))

@@ -197,10 +197,7 @@ def _by_class(values: dict[str, Any], reference: dict[str, Any]) -> dict[str, np
 
 
 def lines(cell: Cell, scheme: tuple[str, str], reference: dict[str, Any], kept: np.ndarray) -> dict[str, np.ndarray]:
-    """Error of each kept scenario by class at `NODES` (of exact flight: at its ladder), shape (kept, nodes).
-
-    It is NaN beyond the steps that were run.
-    """
+    """Error of each kept scenario by class at `NODES` (of exact flight: at its ladder), shape (kept, nodes)."""
     shortest = cell.shortest()
     ladder = LADDERS[scheme]
     errors = [_by_class(cell.run(*scheme, n), reference) for n in ladder]
@@ -236,17 +233,7 @@ def calibrate(
     laws: Sequence[Law] = tuple(LAWS.values()),
     say: Any = lambda text: None,
 ) -> dict[str, Any]:
-    """Measure laws under schemes; returns what ``measured.json`` holds of them.
-
-    Parameters
-    ----------
-    schemes : sequence of (method, precision)
-        Keys of `LADDERS`.
-    laws : sequence of Law
-        Contact laws.
-    say : callable
-        Told what goes on.
-    """
+    """Measure laws under schemes; returns what ``measured.json`` holds of them."""
     from pounding_sweep.engine.compile import prepare
 
     started = time.perf_counter()

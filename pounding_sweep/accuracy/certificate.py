@@ -59,12 +59,7 @@ def _valid(law: Law, e: float, basis: str) -> bool:
 
 
 def _seconds(slowest: float) -> float:
-    """Time after which the masses have met and parted.
-
-    A rebound with e v0 under a hard damper takes d_max / (e v0), and there d_max falls
-    like e^(1/2) (force ~ d) or e^(2/5) (force ~ d^1.5). Critically damped masses never
-    part; after 20 durations nothing is left of their velocity.
-    """
+    """Time after which the masses have met and parted."""
     return DURATION * (20.0 + 2.0 * slowest**-0.6)
 
 

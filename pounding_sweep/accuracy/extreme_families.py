@@ -46,16 +46,7 @@ def make_batch(
     scale: Any = 1.0,
     **more: Any,
 ) -> Batch:
-    """Return the batch of every combination of the given values (numbers or lists; a gap is that of every pair).
-
-    Examples
-    --------
-    >>> from pounding_sweep.model.laws import get_law
-    >>> scene = Scene([Building("a", [100.0], [1e5]), Wall()], [0.0])
-    >>> batch = make_batch("gap", "", scene, get_law("linear"), Record("r", 0.01, [0.0, 1.0]), gaps=[0.0, 0.1])
-    >>> len(batch), batch.gaps.ravel().tolist()
-    (2, [0.0, 0.1])
-    """
+    """Return the batch of every combination of the given values (numbers or lists; a gap is that of every pair)."""
     default = STIFFNESS.get(law.exponent or 1.0, 1.0e6)
     axes = [np.atleast_1d(np.asarray(a, float)) for a in (gaps, stiffness or default, restitution, scale)]
     gap, k, e, s = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))

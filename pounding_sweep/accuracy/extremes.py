@@ -166,34 +166,7 @@ def run_extremes(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Extremes:
-    """Run the stability suite.
-
-    Parameters
-    ----------
-    scenes : int
-        Number of random scenes, rounded up to a multiple of 16; 0 for none.
-    seed : int
-        Of the random scenes.
-    laws : iterable of str or Law, optional
-        Contact laws; all by default.
-    families : iterable of str, optional
-        Keys of `FAMILIES`, or "random"; all by default.
-    precision : {"float64", "float32"}
-        Number format of the judged runs; references are always float64.
-    workers : int
-        Processes that compile kernels.
-    progress : Progress, optional
-        Told of the stages ``kernels`` and ``batches``.
-
-    Returns
-    -------
-    Extremes
-
-    Raises
-    ------
-    InputError
-        An argument is not valid.
-    """
+    """Run the stability suite."""
     chosen = [law for law in (get_law(key) for key in (LAWS if laws is None else laws)) if law.has_contact]
     if not chosen:
         msg = f"no law with contact is given; give some of {', '.join(k for k, v in LAWS.items() if v.has_contact)}"
@@ -243,20 +216,7 @@ def _prepare(
 
 
 def run_judged(batch: Batch, precision: str = "float64") -> list[Verdict]:
-    """Run a batch in every scheme at every step, and judge all runs against one reference.
-
-    Parameters
-    ----------
-    batch : Batch
-        The scenarios.
-    precision : {"float64", "float32"}
-        Number format of the judged runs.
-
-    Returns
-    -------
-    list of Verdict
-        One per scheme and step.
-    """
+    """Run a batch in every scheme at every step, and judge all runs against one reference."""
     runs = []
     wanted = np.zeros(len(batch), bool)
     shortest = np.full(len(batch), np.inf)

@@ -123,17 +123,7 @@ def peak_error(found: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarr
 
 
 def make_reference(batch: Batch, wanted: np.ndarray, shortest: np.ndarray) -> Reference:
-    """Run scenarios at ever finer steps until half the step changes nothing that matters.
-
-    Parameters
-    ----------
-    batch : Batch
-        n scenarios.
-    wanted : ndarray of bool, shape (n,)
-        Those that need a reference.
-    shortest : ndarray, shape (n,)
-        Duration of the shortest contact (s); infinite where there was none.
-    """
+    """Run scenarios at ever finer steps until half the step changes nothing that matters."""
     empty = peaks_of(run_batch(take(batch, np.zeros(0, int)), "rk4", batch.record.dt))
     peaks = {name: np.full((len(batch), *values.shape[1:]), np.nan) for name, values in empty.items()}
     known, steps = np.zeros(len(batch), bool), np.full(len(batch), np.nan)
@@ -217,21 +207,7 @@ def judge(
     seconds: float = 0.0,
     precision: str = "float64",
 ) -> Verdict:
-    """Judge what a run of a batch found.
-
-    Parameters
-    ----------
-    batch : Batch
-        n scenarios.
-    method, dt, precision
-        How it was run.
-    found : mapping
-        What `run_batch` returned.
-    reference : Reference
-        What should have been found; known for every scenario that it could be made for.
-    seconds : float
-        Wall time of the run.
-    """
+    """Judge what a run of a batch found."""
     status = np.asarray(found["status"])
     ok = status == Status.OK
     faults: list[tuple[int, str]] = []

@@ -62,10 +62,7 @@ def earthquakes(files: Iterable[str | Path] = ()) -> list[Record]:
 
 
 def draw(seed: int, number: int, laws: Sequence[str], records: Sequence[Record]) -> SweepSpec:
-    """Draw a row of buildings, a law and a record, and `CASES` scenarios of gap, stiffness, restitution and scale.
-
-    Gaps are 1 to 98 % of the largest closing displacement without pounding, evenly in their logarithm.
-    """
+    """Draw a row of buildings, a law and a record, and `CASES` scenarios of gap, stiffness, restitution and scale."""
     random = np.random.default_rng([seed, number])
     storeys = SHAPES[number % len(SHAPES)]
     law = get_law(laws[(number + number // len(SHAPES)) % len(laws)])

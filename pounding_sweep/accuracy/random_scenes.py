@@ -19,25 +19,7 @@ STEPS = (5.0e-3, 1.0e-3, 2.0e-4)
 
 
 def random_batches(scenes: int, seed: int, laws: Sequence[Law]) -> list[Batch]:
-    """Draw random scenes: rows, gaps, contacts and ground motions.
-
-    Periods, masses, damping, storey by storey, and the motion are drawn once for
-    every 16 scenes, which run side by side; gaps, contact stiffness, restitution
-    and the motion's amplitude for every scene.
-
-    Parameters
-    ----------
-    scenes : int
-        Number of scenes; rounded up to a multiple of 16.
-    seed : int
-        The same seed gives the same scenes.
-    laws : sequence of Law
-        Taken in turn.
-
-    Returns
-    -------
-    list of Batch
-    """
+    """Draw random scenes: rows, gaps, contacts and ground motions."""
     return [_draw(np.random.default_rng([seed, i]), i, laws) for i in range(-(-scenes // LANES))]
 
 

@@ -64,13 +64,7 @@ def converged() -> dict[str, Any]:
 
 
 def self_check() -> SelfCheck:
-    """Run the stored scenarios and compare; kernels that are not at hand are compiled first.
-
-    Raises
-    ------
-    PoundingSweepError
-        A sweep can't be run at all.
-    """
+    """Run the stored scenarios and compare; kernels that are not at hand are compiled first."""
     from pounding_sweep.run.sweep import Sweep
 
     stored = converged()
@@ -111,10 +105,7 @@ def self_check() -> SelfCheck:
 
 
 def _difference(found: xr.DataArray, stored: Iterable[Iterable[float | None]]) -> tuple[float, int]:
-    """Compare one output, lists by building or pair and storey; relative difference and count of numbers.
-
-    Infinite where a number is there in one of the two only.
-    """
+    """Compare one output, lists by building or pair and storey; relative difference and count of numbers."""
     numbers = found.transpose(..., "storey").values.tolist()
     given = [float("nan") if value is None else float(value) for part in stored for value in part]
     pairs = list(zip([float(value) for part in numbers for value in part], given, strict=True))

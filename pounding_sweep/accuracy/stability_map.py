@@ -30,33 +30,7 @@ def stability_map(
     steps: Sequence[float] | None = None,
     restitution: float = 0.6,
 ) -> xr.Dataset:
-    """Run one scene at every contact stiffness and time step, and compare with converged runs.
-
-    The scene is two buildings of two storeys, 5 mm apart, under 2 s of a synthetic
-    earthquake of 0.4 g.
-
-    Parameters
-    ----------
-    law : str or Law
-        Contact law with a force.
-    stiffnesses : sequence of float, optional
-        Contact stiffnesses (kN/m**exponent); by default 19 from 1e3 to 1e12.
-    steps : sequence of float, optional
-        Time steps (s); by default 12 from 1e-5 to 2e-2.
-    restitution : float
-        Coefficient of restitution.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``peak_force_error`` (relative; missing where there is no value or no
-        converged reference) and ``status`` on ``scheme``, ``stiffness`` and ``dt``.
-
-    Raises
-    ------
-    InputError
-        The law has no contact force, or a value is not positive.
-    """
+    """Run one scene at every contact stiffness and time step, and compare with converged runs."""
     found = get_law(law)
     if found.exponent is None:
         msg = f"law {found.key!r} has no contact force to map; give one with a contact stiffness"

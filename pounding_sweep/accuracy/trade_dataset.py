@@ -114,18 +114,7 @@ def pareto_front(cost: np.ndarray, error: np.ndarray) -> np.ndarray:
 
 
 def statistics(errors: np.ndarray) -> np.ndarray:
-    """Return the statistics of scenarios' errors; each is the error of one of them, so that infinity stays infinity.
-
-    Parameters
-    ----------
-    errors : ndarray, shape (n, outputs)
-        Relative errors; a scenario with NaN has none.
-
-    Returns
-    -------
-    ndarray, shape (outputs, statistics)
-        NaN where no scenario has an error.
-    """
+    """Return the statistics of scenarios' errors; each is the error of one of them, so that infinity stays infinity."""
     kept = np.sort(errors[~np.isnan(errors).any(axis=1)], axis=0)
     if not len(kept):
         return np.full((errors.shape[1], len(STATISTICS)), np.nan)
@@ -134,19 +123,7 @@ def statistics(errors: np.ndarray) -> np.ndarray:
 
 
 def make_dataset(measured: Measured, settings: Mapping[str, Any]) -> xr.Dataset:
-    """Sum up and label what was measured.
-
-    Parameters
-    ----------
-    measured : Measured
-        Errors, statuses and processor times.
-    settings : mapping
-        Further settings to be kept as attributes.
-
-    Returns
-    -------
-    xarray.Dataset
-    """
+    """Sum up and label what was measured."""
     import xarray as xr
 
     m = measured

@@ -247,13 +247,7 @@ def _time(
     repeats: int,
     progress: Progress,
 ) -> np.ndarray:
-    """Processor time (s) of one scenario: shape (configurations, timed groups, repeats).
-
-    The kernels are compiled and have run. One pass goes over everything before the
-    next begins, so that a slow moment of the machine falls on all alike; time spent
-    by other programs on the core does not count. A law that is refused in any
-    scenario of the sweep has no cost: the sweep can't be run like that.
-    """
+    """Processor time (s) of one scenario: shape (configurations, timed groups, repeats)."""
     seconds = np.full((len(grid), len(sample.timed), repeats), np.nan)
     progress.stage("costs", repeats * len(grid))
     for repeat in range(repeats):

@@ -34,22 +34,7 @@ def leading_outputs(trade: xr.Dataset) -> list[str]:
 
 
 def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
-    """Return one row per configuration.
-
-    Parameters
-    ----------
-    trade : xarray.Dataset
-        What `tradeoff` returned, or its file.
-
-    Returns
-    -------
-    list of dict
-        ``scheme``, ``located``, ``precision``, ``step`` (s, largest), ``time_steps``
-        (s, record -> true step), ``cost`` and ``cost_median`` (s per thousand
-        scenarios), ``statuses`` (label -> scenarios), and ``errors``: output ->
-        population -> statistic -> ``value``, ``resolution``, ``pareto``. A number
-        that is not finite is None; the statuses say why.
-    """
+    """Return one row per configuration."""
     check_trade(trade)
     trade = trade.load()
     outputs, populations, statistics = (
@@ -102,21 +87,7 @@ def finite(value: float) -> float | None:
 
 
 def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], list[list[str]]]:
-    """Return the headings and rows of the table on the terminal.
-
-    Parameters
-    ----------
-    trade : xarray.Dataset
-        What `tradeoff` returned, or its file.
-    population : str
-        Scenarios that the errors are those of.
-
-    Returns
-    -------
-    headings, rows
-        Errors of the leading outputs, median and worst; ``<`` before one that the
-        converged solution can't resolve; ``*`` after one on the Pareto front.
-    """
+    """Return the headings and rows of the table on the terminal."""
     shown = leading_outputs(trade)
     headings = ["scheme", "located", "precision", "step s", "s per 1000"]
     headings += [f"{_short(name)} {statistic}" for name in shown for statistic in ("median", "worst")]
@@ -143,12 +114,7 @@ def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], 
 
 
 def order_table(trade: xr.Dataset) -> tuple[list[str], list[list[str]]]:
-    """Return the headings and rows of the orders of convergence: one row per law and leading output.
-
-    Each is the slope of the logarithm of the median error of steady scenarios against
-    that of the step, over the resolved errors of a scheme that locates contacts, in double
-    precision; "-" where fewer than three are resolved.
-    """
+    """Return the headings and rows of the orders of convergence: one row per law and leading output."""
     schemes = [str(name) for name in trade["scheme"].values]
     median = trade.sel(population="steady", statistic="median")
     rows = []

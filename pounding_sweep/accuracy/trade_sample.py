@@ -66,18 +66,7 @@ class Sample:
 
 
 def find_touching(plan: Plan) -> np.ndarray:
-    """Rows of the plan's unique table in which floors can meet, found by runs without pounding.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-
-    Returns
-    -------
-    ndarray of bool
-        False where every gap is at least the closing displacement without pounding.
-    """
+    """Rows of the plan's unique table in which floors can meet, found by runs without pounding."""
     last = len(plan.laws) - 1
     contacts = plan.spec.scene.contacts
     if not contacts:
@@ -101,26 +90,7 @@ def find_touching(plan: Plan) -> np.ndarray:
 
 
 def draw(plan: Plan, scenarios: int, seed: int) -> Sample:
-    """Draw the scenarios of a trade: every law alike, records as often as the sweep has them.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    scenarios : int
-        About how many; whole lane groups of each law are drawn where the sweep has them.
-    seed : int
-        The same seed draws the same scenarios of the same sweep.
-
-    Returns
-    -------
-    Sample
-
-    Raises
-    ------
-    InputError
-        No scenario of the sweep can touch.
-    """
+    """Draw the scenarios of a trade: every law alike, records as often as the sweep has them."""
     rng = np.random.default_rng(seed)
     touching = find_touching(plan)
     table = plan.unique

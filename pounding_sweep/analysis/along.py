@@ -19,27 +19,7 @@ _QUANTILE = {"units": "1", "long_name": "share of the values below"}
 
 
 def interpolate(values: np.ndarray, at: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """Interpolate linearly along the last axis; nothing is extrapolated.
-
-    Parameters
-    ----------
-    values : ndarray, shape (..., n)
-        Known values; NaN where there is none.
-    at : ndarray, shape (n,)
-        Where they are known, in any order; of equal places the first counts. NaN: nowhere.
-    targets : ndarray, shape (m,)
-        Where values are wanted.
-
-    Returns
-    -------
-    ndarray, shape (..., m)
-        NaN outside the range of `at`, but for rounding, and next to a missing value.
-
-    Examples
-    --------
-    >>> interpolate(np.array([0.0, 10.0, 30.0]), np.array([0.0, 1.0, 2.0]), np.array([0.5, 2.0, 3.0])).tolist()
-    [5.0, 30.0, nan]
-    """
+    """Interpolate linearly along the last axis; nothing is extrapolated."""
     places, first = np.unique(at, return_index=True)
     known = np.isfinite(places)
     places, table = places[known], values[..., first[known]]
@@ -58,24 +38,7 @@ def interpolate(values: np.ndarray, at: np.ndarray, targets: np.ndarray) -> np.n
 
 
 def fractiles_along(values: np.ndarray, quantiles: Sequence[float], axis: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return fractiles of the values that are there, and how many there are.
-
-    Parameters
-    ----------
-    values : ndarray
-        NaN where there is none.
-    quantiles : sequence of float
-        In [0, 1].
-    axis : int
-        Along which.
-
-    Returns
-    -------
-    fractiles : ndarray, shape (quantiles, *the other axes)
-        Linear between the sorted values, as `numpy.nanquantile` by default; NaN where there are none.
-    count : ndarray of int
-        Values that are there.
-    """
+    """Return fractiles of the values that are there, and how many there are."""
     ordered = np.sort(np.moveaxis(values, axis, 0), axis=0)  # NaN sorts last
     count = np.sum(~np.isnan(ordered), axis=0)
     found = np.full((len(quantiles), *count.shape), np.nan)
@@ -100,10 +63,7 @@ def check_quantiles(quantiles: Sequence[float]) -> None:
 def fractiles_over(
     given: xr.DataArray, over: Sequence[str], quantiles: Sequence[float]
 ) -> tuple[xr.DataArray, xr.DataArray]:
-    """Return fractiles over dimensions taken together, along a first ``quantile``, and counts of their values.
-
-    Attributes of `given` are kept by the fractiles; of its coordinates those of the dimensions that stay.
-    """
+    """Return fractiles over dimensions taken together, along a first ``quantile``, and counts of their values."""
     import xarray as xr
 
     rows = given.stack(_together=list(over), create_index=False) if over else given.expand_dims("_together")

@@ -99,13 +99,7 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
 
 
 def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:
-    """Energy (kN m) that each building has given to neighbours and contacts: input - damping - kinetic - strain.
-
-    Parameters
-    ----------
-    energies : mapping or Dataset
-        Holds `TERMS`.
-    """
+    """Energy (kN m) that each building has given to neighbours and contacts: input - damping - kinetic - strain."""
     given, damping, kinetic, strain = (energies[name] for name in TERMS)
     return _about(given - damping - kinetic - strain, "energy given to neighbours and contacts")
 

@@ -33,13 +33,7 @@ class Event:
     units: str = ""
 
     def words(self, level: float | None) -> str:
-        """Return the event in words.
-
-        Examples
-        --------
-        >>> EVENTS["drift"].words(0.02)
-        'interstorey drift above 0.02 m'
-        """
+        """Return the event in words."""
         return self.title.format(level="" if level is None else f"{level:g} {self.units}")
 
 
@@ -58,13 +52,7 @@ EVENTS: dict[str, Event] = {
 
 
 def get_event(key: str, level: float | None) -> Event:
-    """Return an event by key.
-
-    Raises
-    ------
-    InputError
-        It is unknown, needs a level that is not given, or takes none.
-    """
+    """Return an event by key."""
     if key not in EVENTS:
         raise InputError(unknown("event", key, EVENTS))
     event = EVENTS[key]

@@ -141,13 +141,7 @@ def fragility(
 
 
 def sentence(dataset: xr.Dataset) -> str:
-    """Say in words what the fit of one cell is, or why there is none.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        From `fragility`, with one value selected on every axis of the fits.
-    """
+    """Say in words what the fit of one cell is, or why there is none."""
     status = FIT_STATUS[int(dataset["fit_status"])]
     low, high = (float(value) for value in dataset["median_between"])
     return status.words(low, high, str(dataset["median"].attrs["units"]))

@@ -118,21 +118,5 @@ def incremental_curves(
 
 
 def directions(scales: np.ndarray) -> list[np.ndarray]:
-    """Return the positions of the scales of each direction of the ground motion, as recorded and reversed.
-
-    Parameters
-    ----------
-    scales : ndarray, shape (n,)
-        Scales of records; zero belongs to both directions.
-
-    Returns
-    -------
-    list of ndarray of int
-        Of one direction where all scales have one sign.
-
-    Examples
-    --------
-    >>> [way.tolist() for way in directions(np.array([-2.0, 0.0, 1.0, 2.0]))]
-    [[1, 2, 3], [0, 1]]
-    """
+    """Return the positions of the scales of each direction of the ground motion, as recorded and reversed."""
     return [np.flatnonzero(sign * scales >= 0.0) for sign in (1.0, -1.0) if (sign * scales > 0.0).any()]

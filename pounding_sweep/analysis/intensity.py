@@ -15,28 +15,7 @@ if TYPE_CHECKING:
 
 
 def intensity_of(cube: xr.Dataset, intensity: str | xr.DataArray = "pga") -> xr.DataArray:
-    """Return the intensity of each record at each scale.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with ``record``, and ``scale`` where records are scaled.
-    intensity : str or DataArray
-        "pga", the peak ground acceleration, or any intensity of the records at scale 1
-        that grows with the scale, along ``record`` and with ``units``: spectral
-        accelerations Sa(T1) for instance.
-
-    Returns
-    -------
-    DataArray
-        |scale| times the intensity at scale 1, on ``record`` and ``scale`` as far as the
-        cube has them, with units and long_name.
-
-    Raises
-    ------
-    InputError
-        The intensity is not known, or not given for every record of the cube.
-    """
+    """Return the intensity of each record at each scale."""
     import xarray as xr
 
     if "record" not in cube.coords:

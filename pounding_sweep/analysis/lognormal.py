@@ -26,13 +26,7 @@ WIDEST = 5.0
 
 
 class FitStatus(IntEnum):
-    """Whether trials have a fit, or why not.
-
-    Attributes
-    ----------
-    meaning : str
-        In words; ``{low}``, ``{high}`` and ``{units}`` stand for what is known of the median.
-    """
+    """Whether trials have a fit, or why not."""
 
     meaning: str
 
@@ -65,15 +59,7 @@ class FitStatus(IntEnum):
         return self.name.lower()
 
     def words(self, low: float, high: float, units: str) -> str:
-        """Return the meaning with what is known of the median.
-
-        Examples
-        --------
-        >>> FitStatus.NEVER.words(3.0, float("nan"), "m s-2")
-        'never happened: the median is above 3 m s-2, the strongest motion tried'
-        >>> FitStatus.SEPARATED.words(0.85, 1.56, "m s-2").partition(":")[0]
-        'the strongest motion without it has 0.85 m s-2, the weakest with it 1.56 m s-2'
-        """
+        """Return the meaning with what is known of the median."""
         return self.meaning.format(low=f"{low:.4g}", high=f"{high:.4g}", units=units)
 
 
@@ -105,28 +91,7 @@ class LognormalFit:
 
 
 def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
-    """Fit a lognormal to trials.
-
-    Parameters
-    ----------
-    intensity : ndarray, shape (n,)
-        Of each trial, above zero; trials at zero tell nothing and are left out.
-    happened : ndarray of bool, shape (n,)
-        Whether the event happened.
-
-    Returns
-    -------
-    LognormalFit
-        Of the maximum likelihood; its `status` says where there is none.
-
-    Examples
-    --------
-    >>> x = np.array([1.0, 2.0, 2.0, 3.0, 3.0, 4.0])
-    >>> round(fit_lognormal(x, np.array([0, 0, 1, 0, 1, 1], bool)).median, 3)
-    2.367
-    >>> fit_lognormal(x, x > 2.5).status.label
-    'separated'
-    """
+    """Fit a lognormal to trials."""
     used = intensity > 0.0
     x, y = _merged(intensity[used]), np.asarray(happened, dtype=bool)[used]
     if not x.size:
@@ -213,43 +178,7 @@ class Intervals:
 def jackknife(
     fit: LognormalFit, without: Sequence[LognormalFit], intensity: np.ndarray, confidence: float
 ) -> Intervals:
-    """Return confidence intervals of a fit from those without one record each.
-
-    Parameters
-    ----------
-    fit : LognormalFit
-        Of all records.
-    without : sequence of LognormalFit
-        For each record the fit without it.
-    intensity : ndarray, shape (n,)
-        Above zero, for the intervals of the probability.
-    confidence : float
-        In (0, 1).
-
-    Returns
-    -------
-    Intervals
-        None where there are fewer than two records, or where the trials without one of them have no fit
-        and tend to none.
-
-    Notes
-    -----
-    Tukey's jackknife (Miller 1974, "The jackknife - a review", Biometrika 61(1)): the pseudo-values
-    n fit - (n - 1) fit_without of ln median and dispersion are taken for n independent
-    values, whose mean, free of the largest part of the bias, has Student's t of n - 1 degrees of freedom. Those
-    of the dispersion and of ln(x / median) / dispersion follow by linearisation, the former
-    on the scale of its logarithm. Where the dispersion is so uncertain that a bound of the probability would
-    turn back with rising intensity, it stays level instead. Separated trials count with what their fit tends to: no
-    dispersion, and the geometric mean of the two intensities that the median lies between.
-
-    Examples
-    --------
-    >>> x = np.array([1.0, 2.0, 2.0, 3.0, 3.0, 4.0])
-    >>> happened = np.array([0, 0, 1, 0, 1, 1], bool)
-    >>> without = [fit_lognormal(np.delete(x, i), np.delete(happened, i)) for i in range(6)]
-    >>> jackknife(fit_lognormal(x, happened), without, x[:1], 0.9).median.round(1).tolist()
-    [1.1, 4.4]
-    """
+    """Return confidence intervals of a fit from those without one record each."""
     from scipy.special import ndtr, stdtrit
 
     n = len(without)

@@ -27,13 +27,7 @@ _KEYS = {"scene", "records", "cases", "scales", "period_factors", "mass_factors"
 
 
 def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:
-    """Return a cube's sweep as it is stored.
-
-    Raises
-    ------
-    InputError
-        The cube does not carry its sweep, or not all of it.
-    """
+    """Return a cube's sweep as it is stored."""
     try:
         found = json.loads(cube.attrs["sweep"])
         lacking = sorted(_KEYS - set(found))
@@ -53,13 +47,7 @@ def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:
 
 
 def stored_scene(one: xr.Dataset) -> Scene:
-    """Return the row of a scenario with its histories.
-
-    Raises
-    ------
-    InputError
-        The dataset does not carry its row.
-    """
+    """Return the row of a scenario with its histories."""
     try:
         return scene_of({"scene": json.loads(one.attrs["scene"])})
     except (AttributeError, KeyError, TypeError, ValueError):
@@ -96,27 +84,7 @@ def records_of(
     given: Iterable[Record] = (),
     folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
 ) -> list[Record]:
-    """Find the records of a stored sweep again.
-
-    Parameters
-    ----------
-    sweep : mapping
-        From `stored_sweep`.
-    given : iterable of Record
-        Looked through first, whatever their names.
-    folders : path or several, optional
-        Where to find records by name, as for `find_record`.
-
-    Returns
-    -------
-    list of Record
-        In the sweep's order and by its names; each has the digest of the motion that was run.
-
-    Raises
-    ------
-    InputError
-        Some can't be found; each is named, with the reason.
-    """
+    """Find the records of a stored sweep again."""
     offered = {record.sha256: record for record in given}
     at_hand = cache(lambda: [record for _, record in list_records(folders) if isinstance(record, Record)])
     found, missing = [], []

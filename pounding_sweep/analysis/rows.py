@@ -22,26 +22,7 @@ Row = dict[str, Any]
 
 
 def table_rows(result: xr.Dataset, comparison: Comparison, *, lead: bool = False) -> list[Row]:
-    """Return the table of a comparison.
-
-    Parameters
-    ----------
-    result : xarray.Dataset
-        What the comparison made.
-    comparison : Comparison
-        Which one it is.
-    lead : bool
-        Only the leading variables.
-
-    Returns
-    -------
-    list of dict
-        Of each variable (``variable``, ``units``) and each combination of the comparison's
-        columns (None where the variable has no such dimension): number of ``values``,
-        ``smallest``, ``median`` and ``largest`` over all other dimensions, of an
-        amplification over the scenarios that touch; combinations without a value are left
-        out. A fragility has a row per fit, with the fit in words.
-    """
+    """Return the table of a comparison."""
     return fit_rows(result) if "fit_status" in result else spread_rows(result, comparison, lead=lead)
 
 

@@ -111,26 +111,7 @@ def pounding_only(cube: xr.Dataset) -> xr.Dataset:
 
 
 def without_pounding(cube: xr.Dataset, what: str) -> xr.Dataset:
-    """Return the run without pounding that belongs to each scenario.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with the law "none", among other axes or among listed cases.
-    what : str
-        What asks for it, for the error.
-
-    Returns
-    -------
-    xarray.Dataset
-        On the cube's axes without ``law``, or along its ``case``, where a case without
-        such a run has missing values and the status not_run. Index coordinates only.
-
-    Raises
-    ------
-    InputError
-        The cube has no run without pounding.
-    """
+    """Return the run without pounding that belongs to each scenario."""
     laws = law_keys(cube)
     if NO_POUNDING not in laws:
         msg = (
@@ -167,13 +148,7 @@ def still_cases(cube: xr.Dataset) -> list[int]:
 
 
 def touched(cube: xr.Dataset, what: str) -> xr.DataArray:
-    """Return 1 where floors touched, 0 where they did not, missing where the scenario is not ok or no floors meet.
-
-    Raises
-    ------
-    InputError
-        The cube has no variable that tells.
-    """
+    """Return 1 where floors touched, 0 where they did not, missing where the scenario is not ok or no floors meet."""
     for name in present(cube, TOUCH_VARIABLES):
         found = values(cube, name)
         if bool(found.notnull().any()):

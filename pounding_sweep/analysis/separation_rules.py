@@ -126,31 +126,7 @@ class SeparationRule:
 def cqc_correlation(
     period_1: xr.DataArray, period_2: xr.DataArray, damping_1: xr.DataArray, damping_2: xr.DataArray
 ) -> xr.DataArray:
-    """Correlation of the responses of two oscillators to broad-band ground motion.
-
-    Parameters
-    ----------
-    period_1, period_2 : DataArray or ndarray
-        Natural periods (s).
-    damping_1, damping_2 : DataArray or ndarray
-        Damping ratios.
-
-    Returns
-    -------
-    DataArray or ndarray
-        In [0, 1]; 1 for equal oscillators. Of undamped ones 0, or 1 where their periods are equal.
-
-    Notes
-    -----
-    Der Kiureghian, A. (1980), "Structural response to stationary excitation", Journal of the
-    Engineering Mechanics Division ASCE 106(6), 1195-1213; the coefficient of the complete quadratic combination.
-
-    Examples
-    --------
-    >>> one, two = np.array(1.0), np.array(2.0)
-    >>> float(cqc_correlation(one, one, 0.05 * one, 0.05 * one)), float(cqc_correlation(one, two, 0.05, 0.05).round(4))
-    (1.0, 0.0185)
-    """
+    """Correlation of the responses of two oscillators to broad-band ground motion."""
     r = period_2 / period_1
     product = damping_1 * damping_2
     top = 8.0 * product**0.5 * (damping_2 + damping_1 * r) * r**1.5

@@ -8,27 +8,7 @@ from typing import Any
 
 
 def attribute(package: str, home: Mapping[str, str], name: str) -> Any:
-    """Return a name of a package: its module-level ``__getattr__`` (PEP 562).
-
-    Parameters
-    ----------
-    package : str
-        The package.
-    home : mapping of str to str
-        Names of the package -> modules that define them.
-    name : str
-        The one that is asked for.
-
-    Raises
-    ------
-    AttributeError
-        The package has no such name.
-
-    Examples
-    --------
-    >>> attribute("pounding_sweep", {"unknown": "pounding_sweep.base.errors"}, "unknown").__name__
-    'unknown'
-    """
+    """Return a name of a package: its module-level ``__getattr__`` (PEP 562)."""
     if name in home:
         return getattr(import_module(home[name]), name)
     msg = f"module {package!r} has no attribute {name!r}"
@@ -36,13 +16,7 @@ def attribute(package: str, home: Mapping[str, str], name: str) -> Any:
 
 
 def function_at(place: str) -> Callable[..., Any]:
-    """Return the function of a place in a registry, ``module:function``.
-
-    Examples
-    --------
-    >>> function_at("pounding_sweep.base.errors:unknown").__name__
-    'unknown'
-    """
+    """Return the function of a place in a registry, ``module:function``."""
     module, _, name = place.partition(":")
     found: Callable[..., Any] = getattr(import_module(module), name)
     return found

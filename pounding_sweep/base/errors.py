@@ -83,18 +83,7 @@ _BRIEF.maxstring = _BRIEF.maxlong = _BRIEF.maxother = SHOWN_CHARACTERS
 
 
 def shown(value: object) -> str:
-    """Return `repr` of a value from anywhere in a few words, however long or deep it is.
-
-    Examples
-    --------
-    >>> shown([0.1, "x"])
-    "[0.1, 'x']"
-    >>> deep = []
-    >>> for _ in range(100_000):
-    ...     deep = [deep]
-    >>> shown(deep)
-    '[[[[...]]]]'
-    """
+    """Return `repr` of a value from anywhere in a few words, however long or deep it is."""
     try:
         text = _BRIEF.repr(value)
     except (ValueError, RecursionError):  # a whole number of thousands of digits, or depth in an object of its own
@@ -103,13 +92,7 @@ def shown(value: object) -> str:
 
 
 def unknown(kind: str, given: object, valid: Iterable[str]) -> str:
-    """Say that `given` is no known `kind`, suggest the closest, list all, or the first ones of very many.
-
-    Examples
-    --------
-    >>> unknown("contact law", "hertzz", ["linear", "hertz"])
-    "unknown contact law 'hertzz'; did you mean 'hertz'? Valid: hertz, linear"
-    """
+    """Say that `given` is no known `kind`, suggest the closest, list all, or the first ones of very many."""
     names = sorted(valid)
     word = given if isinstance(given, str) else shown(given)
     close = difflib.get_close_matches(word, names, n=1, cutoff=0.6) if len(word) <= SHOWN_CHARACTERS else []

@@ -38,11 +38,7 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def _moves(folder: Path, other: Path, name: str) -> bool:
-    """Whether files can be moved between two folders; `name` is there in neither.
-
-    A folder that is mounted in another place is on the same disk, and yet apart: what that says of a
-    file that is not there tells it.
-    """
+    """Whether files can be moved between two folders; `name` is there in neither."""
     if folder.stat().st_dev != other.stat().st_dev:
         return False
     try:
@@ -54,15 +50,7 @@ def _moves(folder: Path, other: Path, name: str) -> bool:
 
 @contextmanager
 def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
-    """Give a temporary name; when the block ends well, make what stands there `path` for good.
-
-    It is in `folder`, which the caller has for itself, if files can be moved from there; else in a
-    hidden folder beside `path`.
-
-    The content is on disk before the name changes, and the name before the block
-    is left. When the block fails, the temporary file is removed and `path` is as
-    it was. What a killed process leaves is removed by the next one that writes there.
-    """
+    """Give a temporary name; when the block ends well, make what stands there `path` for good."""
     with ExitStack() as contexts:
         name = f".pounding_sweep-{secrets.token_hex(8)}.part"
         if folder is None or not _moves(folder, path.parent, name):
@@ -85,15 +73,7 @@ def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
 
 
 def failure(what: str, error: Exception) -> str:
-    """Say of a write that it failed, and what can be done about it.
-
-    Examples
-    --------
-    >>> failure("writing 'a.nc'", OSError(errno.ENOSPC, "No space left on device"))
-    "writing 'a.nc' failed (No space left on device); free some space and run again"
-    >>> failure("writing 'a.nc'", OSError(errno.EROFS, "Read-only file system"))
-    "writing 'a.nc' failed (Read-only file system); make the folder writable and run again"
-    """
+    """Say of a write that it failed, and what can be done about it."""
     number, reason = getattr(error, "errno", None), str(getattr(error, "strerror", None) or error)
     if number in (errno.EACCES, errno.EPERM, errno.EROFS):
         remedy = "make the folder writable and run again"

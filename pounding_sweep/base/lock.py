@@ -63,11 +63,7 @@ class Holder:
     machine: str = ""
 
     def has_ended(self) -> bool:
-        """Whether a lock that is free here tells that this process is gone, here being its machine.
-
-        Its kernel is this one, whatever the host is called; or it has started again since. Another
-        machine of that name has another digest.
-        """
+        """Whether a lock that is free here tells that this process is gone, here being its machine."""
         here = _here()
         if self.boot and self.boot == here.boot:
             return True
@@ -108,13 +104,7 @@ def _read(handle: int) -> Holder | None:
 
 
 def _take(handle: int, how: int) -> bool:
-    """Lock an open file; False where somebody else has it.
-
-    Raises
-    ------
-    OSError
-        The file system can't lock.
-    """
+    """Lock an open file; False where somebody else has it."""
     try:
         fcntl.flock(handle, how | fcntl.LOCK_NB)
     except OSError as error:
@@ -125,23 +115,7 @@ def _take(handle: int, how: int) -> bool:
 
 
 def running(folder: Path) -> Holder | None:
-    """Return who runs on a folder now; None where nobody on this machine does, and nobody elsewhere says so.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of chunks.
-
-    Returns
-    -------
-    Holder or None
-        A process of another machine that was killed is still named, since that can't be seen from here.
-
-    Examples
-    --------
-    >>> running(Path("no_such_folder")) is None
-    True
-    """
+    """Return who runs on a folder now; None where nobody on this machine does, and nobody elsewhere says so."""
     try:
         handle = open_own(folder / LOCK, os.O_RDONLY)
     except OSError:
@@ -164,25 +138,7 @@ def _sign(handle: int) -> None:
 
 @contextmanager
 def own_folder(folder: Path) -> Iterator[Path]:
-    """Make a folder, have it locked while the context is open, and remove it with all that is in it.
-
-    Parameters
-    ----------
-    folder : Path
-        Not there yet.
-
-    Raises
-    ------
-    OSError
-        It can't be made.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with own_folder(Path(tempfile.mkdtemp()) / "new") as folder:
-    ...     remove_abandoned(folder)
-    False
-    """
+    """Make a folder, have it locked while the context is open, and remove it with all that is in it."""
     folder.mkdir()
     handle = -1
     try:
@@ -203,13 +159,7 @@ def own_folder(folder: Path) -> Iterator[Path]:
 
 
 def remove_abandoned(folder: Path) -> bool:
-    """Remove a folder of `own_folder` whose process was killed; returns whether it did.
-
-    Parameters
-    ----------
-    folder : Path
-        One whose process may still be at work; then it stays, as it does where that can't be told from here.
-    """
+    """Remove a folder of `own_folder` whose process was killed; returns whether it did."""
     try:
         handle = open_own(folder / LOCK, os.O_RDWR)
     except OSError:  # it is being made or removed, or somebody else's
@@ -228,34 +178,7 @@ def remove_abandoned(folder: Path) -> bool:
 
 
 class FolderLock:
-    """Keeps other runs out of a folder while the context is open.
-
-    Parameters
-    ----------
-    folder : Path
-        Is made where it is missing, and removed at the end where nothing is in it.
-
-    Raises
-    ------
-    OutputError
-        When the context is entered: another process runs there, or one of another machine
-        did and has not said that it ended; or the folder can't be written.
-
-    Warns
-    -----
-    RuntimeWarning
-        The run before was killed, and this one takes its place; or the file system can't lock.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> folder = Path(tempfile.mkdtemp())
-    >>> with FolderLock(folder):
-    ...     running(folder).pid == os.getpid()
-    True
-    >>> running(folder) is None
-    True
-    """
+    """Keeps other runs out of a folder while the context is open."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

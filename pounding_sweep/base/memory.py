@@ -39,28 +39,7 @@ class FreeMemory:
 
 
 def free_memory(root: Path = Path("/")) -> FreeMemory | None:
-    """Return the memory that this process can still have without swapping.
-
-    Parameters
-    ----------
-    root : path
-        Where ``proc`` and the file systems of the control groups are.
-
-    Returns
-    -------
-    FreeMemory or None
-        The least of what the machine has available, what is left under the limits of each
-        control group (version 1 or 2) from the process's own up to the one that is mounted,
-        pages that only cache files counted as free, and what the process's limits on
-        address space and data leave. None where the system does not tell.
-
-    Examples
-    --------
-    >>> from pounding_sweep.base.memory import free_memory
-    >>> found = free_memory()
-    >>> found is None or found.bytes >= 0
-    True
-    """
+    """Return the memory that this process can still have without swapping."""
     found = [*_machine(root), *_control_groups(root), *_process_limits(root)]
     return min(found, key=lambda one: one.bytes, default=None)
 

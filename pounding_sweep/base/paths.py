@@ -9,25 +9,7 @@ from pounding_sweep.base.errors import InputError, shown
 
 
 def expanded(path: str | os.PathLike[str], error: type[InputError] = InputError) -> Path:
-    """Return a path with the home folder in the place of ``~`` or ``~user``.
-
-    Parameters
-    ----------
-    path : str or path
-        As it was given.
-    error : type
-        What to raise.
-
-    Raises
-    ------
-    InputError
-        The home folder is not known.
-
-    Examples
-    --------
-    >>> expanded("records/x.AT2").as_posix()
-    'records/x.AT2'
-    """
+    """Return a path with the home folder in the place of ``~`` or ``~user``."""
     try:
         return Path(path).expanduser()
     except RuntimeError:
@@ -36,15 +18,7 @@ def expanded(path: str | os.PathLike[str], error: type[InputError] = InputError)
 
 
 def absolute(path: str | os.PathLike[str]) -> Path:
-    """Return an absolute path, ``~`` expanded and links followed, whether or not it exists.
-
-    Raises
-    ------
-    InputError
-        The home folder is not known, or the path starts from the working folder and that was removed.
-    OSError, ValueError
-        It is no usable path.
-    """
+    """Return an absolute path, ``~`` expanded and links followed, whether or not it exists."""
     found = expanded(path)
     try:
         return Path(os.path.realpath(found))

@@ -15,25 +15,7 @@ LARGEST = 2**28
 
 
 def open_own(path: Path, flags: int) -> int:
-    """Open a file that is to be written; a link would lead to somebody else's, and a pipe has nobody who reads.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    flags : int
-        As for `os.open`.
-
-    Returns
-    -------
-    int
-        File descriptor of a regular file.
-
-    Raises
-    ------
-    OSError
-        It can't be opened, or is a link, a pipe or a device.
-    """
+    """Open a file that is to be written; a link would lead to somebody else's, and a pipe has nobody who reads."""
     strange = f"{path.name!r} is no regular file; remove it"
     try:
         handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
@@ -49,15 +31,7 @@ def open_own(path: Path, flags: int) -> int:
 
 
 def read_regular(path: Path) -> bytes:
-    """Read a regular file of at most `LARGEST` bytes; opening a pipe would wait, a device may never end.
-
-    Raises
-    ------
-    OSError
-        It can't be read.
-    ValueError
-        It is no regular file, or larger.
-    """
+    """Read a regular file of at most `LARGEST` bytes; opening a pipe would wait, a device may never end."""
     with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
         status = os.fstat(file.fileno())
         if not stat.S_ISREG(status.st_mode):
@@ -68,13 +42,7 @@ def read_regular(path: Path) -> bytes:
 
 
 def parse_json(text: bytes) -> Any:
-    """Parse JSON; raises ValueError where it is none, or nested too deep.
-
-    Examples
-    --------
-    >>> parse_json(b'{"a": 1}')
-    {'a': 1}
-    """
+    """Parse JSON; raises ValueError where it is none, or nested too deep."""
     try:
         return json.loads(text)
     except RecursionError:

@@ -13,20 +13,7 @@ LONGEST_TITLE = 2000
 
 
 def printable(text: str, keep: str = "") -> str:
-    r"""Return a text with escapes for characters that would move a cursor, break a table or can't be encoded.
-
-    Parameters
-    ----------
-    text : str
-        Of any origin.
-    keep : str
-        Characters that stay, such as the line breaks of a message.
-
-    Examples
-    --------
-    >>> print(printable("El Centro\x1b[2J"))
-    El Centro\u001b[2J
-    """
+    r"""Return a text with escapes for characters that would move a cursor, break a table or can't be encoded."""
     return _UNSAFE.sub(lambda found: found[0] if found[0] in keep else f"\\u{ord(found[0]):04x}", text)
 
 

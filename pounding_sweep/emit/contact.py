@@ -13,11 +13,7 @@ from pounding_sweep.emit.text import ContactBody, Source, over_contacts
 
 
 def emit_measure(shape: KernelSpec, slots: Slots) -> str:
-    """Write ``measure``: penetrations and their rates at both ends of the trial, and lanes to look at (LOOK > 0).
-
-    A lane is looked at if an open contact may have touched, or a closed one may have
-    parted, changed its phase or gone deeper than its sub-step allows.
-    """
+    """Write ``measure``: penetrations and their rates at both ends of the trial, and lanes to look at (LOOK > 0)."""
     src, law = Source(), shape.law
     assert law is not None
     capped = shape.scheme != "newmark" and not law.impulsive
@@ -76,12 +72,7 @@ def emit_give_back(shape: KernelSpec) -> str:
 
 
 def emit_ends(shape: KernelSpec, slots: Slots) -> str:
-    """Write ``ends``: forces and penetrations at both ends of the sub-step just taken.
-
-    Lanes in which one of them peaks in between are marked (LOOK > 0). Of a sub-step that
-    is short beside the `whole` step the ends are all there is: rates from differences
-    over it would be rounding noise.
-    """
+    """Write ``ends``: forces and penetrations at both ends of the sub-step just taken."""
     src, r, law = Source(), shape.reducers, shape.law
     assert law is not None
     src.function("ends(S, I, whole)")
@@ -125,13 +116,7 @@ def emit_ends(shape: KernelSpec, slots: Slots) -> str:
 
 
 def emit_look_ahead(shape: KernelSpec, slots: Slots) -> str:
-    """Write ``look_ahead``: length and ground of every lane's next trial.
-
-    A sub-step is short beside the fastest rate of a pressing contact (P_CAP) and,
-    where its force is not smooth in time, graded: lengths of time are in units of each
-    contact's elastic duration, its penetration over its rate is the time left until the
-    release. A lane that refused its trial has its next length already (AHEAD).
-    """
+    """Write ``look_ahead``: length and ground of every lane's next trial."""
     src, law = Source(), shape.law
     assert law is not None
     src.function("look_ahead(S, I, props, h)")
@@ -220,10 +205,7 @@ def fused_ends(shape: KernelSpec) -> bool:
 
 
 def plain_contact(src: Source, shape: KernelSpec) -> ContactBody:
-    """Return what writes one contact of an unlocated kernel at the end of a step.
-
-    Its names end in no figure: a fused step, in which it may stand, has v0, f0 and so on of its floors.
-    """
+    """Return what writes one contact of an unlocated kernel at the end of a step."""
     r, law = shape.reducers, shape.law
     assert law is not None
 

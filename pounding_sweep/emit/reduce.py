@@ -15,11 +15,7 @@ PEAKS = frozenset({"displacement", "drift", "closing"})
 
 
 def emit_turns(shape: KernelSpec) -> str:
-    """Write ``turns(S)``: extremes of displacement, drift and closing that lie inside the step just taken.
-
-    A motion is looked at where it turns in some lane, and could go farther than before: the
-    cubic exceeds its ends by at most 4/27 of the step times the sum of both speeds.
-    """
+    """Write ``turns(S)``: extremes of displacement, drift and closing that lie inside the step just taken."""
     src, r = Source(), shape.reducers
     src.function("cubic_extreme(x0, x1, s0, s1)")
     src("t = s0 / (s0 - s1) if s0 * s1 < 0.0 else 0.0")
@@ -146,11 +142,7 @@ def emit_energy(shape: KernelSpec, slots: Slots) -> str:
 
 
 def emit_accelerations(shape: KernelSpec, contact: bool) -> str:
-    """Write ``accelerations``: largest total acceleration of each floor over one step.
-
-    Total acceleration (f(u, v) + F) / m and, where peaks are located, its rate are
-    evaluated at both ends, with the contact forces FS, FE and their rates RS, RE.
-    """
+    """Write ``accelerations``: largest total acceleration of each floor over one step."""
     src = Source()
     src.function("accelerations(S, props)")
     ends = (("UO", "VO", "FS", "RS", "ACC0", "RATE0"), ("U", "V", "FE", "RE", "ACC1", "RATE1"))

@@ -71,13 +71,7 @@ class LawShape:
         return bool(self.damper) and not self.approach_only and not self.tension
 
     def grading(self, order: int) -> tuple[float, float]:
-        """Power by which sub-steps grow after a touch and shrink before a release (1: no need to).
-
-        The force is like t**s a time t from its end, s the power of the penetration
-        in it. Where s is no whole number a step h at t errs by about h**(p+1) t**(s-p)
-        in a scheme of order p; steps between the times (i delta)**q with
-        q = (p + 1) / (s + 1) all err alike, and the order is kept.
-        """
+        """Power by which sub-steps grow after a touch and shrink before a release (1: no need to)."""
 
         def power(exponents: list[float]) -> float:
             rough = [s for s in exponents if s != round(s) and s + 1.0 < order]
@@ -250,10 +244,7 @@ class Slots:
 
 
 def input_slots(shape: KernelSpec) -> Slots:
-    """Layout of the values a scenario brings: record scale, contact stiffness, gaps, damping.
-
-    Building properties that vary are there too, under their names in `property_slots` with ``p_`` in front.
-    """
+    """Layout of the values a scenario brings: record scale, contact stiffness, gaps, damping."""
     slots = Slots()
     slots.add("scale")
     if shape.contacts:

@@ -51,12 +51,7 @@ OF_RUN = {"OWN_ALPHA": "alpha", "OWN_BETA": "beta", "OWN_K": "k", "OWN_GAP": "ga
 
 
 class StepText:
-    """Where the quantities of one step live: locals in a fused step, slots otherwise.
-
-    In a longer row, buildings of one height (and pairs that meet alike) share a function, written for the first of
-    them: the others lie ``d`` floors (``o`` lanes) further on. All addresses of a lane loop move together, or a
-    compiler could not tell that they differ, and would not put the lanes into vectors.
-    """
+    """Where the quantities of one step live: locals in a fused step, slots otherwise."""
 
     def __init__(self, shape: KernelSpec, slots: Slots, in_memory: bool) -> None:
         self.shape, self.slots, self.props = shape, slots, property_slots(shape)
@@ -192,11 +187,7 @@ ContactBody = Callable[[Callable[[str], str], str, str, str], None]
 
 
 def over_contacts(src: Source, shape: KernelSpec, slots: Slots, body: ContactBody) -> None:
-    """Write `body` for every contact, in lane loops.
-
-    Few contacts are written out one by one, with addresses that are known to differ:
-    a loop over contacts whose addresses come from a table is not vectorised as well.
-    """
+    """Write `body` for every contact, in lane loops."""
     if shape.fused:
         with src.block("for l in range(L):"):
             for j, (left, right, pair) in enumerate(shape.contacts):

@@ -51,26 +51,12 @@ SETTLE_SECONDS = 0.2
 
 
 def cache_folder() -> Path:
-    """Folder of compiled kernels (``POUNDING_SWEEP_CACHE``, else below the user's cache folder).
-
-    Where no home folder is known, it is one of this process alone.
-
-    Raises
-    ------
-    InputError
-        ``POUNDING_SWEEP_CACHE`` begins with a home folder that is not known.
-    """
+    """Folder of compiled kernels (``POUNDING_SWEEP_CACHE``, else below the user's cache folder)."""
     return lasting_folder() or _own_folder()
 
 
 def lasting_folder() -> Path | None:
-    """Folder of compiled kernels that outlasts the process; None where no home folder is known.
-
-    Raises
-    ------
-    InputError
-        As `cache_folder`.
-    """
+    """Folder of compiled kernels that outlasts the process; None where no home folder is known."""
     named = os.environ.get(CACHE_VARIABLE)
     if named:
         return expanded(named)
@@ -308,10 +294,7 @@ def _tell(folder: Path, text: str) -> None:
 
 @lru_cache(maxsize=256)
 def get_kernel(shape: KernelSpec) -> Callable[..., Any]:
-    """Return the kernel's compiled ``run`` function, loaded from the disk cache where it is there.
-
-    A folder that can't be written costs the cache, not the run; files of it that are damaged are compiled anew.
-    """
+    """Return the kernel's compiled ``run`` function, loaded from the disk cache where it is there."""
     with _LOCK, _seldom_collected():
         folder, texts = cache_folder(), _texts(shape)
         try:

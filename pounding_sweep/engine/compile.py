@@ -39,11 +39,7 @@ def from_json(data: dict[str, Any]) -> KernelSpec:
 
 
 def shares(shapes: Sequence[KernelSpec], n: int) -> list[list[KernelSpec]]:
-    """Cut kernels into at most `n` shares that take about as long to compile; none is empty.
-
-    Compiling takes about as long as the text is. Kernels of the same row stand side by side: in
-    one share, what they have in common is compiled once.
-    """
+    """Cut kernels into at most `n` shares that take about as long to compile; none is empty."""
     sizes = {shape: text_sizes(shape) for shape in shapes}
     rows: dict[str, dict[KernelSpec, int]] = {}
     for shape, (row, row_size, main_size) in sizes.items():
@@ -58,17 +54,7 @@ def shares(shapes: Sequence[KernelSpec], n: int) -> list[list[KernelSpec]]:
 
 
 def prepare(shapes: Sequence[KernelSpec], workers: int = 1, advance: Callable[[int], None] | None = None) -> int:
-    """Make kernels ready to run in this process; returns how many had to be compiled.
-
-    Parameters
-    ----------
-    shapes : sequence of KernelSpec
-        Kernels that will be needed.
-    workers : int
-        Processes to compile in.
-    advance : callable, optional
-        Called with the number of kernels that became ready.
-    """
+    """Make kernels ready to run in this process; returns how many had to be compiled."""
     wanted = list(dict.fromkeys(shapes))
     missing = [shape for shape in wanted if not (is_loaded(shape) or is_cached(shape))]
     mine, *others = shares(missing, workers) or [[]]

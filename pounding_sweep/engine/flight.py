@@ -37,30 +37,7 @@ _Function = tuple[np.ndarray, np.ndarray]
 
 
 def transitions(row: Scene | Variants, h: float) -> np.ndarray:
-    """Return the transition matrices of all buildings over a step.
-
-    Parameters
-    ----------
-    row : Scene or Variants
-        The row, or n variants of it.
-    h : float
-        Step (s).
-
-    Returns
-    -------
-    ndarray, shape (numbers, n)
-        In each column, building by building and row by row, A (displacements in m, then
-        velocities in m/s), p and q (what unit ground accelerations, in m/s2, at the start
-        and at the end of the step add): 2 n_storeys rows of 2 n_storeys + 2 numbers.
-
-    Examples
-    --------
-    >>> from pounding_sweep.model.scene import Building
-    >>> swing = Scene([Building("a", [1.0], [100.0], damping_ratio=0.0)])
-    >>> a = transitions(swing, math.pi / 10.0)[:, 0].reshape(2, 4)[:, :2]  # half a period
-    >>> bool(np.allclose(a, -np.eye(2), atol=1e-12))
-    True
-    """
+    """Return the transition matrices of all buildings over a step."""
     variants = variants_of(row)
     buildings = variants.scene.buildings
     edges = np.cumsum([0] + [4 * b.n_storeys * (b.n_storeys + 1) for b in buildings])

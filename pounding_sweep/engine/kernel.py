@@ -172,13 +172,7 @@ ROW_NAME = "row"
 
 
 def kernel_text(shape: KernelSpec) -> KernelText:
-    """Return the kernel of `shape`; its main module imports the row module as `ROW_NAME`.
-
-    Its function ``run(ag, dt_record, steps, flight_substeps, props, X, O, H)`` integrates every
-    lane group of ``X`` (groups, inputs * LANES) over the record ``ag`` (m/s2)
-    with `steps` steps per record interval (`flight_substeps` exact ones in free flight), and fills ``O`` (groups,
-    outputs * LANES) and, with a history, ``H`` (steps + 1, history slots) of lane 0.
-    """
+    """Return the kernel of `shape`; its main module imports the row module as `ROW_NAME`."""
     slots = state_slots(shape)
     contact = shape.law is not None and len(shape.contacts) > 0
     make: Any = STEPS[shape.scheme]

@@ -64,27 +64,7 @@ def variables_of(
     record: Record,
     variants: Variants | None = None,
 ) -> dict[str, Any]:
-    """Turn a kernel's outputs into the variables of the cube.
-
-    Parameters
-    ----------
-    kernel : RowKernel
-        What ran.
-    raw : mapping
-        What `RowKernel.run` returned for n scenarios.
-    outputs : sequence of str
-        Variables asked for; those in every cube are added.
-    record : Record
-        The record, for the length of a step.
-    variants : Variants, optional
-        Building properties that it ran with, one row per scenario.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Shape (n, *inner dimensions). What needs contact is zero (missing for the
-        first impact time) where nothing can touch.
-    """
+    """Turn a kernel's outputs into the variables of the cube."""
     scene = kernel.scene
     row = variants_of(scene) if variants is None else variants
     n = len(raw["flags"])

@@ -42,35 +42,7 @@ MIN_GROUND_STEPS = 8.0
 
 
 def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np.ndarray:
-    """Phase by which a scheme misses a building's first two modes (rad), the largest of all buildings.
-
-    A scheme lengthens a period by a share that grows with the step, and damps (or
-    feeds) the motion by another; either adds up over the time that the building
-    remembers, 1 / (zeta w), or the whole record where that is shorter.
-
-    Parameters
-    ----------
-    row : Scene or Variants
-        The row, or n variants of it.
-    record : Record
-        Ground motion; only its time step and its length matter.
-    numerics : Numerics
-        Scheme and step.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Largest over the buildings and their first two modes, the second weighted by
-        `SECOND_MODE`; one number for a scene.
-
-    Notes
-    -----
-    With x = w h, shares of the frequency: (beta / 2 - 1 / 24) x**2 and the damping
-    (gamma - 1/2) x / 2 of Newmark's method, x**4 / 120 and x**5 / 144 of RK4
-    (leading terms of the free motion of an undamped oscillator); `exact` takes RK4's
-    steps beside contacts and is judged like it. They are a quarter
-    of a cycle apart, and so add like the sides of a right angle.
-    """
+    """Phase by which a scheme misses a building's first two modes (rad), the largest of all buildings."""
     h = record.dt / numerics.steps(record)
     variants = variants_of(row)
     worst = np.zeros(len(variants))
@@ -88,20 +60,7 @@ def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np
 
 
 def loses_ground(record: Record, numerics: Numerics) -> bool:
-    """Whether the ground turns back within single steps of Newmark's method.
-
-    The ground's acceleration is linear within a step, but average acceleration
-    sees its mean only: what comes and goes within one step is lost. That is little
-    beside the motion once the ground's velocity changes by more than its largest
-    acceleration makes it in `MIN_GROUND_STEPS`. RK4 integrates the line itself.
-
-    Examples
-    --------
-    >>> from pounding_sweep.engine.row_kernel import Numerics
-    >>> shaking = Record("shaking", 0.01, [1.0, -1.0] * 20)
-    >>> loses_ground(shaking, Numerics("newmark", 0.01)), loses_ground(shaking, Numerics("newmark", 0.0005))
-    (True, False)
-    """
+    """Whether the ground turns back within single steps of Newmark's method."""
     steps = numerics.steps(record)
     # around its peak alone the ground gains the velocity of at least a quarter of a record interval
     if numerics.method != "newmark" or steps >= 4.0 * MIN_GROUND_STEPS or not record.duration or not record.pga:
@@ -115,24 +74,7 @@ def loses_ground(record: Record, numerics: Numerics) -> bool:
 def energy_limit(
     row: Scene | Variants, record: Record, scale: np.ndarray, initial_velocity: Sequence[float] | None = None
 ) -> np.ndarray:
-    """Most energy that a row can ever hold (kN m), shape of `scale`.
-
-    Contacts and dampers only take energy, so the energy E grows by the work of the
-    ground alone, dE/dt <= |a_g| sum m |v| <= |a_g| sqrt(M) sqrt(2 E):
-
-        E <= (sqrt(2 E_0) + sqrt(M) int |a_g| dt)**2 / 2,   M all masses.
-
-    Parameters
-    ----------
-    row : Scene or Variants
-        The row, or the variant of it that each scenario has.
-    record : Record
-        Ground motion (m/s2).
-    scale : ndarray, shape (n,)
-        Factors on the record.
-    initial_velocity : sequence of float, optional
-        Velocity (m/s) of every floor at the start, building by building.
-    """
+    """Most energy that a row can ever hold (kN m), shape of `scale`."""
     masses = variants_of(row).masses
     a = np.abs(record.acceleration)
     pushed = 0.5 * float(np.sum(a[1:] + a[:-1])) * record.dt  # never less than the integral
@@ -154,26 +96,7 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
 def resolution_status(
     row: Scene | Variants, record: Record, numerics: Numerics, steps_per_contact: np.ndarray, quickening: np.ndarray
 ) -> np.ndarray:
-    """Status of scenarios by what their step resolves.
-
-    Parameters
-    ----------
-    row : Scene or Variants
-        The row, or the variant of it that each scenario has.
-    record : Record
-        Ground motion.
-    numerics : Numerics
-        Scheme and step.
-    steps_per_contact : ndarray, shape (n,)
-        Steps in the shortest contact, by its elastic duration; NaN where nothing touched.
-    quickening : ndarray, shape (n,)
-        By what factor damping makes the fastest part of a contact shorter (`Law.quickening`).
-
-    Returns
-    -------
-    ndarray of int8, shape (n,)
-        ``OK``, ``UNDER_RESOLVED_MOTION`` or ``UNDER_RESOLVED_CONTACT``.
-    """
+    """Status of scenarios by what their step resolves."""
     blurred = (phase_error(row, record, numerics) > MAX_PHASE_ERROR) | loses_ground(record, numerics)
     status = np.full(len(steps_per_contact), Status.OK, dtype=np.int8)
     status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION

@@ -185,12 +185,7 @@ class RowKernel:
         return values
 
     def flight_substeps(self, record: Record, variants: Variants | None = None) -> np.ndarray:
-        """Return the exact steps of free flight per record interval: a divisor of the steps.
-
-        They are short beside the fastest mode, because peaks are looked for between their
-        ends, and as short as the steps where a history is kept. One number for the scene,
-        or one for each of its variants.
-        """
+        """Return the exact steps of free flight per record interval: a divisor of the steps."""
         row = variants_of(self.scene) if variants is None else variants
         steps = self.numerics.steps(record)
         if self.history:
@@ -226,30 +221,7 @@ class RowKernel:
         variants: Variants | None = None,
         history: np.ndarray | None = None,
     ) -> dict[str, np.ndarray]:
-        """Integrate scenarios over a record.
-
-        Parameters
-        ----------
-        record : Record
-            Ground motion (m/s2).
-        scale : ndarray, shape (n,)
-            Factors on the record.
-        gaps : ndarray, shape (n, pairs)
-            Gaps (m).
-        stiffness : ndarray, shape (n,)
-            Contact stiffness (kN/m**exponent).
-        restitution : ndarray, shape (n,)
-            Coefficients of restitution; ignored by laws that take none.
-        variants : Variants, optional
-            Building properties, one row per scenario; those of the scene where not given.
-        history : ndarray, shape (steps + 1, history slots), optional
-            Filled with the states of the first scenario.
-
-        Returns
-        -------
-        dict of str to ndarray
-            Kernel outputs by name, shape (n, slots).
-        """
+        """Integrate scenarios over a record."""
         from pounding_sweep.engine.cache import get_kernel
 
         n = len(scale)

@@ -30,10 +30,7 @@ Array = npt.NDArray[np.float64]
 
 
 def _transition(frequency: Array, damping: float, step: float) -> tuple[Array, Array]:
-    """Return E of each oscillator, shape (2, 2, n), and its p and q as columns, shape (2, 2, n).
-
-    By the power series, as steps are short: the closed forms lose figures to cancellation there.
-    """
+    """Return E of each oscillator, shape (2, 2, n), and its p and q as columns, shape (2, 2, n)."""
     wh = frequency * step
     matrix = np.array([[0.0 * wh, wh], [-wh, -2.0 * damping * wh]])
     term = np.zeros_like(matrix)
@@ -56,10 +53,7 @@ _OPTIONS: Any = {"nogil": True, "error_model": "numpy", "boundscheck": False, "f
 
 
 def _compiled(function: Callable[..., None]) -> Callable[..., None]:
-    """Compile a function and keep it on disk beside this module, which holds all that it depends on.
-
-    Where no folder can be written, or what is there is damaged, that costs the cache, not the run.
-    """
+    """Compile a function and keep it on disk beside this module, which holds all that it depends on."""
     try:
         compiled: Callable[..., None] = njit(_SIGNATURE, cache=True, **_OPTIONS)(function)
     except Exception:  # whatever numba makes of such a folder; a fault of the function shows again below
@@ -69,10 +63,7 @@ def _compiled(function: Callable[..., None]) -> Callable[..., None]:
 
 @njit(forceinline=True, **_OPTIONS)
 def _largest(a: float, b: float, p: float, q: float) -> float:
-    """Return the largest absolute value over 0 < s <= 1 of the cubic with values a, b and slopes p, q at 0 and 1.
-
-    Its slope is p + r s + c s^2, whose roots are found without cancellation; what is no root inside counts as 0.
-    """
+    """Return the largest absolute value over 0 < s <= 1 of the cubic with values a, b and slopes p, q at 0 and 1."""
     r, c = 6.0 * (b - a) - 4.0 * p - 2.0 * q, 6.0 * (a - b) + 3.0 * (p + q)
     root = math.sqrt(max(r * r - 4.0 * c * p, 0.0))
     t = -0.5 * (r + root) if r > 0.0 else 0.5 * (root - r)
@@ -94,10 +85,7 @@ def _march(
     twice_damping: float,
     peaks: Array,
 ) -> None:
-    """Fill `peaks` (2, n) with the largest |w u| and |w u + 2 z v|, `angle` being w h.
-
-    The lane loop is innermost, for SIMD. Rates follow from y' = w v and v' = -w (y + 2 z v) - g.
-    """
+    """Fill `peaks` (2, n) with the largest |w u| and |w u + 2 z v|, `angle` being w h."""
     n = peaks.shape[1]
     y, v = np.zeros(n), np.zeros(n)
     e, p = transition, forcing
@@ -124,24 +112,7 @@ def steps_of(periods: Array, dt: float) -> npt.NDArray[np.int64]:
 
 
 def oscillator_peaks(ground: Array, dt: float, periods: Array, damping: float) -> tuple[Array, Array]:
-    """Return the peaks of oscillators that start at rest.
-
-    Parameters
-    ----------
-    ground : ndarray
-        Base acceleration (m/s2) at even times, shape (n_points,).
-    dt : float
-        Time between its points (s).
-    periods : ndarray
-        Natural periods (s), above 0, shape (n,).
-    damping : float
-        Damping ratio in [0, 1).
-
-    Returns
-    -------
-    pseudo_velocity, acceleration : ndarray
-        Largest |w u| (m/s) and largest absolute total acceleration (m/s2), shape (n,).
-    """
+    """Return the peaks of oscillators that start at rest."""
     ground = np.array(ground, dtype=np.float64)  # the kernel takes no read-only array
     frequency = 2.0 * np.pi / periods
     steps = steps_of(periods, dt)

@@ -224,20 +224,7 @@ _DPI = (10, 1200)
 
 
 def require(dataset: xr.Dataset, key: str) -> None:
-    """Raise `InputError` where a dataset lacks what a figure needs.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        What is to be drawn.
-    key : str
-        A key of `FIGURES`.
-
-    Raises
-    ------
-    InputError
-        Something is missing; the message says what, and where such a file comes from.
-    """
+    """Raise `InputError` where a dataset lacks what a figure needs."""
     kind = FIGURES[key]
     lacking = kind.lacks(dataset)
     if lacking:

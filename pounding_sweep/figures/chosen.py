@@ -22,35 +22,7 @@ WIDTH = 100
 
 
 def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | None = None) -> tuple[xr.Dataset, str]:
-    """Take the middle value of every scenario axis that a figure does not draw.
-
-    Where no scenario has values there, as in a cube that is not complete, the values that do
-    have some are taken, the fewest steps along the axes away from the middle.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube; axes may be missing, or scalar coordinates.
-    keep : collection of str
-        Axes that are drawn.
-    drawn : collection of str, optional
-        Variables that tell whether there are values where the dataset has no ``status``;
-        by default all of floating point.
-
-    Returns
-    -------
-    cube : xarray.Dataset
-        With the axes `keep` alone, and the dimensions inside a scenario.
-    shown : str
-        The values taken, ``"gap 0.01 m; record el_centro"``; axes of one value that say nothing are left out.
-
-    Examples
-    --------
-    >>> import xarray as xr
-    >>> cube = xr.Dataset({"x": (("law", "gap"), [[1, 2, 3]])}, {"law": ["linear"], "gap": [0.01, 0.02, 0.03]})
-    >>> middle(cube, ["law"])[1]
-    'gap 0.02'
-    """
+    """Take the middle value of every scenario axis that a figure does not draw."""
     inner = {*INNER_DIMS, *AUDIT_DIMS}
     varied = {str(dim): size for dim, size in cube.sizes.items() if dim not in inner and dim not in keep}
     cube = cube.isel(_place(cube, {dim: (size - 1) // 2 for dim, size in varied.items()}, drawn))
@@ -96,15 +68,7 @@ def _valued(cube: xr.Dataset, dims: Collection[str], names: Collection[str] | No
 
 
 def labels_with_values(dataset: xr.Dataset, axis: str, names: Iterable[str]) -> list[Any]:
-    """Return the labels of an axis at which any of those variables has a value: others have no line to be drawn.
-
-    Examples
-    --------
-    >>> import xarray as xr
-    >>> force = ("law", "gap"), [[1.0, float("nan")], [float("nan")] * 2]
-    >>> labels_with_values(xr.Dataset({"force": force}, {"law": ["linear", "hertz"]}), "law", ["force"])
-    ['linear']
-    """
+    """Return the labels of an axis at which any of those variables has a value: others have no line to be drawn."""
     there = np.zeros(dataset.sizes[axis], bool)
     for name in names:
         part = dataset[name].notnull()
@@ -113,11 +77,7 @@ def labels_with_values(dataset: xr.Dataset, axis: str, names: Iterable[str]) -> 
 
 
 def middle_over_records(result: xr.Dataset, keep: Collection[str], drawn: Collection[str]) -> tuple[xr.Dataset, str]:
-    """Take the median of several records and the middle value of every other axis that a figure does not draw.
-
-    Arguments and results are those of `middle`, which takes the record where there is only one.
-    ``shown`` tells of how many records the median is, those that have no value there left out.
-    """
+    """Take the median of several records and the middle value of every other axis that a figure does not draw."""
     records = result.sizes.get("record", 1)
     if records < 2:
         return middle(result, keep, drawn)
@@ -129,13 +89,7 @@ def middle_over_records(result: xr.Dataset, keep: Collection[str], drawn: Collec
 
 
 def along(cube: xr.Dataset, axis: str) -> xr.Dataset:
-    """Return a cube with that axis as a dimension, of one value where it is a scalar coordinate.
-
-    Raises
-    ------
-    InputError
-        The cube lists its scenarios as cases.
-    """
+    """Return a cube with that axis as a dimension, of one value where it is a scalar coordinate."""
     if axis in cube.dims:
         return cube
     if cube[axis].ndim:
@@ -145,18 +99,7 @@ def along(cube: xr.Dataset, axis: str) -> xr.Dataset:
 
 
 def heading(one: xr.Dataset, more: str = "", width: int | None = None) -> str:
-    """Return what a simulated scenario is: its title, its gaps, and what else tells it from others of its sweep.
-
-    Parameters
-    ----------
-    one : xarray.Dataset
-        What `pounding_sweep.simulate` or `pounding_sweep.run.choice.simulate_one` returned.
-    more : str
-        What else is to be said.
-    width : int, optional
-        Characters in a line, `WIDTH` in figures of histories; one line by default. Lines end
-        between parts.
-    """
+    """Return what a simulated scenario is: its title, its gaps, and what else tells it from others of its sweep."""
     gaps = [f"{1e3 * gap:.4g}" for gap in one.pair_gap.values] if "pair_gap" in one.coords else []
     said = f"; gap{'s' * (len(set(gaps)) > 1)} {', '.join(gaps if len(set(gaps)) > 1 else gaps[:1])} mm" if gaps else ""
     details = one.attrs.get(SCENARIO_ATTRIBUTE, "")

@@ -42,11 +42,7 @@ def over_storeys(part: xr.DataArray) -> xr.DataArray:
 
 
 def drawn_axis(result: xr.Dataset, axis: str) -> tuple[np.ndarray, str]:
-    """Return the values of an axis to draw along, and its label with the unit.
-
-    Gaps are in mm. Of a factor on a building's periods or masses, the ratio to its
-    neighbour's is drawn where the cube has it for this axis alone.
-    """
+    """Return the values of an axis to draw along, and its label with the unit."""
     if axis == "gap":
         return np.asarray(result[axis].values) * 1e3, "gap (mm)"
     ratios = [str(name) for name in result.coords if "_ratio_" in str(name) and result[name].dims == (axis,)]

@@ -41,22 +41,7 @@ def _finite(artist: Any, ax: Any) -> bool:
 
 
 def nothing_to_draw(dataset: xr.Dataset, key: str) -> str:
-    """Say that a figure has nothing to draw of a dataset, why, and what to do.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        What it was to be drawn from.
-    key : str
-        Name of the figure.
-
-    Examples
-    --------
-    >>> import xarray as xr
-    >>> cube = xr.Dataset({"status": ("gap", [5, 5])}, {"gap": [0.01, 0.02], "record": "arleta"})
-    >>> nothing_to_draw(cube, "force-gap")
-    "figure 'force-gap' has nothing to draw at record arleta: 2 of 2 scenarios are not_run; choose others with --at"
-    """
+    """Say that a figure has nothing to draw of a dataset, why, and what to do."""
     shown = middle(dataset, [str(dim) for dim in dataset.sizes])[1]
     return f"figure {key!r} has nothing to draw{f' at {shown}' if shown else ''}: {_why(dataset)}"
 

@@ -18,27 +18,7 @@ _ROWS = (("impact_force_max", "peak impact force (MN)", 1e-3), ("impact_count", 
 
 @styled
 def force_gap(cube: xr.Dataset) -> Figure:
-    """Draw peak impact force and impacts of each pair against the gap.
-
-    One column per pair, one line per law that has values: the largest over storeys. Of the
-    other axes (stiffness, restitution, record, building properties) the middle value
-    is shown and named in the title.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with axes ``law`` and ``gap`` and the variables ``impact_force_max``
-        (kN) and ``impact_count``.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The cube lacks what the figure needs.
-    """
+    """Draw peak impact force and impacts of each pair against the gap."""
     require(cube, "force-gap")
     cube, shown = middle(pounding_only(along(along(cube, "law"), "gap")), ("law", "gap"))
     cube = cube.sortby("gap")

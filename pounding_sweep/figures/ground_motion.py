@@ -21,25 +21,7 @@ _ROWS = 12
 
 @styled
 def ground_motion(motions: xr.Dataset) -> Figure:
-    """Draw the acceleration history of each record, and the response spectra of all.
-
-    All histories have the same scales; a dot marks the peak.
-
-    Parameters
-    ----------
-    motions : xarray.Dataset
-        What `pounding_sweep.records.records_dataset` returned, merged with what
-        `pounding_sweep.analysis.response_spectrum` returned for the same records.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        There is no record.
-    """
+    """Draw the acceleration history of each record, and the response spectra of all."""
     from matplotlib.figure import Figure
 
     n = motions.sizes["record"]

@@ -15,34 +15,7 @@ if TYPE_CHECKING:
 
 @styled
 def histories(one: xr.Dataset) -> Figure:
-    """Draw the histories of one scenario: ground acceleration, top floors, contact forces.
-
-    The uppermost panel is the ground acceleration, the next the displacement of the
-    top floor of every building; then one panel per pair has the contact force, a
-    line per storey where there was any. Pairs share the scale of their forces.
-
-    Parameters
-    ----------
-    one : xarray.Dataset
-        What `pounding_sweep.simulate` returned, or a part of it in time:
-        ``ground_acceleration`` (m/s2), ``displacement`` (m) and, of rows with
-        pairs, ``contact_force`` (kN) on ``time`` (s).
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The dataset lacks what the figure needs.
-
-    Examples
-    --------
-    >>> import pounding_sweep as ps
-    >>> one = ps.simulate("mate2015", "el_centro", law="linear")
-    >>> figure = histories(one.sel(time=slice(1.0, 6.0)))
-    """
+    """Draw the histories of one scenario: ground acceleration, top floors, contact forces."""
     from matplotlib.figure import Figure
 
     require(one, "histories")

@@ -33,27 +33,7 @@ _LAWS = 3
 
 @styled
 def incremental(cube: xr.Dataset) -> Figure:
-    """Draw responses against intensity as records are scaled up.
-
-    One column per pair or building, one row per law (three at most, no pounding last):
-    grey lines are the records, two of each where scales have both signs, thick ones their fractiles, as far as all
-    go. Of the storeys that with the
-    largest response is shown, named above the panel, of the other axes the middle value.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with the axis ``scale``, or the result of `pounding_sweep.analysis.incremental_curves`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The cube has fewer than two scales, or no response that is drawn.
-    """
+    """Draw responses against intensity as records are scaled up."""
     result = result_of(cube, "incremental")
     touching = "law" not in result.coords or bool((result["law"] != "none").any())
     found = [row for row in _RESPONSES if row[0] in result and (touching or VARIABLES[row[0]].dims[0] == "building")]

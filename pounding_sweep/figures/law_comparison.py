@@ -25,28 +25,7 @@ _OUTPUTS = {
 
 @styled
 def law_comparison(cube: xr.Dataset) -> Figure:
-    """Draw the peak impact force of each law over that of the reference law.
-
-    One column per pair; above at equal nominal, below at equal realised restitution,
-    where it can be had: the largest value over storeys, against the restitution where
-    it varies, else against the first axis that does. Of several records the median of
-    the ratios is shown, of the other axes the middle value.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with two or more laws with contact, or the result of
-        `pounding_sweep.analysis.compare_laws`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The cube allows no comparison of laws, or has no output of contacts.
-    """
+    """Draw the peak impact force of each law over that of the reference law."""
     result = result_of(cube, "laws")
     name = next((key for key in _OUTPUTS if f"{key}_compared" in result), None)
     if name is None:

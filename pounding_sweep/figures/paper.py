@@ -48,24 +48,7 @@ def model_look(law: str) -> dict[str, Any]:
 
 
 def model_grid(data: xr.Dataset, line: Line, x: str, y: str, share_y: bool = True) -> Figure:
-    """Draw a panel for each reading and record, and in it a line for each model.
-
-    Parameters
-    ----------
-    data : xarray.Dataset
-        On ``reading``, ``record`` and ``law``.
-    line : callable
-        Draws the line of one model into one panel: given its axes, the data and the look of the line.
-    x, y : str
-        Labels of the axes.
-    share_y : bool
-        Whether the panels of a row share y.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Columns share x.
-    """
+    """Draw a panel for each reading and record, and in it a line for each model."""
     from matplotlib.figure import Figure
 
     readings, records = data["reading"].values.tolist(), data["record"].values.tolist()
@@ -88,19 +71,7 @@ QUIET = 0.1
 
 @styled
 def structural_energy(histories: xr.Dataset, building: str) -> Figure:
-    """Draw the structural energy of a building against time, model by model.
-
-    Parameters
-    ----------
-    histories : xarray.Dataset
-        ``structural_energy`` (kN m) on ``reading``, ``law``, ``record``, ``time`` (s), ``building``.
-    building : str
-        Which one.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw the structural energy of a building against time, model by model."""
     here = histories.sel(building=building)
 
     def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
@@ -117,38 +88,14 @@ def structural_energy(histories: xr.Dataset, building: str) -> Figure:
 
 @styled
 def roof_displacement(histories: xr.Dataset, building: str, record: str) -> Figure:
-    """Draw the displacement of a roof against time, each model on that without pounding.
-
-    Parameters
-    ----------
-    histories : xarray.Dataset
-        ``roof_displacement`` (m) on ``reading``, ``law``, ``record``, ``time`` (s), ``building``.
-    building, record : str
-        Which ones.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw the displacement of a roof against time, each model on that without pounding."""
     here = histories["roof_displacement"].sel(building=building, record=record).dropna("time") * 1e3
     return _by_model(here, "displacement (mm)", alone=True)
 
 
 @styled
 def roof_force(histories: xr.Dataset, pair: str, record: str) -> Figure:
-    """Draw the contact force between two roofs against time, model by model.
-
-    Parameters
-    ----------
-    histories : xarray.Dataset
-        ``roof_force`` (kN) on ``reading``, ``law``, ``record``, ``time`` (s), ``pair``.
-    pair, record : str
-        Which ones.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw the contact force between two roofs against time, model by model."""
     here = histories["roof_force"].sel(pair=pair, record=record).dropna("time", how="all") * 1e-3
     return _by_model(here, "force (MN)", alone=False)
 
@@ -189,20 +136,7 @@ def _by_model(values: xr.DataArray, label: str, alone: bool) -> Figure:
 
 @styled
 def displacement_profiles(cube: xr.Dataset, building: str) -> Figure:
-    """Draw the signed peak displacements of a building's floors, model by model.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        ``displacement_max`` and ``displacement_min`` (m) on ``reading``, ``law``, ``record``, ``building``,
-        ``storey``.
-    building : str
-        Which one.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw the signed peak displacements of a building's floors, model by model."""
     here = cube.sel(building=building)
     storeys = np.concatenate([[0], here["storey"].values])
 
@@ -219,19 +153,7 @@ def displacement_profiles(cube: xr.Dataset, building: str) -> Figure:
 
 @styled
 def shear_profiles(cube: xr.Dataset, building: str) -> Figure:
-    """Draw the peak shears of a building's storeys, model by model.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        ``storey_shear_max`` (kN) on ``reading``, ``law``, ``record``, ``building``, ``storey``.
-    building : str
-        Which one.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw the peak shears of a building's storeys, model by model."""
     here = cube.sel(building=building)
     edges = np.concatenate([[0], here["storey"].values])
 
@@ -248,19 +170,7 @@ def shear_profiles(cube: xr.Dataset, building: str) -> Figure:
 
 @styled
 def roof_spectra(spectra: xr.Dataset, building: str) -> Figure:
-    """Draw the pseudo-acceleration spectra of a roof, model by model.
-
-    Parameters
-    ----------
-    spectra : xarray.Dataset
-        ``pseudo_acceleration`` (m/s2) on ``reading``, ``law``, ``record``, ``building``, ``period`` (s).
-    building : str
-        Which one.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
+    """Draw the pseudo-acceleration spectra of a roof, model by model."""
     here = spectra.sel(building=building)
 
     def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
@@ -346,27 +256,7 @@ FIGURES: tuple[PaperFigure, ...] = (
 
 
 def save_figures(study: Study, folder: Path, progress: Progress | None = None) -> list[Picture]:
-    """Draw every figure into a folder, as ``figure_NN.png`` and ``figure_NN.svg``.
-
-    Parameters
-    ----------
-    study : Study
-        What was computed.
-    folder : Path
-        An existing folder.
-    progress : Progress, optional
-        Display.
-
-    Returns
-    -------
-    list of Picture
-        In the paper's order.
-
-    Raises
-    ------
-    OutputError
-        A file can't be written.
-    """
+    """Draw every figure into a folder, as ``figure_NN.png`` and ``figure_NN.svg``."""
     progress = progress or Progress()
     progress.stage("figures", len(FIGURES))
     found = []

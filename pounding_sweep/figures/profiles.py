@@ -26,29 +26,7 @@ _ROWS: tuple[tuple[tuple[str, ...], str, float, str], ...] = (
 
 @styled
 def profiles(cube: xr.Dataset) -> Figure:
-    """Draw peak displacement, drift, storey shear and total acceleration over the height.
-
-    One column per building, one row per response that the cube has, one line per
-    law that has values. Displacements are signed: the largest on the right, the smallest on the
-    left. Drifts and shears belong to a storey and are drawn from floor to floor.
-    Of the other axes the middle value is shown and named in the title.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with axis ``law`` and any of ``displacement_max`` and
-        ``displacement_min`` (m), ``drift_max`` (m), ``storey_shear_max`` (kN) and
-        ``acceleration_max`` (m/s2).
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The cube lacks what the figure needs.
-    """
+    """Draw peak displacement, drift, storey shear and total acceleration over the height."""
     from matplotlib.figure import Figure
 
     require(cube, "profiles")

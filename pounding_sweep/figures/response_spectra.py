@@ -20,25 +20,7 @@ _FRACTILES = (0.84, 0.5, 0.16)
 
 @styled
 def response_spectra(spectra: xr.Dataset) -> Figure:
-    """Draw pseudo-acceleration and displacement spectra against period.
-
-    One column per building where there are several, one line per record, storey, law or damping ratio.
-    More records than can be told apart are grey, with their median and their 16 and 84 % fractiles.
-
-    Parameters
-    ----------
-    spectra : xarray.Dataset
-        What `pounding_sweep.analysis.response_spectrum` or `floor_spectra` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        There is no spectrum of finite numbers, or there are too many lines that are not records of one suite.
-    """
+    """Draw pseudo-acceleration and displacement spectra against period."""
     parts = [spectra]
     if "building" in spectra.dims:
         parts = [spectra.isel(building=index) for index in range(spectra.sizes["building"])]
@@ -60,22 +42,7 @@ def response_spectra(spectra: xr.Dataset) -> Figure:
 
 
 def floor_response(histories: xr.Dataset) -> Figure:
-    """Draw the 5 % spectra of the total acceleration of every floor.
-
-    Parameters
-    ----------
-    histories : xarray.Dataset
-        What `pounding_sweep.simulate` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        There are no accelerations, or their time is not even.
-    """
+    """Draw the 5 % spectra of the total acceleration of every floor."""
     from pounding_sweep.analysis.spectra import floor_spectra
 
     return response_spectra(floor_spectra(histories))
@@ -93,13 +60,7 @@ def _title(spectra: xr.Dataset) -> str:
 
 
 def draw_spectra(ax: Any, values: xr.DataArray, label: str) -> None:
-    """Draw one ordinate on ``period``, one line per place along its other dimensions.
-
-    Raises
-    ------
-    InputError
-        No line has finite numbers, or there are too many that are not records of one suite.
-    """
+    """Draw one ordinate on ``period``, one line per place along its other dimensions."""
     lines = _lines(values)
     if not lines:
         msg = "there is no spectrum to draw: none holds finite numbers"

@@ -29,26 +29,7 @@ _BENT = _ALONG**2 * (3.0 - 2.0 * _ALONG)
 
 @styled
 def row(one: xr.Dataset) -> Figure:
-    """Draw the row at the instant of its strongest impact, or, without impacts, of its largest displacement.
-
-    Displacements and gaps are drawn larger than they are, by the factor in the
-    title; floors that touch in the drawing touch in truth. Stars mark impacts, their
-    area the force.
-
-    Parameters
-    ----------
-    one : xarray.Dataset
-        What `pounding_sweep.simulate` returned.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The dataset lacks what the figure needs.
-    """
+    """Draw the row at the instant of its strongest impact, or, without impacts, of its largest displacement."""
     require(one, "row")
     number = int(np.searchsorted(one.time.values, strongest(one)))
     stage = Stage(one)
@@ -82,27 +63,13 @@ def strongest(one: xr.Dataset) -> float:
 
 
 def walls(one: xr.Dataset) -> tuple[bool, bool]:
-    """Whether a wall stands at the left and at the right end of the row.
-
-    The names of the pairs don't tell: those of walls and buildings may begin alike, and hold hyphens.
-    """
+    """Whether a wall stands at the left and at the right end of the row."""
     ends = stored_scene(one).row
     return isinstance(ends[0], Wall), isinstance(ends[-1], Wall)
 
 
 class Stage:
-    """Where everything of a row stands in a drawing.
-
-    Parameters
-    ----------
-    one : xarray.Dataset
-        Histories of `pounding_sweep.simulate`.
-
-    Attributes
-    ----------
-    factor : float
-        How many times larger displacements and gaps are drawn: 1, 2 or 5 times a power of ten.
-    """
+    """Where everything of a row stands in a drawing."""
 
     def __init__(self, one: xr.Dataset) -> None:
         self.names = one.building.values.tolist()

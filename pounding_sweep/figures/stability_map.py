@@ -26,22 +26,7 @@ _MARKS: dict[Status, tuple[dict[str, Any], str]] = {
 
 @styled
 def stability_map(cube: xr.Dataset) -> Figure:
-    """Draw a map of `pounding_sweep.accuracy.stability_map`: one panel per scheme and number format.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        ``peak_force_error`` and ``status`` on ``scheme``, ``stiffness`` and ``dt``.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The dataset is no such map.
-    """
+    """Draw a map of `pounding_sweep.accuracy.stability_map`: one panel per scheme and number format."""
     from matplotlib.colors import LogNorm
 
     require(cube, "stability-map")

@@ -62,10 +62,7 @@ def subplots(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure
 
 
 def start_at_zero(ax: Any) -> None:
-    """Have the y of a panel, and of those that share it, begin at 0 and end above all that is drawn.
-
-    Once all panels are drawn: lines that come later move no limits that are set.
-    """
+    """Have the y of a panel, and of those that share it, begin at 0 and end above all that is drawn."""
     ax.set_ylim(0.0, 1.03 * ax.get_ylim()[1])
 
 
@@ -78,18 +75,7 @@ def label_edges(axes: Any, x: str, rows: Sequence[str]) -> None:
 
 
 def unit_text(attributes: Mapping[str, Any]) -> str:
-    """Write the unit of a variable as engineers do; "" where it has none.
-
-    Parameters
-    ----------
-    attributes : mapping
-        Of the variable: ``units`` in UDUNITS spelling, or ``unit_text``.
-
-    Examples
-    --------
-    >>> unit_text({"units": "m s-2"}), unit_text({"unit_text": "kN m-1.5"}), unit_text({"units": "1"})
-    ('m/s²', 'kN/m^1.5', '')
-    """
+    """Write the unit of a variable as engineers do; "" where it has none."""
     units = str(attributes.get("units", attributes.get("unit_text", "1")))
     above: list[str] = []
     below: list[str] = []
@@ -101,13 +87,7 @@ def unit_text(attributes: Mapping[str, Any]) -> str:
 
 
 def axis_label(name: str, attributes: Mapping[str, Any]) -> str:
-    """Return the label of an axis: its name and its unit, "-" where it has none.
-
-    Examples
-    --------
-    >>> axis_label("peak ground acceleration", {"units": "m s-2"}), axis_label("restitution", {"units": "1"})
-    ('peak ground acceleration (m/s²)', 'restitution (-)')
-    """
+    """Return the label of an axis: its name and its unit, "-" where it has none."""
     return f"{name} ({unit_text(attributes) or '-'})"
 
 

@@ -507,15 +507,7 @@ def realised_validity(law: Law) -> str:
 
 
 def check_realisable(law: Law, e: float) -> None:
-    """Raise `LawError` unless some finite damping makes two free masses rebound at exactly `e`.
-
-    Parameters
-    ----------
-    law : Law
-        Contact law; those without restitution realise e = 1 whatever is asked for.
-    e : float
-        Coefficient of restitution.
-    """
+    """Raise `LawError` unless some finite damping makes two free masses rebound at exactly `e`."""
     if not law.takes_restitution or law.impulsive:
         return
     if law.relation not in RELATIONS:
@@ -576,27 +568,7 @@ def realised_number(law: Law, e: Any) -> np.ndarray:
 
 
 def damping_number(law: Law, e: Any, basis: str = "published") -> np.ndarray:
-    """Damping number of a law that takes restitution, on either basis.
-
-    Parameters
-    ----------
-    law : Law
-        Contact law.
-    e : array_like
-        Nominal coefficient of restitution.
-    basis : {"published", "realised"}
-        The law's published formula, or the number that realises `e`.
-
-    Returns
-    -------
-    ndarray
-        Dimensionless; zero for laws without damping.
-
-    Raises
-    ------
-    LawError
-        The basis is unknown, or `e` can't be realised.
-    """
+    """Damping number of a law that takes restitution, on either basis."""
     check_basis(basis)
     if basis == "realised":
         return realised_number(law, e)

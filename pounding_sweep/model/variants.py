@@ -117,24 +117,7 @@ def variants_of(row: Scene | Variants) -> Variants:
 
 
 def distinct(given: np.ndarray, compute: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-    """Compute something of each column of a table, once for each distinct column.
-
-    Parameters
-    ----------
-    given : ndarray, shape (m, n)
-        Finite numbers.
-    compute : callable
-        Shape (m, d) -> (..., d), column by column.
-
-    Returns
-    -------
-    ndarray, shape (..., n)
-
-    Examples
-    --------
-    >>> distinct(np.array([[2.0, 3.0, 2.0]]), lambda column: column**2)
-    array([[4., 9., 4.]])
-    """
+    """Compute something of each column of a table, once for each distinct column."""
     if given.shape[1] == 1:
         return compute(given)
     order = np.lexsort(given)

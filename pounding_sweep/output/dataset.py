@@ -81,15 +81,7 @@ _FRACTIONAL_POWER = re.compile(r"[A-Za-z][\^*]*[-+]?\d*\.\d")
 
 
 def unit_attributes(units: str) -> dict[str, str]:
-    """Return ``units``, or ``unit_text`` for a unit that UDUNITS can't spell.
-
-    Examples
-    --------
-    >>> unit_attributes("kN m-1")
-    {'units': 'kN m-1'}
-    >>> unit_attributes("kN m-1.5")
-    {'unit_text': 'kN m-1.5'}
-    """
+    """Return ``units``, or ``unit_text`` for a unit that UDUNITS can't spell."""
     if not units:
         return {}
     return {"unit_text" if _FRACTIONAL_POWER.search(units) else "units": units}
@@ -211,39 +203,7 @@ def assemble(
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,
 ) -> xr.Dataset:
-    """Make a labelled dataset of results.
-
-    Parameters
-    ----------
-    scene : Scene
-        The row that all scenarios share.
-    axes : sequence of Axis
-        Dimensions of the scenarios, outermost first: product axes, or one ``case`` axis.
-    arrays : mapping of str to ndarray
-        Results by variable name, shape (*axis lengths, *inner_shape(name, scene)).
-        ``status`` must be there. Pair variables of a scene without pairs are left out.
-    attributes : mapping, optional
-        Global attributes; lists and tables are stored as JSON.
-    extra_coords : mapping, optional
-        Further coordinates, name -> (dimensions, values, attributes), for instance
-        the gap of each listed case.
-
-    Returns
-    -------
-    xarray.Dataset
-        Variables in the order of the registry. Integers with missing values are
-        float64 with NaN, as xarray reads them from a file; they are stored as int32.
-
-    Raises
-    ------
-    InputError
-        A variable is unknown, has the wrong shape or is missing; an axis has the
-        name of an inner dimension; a status has no meaning.
-
-    Notes
-    -----
-    Scenarios whose status says that they have no values lose any they carry.
-    """
+    """Make a labelled dataset of results."""
     names = [axis.name for axis in axes]
     reserved = set(INNER_DIMS) | set(VARIABLES)
     for name in (*names, *(extra_coords or {})):
@@ -278,15 +238,7 @@ def frame(
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,
 ) -> xr.Dataset:
-    """Make the dataset of results that are still to come: like `assemble`, its values zeros that take no memory.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Variables.
-    scene, axes, attributes, extra_coords
-        As for `assemble`.
-    """
+    """Make the dataset of results that are still to come: like `assemble`, its values zeros that take no memory."""
     lengths = tuple(axis.size for axis in axes)
     data = {
         name: np.broadcast_to(as_read(name, np.zeros((), VARIABLES[name].dtype)), (*lengths, *inner_shape(name, scene)))
@@ -343,11 +295,7 @@ def stored_as(name: Hashable, values: xr.Variable, is_coordinate: bool) -> dict[
 
 
 def encoding_of(name: Hashable, values: xr.Variable) -> dict[str, Any]:
-    """Return how a variable of numbers is stored: its type and what stands for a missing value.
-
-    Declared outputs follow the registry; others keep the integer type and fill
-    they were read with, and floats get NaN.
-    """
+    """Return how a variable of numbers is stored: its type and what stands for a missing value."""
     if name in VARIABLES:
         variable = VARIABLES[str(name)]
         fill = variable.fill

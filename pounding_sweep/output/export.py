@@ -66,44 +66,7 @@ Cells = tuple[np.ndarray, np.ndarray]
 
 
 class TidyTable:
-    """The long table of a cube.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube, whole or a selection of one; its audit is left out.
-    names : iterable of str, optional
-        Variables; all by default.
-
-    Attributes
-    ----------
-    columns : tuple of Column
-        Axes, further coordinates, building, pair and storey, then variables.
-    n_rows : int
-        Rows of the whole table.
-
-    Raises
-    ------
-    InputError
-        The cube has no such variable, or none at all.
-
-    Notes
-    -----
-    Floors (building, storey) and contacts (pair, storey) have rows of their own where variables of both are there,
-    with nothing in the columns of the other kind. What belongs to a whole scenario, or a whole building, stands in
-    each of its rows. Places that do not exist (a storey above a lower building) have no row.
-
-    Examples
-    --------
-    >>> import xarray as xr
-    >>> cube = xr.Dataset({"peak": (("gap", "pair"), [[3.0], [4.0]])}, {"gap": [0.01, 0.02], "pair": ["a-b"]})
-    >>> table = TidyTable(cube)
-    >>> [column.name for column in table.columns], table.n_rows
-    (['gap', 'pair', 'peak'], 2)
-    >>> part = next(table.parts())
-    >>> part["peak"][0].tolist()
-    [3.0, 4.0]
-    """
+    """The long table of a cube."""
 
     def __init__(self, cube: xr.Dataset, names: Iterable[str] = ()) -> None:
         cube = scenarios_of(cube, names)
@@ -124,13 +87,7 @@ class TidyTable:
         self.n_rows = math.prod(self._sizes) * sum(group.size for group in self._groups)
 
     def parts(self) -> Iterator[dict[str, Cells]]:
-        """Make the table part by part.
-
-        Yields
-        ------
-        dict of str to (ndarray, ndarray of bool), shape (rows,) each
-            Column -> values, and where they are missing; all rows of a scenario stand together.
-        """
+        """Make the table part by part."""
         each = sum(group.size for group in self._groups)
         shape = block_shape(self._sizes, max(1, ROWS_AT_A_TIME // max(1, each)))
         for slab in slabs(self._sizes, shape):
@@ -197,13 +154,7 @@ class _Group:
 
 
 def scenarios_of(cube: xr.Dataset, names: Iterable[str] = ()) -> xr.Dataset:
-    """Return the variables `names` of a cube, or all, without its audit.
-
-    Raises
-    ------
-    InputError
-        The cube has no such variable, or none at all.
-    """
+    """Return the variables `names` of a cube, or all, without its audit."""
     cube = cube.drop_dims([dim for dim in AUDIT_DIMS if dim in cube.dims])
     asked = list(dict.fromkeys(names))
     for name in asked:

@@ -50,13 +50,7 @@ def damaged(path: str, what: str) -> InputError:
 
 @contextmanager
 def reading(path: str) -> Iterator[None]:
-    """Read values of a cube in the block: where that fails, the file is named.
-
-    Raises
-    ------
-    OutputError
-        The library can't read them, such as where a checksum is wrong.
-    """
+    """Read values of a cube in the block: where that fails, the file is named."""
     try:
         yield
     except Exception as error:  # the libraries raise anything at a damaged file
@@ -65,13 +59,7 @@ def reading(path: str) -> Iterator[None]:
 
 
 def recorded_sweep(path: str, cube: xr.Dataset) -> dict[str, Any]:
-    """Return what a cube says of its sweep.
-
-    Raises
-    ------
-    InputError
-        It is not what sweeps say, or not what the cube's ``sweep_sha256`` is the digest of.
-    """
+    """Return what a cube says of its sweep."""
     try:
         text = cube.attrs["sweep"]
         found = json.loads(text)
@@ -95,17 +83,7 @@ def _well_formed(told: Mapping[str, Any]) -> bool:
 
 
 def check_axes(path: str, cube: xr.Dataset, wanted: Mapping[str, Sequence[Any] | int]) -> None:
-    """Raise `InputError` where a cube has other axes than its sweep, or other values on them.
-
-    Parameters
-    ----------
-    path : str
-        Its file.
-    cube : xarray.Dataset
-        The cube.
-    wanted : mapping of str to sequence or int
-        Axes of its sweep -> values, or how many there are, where the sweep does not say which.
-    """
+    """Raise `InputError` where a cube has other axes than its sweep, or other values on them."""
     here = outer_dims(cube)
     if set(here) != set(wanted):
         msg = f"{path!r} has the axes {', '.join(here) or 'none'}, its sweep had {', '.join(wanted)}; {REMEDY}"
@@ -183,15 +161,7 @@ def check_statuses(path: str, status: np.ndarray) -> None:
 
 
 def load_labels(path: str, cube: xr.Dataset) -> None:
-    """Read the coordinates of a cube and its audit, and check that they lie along its dimensions.
-
-    Raises
-    ------
-    OutputError
-        They can't be read.
-    InputError
-        They are of another form than those of sweeps.
-    """
+    """Read the coordinates of a cube and its audit, and check that they lie along its dimensions."""
     known = {*outer_dims(cube), *INNER_DIMS, *AUDIT_DIMS}
     for name, array in cube.variables.items():
         if name in cube.coords or AUDIT_DIMS[0] in array.dims:

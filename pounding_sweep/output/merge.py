@@ -114,25 +114,7 @@ class Cases:
 
 
 def cases_together(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> Cases:
-    """Find out which cases of cubes are the same.
-
-    Parameters
-    ----------
-    parts : mapping of str to xarray.Dataset
-        Cubes of one study, by the name of their file.
-    sweeps : sequence of dict
-        What they say of their sweeps.
-
-    Raises
-    ------
-    InputError
-        The same label stands for two scenarios, or some labels are text and others numbers.
-
-    Notes
-    -----
-    Values that differ by rounding only make two cases. Values of an axis of two parts are hardly so close by
-    intention, those of a long list may be.
-    """
+    """Find out which cases of cubes are the same."""
     labelled = any(cube[CASE].values.tolist() != list(range(1, cube.sizes[CASE] + 1)) for cube in parts.values())
     texts: dict[str, int] = {}
     found, keys = {}, []
@@ -194,15 +176,7 @@ def telling(coordinates: Mapping[Any, xr.Variable]) -> list[str]:
 
 
 def case_name(coordinates: Mapping[Any, Any], position: int, names: Sequence[str] = _KNOWN_BY) -> str:
-    """Say which scenario a listed case is, by those of its coordinates that have a value.
-
-    Examples
-    --------
-    >>> import xarray as xr
-    >>> cases = {"law": xr.Variable("case", ["linear"]), "pair_gap": xr.Variable(("case", "pair"), [[0.01, 0.02]])}
-    >>> case_name(cases, 0)
-    'law=linear pair_gap=0.01/0.02'
-    """
+    """Say which scenario a listed case is, by those of its coordinates that have a value."""
     told = []
     for name in (name for name in names if name in coordinates):
         values = list(dict.fromkeys(np.ravel(coordinates[name].values[position]).tolist()))
@@ -223,22 +197,7 @@ OWN_ATTRIBUTES = frozenset(
 
 
 def check_parts(parts: Parts, *, mix_sources: bool) -> list[dict[str, Any]]:
-    """Return what cubes of one study say of their sweeps.
-
-    Parameters
-    ----------
-    parts : mapping of str to xarray.Dataset
-        The cubes, by the name of their file. Their labels are read.
-    mix_sources : bool
-        Whether they may be made by several states of the package's source, or versions of the libraries that compute.
-
-    Raises
-    ------
-    InputError
-        They are not of one study, or one is not whole; the message names what differs, and both values.
-    OutputError
-        Their labels can't be read.
-    """
+    """Return what cubes of one study say of their sweeps."""
     for name, cube in parts.items():
         if "status" not in cube.data_vars or "sweep" not in cube.attrs:
             msg = f"{name!r} is no cube of a sweep: it has no status, or no attribute 'sweep'; give cubes made by 'run'"
@@ -391,18 +350,7 @@ NEARLY = 1e-9
 
 
 def together(what: str, parts: Sequence[Sequence[Any]]) -> list[Any]:
-    """Return all values of an axis, each once: rising or falling if all parts are, else as they come.
-
-    Raises
-    ------
-    InputError
-        Two of them, which no part holds both of, are the same but for rounding.
-
-    Examples
-    --------
-    >>> together("gap", [[0.01, 0.03], [0.02]]), together("law", [["linear", "none"], ["hertz"]])
-    ([0.01, 0.02, 0.03], ['linear', 'none', 'hertz'])
-    """
+    """Return all values of an axis, each once: rising or falling if all parts are, else as they come."""
     values = list(dict.fromkeys(value for part in parts for value in part))
     if not all(isinstance(value, int | float) for value in values):
         return values
@@ -424,13 +372,7 @@ def places(along: Sequence[Mapping[str, Sequence[Any]]], axes: Mapping[str, list
 
 
 def coordinates(parts: Parts, axes: Mapping[str, list[Any]], where: list[dict[str, np.ndarray]]) -> dict[str, Any]:
-    """Return the coordinates of all parts; missing (NaN, "") where no part has both values of two axes.
-
-    Raises
-    ------
-    InputError
-        Parts give different values at the same place.
-    """
+    """Return the coordinates of all parts; missing (NaN, "") where no part has both values of two axes."""
     import xarray as xr
 
     base = next(iter(parts.values()))
@@ -486,19 +428,7 @@ def _whole(
 def attributes(
     parts: Parts, described: Sequence[Mapping[str, Any]], n: int, cases: list[dict[str, Any]] | None
 ) -> dict[str, Any]:
-    """Return what a cube says of its parts: what they share, the sweep of all, where each is from.
-
-    Parameters
-    ----------
-    parts : mapping of str to xarray.Dataset
-        Cubes of one study.
-    described : sequence of dict
-        What they say of their sweeps.
-    n : int
-        Scenarios of all of them together.
-    cases : list of dict or None
-        What is to be said of those, where they are listed cases.
-    """
+    """Return what a cube says of its parts: what they share, the sweep of all, where each is from."""
     cubes = list(parts.values())
     whole = {**described[0], "cases": cases}
     for key in AXES:

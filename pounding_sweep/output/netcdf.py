@@ -47,13 +47,7 @@ _HEADER = 16
 
 
 def has_endless_heap(path: Path) -> bool:
-    """Whether a global heap (HDF5 File Format Specification, III.E) of a file leads nowhere.
-
-    Parameters
-    ----------
-    path : Path
-        Any file that is not empty.
-    """
+    """Whether a global heap (HDF5 File Format Specification, III.E) of a file leads nowhere."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         return any(not _ends(data, at) for at in _heaps(data))
 
@@ -86,18 +80,7 @@ _CHECKSUM = 4
 
 
 def wrongly_stored(path: Path) -> str | None:
-    """Say what in a file is not stored as this package does it; None if nothing, or if it is no HDF5 file.
-
-    Parameters
-    ----------
-    path : Path
-        Any file; nothing that it refers to is opened.
-
-    Raises
-    ------
-    Exception
-        Whatever the library raises at a file that it can't read.
-    """
+    """Say what in a file is not stored as this package does it; None if nothing, or if it is no HDF5 file."""
     import h5py
 
     if not h5py.is_hdf5(path):
@@ -119,10 +102,7 @@ def wrongly_stored(path: Path) -> str | None:
 
 
 def _blocks_are_whole(values: h5py.Dataset, taken: set[int]) -> bool:
-    """Whether each block is there once, is found where it belongs, and is read with its checksum, if there are any.
-
-    `taken` are the places of other variables' blocks, to which these are added: no two share one.
-    """
+    """Whether each block is there once, is found where it belongs, and is read with its checksum, if there are any."""
     import h5py
 
     pipeline = values.id.get_create_plist()
@@ -174,26 +154,7 @@ _AUDIT_NUMBERS = ("audit_touching", "audit_share", "audit_perturbation", "audit_
 
 
 def wrong_form(file: netCDF4.Dataset, size: int) -> str | None:
-    """Say what in a netCDF file's header is not as this package writes it; None if nothing is.
-
-    Parameters
-    ----------
-    file : netCDF4.Dataset
-        The file, open; the caller holds the lock of the library.
-    size : int
-        Its bytes.
-
-    Returns
-    -------
-    str or None
-        The first fault: a type that is neither number nor text, more values than the file
-        can hold, attributes that would change what is read, an audit that is not whole.
-
-    Raises
-    ------
-    Exception
-        Whatever the library raises at a file that it can't read.
-    """
+    """Say what in a netCDF file's header is not as this package writes it; None if nothing is."""
     return next(_faults(file, size), None)
 
 
@@ -294,28 +255,7 @@ def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
 
 
 def check_output(path: str | os.PathLike[str], overwrite: bool = False, *, netcdf: bool = True) -> Path:
-    """Check, before a long run, that a cube can be written to `path`; what killed writers left beside it is removed.
-
-    Parameters
-    ----------
-    path : path-like
-        Where the cube is to stand.
-    overwrite : bool
-        Whether a file that is there may be replaced.
-    netcdf : bool
-        Whether it is a cube; else a file of another kind.
-
-    Returns
-    -------
-    Path
-        The absolute path, links followed.
-
-    Raises
-    ------
-    OutputError
-        The path is a folder or a device, exists and may not be overwritten, is too long or
-        no UTF-8, its folder is missing or can't be written, or a cube has the ending of another kind of file.
-    """
+    """Check, before a long run, that a cube can be written to `path`; what killed writers left beside it is removed."""
     if netcdf and Path(path).suffix.lower() in _OTHER_ENDINGS:
         msg = (
             f"output {str(path)!r} won't do: netCDF is written here, such as {str(Path(path).with_suffix('.nc'))!r}; "
@@ -421,31 +361,7 @@ def _holds(dtype: npt.DTypeLike, fill: Any, array: xr.DataArray) -> bool:
 
 
 def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
-    """Write a dataset as a netCDF-4 file that is either complete or not there.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        A cube, or any dataset of numbers and text; truth values become int8. Numbers are stored
-        in the type of the output whose name they have, or that they were read in, unless that
-        is one of integers which can't hold them: a median of numbers of impacts stays what it is.
-    path : path-like
-        Where it is to stand.
-    overwrite : bool
-        Whether a file that is there may be replaced; it stays until the new one is complete.
-
-    Returns
-    -------
-    Path
-        The absolute path of the file.
-
-    Raises
-    ------
-    OutputError
-        See `check_output`.
-    WriteError
-        The disk is full or failed, or the folder is gone.
-    """
+    """Write a dataset as a netCDF-4 file that is either complete or not there."""
     target = check_output(path, overwrite)
     truths = [name for name, variable in dataset.variables.items() if variable.dtype.kind == "b"]
     if truths:
@@ -471,39 +387,7 @@ def write_in_slabs(
     overwrite: bool = False,
     folder: Path | None = None,
 ) -> Path:
-    """Write a cube, some variables of which are made while it is written, as `write_cube` would.
-
-    Parameters
-    ----------
-    dataset : xarray.Dataset
-        The cube; of the variables in `blocks` only type, dimensions and attributes are used.
-    path : path-like
-        Where it is to stand.
-    blocks : mapping of str to sequence of int
-        Variables that come in slabs -> shape of the blocks in which the file stores them.
-    slabs : iterable of (slices, mapping of str to ndarray)
-        Part of the outer dimensions -> values as they are stored, by variable.
-    overwrite : bool
-        Whether a file that is there may be replaced; it stays until the new one is complete.
-    folder : Path, optional
-        Where the unfinished file stands, if it is on the same disk; by default beside `path`.
-
-    Returns
-    -------
-    Path
-        The absolute path of the file.
-
-    Raises
-    ------
-    OutputError
-        See `check_output`.
-    WriteError
-        The disk is full or failed, or the folder is gone.
-
-    Notes
-    -----
-    What comes in slabs is not compressed: that would take longer than to compute it.
-    """
+    """Write a cube, some variables of which are made while it is written, as `write_cube` would."""
     import netCDF4
     from xarray.conventions import encode_dataset_coordinates
 

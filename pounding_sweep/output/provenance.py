@@ -52,19 +52,7 @@ class Maker(NamedTuple):
 
 
 def makers(told: Mapping[Any, Any]) -> set[Maker]:
-    """Return what made the results of a cube: several only where it was merged.
-
-    Parameters
-    ----------
-    told : mapping
-        Attributes of the cube, well formed (see `origins`), or what another one says of it.
-
-    Examples
-    --------
-    >>> found = makers({"package_sha256": "3f2a", "numba_version": "0.68.1", "numpy_version": "2.4.6"})
-    >>> found
-    {Maker(source='3f2a', numba='0.68.1', llvmlite=None, numpy='2.4.6')}
-    """
+    """Return what made the results of a cube: several only where it was merged."""
     parts = _listed(told, "merged_from")
     if parts:
         return set().union(*map(makers, parts))
@@ -72,15 +60,7 @@ def makers(told: Mapping[Any, Any]) -> set[Maker]:
 
 
 def origin(file: str, attributes: Mapping[Hashable, Any]) -> dict[str, Any]:
-    """Return what a cube says of one that results were taken from.
-
-    Parameters
-    ----------
-    file : str
-        The other cube.
-    attributes : mapping
-        What it says of itself, well formed (see `origins`).
-    """
+    """Return what a cube says of one that results were taken from."""
     found: dict[str, Any] = {"file": file}
     found |= {key: plain(attributes[key]) for key in _KEPT if key in attributes}
     found |= {str(key): plain(value) for key, value in attributes.items() if str(key).endswith("_version")}
@@ -88,27 +68,7 @@ def origin(file: str, attributes: Mapping[Hashable, Any]) -> dict[str, Any]:
 
 
 def runs(file: str, attributes: Mapping[Hashable, Any]) -> dict[str, dict[str, Any]]:
-    """Return what is said of the runs that the results of a cube are from: several only where it was merged.
-
-    Parameters
-    ----------
-    file : str
-        The cube.
-    attributes : mapping
-        What it says of itself, well formed (see `origins`).
-
-    Returns
-    -------
-    dict of str to dict
-        By what tells a run from others, under whatever name its cube was given. A merged cube that does not say how
-        much its parts ran counts as one run.
-
-    Examples
-    --------
-    >>> parts = '[{"file": "a.nc", "scenarios_never_touching": 2}, {"file": "b.nc", "scenarios_never_touching": 0}]'
-    >>> len(runs("ab.nc", {"merged_from": parts}) | runs("copy.nc", {"scenarios_never_touching": 2}))
-    2
-    """
+    """Return what is said of the runs that the results of a cube are from: several only where it was merged."""
     return _runs(origin(file, attributes))
 
 
@@ -124,35 +84,7 @@ def _runs(told: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def origins(told: Mapping[Any, Any], depth: int = 0) -> Iterator[tuple[int, str, dict[str, Any]]]:
-    """Go through the cubes that results were taken from, and through those that theirs were taken from.
-
-    Parameters
-    ----------
-    told : mapping
-        Attributes of a cube, or what another one says of it.
-    depth : int
-        Steps to it.
-
-    Yields
-    ------
-    depth : int
-        Steps to the cube: 0 for one that results were taken from at once.
-    how : str
-        "merged from" or "extended from".
-    origin : dict
-        What is said of it, with its ``file``.
-
-    Raises
-    ------
-    ValueError, TypeError, RecursionError
-        The attributes are not what this package writes.
-
-    Examples
-    --------
-    >>> told = {"merged_from": '[{"file": "a.nc", "extended_from": {"file": "old.nc"}}, {"file": "b.nc"}]'}
-    >>> [(depth, how, origin["file"]) for depth, how, origin in origins(told)]
-    [(0, 'merged from', 'a.nc'), (1, 'extended from', 'old.nc'), (0, 'merged from', 'b.nc')]
-    """
+    """Go through the cubes that results were taken from, and through those that theirs were taken from."""
     for key, how in ORIGINS.items():
         for each in _listed(told, key):
             if not isinstance(each, dict) or not isinstance(each.get("file"), str):

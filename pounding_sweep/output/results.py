@@ -25,15 +25,7 @@ def table_type(names: Iterable[str], scene: Scene) -> np.dtype:
 
 
 def to_table(found: Mapping[str, np.ndarray], names: Iterable[str], scene: Scene) -> np.ndarray:
-    """Put variables of shape (n, *inner) side by side, one row per scenario.
-
-    Examples
-    --------
-    >>> from pounding_sweep.model.presets import get_preset
-    >>> table = to_table({"status": np.zeros(2, "i1")}, ["status"], get_preset("mate2015"))
-    >>> table["status"].tolist()
-    [0, 0]
-    """
+    """Put variables of shape (n, *inner) side by side, one row per scenario."""
     kind = table_type(names, scene)
     fields = kind.names or ()
     table = np.empty(len(found[fields[0]]), kind)
@@ -43,13 +35,7 @@ def to_table(found: Mapping[str, np.ndarray], names: Iterable[str], scene: Scene
 
 
 class _Filed:
-    """A table in a file: checked when it is first needed, then mapped as it was found.
-
-    Parameters
-    ----------
-    read : callable
-        Returns the table, mapped from its file, after a check; raises `OutputError`.
-    """
+    """A table in a file: checked when it is first needed, then mapped as it was found."""
 
     def __init__(self, read: Callable[[], np.ndarray]) -> None:
         self._read = read
@@ -70,24 +56,7 @@ class _Filed:
 
 
 class Results:
-    """Where the results of scenarios stand.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Variables of the cube.
-    scene : Scene
-        The row, for their shapes.
-    n : int
-        Scenarios.
-
-    Attributes
-    ----------
-    status : ndarray of int8, shape (n,)
-        How each ended; not run, until it is answered.
-    touched : ndarray of bool, shape (n,)
-        Whether floors met, as far as a contact that lasted tells.
-    """
+    """Where the results of scenarios stand."""
 
     def __init__(self, names: Iterable[str], scene: Scene, n: int) -> None:
         self.names = tuple(names)
@@ -99,22 +68,7 @@ class Results:
         self._first = [0]
 
     def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> tuple[int, np.ndarray]:
-        """Take up a table.
-
-        Parameters
-        ----------
-        table : ndarray, shape (m,)
-            Of `table_type`; further fields are passed over.
-        read : callable, optional
-            Reads it from the file that holds it already; then it is not kept in memory.
-
-        Returns
-        -------
-        index : int
-            Number of the table, for `move`.
-        slots : ndarray of int64, shape (m,)
-            What its rows are known by.
-        """
+        """Take up a table."""
         self._tables.append(table if read is None else _Filed(read))
         self._first.append(self._first[-1] + len(table))
         return len(self._tables) - 1, np.arange(self._first[-2], self._first[-1])
@@ -130,23 +84,7 @@ class Results:
         self.touched[rows] = touched
 
     def take(self, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """Gather the results of scenarios.
-
-        Parameters
-        ----------
-        rows : ndarray of int, shape (m,)
-            Scenarios, in any order, repeated or not.
-
-        Returns
-        -------
-        dict of str to ndarray
-            Variable -> shape (m, *inner); those of scenarios without result are missing.
-
-        Raises
-        ------
-        WriteError
-            A table is not in its file any more as it was written there.
-        """
+        """Gather the results of scenarios."""
         kind = table_type(self.names, self.scene)
         found = {name: np.empty((len(rows), *kind[name].shape), kind[name].base) for name in self.names}
         slots = self._slot[rows]

@@ -22,25 +22,7 @@ SLAB_BYTES = 2**25
 
 
 def block_shape(sizes: Sequence[int], most: int) -> tuple[int, ...]:
-    """Return the largest block of at most `most` elements that lie side by side.
-
-    Parameters
-    ----------
-    sizes : sequence of int
-        Lengths of the dimensions, outermost first.
-    most : int
-        Elements of the block; at least one is given.
-
-    Returns
-    -------
-    tuple of int
-        Inner dimensions whole, one cut into nearly equal parts, outer ones 1.
-
-    Examples
-    --------
-    >>> block_shape((4, 90, 10), 400)
-    (1, 30, 10)
-    """
+    """Return the largest block of at most `most` elements that lie side by side."""
     shape = [1] * len(sizes)
     for axis in reversed(range(len(sizes))):
         room = max(1, most // math.prod(shape))
@@ -52,13 +34,7 @@ def block_shape(sizes: Sequence[int], most: int) -> tuple[int, ...]:
 
 
 def slab_shape(sizes: Sequence[int], block: Sequence[int], most: int) -> tuple[int, ...]:
-    """Return the shape of a slab of about `most` elements that is made of whole blocks, at least one.
-
-    Examples
-    --------
-    >>> slab_shape((4, 90, 10), (1, 30, 10), 700)
-    (1, 60, 10)
-    """
+    """Return the shape of a slab of about `most` elements that is made of whole blocks, at least one."""
     shape = list(block)
     for axis in reversed(range(len(sizes))):
         blocks = max(1, most // math.prod(shape))  # that fit along this dimension
@@ -69,13 +45,7 @@ def slab_shape(sizes: Sequence[int], block: Sequence[int], most: int) -> tuple[i
 
 
 def slabs(sizes: Sequence[int], shape: Sequence[int]) -> Iterator[tuple[slice, ...]]:
-    """Go through all slabs of that shape, the last ones of a dimension cut off where it ends.
-
-    Examples
-    --------
-    >>> [tuple((s.start, s.stop) for s in slab) for slab in slabs((1, 5), (1, 3))]
-    [((0, 1), (0, 3)), ((0, 1), (3, 5))]
-    """
+    """Go through all slabs of that shape, the last ones of a dimension cut off where it ends."""
     along = [
         [slice(first, min(first + step, size)) for first in range(0, size, step)]
         for size, step in zip(sizes, shape, strict=True)
@@ -84,13 +54,7 @@ def slabs(sizes: Sequence[int], shape: Sequence[int]) -> Iterator[tuple[slice, .
 
 
 def cuts(variable: xr.DataArray) -> Iterator[dict[str, slice]]:
-    """Go through a variable in parts that fit into memory.
-
-    Yields
-    ------
-    dict of str to slice
-        For ``isel``; together the parts are the variable. One empty dict where it is small.
-    """
+    """Go through a variable in parts that fit into memory."""
     if variable.nbytes <= SLAB_BYTES:
         yield {}
         return

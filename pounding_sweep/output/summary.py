@@ -16,34 +16,7 @@ if TYPE_CHECKING:
 
 
 def summary_table(cube: xr.Dataset) -> list[dict[str, Any]]:
-    """Summarise the impacts of a cube, one row per law and pair.
-
-    Only scenarios whose status is ok count.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube, or a selection from one, with ``law`` as a dimension, as a coordinate of
-        listed cases, or as a single value.
-
-    Returns
-    -------
-    list of dict
-        ``law``, ``title``, ``pair`` (texts); ``scenarios`` (ok ones, broadcast ones
-        included); ``touching`` (those among them with an impact at this pair);
-        ``peak_force`` (kN, largest over scenarios and floors); ``impacts_max`` (largest
-        count at one floor in one scenario); ``impacts_median`` (median over the touching
-        scenarios of the largest count at one floor). None where the cube does not hold
-        the variable or has no value. Empty for a cube without pairs.
-
-    Examples
-    --------
-    >>> import pounding_sweep as ps
-    >>> pulse = ps.pulse_record("sine", amplitude=3.0, period=0.4, dt=0.01)
-    >>> cube = ps.Sweep("mate2015", records=pulse, laws="none").run()
-    >>> [(row["pair"], row["peak_force"]) for row in summary_table(cube)]
-    [('left-middle', 0.0), ('middle-right', 0.0)]
-    """
+    """Summarise the impacts of a cube, one row per law and pair."""
     if "pair" not in cube.coords:
         return []
     pairs = [str(name) for name in np.atleast_1d(cube["pair"].values)]
@@ -113,19 +86,7 @@ def _median(times: dict[float, int]) -> float:
 
 
 def status_table(cube: xr.Dataset) -> list[dict[str, Any]]:
-    """Count the scenarios of a cube by status.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube, or a selection from one that still holds ``status``.
-
-    Returns
-    -------
-    list of dict
-        ``status`` (code), ``label``, ``count``, ``meaning``, ``remedy`` of each status
-        that occurs, ok first.
-    """
+    """Count the scenarios of a cube by status."""
     found = status_counts(cube["status"])
     return [
         {"status": int(s), "label": s.label, "count": found[int(s)], "meaning": s.meaning, "remedy": s.remedy}

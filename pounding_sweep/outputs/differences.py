@@ -34,31 +34,7 @@ def comparable(outputs: Iterable[str]) -> tuple[str, ...]:
 
 
 def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
-    """Largest error of each scenario over its floors, pairs or buildings.
-
-    Relative to the largest absolute reference value of the same scenario, so
-    that a floor that hardly moves does not decide: ``max |x - x_ref| / max |x_ref|``.
-
-    Parameters
-    ----------
-    name : str
-        Output.
-    values, reference : ndarray, shape (n, *inner)
-        The output, and what it should be (in any unit, both the same).
-    scale : ndarray, shape (n,), optional
-        What the error is relative to where it is larger than the largest reference value.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Zero where both are zero; infinite where only the reference is zero, or
-        where one of the two is missing (a pair that touched in one run only).
-
-    Examples
-    --------
-    >>> relative_error("impact_force_max", np.array([[2.0, 99.0]]), np.array([[1.0, 100.0]]))
-    array([0.01])
-    """
+    """Largest error of each scenario over its floors, pairs or buildings."""
     variable = get_variable(name)
     x = np.asarray(values, dtype=float).reshape(len(values), -1)
     y = np.asarray(reference, dtype=float).reshape(len(reference), -1)

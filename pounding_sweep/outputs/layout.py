@@ -13,13 +13,7 @@ from pounding_sweep.outputs.variables import INTEGER_FILL, STATUS, Variable, get
 
 
 def inner_shape(variable: str | Variable, scene: Scene) -> tuple[int, ...]:
-    """Return the shape of one scenario's values of `variable`.
-
-    Raises
-    ------
-    InputError
-        The variable is unknown.
-    """
+    """Return the shape of one scenario's values of `variable`."""
     sizes = {"building": len(scene.buildings), "pair": len(scene.pair_names), "storey": scene.n_storeys}
     return tuple(sizes[dim] for dim in get_variable(variable).dims)
 
@@ -35,25 +29,7 @@ def _check_last(values: np.ndarray, size: int, what: str) -> None:
 
 
 def scatter_dof(values: Any, scene: Scene) -> np.ndarray:
-    """Put values per degree of freedom where their building and storey are.
-
-    Parameters
-    ----------
-    values : array_like
-        Shape (..., scene.n_dof).
-    scene : Scene
-        The row.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., building, storey): NaN (integers: -1) above a lower building.
-
-    Raises
-    ------
-    InputError
-        The last dimension is not ``scene.n_dof``.
-    """
+    """Put values per degree of freedom where their building and storey are."""
     values = np.asarray(values)
     _check_last(values, scene.n_dof, "degrees of freedom")
     shape = (*values.shape[:-1], len(scene.buildings), scene.n_storeys)
@@ -64,25 +40,7 @@ def scatter_dof(values: Any, scene: Scene) -> np.ndarray:
 
 
 def scatter_contact(values: Any, scene: Scene) -> np.ndarray:
-    """Put values per contact where their pair and storey are.
-
-    Parameters
-    ----------
-    values : array_like
-        Shape (..., len(scene.contacts)).
-    scene : Scene
-        The row.
-
-    Returns
-    -------
-    ndarray
-        Shape (..., pair, storey): NaN (integers: -1) where no floors meet.
-
-    Raises
-    ------
-    InputError
-        The last dimension is not ``len(scene.contacts)``.
-    """
+    """Put values per contact where their pair and storey are."""
     values = np.asarray(values)
     _check_last(values, len(scene.contacts), "contacts")
     shape = (*values.shape[:-1], len(scene.pair_names), scene.n_storeys)
@@ -93,24 +51,7 @@ def scatter_contact(values: Any, scene: Scene) -> np.ndarray:
 
 
 def mask_invalid(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Remove the values of scenarios that have none: diverged, refused or not run.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        Results by variable, shape (*scenario axes, *inner), ``status`` among them.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The same with NaN (integers: -1) where ``status`` says that there are no
-        values. Arrays that need no change are not copied.
-
-    Raises
-    ------
-    InputError
-        There is no ``status``, or a variable is unknown.
-    """
+    """Remove the values of scenarios that have none: diverged, refused or not run."""
     if "status" not in arrays:
         msg = f"the results have no 'status', only {', '.join(sorted(arrays)) or 'nothing'}"
         raise InputError(msg)

@@ -25,20 +25,7 @@ SETTLED = 0.02
 
 
 class Status(IntEnum):
-    """How a scenario ended; its value in the cube, with what it means and what to do.
-
-    Attributes
-    ----------
-    meaning : str
-        One sentence.
-    remedy : str
-        What the user can do ("" where there is nothing to do).
-
-    Examples
-    --------
-    >>> int(Status.DIVERGED), Status.DIVERGED.label, Status.DIVERGED.has_values
-    (1, 'diverged', False)
-    """
+    """How a scenario ended; its value in the cube, with what it means and what to do."""
 
     meaning: str
     remedy: str
@@ -408,13 +395,7 @@ DEFAULT_OUTPUTS: tuple[str, ...] = (
 
 
 def get_variable(name: str | Variable) -> Variable:
-    """Return the declared output of that name; a `Variable` is returned as it is.
-
-    Raises
-    ------
-    InputError
-        The name is unknown; the message lists the valid ones.
-    """
+    """Return the declared output of that name; a `Variable` is returned as it is."""
     if isinstance(name, Variable):
         return name
     try:
@@ -424,18 +405,7 @@ def get_variable(name: str | Variable) -> Variable:
 
 
 def check_outputs(names: Iterable[str]) -> tuple[str, ...]:
-    """Check the names of outputs, drop repeated ones and put them into the order of the registry.
-
-    Raises
-    ------
-    InputError
-        A name is unknown, or `names` is no list of names.
-
-    Examples
-    --------
-    >>> check_outputs(["impact_count", "drift_max", "impact_count"])
-    ('drift_max', 'impact_count')
-    """
+    """Check the names of outputs, drop repeated ones and put them into the order of the registry."""
     if isinstance(names, str) or not isinstance(names, Iterable):
         msg = f"outputs must be a list of names, not {names!r}; write [{names!r}] for a single one"
         raise InputError(msg)
@@ -444,23 +414,11 @@ def check_outputs(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def cube_variables(names: Iterable[str]) -> tuple[str, ...]:
-    """Return the variables of a cube with those outputs: they and the ones that are in every cube.
-
-    Examples
-    --------
-    >>> cube_variables(["impact_count"])
-    ('impact_count', 'status', 'steps_per_contact')
-    """
+    """Return the variables of a cube with those outputs: they and the ones that are in every cube."""
     asked = check_outputs(names)
     return tuple(name for name, variable in VARIABLES.items() if variable.always or name in asked)
 
 
 def reducers_for(names: Iterable[str]) -> frozenset[str]:
-    """Return the reducers that the compiled loop must run for those outputs.
-
-    Examples
-    --------
-    >>> sorted(reducers_for(["drift_max", "storey_shear_max", "impact_count"]))
-    ['count', 'drift']
-    """
+    """Return the reducers that the compiled loop must run for those outputs."""
     return frozenset().union(*(VARIABLES[name].needs for name in check_outputs(names)))

@@ -45,19 +45,7 @@ class Check:
 
 
 def energy_checks(cube: xr.Dataset) -> list[Check]:
-    """Check the energy balance of every scenario.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Outputs on ``reading``, ``law``, ``record``.
-
-    Returns
-    -------
-    list of Check
-        For each reading: the buildings' transfers sum to the contacts' work; a linear spring takes in no work;
-        without pounding no building transfers anything; no contact gives energy.
-    """
+    """Check the energy balance of every scenario."""
     found = []
     for reading in READINGS:
         if reading not in cube["reading"].values:

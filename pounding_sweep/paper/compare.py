@@ -53,22 +53,7 @@ class Grid:
 
 
 def side_by_side(number: int, cube: xr.Dataset) -> xr.Dataset:
-    """Put a table of the paper beside the same outputs of both readings.
-
-    Parameters
-    ----------
-    number : int
-        Table 3, 4, 5 or 6.
-    cube : xarray.Dataset
-        Outputs on ``reading``, ``law``, ``record`` and what is inside a scenario.
-
-    Returns
-    -------
-    xarray.Dataset
-        Each output of the table on ``source`` (the paper's programs, or "paper", then the readings), and
-        ``NAME_difference`` on ``reading``: the computed value over the paper's (its MATLAB program's), less 1;
-        NaN where that is zero.
-    """
+    """Put a table of the paper beside the same outputs of both readings."""
     import xarray as xr
 
     table = published(number)

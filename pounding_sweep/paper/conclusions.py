@@ -126,13 +126,7 @@ class Judgement:
 
 
 def overall(verdicts: Sequence[Verdict]) -> Verdict:
-    """Sum up claims: a conclusion holds if all that were tested hold, fails if all fail, else holds partly.
-
-    Examples
-    --------
-    >>> print(overall([Verdict.HOLDS, Verdict.FAILS]))
-    holds partly
-    """
+    """Sum up claims: a conclusion holds if all that were tested hold, fails if all fail, else holds partly."""
     tested = {verdict for verdict in verdicts if verdict is not Verdict.UNTESTED}
     if not tested:
         return Verdict.UNTESTED
@@ -140,20 +134,7 @@ def overall(verdicts: Sequence[Verdict]) -> Verdict:
 
 
 def judge(cube: xr.Dataset, spectra: xr.Dataset) -> list[Judgement]:
-    """Test every conclusion on every reading.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Outputs on ``reading``, ``law`` (the paper's seven), ``record``, ``building`` or ``pair``, ``storey``.
-    spectra : xarray.Dataset
-        ``pseudo_acceleration`` of the roofs on ``reading``, ``law``, ``record``, ``building``, ``period``.
-
-    Returns
-    -------
-    list of Judgement
-        Conclusion by conclusion, reading by reading.
-    """
+    """Test every conclusion on every reading."""
     return [
         Judgement(
             conclusion,
@@ -267,13 +248,7 @@ def _spectra_grow(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
 
 
 def spread(spectra: xr.DataArray) -> xr.DataArray:
-    """Width (natural logarithm of periods) over which spectra are above `SPREAD_LEVEL` of their own peak.
-
-    Parameters
-    ----------
-    spectra : xarray.DataArray
-        Ordinates on ``period`` (s).
-    """
+    """Width (natural logarithm of periods) over which spectra are above `SPREAD_LEVEL` of their own peak."""
     import xarray as xr
 
     share = np.gradient(np.log(spectra["period"].values))

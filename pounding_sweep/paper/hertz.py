@@ -25,18 +25,7 @@ LAWS = ("hertz", "hertz_damped", "nonlinear_viscoelastic")
 
 
 def hertz_fit(records: Sequence[Record]) -> xr.Dataset:
-    """Compare the forces of Models IV to VI with Table 5 under the Hertz stiffnesses of both readings.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        Ground motions.
-
-    Returns
-    -------
-    xarray.Dataset
-        See `force_fit`; on ``law`` and ``stiffness`` (kN/m^1.5).
-    """
+    """Compare the forces of Models IV to VI with Table 5 under the Hertz stiffnesses of both readings."""
     stiffnesses = [get_preset(r.preset).contact.hertz_stiffness for r in READINGS.values()]
     cube = Sweep(
         READINGS["as_run"].preset,
@@ -54,20 +43,7 @@ def hertz_fit(records: Sequence[Record]) -> xr.Dataset:
 
 
 def force_fit(force: xr.DataArray) -> xr.Dataset:
-    """Compare peak forces with those of Table 5.
-
-    Parameters
-    ----------
-    force : xarray.DataArray
-        Peak forces (kN) on ``law``, ``record``, ``pair``, ``storey``, and any other dimension.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``force_ratio``: median over floors and records of the computed force over that of Table 5, where the
-        table has one; ``ratio_spread``: the factor between its 10 and 90 % fractiles, missing where the first is
-        zero; ``cells``: how many floors that is.
-    """
+    """Compare peak forces with those of Table 5."""
     import xarray as xr
 
     paper = published(5)["impact_force_max"].sel(law=force["law"].values, record=force["record"].values)

@@ -29,20 +29,7 @@ def scenario(reading: Reading, record: Record, law: str) -> xr.Dataset:
 
 
 def kept(one: xr.Dataset) -> xr.Dataset:
-    """Bring the histories of one scenario down to those of the figures.
-
-    Parameters
-    ----------
-    one : xarray.Dataset
-        What `scenario` returned.
-
-    Returns
-    -------
-    xarray.Dataset
-        On ``time`` (s, `INTERVAL` apart): ``roof_displacement`` (building; m) and ``structural_energy``
-        (building; kinetic, damping and strain together, kN m) at the time, and ``roof_force`` (pair; kN), the
-        largest contact force of the interval that begins there.
-    """
+    """Bring the histories of one scenario down to those of the figures."""
     import xarray as xr
 
     every = round(INTERVAL / (float(one["time"][1]) - float(one["time"][0])))
@@ -65,24 +52,7 @@ def kept(one: xr.Dataset) -> xr.Dataset:
 def paper_histories(
     reading: Reading, records: Sequence[Record], advance: Callable[[int], None] = lambda count: None
 ) -> tuple[xr.Dataset, xr.Dataset]:
-    """Run Models I to VII of one reading under all records.
-
-    Parameters
-    ----------
-    reading : Reading
-        Which row.
-    records : sequence of Record
-        Ground motions.
-    advance : callable
-        Told of every scenario that is done.
-
-    Returns
-    -------
-    histories : xarray.Dataset
-        `kept` on ``law`` and ``record``; NaN after the end of a shorter record.
-    spectra : xarray.Dataset
-        `pounding_sweep.analysis.spectra.floor_spectra` of the roofs on ``law``, ``record`` and ``period``.
-    """
+    """Run Models I to VII of one reading under all records."""
     import xarray as xr
 
     from pounding_sweep.analysis.spectra import floor_spectra

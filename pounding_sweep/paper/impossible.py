@@ -39,17 +39,7 @@ class Finding:
 
 
 def findings(cube: xr.Dataset) -> list[Finding]:
-    """List what is impossible in the paper's tables.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Outputs on ``reading``, ``law``, ``record``.
-
-    Returns
-    -------
-    list of Finding
-    """
+    """List what is impossible in the paper's tables."""
     return [_no_first_touch(cube), _transfer_alone(cube), _all_receive(cube), _misprint(cube)]
 
 
@@ -105,16 +95,7 @@ def _transfer_alone(cube: xr.Dataset) -> Finding:
 
 
 def unbalanced(given: xr.DataArray, received: xr.DataArray) -> xr.DataArray:
-    """Where some building receives more than all others together ever give.
-
-    Transfers sum to the work of the contacts, which is never negative for a passive
-    contact. When one building has received R the others have given R or more.
-
-    Parameters
-    ----------
-    given, received : xarray.DataArray
-        Largest and smallest transfer of each ``building`` (kN m), the smallest negative where it receives.
-    """
+    """Where some building receives more than all others together ever give."""
     others = given.sum("building") - given
     return (-received > others + 1e-6 * np.abs(received)).any("building")
 

@@ -38,13 +38,7 @@ Row = Mapping[str, str]
 
 
 def record_title(name: str) -> str:
-    """Write the name of a record as in headings.
-
-    Examples
-    --------
-    >>> record_title("el_centro")
-    'El Centro'
-    """
+    """Write the name of a record as in headings."""
     return name.replace("_", " ").title()
 
 
@@ -71,13 +65,7 @@ class Table:
     values: Sequence[tuple[str, Callable[[Row], float | None]]]
 
     def read(self) -> xr.Dataset:
-        """Read the numbers.
-
-        Returns
-        -------
-        xarray.Dataset
-            The outputs in a cube's units; NaN where the table has no number.
-        """
+        """Read the numbers."""
         import xarray as xr
 
         shape = tuple(len(values) for values in self.coordinates.values())
@@ -153,33 +141,7 @@ TABLES: dict[int, Table] = {
 
 
 def published(number: int) -> xr.Dataset:
-    """Return a table of the paper as outputs of a cube.
-
-    Parameters
-    ----------
-    number : int
-        3, 4, 5 or 6.
-
-    Returns
-    -------
-    xarray.Dataset
-        Table 3: ``displacement_max`` ("forth") and ``displacement_min`` ("back", negative), m; Tables 4 and 5:
-        ``impact_force_max`` (kN) and ``impact_count``; Table 6: ``energy_transfer_max`` and
-        ``energy_transfer_min`` (negative where received), kN m. On ``record``, ``law`` or ``program``,
-        ``building`` or ``pair``, and ``storey``.
-
-    Raises
-    ------
-    InputError
-        The paper has no such table with results.
-
-    Examples
-    --------
-    >>> table = published(5)
-    >>> place = {"law": "linear", "record": "el_centro", "pair": "left-middle", "storey": 3}
-    >>> table.impact_force_max.sel(place).item(), table.impact_count.sel(place).item()
-    (1184.0, 17.0)
-    """
+    """Return a table of the paper as outputs of a cube."""
     if number not in TABLES:
         raise InputError(unknown("table of results", number, map(str, TABLES)))
     return TABLES[number].read()

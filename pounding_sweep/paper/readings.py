@@ -99,24 +99,7 @@ READINGS: dict[str, Reading] = {
 
 
 def sweep_of(reading: Reading, records: Sequence[Record], step: float = STEP, audit: float = AUDIT_SHARE) -> Sweep:
-    """Return the sweep of a reading: Models I to VII, all records.
-
-    Parameters
-    ----------
-    reading : Reading
-        Which row.
-    records : sequence of Record
-        Ground motions, named as in `GROUND_MOTIONS`.
-    step : float
-        Largest time step (s).
-    audit : float
-        Share of the cost spent on the cube's own audit.
-
-    Returns
-    -------
-    Sweep
-        By default the same as that of the file in ``sweeps/`` named after the preset.
-    """
+    """Return the sweep of a reading: Models I to VII, all records."""
     from pounding_sweep.run.sweep import Sweep
 
     return Sweep(
@@ -134,25 +117,7 @@ def sweep_of(reading: Reading, records: Sequence[Record], step: float = STEP, au
 
 
 def paper_records(folders: Folders = None) -> tuple[list[Record], dict[str, str]]:
-    """Find the paper's four records.
-
-    Parameters
-    ----------
-    folders : path or several, optional
-        Where to look; by default the folders in ``POUNDING_SWEEP_RECORDS``.
-
-    Returns
-    -------
-    records : list of Record
-        Those at hand; of `RESCALED` ones the peak ground acceleration is the paper's.
-    missing : dict of str to str
-        Key of each other -> where to get it.
-
-    Raises
-    ------
-    RecordError
-        A record's file is there but can't be read.
-    """
+    """Find the paper's four records."""
     found, missing = [], {}
     for key in GROUND_MOTIONS:
         try:
@@ -166,20 +131,7 @@ def paper_records(folders: Folders = None) -> tuple[list[Record], dict[str, str]
 
 
 def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
-    """Tell which reading a cube was run for, by the scene in its attributes.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube made by ``run``.
-    name : str
-        What to call it in messages.
-
-    Raises
-    ------
-    InputError
-        It is no cube of one of the readings, or lacks outputs that the report needs.
-    """
+    """Tell which reading a cube was run for, by the scene in its attributes."""
     from pounding_sweep.spec.build import build_spec
     from pounding_sweep.spec.spec import to_json
 

@@ -51,27 +51,7 @@ class Picture:
 
 
 def write_report(study: Study, pictures: Sequence[Picture], path: Path) -> Path:
-    """Write the report.
-
-    Parameters
-    ----------
-    study : Study
-        What was computed.
-    pictures : sequence of Picture
-        Figures; their files are copied into the page.
-    path : Path
-        HTML file to write.
-
-    Returns
-    -------
-    Path
-        The same.
-
-    Raises
-    ------
-    OutputError
-        The file can't be written.
-    """
+    """Write the report."""
     page = render(study, pictures)
     try:
         with replacing(path) as temporary:

@@ -24,21 +24,7 @@ OUTPUTS = ("displacement_max", "displacement_min", "impact_force_max", "impact_c
 
 
 def step_errors(readings: Iterable[Reading], progress: Progress | None = None) -> xr.Dataset:
-    """Measure what each scheme and step errs by.
-
-    Parameters
-    ----------
-    readings : iterable of Reading
-        Rows to measure on.
-    progress : Progress, optional
-        Display.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``error`` (relative, against a converged run) on ``reading``, ``scheme``, ``located``, ``step`` (s) and
-        ``output``; ``status`` of the scenario (a refused one has no error).
-    """
+    """Measure what each scheme and step errs by."""
     import xarray as xr
 
     found = []
@@ -62,15 +48,7 @@ def step_errors(readings: Iterable[Reading], progress: Progress | None = None) -
 
 
 def step_rows(steps: xr.Dataset, reading: str) -> tuple[list[str], list[list[str]]]:
-    """Return the headings and rows of the table: one row per scheme, locating and step.
-
-    Parameters
-    ----------
-    steps : xarray.Dataset
-        What `step_errors` returned.
-    reading : str
-        Which row of buildings.
-    """
+    """Return the headings and rows of the table: one row per scheme, locating and step."""
     one = steps.sel(reading=reading)
     headings = ["scheme", "contacts located", "step ms", *(_title(name) for name in one["output"].values), "status"]
     rows = []
@@ -87,18 +65,7 @@ def step_rows(steps: xr.Dataset, reading: str) -> tuple[list[str], list[list[str
 
 
 def largest_steps(steps: xr.Dataset) -> xr.DataArray:
-    """Return the largest step from which on all errors are within `LIMIT` and the number of impacts is right.
-
-    Parameters
-    ----------
-    steps : xarray.Dataset
-        What `step_errors` returned.
-
-    Returns
-    -------
-    xarray.DataArray
-        Step (s) on ``reading``, ``scheme`` and ``located``; NaN where no step will do.
-    """
+    """Return the largest step from which on all errors are within `LIMIT` and the number of impacts is right."""
     rising = steps.sortby("step")
     valued = rising["status"].isin([int(s) for s in STATUS if s.has_values])
     within = (rising["error"].drop_sel(output="impact_count") <= LIMIT).all("output")

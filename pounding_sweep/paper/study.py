@@ -73,32 +73,7 @@ class Study:
 
 
 def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress: Progress | None = None) -> Study:
-    """Run or take up both readings, and everything else that the report shows.
-
-    Parameters
-    ----------
-    cubes : sequence of xarray.Dataset
-        Cubes of one or both readings, made by ``run``; without any, both are run.
-    folders : path or several, optional
-        Where to look for records; by default the folders in ``POUNDING_SWEEP_RECORDS``.
-    progress : Progress, optional
-        Display.
-
-    Returns
-    -------
-    Study
-
-    Raises
-    ------
-    InputError
-        A cube is of another row of buildings, lacks something, or is given twice; or none of its
-        records is one of the paper's and at hand.
-
-    Notes
-    -----
-    A record that a cube was run with and that is not at hand, or is not the same motion, has tables but no
-    histories, spectra and error.
-    """
+    """Run or take up both readings, and everything else that the report shows."""
     from pounding_sweep.paper.hertz import hertz_fit
     from pounding_sweep.paper.steps import step_errors
 

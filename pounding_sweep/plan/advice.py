@@ -46,25 +46,7 @@ _BLOCK = 4096
 
 
 def elastic_duration(exponent: float, stiffness: np.ndarray, mass: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """How long two free masses stay in contact without damping (s).
-
-    Parameters
-    ----------
-    exponent : float
-        n of the force k d**n.
-    stiffness, mass, speed : ndarray
-        k (kN/m**n), effective mass (t) and speed of approach (m/s), broadcast.
-
-    Returns
-    -------
-    ndarray
-        pi sqrt(m/k) for n = 1, 3.218 (m^2 / (k^2 v))^(1/5) for n = 1.5.
-
-    Examples
-    --------
-    >>> round(float(elastic_duration(1.0, 2e6, 67.55, 0.1)), 5)
-    0.01826
-    """
+    """How long two free masses stay in contact without damping (s)."""
     share = 1.0 / (exponent + 1.0)
     factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + share) / math.gamma(0.5 + share)
     factor *= (0.5 * (exponent + 1.0)) ** share
@@ -79,21 +61,7 @@ def highest_frequency(row: Scene | Variants) -> np.ndarray:
 
 
 def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
-    """Estimate how fast the neighbours of each pair approach each other (m/s).
-
-    Parameters
-    ----------
-    row : Scene or Variants
-        The row, or n variants of it.
-    record : Record
-        Ground motion (m/s2).
-
-    Returns
-    -------
-    ndarray, shape (n, pairs)
-        Largest difference of the roofs' velocities in their first modes, as if nothing
-        touched; one row for a scene.
-    """
+    """Estimate how fast the neighbours of each pair approach each other (m/s)."""
     variants = variants_of(row)
     scene = variants.scene
 
@@ -125,10 +93,7 @@ def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
 
 
 def _roof_velocities(variants: Variants, record: Record) -> Iterator[np.ndarray]:
-    """Yield the velocity of each roof in the first mode (m/s), shape (buildings, n), point by point of the record.
-
-    Exact for piecewise-linear ground.
-    """
+    """Yield the velocity of each roof in the first mode (m/s), shape (buildings, n), point by point of the record."""
     h, ground = record.dt, record.acceleration
     buildings = variants.scene.buildings
     frequency = np.stack([variants.frequencies(b)[:, 0] for b in range(len(buildings))])
@@ -155,26 +120,7 @@ def shortest_contact(
     speeds: np.ndarray,
     basis: str = "published",
 ) -> np.ndarray:
-    """Shortest effective contact duration of each scenario (s); infinite where no contact lasts.
-
-    Parameters
-    ----------
-    row : Scene or Variants
-        The row, or the variant of it that each scenario has.
-    law : Law
-        Contact law.
-    stiffness, restitution : ndarray, shape (n,)
-        Of each scenario (kN/m**exponent; dimensionless).
-    speeds : ndarray, shape (n, pairs)
-        Speeds of approach (m/s).
-    basis : {"published", "realised"}
-        What the restitution means.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        The elastic duration over `Law.quickening`, least over all contacts.
-    """
+    """Shortest effective contact duration of each scenario (s); infinite where no contact lasts."""
     result = np.full(len(stiffness), np.inf)
     if law.exponent is None:
         return result
@@ -238,15 +184,7 @@ class Curve:
     error: tuple[float, ...]
 
     def needed(self, accuracy: float) -> float:
-        """Return the least steps from which on the error stays within `accuracy`; infinite if that was not reached.
-
-        Interpolated in the logarithms of both.
-
-        Examples
-        --------
-        >>> round(Curve((1.0, 10.0, 100.0), (1e-1, 1e-3, 1e-5)).needed(1e-4), 1)
-        31.6
-        """
+        """Return the least steps from which on the error stays within `accuracy`; infinite if that was not reached."""
         log_error = np.log(np.maximum.accumulate(np.asarray(self.error)[::-1])[::-1])  # no use of a lucky coarse step
         within = log_error <= math.log(accuracy) + 1e-12
         if not within[-1]:
@@ -332,13 +270,7 @@ def classes_of(outputs: Iterable[str]) -> tuple[str, ...]:
 
 
 def whole_steps(wanted: np.ndarray) -> np.ndarray:
-    """Round numbers of steps up to 1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 40, 50, 60, 80, 100, 120 ...
-
-    Examples
-    --------
-    >>> whole_steps(np.array([0.2, 1.0, 6.2, 130.0])).tolist()
-    [1, 1, 8, 160]
-    """
+    """Round numbers of steps up to 1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 40, 50, 60, 80, 100, 120 ..."""
     wanted = np.asarray(wanted, dtype=float)
     decades = range(max(0, math.ceil(math.log10(max(1.0, float(wanted.max(initial=1.0)))))) + 1)
     ladder = sorted({1, 2, 3, 4, 5, 6, 8, *(m * 10**d for m in _STEPS for d in decades)})
@@ -503,11 +435,7 @@ class _Job:
         return steps.astype(np.int32), np.maximum(still, least).astype(np.int32)
 
     def _motion_steps(self, method: str, record: Record) -> np.ndarray:
-        """Least steps per interval at which the buildings of each variant keep their phase over so long a record.
-
-        The measured records are short and the measured buildings damped; over a
-        long record of undamped ones, the lengthening of the period adds up.
-        """
+        """Least steps per interval at which the buildings of each variant keep their phase over so long a record."""
         assert self.spec.accuracy is not None
         limit = min(self.spec.accuracy, MAX_PHASE_ERROR)
         result = np.zeros(len(self.variants), dtype=int)

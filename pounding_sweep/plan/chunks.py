@@ -53,36 +53,7 @@ def cut(
     most: int,
     seconds: Callable[[int, int], float],
 ) -> list[Chunk]:
-    """Cut scenarios into chunks, the dearest first; depends on nothing but the arguments.
-
-    Chunks get smaller towards the end, so that all workers end together, however
-    many they are. Every chunk but the last of its kind fills its lane groups.
-
-    Parameters
-    ----------
-    table : Scenarios
-        Scenarios; within a record, law and step they stand as they should run.
-    rows : ndarray of int
-        Rows to cut, rising.
-    steps : ndarray of int
-        Steps per record interval of each row of `table`.
-    flights : ndarray of int
-        Steps of free flight that `RowKernel.flight_substeps` asks for each row of `table`. A chunk
-        flies in those of its fastest scenario; apart, scenarios don't depend on how they are cut.
-    name : str
-        What the keys are made from, beside the rows.
-    longest : float
-        Wanted duration (s) of the largest chunks.
-    most : int
-        Scenarios of a chunk, whatever they take; rounded to whole lane groups.
-    seconds : callable
-        (record, steps) -> estimated duration of one scenario (s).
-
-    Returns
-    -------
-    list of Chunk
-        In the order in which they should run.
-    """
+    """Cut scenarios into chunks, the dearest first; depends on nothing but the arguments."""
     order = rows[np.lexsort((flights[rows], steps[rows], table.law[rows], table.record[rows]))]
     ends = np.zeros(max(0, len(order) - 1), bool)
     for column in (table.record, table.law, steps, flights):

@@ -150,11 +150,7 @@ class Plan:
         return {**found, (last, True): self.kernel(last, closing=True)} if len(self.uncoupled_to_run) else found
 
     def _host(self, law: int) -> Law | None:
-        """Return the law of this sweep whose kernel an undamped law can run in.
-
-        An undamped law is the damped law of the same elastic force with c = 0, to
-        the last bit: F = E + 0 v. One kernel less is compiled.
-        """
+        """Return the law of this sweep whose kernel an undamped law can run in."""
         own = self.laws[law]
         if not own.has_contact or own.damper:
             return None
@@ -265,25 +261,7 @@ def _laws(spec: SweepSpec) -> tuple[Law, ...]:
 
 
 def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
-    """Reduce a sweep to its unique scenarios.
-
-    Parameters
-    ----------
-    spec : SweepSpec
-        A valid sweep.
-    initial_speed : float
-        Largest speed (m/s) of approach at the start, which an accuracy must allow for.
-
-    Returns
-    -------
-    Plan
-        The same for the same sweep, always.
-
-    Raises
-    ------
-    SweepError
-        The accuracy asked for was not reached by any scheme when errors were measured.
-    """
+    """Reduce a sweep to its unique scenarios."""
     laws = _laws(spec)
     unique, variants, inverse = unique_scenarios(spec, laws)
     advice = None
@@ -332,21 +310,7 @@ def _limits(
 
 
 def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
-    """Rows of the unique table in which no pair can ever touch.
-
-    Parameters
-    ----------
-    plan : Plan
-        The plan.
-    closing : ndarray, shape (motions, contacts)
-        Largest closing displacement (m) of each contact without pounding, by row of
-        `Plan.uncoupled_runs`; infinite where it is not known.
-
-    Returns
-    -------
-    ndarray of bool
-        True where every gap is at least the closing displacement at all of its floors.
-    """
+    """Rows of the unique table in which no pair can ever touch."""
     scene, table = plan.spec.scene, plan.unique
     needed = np.full((len(closing), len(scene.pair_names)), -np.inf)
     for j, contact in enumerate(scene.contacts):

@@ -70,48 +70,14 @@ class _Asked:
 
 
 def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, Variants, np.ndarray]:
-    """Reduce what a sweep asks for to what can matter.
-
-    Parameters
-    ----------
-    spec : SweepSpec
-        A valid sweep.
-    laws : sequence of Law
-        Laws by the index that the table uses; the last is no pounding.
-
-    Returns
-    -------
-    scenarios : Scenarios
-        The unique ones, by record and law, and there in the order in which they run
-        side by side: the axis with the most values innermost.
-    variants : Variants
-        Building properties by the index that the table uses; one row, the scene as
-        given, where the sweep varies none.
-    inverse : ndarray of int32, shape (n_asked,)
-        Row that answers each asked scenario, in the order of the cube.
-    """
+    """Reduce what a sweep asks for to what can matter."""
     asked = _asked_product(spec, laws) if spec.cases is None else _asked_cases(spec, laws)
     _, first, inverse = np.unique(asked.codes, return_index=True, return_inverse=True)
     return asked.table(first), asked.variants, inverse.reshape(-1).astype(np.int32)
 
 
 def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np.ndarray]:
-    """Return the distinct runs without pounding of a table of scenarios.
-
-    Parameters
-    ----------
-    table : Scenarios
-        n scenarios.
-    no_pounding : int
-        Index of the law without pounding.
-
-    Returns
-    -------
-    uncoupled : Scenarios
-        Rows that differ in record, variant or scale; no pounding, gaps infinite.
-    uncoupled_of : ndarray of int32, shape (n,)
-        Row of `uncoupled` for each scenario.
-    """
+    """Return the distinct runs without pounding of a table of scenarios."""
     codes = _combine([_factors(table.record), _factors(table.variant), _factors(table.scale)])
     _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
     n = len(first)
@@ -270,11 +236,7 @@ def _asked_cases(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
 
 
 def changed(table: Scenarios) -> Scenarios:
-    """Return scenarios with every input changed by `CHANGE` of itself.
-
-    Gaps and stiffness are changed one way and the ground motion the other: a linear
-    contact that is scaled as a whole would answer in proportion.
-    """
+    """Return scenarios with every input changed by `CHANGE` of itself."""
     return replace(
         table,
         scale=table.scale * (1.0 - CHANGE),

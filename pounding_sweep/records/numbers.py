@@ -58,27 +58,7 @@ def words(line: str) -> list[float] | str:
 
 
 def blocks(file: Path, text: str, start: int = 0, line: int = 1) -> Iterator[tuple[int, str]]:
-    """Cut a text into blocks of whole lines, each ending in a line break.
-
-    Parameters
-    ----------
-    file
-        Where the text is from.
-    text
-        The text.
-    start, line
-        Where to begin, and the number of the line there.
-
-    Yields
-    ------
-    (int, str)
-        Number of the first line, and the block.
-
-    Raises
-    ------
-    RecordError
-        A line is longer than any row.
-    """
+    """Cut a text into blocks of whole lines, each ending in a line break."""
     while start < len(text):
         end = text.find("\n", start + BLOCK)
         end = len(text) if end < 0 else end

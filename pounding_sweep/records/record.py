@@ -25,13 +25,7 @@ _ALIASES = {"gal": "cm/s2", "gals": "cm/s2", "ms-2": "m/s2", "cms-2": "cm/s2"}
 
 
 def match_unit(text: str) -> str | None:
-    """Find the unit of `UNITS` that `text` spells, or None.
-
-    Examples
-    --------
-    >>> match_unit("CM/SEC**2"), match_unit("m s-2"), match_unit("ft/s2")
-    ('cm/s2', 'm/s2', None)
-    """
+    """Find the unit of `UNITS` that `text` spells, or None."""
     plain = "".join(text.lower().split()).strip(".,;:").replace("²", "2").replace("**", "").replace("^", "")
     plain = plain.replace("sec", "s").replace("/s/s", "/s2")
     plain = _ALIASES.get(plain, plain)

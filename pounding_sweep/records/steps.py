@@ -34,19 +34,7 @@ def resolution(word: str) -> float:
 def even_step(
     file: Path, time: Array, places: Array, word: Callable[[int], tuple[int, str]], dt: float | None
 ) -> float:
-    """Find the constant step (s) that explains the printed times, each right to half a unit in its last place.
-
-    Parameters
-    ----------
-    file
-        Where they are from.
-    time, places
-        The times (s), and one unit in the last place of each; shape (points,).
-    word
-        Point -> its line, and its time as it is printed.
-    dt
-        The step, if it was given.
-    """
+    """Find the constant step (s) that explains the printed times, each right to half a unit in its last place."""
     remedy = "a record needs a constant time step; resample it"
     bad = ~np.isfinite(time)
     if bad.any():

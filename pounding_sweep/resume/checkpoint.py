@@ -46,41 +46,14 @@ _LONGEST = 60
 
 
 def identity_of(plan: Plan) -> tuple[str, dict[str, str]]:
-    """Return what the chunks of a sweep are known by.
-
-    Parameters
-    ----------
-    plan : Plan
-        The sweep.
-
-    Returns
-    -------
-    identity : str
-        SHA-256 (hex) of the details.
-    details : dict of str to str
-        Digest of the sweep and of the package's source, versions of the package and of the libraries
-        that compute (`WHOLE`), and each part of the sweep, in short.
-
-    Examples
-    --------
-    >>> import pounding_sweep as ps
-    >>> identity, details = identity_of(ps.Sweep("mate2015", "el_centro", "linear", gaps=[0.01, 0.02]).plan())
-    >>> details["gaps"], details["dt"]
-    ('[0.01, 0.02]', '0.001')
-    """
+    """Return what the chunks of a sweep are known by."""
     whole = (plan.digest, package_version(), package_digest(), libraries())
     details = {**dict(zip(WHOLE, whole, strict=True)), **_parts(json.loads(to_json(plan.spec)))}
     return hashlib.sha256(json.dumps(details, sort_keys=True).encode()).hexdigest(), details
 
 
 def differences(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
-    """Return in what two details differ, the parts of the sweep before what stands for the whole.
-
-    Examples
-    --------
-    >>> differences({"dt": "0.001", "sweep": "3f2a"}, {"dt": "0.002", "sweep": "91bc"})
-    ['dt (0.001 there, 0.002 here)', 'sweep (3f2a there, 91bc here)']
-    """
+    """Return in what two details differ, the parts of the sweep before what stands for the whole."""
     keys = sorted({*there, *here}, key=lambda key: (key in WHOLE, key))
     return [
         f"{key} ({_short(there.get(key, 'none'))} there, {_short(here.get(key, 'none'))} here)"
@@ -122,13 +95,7 @@ class ChunkCorrupt(OutputError):  # noqa: N818 - an event of the store, caught b
 
 
 def parts_folder(out: str | os.PathLike[str]) -> Path:
-    """Return the folder of a run's chunks: beside the cube `out`, links followed.
-
-    Examples
-    --------
-    >>> parts_folder("/home/me/night.nc").name
-    'night.nc.parts'
-    """
+    """Return the folder of a run's chunks: beside the cube `out`, links followed."""
     return Path(f"{absolute(out)}.parts")
 
 
@@ -173,27 +140,7 @@ def _has_fields(table: np.ndarray, expected: np.dtype | None) -> bool:
 
 
 class ChunkStore:
-    """Finished chunks of one sweep in one folder, in which one thread of one process writes while it has the `lock`.
-
-    Parameters
-    ----------
-    folder : path-like
-        Where the chunks stand; made by `open`.
-    identity : str
-        Digest of the sweep. Chunks of another sweep are never mixed in.
-    details : mapping of str to str, optional
-        What the digest was made from, in short (scheme, dt, versions ...): stored
-        beside it, and compared in the message when the identities differ.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> store = ChunkStore(tempfile.mkdtemp(), "3f2a").open()
-    >>> store.write("0", np.array([(0, 1.5), (2, np.nan)], [("status", "i1"), ("drift_max", "f8")]))
-    >>> store.completed(), store.read("0")["status"].tolist()
-    ({'0'}, [0, 2])
-    >>> store.discard()
-    """
+    """Finished chunks of one sweep in one folder, in which one thread of one process writes while it has the `lock`."""
 
     def __init__(self, folder: str | os.PathLike[str], identity: str, details: Mapping[str, str] | None = None) -> None:
         self.folder = expanded(folder)
@@ -206,13 +153,7 @@ class ChunkStore:
         return self.folder / MANIFEST
 
     def path(self, key: str) -> Path:
-        """Return the file of a chunk.
-
-        Raises
-        ------
-        OutputError
-            The key can't be part of a file name.
-        """
+        """Return the file of a chunk."""
         if not _KEY.fullmatch(key):
             msg = f"chunk key {key!r} must be 1 to 128 letters, digits, '_', '-' and '.', not beginning with '-' or '.'"
             raise OutputError(msg)
@@ -220,31 +161,14 @@ class ChunkStore:
 
     @contextmanager
     def lock(self) -> Iterator[None]:
-        """Keep other runs out of the folder while the context is open; what a killed run was writing is removed.
-
-        Raises
-        ------
-        OutputError
-            The folder is another sweep's or none of chunks, another process runs there, or it can't be used.
-        """
+        """Keep other runs out of the folder while the context is open; what a killed run was writing is removed."""
         self._check()
         with FolderLock(self.folder):
             self._remove(p for p in self.folder.iterdir() if is_temporary(p.name))
             yield
 
     def open(self) -> ChunkStore:
-        """Make the folder ready: it is made where it is missing, and what is complete in it is kept.
-
-        Returns
-        -------
-        ChunkStore
-            Itself.
-
-        Raises
-        ------
-        OutputError
-            The folder is another sweep's or none of chunks, or it can't be used.
-        """
+        """Make the folder ready: it is made where it is missing, and what is complete in it is kept."""
         try:
             if self._check():  # the run before may have been killed before the folder's name was lasting
                 sync_folder(self.folder.parent)
@@ -344,25 +268,7 @@ class ChunkStore:
         return sorted(name for name in names if not (is_temporary(name) or _REMOVED.fullmatch(name) or name == LOCK))
 
     def write(self, key: str, table: np.ndarray, **more: Any) -> None:
-        """Store a chunk; when this returns, it outlasts a power cut.
-
-        Parameters
-        ----------
-        key : str
-            Name of the chunk, the same in every run of the same sweep.
-        table : ndarray, shape (n,)
-            Structured: one row per scenario, one field of numbers (of any shape) per
-            variable; it is read back bit for bit.
-        **more
-            What else its line in the manifest is to say; see `manifest_entry`.
-
-        Raises
-        ------
-        OutputError
-            The array is no such table.
-        WriteError
-            The disk is full or failed, or the folder is gone.
-        """
+        """Store a chunk; when this returns, it outlasts a power cut."""
         path = self.path(key)
         if not _is_table(table):
             msg = f"chunk {key!r}: an array of shape {table.shape} and type {table.dtype} is no table; give one row "
@@ -379,18 +285,7 @@ class ChunkStore:
         self._entries[key] = line
 
     def expect(self, chunks: Mapping[str, Any]) -> None:
-        """Note of which chunks the sweep will consist, for who looks at an unfinished folder.
-
-        Parameters
-        ----------
-        chunks : mapping
-            Anything that JSON can hold; see `pounding_sweep.resume.survey`.
-
-        Raises
-        ------
-        WriteError
-            The disk is full or failed, or the folder is gone.
-        """
+        """Note of which chunks the sweep will consist, for who looks at an unfinished folder."""
         try:
             with replacing(self.folder / EXPECTED, self.folder) as temporary:
                 temporary.write_text(json.dumps(chunks) + "\n", encoding="utf-8")
@@ -440,29 +335,7 @@ class ChunkStore:
         return {key for key in entries if self.path(key).is_file()}
 
     def read(self, key: str, expected: np.dtype | None = None, rows: int | None = None) -> np.ndarray:
-        """Return a chunk, after a check that it is what was written.
-
-        Parameters
-        ----------
-        key : str
-            Its name.
-        expected : dtype, optional
-            Fields that it must have, of these types and shapes.
-        rows : int, optional
-            Rows that it must have.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            The table, mapped from its file: what is used of it is read.
-
-        Raises
-        ------
-        ChunkCorrupt
-            The file is not what was written.
-        OutputError
-            There is no such complete chunk.
-        """
+        """Return a chunk, after a check that it is what was written."""
         path = self.path(key)
         entry = self._entries.get(key)
         if entry is None or not path.is_file():
@@ -500,13 +373,7 @@ class ChunkStore:
         self.path(key).unlink(missing_ok=True)
 
     def discard(self) -> None:
-        """Remove the store's own files, and the folder if nothing else is in it and it is no link.
-
-        Raises
-        ------
-        OutputError
-            The folder is not one of chunks, or a file can't be removed.
-        """
+        """Remove the store's own files, and the folder if nothing else is in it and it is no link."""
         self._identity()  # raises where the folder is somebody else's
         if not self.folder.is_dir():
             return

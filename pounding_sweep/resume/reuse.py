@@ -102,15 +102,7 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) 
 
 
 def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
-    """Return the sweep that a cube was made by, but for its records, which are those of `spec`.
-
-    Raises
-    ------
-    InputError
-        The cube has other scenarios than that sweep, or not the outputs of `spec` as sweeps store them.
-    OutputError
-        Its labels can't be read.
-    """
+    """Return the sweep that a cube was made by, but for its records, which are those of `spec`."""
     told = recorded_sweep(path, cube)
     given: dict[str, Any] = {key: None if told[key] is None else tuple(told[key]) for key in AXES}
     for key in BUILDING_AXES:
@@ -200,46 +192,7 @@ def check_cases(path: str, cube: xr.Dataset, old: Plan) -> None:
 
 
 class EarlierCube:
-    """Results of an earlier cube, by what the scenarios are.
-
-    Parameters
-    ----------
-    path : path-like
-        Cube of the same scene, numerics and outputs, over axes or of listed cases, made by `Sweep.run` or a merge.
-    plan : Plan
-        The sweep that is to be run.
-    source : str
-        Digest of the package's source.
-    folder : Path, optional
-        Where a copy of its results may stand meanwhile; by default where the system keeps such files.
-
-    Attributes
-    ----------
-    path : str
-        The cube.
-    sha256 : str
-        Digest of its sweep.
-    origin : dict
-        What it says of itself; see `pounding_sweep.output.provenance.origin`.
-    taken : dict of str to int
-        Scenarios taken so far, by the chunks that they are in.
-    lost : dict of str to str
-        What went wrong with the rest of chunks that are known in part, by the chunk.
-
-    Raises
-    ------
-    InputError
-        The cube is not of such a sweep; the message names what differs.
-    OutputError
-        The cube can't be read.
-
-    Notes
-    -----
-    Runs without pounding are made anew, one for each motion: they decide who can touch, and what they need for that
-    is not in a cube. Where some motions are not worth it, a scenario that never touched is taken only if the earlier
-    sweep had no such run of its motion either: else it may have been answered by that run, whose kernel may differ in
-    the last bits from the one that the whole sweep would take.
-    """
+    """Results of an earlier cube, by what the scenarios are."""
 
     def __init__(self, path: str | os.PathLike[str], plan: Plan, source: str, folder: Path | None = None) -> None:
         self.path = os.fspath(path)
@@ -384,19 +337,7 @@ class EarlierCube:
 
 
 class _RowFinder:
-    """Rows of a table by the values in its columns.
-
-    Parameters
-    ----------
-    columns : sequence of ndarray, shape (n,)
-        Numbers. Of rows that are the same, the last is found.
-
-    Examples
-    --------
-    >>> rows = _RowFinder([np.array([1.0, 1.0, 2.0]), np.array([5.0, 6.0, 5.0])])
-    >>> rows.find([np.array([2.0, 1.0, 2.0]), np.array([5.0, 6.0, 6.0])]).tolist()
-    [2, 1, -1]
-    """
+    """Rows of a table by the values in its columns."""
 
     def __init__(self, columns: Sequence[np.ndarray]) -> None:
         codes = np.zeros(len(columns[0]), np.int64)
@@ -426,23 +367,7 @@ def _places(rising: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 class Taken:
-    """Counts what was taken.
-
-    Parameters
-    ----------
-    store : ChunkStore, optional
-        Open store, which tells of earlier runs.
-    earlier : EarlierCube, optional
-        The cube that this run extends.
-
-    Attributes
-    ----------
-    origin : mapping or None
-        What the cube said of itself that scenarios are from: the one of this run, else the first that is met
-        among the chunks. None where there is no such cube.
-    scenarios : int
-        Scenarios taken from it so far. What was taken from another one is not counted.
-    """
+    """Counts what was taken."""
 
     def __init__(self, store: ChunkStore | None, earlier: EarlierCube | None) -> None:
         self.origin: Mapping[str, Any] | None = None
@@ -512,20 +437,7 @@ def _digest(origin: Mapping[str, Any]) -> str:
 
 
 def extension_attributes(origin: Mapping[str, Any], taken: int) -> dict[str, Any]:
-    """Return what a cube says of the one that it extends: global attributes.
-
-    Parameters
-    ----------
-    origin : mapping
-        What that one said of itself, with its ``file``.
-    taken : int
-        Scenarios taken from it.
-
-    Examples
-    --------
-    >>> extension_attributes({"file": "old.nc"}, 12)["extended_from"]
-    {'file': 'old.nc', 'scenarios_taken': 12}
-    """
+    """Return what a cube says of the one that it extends: global attributes."""
     now = f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}"
     return {
         "history": f"{now} extended from another cube by pounding_sweep {package_version()} (see extended_from)",

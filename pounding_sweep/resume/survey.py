@@ -40,10 +40,7 @@ def expected(plan: Plan, stages: Mapping[str, list[list[Any]]]) -> dict[str, Any
 
 
 def stages_before(plan: Plan, folder: Path) -> dict[str, list[list[Any]]]:
-    """Return the stages that a run of the same plan left in its folder: those that a run comes to later stay known.
-
-    Nothing needs them but `survey`: where they can't be read, there are none.
-    """
+    """Return the stages that a run of the same plan left in its folder: those that a run comes to later stay known."""
     try:
         there = parse_json(read_regular(folder / EXPECTED))
         if {**there, "stages": {}} != expected(plan, {}):

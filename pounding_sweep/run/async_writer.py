@@ -19,24 +19,7 @@ WAITING = 8
 
 
 class Saver:
-    """Writes finished chunks to a store, one after another, in a thread of its own.
-
-    Parameters
-    ----------
-    store : ChunkStore
-        Open store.
-    results : Results
-        Is told of each table that is in its file.
-
-    Raises
-    ------
-    OutputError
-        From `save` or at the end: a chunk could not be written.
-
-    Notes
-    -----
-    A context: when it is left, by an error or Ctrl-C too, all that was to be saved is saved.
-    """
+    """Writes finished chunks to a store, one after another, in a thread of its own."""
 
     def __init__(self, store: ChunkStore, results: Results) -> None:
         self._store, self._results = store, results

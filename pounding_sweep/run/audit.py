@@ -128,10 +128,7 @@ class Audit:
 
 
 def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
-    """Rows of the unique scenarios that touched and have values.
-
-    A velocity jump has no contact that lasts, by which it would be known: all that might touch count.
-    """
+    """Rows of the unique scenarios that touched and have values."""
     if outcome.left_out is None:
         return np.zeros(0, dtype=int)
     valued = np.isin(outcome.results.status, [int(s) for s in STATUS if s.has_values])
@@ -148,22 +145,7 @@ def sweep_cost(plan: Plan, rows: np.ndarray) -> int:
 
 
 def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
-    """Draw the groups of an audit.
-
-    Parameters
-    ----------
-    plan : Plan
-        The sweep.
-    rows : ndarray of int
-        Rows to draw from; of their cost, `plan.spec.audit` is the share that may be spent.
-
-    Returns
-    -------
-    list of Sample
-        Groups without a common row, drawn with probability proportional to the number of
-        scenarios, those left out that the rest of the budget can't pay; at least one where
-        there are rows, at most half the rows together.
-    """
+    """Draw the groups of an audit."""
     if not len(rows) or plan.spec.audit <= 0.0:
         return []
     random = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16)))
@@ -360,23 +342,7 @@ def _warn(plan: Plan, found: Audit) -> None:
 
 
 def add_to_cube(cube: xr.Dataset, plan: Plan, found: Audit) -> xr.Dataset:
-    """Put an audit into a cube: dimensions ``audit`` and ``output``, and attributes on every output.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        The cube of the plan.
-    plan : Plan
-        The sweep.
-    found : Audit
-        Its audit.
-
-    Returns
-    -------
-    xarray.Dataset
-        With ``audit_error``, ``audit_sensitivity`` (audit, output), ``audit_sensitive``,
-        ``audit_undecided`` and ``audit_status`` (audit), and coordinates that say which scenario each row is.
-    """
+    """Put an audit into a cube: dimensions ``audit`` and ``output``, and attributes on every output."""
     table = plan.unique[found.rows]
     dt = np.array([record.dt for record in plan.spec.records])[table.record] / plan.steps[found.rows]
     errors, rows = ("audit", "output"), ("audit",)

@@ -22,31 +22,7 @@ SCENARIO_ATTRIBUTE = "scenario"
 
 
 def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
-    """Return the scenario in the middle of a sweep, or one of its listed cases.
-
-    Parameters
-    ----------
-    spec : SweepSpec
-        A sweep.
-    case : int, optional
-        Number of a listed case, from 1 as in the cube; by default the first with a contact law.
-
-    Returns
-    -------
-    Case
-        Of every axis the middle value (the lower of two), of the laws the first with contact.
-
-    Raises
-    ------
-    InputError
-        The sweep has no such case.
-
-    Examples
-    --------
-    >>> from pounding_sweep.spec.build import build_spec
-    >>> scenario_of(build_spec(scene="mate2015", records="el_centro", laws="mate2015", gaps=[0.005, 0.01, 0.02])).gap
-    0.01
-    """
+    """Return the scenario in the middle of a sweep, or one of its listed cases."""
     if spec.cases is not None:
         if case is None:
             return next((c for c in spec.cases if get_law(c.law).has_contact), spec.cases[0])

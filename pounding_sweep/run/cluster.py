@@ -20,13 +20,7 @@ _INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextmanager
 def cluster_client(scheduler: str, workers: int) -> Iterator[Any]:
-    """Give a client of the cluster at an address, or of processes that are started here and end with it.
-
-    Raises
-    ------
-    ClusterError
-        No dask scheduler answers at the address.
-    """
+    """Give a client of the cluster at an address, or of processes that are started here and end with it."""
     import dask
     from distributed import Client, LocalCluster
 

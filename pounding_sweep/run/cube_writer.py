@@ -52,32 +52,7 @@ def write_cube_of(
     overwrite: bool,
     folder: Path,
 ) -> None:
-    """Write the cube of a sweep and its audit, if there is one; no more than a slab of it is ever in memory.
-
-    Parameters
-    ----------
-    plan : Plan
-        The sweep.
-    outcome : Outcome
-        Its results.
-    found : Audit or None
-        Its audit.
-    path : Path
-        Where the cube is to stand.
-    progress : Progress
-        Is told of each slab.
-    more : mapping of str to object
-        Further global attributes.
-    overwrite : bool
-        Whether a file that is there may be replaced.
-    folder : Path
-        Where the unfinished file stands.
-
-    Raises
-    ------
-    OutputError
-        The file can't be written.
-    """
+    """Write the cube of a sweep and its audit, if there is one; no more than a slab of it is ever in memory."""
     from pounding_sweep.output.netcdf import write_in_slabs
 
     scene, names = plan.spec.scene, outcome.results.names

@@ -27,19 +27,7 @@ _THREAD_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 
 
 def diagnose() -> dict[str, Any]:
-    """Look at the installation; changes nothing.
-
-    Returns
-    -------
-    dict
-        ``versions`` (distribution -> version or None), ``optional`` (distributions that only some extra
-        of the package needs -> that extra), ``processor`` (name, features,
-        vector width in bits, cores), ``threads`` (workers of a run, limits set in the
-        environment), ``memory`` (free bytes, and what keeps them from being more; None where
-        the system does not tell), ``kernel_cache`` (folder or None, kernels, bytes), ``record_folders``
-        (path, record files), ``output`` (the current folder, None where it was removed: whether it
-        can be written, free bytes), ``problems`` (texts with remedies).
-    """
+    """Look at the installation; changes nothing."""
     versions, optional = installed_versions(), _optional()
     problems = [
         f"{name} is not installed; install the package: pip install ."
@@ -63,13 +51,7 @@ def diagnose() -> dict[str, Any]:
 
 @cache
 def installed_versions() -> dict[str, str | None]:
-    """Return the versions of Python, the package and what it uses.
-
-    Returns
-    -------
-    dict of str to str or None
-        By distribution. None for one that is required and not installed; of the optional ones only those that are.
-    """
+    """Return the versions of Python, the package and what it uses."""
     from pounding_sweep.output.provenance import LIBRARIES
 
     needed, optional = {*_required(""), *LIBRARIES}, _optional()

@@ -116,26 +116,7 @@ def execute(
     progress: Progress | None = None,
     earlier: EarlierCube | None = None,
 ) -> Outcome:
-    """Run a plan and keep the results of its unique scenarios.
-
-    Parameters
-    ----------
-    plan : Plan
-        What to run.
-    dispatcher : Dispatcher
-        Open; see `dispatcher_for`.
-    store : ChunkStore, optional
-        Open store: completed chunks are read from it, new ones written to it.
-    progress : Progress, optional
-        Display; it is not closed.
-    earlier : EarlierCube, optional
-        The cube that `dispatcher` takes scenarios from.
-
-    Returns
-    -------
-    Outcome
-        Results that do not depend on scheduler, workers or what was resumed.
-    """
+    """Run a plan and keep the results of its unique scenarios."""
     progress, taken = progress or Progress(), Taken(store, earlier)
     outcome = _execute(plan, dispatcher, store, progress, taken)
     outcome.taken, outcome.taken_from = taken.scenarios, taken.origin

@@ -24,10 +24,7 @@ if TYPE_CHECKING:
 
 
 class _Hook:
-    """Tells all open logs of warnings, in the place of `warnings.showwarning` from the first log to the last.
-
-    There is one for the process: runs in several threads begin and end in any order.
-    """
+    """Tells all open logs of warnings, in the place of `warnings.showwarning` from the first log to the last."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -65,26 +62,7 @@ _HOOK = _Hook()
 
 
 class RunLog(Progress):
-    """Writes down a run, after those that were there before; passes progress on.
-
-    Parameters
-    ----------
-    path : Path
-        Text file; made where it is missing, else appended to.
-    display : Progress
-        Is told what this one is told.
-
-    Warns
-    -----
-    RuntimeWarning
-        The file can't be written; the run goes on without.
-
-    Notes
-    -----
-    A context: while it is open, warnings that are shown anywhere in the process are also written,
-    each once; when it is left, how the run ended. The file is opened for each line, so that a killed run
-    leaves all of its lines.
-    """
+    """Writes down a run, after those that were there before; passes progress on."""
 
     def __init__(self, path: Path, display: Progress) -> None:
         self.path, self._display = path, display

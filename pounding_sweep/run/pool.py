@@ -114,26 +114,7 @@ class _Flight:
 
 
 class FarWorkers:
-    """The workers of a cluster.
-
-    Parameters
-    ----------
-    client : distributed.Client
-        Open.
-    records : sequence of Record
-        Ground motions by index.
-    run : callable
-        What is done with a chunk; can be pickled.
-    note : callable
-        Told of workers that come and go.
-
-    Attributes
-    ----------
-    client : distributed.Client
-        As given.
-    most_in_flight : int
-        Largest number of chunks that were under way at a time.
-    """
+    """The workers of a cluster."""
 
     def __init__(self, client: Any, records: Sequence[Record], run: Run, note: Callable[[str], None]) -> None:
         self.client, self._records, self._run, self._note = client, records, run, note
@@ -150,10 +131,7 @@ class FarWorkers:
         self.most_in_flight = 0
 
     def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
-        """Make kernels ready on every machine that is there; returns how many had to be compiled.
-
-        Machines that join later make theirs ready as chunks need them.
-        """
+        """Make kernels ready on every machine that is there; returns how many had to be compiled."""
         from distributed.comm import get_address_host
 
         self._check_scheduler()
@@ -201,13 +179,7 @@ class FarWorkers:
         return compiled
 
     def run(self, n: int, job: Callable[[int], Job], take: Take) -> None:
-        """Run `n` chunks; see `Dispatcher.run`.
-
-        Raises
-        ------
-        ClusterError
-            The scheduler is gone, or none of the workers can take part.
-        """
+        """Run `n` chunks; see `Dispatcher.run`."""
         done: SimpleQueue[tuple[str, Future[Any]]] = SimpleQueue()
         flying: dict[str, tuple[Any, _Flight]] = {}
         fresh, again, suspects = map(_Flight, range(n)), deque[_Flight](), deque[_Flight]()
@@ -439,25 +411,7 @@ class FarWorkers:
 
 
 class Dispatcher:
-    """Workers of dask: threads of this process, processes, or those of a cluster.
-
-    Parameters
-    ----------
-    scheduler : str
-        "threads", "processes", "synchronous", or the address of a dask scheduler.
-    workers : int
-        Threads or processes.
-    records : sequence of Record
-        Ground motions by index.
-    run : callable
-        What is done with a job's kernel, record, table, variants and outputs.
-    note : callable, optional
-        Told of workers that come and go.
-
-    Notes
-    -----
-    A context: a cluster is reached, and processes are started, when they are first needed; they end with it.
-    """
+    """Workers of dask: threads of this process, processes, or those of a cluster."""
 
     def __init__(
         self,
@@ -478,15 +432,7 @@ class Dispatcher:
         self._open.__exit__(*raised)
 
     def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
-        """Make kernels ready where they will run; returns how many had to be compiled.
-
-        Parameters
-        ----------
-        shapes : sequence of KernelSpec
-            Kernels that will be needed.
-        advance : callable, optional
-            Called with the number of kernels that became ready.
-        """
+        """Make kernels ready where they will run; returns how many had to be compiled."""
         if not shapes:
             return 0
         if self._is_far:
@@ -496,22 +442,7 @@ class Dispatcher:
         return prepare(shapes, self.workers, advance)
 
     def run(self, n: int, job: Callable[[int], Job], take: Take) -> None:
-        """Run `n` chunks, begun in the order given, and take their results in this thread as they come.
-
-        Parameters
-        ----------
-        n : int
-            Number of chunks.
-        job : callable
-            Position -> its job; asked for when the chunk is about to run.
-        take : callable
-            Told of each result.
-
-        Raises
-        ------
-        ClusterError
-            The cluster can't be reached, is gone, or none of its workers can take part.
-        """
+        """Run `n` chunks, begun in the order given, and take their results in this thread as they come."""
         if not n:
             return
         if self._is_far:
@@ -558,15 +489,7 @@ class Dispatcher:
 
 
 class ExtendingDispatcher(Dispatcher):
-    """Workers that run only what an earlier cube does not hold.
-
-    Parameters
-    ----------
-    workers : Dispatcher
-        Open; what runs the rest. They are left open.
-    earlier : EarlierCube
-        What is known.
-    """
+    """Workers that run only what an earlier cube does not hold."""
 
     def __init__(self, workers: Dispatcher, earlier: EarlierCube) -> None:
         self._workers, self._earlier = workers, earlier

@@ -99,30 +99,7 @@ def run_refined(
     outputs: Sequence[str],
     accuracy: float,
 ) -> Values:
-    """Run scenarios until half the step changes no output by more than `accuracy`.
-
-    Parameters
-    ----------
-    kernel : RowKernel
-        Scheme and first step.
-    record : Record
-        Ground motion.
-    table : Scenarios
-        n scenarios.
-    variants : Variants
-        Their building properties.
-    outputs : sequence of str
-        Variables asked for.
-    accuracy : float
-        Largest relative difference of an output.
-
-    Returns
-    -------
-    dict of str to ndarray
-        Variables of shape (n, *inner), of the finer of the two runs that agree, with
-        ``error_estimate`` where asked for. Where none agreed before `MOST_HALVINGS`, those
-        of the finest run, with the status ``UNSETTLED``.
-    """
+    """Run scenarios until half the step changes no output by more than `accuracy`."""
     judged = comparable(outputs)
     rows = np.arange(len(table))
     coarse = _run_alike(kernel, record, table, variants, outputs)
@@ -157,11 +134,7 @@ def strictness(found: Values) -> np.ndarray:
 def run_at_step(
     kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
 ) -> Values:
-    """Run scenarios at the kernel's step, and what else their outputs ask for; variables of shape (n, *inner).
-
-    A run at half the step tells the ``error_estimate``; a scenario of status ok whose estimate is
-    beyond `SETTLED` is ``UNSETTLED``. A run of changed inputs tells the ``amplification``.
-    """
+    """Run scenarios at the kernel's step, and what else their outputs ask for; variables of shape (n, *inner)."""
     result = run_once(kernel, record, table, variants, outputs)
     if "amplification" in outputs:
         result["amplification"] = amplification(kernel, record, table, variants, outputs, result)

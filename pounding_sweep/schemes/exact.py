@@ -20,11 +20,7 @@ CONSTANTS = 16
 
 
 def emit_flight(shape: KernelSpec, slots: Slots) -> str:
-    """Write ``flight(S, props, h, table)``: an exact step of all buildings, and what it may have met.
-
-    `table` is where the matrices of this step's length begin in the scene's constants.
-    All lanes fly; those that should not are brought back afterwards.
-    """
+    """Write ``flight(S, props, h, table)``: an exact step of all buildings, and what it may have met."""
     src = Source()
     first = matrix = 0
     calls = []

@@ -24,16 +24,7 @@ STAGES = ((1, "g0", "1.0"), (2, "gm", "2.0"), (3, "gm", "2.0"), (4, "g1", "1.0")
 
 
 class Rk4Step:
-    """Emits the step in three variants.
-
-    ``flight``: no floor touches (state in U, V; old state left in UO, VO).
-    ``trial``: located contact, modes frozen in KE and CE; from UO, VO with each
-    lane's own step to U, V. ``plain``: the sign of d decides at each stage.
-
-    A fused step is one straight line. Longer rows compile badly as one line: there the
-    four stages are functions of their own (`emit_stages`) that hold no law and are shared
-    by all variants, and only the small functions ``forces1`` and ``forces`` are compiled for a law.
-    """
+    """Emits the step in three variants."""
 
     def __init__(self, shape: KernelSpec, slots: Slots, variant: str) -> None:
         self.shape, self.slots, self.variant = shape, slots, variant

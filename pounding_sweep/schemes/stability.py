@@ -26,35 +26,7 @@ def largest_step(
     gamma: float = 0.5,
     basis: str = "published",
 ) -> np.ndarray:
-    """Largest stable step (s) of each scenario; infinite where the scheme has no limit.
-
-    The highest frequency with every contact closed is bounded by the largest row
-    sum, w^2 <= max_i sum_j |K_ij| / m_i, and damping in the same way. A Hertz-type
-    contact has no stiffness of its own before it closes, so the bound is that of
-    the buildings; its steps are then cut in contact (see `steps_per_contact`).
-
-    Parameters
-    ----------
-    row : Scene or Variants
-        The row, or the variant of it that each scenario has.
-    law : Law
-        Contact law.
-    stiffness : ndarray, shape (n,)
-        Contact stiffness (kN/m**exponent).
-    restitution : ndarray, shape (n,)
-        Coefficients of restitution.
-    method : {"rk4", "newmark", "exact"}
-        Scheme.
-    beta, gamma : float
-        Newmark's parameters.
-    basis : {"published", "realised"}
-        How damping follows from the restitution.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Seconds.
-    """
+    """Largest stable step (s) of each scenario; infinite where the scheme has no limit."""
     stiffness = np.asarray(stiffness, dtype=float)
     variants = variants_of(row)
     scene = variants.scene

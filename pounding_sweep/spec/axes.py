@@ -89,20 +89,7 @@ class PropertyAxis:
 def property_axes(
     factors: Mapping[str, tuple[tuple[str, tuple[float, ...]], ...]], damping_ratios: tuple[float, ...] | None
 ) -> tuple[PropertyAxis, ...]:
-    """Return the axes over building properties, in the order of the cube.
-
-    Parameters
-    ----------
-    factors : mapping
-        Kind -> (building, values) in the order of the row.
-    damping_ratios : tuple of float or None
-        Damping ratios of all buildings.
-
-    Examples
-    --------
-    >>> property_axes({"mass_factor": (("tower 1", (1.0, 2.0)),)}, None)[0].dimension
-    'mass_factor_tower_1'
-    """
+    """Return the axes over building properties, in the order of the cube."""
     found: dict[str, PropertyAxis] = {}
     for kind, listed in factors.items():
         for building, values in listed:
@@ -114,13 +101,7 @@ def property_axes(
 
 
 def plain_name(text: str, taken: Collection[str]) -> str:
-    """Return a name for a cube, letters, digits and "_" only, that is not taken.
-
-    Examples
-    --------
-    >>> plain_name("mass_tower 1", []), plain_name("mass_tower-1", ["mass_tower_1"])
-    ('mass_tower_1', 'mass_tower_1_no2')
-    """
+    """Return a name for a cube, letters, digits and "_" only, that is not taken."""
     plain = re.sub(r"[^A-Za-z0-9_]", "_", text)
     same = sum(re.fullmatch(rf"{plain}(_no\d+)?", name) is not None for name in taken)
     return f"{plain}_no{same + 1}" if same else plain

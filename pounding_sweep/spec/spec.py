@@ -131,10 +131,7 @@ class SweepSpec:
 
     @property
     def axes(self) -> dict[str, tuple[Any, ...]]:
-        """Values by dimension, in the order of the cube; empty for listed cases.
-
-        The gap axis is ``(None,)`` where the scene's own gaps are used.
-        """
+        """Values by dimension, in the order of the cube; empty for listed cases."""
         if self.cases is not None:
             return {}
         absolute, relative = ("stiffness", self.stiffnesses), ("stiffness_factor", self.stiffness_factors)
@@ -169,13 +166,7 @@ def outside_accuracy(value: float) -> str:
 
 
 def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:
-    """Return a sweep that asks for a relative error in place of its own step; its scheme is kept.
-
-    Raises
-    ------
-    SweepError
-        The accuracy is outside `ACCURACY_RANGE`.
-    """
+    """Return a sweep that asks for a relative error in place of its own step; its scheme is kept."""
     low, high = ACCURACY_RANGE
     if not low <= accuracy <= high:
         raise SweepError(outside_accuracy(accuracy))
@@ -185,24 +176,7 @@ def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:
 def contact_stiffness(
     scene: Scene, law: str | Law, *, stiffness: float | None = None, stiffness_factor: float | None = None
 ) -> float:
-    """Absolute contact stiffness of a law (kN/m**exponent); 0 for a law without contact.
-
-    Parameters
-    ----------
-    scene : Scene
-        Gives the reference stiffness that a factor scales.
-    law : str or Law
-        Contact law.
-    stiffness : float, optional
-        Returned as it is (kN/m**exponent).
-    stiffness_factor : float, optional
-        Dimensionless; 1 where neither is given.
-
-    Raises
-    ------
-    SweepError
-        The scene has no reference stiffness for the law's exponent.
-    """
+    """Absolute contact stiffness of a law (kN/m**exponent); 0 for a law without contact."""
     found = get_law(law)
     if found.exponent is None:
         return 0.0
@@ -259,19 +233,7 @@ def scene_data(scene: Scene) -> dict[str, Any]:
 
 
 def to_json(spec: SweepSpec) -> str:
-    """Write a sweep as canonical JSON: the same sweep gives the same text.
-
-    Records are given by name, digest of the motion, PGA (m/s2), time step (s),
-    points, scale and source; everything else is given in full, floats by
-    their shortest exact text.
-
-    Examples
-    --------
-    >>> from pounding_sweep.spec.build import build_spec
-    >>> spec = build_spec(scene="mate2015", records="el_centro", laws="linear")
-    >>> json.loads(to_json(spec))["laws"]
-    ['linear']
-    """
+    """Write a sweep as canonical JSON: the same sweep gives the same text."""
     data = {name: getattr(spec, name) for name in spec.__dataclass_fields__}
     data["scene"] = scene_data(spec.scene)
     data["records"] = [
@@ -293,20 +255,7 @@ MAX_STEPS = 2**31 - 1
 
 
 def step_fault(record: Record, per_interval: float) -> str:
-    """Say that a record would take too many steps; "" where it won't.
-
-    Parameters
-    ----------
-    record : Record
-        The ground motion.
-    per_interval : float
-        Steps per record interval; may be infinite.
-
-    Examples
-    --------
-    >>> step_fault(Record("pulse", 0.01, [0.0, 1.0, 0.0]), 20), step_fault(Record("pulse", 0.01, [0.0, 1.0]), 1e12)
-    ('', "record 'pulse' would take 1e+12 steps; at most 2147483647 are possible")
-    """
+    """Say that a record would take too many steps; "" where it won't."""
     steps = per_interval * max(1, record.n_points - 1)
     if steps <= MAX_STEPS:
         return ""

@@ -46,13 +46,7 @@ _TOKEN = re.compile(
 
 
 def read_bounded(file: Path) -> bytes:
-    """Read a regular file of at most `MAX_FILE_BYTES`; opening a pipe would wait, a device may never end.
-
-    Raises
-    ------
-    OSError, ValueError
-        It can't be read, is no regular file, or is larger.
-    """
+    """Read a regular file of at most `MAX_FILE_BYTES`; opening a pipe would wait, a device may never end."""
     status = file.stat()
     if not (stat.S_ISREG(status.st_mode) or stat.S_ISDIR(status.st_mode)):  # a folder can't be read: said below
         msg = "it is no regular file; save the sweep to one first"
@@ -64,15 +58,7 @@ def read_bounded(file: Path) -> bytes:
 
 
 def parse_bounded(text: str) -> dict[str, Any]:
-    """Parse TOML of at most `MAX_DEPTH` levels; the parser takes the square of the parts of a key in time and memory.
-
-    Raises
-    ------
-    tomllib.TOMLDecodeError
-        It is no TOML.
-    ValueError
-        A key, table or array is too deep, or a number too long.
-    """
+    """Parse TOML of at most `MAX_DEPTH` levels."""
     for token in _TOKEN.finditer(text):
         if token["key"]:
             line = text.count("\n", 0, token.start()) + 1
@@ -123,23 +109,7 @@ _SCALAR = re.compile(r"[^,\]}#\n]*")
 
 
 def key_lines(text: str) -> dict[Place, int]:
-    r"""Find the line of every key, table and array element.
-
-    Parameters
-    ----------
-    text : str
-        Valid TOML: `tomllib` has accepted it.
-
-    Returns
-    -------
-    dict
-        Line, counted from 1, by place, such as ``("sweep", "gaps", 3)``.
-
-    Examples
-    --------
-    >>> key_lines("[sweep]\ngaps = [\n  0.1,\n  0.2,\n]\n")[("sweep", "gaps", 1)]
-    4
-    """
+    r"""Find the line of every key, table and array element."""
     scanner = _Scanner(text)
     scanner.file()
     return scanner.lines
@@ -730,27 +700,7 @@ def _check_file(faults: Faults, data: dict[str, Any], folder: Path, skip: bool, 
 def load_spec(
     path: str | os.PathLike[str], *, skip_missing_records: bool = False, folders: Folders = None
 ) -> SweepSpec:
-    """Read a sweep file.
-
-    Parameters
-    ----------
-    path : str or path
-        A TOML file; relative paths of records in it start from its folder.
-    skip_missing_records, folders
-        As in `build_spec`.
-
-    Returns
-    -------
-    SweepSpec
-        The checked sweep.
-
-    Raises
-    ------
-    SweepError
-        The file can't be read, is no TOML, or anything in it is not valid.
-        ``problems`` lists all faults, each with file, line and key:
-        ``sweeps/x.toml:12: sweep.gaps[3]: ...``.
-    """
+    """Read a sweep file."""
     named = os.fspath(path)
     try:
         file = expanded(path)

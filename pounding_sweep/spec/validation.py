@@ -70,13 +70,7 @@ class Faults:
 
 
 def spell(place: Place) -> str:
-    """Write a place as text.
-
-    Examples
-    --------
-    >>> spell(("scene", "row", 1, "masses", 0))
-    'scene.row[1].masses[0]'
-    """
+    """Write a place as text."""
     return "".join(f"[{part}]" if isinstance(part, int) else f".{_brief(part)}" for part in place).lstrip(".")
 
 
@@ -186,10 +180,7 @@ def _size(given: Any) -> tuple[Any, int]:
 def axis_values(
     faults: Faults, sizes: dict[str, int], place: Place, given: Any, check: Callable[[float], None], *, what: str
 ) -> tuple[float, ...] | None:
-    """Convert and check the values of one axis; those at fault are noted and left out.
-
-    `sizes` gets the number of values, before anything of that size is made.
-    """
+    """Convert and check the values of one axis; those at fault are noted and left out."""
     if given is None or given is FAILED:
         return None
     name = spell(place)
@@ -241,23 +232,7 @@ def _length(given: Any) -> int | None:
 
 
 def long_axes_left_out(given: dict[str, Any], axes: Iterable[str], sizes: dict[str, int]) -> dict[str, Any]:
-    """Put `FAILED` for the long axes of a sweep that is too large, so that none of them is expanded.
-
-    Parameters
-    ----------
-    given : dict
-        Arguments of `build_spec` by name.
-    axes : iterable of str
-        Those that are axes; factors by building are looked at too.
-    sizes : dict
-        Numbers of records, laws and so on; gets those of the axes left out.
-
-    Returns
-    -------
-    dict
-        The arguments, long axes replaced where the sweep has more than `MAX_SCENARIOS` scenarios. Axes beyond
-        `MAX_AXIS` stay: they are refused for themselves, unexpanded.
-    """
+    """Put `FAILED` for the long axes of a sweep that is too large, so that none of them is expanded."""
     items: dict[tuple[str, ...], Any] = {(name,): given[name] for name in axes}
     for name in FACTOR_KINDS:
         if isinstance(given[name], Mapping):
@@ -544,11 +519,7 @@ def check_cases(
     basis: str,
     left_out: Collection[str] = (),
 ) -> tuple[Case, ...]:
-    """Check listed cases and fill in what they leave to the scene; those at fault are left out.
-
-    `records` is None where not all of them are known, because one is at fault itself.
-    Cases that name a record of `left_out` are left out too, with a warning.
-    """
+    """Check listed cases and fill in what they leave to the scene; those at fault are left out."""
     items = None if isinstance(given, (str, Case)) else listed(given, ())
     if items is None:
         faults.add(("cases",), f"must be a list of cases, not {shown(given)}")
@@ -735,21 +706,7 @@ _SETTINGS = (
 
 
 def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
-    """Check the arguments of `build_spec`, noting every fault.
-
-    Parameters
-    ----------
-    faults : Faults
-        Gets the faults, with the arguments' names as places. It may hold some
-        already; arguments at fault then are `FAILED`.
-    given : dict
-        All arguments of `build_spec` by name.
-
-    Returns
-    -------
-    SweepSpec or None
-        None if there is any fault.
-    """
+    """Check the arguments of `build_spec`, noting every fault."""
     scene = _scene(faults, given["scene"])
     before = len(faults.found)
     items = given["records"]

@@ -3,13 +3,7 @@
 
 @njit(**OPTIONS)
 def flight_energies(S, props, h):
-    """Add what the ground put in and what damping took over the step from UO, VO to U, V.
-
-    The equation of motion, integrated over the step, gives the integral of the
-    displacements, K int u = -M (1 int a_g + dv) - C du, a tridiagonal system that is solved
-    storey by storey; the input -1'M int a_g v follows by parts, and the loss is what is
-    missing in the kinetic and the strain energy. Lanes that do not fly (HL = 0) gain nothing.
-    """
+    """Add what the ground put in and what damping took over the step from UO, VO to U, V."""
     for b in range(NB):
         alpha = props[P_ALPHA + b]
         beta = props[P_BETA + b]

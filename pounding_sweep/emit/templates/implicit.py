@@ -63,11 +63,7 @@ def solve_force(S, I, l, j, d, v, bg, gg):
 
 @njit(**OPTIONS)
 def implicit(S, I, W, l, h, props):
-    """Find the contact forces at the end of the step and correct U, V and A with them.
-
-    In a marked lane (see `soften`) they act over all of the step: as end forces 1 / gamma
-    times as large, with none at the start.
-    """
+    """Find the contact forces at the end of the step and correct U, V and A with them."""
     be = props[P_NEWMARK_BETA] * h * h
     ga = props[P_NEWMARK_GAMMA] * h
     share = 1.0 / props[P_NEWMARK_GAMMA] if I[STIFF + l] == 1 else 1.0

@@ -25,10 +25,7 @@ def alone(S, l, u, v, ground, props):
 
 @njit(**OPTIONS)
 def join(S, l, x, props):
-    """Resting floors get one rate x (V or A): the mean by mass along each row of them.
-
-    FORCE is the impulse (kN s) or force (kN) by which each contact sees to that.
-    """
+    """Resting floors get one rate x (V or A): the mean by mass along each row of them."""
     for j in range(NC):
         q = j * L + l
         total = 0.0
@@ -137,10 +134,7 @@ def implicit(S, I, W, l, h, props):
 
 @njit(**OPTIONS)
 def first_event(S, I, l, h, props):
-    """Fraction of the trial sub-step at which the first contact touches, or would pull (1: none).
-
-    Leaves each contact's own fraction in slot TJ and its next mode in NEXT.
-    """
+    """Fraction of the trial sub-step at which the first contact touches, or would pull (1: none)."""
     first = 1.0
     for j in range(NC):
         q = j * L + l
@@ -174,11 +168,7 @@ def first_event(S, I, l, h, props):
 
 @njit(**OPTIONS)
 def note_onset(S, I, l, j, v, h):
-    """An impact at the rate v: count, first time, largest rate; a mark that force and penetration have no meaning.
-
-    Jumps of one contact at one instant are one impact (NEXT = 2: it has been counted), and floors
-    that rest again before they had really parted have none.
-    """
+    """An impact at the rate v: count, first time, largest rate; a mark that force and penetration have no meaning."""
     q = j * L + l
     if HAS_COUNT and I[NEXT + q] == 1 and (v > PARTED * RESTING_SPEED or S[COUNT + q] == 0.0):
         S[COUNT + q] += 1.0
@@ -223,10 +213,7 @@ def transfer_jumps(S, l, props):
 
 @njit(**OPTIONS)
 def collide(S, I, l, h, props):
-    """Impacts of the contacts at this instant (NEXT > 0), until none of their floors approach.
-
-    A rebound slower than RESTING_SPEED is none. Floors at rest that are struck have an impact if they rebound.
-    """
+    """Impacts of the contacts at this instant (NEXT > 0), until none of their floors approach."""
     for _ in range(MAX_TRIES):
         again = False
         for j in range(NC):
@@ -278,11 +265,7 @@ def choose(S, l, props):
 
 @njit(**OPTIONS)
 def apply_events(S, I, l, theta, h, props):
-    """What happens at the instant that ends this sub-step: releases, velocity jumps, floors that come to rest.
-
-    Contacts are taken pair by pair from the left, floor by floor from the bottom; a velocity
-    jump is seen by those that follow, and by floors that rest on one that it moves.
-    """
+    """What happens at the instant that ends this sub-step: releases, velocity jumps, floors that come to rest."""
     for j in range(NC):
         q = j * L + l
         due = S[TJ + q] < 1.0 and S[TJ + q] <= theta + SAME_TIME
@@ -316,11 +299,7 @@ def finalize_substep(S, I, l, h, props):
 
 @njit(**OPTIONS)
 def contact_pass(S, I, W, props, h):
-    """One trial sub-step of every lane that has some of its step of length h left; returns how many still have.
-
-    A trial in which an event is found is refused: the lane tries again up to the event, while
-    the others go on. Lanes with nothing left wait with a sub-step of length 0.
-    """
+    """One trial sub-step of every lane that has some of its step of length h left; returns how many still have."""
     look_ahead(S, I, props, h)
     for c in range(NC * L):
         S[FS + c] = S[FE + c]

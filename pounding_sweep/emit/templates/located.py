@@ -66,10 +66,7 @@ def contact_rate(S, j, l, deepest, props):
 
 @njit(**OPTIONS)
 def first_event(S, I, l, h, props):
-    """Fraction of the trial sub-step at which the first contact changes its mode (1: none).
-
-    Leaves each contact's own fraction in slot TJ and its next mode in NEXT.
-    """
+    """Fraction of the trial sub-step at which the first contact changes its mode (1: none)."""
     first = 1.0
     cap = 1.0
     for j in range(NC):
@@ -159,11 +156,7 @@ def first_event(S, I, l, h, props):
 
 @njit(**OPTIONS)
 def contact_peaks(S, I, l, h, whole):
-    """Largest force and penetration of the closed contacts over the sub-step just taken.
-
-    Of a sub-step that is short beside the `whole` step the ends are enough, and all there
-    is: rates from differences over it would be rounding noise.
-    """
+    """Largest force and penetration of the closed contacts over the sub-step just taken."""
     for j in range(NC):
         q = j * L + l
         mode = I[MODE + q]
@@ -338,11 +331,7 @@ def finalize_substep(S, I, l, h, props):
 
 @njit(**OPTIONS)
 def contact_pass(S, I, W, props, h):
-    """One trial sub-step of every lane that has some of its step of length h left; returns how many still have.
-
-    A trial in which an event is found is refused: the lane tries again up to the event, while
-    the others go on. Lanes with nothing left wait with a sub-step of length 0.
-    """
+    """One trial sub-step of every lane that has some of its step of length h left; returns how many still have."""
     look_ahead(S, I, props, h)
     if NEWMARK:
         for l in range(L):
@@ -395,10 +384,7 @@ def contact_pass(S, I, W, props, h):
 
 @njit(**OPTIONS)
 def contact_step(S, I, W, props, ga, gb, h, number):
-    """Step `number`, of length h, of all lanes, in which some are, or come, in contact.
-
-    Returns the number of contacts that are closed at its end.
-    """
+    """Step `number`, of length h, of all lanes, in which some are, or come, in contact."""
     back(S)
     for l in range(L):
         begin_contact(S, I, l, S[SCALE + l] * ga, S[SCALE + l] * gb, h)

@@ -15,10 +15,7 @@ def turn_back(S, I, track, kind, short, h):
 
 @njit(**OPTIONS)
 def stay(S):
-    """Lanes that do not fly (HL = 0) are where they were.
-
-    Adding 0.0 keeps the compiler from a masked store, which the loads that follow would wait for.
-    """
+    """Lanes that do not fly (HL = 0) are where they were."""
     for i in range(N):
         for l in range(L):
             u = S[U + i * L + l] + 0.0

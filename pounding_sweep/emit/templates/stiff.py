@@ -3,13 +3,7 @@
 
 @njit(**OPTIONS)
 def soften(S, I, l, h, props):
-    """Mark the lane if a closed contact is too stiff for its next Newmark sub-step of length h.
-
-    The mean of its forces at both ends would be far from the force in between, and a start
-    force that no end force can balance would make energy. The force at the end then acts
-    over all of the sub-step, and the start goes without; with x = h w, that map of a spring
-    has the norms 1 and 1 / (1 + x**2 / 2) in energy, and makes none at any step.
-    """
+    """Mark the lane if a closed contact is too stiff for its next Newmark sub-step of length h."""
     stiff = 0
     for j in range(NC):
         q = j * L + l
