@@ -1,0 +1,341 @@
+"""Contacts that press by a law: touch, release and changes of phase inside a step.
+
+Within a sub-step of length h the penetration of contact j is the quartic that matches
+d, d', d'' at the start and d, d' at the end; its roots are the touch and the release.
+Each contact is in one mode:
+
+    0  open: no force             1  pressing: E(d) + B(d) v
+    2  rebound: E(d) alone        3  slack: closed, the clipped force is zero
+       of a law that yields: its yielding part slips (`yielding`)
+
+The mode is frozen within a sub-step, so that the integrated right-hand side is smooth there
+and the scheme keeps its order. The force in any mode is that of the stiffness ``ke`` and the
+damping ``ce``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pounding_sweep.kernel import yielding
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.lanes import Cell, maximum, minimum, power, size, sqrt, when_any, where
+from pounding_sweep.kernel.roots import bisect, coefficients, peak, quartic, rate, root
+from pounding_sweep.model.laws import RESTING_SPEED
+
+#: Sub-steps of one step before events are no longer followed (the lane is flagged).
+MAX_TRIES = 1000
+OPEN, PRESSING, REBOUND, SLACK = 0.0, 1.0, 2.0, 3.0
+#: Fraction of a sub-step that stands for: not in it.
+NEVER = 2.0
+
+
+def penetration(group: Group, j: int, name: str = "u") -> Any:
+    """Penetration of contact j (m)."""
+    return group.between(group.floors(name), j) - group.gap(j)
+
+
+def is_capped(group: Group) -> bool:
+    """Whether sub-steps are cut to what an explicit scheme can follow of a closed contact."""
+    return group.spec.scheme != "newmark" and not group.spec.impulsive
+
+
+def longest_substep(group: Group, h: Any) -> Any:
+    """How long the next sub-step may be for the contacts that are closed."""
+    s, law = group.state, group.law
+    assert law is not None
+    longest, fastest, capped = group.full(h), group.full(0.0), is_capped(group)
+    if not capped and not law.graded:
+        return longest
+    for j in range(len(group.contacts)):
+        now, v = penetration(group, j), group.between(group.floors("v"), j)
+        lasts, k, mass = s["lasts", j], s["ke", j], group.prop("reduced", j)
+        if capped:
+            d = maximum(now + maximum(v, 0.0) * minimum(group.full(h), lasts), 0.0)
+            fastest_here = law.elastic_slope(k, d) / mass
+            if law.shape.damper:
+                b = law.damper(s["ce", j], d) / mass
+                fastest_here = maximum(fastest_here, b * b)
+            fastest = maximum(fastest, fastest_here)
+        if law.touch_power > 1.0:
+            share = maximum(law.touch_share * h / lasts, law.least_share)
+            age = s["age", j] / lasts
+            x = _root(age, law.touch_power) + share
+            grown = lasts * (_raised(x, law.touch_power) - age)
+            longest = minimum(longest, where(k > 0.0, grown, h))
+        if law.release_power > 1.0:
+            rest = maximum(now, 0.0) / (-v * lasts)
+            share = maximum(law.release_share * h / lasts, law.least_share)
+            x = _root(rest, law.release_power) - share
+            shrunk = lasts * (rest - _raised(x, law.release_power))
+            near = (k > 0.0) & (v < 0.0) & (x > share)  # else the release is within this sub-step
+            longest = minimum(longest, where(near, shrunk, h))
+    return minimum(longest, group.prop("cap") / sqrt(fastest)) if capped else longest
+
+
+def _root(x: Any, degree: float) -> Any:
+    """Root of a number >= 0: square roots where they do."""
+    return {2.0: lambda: sqrt(x), 4.0: lambda: sqrt(sqrt(x))}.get(degree, lambda: power(x, 1.0 / degree))()
+
+
+def _raised(x: Any, degree: float) -> Any:
+    """Power of a number; of a negative one it may be anything."""
+    known = {2.0: lambda: x * x, 4.0: lambda: (x * x) * (x * x)}
+    return known.get(degree, lambda: power(maximum(x, 0.0), degree))()
+
+
+def measure(group: Group) -> Any:
+    """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
+    s, law = group.state, group.law
+    assert law is not None
+    h, look = s["h"], None
+    for j in range(len(group.contacts)):
+        mode, k, c = s["mode", j], s["ke", j], s["ce", j]
+        v0, v1 = group.between(group.floors("v0"), j), group.between(group.floors("v"), j)
+        d0, d1 = penetration(group, j, "u0"), penetration(group, j)
+        s["d0", j], s["d1", j], s["w0", j], s["w1", j] = d0, d1, v0, v1
+        early, late = d0 + h * v0, d1 - h * v1
+        parts = (d1 <= 0.0) | ((v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0))
+        if law.shape.approach_only:
+            parts = parts | ((mode == PRESSING) & (v1 < 0.0)) | ((mode == REBOUND) & (v1 > 0.0))
+        if law.shape.clips:
+            p = law.pressing(s["kl", j], s["cl", j], d1, v1)
+            parts = parts | ((mode == PRESSING) & (p <= 0.0)) | ((mode == SLACK) & (p > 0.0))
+        if law.shape.yields:
+            parts = parts | yielding.may_change(group, j, mode, d1, early, late, v1)
+        if is_capped(group):
+            cap, mass, deep = group.prop("cap"), group.prop("reduced", j), maximum(d0, d1)
+            parts = parts | (h * h * law.elastic_slope(k, deep) > (4.0 * cap * cap) * mass)
+            if law.shape.damper:
+                parts = parts | (h * law.damper(c, deep) > (2.0 * cap) * mass)
+        meets = maximum(d1, minimum(early, late)) > 0.0
+        here = where(mode == OPEN, meets, parts)
+        look = here if look is None else look | here
+    return look
+
+
+def contact_rate(group: Group, j: int, deepest: Any) -> Any:
+    """Fastest rate (1/s) of contact j down to a penetration: of its spring or of its damper."""
+    s, law, mass = group.state, group.law, group.prop("reduced", j)
+    assert law is not None
+    spring = sqrt(law.elastic_slope(s["ke", j], deepest) / mass)
+    return maximum(spring, law.damper(s["ce", j], deepest) / mass) if law.shape.damper else spring
+
+
+def first_event(group: Group, asks: Any) -> Any:
+    """Fraction of the trial at which the first contact changes its mode (1: none), in the lanes that ask."""
+    s = group.state
+    first, cap = Cell(group.full(1.0)), Cell(group.full(1.0))
+    for j in range(len(group.contacts)):
+        _event(group, j, asks, cap)
+        event = s["event", j]
+        first.now = where(event < first.now, event, first.now)
+    return minimum(first.now, cap.now)
+
+
+def _event(group: Group, j: int, asks: Any, cap: Cell) -> None:
+    """Find when contact j changes its mode in the trial, and to which."""
+    s, law, h = group.state, group.law, group.state["h"]
+    assert law is not None
+    mode, d0, d1, v0, v1 = s["mode", j], s["d0", j], s["d1", j], s["w0", j], s["w1", j]
+    s["event", j], s["next", j] = where(asks, NEVER, s["event", j]), where(asks, mode, s["next", j])
+    closed = mode > OPEN
+    early, late = d0 + h * v0, d1 - h * v1
+    busy = asks & (closed | (d1 > 0.0) | (minimum(early, late) > 0.0))
+    if group.spec.scheme == "newmark":  # of a stiff contact the mode follows from the end of the sub-step
+        busy = busy & ~(closed & (s["stiff"] > 0.0))
+    with when_any(busy):
+        b = coefficients(h, d0, d1, v0, v1, group.between(group.floors("a0"), j))
+        r0, rb = rate(b)
+        sign = where(closed, -1.0, group.full(1.0))
+        start = where(closed, d0, minimum(d0, 0.0))
+        # else a closed contact has touched but for a rounding error, and goes on
+        crosses = where(closed, (d1 <= 0.0) & ((d0 > 0.0) | (v1 <= 0.0)), d1 > 0.0)
+        dips = (v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0)
+        turns = ~crosses & where(closed, dips, (v0 > 0.0) & (v1 < 0.0))
+        rises = crosses & closed & (v0 > 0.0) & (v1 < 0.0)  # to its largest value first, then to the release
+        at_peak = where(closed & ~rises, 1.0, group.full(-1.0))
+        extreme = root(group, busy & (turns | rises), 0.0, 1.0, lambda t: at_peak * quartic(t, r0, rb))
+        there = quartic(extreme, start, b)
+        event = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
+        low, high = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
+        when = where(event, root(group, event, low, high, lambda t: sign * quartic(t, start, b)), NEVER)
+        target = where(event, where(closed, OPEN, group.full(PRESSING)), mode)
+        if law.shape.approach_only:
+            slows, speeds = (mode == PRESSING) & (v1 < 0.0), (mode == REBOUND) & (v1 > 0.0)
+            toward = where(slows, -1.0, group.full(1.0))
+            t = root(group, busy & (slows | speeds), 0.0, 1.0, lambda t: toward * quartic(t, r0, rb))
+            sooner = busy & (slows | speeds) & (t < when)
+            when, target = where(sooner, t, when), where(sooner, where(slows, REBOUND, group.full(PRESSING)), target)
+        if law.shape.yields:
+            t = yielding.event(group, j, busy & closed, h, (d0, d1, v0, v1), b)
+            sooner = busy & closed & (t < when)
+            when, target = where(sooner, t, when), where(sooner, 3.0 - mode, target)
+        if law.shape.clips:
+            when, target = _slack(group, j, busy, when, target, (d0, v0), b)
+        s["event", j], s["next", j] = where(busy, when, s["event", j]), where(busy, target, s["next", j])
+        if is_capped(group):
+            fast, most = h * contact_rate(group, j, maximum(d0, d1)), group.prop("cap")
+            deep = busy & ((mode == PRESSING) | (mode == REBOUND)) & (fast > 2.0 * most)  # deeper than foreseen
+            cap.now = where(deep, minimum(cap.now, maximum(most / fast, 1e-3)), cap.now)
+
+
+def _slack(group: Group, j: int, asks: Any, when: Any, target: Any, start: tuple[Any, Any], b: Any) -> tuple[Any, Any]:
+    """Look for the instant at which a force that cannot pull ends, or begins again, before any other event."""
+    s, law, h = group.state, group.law, group.state["h"]
+    assert law is not None
+    (d0, v0), mode, k, c = start, s["mode", j], s["kl", j], s["cl", j]
+    r0, rb = rate(b)
+
+    def press(t: Any) -> Any:
+        return law.pressing(k, c, quartic(t, d0, b), quartic(t, r0, rb) / h)
+
+    end = minimum(when, 1.0)
+    d, v = quartic(end, d0, b), quartic(end, r0, rb) / h
+    p1, p0 = law.pressing(k, c, d, v), law.pressing(k, c, d0, v0)
+    asks = asks & (c > 0.0)
+    ends = asks & (mode == PRESSING) & (p1 <= 0.0) & (v < 0.0)
+    begins = asks & (mode == SLACK) & (p1 > 0.0) & (d > 0.0)
+    sign = where(ends, -1.0, group.full(1.0))
+    inside = (ends & (p0 > 0.0)) | (begins & (p0 <= 0.0))
+    t = where(inside, bisect(group, inside, 0.0, end, lambda t: sign * press(t)), 0.0)
+    # not the release itself, where E and B v both end
+    sooner = (ends & (t < when - group.limit.at_release)) | (begins & (t < when))
+    return where(sooner, t, when), where(sooner, where(ends, SLACK, group.full(PRESSING)), target)
+
+
+def ends(group: Group, whole: Any) -> None:
+    """Take forces and penetrations of the sub-step just taken, at its ends and between them."""
+    s, law, r, h = group.state, group.law, group.asked, group.state["h"]
+    assert law is not None
+    newmark = group.spec.scheme == "newmark"
+    needs_force = bool(r & {"force", "acceleration", "transfer"}) or (newmark and bool(r & {"work", "impulse"}))
+    follows = None
+    if newmark:  # where contacts are too stiff for a sub-step, it is their end force that counts
+        follows = (s["taken"] > 0.0) & ~(s["stiff"] > 0.0) & is_closed(group)
+    for j in range(len(group.contacts)) if needs_force or "penetration" in r else ():
+        d0, d1, v0, v1 = s["d0", j], s["d1", j], s["w0", j], s["w1", j]
+        closed = s["mode", j] > OPEN
+        if follows is not None:
+            closed = closed & follows
+        looks = closed & (h > 0.0)
+        a0 = group.between(group.floors("a0"), j)
+        b = coefficients(h, d0, d1, v0, v1, a0)
+        if "penetration" in r:
+            s["dmax", j] = maximum(s["dmax", j], where(closed, maximum(d0, d1), 0.0))
+            deepens = looks & (v0 > 0.0) & (v1 < 0.0)
+            with when_any(deepens):
+                x0, xb = rate(b)
+                t = root(group, deepens, 0.0, 1.0, lambda t, x0=x0, xb=xb: -1.0 * quartic(t, x0, xb))
+                s["dmax", j] = maximum(s["dmax", j], where(deepens, quartic(t, d0, b), 0.0))
+        if needs_force:
+            _force_ends(group, j, looks, whole, (d0, d1, v0, v1, a0), b, follows)
+
+
+def _force_ends(group: Group, j: int, looks: Any, whole: Any, at: tuple[Any, ...], b: Any, follows: Any) -> None:
+    """Take the force of one contact at the ends of a sub-step, its rates there, and its largest value between them."""
+    s, law, r, h, limit = group.state, group.law, group.asked, group.state["h"], group.limit
+    assert law is not None
+    d0, d1, v0, v1, a0 = at
+    k, c, mode = s["ke", j], s["ce", j], s["mode", j]
+    a1 = (2.0 * b[1] + 6.0 * b[2] + 12.0 * b[3]) / (h * h)
+    f0, f1 = law.pressing(k, c, d0, v0), law.pressing(k, c, d1, v1)
+    r0, r1 = law.pressing_rate(k, c, d0, v0, a0), law.pressing_rate(k, c, d1, v1, a1)
+    mean = (f1 - f0) / maximum(h, limit.tiny)
+    short = ~(h >= limit.short * whole)
+    r0, r1 = where(short, mean, r0), where(short, mean, r1)
+    presses = (mode == PRESSING) | (mode == REBOUND)
+    if follows is not None:
+        presses = presses & follows
+        f0, f1, r0, r1, mean = (where(presses, x, 0.0) for x in (f0, f1, r0, r1, mean))
+    if "force" in r:
+        s["fmax", j] = maximum(s["fmax", j], maximum(f0, f1))
+        between = looks & presses & (r0 > 0.0) & (r1 < 0.0)
+        with when_any(between):
+            per = 1.0 / h
+            x0, xb = rate(b)
+            y0, yb = xb[0], (2.0 * xb[1], 3.0 * xb[2], xb[3], xb[3])  # xb[3] is zero
+
+            def force_rate(t: Any) -> Any:
+                d, v, a = quartic(t, d0, b), quartic(t, x0, xb) * per, quartic(t, y0, yb) * (per * per)
+                return law.pressing_rate(k, c, d, v, a)
+
+            t = peak(group, between, r0, r1, force_rate)
+            d, v = quartic(t, d0, b), quartic(t, x0, xb) / h
+            s["fmax", j] = maximum(s["fmax", j], where(between, law.pressing(k, c, d, v), 0.0))
+    if follows is not None:
+        for reducer, name, value in (
+            ("impulse", "impulse", 0.5 * h * (f0 + f1)),
+            ("work", "work", 0.5 * h * (f0 * v0 + f1 * v1)),
+        ):
+            if reducer in r:
+                s[name, j] = where(presses, s[name, j] + value, s[name, j])
+    if r & {"acceleration", "transfer"}:
+        q0, q1 = where(size(r0) < limit.far, r0, mean), where(size(r1) < limit.far, r1, mean)
+        if follows is None:
+            s["f0", j], s["f1", j], s["q0", j], s["q1", j] = f0, f1, q0, q1
+        else:  # a lane that did not take its trial stays where it is
+            taken, stiff = s["taken"] > 0.0, s["stiff"] > 0.0
+            held = where(stiff & ~follows, s["force", j], 0.0)
+            s["f0", j] = where(taken, where(follows, f0, held), s["f1", j])
+            s["f1", j] = where(taken, where(follows, f1, held), s["f1", j])
+            s["q0", j] = where(taken, where(follows, q0, 0.0), s["q1", j])
+            s["q1", j] = where(taken, where(follows, q1, 0.0), s["q1", j])
+
+
+def is_due(group: Group, j: int, lands: Any) -> Any:
+    """Lanes in which the event of contact j ends this sub-step."""
+    s = group.state
+    return lands & (s["event", j] < 1.0) & (s["event", j] <= s["fraction"] + group.limit.same_time)
+
+
+def apply_events(group: Group, lands: Any, h: Any) -> Any:
+    """Switch the contacts whose event ends this sub-step; returns the lanes in which any did."""
+    s, law, r = group.state, group.law, group.asked
+    assert law is not None
+    switched = lands & ~lands
+    for j in range(len(group.contacts)):
+        due = is_due(group, j, lands)
+        switched = switched | due
+        mode, target = s["mode", j], s["next", j]
+        touches = due & (mode == OPEN) & (target > OPEN)
+        with when_any(touches):
+            v, mass = group.between(group.floors("v"), j), group.prop("reduced", j)
+            k, c = s["k"], s["c", j]
+            lasts = law.duration(k, v, mass)
+            s["lasts", j], s["age", j] = where(touches, lasts, s["lasts", j]), where(touches, 0.0, s["age", j])
+            s["shortest"] = where(touches, minimum(s["shortest"], lasts), s["shortest"])
+            if law.shape.per_speed:
+                c = c / maximum(v, RESTING_SPEED)
+            note_onset(group, j, touches, v, h)
+            s["kl", j], s["cl", j] = where(touches, k, s["kl", j]), where(touches, c, s["cl", j])
+            if law.shape.yields:
+                yielding.begin(group, j, touches, k, c, v, mass)
+        k, c = s["kl", j], s["cl", j]
+        if law.shape.yields:
+            yielding.switch(group, j, due, mode, target)
+        else:
+            s["ke", j] = where(due, where((target == PRESSING) | (target == REBOUND), k, 0.0), s["ke", j])
+            s["ce", j] = where(due, where(target == PRESSING, c, 0.0), s["ce", j])
+        s["mode", j] = where(due, target, mode)
+    return switched
+
+
+def note_onset(group: Group, j: int, touches: Any, v: Any, h: Any) -> None:
+    """Count an impact at the rate v, its time and its rate."""
+    s, r = group.state, group.asked
+    if "count" in r:
+        s["count", j] = s["count", j] + where(touches, 1.0, 0.0)
+    if "first_time" in r:
+        time = group.clock(h)
+        s["tfirst", j] = where(touches & (s["tfirst", j] < 0.0), time, s["tfirst", j])
+    if "approach_speed" in r:
+        s["vmax", j] = where(touches, maximum(s["vmax", j], v), s["vmax", j])
+
+
+def is_closed(group: Group) -> Any:
+    """Lanes in which any contact is closed."""
+    found = group.state["mode", 0] > OPEN
+    for j in range(1, len(group.contacts)):
+        found = found | (group.state["mode", j] > OPEN)
+    return found

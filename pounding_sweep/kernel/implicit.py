@@ -1,0 +1,278 @@
+"""Implicit contact for Newmark-beta.
+
+The contact forces at the end of the step solve the contact law together with the end state
+that they themselves change. Each contact sees the row through one compliance, so each is one
+scalar equation, solved within a bracket; the contacts are swept until none changes any more
+(block Gauss-Seidel).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pounding_sweep.kernel import yielding
+from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SLACK, contact_rate, is_closed, penetration
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.impulse import alone
+from pounding_sweep.kernel.lanes import Cell, maximum, minimum, size, when_any, where, while_any
+
+#: Sweeps over the contacts before the implicit solution is given up (the lane is flagged).
+MAX_SWEEPS = 500
+#: Product of sub-step and contact rate beyond which the contact's end force acts over all of the sub-step.
+STIFF_RATE = 2.0
+
+
+def compliance(group: Group, floor: int, h: Any) -> dict[int, Any]:
+    """Acceleration of every floor of a building for a unit force on one, in a Newmark step of length h."""
+    b = group.spec.building_of[floor]
+    floors = group.building_floors[b]
+    beta, gamma = group.prop("newmark_beta"), group.prop("newmark_gamma")
+    be, ga = beta * h * h, gamma * h
+    alpha, stiff = group.prop("alpha", b), be + ga * group.prop("beta", b)
+    right: list[Any] = []
+    diagonals: list[Any] = []
+    k = [group.prop("k", i) for i in floors]
+    # elimination from the bottom, as in the flight step
+    for s, i in enumerate(floors):
+        above = k[s] + k[s + 1] if s + 1 < len(floors) else k[s] + 0.0
+        diagonal = group.prop("m", i) * (1.0 + ga * alpha) + stiff * above
+        r = group.full(1.0 if i == floor else 0.0)
+        if s:
+            low = -stiff * k[s] / diagonals[-1]
+            diagonal = diagonal + low * stiff * k[s]
+            r = r - low * right[-1]
+        right.append(r)
+        diagonals.append(diagonal)
+    found = [right[-1] / diagonals[-1]]
+    for s in range(len(floors) - 2, -1, -1):
+        found.insert(0, (right[s] + stiff * k[s + 1] * found[0]) / diagonals[s])
+    return dict(zip(floors, found, strict=True))
+
+
+def _push(group: Group, response: dict[int, Any], be: Any, ga: Any, change: Any, lanes: Any) -> None:
+    """Add a change (kN) of force to the end state of a building."""
+    s = group.state
+    for i, unit in response.items():
+        a = change * unit
+        s["a", i] = where(lanes, s["a", i] + a, s["a", i])
+        s["u", i] = where(lanes, s["u", i] + be * a, s["u", i])
+        s["v", i] = where(lanes, s["v", i] + ga * a, s["v", i])
+
+
+def solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law: Callable[[Any, Any], Any]) -> Any:
+    """Force F with F = law(d - bg F, v - gg F), in the lanes that ask."""
+    bg, gg = share
+    f0 = law(d, v)
+    asks = asks & ~(f0 == 0.0)
+
+    def miss(force: Any) -> Any:
+        return law(d - bg * force, v - gg * force) - force
+
+    lo, glo, hi = Cell(group.full(0.0)), Cell(f0), Cell(f0)
+    ghi = Cell(miss(f0))
+    wide = Cell(asks & (ghi.now * f0 > 0.0))
+    for _ in while_any(lambda: wide.now, group.trace, at_most=60):
+        mine = wide.now
+        lo.now, glo.now = where(mine, hi.now, lo.now), where(mine, ghi.now, glo.now)
+        hi.now = where(mine, hi.now * 2.0, hi.now)
+        ghi.now = where(mine, miss(hi.now), ghi.now)
+        wide.now = mine & (ghi.now * f0 > 0.0)
+    side, going = Cell(group.full(0.0)), Cell(asks)
+    for _ in while_any(lambda: going.now, group.trace, at_most=200):
+        a, b, ga, gb, last = lo.now, hi.now, glo.now, ghi.now, side.now
+        mine = going.now & ~(gb == 0.0) & ~(size(b - a) <= group.limit.exact * (size(b) + size(a)))
+        t = b - gb * (b - a) / (gb - ga)
+        t = where((t > minimum(a, b)) & (t < maximum(a, b)), t, 0.5 * (a + b))
+        g = miss(t)
+        same, exact = mine & (g * f0 > 0.0), mine & (g == 0.0)
+        other = mine & ~same & ~exact
+        lo.now, glo.now = where(same, t, a), where(same, g, where(other & (last > 0.0), 0.5 * ga, ga))
+        hi.now = where(other | exact, t, b)
+        ghi.now = where(other, g, where(same & (last < 0.0), 0.5 * gb, gb))
+        side.now = where(same, -1.0, where(other, 1.0, last))
+        going.now = same | other
+    return where(asks, hi.now, 0.0)
+
+
+def correct(group: Group, h: Any) -> None:
+    """Find the contact forces at the end of the step and correct its end with them."""
+    s, spec, law = group.state, group.spec, group.law
+    assert law is not None
+    h = group.full(h)
+    live = None
+    for j in range(len(group.contacts)):
+        s["force", j] = 0.0
+        here = ~(s["ke", j] == 0.0) if spec.located else penetration(group, j) > 0.0
+        live = here if live is None else live | here
+    live = live & (h > 0.0)
+    with when_any(live):
+        _sweep(group, live, h)
+
+
+def _sweep(group: Group, live: Any, h: Any) -> None:
+    s, spec, law = group.state, group.spec, group.law
+    assert law is not None
+    be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
+    share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), group.full(1.0))
+    sides = [[(compliance(group, i, h), sign, i) for i, sign in ((left, -1.0), (right, 1.0)) if i >= 0] for left, right, _ in group.contacts]
+
+    def force_of(j: int) -> Callable[[Any, Any], Any]:
+        def force(d: Any, v: Any) -> Any:
+            if not spec.located:
+                return law.memoryless(s["k"], s["c", j], s["vrun", j], d, v)
+            pressed = law.closed_force(s["ke", j], s["ce", j], d, v)
+            return where(s["stiff"] > 0.0, yielding.held_force(group, j, d), pressed) if law.shape.yields else pressed
+
+        return force
+
+    going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
+    for _ in while_any(lambda: going.now, group.trace, at_most=MAX_SWEEPS):
+        mine = going.now
+        most, change_most = group.full(0.0), group.full(0.0)
+        for j in range(len(group.contacts)):
+            here = mine & ~(s["ke", j] == 0.0) if spec.located else mine
+            unit = group.full(0.0)
+            for response, _, i in sides[j]:
+                unit = unit + response[i]
+            unit = unit * share
+            old = s["force", j]
+            d = penetration(group, j) + be * unit * old
+            v = group.between(group.floors("v"), j) + ga * unit * old
+            new = where(here, solve(group, here, d, v, (be * unit, ga * unit), force_of(j)), old)
+            change = new - old
+            most = where(here, maximum(most, size(new)), most)
+            change_most = where(here, maximum(change_most, size(change)), change_most)
+            moves = here & ~(change == 0.0)
+            with when_any(moves):
+                s["force", j] = where(moves, new, old)
+                for response, sign, _ in sides[j]:
+                    _push(group, response, be, ga, (-share if sign < 0.0 else share) * change, moves)
+        largest.now, moved.now = where(mine, most, largest.now), where(mine, change_most, moved.now)
+        going.now = mine & ~(change_most <= group.limit.swept * most)
+    failed = going.now & (moved.now > group.limit.unswept * largest.now)
+    s["unsolved"] = where(failed, 1.0, s["unsolved"])
+
+
+def correct_resting(group: Group, h: Any) -> None:
+    """Find the end forces by which resting floors accelerate as one; correct the end of the step with them."""
+    s = group.state
+    h = group.full(h)
+    live = is_closed(group) & (h > 0.0)
+    with when_any(live):
+        be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
+        sides = [[(compliance(group, i, h), sign, i) for i, sign in ((left, -1.0), (right, 1.0)) if i >= 0] for left, right, _ in group.contacts]
+        for j in range(len(group.contacts)):
+            s["force", j] = where(live, 0.0, s["force", j])
+        going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
+        for _ in while_any(lambda: going.now, group.trace, at_most=MAX_SWEEPS):
+            mine = going.now
+            most, change_most = group.full(0.0), group.full(0.0)
+            for j in range(len(group.contacts)):
+                here = mine & (s["ke", j] > 0.0)
+                unit = group.full(0.0)
+                for response, _, i in sides[j]:
+                    unit = unit + response[i]
+                change = group.between(group.floors("a"), j) / unit
+                force = s["force", j] + change
+                s["force", j] = where(here, force, s["force", j])
+                most = where(here, maximum(most, size(force)), most)
+                change_most = where(here, maximum(change_most, size(change)), change_most)
+                for response, sign, _ in sides[j]:
+                    _push(group, response, be, ga, sign * change, here)
+            largest.now, moved.now = where(mine, most, largest.now), where(mine, change_most, moved.now)
+            going.now = mine & ~(change_most <= group.limit.swept * most)
+        failed = going.now & (moved.now > group.limit.unswept * largest.now)
+        s["unsolved"] = where(failed, 1.0, s["unsolved"])
+
+
+def balance(group: Group, lanes: Any, ground: Any, pressed: bool) -> None:
+    """Accelerations that the equation of motion asks for at the present state, with the contacts' forces if `pressed`."""
+    s, law = group.state, group.law
+    a = alone(group, group.floors("u"), group.floors("v"), ground)
+    if pressed and group.spec.located and group.touching and law is not None and not group.spec.impulsive:
+        for j, (left, right, _) in enumerate(group.contacts):
+            k = s["ke", j]
+            force = law.pressing(k, s["ce", j], penetration(group, j), group.between(group.floors("v"), j))
+            force = where(k == 0.0, 0.0, force)
+            if left >= 0:
+                a[left] = a[left] - force * group.prop("im", left)
+            if right >= 0:
+                a[right] = a[right] + force * group.prop("im", right)
+    for i, x in enumerate(a):
+        s["a", i] = x if lanes is None else where(lanes, x, s["a", i])
+
+
+def soften(group: Group) -> None:
+    """Mark lanes in which a closed contact is too stiff for the next sub-step."""
+    s, law, h = group.state, group.law, group.state["h"]
+    assert law is not None
+    mine = (s["time_left"] > 0.0) & ~(s["land"] > 0.0)
+    s["stiff"] = where(mine, 0.0, s["stiff"])
+    closed = mine & is_closed(group)
+    with when_any(closed):
+        stiff = closed & ~closed
+        for j in range(len(group.contacts)):
+            here = closed & (s["mode", j] > OPEN)
+            d, v = penetration(group, j), group.between(group.floors("v"), j)
+            if law.shape.yields:
+                yielding.set_plastic(group, j, here & (s["mode", j] == REBOUND), d)
+            # the clip and the phase are those of the end, which `closed_force` knows
+            s["ke", j], s["ce", j] = where(here, s["kl", j], s["ke", j]), where(here, s["cl", j], s["ce", j])
+            if law.shape.yields:
+                yielding.stick(group, j, here)
+            ahead = maximum(d + maximum(v, 0.0) * minimum(h, s["lasts", j]), 0.0)
+            stiff = stiff | (here & (h * contact_rate(group, j, ahead) > STIFF_RATE))
+        s["stiff"] = where(stiff, 1.0, s["stiff"])
+        soft = closed & ~stiff
+        for j in range(len(group.contacts)):
+            slack = soft & (s["mode", j] == SLACK)
+            s["ce", j] = where(slack | (soft & (s["mode", j] == REBOUND)), 0.0, s["ce", j])
+            s["ke", j] = where(slack, 0.0, s["ke", j])
+            if law.shape.yields:
+                yielding.slip(group, j, soft & (s["mode", j] == REBOUND), penetration(group, j))
+        with when_any(stiff):
+            balance(group, stiff, s["g0"], pressed=False)
+            for i in range(group.spec.n_dof):
+                s["a0", i] = where(stiff, s["a", i], s["a0", i])
+
+
+def settle(group: Group, lanes: Any) -> None:
+    """Work, peaks and modes of the closed contacts of marked lanes at the end of their sub-step."""
+    s, law, r, h = group.state, group.law, group.asked, group.state["h"]
+    assert law is not None
+    for j in range(len(group.contacts)):
+        here = lanes & (s["mode", j] > OPEN)
+        d, v, force = penetration(group, j), group.between(group.floors("v"), j), s["force", j]
+        if "force" in r:
+            s["fmax", j] = where(here, maximum(s["fmax", j], force), s["fmax", j])
+        if "penetration" in r:
+            s["dmax", j] = where(here, maximum(s["dmax", j], d), s["dmax", j])
+        if "impulse" in r:
+            s["impulse", j] = where(here, s["impulse", j] + h * force, s["impulse", j])
+        if "work" in r:
+            w = 0.5 * h * force * (group.between(group.floors("v0"), j) + v)
+            s["work", j] = where(here, s["work", j] + w, s["work", j])
+        mode = where(d > 0.0, group.full(PRESSING), OPEN)
+        if law.shape.approach_only:
+            mode = where((d > 0.0) & (v < 0.0), REBOUND, mode)
+        if law.shape.clips:
+            slack = (s["cl", j] > 0.0) & (law.pressing(s["kl", j], s["cl", j], d, v) <= 0.0)
+            mode = where((d > 0.0) & slack, SLACK, mode)
+        pressing = mode == PRESSING
+        s["ke", j] = where(here, where(pressing | (mode == REBOUND), s["kl", j], 0.0), s["ke", j])
+        s["ce", j] = where(here, where(pressing, s["cl", j], 0.0), s["ce", j])
+        if law.shape.yields:
+            mode = where(here & pressing, yielding.settle(group, j, here & pressing, d, v), mode)
+        s["mode", j] = where(here, mode, s["mode", j])
+
+
+def touch_miss(group: Group) -> Any:
+    """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
+    s, late = group.state, group.full(0.0)
+    for j in range(len(group.contacts)):
+        d, v = penetration(group, j), group.between(group.floors("v"), j)
+        mine = (s["mode", j] == OPEN) & (s["next", j] == 1.0) & (s["event", j] <= s["fraction"] + group.limit.same_time)
+        mine = mine & (v > 0.0) & (size(d) > group.limit.exact)
+        late = where(mine, where(late == 0.0, d / v, maximum(late, d / v)), late)
+    return late

@@ -1,0 +1,272 @@
+"""Velocity jumps of floors that meet without a contact force, and floors that rest on each other.
+
+A contact is in mode 0 (open) or 1: its floors rest on each other, with one velocity and one
+acceleration. ``ke`` > 0 marks those that rest. The force that holds them together follows
+from the equation of motion; they part when it would pull.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, is_closed, penetration
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.lanes import Cell, maximum, minimum, when_any, where, while_any
+from pounding_sweep.kernel.roots import coefficients, quartic, rate, root
+from pounding_sweep.kernel.row import transferred
+from pounding_sweep.model.laws import RESTING_SPEED
+
+#: Mass (t) of a wall, beside which those of floors vanish.
+WALL_MASS = 1.0e30
+#: Rate, in units of the speed at which bounces end, below which floors that touch neither approach nor part.
+PARTED = 1.0e-3
+#: Shortest sub-step to the release of floors at rest, in trial sub-steps.
+LEAST_SHARE = 1.0e-3
+#: Penetration (m) that is none, and relative acceleration (m/s2) that does not press, by number format.
+CLEAR = {"float64": 1e-13, "float32": 1e-7}
+RELEASED = {"float64": 1e-9, "float32": 1e-3}
+
+
+def alone(group: Group, u: Sequence[Any], v: Sequence[Any], ground: Any) -> list[Any]:
+    """Accelerations as if nothing touched."""
+    spec, found = group.spec, []
+    for b, floors in enumerate(group.building_floors):
+        w = [u[i] + group.prop("beta", b) * v[i] for i in floors]
+        for s, i in enumerate(floors):
+            f = -group.prop("k", i) * (w[s] - w[s - 1] if s else w[s])
+            if not spec.top[i]:
+                f = f + group.prop("k", i + 1) * (w[s + 1] - w[s])
+            found.append(f * group.prop("im", i) - group.prop("alpha", b) * v[i] - ground)
+    return found
+
+
+def join(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+    """Give resting floors one rate: the mean by mass along each row of them; returns rates and what it took."""
+    spec, contacts, found = group.spec, group.contacts, list(x)
+    before = {right: j for j, (_, right, _) in enumerate(contacts) if right >= 0}
+    after = {left: j for j, (left, _, _) in enumerate(contacts) if left >= 0}
+    total: list[Any] = []
+    mass: list[Any] = []
+    for left, _, _ in contacts:
+        if left >= 0:
+            own, heavy = group.prop("m", left) * x[left], group.full(group.prop("m", left))
+        else:
+            own, heavy = group.full(0.0), group.full(WALL_MASS)
+        if left in before:
+            b = before[left]
+            own, heavy = where(resting[b], own + total[b], own), where(resting[b], heavy + mass[b], heavy)
+        total.append(own)
+        mass.append(heavy)
+    common: list[Any] = [None] * len(contacts)
+    force: list[Any] = [None] * len(contacts)
+    for j, (left, right, _) in reversed(list(enumerate(contacts))):
+        if right >= 0:
+            m = group.prop("m", right)
+            mean = (total[j] + m * x[right]) / (mass[j] + m)
+        else:
+            mean = total[j] / (mass[j] + WALL_MASS)
+        if right in after:
+            mean = where(resting[after[right]], common[after[right]], mean)
+        common[j] = mean
+        force[j] = where(resting[j], total[j] - mass[j] * mean, 0.0)
+    for j, (left, right, _) in enumerate(contacts):
+        for i in (left, right):
+            if i >= 0:
+                found[i] = where(resting[j], common[j], found[i])
+    assert spec.n_dof == len(found)
+    return found, force
+
+
+def resting(group: Group) -> list[Any]:
+    """Lanes in which the floors of each contact rest on each other."""
+    return [group.state["ke", j] > 0.0 for j in range(len(group.contacts))]
+
+
+def rest(group: Group, lanes: Any) -> None:
+    """Accelerations at the present state, and the forces of resting contacts, in some lanes."""
+    s = group.state
+    a, force = join(group, alone(group, group.floors("u"), group.floors("v"), s["g1"]), resting(group))
+    for i, x in enumerate(a):
+        s["a", i] = where(lanes, x, s["a", i])
+    for j, f in enumerate(force):
+        s["f1", j] = where(lanes, f, s["f1", j])
+
+
+def measure(group: Group) -> Any:
+    """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
+    s, look = group.state, None
+    h = s["h"]
+    closed = is_closed(group)
+    with when_any(closed):
+        rest(group, closed)
+    for j in range(len(group.contacts)):
+        v0, v1 = group.between(group.floors("v0"), j), group.between(group.floors("v"), j)
+        d0, d1 = penetration(group, j, "u0"), penetration(group, j)
+        s["d0", j], s["d1", j], s["w0", j], s["w1", j] = d0, d1, v0, v1
+        meets = maximum(d1, minimum(d0 + h * v0, d1 - h * v1)) > 0.0
+        here = where(s["mode", j] == OPEN, meets, s["f1", j] < 0.0)
+        look = here if look is None else look | here
+    return look
+
+
+def first_event(group: Group, asks: Any) -> Any:
+    """Fraction of the trial at which the first contact touches, or would pull (1: none), in the lanes that ask."""
+    s, h, clear = group.state, group.state["h"], CLEAR[group.spec.precision]
+    first = Cell(group.full(1.0))
+    for j in range(len(group.contacts)):
+        mode, d0, d1, v0, v1 = s["mode", j], s["d0", j], s["d1", j], s["w0", j], s["w1", j]
+        closed, late = mode > OPEN, s["f1", j]
+        pulls = closed & (late < 0.0)
+        held = maximum(s["f0", j], 0.0)
+        share = maximum(held / (held - late), LEAST_SHARE)  # a force may rise before it falls
+        s["event", j] = where(asks, where(pulls, share, NEVER), s["event", j])
+        s["next", j] = where(asks, where(pulls, OPEN, mode), s["next", j])
+        crosses = d1 > maximum(d0, 0.0) + clear
+        busy = asks & ~closed & (crosses | (minimum(d0 + h * v0, d1 - h * v1) > 0.0))
+        with when_any(busy):
+            b = coefficients(h, d0, d1, v0, v1, group.between(group.floors("a0"), j))
+            r0, rb = rate(b)
+            start = minimum(d0, 0.0)
+            turns = busy & ~crosses & (v0 > 0.0) & (v1 < 0.0)
+            top = root(group, turns, 0.0, 1.0, lambda t, r0=r0, rb=rb: -1.0 * quartic(t, r0, rb))
+            event = busy & (crosses | (turns & (quartic(top, start, b) > clear)))
+            last = where(turns, top, 1.0)
+            when = root(group, event, 0.0, last, lambda t, b=b, start=start: quartic(t, start, b))
+            s["event", j] = where(event, when, s["event", j])
+            s["next", j] = where(event, 1.0, s["next", j])
+        first.now = minimum(first.now, s["event", j])
+    return first.now
+
+
+def ends(group: Group, whole: Any) -> None:
+    """Take the forces of resting floors over the sub-step just taken."""
+    del whole
+    s, r, h = group.state, group.asked, group.state["h"]
+    for j in range(len(group.contacts)):
+        f0, f1 = s["f0", j], s["f1", j]
+        if group.spec.scheme == "newmark" and "impulse" in r:
+            s["impulse", j] = s["impulse", j] + 0.5 * h * (f0 + f1)
+        if r & {"acceleration", "transfer"}:
+            mean = (f1 - f0) / maximum(h, group.limit.tiny)
+            s["q0", j], s["q1", j] = mean, mean
+
+
+def _note_onset(group: Group, j: int, lanes: Any, v: Any, h: Any) -> None:
+    """An impact at the rate v; a mark that force and penetration have no meaning."""
+    s, r = group.state, group.asked
+    if "count" in r:
+        counts = lanes & (s["next", j] == 1.0) & ((v > PARTED * RESTING_SPEED) | (s["count", j] == 0.0))
+        s["count", j] = s["count", j] + where(counts, 1.0, 0.0)
+    s["next", j] = where(lanes, 2.0, s["next", j])
+    if "first_time" in r:
+        s["tfirst", j] = where(lanes & (s["tfirst", j] < 0.0), group.clock(h), s["tfirst", j])
+    if "approach_speed" in r:
+        s["vmax", j] = where(lanes, maximum(s["vmax", j], v), s["vmax", j])
+    for reducer, name in (("force", "fmax"), ("penetration", "dmax")):
+        if reducer in r:
+            s[name, j] = where(lanes, 1.0, s[name, j])
+
+
+def _transfer_jumps(group: Group, lanes: Any) -> None:
+    """Largest and smallest transferred energies where velocities have jumped."""
+    s = group.state
+    if "transfer" not in group.asked:
+        return
+    for b in range(group.spec.n_buildings):
+        x = transferred(group, b)
+        s["now", b] = where(lanes, x, s["now", b])
+        s["tmax", b] = where(lanes, maximum(s["tmax", b], x), s["tmax", b])
+        s["tmin", b] = where(lanes, minimum(s["tmin", b], x), s["tmin", b])
+
+
+def _jump(group: Group, j: int, lanes: Any, v: Any, e: Any) -> None:
+    """Velocities of two floors that meet at the rate v jump: v -> -e v, momentum kept (Newton's impact law)."""
+    s, r, m = group.state, group.asked, group.prop("reduced", j)
+    left, right, _ = group.contacts[j]
+    p = (1.0 + e) * m * v
+    if left >= 0:
+        s["v", left] = where(lanes, s["v", left] - p * group.prop("im", left), s["v", left])
+    if right >= 0:
+        s["v", right] = where(lanes, s["v", right] + p * group.prop("im", right), s["v", right])
+    if "impulse" in r:
+        s["impulse", j] = s["impulse", j] + where(lanes, p, 0.0)
+    if "work" in r:
+        s["work", j] = s["work", j] + where(lanes, 0.5 * m * v * v * (1.0 - e * e), 0.0)
+    _transfer_jumps(group, lanes)
+
+
+def _collide(group: Group, lanes: Any, h: Any) -> None:
+    """Impacts of the contacts at this instant (``next`` > 0), until none of their floors approach."""
+    s = group.state
+    again = Cell(lanes)
+    for _ in while_any(lambda: again.now, group.trace, at_most=MAX_TRIES):
+        mine, more = again.now, again.now & ~again.now
+        for j in range(len(group.contacts)):
+            v, c = group.between(group.floors("v"), j), s["c", j]
+            hits = mine & (s["next", j] > 0.0) & (v > PARTED * RESTING_SPEED)
+            bounces = where(c * v > RESTING_SPEED, c, 0.0)
+            with when_any(hits):
+                _note_onset(group, j, hits & ((s["mode", j] == OPEN) | (bounces > 0.0)), v, h)
+                _jump(group, j, hits, v, bounces)
+            more = more | hits
+        again.now = more
+
+
+def _halt(group: Group, lanes: Any) -> None:
+    """Floors at this instant that do not part stop to approach: what `_collide` has left of it."""
+    s, r = group.state, group.asked
+    for j in range(len(group.contacts)):
+        v = group.between(group.floors("v"), j)
+        s["w1", j] = where(lanes, v, s["w1", j])
+        stays = (s["next", j] > 0.0) & (v >= -PARTED * RESTING_SPEED)
+        s["ke", j] = where(lanes, where(stays, 1.0, group.full(0.0)), s["ke", j])
+    speeds, taken = join(group, group.floors("v"), resting(group))
+    for i, x in enumerate(speeds):
+        s["v", i] = where(lanes, x, s["v", i])
+    for j, p in enumerate(taken):
+        if "impulse" in r:
+            s["impulse", j] = s["impulse", j] + where(lanes, p, 0.0)
+        if "work" in r:
+            s["work", j] = s["work", j] + where(lanes, 0.5 * p * s["w1", j], 0.0)
+    _transfer_jumps(group, lanes)
+
+
+def _choose(group: Group, lanes: Any) -> None:
+    """Which of the contacts marked in ``ke`` rest from now on: those that are pressed. The others are unmarked."""
+    s, every = group.state, range(len(group.contacts))
+    going = Cell(lanes)
+    for _ in while_any(lambda: going.now, group.trace, at_most=len(group.contacts) + 1):
+        mine = going.now
+        rest(group, mine)
+        least, at = group.full(-RELEASED[group.spec.precision]), group.full(-1.0)
+        for j in every:
+            pressed = s["f1", j] / group.prop("reduced", j)
+            worse = (s["ke", j] > 0.0) & (pressed < least)
+            least, at = where(worse, pressed, least), where(worse, float(j), at)
+        for j in every:
+            s["ke", j] = where(mine & (at == float(j)), 0.0, s["ke", j])
+        going.now = mine & (at >= 0.0)
+
+
+def apply_events(group: Group, lanes: Any, h: Any) -> Any:
+    """What happens at the instant that ends this sub-step: releases, velocity jumps, floors that come to rest; returns its lanes."""
+    s, released = group.state, RELEASED[group.spec.precision]
+    for j in range(len(group.contacts)):
+        due = (s["event", j] < 1.0) & (s["event", j] <= s["fraction"] + group.limit.same_time)
+        opened = s["mode", j] == OPEN
+        pressed = ~opened & (s["f1", j] > released * group.prop("reduced", j))
+        takes_part = pressed | (due & opened) | (~due & ~opened)
+        s["next", j] = where(lanes, where(takes_part, 1.0, group.full(0.0)), s["next", j])
+    _collide(group, lanes, h)
+    _halt(group, lanes)
+    _choose(group, lanes)
+    for j in range(len(group.contacts)):
+        mode = where(s["ke", j] > 0.0, 1.0, group.full(0.0))
+        comes = lanes & (mode > s["mode", j])
+        with when_any(comes):
+            _note_onset(group, j, comes, s["w1", j], h)
+        s["mode", j] = where(lanes, mode, s["mode", j])
+    return lanes
+
+

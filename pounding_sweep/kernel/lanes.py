@@ -1,0 +1,549 @@
+"""Numbers of many scenarios side by side, one per lane.
+
+A kernel is written once, as plain functions over these values. On NumPy arrays it runs as
+Python, which is its slow, debuggable twin. On traced values every operation adds an
+instruction to the LLVM function that a `Tracer` builds, and a loop adds its blocks.
+
+What depends on lanes is written with masks: `where` chooses lane by lane, and what stands
+below `when_any` is left out where no lane asks for it, so it must leave all other lanes as
+they are. No fast-math flag is ever set: a lane's arithmetic is fixed by the source,
+whatever its neighbours do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+
+_I1, _I32, _I64 = ir.IntType(1), ir.IntType(32), ir.IntType(64)
+
+
+class Tracer:
+    """The LLVM function that is being built.
+
+    Attributes
+    ----------
+    builder : llvmlite.ir.IRBuilder
+        Stands where the next instruction goes.
+    real : llvmlite.ir.Type
+        Number format of the lanes.
+    lanes : int
+        Scenarios side by side.
+    """
+
+    def __init__(self, builder: Any, precision: str, lanes: int) -> None:
+        self.builder, self.lanes, self.module = builder, lanes, builder.module
+        self.real = ir.DoubleType() if precision == "float64" else ir.FloatType()
+        self.size = 8 if precision == "float64" else 4
+        self.vector, self.mask, self.whole = (ir.VectorType(kind, lanes) for kind in (self.real, _I1, _I64))
+        self.largest = 1e300 if precision == "float64" else 1e38
+
+    def number(self, x: float) -> Any:
+        """Return a constant, narrowed to what the number format holds."""
+        x = float(x)
+        if self.size == 4 and x != 0.0 and np.isfinite(x):
+            x = float(np.float32(np.copysign(min(max(abs(x), 1e-37), 1e38), x)))
+        return ir.Constant(self.real, x)
+
+    def spread(self, x: Any) -> Any:
+        """Return a value in all lanes."""
+        kind = ir.VectorType(x.type, self.lanes)
+        if isinstance(x, ir.Constant):
+            return ir.Constant(kind, [x.constant] * self.lanes)
+        one = self.builder.insert_element(ir.Constant(kind, ir.Undefined), x, ir.Constant(_I32, 0))
+        order = ir.Constant(ir.VectorType(_I32, self.lanes), [0] * self.lanes)
+        return self.builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), order)
+
+    def call(self, name: str, *given: Any) -> Any:
+        """Call an LLVM intrinsic of one vector type."""
+        full = f"llvm.{name}.v{self.lanes}f{8 * self.size}"
+        kind = ir.FunctionType(self.vector, [self.vector] * len(given))
+        function = self.module.globals.get(full) or ir.Function(self.module, kind, full)
+        return self.builder.call(function, given)
+
+    def place(self, kind: Any) -> Any:
+        """Reserve room for a value on the stack."""
+        with self.builder.goto_entry_block():
+            return self.builder.alloca(kind)
+
+    def load(self, pointer: Any, kind: Any, align: int, fixed: bool = False) -> Any:
+        """Load a value; a `fixed` one never changes while the kernel runs."""
+        found = self.builder.load(self.builder.bitcast(pointer, kind.as_pointer()))
+        found.align = align
+        if fixed:
+            found.set_metadata("invariant.load", self.module.add_metadata([]))
+        return found
+
+
+class Value:
+    """A traced value."""
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, trace: Tracer, value: Any) -> None:
+        self.trace, self.value = trace, value
+
+    def __bool__(self) -> bool:
+        msg = "a traced value is not known while it is traced: use `where`, `when` or `when_any`"
+        raise TypeError(msg)
+
+
+class Flag(Value):
+    """One truth for all lanes."""
+
+    def __invert__(self) -> Flag:
+        return Flag(self.trace, self.trace.builder.not_(self.value))
+
+    def __and__(self, other: Flag) -> Flag:
+        return Flag(self.trace, self.trace.builder.and_(self.value, other.value))
+
+    def __or__(self, other: Flag) -> Flag:
+        return Flag(self.trace, self.trace.builder.or_(self.value, other.value))
+
+
+class Mask(Value):
+    """One truth per lane."""
+
+    def _of(self, other: Any) -> Any:
+        return other.value if isinstance(other, Mask) else ir.Constant(self.trace.mask, [int(bool(other))] * self.trace.lanes)
+
+    def __and__(self, other: Any) -> Mask:
+        return Mask(self.trace, self.trace.builder.and_(self.value, self._of(other)))
+
+    def __or__(self, other: Any) -> Mask:
+        return Mask(self.trace, self.trace.builder.or_(self.value, self._of(other)))
+
+    def __invert__(self) -> Mask:
+        return Mask(self.trace, self.trace.builder.not_(self.value))
+
+
+class Count(Value):
+    """One whole number for all lanes."""
+
+    def _of(self, other: Any) -> Any:
+        return other.value if isinstance(other, Count) else ir.Constant(_I64, int(other))
+
+    def __add__(self, other: Any) -> Count:
+        return Count(self.trace, self.trace.builder.add(self.value, self._of(other)))
+
+    def __sub__(self, other: Any) -> Count:
+        return Count(self.trace, self.trace.builder.sub(self.value, self._of(other)))
+
+    def __mul__(self, other: Any) -> Count:
+        return Count(self.trace, self.trace.builder.mul(self.value, self._of(other)))
+
+    def __floordiv__(self, other: Any) -> Count:
+        return Count(self.trace, self.trace.builder.sdiv(self.value, self._of(other)))
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def _compare(self, sign: str, other: Any) -> Flag:
+        return Flag(self.trace, self.trace.builder.icmp_signed(sign, self.value, self._of(other)))
+
+    def __eq__(self, other: Any) -> Flag:  # type: ignore[override]
+        return self._compare("==", other)
+
+    def __lt__(self, other: Any) -> Flag:
+        return self._compare("<", other)
+
+    def __gt__(self, other: Any) -> Flag:
+        return self._compare(">", other)
+
+    def __ge__(self, other: Any) -> Flag:
+        return self._compare(">=", other)
+
+
+class Counts(Value):
+    """One whole number per lane."""
+
+    def _of(self, other: Any) -> Any:
+        if isinstance(other, Counts):
+            return other.value
+        return self.trace.spread(other.value if isinstance(other, Count) else ir.Constant(_I64, int(other)))
+
+    def __add__(self, other: Any) -> Counts:
+        return Counts(self.trace, self.trace.builder.add(self.value, self._of(other)))
+
+    __radd__ = __add__
+
+    def __mod__(self, other: Any) -> Counts:
+        return Counts(self.trace, self.trace.builder.srem(self.value, self._of(other)))
+
+    def _compare(self, sign: str, other: Any) -> Mask:
+        return Mask(self.trace, self.trace.builder.icmp_signed(sign, self.value, self._of(other)))
+
+    def __eq__(self, other: Any) -> Mask:  # type: ignore[override]
+        return self._compare("==", other)
+
+    def __lt__(self, other: Any) -> Mask:
+        return self._compare("<", other)
+
+    def __ge__(self, other: Any) -> Mask:
+        return self._compare(">=", other)
+
+
+_OPERATORS = {"add": "fadd", "sub": "fsub", "mul": "fmul", "truediv": "fdiv"}
+_COMPARISONS = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "=="}
+
+
+class Real(Value):
+    """One number for all lanes."""
+
+    def _of(self, other: Any) -> Any:
+        return other.value if isinstance(other, Real) else self.trace.number(other)
+
+    def __neg__(self) -> Real:
+        return Real(self.trace, self.trace.builder.fneg(self.value))
+
+
+class Vector(Value):
+    """One number per lane."""
+
+    def _of(self, other: Any) -> Any:
+        return _lanes(self.trace, other)
+
+    def __neg__(self) -> Vector:
+        return Vector(self.trace, self.trace.builder.fneg(self.value))
+
+
+def _lanes(trace: Tracer, x: Any) -> Any:
+    """Return the LLVM vector of a number, however it is given."""
+    if isinstance(x, Vector):
+        return x.value
+    return trace.spread(x.value if isinstance(x, Real) else trace.number(x))
+
+
+def _define(name: str, operation: str) -> None:
+    def forward(self: Any, other: Any) -> Any:
+        if isinstance(self, Real) and isinstance(other, Vector):
+            return getattr(Vector(self.trace, _lanes(self.trace, self)), f"__{name}__")(other)
+        return type(self)(self.trace, getattr(self.trace.builder, operation)(self.value, self._of(other)))
+
+    def backward(self: Any, other: Any) -> Any:
+        return type(self)(self.trace, getattr(self.trace.builder, operation)(self._of(other), self.value))
+
+    for kind in (Real, Vector):
+        setattr(kind, f"__{name}__", forward)
+        setattr(kind, f"__r{name}__", backward)
+
+
+def _define_comparison(name: str, sign: str) -> None:
+    def compare(self: Any, other: Any) -> Any:
+        if isinstance(self, Real) and isinstance(other, Vector):
+            self = Vector(self.trace, _lanes(self.trace, self))
+        kind = Flag if isinstance(self, Real) else Mask
+        return kind(self.trace, self.trace.builder.fcmp_ordered(sign, self.value, self._of(other)))
+
+    for kind in (Real, Vector):
+        setattr(kind, f"__{name}__", compare)
+
+
+for _name, _operation in _OPERATORS.items():
+    _define(_name, _operation)
+for _name, _sign in _COMPARISONS.items():
+    _define_comparison(_name, _sign)
+
+
+def _trace_of(*given: Any) -> Tracer | None:
+    return next((x.trace for x in given if isinstance(x, Value)), None)
+
+
+def fma(a: Any, b: Any, c: Any) -> Any:
+    """a b + c, rounded once where it is traced."""
+    trace = _trace_of(a, b, c)
+    if trace is None:
+        return a * b + c
+    return Vector(trace, trace.call("fma", *(_lanes(trace, x) for x in (a, b, c))))
+
+
+def sqrt(x: Any) -> Any:
+    """Square root."""
+    trace = _trace_of(x)
+    return np.sqrt(x) if trace is None else Vector(trace, trace.call("sqrt", _lanes(trace, x)))
+
+
+def power(x: Any, exponent: float) -> Any:
+    """Return x to a power."""
+    trace = _trace_of(x)
+    if trace is None:
+        return np.power(x, exponent)
+    return Vector(trace, trace.call("pow", _lanes(trace, x), _lanes(trace, exponent)))
+
+
+def size(x: Any) -> Any:
+    """Absolute value."""
+    trace = _trace_of(x)
+    return np.abs(x) if trace is None else Vector(trace, trace.call("fabs", _lanes(trace, x)))
+
+
+def where(condition: Any, a: Any, b: Any) -> Any:
+    """Return a in the lanes of a mask (or at a flag), b elsewhere."""
+    trace = _trace_of(condition, a, b)
+    if trace is None:
+        return np.where(condition, a, b)
+    select = trace.builder.select
+    if isinstance(condition, Flag):
+        kind = type(a)
+        return kind(trace, select(condition.value, a.value, a._of(b)))
+    if isinstance(a, Mask | Counts) or isinstance(b, Mask | Counts):
+        known: Any = a if isinstance(a, Mask | Counts) else b
+        return type(known)(trace, select(condition.value, known._of(a), known._of(b)))
+    return Vector(trace, select(condition.value, _lanes(trace, a), _lanes(trace, b)))
+
+
+def maximum(a: Any, b: Any) -> Any:
+    """Return the larger number; a where b is none."""
+    return where(b > a, b, a) if not isinstance(b, float) else where(a < b, b, a)
+
+
+def minimum(a: Any, b: Any) -> Any:
+    """Return the smaller number; a where b is none."""
+    return where(b < a, b, a) if not isinstance(b, float) else where(a > b, b, a)
+
+
+def any_lane(mask: Any) -> Any:
+    """Whether a mask holds in any lane."""
+    trace = _trace_of(mask)
+    if trace is None:
+        return bool(np.any(mask))
+    whole = ir.IntType(trace.lanes)
+    bits = trace.builder.bitcast(mask.value, whole)
+    return Flag(trace, trace.builder.icmp_unsigned("!=", bits, ir.Constant(whole, 0)))
+
+
+@contextmanager
+def when_any(mask: Any) -> Iterator[None]:
+    """Leave out what follows where no lane asks for it; it must leave all other lanes as they are."""
+    trace = _trace_of(mask)
+    if trace is None:
+        with np.errstate(all="ignore"):
+            yield
+        return
+    with trace.builder.if_then(any_lane(mask).value):
+        yield
+
+
+def when(flag: Any) -> Iterator[None]:
+    """Go once through what follows if `flag` holds: ``for _ in when(flag)``."""
+    trace = _trace_of(flag)
+    if trace is None:
+        if flag:
+            yield
+        return
+    with trace.builder.if_then(flag.value):
+        yield
+
+
+def count_to(n: Any, trace: Tracer | None) -> Iterator[Any]:
+    """Count from 0 to n - 1."""
+    if trace is None:
+        yield from range(n)
+        return
+    b = trace.builder
+    kept = trace.place(_I64)
+    b.store(ir.Constant(_I64, 0), kept)
+    head, body, out = (b.append_basic_block(name) for name in ("count", "counted", "over"))
+    b.branch(head)
+    b.position_at_end(head)
+    now = b.load(kept)
+    b.cbranch(b.icmp_signed("<", now, n.value if isinstance(n, Count) else ir.Constant(_I64, n)), body, out)
+    b.position_at_end(body)
+    yield Count(trace, now)
+    b.store(b.add(now, ir.Constant(_I64, 1)), kept)
+    b.branch(head)
+    b.position_at_end(out)
+
+
+def while_any(asks: Callable[[], Any], trace: Tracer | None, at_most: int = 0) -> Iterator[None]:
+    """Go round while any lane asks for it, `at_most` so often (0: without end); `asks` is evaluated before each round."""
+    if trace is None:
+        rounds = 0
+        while bool(np.any(asks())) and (not at_most or rounds < at_most):
+            rounds += 1
+            yield
+        return
+    b = trace.builder
+    left = trace.place(_I64) if at_most else None
+    if at_most:
+        b.store(ir.Constant(_I64, at_most), left)
+    head, body, out = (b.append_basic_block(name) for name in ("ask", "round", "done"))
+    b.branch(head)
+    b.position_at_end(head)
+    asked = asks()
+    flag = (any_lane(asked) if isinstance(asked, Mask) else asked).value
+    if at_most:
+        flag = b.and_(flag, b.icmp_signed(">", b.load(left), ir.Constant(_I64, 0)))
+    b.cbranch(flag, body, out)
+    b.position_at_end(body)
+    yield
+    if at_most:
+        b.store(b.sub(b.load(left), ir.Constant(_I64, 1)), left)
+    b.branch(head)
+    b.position_at_end(out)
+
+
+class Cell:
+    """A variable that branches and loops may change."""
+
+    def __init__(self, x: Any) -> None:
+        self._trace, self._kind, self._x = _trace_of(x), type(x), x
+        if self._trace is not None:
+            self._place = self._trace.place(x.value.type)
+            self.now = x
+
+    @property
+    def now(self) -> Any:
+        """Its value."""
+        if self._trace is None:
+            return self._x
+        return self._kind(self._trace, self._trace.builder.load(self._place))
+
+    @now.setter
+    def now(self, x: Any) -> None:
+        if self._trace is None:
+            self._x = x
+            return
+        value = x.value if isinstance(x, Value) and not isinstance(x, Real) else None
+        if value is None:
+            value = _lanes(self._trace, x) if self._kind is Vector else x.value
+        self._trace.builder.store(value, self._place)
+
+
+class Rows:
+    """Named rows of lanes in one flat array: ``rows[name, i]``.
+
+    Parameters
+    ----------
+    trace : Tracer or None
+        None: NumPy.
+    counts : sequence of (name, count)
+        Rows of each name.
+    lanes : int
+        Lanes of the kernel.
+    pointer : LLVM pointer, optional
+        Where the first lane of the first row lies.
+    stride : int, optional
+        Numbers from one row to the next; `lanes` unless given.
+    """
+
+    def __init__(
+        self,
+        trace: Tracer | None,
+        counts: Sequence[tuple[str, int]],
+        lanes: int,
+        pointer: Any = None,
+        stride: int | None = None,
+        wide: bool = False,
+    ) -> None:
+        self.trace, self.first, self.count, self.size = trace, {}, dict(counts), 0
+        for name, count in counts:
+            self.first[name] = self.size
+            self.size += count
+        self.lanes, self.pointer, self.stride, self.wide = lanes, pointer, stride or lanes, wide
+        if trace is None:
+            self.array = np.zeros((self.size, lanes)) if pointer is None else pointer
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.first
+
+    def _at(self, key: Any) -> Any:
+        name, i = key if isinstance(key, tuple) else (key, 0)
+        if isinstance(i, int) and not 0 <= i < self.count[name]:
+            msg = f"row {name}[{i}] of {self.count[name]}"
+            raise IndexError(msg)
+        return self.first[name] + i
+
+    def _pointer(self, row: Any) -> Any:
+        b = self.trace.builder  # type: ignore[union-attr]
+        at = (row * self.stride).value if isinstance(row, Count) else ir.Constant(_I64, row * self.stride)
+        return b.gep(self.pointer, [at], inbounds=True)
+
+    def __getitem__(self, key: Any) -> Any:
+        row, t = self._at(key), self.trace
+        if t is None:
+            return self.array[row].copy()
+        if not self.wide or t.size == 8:
+            return Vector(t, t.load(self._pointer(row), t.vector, t.size))
+        found = t.load(self._pointer(row), ir.VectorType(ir.DoubleType(), t.lanes), 8)
+        return Vector(t, t.builder.fptrunc(found, t.vector))
+
+    def row(self, i: Any) -> Any:
+        """Return a row by its number."""
+        if self.trace is None:
+            return self.array[i].copy()
+        return Vector(self.trace, self.trace.load(self._pointer(i), self.trace.vector, self.trace.size))
+
+    def __setitem__(self, key: Any, x: Any) -> None:
+        row, t = self._at(key), self.trace
+        if t is None:
+            self.array[row] = x
+            return
+        value, kind = _lanes(t, x), t.vector
+        if self.wide and t.size == 4:
+            kind = ir.VectorType(ir.DoubleType(), t.lanes)
+            value = t.builder.fpext(value, kind)
+        kept = t.builder.store(value, t.builder.bitcast(self._pointer(row), kind.as_pointer()))
+        kept.align = 8 if self.wide else t.size
+
+
+def least_lane(x: Any) -> Any:
+    """Smallest of the lanes' whole numbers."""
+    trace = _trace_of(x)
+    if trace is None:
+        return int(np.min(x))
+    b = trace.builder
+    found = b.extract_element(x.value, ir.Constant(_I32, 0))
+    for lane in range(1, trace.lanes):
+        other = b.extract_element(x.value, ir.Constant(_I32, lane))
+        found = b.select(b.icmp_signed("<", other, found), other, found)
+    return Count(trace, found)
+
+
+def gather(trace: Tracer | None, pointer: Any, places: Any) -> Any:
+    """Each lane's own number of a table of the kernel's number format."""
+    if trace is None:
+        return pointer[places]
+    b, found = trace.builder, ir.Constant(trace.vector, ir.Undefined)
+    for lane in range(trace.lanes):
+        at = ir.Constant(_I32, lane)
+        x = trace.load(b.gep(pointer, [b.extract_element(places.value, at)], inbounds=True), trace.real, trace.size)
+        found = b.insert_element(found, x, at)
+    return Vector(trace, found)
+
+
+def counts(trace: Tracer | None, x: int, lanes: int) -> Any:
+    """Return a whole number in all lanes."""
+    return np.full(lanes, x) if trace is None else Counts(trace, trace.spread(ir.Constant(_I64, x)))
+
+
+def flag(trace: Tracer | None, x: bool) -> Any:
+    """Return a truth that is known beforehand."""
+    return x if trace is None else Flag(trace, ir.Constant(_I1, int(x)))
+
+
+def not_(x: Any) -> Any:
+    """Whether a truth does not hold."""
+    return ~x if isinstance(x, Value) else not x
+
+
+def first_lane(x: Any) -> Any:
+    """Return the number of lane 0."""
+    trace = _trace_of(x)
+    return x[0] if trace is None else Real(trace, trace.builder.extract_element(x.value, ir.Constant(_I32, 0)))
+
+
+def first_whole(x: Any) -> Any:
+    """Return the whole number of lane 0."""
+    trace = _trace_of(x)
+    return int(x[0]) if trace is None else Count(trace, trace.builder.extract_element(x.value, ir.Constant(_I32, 0)))
+
+
+def where_count(trace: Tracer | None, condition: Any, a: int, b: int) -> Any:
+    """Return one of two whole numbers."""
+    if trace is None:
+        return a if condition else b
+    return Count(trace, trace.builder.select(condition.value, ir.Constant(_I64, a), ir.Constant(_I64, b)))

@@ -1,0 +1,183 @@
+"""Steps that contacts may cut: each lane goes through its step in sub-steps that end at its events."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from pounding_sweep.kernel import forces, implicit, impulse
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.lanes import Cell, any_lane, maximum, minimum, when_any, where
+from pounding_sweep.kernel.peaks import largest_accelerations, samples, turns
+from pounding_sweep.kernel.row import transferred
+
+
+def kind_of(group: Group) -> ModuleType:
+    """Module of the contacts: those that press by a law, or those whose floors rest on each other."""
+    return impulse if group.spec.impulsive else forces
+
+
+def begin(group: Group, lanes: Any, ga: Any, gb: Any, h: Any) -> None:
+    """Begin a step of length h, the ground moving from `ga` to `gb`, in some lanes."""
+    s = group.state
+    for name, value in (("time_left", h), ("ga", ga), ("gb", gb), ("tries", 0.0), ("land", 0.0)):
+        s[name] = value if lanes is None else where(lanes, value, s[name])
+
+
+def look_ahead(group: Group, h: Any) -> None:
+    """Length and ground of every lane's next trial."""
+    s = group.state
+    rest, longest = s["time_left"], forces.longest_substep(group, h)
+    ahead = where((longest < rest) & (s["tries"] < forces.MAX_TRIES), longest, rest)
+    length = where(rest > 0.0, where(s["land"] > 0.0, s["ahead"], ahead), 0.0)
+    ga, gb, done = s["ga"], s["gb"], h - rest
+    s["h"] = length
+    s["g0"] = where(done <= 0.0, ga, ga + (gb - ga) * (done / h))
+    s["g1"] = where(length >= rest, gb, ga + (gb - ga) * ((done + length) / h))
+
+
+def refuse(group: Group, lanes: Any) -> None:
+    """Lanes that refuse their trial return to its start."""
+    s, spec = group.state, group.spec
+    s["land"] = s["land"] + where(lanes, 1.0, 0.0)
+    s["taken"], s["h"] = where(lanes, 0.0, s["taken"]), where(lanes, 0.0, s["h"])
+    floors = [("u", "u0"), ("v", "v0")] + ([("a", "a0")] if spec.scheme == "newmark" else [])
+    contacts = [("d1", "d0"), ("w1", "w0")] + ([("f1", "f0")] if spec.impulsive else [])
+    for pairs, n in ((floors, spec.n_dof), (contacts, len(group.contacts))):
+        for now, before in pairs:
+            for i in range(n):
+                s[now, i] = where(lanes, s[before, i], s[now, i])
+
+
+def accept(group: Group, look: Any, kind: ModuleType) -> None:
+    """Let lanes refuse their trial where an event ends it earlier; the length of the next one is in ``ahead``."""
+    s, h = group.state, group.state["h"]
+    ongoing = s["time_left"] > 0.0
+    s["taken"] = where(ongoing, 1.0, 0.0 * h)
+    landing = s["land"] > 0.0
+    asks = ongoing & ~landing & look & (s["tries"] < forces.MAX_TRIES)
+    if group.spec.scheme == "newmark":
+        # at large steps the quartic misses the touch by enough for a stiff contact to feel; Newton on the step
+        lands = ongoing & landing & (s["land"] <= 4.0)
+        with when_any(lands):
+            change = implicit.touch_miss(group)
+            again = lands & ~(change == 0.0)
+            s["ahead"] = where(again, minimum(maximum(h - change, 0.0), s["time_left"]), s["ahead"])
+            with when_any(again):
+                refuse(group, again)
+    with when_any(asks):
+        fraction = kind.first_event(group, asks)
+        early = asks & (fraction < 1.0)
+        s["fraction"] = where(early, fraction, s["fraction"])
+        s["ahead"] = where(early, h * fraction, s["ahead"])
+        with when_any(early):
+            refuse(group, early)
+
+
+def conclude(group: Group, kind: ModuleType, h: Any) -> None:
+    """What a lane does at the end of a sub-step that it takes: energies transferred, modes, velocity jumps."""
+    s = group.state
+    taken = s["taken"] > 0.0
+    if "transfer" in group.asked:
+        _transfers(group, taken)
+    lands = taken & (s["land"] > 0.0)
+    newmark = group.spec.scheme == "newmark" and not group.spec.impulsive
+    switched = Cell(lands & ~lands)
+    if newmark:
+        stiff = taken & (s["stiff"] > 0.0)
+        with when_any(stiff):
+            implicit.settle(group, stiff)
+            switched.now = stiff
+    with when_any(lands):
+        s["land"] = where(lands, 0.0, s["land"])
+        switched.now = switched.now | kind.apply_events(group, lands, h)
+    if newmark:
+        with when_any(switched.now):
+            implicit.balance(group, switched.now, s["g1"], pressed=True)
+
+
+def _transfers(group: Group, taken: Any) -> None:
+    """Largest and smallest transferred energy of each building over the sub-step just taken."""
+    s, h = group.state, group.state["h"]
+    closed = taken & forces.is_closed(group)
+    building = group.spec.building_of
+    for b in range(group.spec.n_buildings):
+        e0, e1 = s["now", b], transferred(group, b)
+        s["now", b] = where(taken, e1, e0)
+        with when_any(closed):
+            p0 = p1 = group.full(0.0)
+            for j, (left, right, _) in enumerate(group.contacts):
+                if left >= 0 and building[left] == b:
+                    p0, p1 = p0 + s["f0", j] * s["v0", left], p1 + s["f1", j] * s["v", left]
+                if right >= 0 and building[right] == b:
+                    p0, p1 = p0 - s["f0", j] * s["v0", right], p1 - s["f1", j] * s["v", right]
+            t = p0 / (p0 - p1)
+            a = 2.0 * (e0 - e1) + h * (p0 + p1)
+            c = -3.0 * (e0 - e1) - h * (2.0 * p0 + p1)
+            x = e0 + t * (h * p0 + t * (c + t * a))
+            inside = p0 * p1 < 0.0
+            best, least = maximum(e0, e1), minimum(e0, e1)
+            best, least = where(inside, maximum(best, x), best), where(inside, minimum(least, x), least)
+            s["tmax", b] = where(closed, maximum(s["tmax", b], best), s["tmax", b])
+            s["tmin", b] = where(closed, minimum(s["tmin", b], least), s["tmin", b])
+
+
+#: Writes the trial of all lanes into ``u`` and ``v``; returns what adds the step's energies once it is taken.
+Trial = Callable[[Group], Callable[[], None]]
+
+
+def substep(group: Group, trial: Trial, h: Any) -> None:
+    """One trial sub-step of every lane that has some of its step of length h left."""
+    s, kind, r = group.state, kind_of(group), group.asked
+    look_ahead(group, h)
+    if group.spec.impulsive:
+        for j in range(len(group.contacts)):
+            s["f0", j] = s["f1", j]
+    elif group.spec.scheme == "newmark":
+        implicit.soften(group)
+    add = trial(group)
+    look = kind.measure(group)
+    accept(group, look, kind)
+    kind.ends(group, h)
+    turns(group)
+    if group.spec.impulsive and r & {"displacement", "drift", "closing"}:
+        samples(group)  # a motion may turn in a velocity jump
+    add()
+    if "acceleration" in r:
+        largest_accelerations(group, located=True)
+    if group.law is not None and group.law.graded and not group.spec.impulsive:
+        for j in range(len(group.contacts)):
+            s["age", j] = s["age", j] + s["h"]
+    rest = s["time_left"] - s["h"]
+    s["time_left"] = where(rest > group.limit.done * h, rest, 0.0)
+    s["tries"] = s["tries"] + s["taken"]
+    conclude(group, kind, h)
+    keep_start(group)
+    late = (s["time_left"] > 0.0) & (s["tries"] >= forces.MAX_TRIES)
+    s["fallback"] = where(late, 1.0, s["fallback"])
+
+
+def keep_start(group: Group) -> None:
+    """The present state becomes the start of the next step."""
+    group.put("u0", group.floors("u"))
+    group.put("v0", group.floors("v"))
+    if group.spec.scheme == "newmark":
+        group.put("a0", group.floors("a"))
+
+
+def clear_forces(group: Group, lanes: Any) -> None:
+    """Flight goes on without contact forces, in some lanes."""
+    for j in range(len(group.contacts)):
+        for name in ("f0", "f1", "q0", "q1"):
+            group.state[name, j] = where(lanes, 0.0, group.state[name, j])
+
+
+def needs_ends(group: Group) -> bool:
+    """Whether contact forces at the ends of a sub-step are asked for."""
+    return bool(group.asked & {"acceleration", "transfer"})
+
+
+def is_any_closed(group: Group) -> Any:
+    """Whether any contact of any lane is closed."""
+    return any_lane(forces.is_closed(group))
