@@ -64,7 +64,7 @@ def emit(spec: KernelSpec, builder: Any, arrays: dict[str, Any], dtr: Any, steps
     """Write the kernel of `spec` at a builder; arrays are (data, shape)."""
     trace = Tracer(builder, spec.precision, width(spec.precision))
     parts = LANES // trace.lanes
-    group = Group(spec, trace, trace.lanes, arrays["constants"][0])
+    group = Group(spec, trace, trace.lanes, arrays["constants"][0], arrays["state"][0])
     data, (points,) = arrays["ag"]
     ground = Ground(trace, data, points, dtr, steps)
     march, track = None, None
@@ -147,11 +147,11 @@ def body_of(spec: KernelSpec) -> Any:
     from numba.core import cgutils
     from numba.extending import intrinsic
 
-    names = ("ag", "dtr", "steps", "substeps", "constants", "X", "O", "H", "track")
+    names = ("ag", "dtr", "steps", "substeps", "constants", "X", "O", "H", "track", "state")
 
     @intrinsic
-    def body(typing: Any, ag: Any, dtr: Any, steps: Any, substeps: Any, constants: Any, X: Any, O: Any, H: Any, track: Any) -> Any:  # noqa: E741, N803
-        given = (ag, dtr, steps, substeps, constants, X, O, H, track)
+    def body(typing: Any, ag: Any, dtr: Any, steps: Any, substeps: Any, constants: Any, X: Any, O: Any, H: Any, track: Any, state: Any) -> Any:  # noqa: E741, N803
+        given = (ag, dtr, steps, substeps, constants, X, O, H, track, state)
 
         def codegen(context: Any, builder: Any, signature: Any, values: Any) -> Any:
             arrays = {}
@@ -172,11 +172,12 @@ def compiled(spec: KernelSpec) -> Callable[..., None]:
     from numba import njit
 
     body, real = body_of(spec), spec.precision
-    signature = f"void(float64[::1], float64, int64, int64, {real}[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], {real}[::1])"
+    size = Group(spec, None, 1, None).state.size * width(real)
+    signature = f"void(float64[::1], float64, int64, int64, {real}[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], {real}[::1], {real}[::1])"
 
     @njit(signature, error_model="numpy", nogil=True, boundscheck=False, fastmath=False)
-    def inner(ag: Any, dtr: Any, steps: Any, substeps: Any, constants: Any, X: Any, O: Any, H: Any, track: Any) -> None:  # noqa: E741, N803
-        body(ag, dtr, steps, substeps, constants, X, O, H, track)
+    def inner(ag: Any, dtr: Any, steps: Any, substeps: Any, constants: Any, X: Any, O: Any, H: Any, track: Any, state: Any) -> None:  # noqa: E741, N803
+        body(ag, dtr, steps, substeps, constants, X, O, H, track, state)
 
     def run(ag: Any, dtr: Any, steps: Any, substeps: Any, constants: Any, X: Any, O: Any, H: Any) -> None:  # noqa: E741, N803
         track = np.zeros(1, real)
@@ -184,6 +185,6 @@ def compiled(spec: KernelSpec) -> Callable[..., None]:
             share = np.arange(steps) / steps
             inner_points = ag[:-1, None] + (ag[1:] - ag[:-1])[:, None] * share
             track = np.append(inner_points.ravel(), ag[-1]).astype(real)
-        inner(ag, dtr, steps, substeps, np.asarray(constants, real), X, O, H, track)
+        inner(ag, dtr, steps, substeps, np.asarray(constants, real), X, O, H, track, np.zeros(size, real))
 
     return run

@@ -187,6 +187,7 @@ class March:
                 if note is not None:
                     note(first_whole(self.at.now))
             return
+        written = Cell(first_whole(self.at.now))
         inside = Cell(flag(group.trace, False))
         none = where(self.last > 0, group.full(GLIDING), group.full(ENDED))
         self.doing.now = none  # a record of one point has no motion
@@ -209,7 +210,10 @@ class March:
                 inside.now = flag(group.trace, False)
                 self._fly(stepping, limit)
             if note is not None:
-                note(first_whole(self.at.now))
+                row = first_whole(self.at.now)
+                for _ in when(row > written.now):
+                    written.now = row
+                    note(row)
 
 
 def may_touch(group: Group, h: Any) -> Any:

@@ -105,7 +105,9 @@ class Group:
         Constants of the scene, `property_slots`.
     """
 
-    def __init__(self, spec: KernelSpec, trace: Tracer | None, lanes: int, constants: Any) -> None:
+    def __init__(
+        self, spec: KernelSpec, trace: Tracer | None, lanes: int, constants: Any, memory: Any = None
+    ) -> None:
         self.spec, self.trace, self.lanes, self._constants = spec, trace, lanes, constants
         self.asked = spec.reducers
         self.contacts = spec.contacts if spec.law is not None else ()
@@ -118,10 +120,7 @@ class Group:
         self._places, self._inputs = property_slots(spec), input_slots(spec)
         self.state = Rows(trace, list(self._rows().items()), lanes)
         if trace is not None:
-            kind = ir.ArrayType(trace.real, self.state.size * lanes)
-            place = trace.place(kind)
-            place.align = 64
-            self.state.pointer = trace.builder.bitcast(place, trace.real.as_pointer())
+            self.state.pointer = memory
 
     def _rows(self) -> dict[str, int]:
         """Name all rows of state: inputs, results, motion, and what the scheme and the contacts need."""
