@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pounding_sweep.outputs.declare import CONTACT, Reducer, Slot, Variable, needs
+from pounding_sweep.outputs.declare import CONTACT, UNMEASURED, Reducer, Slot, Variable, needs
 from pounding_sweep.outputs.readout import KernelResults, contacts
 
 
@@ -88,6 +88,18 @@ CONTACTS = (
         contacts("vmax"),
         error="contacts",
     ),
+    Variable(
+        "contact_time",
+        CONTACT,
+        "s",
+        "time in contact",
+        "Total time in contact, from each onset to the release (d > 0), 0 where the floors never touched; impulse over "
+        "it is the mean contact force. Where velocities jump, the time that floors rest on each other, which is rough "
+        "where they are hardly pressed.",
+        needs("time"),
+        contacts("tclosed"),
+        error=UNMEASURED,
+    ),
 )
 
 
@@ -102,4 +114,14 @@ REDUCERS = (
     _of_contacts("impulse", "impulse"),
     _of_contacts("first_time", "tfirst", first="-1.0"),
     _of_contacts("approach_speed", "vmax"),
+    Reducer(
+        "time",
+        (Slot("tclosed", "contact"),),
+        where="touch",
+        substep="""\
+for j in range(NC):
+    for l in range(L):
+        S[TCLOSED + j * L + l] += S[HL + l] if I[MODE + j * L + l] != 0 else 0.0""",
+        plain="S[TCLOSED + {j0} + l] += h if closed else 0.0",
+    ),
 )
