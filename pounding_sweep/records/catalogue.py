@@ -13,7 +13,8 @@ from pathlib import Path
 from pounding_sweep.base.errors import MissingRecordError, RecordError, shown, unknown
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.records.fema_p695 import RECORD_SETS, read_component, set_components
-from pounding_sweep.records.reading import RECORD_SUFFIXES, read_record
+from pounding_sweep.records.formats import RECORD_SUFFIXES
+from pounding_sweep.records.reading import read_record
 from pounding_sweep.records.record import Record
 
 RECORDS_VARIABLE = "POUNDING_SWEEP_RECORDS"

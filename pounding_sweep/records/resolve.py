@@ -10,7 +10,8 @@ from pounding_sweep.base.errors import MissingRecordError, RecordError, shown
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.records.catalogue import Folders, find_record, plain_name
 from pounding_sweep.records.fema_p695 import RECORD_SETS, read_record_set
-from pounding_sweep.records.reading import RECORD_SUFFIXES, read_record
+from pounding_sweep.records.formats import RECORD_SUFFIXES
+from pounding_sweep.records.reading import read_record
 from pounding_sweep.records.record import Record
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pounding_sweep.base.errors import RecordError, shown, unknown
-from pounding_sweep.records.loading import MOST_POINTS
+from pounding_sweep.records.reader import MOST_POINTS
 from pounding_sweep.records.record import Record, number
 
 _SEEDS = 2**64
