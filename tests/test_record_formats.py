@@ -1,25 +1,214 @@
-"""Record files in columns and of many points: whose time it is, exact numbers, bounded memory."""
+"""Record files of every format and quirk, and the refusal of bad ones, by messages kept word for word."""
 
 from __future__ import annotations
 
+import json
+import os
 import random
+import tempfile
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from record_files import CSV_TEXT, NGA, OLD, VALUES, at2, fortran, save
 
 from pounding_sweep.base.errors import RecordError
+from pounding_sweep.records import MAX_FILE_BYTES, read_record, reader
 from pounding_sweep.records import STANDARD_GRAVITY as G
-from pounding_sweep.records import read_record, reader
 from pounding_sweep.records.reader import plain_words
 
+#: Every message of a bad file; `python tests/test_record_formats.py` writes them anew.
+MESSAGES = Path(__file__).with_name("golden") / "record_messages.json"
 
-def save(folder, text, name="x.csv"):
-    path = folder / name
-    path.write_bytes(text.encode())
-    return path
+# --- PEER AT2 ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        at2(),
+        at2(header=OLD, dt=".01000"),
+        at2(end="\r\n"),
+        at2(end="\r"),
+        at2(blanks=" " * 20),
+        at2(points="NPTS=      7, DT=   .0100 SEC,                            "),
+        at2(points="NPTS=7,DT=0.010000SEC"),
+        at2(points="NPTS= 7, DT= 1.D-02 SEC"),
+        at2(points="     7   0.0100   NPTS, DT"),
+        at2(points="    7    .0100    NPTS, DT"),
+        at2(points="npts = 7 , dt = 0.01 s"),
+        at2(points="NPTS= 7\nDT= .0100 SEC"),
+        at2(points="DT= .0100 SEC\nNPTS= 7"),
+        at2(per_line=1),
+        at2(per_line=7),
+        at2().rstrip("\n"),
+        at2() + "\n\n   \n",
+        at2() + "\x1a",
+        at2().replace("E", "D").replace("STD", "STE"),
+        at2().replace("E-0", "e-0"),
+        "\n" + at2(),
+        at2(header=NGA.replace("Station", "Stación")),
+        b"\xef\xbb\xbf" + at2().encode(),
+        ("\ufeff" + at2()).encode("utf-16-le"),
+    ],
+)
+def test_at2_quirks(tmp_path, text):
+    record = read_record(save(tmp_path, text))
+    assert record.dt == 0.01
+    np.testing.assert_allclose(record.acceleration, np.array(VALUES) * G, rtol=1e-7)
+    assert record.name == "file"
+    assert record.source.endswith("(file.AT2)")
+
+
+def test_at2_run_together_numbers(tmp_path):
+    rows = "-.1234E-02-.5678E-03 .1000E+00-.2E0\n-12.345-67.890+1.5 -.1D-1-.2D-1\n"
+    record = read_record(save(tmp_path, NGA + "NPTS= 9, DT= .01 SEC\n" + rows))
+    expected = [-0.1234e-2, -0.5678e-3, 0.1, -0.2, -12.345, -67.89, 1.5, -0.01, -0.02]
+    np.testing.assert_array_equal(record.acceleration, np.array(expected) * G)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("G", G), ("g.", G), ("CM/S/S", 0.01), ("CM/SEC/SEC", 0.01), ("CM/SEC**2", 0.01), ("M/S^2", 1.0), ("GAL", 0.01)],
+)
+def test_at2_header_units(tmp_path, unit, factor):
+    record = read_record(save(tmp_path, at2(header=NGA.replace("OF G", "OF " + unit))))
+    assert record.pga == pytest.approx(0.5 * factor, rel=1e-7)
+
+
+def test_at2_without_units_is_in_g_unless_told(tmp_path):
+    path = save(tmp_path, at2(header="Somewhere\n"))
+    assert read_record(path).pga == pytest.approx(0.5 * G, rel=1e-7)
+    assert read_record(path, units="cm/s2").pga == pytest.approx(0.005, rel=1e-7)
+    other = save(tmp_path, at2(header="Somewhere\n"), "file.txt")
+    with pytest.raises(RecordError, match="units are not known"):
+        read_record(other)
+
+
+def test_at2_dt_argument(tmp_path):
+    path = save(tmp_path, at2(points="NPTS= 7"))
+    assert read_record(path, dt=0.02).dt == 0.02
+    assert read_record(save(tmp_path, at2()), dt=0.01).dt == 0.01
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    values=st.lists(
+        st.floats(-9.0, 9.0, allow_subnormal=False).map(lambda x: x if abs(x) > 1e-30 else 0.0), min_size=1
+    ),
+    dt=st.integers(1, 4000).map(lambda n: n / 10000),
+    per_line=st.integers(1, 9),
+    end=st.sampled_from(["\n", "\r\n"]),
+)
+def test_at2_round_trip(tmp_path, values, dt, per_line, end):
+    record = read_record(save(tmp_path, at2(values, dt=f"{dt:.5f}", per_line=per_line, end=end)))
+    assert record.dt == dt
+    np.testing.assert_allclose(record.acceleration, np.array(values) * G, rtol=5.1e-7, atol=0)
+
+
+# --- columns ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n",
+        "time,acc (g)\r\n0,0\r\n0.01,0.5\r\n0.02,-2.5E-01\r\n\r\n",
+        "time (s);acc [g]\n0;0\n0,01;0,5\n0,02;-0,25\n",
+        "t\tacc_g\n0\t0\n0.01\t0.5\n0.02\t-0.25\n",
+        "# Station X\n# units: g\n  0.00   0.0\n  0.01   0.5  \n  0.02  -0.25",
+        "% acceleration in g\n0.00 0.0D0\n0.01 5.0D-1\n# remark\n0.02 -0.25",
+        '"time","acc (g)"\n"0.00","0"\n"0.01","0.5"\n"0.02","-0.25"\n',
+        "time,acc (g)\n5.00,0,\n5.01,0.5,\n5.02,-0.25,\n",
+        "units of g\n0.000.0000\n".replace("0.000.0000", "0.00 0.0") + "0.01+.5\n0.02-.25\n",
+        "\ufefftime,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n".encode(),
+        "\ufefftime,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n".encode("utf-16-le"),
+        "temps,accél (g)\n0,0\n0.01,0.5\n0.02,-0.25\n",
+    ],
+)
+def test_two_columns(tmp_path, text):
+    for name in ("x.csv", "x.AT2", "x"):
+        record = read_record(save(tmp_path, text, name))
+        assert record.dt == 0.01
+        np.testing.assert_array_equal(record.acceleration, np.array([0, 0.5, -0.25]) * G)
+        assert record.name == "x"
+
+
+@pytest.mark.parametrize(
+    ("units", "factor"),
+    [
+        *[("g", G), (" G ", G), ("m/s2", 1), ("m/s^2", 1), ("m/s**2", 1), ("m/s/s", 1), ("m/s²", 1), ("m s-2", 1)],
+        *[("cm/s2", 0.01), ("cm/s^2", 0.01), ("cm/s/s", 0.01), ("gal", 0.01), ("Gal", 0.01), ("cm/sec2", 0.01)],
+    ],
+)
+def test_units(tmp_path, units, factor):
+    plain = save(tmp_path, "0 0\n0.5 2\n", "x.txt")
+    assert read_record(plain, units=units).acceleration.tolist() == [0, 2 * factor]
+    for header in (f"time (s), acc ({units})", f"time,a [{units}]", f"# units: {units}\nt,a"):
+        headed = save(tmp_path, (header + "\n0,0\n0.5,2\n").encode(), "y.csv")
+        assert read_record(headed).acceleration.tolist() == [0, 2 * factor]
+        assert read_record(headed, units=units).pga == 2 * factor
+
+
+def test_header_units_with_underscores(tmp_path):
+    assert read_record(save(tmp_path, "time,acc_m_s2\n0,0\n0.5,2\n", "x.csv")).pga == 2
+    assert read_record(save(tmp_path, "t acc_cm/s2\n0 0\n0.5 2\n", "x.txt")).pga == 0.02
+
+
+def test_one_column(tmp_path):
+    path = save(tmp_path, "0.0\n 0.5\n-0.25\n", "x.txt")
+    record = read_record(path, dt=0.005, units="m/s2", name="mine")
+    assert (record.name, record.dt, record.acceleration.tolist()) == ("mine", 0.005, [0, 0.5, -0.25])
+    headed = save(tmp_path, "# dt = 0.02 s, acceleration (cm/s2)\n0.0\n50\n", "y.txt")
+    assert read_record(headed).dt == 0.02
+    assert read_record(headed).pga == 0.5
+    single = save(tmp_path, "3.5\n", "z.txt")
+    assert read_record(single, dt=0.1, units="m/s2").n_points == 1
+
+
+@pytest.mark.parametrize(
+    ("dt", "form"),
+    [
+        *[(0.02, "{:.2f}"), (0.005, "{:.3f}"), (0.005, "{:.5g}"), (0.01, "{:.4E}"), (1 / 128, "{:.3f}")],
+        *[
+            (1 / 256, "{:.4f}"),
+            (0.02, "{:.9f}"),
+            (0.0024, "{:.4f}"),
+            (0.01, "{!r}"),
+            (1 / 3, "{:.2f}"),
+            (2.0, "{:.0f}"),
+        ],
+    ],
+)
+@pytest.mark.parametrize("start", [0.0, 3.0])
+def test_rounded_times(tmp_path, dt, form, start):
+    times = start + np.arange(2000) * dt
+    text = "".join(f"{form.format(float(t))},{i % 7}\n" for i, t in enumerate(times))
+    assert read_record(save(tmp_path, text, "x.csv"), units="m/s2").dt == pytest.approx(dt, rel=1e-12)
+
+
+def test_float32_times(tmp_path):
+    times = np.arange(3000, dtype=np.float32) * np.float32(0.01)
+    text = "".join(f"{float(t):.12f} 1\n" for t in times)
+    assert read_record(save(tmp_path, text, "x.txt"), units="g").dt == pytest.approx(0.01, rel=1e-6)
+
+
+def test_scale_and_pga(tmp_path):
+    path = save(tmp_path, at2())
+    assert read_record(path, scale=2).pga == pytest.approx(G, rel=1e-7)
+    assert read_record(path, scale=2).scale == 2.0
+    assert read_record(path, pga=2.5).pga == pytest.approx(2.5, rel=1e-15)
+    with pytest.raises(RecordError, match=r"scale=2\.0 and pga=1\.0 exclude each other"):
+        read_record(path, scale=2.0, pga=1.0)
+
+
+def test_path_kinds(tmp_path, monkeypatch):
+    path = save(tmp_path, at2())
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert read_record(str(path)) == read_record(path) == read_record("~/file.AT2")
 
 
 # --- whose time it is -------------------------------------------------------------------------------------------
@@ -83,11 +272,6 @@ def test_headings_tell_the_columns(tmp_path, text, monkeypatch):
         record = read_record(save(tmp_path, text))
         assert record.dt == 0.01
         np.testing.assert_array_equal(record.acceleration, np.array([0.1, 0.2, 0.3]) * G)
-
-
-def test_two_columns_without_acceleration_are_refused(tmp_path):
-    with pytest.raises(RecordError, match=r"has no column of acceleration: its columns are headed \['index', 'time"):
-        read_record(save(tmp_path, "index,time (s)\n0,0\n1,0.01\n2,0.02\n"))
 
 
 # --- many numbers -----------------------------------------------------------------------------------------------
@@ -155,13 +339,193 @@ def test_too_many_points_are_refused(tmp_path, monkeypatch, text):
         read_record(save(tmp_path, text), dt=0.01, units="g")
 
 
+# --- bad files --------------------------------------------------------------------------------------------------
+
+#: Files that are refused, by what is wrong with them.
+BAD = {
+    "nothing": "",
+    "blanks": " \r\n\t\n",
+    "a mark only": b"\xef\xbb\xbf",
+    "any bytes": bytes(range(256)),
+    "a null byte": b"0.1\n0.2\x00\n",
+    "gzip": b"\x1f\x8b\x08abc",
+    "zip": b"PK\x03\x04abc",
+    "half a UTF-16 character": b"\xff\xfea\x00b",
+    "words": "some words\nand no numbers\n",
+    "many words": "word\n" * 1001,
+    "a long line": "1\n2\n" + "3 " * 700_000,
+    "too few": at2(npts=8),
+    "too many": at2(npts=6),
+    "none": at2([], npts=0),
+    "no step": at2(points="NPTS= 7"),
+    "no step, word": at2(points="NPTS= 7, DT= abc"),
+    "step 0": at2(points="NPTS= 7, DT= 0.0 SEC"),
+    "step below 0": at2(points="NPTS= 7, DT= -.01 SEC"),
+    "step infinite": at2(points="NPTS= 7, DT= 1E999 SEC"),
+    "points in words": at2(points="NPTS= many, DT= .01 SEC"),
+    "points of many digits": at2(points="NPTS= " + "9" * 5000 + ", DT= .01 SEC"),
+    "points beyond bounds": at2(npts=10_000_001),
+    "NaN": at2().replace(fortran(0.5), "            NaN"),
+    "infinite": at2().replace(fortran(0.5), "      -Infinity"),
+    "overflow": at2().replace(fortran(0.5), "  .1234567E+999"),
+    "stars": at2().replace(fortran(0.5), " **************"),
+    "underscore": at2().replace(fortran(0.5), "            1_0"),
+    "a word": at2().replace(fortran(0.5), "           oops"),
+    "touching": NGA + "NPTS= 2, DT= .01 SEC\n-.1234E-02.5678E-03\n",
+    "velocity": at2(header=NGA.replace("ACCELERATION", "VELOCITY").replace("OF G", "OF CM/S")),
+    "displacement": at2(header=NGA.replace("ACCELERATION", "DISPLACEMENT")),
+    "furlongs": at2(header=NGA.replace("OF G", "OF FURLONGS")),
+    "no unit": "0 0\n0.01 1\n",
+    "feet": "time,acc (ft/s2)\n0,0\n0.01,1\n",
+    "milliseconds": "time (ms),acc (g)\n0,0\n10,1\n",
+    "one column, no step": "acc (g)\n0.0\n0.1\n",
+    "uneven": "t,a (g)\n0,0\n0.01,1\n0.02,2\n0.035,3\n0.045,4\n",
+    "a row missing": "t,a (g)\n" + "".join(f"{i / 100},0\n" for i in range(500) if i != 300),
+    "a shift": "t,a (g)\n" + "".join(f"{i / 100 if i < 300 else i / 100 + 0.005},0\n" for i in range(600)),
+    "backwards": "t,a (g)\n0,0\n0.02,1\n0.01,2\n",
+    "the same time": "t,a (g)\n0,0\n# twice\n0.01,1\n0.01,2\n",
+    "time NaN": "t,a (g)\n0,0\nnan,1\n0.02,2\n",
+    "step of ages": "t,a (g)\n0,0\n1e300,2\n",
+    "step of nothing": "t,a (g)\n0,0\n1e-300,2\n",
+    "column NaN": "t,a (g)\n0,0\n0.01,nan\n0.02,2\n",
+    "an empty cell": "t,a (g)\n0,0\n0.01,\n0.02,2\n",
+    "an empty first cell": "t,a (g)\n0,0\n,1\n0.02,2\n",
+    "a third cell": "t,a (g)\n0,0\n0.01,1,2\n",
+    "a word in a cell": "t,a (g)\n0,0\n0.01,x\n",
+    "a word in the first row": "t,a (g)\n0,1.O\n0.01,1\n0.02,1\n",
+    "three columns": "t,a,b (g)\n0,0,1\n0.01,1,2\n",
+    "five columns": ".1 .2 .3 .4 .5\n.1 .2 .3 .4 .5\n",
+    "one row": "t,a (g)\n0,1\n",
+    "index and time": "index,time (s)\n0,0\n1,0.01\n2,0.02\n",
+    "a count": "0 0.1\n1 0.2\n2 0.3\n",
+    "a headed count": "n,acc (g)\n1,0.1\n2,0.2\n3,0.3\n",
+}
+
+
+def messages(folder):
+    """Return the message of each bad file."""
+    found = {}
+    for what, text in BAD.items():
+        with pytest.raises(RecordError) as caught:
+            read_record(save(folder, text, "bad.AT2"))
+        found[what] = str(caught.value).replace(str(folder), "")
+    return found
+
+
+def test_messages_of_bad_files(tmp_path):
+    found = messages(tmp_path)
+    assert found == json.loads(MESSAGES.read_text(encoding="utf-8"))
+    assert all(text.startswith("/bad.AT2: ") and len(text) < 400 for text in found.values())
+
+
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("arguments", "message"),
     [
-        ("1\n2\n" + "3 " * 700_000, "line 3 has more than 1048576 characters; write the values in lines"),
-        ("word\n" * 1001, "its first 1000 lines hold no row of numbers"),
+        ({"units": "furlong"}, "unknown acceleration unit 'furlong'"),
+        ({"units": "cm/s"}, r"did you mean 'cm/s2'\? Valid: .*gal"),
+        ({"units": 9.81}, "unknown acceleration unit 9.81"),
+        ({"units": "m/s2"}, "header says 'g', units='m/s2' was given"),
+        ({"dt": 0.02}, "time step is 0.01 s, dt=0.02 was given"),
+        ({"dt": -1}, r"dt \(s\) must be positive"),
+        ({"dt": "x"}, r"dt \(s\) must be a number"),
+        ({"scale": float("nan")}, "scale factor must be finite"),
+        ({"pga": 0.0}, "PGA to scale to .* must be positive"),
+        ({"name": ""}, "name must be a non-empty text"),
     ],
 )
-def test_what_no_record_has_is_refused(tmp_path, text, message):
+@pytest.mark.parametrize("text", [at2(), "t,a (g)\n0,0\n0.01,0.5\n0.02,0.1\n"])
+def test_bad_arguments(tmp_path, arguments, message, text):
+    path = save(tmp_path, text)
     with pytest.raises(RecordError, match=message):
-        read_record(save(tmp_path, text), dt=0.01, units="g")
+        read_record(path, **arguments)
+
+
+def test_zero_file_has_no_pga_to_scale(tmp_path):
+    with pytest.raises(RecordError, match="zero throughout"):
+        read_record(save(tmp_path, "0\n0\n", "x.txt"), dt=0.1, units="g", pga=1.0)
+
+
+def test_unreadable_places(tmp_path):
+    with pytest.raises(RecordError, match=r"none\.AT2: no such file"):
+        read_record(tmp_path / "none.AT2")
+    with pytest.raises(RecordError, match="is a folder"):
+        read_record(tmp_path)
+    with pytest.raises(RecordError, match="can't be read"):
+        read_record("nul\0byte")
+    with pytest.raises(RecordError, match="can't be read"):
+        read_record("x" * 5000)
+    with pytest.raises(RecordError, match="can't be read"):
+        read_record(save(tmp_path, at2()) / "below.AT2")
+    with pytest.raises(RecordError, match="must be a text or a path"):
+        read_record(3.5)
+
+
+def test_huge_file_is_refused_unread(tmp_path):
+    path = tmp_path / "huge.AT2"
+    with path.open("wb") as stream:
+        stream.truncate(MAX_FILE_BYTES + 1)
+    with pytest.raises(RecordError, match="more than 64 MiB are refused"):
+        read_record(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes on this system")
+def test_pipe_does_not_hang(tmp_path):
+    os.mkfifo(tmp_path / "pipe.AT2")
+    with pytest.raises(RecordError, match="not a regular file"):
+        read_record(tmp_path / "pipe.AT2")
+
+
+def test_long_lines_are_linear(tmp_path):
+    for text in (
+        "1" * 2_000_000,
+        "1-" * 1_000_000,
+        "units " * 300_000,
+        "(" * 500_000,
+        "NPTS " * 300_000,
+        "1E" * 500_000,
+    ):
+        with pytest.raises(RecordError):
+            read_record(save(tmp_path, text), dt=0.1, units="g")
+
+
+@pytest.mark.parametrize("text", [at2(VALUES * 3), at2(VALUES, header=OLD, end="\r\n"), CSV_TEXT])
+def test_fuzz(tmp_path, text):
+    """Whatever happens to a file, a reader answers with a valid record or a clear error."""
+    rng = random.Random(20250101)
+    raw = text.encode()
+    alphabet = b"0123456789.+-eEdDnNaAiI,; \t\r\n=\"'#\x00\x1a\xff/_()NPTSDT"
+    messages, records = [], 0
+    for _ in range(400):
+        data = bytearray(raw)
+        for _ in range(rng.choice((1, 1, 2, 5))):
+            place = rng.randrange(len(data))
+            match rng.randrange(5):
+                case 0:
+                    data[place] = rng.choice(alphabet)
+                case 1:
+                    data.insert(place, rng.choice(alphabet))
+                case 2:
+                    del data[place : place + rng.choice((1, 1, 7, 60))]
+                case 3:
+                    data[place:place] = data[place : place + rng.randrange(40)]
+                case _:
+                    data = data[: max(1, place)] if rng.random() < 0.3 else data
+            data = data or bytearray(b"0")
+        path = save(tmp_path, bytes(data))
+        try:
+            record = read_record(path)
+        except RecordError as error:
+            messages.append(str(error))
+        else:
+            records += 1
+            assert record.dt > 0
+            assert record.n_points >= 1
+            assert np.isfinite(record.acceleration).all()
+    assert len(messages) > 50
+    assert all("file.AT2" in message for message in messages)
+    assert records > 50
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        MESSAGES.write_text(json.dumps(messages(Path(folder)), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
