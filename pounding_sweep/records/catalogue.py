@@ -293,10 +293,12 @@ def list_records(folders: Folders = None) -> list[tuple[str, Record | str]]:
         if not folder.is_dir():
             found[str(folder)] = f"{folder}: no such folder; mend {RECORDS_VARIABLE} or the folders given"
             continue
-        for file in _files(folder):
+        files = _files(folder)
+        for file in files:
             entry = _known_file(file.name)
             names = [entry.key] if entry and not entry.bundled else []
-            name = next((name for name in (*names, file.stem, file.name) if name not in found), str(file))
+            names += [file.stem] if sum(other.stem == file.stem for other in files) == 1 else []
+            name = next((name for name in (*names, file.name) if name not in found), str(file))
             try:
                 found[name] = read_record(file, name=name)
             except RecordError as error:

@@ -39,7 +39,7 @@ def read_record(
     path
         The file, of at most 64 MiB and 10,000,000 points.
     name
-        Label of the record; by default the file name without its ending.
+        Label of the record; by default the file name, without its ending unless that tells the component.
     dt
         Time step in s. Needed for one column, or a column of numbers 0, 1, 2 ... and one of acceleration,
         without ``DT=`` in the header; where the file has a step, it must agree.
@@ -84,9 +84,9 @@ def read_record(
         raise RecordError(msg)
     given_units = None if units is None else require_unit(units)
     given_dt = None if dt is None else number(dt, f"{file}: dt (s)", positive=True)
-    label = file.stem if name is None else name
-    source_text = load_text(file, label)
+    source_text = load_text(file, file.stem if name is None else name)
     content = reader_of(source_text).parse(source_text, given_dt)
+    label = (content.name or file.stem) if name is None else name
     factor = UNITS[_choose_units(file, content, given_units)]
     with np.errstate(over="ignore"):
         motion = content.values * factor

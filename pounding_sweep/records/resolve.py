@@ -26,7 +26,7 @@ def resolve_records(
     ----------
     items
         Records, paths, or texts: a text with a path separator or a record file's
-        ending (.at2, .csv, .txt, .dat) is a path, any other a name for `find_record`.
+        ending (`RECORD_SUFFIXES`) is a path, any other a name for `find_record`.
         A path without folder that is not in `base` is looked for in `folders`.
         The name of a record set ("fema_p695_far_field") stands for all its records,
         and ``SET/RECORD`` for one of them.
