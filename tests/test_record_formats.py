@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from record_files import CSV_TEXT, NGA, OLD, VALUES, at2, fortran, save
+from record_files import CSV_TEXT, NGA, OLD, VALUES, at2, fortran, knet, save
 
 from pounding_sweep.base.errors import RecordError
-from pounding_sweep.records import MAX_FILE_BYTES, read_record, reader
+from pounding_sweep.records import MAX_FILE_BYTES, list_records, read_record, reader, resolve_records
 from pounding_sweep.records import STANDARD_GRAVITY as G
 from pounding_sweep.records.reader import plain_words
 
@@ -339,6 +339,26 @@ def test_too_many_points_are_refused(tmp_path, monkeypatch, text):
         read_record(save(tmp_path, text), dt=0.01, units="g")
 
 
+# --- K-NET and KiK-net -------------------------------------------------------------------------------------------
+
+
+def test_knet(tmp_path):
+    """The header of NIED's own example; 3920 gal are 6182761 counts, and a mean of 8000 counts is no motion."""
+    counts = [8000 + wave for wave in (9, -9, 100, -100, 5, -5, 0, 0)] * 25
+    path = save(tmp_path, knet(counts), "MYG0020601182325.NS")
+    record = read_record(path)
+    assert (record.dt, record.n_points, record.name) == (0.01, 200, "MYG0020601182325.NS")
+    assert record.source == "MYG002 N-S, earthquake of 2006/01/18 23:25:00 (MYG0020601182325.NS)"
+    np.testing.assert_allclose(record.acceleration, (np.array(counts) - 8000) * 39.2 / 6182761, rtol=1e-12)
+    underground = save(tmp_path, knet(counts, rate=200, seconds=1, direction="3", scale="2000(gal)/8388608"), "T.UD1")
+    assert read_record(underground, name="T", units="gal").dt == 0.005
+    assert read_record(underground).pga == pytest.approx(100 * 20 / 8388608)
+    save(tmp_path, knet(counts), "MYG0020601182325.EW")
+    both = [name for name, _ in list_records(tmp_path)][1:]
+    assert both == ["MYG0020601182325.EW", "MYG0020601182325.NS", "T"]
+    assert [record.name for record in resolve_records(both, tmp_path)] == [*both[:2], "T.UD1"]
+
+
 # --- bad files --------------------------------------------------------------------------------------------------
 
 #: Files that are refused, by what is wrong with them.
@@ -398,6 +418,15 @@ BAD = {
     "one row": "t,a (g)\n0,1\n",
     "index and time": "index,time (s)\n0,0\n1,0.01\n2,0.02\n",
     "a count": "0 0.1\n1 0.2\n2 0.3\n",
+    "K-NET, cut": knet([8000] * 99),
+    "K-NET, too long": knet([8000] * 301),
+    "K-NET, header cut": knet([8000] * 200).partition("Memo.")[0],
+    "K-NET, no rate": knet([8000] * 200).replace("100Hz", "fast"),
+    "K-NET, rate 0": knet([8000] * 200, rate=0),
+    "K-NET, no scale": knet([8000] * 200).replace("Scale Factor", "Scale"),
+    "K-NET, scale 0": knet([8000] * 200, scale="3920(gal)/0"),
+    "K-NET, for years": knet([8000] * 200, seconds=10**9),
+    "K-NET, a word": knet([8000] * 200 + ["oops"]),
     "a headed count": "n,acc (g)\n1,0.1\n2,0.2\n3,0.3\n",
 }
 
@@ -488,7 +517,9 @@ def test_long_lines_are_linear(tmp_path):
             read_record(save(tmp_path, text), dt=0.1, units="g")
 
 
-@pytest.mark.parametrize("text", [at2(VALUES * 3), at2(VALUES, header=OLD, end="\r\n"), CSV_TEXT])
+@pytest.mark.parametrize(
+    "text", [at2(VALUES * 3), at2(VALUES, header=OLD, end="\r\n"), CSV_TEXT, knet([8000, 7990] * 100)]
+)
 def test_fuzz(tmp_path, text):
     """Whatever happens to a file, a reader answers with a valid record or a clear error."""
     rng = random.Random(20250101)
