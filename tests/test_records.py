@@ -43,11 +43,8 @@ def test_record_keeps_a_read_only_copy():
         record.dt = 1.0
     assert (record.pga, record.n_points, record.duration, record.scale) == (3.0, 4, 1.5, 1.0)
     assert record.time.tolist() == [0, 0.5, 1.0, 1.5]
-
-
-def test_one_point_is_a_record():
-    record = Record("one", dt=0.1, acceleration=[-2.0])
-    assert (record.n_points, record.duration, record.pga, record.time.tolist()) == (1, 0.0, 2.0, [0.0])
+    one = Record("one", dt=0.1, acceleration=[-2.0])
+    assert (one.n_points, one.duration, one.pga, one.time.tolist()) == (1, 0.0, 2.0, [0.0])
 
 
 def test_identity_is_the_content():
@@ -339,29 +336,6 @@ def test_synthetic_envelope():
     assert parts[2] < 0.02 * parts[1]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"seed": -1}, r"seed must be an integer from 0 to .*, not -1"),
-        ({"seed": 1.5}, "seed must be an integer"),
-        ({"seed": True}, "seed must be an integer"),
-        ({"dt": 0}, r"dt \(s\) must be positive"),
-        ({"duration": float("inf")}, "duration .* finite"),
-        ({"duration": 0.001}, "at least dt"),
-        ({"duration": 1e9}, "more than 10000000 points"),
-        ({"pga": -1}, r"pga \(m/s2\) must be positive"),
-        ({"ground_frequency": 400.0}, "Nyquist"),
-        ({"ground_damping": 0}, "ground_damping must be positive"),
-        ({"filter_frequency": 0}, "filter_frequency .* must be positive"),
-        ({"rise": 0.7, "strong": 0.5}, "sum <= 1"),
-        ({"end_level": 2.0}, "end_level"),
-    ],
-)
-def test_bad_synthetic(arguments, message):
-    with pytest.raises(RecordError, match=message):
-        synthetic_record(**{"seed": 1, **arguments})
-
-
 @pytest.mark.parametrize("duration", [0.01, 0.025, 0.3, 1.0])
 def test_synthetic_of_any_length(duration):
     record = synthetic_record(3, duration=duration)
@@ -400,20 +374,38 @@ def test_pulse_shapes():
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("make", "arguments", "message"),
     [
-        ({"shape": "sinus"}, r"unknown pulse shape 'sinus'; did you mean 'sine'\? Valid: half_sine, rectangular"),
-        ({"shape": None}, "unknown pulse shape None"),
-        ({"amplitude": float("nan")}, "amplitude .* must be finite"),
-        ({"period": 0}, "period .* must be positive"),
-        ({"dt": 0.6}, "too coarse for a sine pulse of 1 s; take at most 0.5 s"),
-        ({"duration": 0.9}, "would cut the sine pulse"),
-        ({"duration": 1e9}, "more than 10000000 points"),
+        (synthetic_record, {"seed": -1}, r"seed must be an integer from 0 to .*, not -1"),
+        (synthetic_record, {"seed": 1.5}, "seed must be an integer"),
+        (synthetic_record, {"seed": True}, "seed must be an integer"),
+        (synthetic_record, {"dt": 0}, r"dt \(s\) must be positive"),
+        (synthetic_record, {"duration": float("inf")}, "duration .* finite"),
+        (synthetic_record, {"duration": 0.001}, "at least dt"),
+        (synthetic_record, {"duration": 1e9}, "more than 10000000 points"),
+        (synthetic_record, {"pga": -1}, r"pga \(m/s2\) must be positive"),
+        (synthetic_record, {"ground_frequency": 400.0}, "Nyquist"),
+        (synthetic_record, {"ground_damping": 0}, "ground_damping must be positive"),
+        (synthetic_record, {"filter_frequency": 0}, "filter_frequency .* must be positive"),
+        (synthetic_record, {"rise": 0.7, "strong": 0.5}, "sum <= 1"),
+        (synthetic_record, {"end_level": 2.0}, "end_level"),
+        (
+            pulse_record,
+            {"shape": "sinus"},
+            r"pulse shape 'sinus'; did you mean 'sine'\? Valid: half_sine, rectangular",
+        ),
+        (pulse_record, {"shape": None}, "unknown pulse shape None"),
+        (pulse_record, {"amplitude": float("nan")}, "amplitude .* must be finite"),
+        (pulse_record, {"period": 0}, "period .* must be positive"),
+        (pulse_record, {"dt": 0.6}, "too coarse for a sine pulse of 1 s; take at most 0.5 s"),
+        (pulse_record, {"duration": 0.9}, "would cut the sine pulse"),
+        (pulse_record, {"duration": 1e9}, "more than 10000000 points"),
     ],
 )
-def test_bad_pulse(arguments, message):
+def test_bad_made_records(make, arguments, message):
+    good = {"seed": 1} if make is synthetic_record else {"shape": "sine", "amplitude": 1.0, "period": 1.0, "dt": 0.01}
     with pytest.raises(RecordError, match=message):
-        pulse_record(**{"shape": "sine", "amplitude": 1.0, "period": 1.0, "dt": 0.01, **arguments})
+        make(**{**good, **arguments})
 
 
 # --- the module itself ------------------------------------------------------------------------------------------

@@ -295,38 +295,10 @@ def resolve_records(
     folders: Folders = None,
     base: str | os.PathLike[str] | None = None,
 ) -> list[Record]:
-    """Turn records, paths and names into records, in order.
+    """Turn records, paths, names and names of sets into records, in order; no two may have the same name.
 
-    Parameters
-    ----------
-    items
-        Records, paths, or texts: a text with a path separator or a record file's
-        ending (`RECORD_SUFFIXES`) is a path, any other a name for `find_record`.
-        A path without folder that is not in `base` is looked for in `folders`.
-        The name of a record set ("fema_p695_far_field") stands for all its records,
-        and ``SET/RECORD`` for one of them.
-    folders
-        As in `find_record`.
-    base
-        Folder that relative paths start from; by default the current one.
-
-    Returns
-    -------
-    list of Record
-        One per item, and as many as it has per set.
-
-    Raises
-    ------
-    MissingRecordError
-        If an item is not found.
-    RecordError
-        If an item can't be read or is of another type, or if two records have
-        the same name: they could not be told apart on an axis.
-
-    Examples
-    --------
-    >>> resolve_records(["el_centro", Record("step", dt=1.0, acceleration=[1.0, 1.0])])
-    [Record('el_centro', 1560 points, dt=0.02 s, PGA 3.128 m/s2), Record('step', 2 points, dt=1 s, PGA 1 m/s2)]
+    A text with a path separator or a record file's ending is a path, from the folder `base` on, any other a name for
+    `find_record`. A path without folder that is not in `base` is looked for in `folders` too.
     """
     records: list[Record] = []
     for item in [items] if isinstance(items, Record | str | os.PathLike) else items:
