@@ -31,6 +31,7 @@ from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, Axis, assemble, unit_attributes
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
+from pounding_sweep.outputs.declare import Reducer, Slot
 from pounding_sweep.outputs.layout import inner_shape, mask_invalid
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import (
@@ -44,6 +45,7 @@ from pounding_sweep.outputs.variables import (
     check_outputs,
     cube_variables,
     get_variable,
+    output_slots,
     reducers_for,
 )
 from pounding_sweep.resume.checkpoint import IDENTITY, parts_folder
@@ -164,6 +166,17 @@ class TestRegistry:
         rest = text(set(REDUCERS) - {name})
         assert rest != text(REDUCERS)
         assert "# reducers" not in rest
+
+    @pytest.mark.parametrize("law", ["linear", "stereomechanical"])
+    def test_one_entry_makes_a_reducer(self, law, monkeypatch):
+        made = Reducer("made", (Slot("made", "contact", "7.0"),), "touch", touch="S[MADE + q] = v", substep="x = 1.0")
+        monkeypatch.setitem(REDUCERS, "made", made)
+        shape = kernel_shape(SCENE, get_law(law), Numerics("rk4", 0.01), ["made"])
+        text = kernel_text(shape)
+        assert "S[MADE + j * L + l] = 7.0\n" in text.row  # its first value
+        assert " S[MADE + q] = v\n" in text.main
+        assert "    x = 1.0\n" in text.main
+        assert output_slots(shape).count["made"] == len(SCENE.contacts)
 
     def test_variables_of_a_cube(self):
         assert cube_variables(["drift_max"]) == ("drift_max", "status", "steps_per_contact")
