@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 
 import pounding_sweep.analysis as analysis
 from pounding_sweep.analysis.along import fractiles_along, interpolate
-from pounding_sweep.analysis.amplified import RESPONSES
+from pounding_sweep.analysis.comparisons.amplification import RESPONSES
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import get_law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene

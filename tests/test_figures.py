@@ -21,9 +21,8 @@ from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.figures import CONTACT, FIGURES, NO_CONTACT, SOURCES, plot, require
 from pounding_sweep.figures.animation import PERIODS, WATCHED, _Picture, animate
-from pounding_sweep.figures.chosen import heading, middle
-from pounding_sweep.figures.emptiness import shows_values
-from pounding_sweep.figures.row import Stage, _round_down, strongest, walls
+from pounding_sweep.figures.gallery.row import Stage, _round_down, strongest, walls
+from pounding_sweep.figures.shown import heading, middle, shows_values
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
 from pounding_sweep.plan.scenarios import case_variants

@@ -12,8 +12,7 @@ from pounding_sweep.analysis import amplification
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.figures import FIGURES, plot
-from pounding_sweep.figures.chosen import middle
-from pounding_sweep.figures.emptiness import shows_values
+from pounding_sweep.figures.shown import middle, shows_values
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.outputs.variables import Status
 

@@ -16,12 +16,12 @@ import xarray as xr
 from paper_study import histories, make_study, outputs
 
 import pounding_sweep as ps
-from pounding_sweep.analysis.energies import energy_transfer
+from pounding_sweep.analysis.comparisons.energy import energy_transfer
 from pounding_sweep.base.errors import OutputError
-from pounding_sweep.figures.paper import FIGURES, roof_force, save_figures
-from pounding_sweep.paper.histories import INTERVAL, kept, scenario
+from pounding_sweep.paper.figures import FIGURES, roof_force, save_figures
 from pounding_sweep.paper.readings import READINGS, sweep_of
 from pounding_sweep.paper.report import Picture, contents, render, write_report
+from pounding_sweep.paper.study import INTERVAL, kept, scenario
 
 #: Eight bytes that begin every PNG file.
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -127,7 +127,7 @@ def test_figures_4_to_21_are_drawn():
 
 
 def test_figures_are_saved_in_two_formats(made, tmp_path, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.figures.paper.FIGURES", FIGURES[-2:])
+    monkeypatch.setattr("pounding_sweep.paper.figures.FIGURES", FIGURES[-2:])
     found = save_figures(made, tmp_path)
     assert [picture.path.name for picture in found] == ["figure_20.png", "figure_21.png"]
     for picture in found:
@@ -136,7 +136,7 @@ def test_figures_are_saved_in_two_formats(made, tmp_path, monkeypatch):
 
 
 def test_displacements_and_shears_stand_at_their_floors(made):
-    from pounding_sweep.figures.paper import displacement_profiles, shear_profiles
+    from pounding_sweep.paper.figures import displacement_profiles, shear_profiles
 
     storey = xr.DataArray([1.0, 2.0, 3.0], dims="storey", coords={"storey": [1, 2, 3]})
     cube = outputs(displacement_max=1e-3 * storey, displacement_min=-2e-3 * storey, storey_shear_max=4e3 - 1e3 * storey)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.fragilities import BOUNDS
+from pounding_sweep.analysis.comparisons.fragility import BOUNDS
 from pounding_sweep.analysis.lognormal import FIT_STATUS
 from pounding_sweep.analysis.scenarios import law_keys, of_law, scenario_dims
 

@@ -71,7 +71,7 @@ def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
 
 
 def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
-    """Return the runs without pounding that belong to a cube; see `pounding_sweep.analysis.gaps.required_gap`."""
+    """Return the runs without pounding that belong to a cube; see `required_gap`."""
     cube = scenarios_only(cube)
     sweep = stored_sweep(cube)
     scene = scene_of(sweep)

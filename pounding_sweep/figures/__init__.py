@@ -105,13 +105,13 @@ FIGURES: dict[str, Kind] = {
         Kind(
             "force-gap",
             "peak impact force and impacts of each pair against the gap, law by law",
-            "pounding_sweep.figures.force_gap:force_gap",
+            "pounding_sweep.figures.gallery.force_gap:force_gap",
             needs=("law", "gap", "pair", "impact_force_max", "impact_count", CONTACT),
         ),
         Kind(
             "profiles",
             "peak displacement, drift, storey shear and acceleration over the height, law by law",
-            "pounding_sweep.figures.profiles:profiles",
+            "pounding_sweep.figures.gallery.profiles:profiles",
             needs=(
                 "law",
                 "floor_elevation",
@@ -121,7 +121,7 @@ FIGURES: dict[str, Kind] = {
         Kind(
             "amplification",
             "responses with pounding over responses without, by building and law",
-            "pounding_sweep.figures.amplification:amplification",
+            "pounding_sweep.figures.gallery.amplification:amplification",
             needs=(
                 "law",
                 f"displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max|{_RATIOS}",
@@ -132,7 +132,7 @@ FIGURES: dict[str, Kind] = {
         Kind(
             "law-comparison",
             "impact forces over those of a reference law, at equal nominal and at equal realised restitution",
-            "pounding_sweep.figures.law_comparison:law_comparison",
+            "pounding_sweep.figures.gallery.law_comparison:law_comparison",
             needs=(
                 "law",
                 "pair",
@@ -144,74 +144,74 @@ FIGURES: dict[str, Kind] = {
         Kind(
             "required-gap",
             "the gap that each pair needs, exactly and by separation rules",
-            "pounding_sweep.figures.required_gap:required_gap",
+            "pounding_sweep.figures.gallery.required_gap:required_gap",
             needs=("pair", "record|case|exact"),
         ),
         Kind(
             "energy-budget",
             "where the energy of each building went, law by law",
-            "pounding_sweep.figures.energy_budget:energy_budget",
+            "pounding_sweep.figures.gallery.energy_budget:energy_budget",
             needs=("building", "energy_input", "energy_damping", "energy_kinetic", "energy_strain"),
         ),
         Kind(
             "incremental",
             "response against intensity, record by record, with the fractiles of the suite",
-            "pounding_sweep.figures.incremental:incremental",
+            "pounding_sweep.figures.gallery.incremental:incremental",
             several=("scale",),
         ),
         Kind(
             "fragility",
             "probability that a pair touches, against intensity, with its confidence",
-            "pounding_sweep.figures.fragility:fragility",
+            "pounding_sweep.figures.gallery.fragility:fragility",
             needs=("pair", CONTACT),
             several=("record|scale",),
         ),
         Kind(
             "histories",
             "ground acceleration, floor displacements and contact forces against time, from 'simulate'",
-            "pounding_sweep.figures.histories:histories",
+            "pounding_sweep.figures.gallery.histories:histories",
             source="histories",
             needs=("time", "ground_acceleration", "displacement"),
         ),
         Kind(
             "row",
             "the row at the instant of its strongest impact, from 'simulate'",
-            "pounding_sweep.figures.row:row",
+            "pounding_sweep.figures.gallery.row:row",
             source="histories",
             needs=("time", "floor_elevation", "displacement"),
         ),
         Kind(
             "floor-spectra",
             "5 % response spectra of the floors' total accelerations, from 'simulate'",
-            "pounding_sweep.figures.response_spectra:floor_response",
+            "pounding_sweep.figures.gallery.response_spectra:floor_response",
             source="histories",
             needs=("time", "acceleration"),
         ),
         Kind(
             "response-spectra",
             "response or floor spectra: pseudo-acceleration and displacement against period",
-            "pounding_sweep.figures.response_spectra:response_spectra",
+            "pounding_sweep.figures.gallery.response_spectra:response_spectra",
             source="spectra",
             needs=("period", "pseudo_acceleration", "spectral_displacement"),
         ),
         Kind(
             "ground-motion",
             "acceleration histories and response spectra of records, as 'records plot' draws them",
-            "pounding_sweep.figures.ground_motion:ground_motion",
+            "pounding_sweep.figures.gallery.ground_motion:ground_motion",
             source="spectra",
             needs=("record", "time", "ground_acceleration", "period", "pseudo_acceleration", "damping_ratio"),
         ),
         Kind(
             "work-precision",
             "worst error of schemes, steps and number formats against their cost, from 'tradeoff'",
-            "pounding_sweep.figures.work_precision:work_precision",
+            "pounding_sweep.figures.gallery.work_precision:work_precision",
             source="trade",
             needs=("scheme", "located", "error", "cost"),
         ),
         Kind(
             "stability-map",
             "error and status over contact stiffness and time step, from 'extremes --map'",
-            "pounding_sweep.figures.stability_map:stability_map",
+            "pounding_sweep.figures.gallery.stability_map:stability_map",
             source="map",
             needs=("peak_force_error", "status", "scheme", "stiffness", "dt"),
         ),
@@ -264,7 +264,7 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     OutputError
         The file can't be written.
     """
-    from pounding_sweep.figures.emptiness import nothing_to_draw, shows_values
+    from pounding_sweep.figures.shown import nothing_to_draw, shows_values
 
     if kind not in FIGURES:
         raise InputError(unknown("figure", kind, FIGURES))

@@ -16,10 +16,9 @@ from pounding_sweep.base.errors import OutputError
 from pounding_sweep.base.files import replacing
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import package_version
-from pounding_sweep.paper.checks import energy_checks
+from pounding_sweep.paper.checks import energy_checks, findings
 from pounding_sweep.paper.compare import ALL, Grid, agreement, side_by_side, table_grid
 from pounding_sweep.paper.conclusions import HOLDS_SHARE, PARTLY_SHARE, Judgement, judge
-from pounding_sweep.paper.impossible import findings
 from pounding_sweep.paper.published import GROUND_MOTIONS, TABLES, record_title
 from pounding_sweep.paper.readings import READINGS, RESCALED, STEP
 from pounding_sweep.paper.steps import LIMIT, error_text, largest_steps, step_rows

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.analysis.comparisons.fragility import sentence
 from pounding_sweep.analysis.events import EVENTS
-from pounding_sweep.analysis.fragilities import sentence
 from pounding_sweep.analysis.lognormal import FitStatus
-from pounding_sweep.figures.chosen import along, middle
-from pounding_sweep.figures.compared import first_varied, result_of
+from pounding_sweep.figures.shown import along, first_varied, middle, result_of
 from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, axis_label, styled, subplots, unit_text
 
 if TYPE_CHECKING:

@@ -208,7 +208,7 @@ class PaperFigure:
 
 
 def _ground_motion(study: Study) -> Figure:
-    from pounding_sweep.figures.ground_motion import ground_motion
+    from pounding_sweep.figures.gallery.ground_motion import ground_motion
 
     return ground_motion(study.motions)
 

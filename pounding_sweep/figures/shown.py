@@ -1,4 +1,4 @@
-"""The one scenario, or the few, that a figure shows of a cube with more axes than it can draw."""
+"""What a figure shows of a dataset with more in it than it can draw, and whether that is anything."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.analysis.comparisons import COMPARISONS
+from pounding_sweep.analysis.scenarios import COMPARISON, scenario_dims
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.style import unit_text
+from pounding_sweep.figures.style import axis_label, unit_text
 from pounding_sweep.output.audited import AUDIT_DIMS
-from pounding_sweep.outputs.variables import INNER_DIMS, STATUS
+from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
 from pounding_sweep.run.choice import SCENARIO_ATTRIBUTE
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
 
 #: Characters in a line of a figure's title, of figures 7.2 inches wide.
 WIDTH = 100
@@ -108,3 +111,78 @@ def heading(one: xr.Dataset, more: str = "", width: int | None = None) -> str:
         return text
     whole = text.replace(" ", "\xa0").replace(";\xa0", "; ")  # lines end between parts only
     return fill(whole, width, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
+
+
+#: Axes against which a comparison is drawn, the first of those that vary.
+_AXES = ("gap", "stiffness_factor", "stiffness", "scale", "restitution")
+
+#: Characters in a line of an axis label.
+_LABEL = 36
+
+
+def result_of(dataset: xr.Dataset, key: str) -> xr.Dataset:
+    """Return a comparison's result: the dataset itself where it is one, else what the comparison makes of the cube."""
+    return dataset if dataset.attrs.get(COMPARISON) == key else COMPARISONS[key].load()(dataset)
+
+
+def first_varied(result: xr.Dataset, but: Iterable[str] = ()) -> str | None:
+    """Return the axis to draw along: the first that has several values, building properties last; None without one."""
+    others = [dim for dim in scenario_dims(result) if dim not in (*_AXES, "law", "record", "case", *but)]
+    for axis in (*_AXES, *others):
+        if result.sizes.get(axis, 1) > 1 and result[axis].dtype.kind in "iuf" and axis not in but:
+            return axis
+    return None
+
+
+def over_storeys(part: xr.DataArray) -> xr.DataArray:
+    """Return the largest value over storeys, or the value itself of a single one."""
+    return part.max("storey") if "storey" in part.dims else part
+
+
+def drawn_axis(result: xr.Dataset, axis: str) -> tuple[np.ndarray, str]:
+    """Return the values of an axis to draw along, and its label with the unit."""
+    if axis == "gap":
+        return np.asarray(result[axis].values) * 1e3, "gap (mm)"
+    ratios = [str(name) for name in result.coords if "_ratio_" in str(name) and result[name].dims == (axis,)]
+    drawn = result[ratios[0] if ratios else axis]
+    name = str(drawn.attrs.get("long_name", axis.replace("_", " ")))
+    return np.asarray(drawn.values), fill(axis_label(name, drawn.attrs), _LABEL)
+
+
+def shows_values(figure: Figure) -> bool:
+    """Whether any line, bar, mark or map of a figure has a finite value; lines across a whole panel are none."""
+    return any(_finite(artist, ax) for ax in figure.axes for artist in ax.get_children())
+
+
+def _finite(artist: Any, ax: Any) -> bool:
+    """Whether an artist of a panel stands for a finite value of the data."""
+    from matplotlib.collections import Collection, PathCollection
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Rectangle
+
+    rows: Any = []
+    if isinstance(artist, Line2D) and artist.get_transform() is ax.transData:
+        rows = np.column_stack(artist.get_data())
+    elif isinstance(artist, Rectangle) and artist is not ax.patch:
+        rows = [[artist.get_width(), artist.get_height()]]
+    elif isinstance(artist, PathCollection):  # marks
+        rows = artist.get_offsets()
+    elif isinstance(artist, Collection) and (cells := artist.get_array()) is not None:  # of a map
+        rows = np.reshape(cells, (-1, 1))
+    elif isinstance(artist, Collection):
+        rows = np.concatenate([path.vertices for path in artist.get_paths()] or [np.empty((0, 2))])
+    points: np.ndarray = np.ma.filled(np.ma.asarray(rows, dtype=float), np.nan)
+    return bool(points.size) and bool(np.isfinite(points).all(axis=1).any())
+
+
+def nothing_to_draw(dataset: xr.Dataset, key: str) -> str:
+    """Say that a figure has nothing to draw of a dataset, why, and what to do."""
+    shown = middle(dataset, [str(dim) for dim in dataset.sizes])[1]
+    return f"figure {key!r} has nothing to draw{f' at {shown}' if shown else ''}: {_why(dataset)}"
+
+
+def _why(dataset: xr.Dataset) -> str:
+    status = dataset["status"].values if "status" in dataset.data_vars else np.array(int(Status.OK))
+    counts = [(one.label, int((status == int(one)).sum())) for one in STATUS if one != Status.OK]
+    failed = [f"{count} of {status.size} scenarios are {label}" for label, count in counts if count]
+    return f"{', '.join(failed) or 'none of its values is a number'}; choose others with --at"

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.figures.chosen import middle
-from pounding_sweep.figures.compared import result_of
+from pounding_sweep.figures.shown import middle, result_of
 from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, styled
 
 if TYPE_CHECKING:

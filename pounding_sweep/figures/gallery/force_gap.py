@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from pounding_sweep.analysis.scenarios import pounding_only
 from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import along, labels_with_values, middle
+from pounding_sweep.figures.shown import along, labels_with_values, middle
 from pounding_sweep.figures.style import label_edges, legend_below, look, start_at_zero, styled, subplots
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import WIDTH, heading
+from pounding_sweep.figures.shown import WIDTH, heading
 from pounding_sweep.figures.style import COLOURS, LINES, styled
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import WIDTH, heading
+from pounding_sweep.figures.shown import WIDTH, heading
 from pounding_sweep.figures.style import COLOURS, styled
 from pounding_sweep.model.scene import Wall
 

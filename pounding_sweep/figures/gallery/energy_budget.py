@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.chosen import along, labels_with_values, middle
-from pounding_sweep.figures.compared import result_of
-from pounding_sweep.figures.emptiness import nothing_to_draw
+from pounding_sweep.figures.shown import along, labels_with_values, middle, nothing_to_draw, result_of
 from pounding_sweep.figures.style import COLOURS, legend_below, styled
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import along, labels_with_values, middle
+from pounding_sweep.figures.shown import along, labels_with_values, middle
 from pounding_sweep.figures.style import legend_below, look, styled
 
 if TYPE_CHECKING:

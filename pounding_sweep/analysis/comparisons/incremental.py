@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.along import check_quantiles, fractiles_over, interpolate
+from pounding_sweep.analysis.comparisons.fractiles import QUANTILES, responses
 from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.analysis.scenarios import (
     described,
@@ -17,7 +18,6 @@ from pounding_sweep.analysis.scenarios import (
     scenarios_only,
     values,
 )
-from pounding_sweep.analysis.suites import QUANTILES, responses
 from pounding_sweep.base.errors import InputError
 
 if TYPE_CHECKING:

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.analysis.incremental import directions
+from pounding_sweep.analysis.comparisons.incremental import directions
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.chosen import along, labels_with_values, middle
-from pounding_sweep.figures.compared import result_of
+from pounding_sweep.figures.shown import along, labels_with_values, middle, result_of
 from pounding_sweep.figures.style import COLOURS, axis_label, label_edges, legend_below, start_at_zero, styled, subplots
 from pounding_sweep.outputs.variables import VARIABLES
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.response_spectra import MOST_LINES, draw_spectra
+from pounding_sweep.figures.gallery.response_spectra import MOST_LINES, draw_spectra
 from pounding_sweep.figures.style import COLOURS, styled
 
 if TYPE_CHECKING:

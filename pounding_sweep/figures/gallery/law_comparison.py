@@ -5,8 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.chosen import along, labels_with_values, middle_over_records
-from pounding_sweep.figures.compared import drawn_axis, first_varied, over_storeys, result_of
+from pounding_sweep.figures.shown import (
+    along,
+    drawn_axis,
+    first_varied,
+    labels_with_values,
+    middle_over_records,
+    over_storeys,
+    result_of,
+)
 from pounding_sweep.figures.style import label_edges, legend_below, look, styled, subplots
 
 if TYPE_CHECKING:
