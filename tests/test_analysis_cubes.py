@@ -199,7 +199,7 @@ class TestSelections:
         cube = hand_cube(AXES, random_fill(12, *self.NAMES))
         part = cube.sel(gap=0.02, pair="a-b", building="a", storey=1, record="one")
         for key in ("amplification", "law-comparison", "incremental", "fragility"):
-            assert isinstance(FIGURES[key].load()(part), Figure)
+            assert isinstance(FIGURES[key].draw(part), Figure)
 
 
 class TestLaws:

@@ -15,10 +15,9 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 from pounding_sweep.analysis import fragility
-from pounding_sweep.analysis.comparisons.fragility import sentence
+from pounding_sweep.analysis.comparisons.fragility import fit_rows, sentence
 from pounding_sweep.analysis.events import EVENTS
 from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, LognormalFit, fit_lognormal, probability
-from pounding_sweep.analysis.rows import fit_rows
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.outputs.variables import VARIABLES, Status
 

@@ -63,7 +63,7 @@ MAKERS = {
 def test_every_figure_is_drawn_with_labelled_axes(key, tmp_path):
     kind = FIGURES[key]
     assert kind.source in SOURCES
-    figure = kind.load()(MAKERS[kind.source]())
+    figure = kind.draw(MAKERS[kind.source]())
     shown = [ax for ax in figure.axes if ax.get_visible()]
     assert shows_values(figure)
     figure.savefig(tmp_path / "figure.png")
@@ -114,14 +114,14 @@ def test_laws_that_a_figure_needs(tmp_path):
                 plot(cube, key, tmp_path / "x.png")
     assert FIGURES["amplification"].lacks(amplification(whole)) == ()
     assert CONTACT in FIGURES["fragility"].lacks(whole.isel(law=none))
-    drawn = FIGURES["incremental"].load()(whole.sel(law=["none"]))
+    drawn = FIGURES["incremental"].draw(whole.sel(law=["none"]))
     assert "drift" in drawn.axes[0].get_ylabel() + str(drawn.get_supylabel())
 
 
 @pytest.mark.parametrize(("scales", "sizes"), [([-2.0, -1.0, 1.0, 2.0], [2, 2]), ([-1.0, 1.0, 2.0], [1, 2])])
 def test_both_directions_of_a_record_are_lines_of_their_own(scales, sizes):
     cube = made.cube(record=2, scale=len(scales)).assign_coords(scale=scales)
-    lines = FIGURES["incremental"].load()(cube).axes[0].lines
+    lines = FIGURES["incremental"].draw(cube).axes[0].lines
     grey = [line for line in lines if line.get_color() == "0.7"]
     assert sorted(len(line.get_xdata()) for line in grey) == sorted(2 * sizes)
     assert all(line.get_marker() == "." for line in grey if len(line.get_xdata()) == 1)
@@ -155,7 +155,7 @@ def test_what_cannot_be_written_is_said(tmp_path):
 
 def test_force_gap_shows_the_largest_of_all_storeys():
     cube = made.cube(restitution=3)
-    figure = FIGURES["force-gap"].load()(cube.isel(gap=[2, 0, 3, 1]))
+    figure = FIGURES["force-gap"].draw(cube.isel(gap=[2, 0, 3, 1]))
     force, count = figure.axes
     for ax, name, factor in ((force, "impact_force_max", 1e-3), (count, "impact_count", 1.0)):
         assert [line.get_label() for line in ax.lines] == ["linear", "kelvin_voigt"]
@@ -176,7 +176,7 @@ def test_panels_show_all_of_their_lines(key):
         growing = xr.DataArray(10.0 ** np.arange(cube.sizes[dim]), dims=dim)
         cube = cube.assign({name: v * growing for name, v in cube.data_vars.items() if dim in v.dims})
     seen = 0
-    for ax in FIGURES[key].load()(cube).axes:
+    for ax in FIGURES[key].draw(cube).axes:
         for line in (line for line in ax.lines if line.get_transform() is ax.transData):
             for values, (low, high) in ((line.get_xdata(), ax.get_xlim()), (line.get_ydata(), ax.get_ylim())):
                 there = np.asarray(values, float)[np.isfinite(values)]
@@ -189,21 +189,21 @@ def test_fragility_shows_trials_that_the_first_pair_has_not():
     cube = made.cube(right_wall=True, record=4, scale=5)
     weak = (cube["pair"] != "a-b") | (cube["scale"] < 1.0)
     cube = cube.assign(impact_count=cube["impact_count"].where(weak))
-    first, second = FIGURES["fragility"].load()(cube).axes
+    first, second = FIGURES["fragility"].draw(cube).axes
     farthest = [max(np.max(line.get_xdata(), initial=0.0) for line in ax.lines) for ax in (first, second)]
     assert farthest[0] < farthest[1] < second.get_xlim()[1]
 
 
 def test_force_gap_of_one_gap_and_of_a_scalar_law():
     cube = made.cube(gap=1, restitution=1).sel(law="linear")
-    (force, _) = FIGURES["force-gap"].load()(cube).axes
+    (force, _) = FIGURES["force-gap"].draw(cube).axes
     assert [line.get_label() for line in force.lines] == ["linear"]
     assert force.lines[0].get_ydata() == pytest.approx([1e-3 * float(cube.impact_force_max.max())])
 
 
 def test_profiles_show_floors_and_storeys():
     cube = made.cube(gap=1, restitution=1)
-    axes = np.array(FIGURES["profiles"].load()(cube).axes).reshape(4, 2)
+    axes = np.array(FIGURES["profiles"].draw(cube).axes).reshape(4, 2)
     flat = cube.squeeze()
     for column, (building, floors) in enumerate((("a", 3), ("b", 2))):
         here = flat.sel(building=building, law="kelvin_voigt").isel(storey=slice(floors))
@@ -219,12 +219,12 @@ def test_profiles_show_floors_and_storeys():
 
 def test_histories_show_floors_and_forces():
     one = made.histories()
-    ground, top, force = FIGURES["histories"].load()(one).axes
+    ground, top, force = FIGURES["histories"].draw(one).axes
     np.testing.assert_allclose(ground.lines[0].get_ydata(), one.ground_acceleration)
     np.testing.assert_allclose(top.lines[1].get_ydata(), 1e3 * one.displacement.sel(building="b", storey=2))
     assert [line.get_label() for line in force.lines] == ["storey 1", "storey 2"]
     np.testing.assert_allclose(force.lines[1].get_ydata(), 1e-3 * one.contact_force.sel(pair="a-b", storey=2))
-    apart = FIGURES["histories"].load()(made.histories(touch=False)).axes[2]
+    apart = FIGURES["histories"].draw(made.histories(touch=False)).axes[2]
     assert not apart.lines
     assert apart.texts[0].get_text() == "no contact"
 
@@ -233,7 +233,7 @@ def test_histories_show_floors_and_forces():
 def test_legends_stand_inside_their_figures(key):
     """Of one pair or building, with long names of laws."""
     cube = made.cube(scale=3).assign_coords(law=["nonlinear_viscoelastic", "modified_kelvin_voigt", "none"])
-    figure = FIGURES[key].load()(cube.sel(building=["a"]) if key == "amplification" else cube)
+    figure = FIGURES[key].draw(cube.sel(building=["a"]) if key == "amplification" else cube)
     figure.draw_without_rendering()
     (legend,) = figure.legends
     inside, whole = legend.get_window_extent(), figure.bbox
@@ -242,7 +242,7 @@ def test_legends_stand_inside_their_figures(key):
 
 
 def test_energies_end_below_the_frame():
-    figure = FIGURES["energy-budget"].load()(made.cube())
+    figure = FIGURES["energy-budget"].draw(made.cube())
     for ax in figure.axes[:-1]:
         low, high = ax.get_ylim()
         tops = [bar.get_y() + max(bar.get_height(), 0.0) for bar in ax.patches]
@@ -263,8 +263,8 @@ def test_listed_cases_are_drawn_one_by_one():
     cube = made.cube(law=1, gap=1, restitution=1).squeeze(drop=True)
     cases = xr.concat([cube, cube], "case").assign_coords(case=[1, 2], law=("case", ["linear", "hertz"]))
     with pytest.raises(InputError, match="--at case=N"):
-        FIGURES["profiles"].load()(cases)
-    figure = FIGURES["profiles"].load()(select(cases, {"case": 2}))
+        FIGURES["profiles"].draw(cases)
+    figure = FIGURES["profiles"].draw(select(cases, {"case": 2}))
     assert {line.get_label() for line in figure.axes[2].lines} == {"hertz"}
     assert figure.get_suptitle() == "case 2"
 
@@ -311,9 +311,9 @@ def test_floors_overlap_in_the_drawing_as_far_as_they_penetrate(ends):
 
 def test_a_single_building_has_no_contacts_to_draw(tmp_path):
     alone = made.histories().isel(building=[0]).drop_dims("pair")
-    figure = FIGURES["row"].load()(alone)
+    figure = FIGURES["row"].draw(alone)
     assert "force" not in figure.get_suptitle()
-    assert len(FIGURES["histories"].load()(alone).axes) == 2
+    assert len(FIGURES["histories"].draw(alone).axes) == 2
     with Image.open(animate(alone, tmp_path / "row.gif", frames=3)) as gif:
         assert gif.n_frames == 3
 
@@ -336,7 +336,7 @@ def test_the_strongest_impact():
 
 def test_the_row_stands_at_its_strongest_impact():
     one = made.histories()
-    figure = FIGURES["row"].load()(one)
+    figure = FIGURES["row"].draw(one)
     (marks,) = [c for c in figure.axes[0].collections if len(c.get_offsets())]
     assert marks.get_offsets()[:, 1].tolist() == [3.0, 6.0]
     assert f"{strongest(one):.3f} s" in figure.get_suptitle()
@@ -517,7 +517,7 @@ def test_a_heading_tells_the_scenario_and_its_lines_end_between_parts():
     lines = ["pulse: Linear spring; gap 10 mm; restitution 0.6;", "damping ratio 0.02; drawn 10 times"]
     assert heading(one, "drawn 10 times", 60).split("\n") == lines
     for key in ("histories", "row"):
-        assert "restitution 0.6; damping ratio 0.02" in FIGURES[key].load()(one).get_suptitle()
+        assert "restitution 0.6; damping ratio 0.02" in FIGURES[key].draw(one).get_suptitle()
 
 
 def test_choices_are_checked(asked):

@@ -122,7 +122,7 @@ _LABEL = 36
 
 def result_of(dataset: xr.Dataset, key: str) -> xr.Dataset:
     """Return a comparison's result: the dataset itself where it is one, else what the comparison makes of the cube."""
-    return dataset if dataset.attrs.get(COMPARISON) == key else COMPARISONS[key].load()(dataset)
+    return dataset if dataset.attrs.get(COMPARISON) == key else COMPARISONS[key].make(dataset)
 
 
 def first_varied(result: xr.Dataset, but: Iterable[str] = ()) -> str | None:

@@ -1,35 +1,67 @@
-"""Every comparison by name: what it is, what a cube must have for it, what it makes and what draws it.
+"""Comparisons by name, one in a module that is named after it: what each is, needs and makes, and its table.
 
-The command line and the documentation print this registry. Adding a comparison is
-adding one `Comparison` to it.
+The command line and the documentation print this registry.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import product
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from pounding_sweep.base.deferred import function_at
+from pounding_sweep.base.deferred import Registry, key_of
 
 if TYPE_CHECKING:
+    import numpy as np
     import xarray as xr
+
+#: One row of a table: labels by dimension, then text or numbers; None where there is no value.
+Row = dict[str, Any]
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison by name.
+    """A comparison by name; see `comparison`."""
 
-    Attributes
+    key: str
+    title: str
+    needs: str
+    make: Callable[..., xr.Dataset]
+    columns: tuple[str, ...]
+    variables: tuple[str, ...]
+    lead: tuple[str, ...]
+    figure: str
+    arguments: tuple[str, ...]
+    summary: Mapping[str, Any]
+    rows: Callable[[xr.Dataset], list[Row]] | None
+
+
+#: Every comparison by key, in alphabetical order.
+COMPARISONS: Registry[Comparison] = Registry("pounding_sweep.analysis.comparisons")
+
+
+def comparison(
+    title: str,
+    *,
+    needs: str,
+    columns: tuple[str, ...],
+    variables: tuple[str, ...] = (),
+    lead: tuple[str, ...] = (),
+    figure: str = "",
+    arguments: tuple[str, ...] = (),
+    summary: Mapping[str, Any] | None = None,
+    rows: Callable[[xr.Dataset], list[Row]] | None = None,
+) -> Callable[[Function], Function]:
+    """Register a function that takes a cube and returns a dataset as the comparison of its module.
+
+    Parameters
     ----------
-    key : str
-        Name on the command line, and the attribute ``comparison`` of its results.
     title : str
         What it shows.
     needs : str
         What a cube must have, in words.
-    place : str
-        ``module:function`` that takes a cube and returns a dataset.
     columns : tuple of str
         Dimensions that its printed table tells apart; everything else is taken together.
     variables : tuple of str
@@ -38,105 +70,72 @@ class Comparison:
         Variables that a summary shows; the first two where it has none of them.
     figure : str
         Key of the figure that draws it; "" where none does.
+    arguments : tuple of str
+        Arguments of the function that the command line passes: "reference", "folders", "event", "level".
+    summary : mapping, optional
+        Arguments in a summary of all comparisons, which does without what takes long.
+    rows : callable, optional
+        Makes its table of its result, where `spread_rows` does not.
     """
 
-    key: str
-    title: str
-    needs: str
-    place: str
-    columns: tuple[str, ...]
-    variables: tuple[str, ...]
-    lead: tuple[str, ...]
-    figure: str
+    def register(make: Function) -> Function:
+        key = key_of(make.__module__)
+        entry = Comparison(key, title, needs, make, columns, variables, lead, figure, arguments, summary or {}, rows)
+        COMPARISONS.add(key, entry)
+        return make
 
-    def load(self) -> Callable[..., xr.Dataset]:
-        """Return the function that makes it."""
-        return function_at(self.place)
+    return register
 
 
-#: Every comparison by key, in the order in which they are listed.
-COMPARISONS: dict[str, Comparison] = {
-    comparison.key: comparison
-    for comparison in (
-        Comparison(
-            key="amplification",
-            title="responses with pounding over responses without, by building and storey",
-            needs="the law 'none' among the laws, and displacements, drifts, shears, accelerations or energies",
-            place="pounding_sweep.analysis.comparisons.amplification:amplification",
-            columns=("law", "building"),
-            variables=("_ratio",),
-            lead=("displacement_peak_ratio", "drift_max_ratio", "storey_shear_max_ratio", "acceleration_max_ratio"),
-            figure="amplification",
-        ),
-        Comparison(
-            key="laws",
-            title="contact laws against a reference law, at equal nominal and at equal realised restitution",
-            needs="an axis of two or more laws with contact; for equal realised restitution, several restitutions",
-            place="pounding_sweep.analysis.comparisons.laws:compare_laws",
-            columns=("basis", "law", "pair", "building"),
-            variables=("_ratio",),
-            lead=("impact_force_max_ratio", "drift_max_ratio"),
-            figure="law-comparison",
-        ),
-        Comparison(
-            key="required-gap",
-            title="the gap that each pair needs, exactly and by separation rules",
-            needs="pairs; the law 'none' with closing_max and displacements, or the records at hand",
-            place="pounding_sweep.analysis.comparisons.required_gap:required_gap",
-            columns=("rule", "pair"),
-            variables=("exact", "rule_gap", "ratio"),
-            lead=("exact", "ratio"),
-            figure="required-gap",
-        ),
-        Comparison(
-            key="impacts",
-            title="how often, how hard and how soon floors touch",
-            needs="pairs, a law with contact, and impact counts or any other output of contacts",
-            place="pounding_sweep.analysis.comparisons.impacts:impact_statistics",
-            columns=("law", "pair", "quantile"),
-            variables=(),
-            lead=("pair_touching_share", "impact_force_max_fractiles"),
-            figure="",
-        ),
-        Comparison(
-            key="energy",
-            title="where the energy of each building went, and whether transfers sum to the contacts' work",
-            needs="energy_input, energy_damping, energy_kinetic, energy_strain and contact_work",
-            place="pounding_sweep.analysis.comparisons.energy:energy_budget",
-            columns=("law", "building", "pair"),
-            variables=(),
-            lead=("transfer_share", "contact_work", "residual_relative"),
-            figure="energy-budget",
-        ),
-        Comparison(
-            key="fractiles",
-            title="median and fractiles of responses over a suite of records",
-            needs="an axis of several records",
-            place="pounding_sweep.analysis.comparisons.fractiles:fractiles",
-            columns=("law", "building", "pair", "quantile"),
-            variables=(),
-            lead=("displacement_max_fractiles", "drift_max_fractiles", "impact_force_max_fractiles"),
-            figure="",
-        ),
-        Comparison(
-            key="incremental",
-            title="responses against intensity as records are scaled up, with the fractiles of the suite",
-            needs="an axis of several scales",
-            place="pounding_sweep.analysis.comparisons.incremental:incremental_curves",
-            columns=("law", "building", "pair", "quantile"),
-            variables=("_fractiles",),
-            lead=("drift_max_fractiles", "impact_force_max_fractiles"),
-            figure="incremental",
-        ),
-        Comparison(
-            key="fragility",
-            title="probability that a pair touches, or of another event, against intensity: a fitted lognormal",
-            needs="pairs, a law with contact, and records or scales of several intensities",
-            place="pounding_sweep.analysis.comparisons.fragility:fragility",
-            columns=("law", "gap", "pair"),
-            variables=("median", "dispersion"),
-            lead=(),
-            figure="fragility",
-        ),
-    )
-}
+def table_rows(result: xr.Dataset, comparison: Comparison, *, lead: bool = False) -> list[Row]:
+    """Return the table of a comparison."""
+    return comparison.rows(result) if comparison.rows else spread_rows(result, comparison, lead=lead)
+
+
+def spread_rows(result: xr.Dataset, comparison: Comparison, *, lead: bool = False) -> list[Row]:
+    """Return a row per variable and combination of columns; see `table_rows`."""
+    import numpy as np
+
+    endings = comparison.variables
+    names = [str(name) for name in result.data_vars if not endings or str(name).endswith(endings)]
+    counts = {f"{str(name).removesuffix('_fractiles')}_count" for name in result.data_vars}
+    names = [name for name in names if name not in counts]
+    if lead:
+        first = [name for name in comparison.lead if name in names]
+        names = first or names[:2]
+    parts = _by_law(result)
+    used = [dim for dim in comparison.columns if any(dim in (*result[name].dims, *parts[0][0]) for name in names)]
+    rows = []
+    for name, (law, part) in product(names, parts):
+        variable = part[name].where(part["touches"] == 1.0) if "touches" in part else part[name]
+        columns = [dim for dim in comparison.columns if dim in variable.dims]
+        for labels, found in _cells(variable, columns):
+            if found.size:
+                low, middle, high = np.quantile(found, [0.0, 0.5, 1.0]).tolist()
+                spread = {"values": int(found.size), "smallest": low, "median": middle, "largest": high}
+                units = str(result[name].attrs.get("units", ""))
+                rows.append({"variable": name, "units": units, **dict.fromkeys(used), **law, **labels, **spread})
+    return rows
+
+
+def _by_law(result: xr.Dataset) -> list[tuple[Row, xr.Dataset]]:
+    """Cut a result by law where its scenarios are listed cases; an axis of laws is one of the columns."""
+    from pounding_sweep.analysis.scenarios import law_keys, of_law
+
+    if "law" in result.coords and result["law"].dims == ("case",):
+        return [({"law": law}, of_law(result, [law])) for law in law_keys(result)]
+    return [({}, result)]
+
+
+def _cells(variable: xr.DataArray, columns: Sequence[str]) -> list[tuple[Row, np.ndarray]]:
+    """Return the values that are there of each combination of columns, with its labels."""
+    import numpy as np
+
+    ordered = variable.transpose(*columns, ...)
+    labels = [variable[dim].values.tolist() for dim in columns]
+    array = np.asarray(ordered.values, dtype=float).reshape(*(len(each) for each in labels), -1)
+    places = product(*(range(len(each)) for each in labels))
+    return [
+        ({dim: each[i] for dim, each, i in zip(columns, labels, place, strict=True)}, cell[np.isfinite(cell)])
+        for place, cell in ((place, array[place]) for place in places)
+    ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
     TOUCH_VARIABLES,
     described,
@@ -38,6 +39,14 @@ RESPONSES = (
 PEAK = "displacement_peak"
 
 
+@comparison(
+    "responses with pounding over responses without, by building and storey",
+    needs="the law 'none' among the laws, and displacements, drifts, shears, accelerations or energies",
+    columns=("law", "building"),
+    variables=("_ratio",),
+    lead=("displacement_peak_ratio", "drift_max_ratio", "storey_shear_max_ratio", "acceleration_max_ratio"),
+    figure="amplification",
+)
 def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> xr.Dataset:
     """Divide each response with pounding by the same response without.
 

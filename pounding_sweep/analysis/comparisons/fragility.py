@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.analysis.comparisons import Row, comparison
 from pounding_sweep.analysis.events import Event, get_event
 from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, fit_lognormal, jackknife, probability
@@ -18,6 +20,7 @@ from pounding_sweep.analysis.scenarios import (
     need_dims,
     need_variables,
     pounding_only,
+    scenario_dims,
     scenarios_only,
     touched,
     trusted,
@@ -36,6 +39,55 @@ TRIALS = ("record", "scale")
 BOUNDS = ("lower", "upper")
 
 
+def fit_rows(result: xr.Dataset) -> list[Row]:
+    """Return a row per fit of a fragility."""
+    whole = result["fit_status"]
+    dims = [dim for dim in (*scenario_dims(whole), "pair", "building") if dim in whole.dims]
+    units = str(result["median"].attrs["units"])
+    labels = [[_number(label) for label in result[dim].values.tolist()] for dim in dims]
+    column = {str(name): result[name].transpose(*dims, ...).values for name in _FIT}
+    given = np.isfinite(column["median_interval"]).any()
+    rows = []
+    for place in np.ndindex(tuple(map(len, labels))):
+        row: Row = {dim: each[i] for dim, each, i in zip(dims, labels, place, strict=True)}
+        row |= {"trials": int(column["trials"][place]), "happened": int(column["happened_count"][place])}
+        row |= {name: _number(float(column[name][place])) for name in ("median", "dispersion")}
+        for name, (i, bound) in product(("median", "dispersion") if given else (), enumerate(BOUNDS)):
+            row[f"{name}_{bound}"] = _number(float(column[f"{name}_interval"][(*place, i)]))
+        low, high = column["median_between"][place].tolist()
+        status = FIT_STATUS[int(column["fit_status"][place])]
+        rows.append({**row, "units": units, "fit": status.words(low, high, units)})
+    return rows
+
+
+#: What the rows of a fragility are made of.
+_FIT = (
+    "fit_status",
+    "median",
+    "dispersion",
+    "median_interval",
+    "dispersion_interval",
+    "median_between",
+    "trials",
+    "happened_count",
+)
+
+
+def _number(value: Any) -> Any:
+    """Return a label or number as it is, None for a number that is none."""
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+@comparison(
+    "probability that a pair touches, or of another event, against intensity: a fitted lognormal",
+    needs="pairs, a law with contact, and records or scales of several intensities",
+    columns=("law", "gap", "pair"),
+    variables=("median", "dispersion"),
+    figure="fragility",
+    arguments=("event", "level"),
+    summary={"confidence": None},
+    rows=fit_rows,
+)
 def fragility(
     cube: xr.Dataset,
     event: str = "touch",

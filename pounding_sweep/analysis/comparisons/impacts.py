@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.along import check_quantiles, fractiles_over
+from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
@@ -32,6 +33,12 @@ OUTPUTS = ("impact_count", "impact_force_max", "impulse", "approach_speed_max", 
 QUANTILES = (0.0, 0.16, 0.5, 0.84, 1.0)
 
 
+@comparison(
+    "how often, how hard and how soon floors touch",
+    needs="pairs, a law with contact, and impact counts or any other output of contacts",
+    columns=("law", "pair", "quantile"),
+    lead=("pair_touching_share", "impact_force_max_fractiles"),
+)
 def impact_statistics(
     cube: xr.Dataset, over: Iterable[str] | None = None, quantiles: Sequence[float] = QUANTILES
 ) -> xr.Dataset:

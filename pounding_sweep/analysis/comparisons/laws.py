@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.along import interpolate
+from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
@@ -48,6 +49,15 @@ OUTPUTS = (
 )
 
 
+@comparison(
+    "contact laws against a reference law, at equal nominal and at equal realised restitution",
+    needs="an axis of two or more laws with contact; for equal realised restitution, several restitutions",
+    columns=("basis", "law", "pair", "building"),
+    variables=("_ratio",),
+    lead=("impact_force_max_ratio", "drift_max_ratio"),
+    figure="law-comparison",
+    arguments=("reference",),
+)
 def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterable[str] | None = None) -> xr.Dataset:
     """Compare contact laws with a reference law.
 

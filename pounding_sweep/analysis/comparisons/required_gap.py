@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import described, finished, peak_displacement, values
 from pounding_sweep.analysis.separation_rules import SEPARATION_RULES, BehaviourFactors, Neighbours, cqc_correlation
 from pounding_sweep.analysis.uncoupled_runs import StillRuns, runs_of_cube, runs_of_row
@@ -26,6 +27,15 @@ if TYPE_CHECKING:
     from pounding_sweep.records import Record
 
 
+@comparison(
+    "the gap that each pair needs, exactly and by separation rules",
+    needs="pairs; the law 'none' with closing_max and displacements, or the records at hand",
+    columns=("rule", "pair"),
+    variables=("exact", "rule_gap", "ratio"),
+    lead=("exact", "ratio"),
+    figure="required-gap",
+    arguments=("folders",),
+)
 def required_gap(
     source: Scene | str | xr.Dataset,
     records: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]] | None = None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.figures import CONTACT, NO_CONTACT, figure_of
 from pounding_sweep.figures.shown import (
     along,
     drawn_axis,
@@ -13,7 +14,7 @@ from pounding_sweep.figures.shown import (
     middle_over_records,
     result_of,
 )
-from pounding_sweep.figures.style import label_edges, legend_below, look, styled, subplots
+from pounding_sweep.figures.style import label_edges, legend_below, look, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,7 +31,21 @@ _ROWS = (
 )
 
 
-@styled
+#: Of which a cube must have one, and what the comparison makes of them.
+_RESPONSES = "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max"
+_RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
+
+
+@figure_of(
+    "cube",
+    "responses with pounding over responses without, by building and law",
+    needs=(
+        "law",
+        f"{_RESPONSES}|{_RATIOS}",
+        CONTACT,
+        f"{NO_CONTACT}|{_RATIOS}",
+    ),
+)
 def amplification(cube: xr.Dataset) -> Figure:
     """Draw the amplification by pounding against gap, stiffness, scale, restitution or a building property.
 

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import along, labels_with_values, middle, nothing_to_draw, result_of
-from pounding_sweep.figures.style import COLOURS, legend_below, styled
+from pounding_sweep.figures.style import COLOURS, legend_below
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,7 +23,11 @@ _PARTS: tuple[tuple[str, str, dict[str, Any]], ...] = (
 )
 
 
-@styled
+@figure_of(
+    "cube",
+    "where the energy of each building went, law by law",
+    needs=("building", "energy_input", "energy_damping", "energy_kinetic", "energy_strain"),
+)
 def energy_budget(cube: xr.Dataset) -> Figure:
     """Draw each building's energy budget at the end of the record, one bar per law that has values.
 

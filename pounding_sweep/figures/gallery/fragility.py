@@ -10,8 +10,9 @@ import numpy as np
 from pounding_sweep.analysis.comparisons.fragility import sentence
 from pounding_sweep.analysis.events import EVENTS
 from pounding_sweep.analysis.lognormal import FitStatus
+from pounding_sweep.figures import CONTACT, figure_of
 from pounding_sweep.figures.shown import along, first_varied, middle, result_of
-from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, axis_label, styled, subplots, unit_text
+from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, axis_label, subplots, unit_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,7 +24,12 @@ _CLASSES = 6
 _LINES_SHOWN = 5
 
 
-@styled
+@figure_of(
+    "cube",
+    "probability that a pair touches, against intensity, with its confidence",
+    needs=("pair", CONTACT),
+    several=("record|scale",),
+)
 def fragility(cube: xr.Dataset) -> Figure:
     """Draw the probability of an event against intensity.
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from pounding_sweep.analysis.comparisons.incremental import directions
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import along, labels_with_values, middle, result_of
-from pounding_sweep.figures.style import COLOURS, axis_label, label_edges, legend_below, start_at_zero, styled, subplots
+from pounding_sweep.figures.style import COLOURS, axis_label, label_edges, legend_below, start_at_zero, subplots
 from pounding_sweep.outputs.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ _LINES = ("--", "-", "-.", ":")
 _LAWS = 3
 
 
-@styled
+@figure_of("cube", "response against intensity, record by record, with the fractiles of the suite", several=("scale",))
 def incremental(cube: xr.Dataset) -> Figure:
     """Draw responses against intensity as records are scaled up."""
     result = result_of(cube, "incremental")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import (
     along,
     drawn_axis,
@@ -14,7 +15,7 @@ from pounding_sweep.figures.shown import (
     over_storeys,
     result_of,
 )
-from pounding_sweep.figures.style import label_edges, legend_below, look, styled, subplots
+from pounding_sweep.figures.style import label_edges, legend_below, look, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,7 +31,16 @@ _OUTPUTS = {
 }
 
 
-@styled
+@figure_of(
+    "cube",
+    "impact forces over those of a reference law, at equal nominal and at equal realised restitution",
+    needs=(
+        "law",
+        "pair",
+        "|".join([*_OUTPUTS, *(f"{name}_compared" for name in _OUTPUTS)]),
+    ),
+    several=("law",),
+)
 def law_comparison(cube: xr.Dataset) -> Figure:
     """Draw the peak impact force of each law over that of the reference law."""
     result = result_of(cube, "laws")

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import middle, result_of
-from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, styled
+from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 _NAMED = 8
 
 
-@styled
+@figure_of("cube", "the gap that each pair needs, exactly and by separation rules", needs=("pair", "record|case|exact"))
 def required_gap(cube: xr.Dataset) -> Figure:
     """Draw the required gap of each pair, record by record, and what separation rules ask for over it.
 

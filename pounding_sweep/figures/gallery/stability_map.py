@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.figures import require
-from pounding_sweep.figures.style import axis_label, label_edges, styled, subplots
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.style import axis_label, label_edges, subplots
 from pounding_sweep.outputs.variables import Status
 
 if TYPE_CHECKING:
@@ -24,12 +24,15 @@ _MARKS: dict[Status, tuple[dict[str, Any], str]] = {
 }
 
 
-@styled
+@figure_of(
+    "map",
+    "error and status over contact stiffness and time step, from 'extremes --map'",
+    needs=("peak_force_error", "status", "scheme", "stiffness", "dt"),
+)
 def stability_map(cube: xr.Dataset) -> Figure:
     """Draw a map of `pounding_sweep.accuracy.stability_map`: one panel per scheme and number format."""
     from matplotlib.colors import LogNorm
 
-    require(cube, "stability-map")
     schemes = cube.scheme.values.tolist()
     columns = min(2, len(schemes))
     rows = -(-len(schemes) // columns)

@@ -9,7 +9,8 @@ import numpy as np
 
 from pounding_sweep.accuracy.trade_report import check_trade, leading_outputs
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, styled, subplots
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, subplots
 from pounding_sweep.outputs.variables import get_variable
 
 if TYPE_CHECKING:
@@ -19,7 +20,11 @@ if TYPE_CHECKING:
 _POPULATION, _STATISTIC = "steady", "worst"
 
 
-@styled
+@figure_of(
+    "trade",
+    "worst error of schemes, steps and number formats against their cost, from 'tradeoff'",
+    needs=("scheme", "located", "error", "cost"),
+)
 def work_precision(trade: xr.Dataset) -> Figure:
     """Draw worst error against seconds per thousand scenarios, one line per scheme, located or not, and number format.
 
