@@ -42,15 +42,17 @@ class Kind:
     draw: Callable[[xr.Dataset], Figure]
     needs: tuple[str, ...]
     several: tuple[str, ...]
+    also: Callable[[xr.Dataset], str]
 
     def lacks(self, dataset: xr.Dataset) -> tuple[str, ...]:
-        """Return in words what of `needs` and `several` a dataset has not."""
+        """Return in words what a dataset has not of what it needs."""
         there = {*map(str, dataset.variables), *map(str, dataset.sizes), *_kinds_of_laws(dataset)}
         needs = [need.split("|") for need in self.needs]
         several = [axes.split("|") for axes in self.several]
         absent = [" or ".join(names) for names in needs if there.isdisjoint(names)]
         single = [axes for axes in several if all(_size(dataset, axis) < 2 for axis in axes)]
-        return (*absent, *(f"several {' or '.join(_PLURAL[axis] for axis in axes)}" for axes in single))
+        several_of = [f"several {' or '.join(_PLURAL[axis] for axis in axes)}" for axes in single]
+        return tuple(filter(None, (*absent, *several_of, self.also(dataset))))
 
 
 #: A law with contact, and the one without, as needs.
@@ -80,7 +82,12 @@ FIGURES: Registry[Kind] = Registry("pounding_sweep.figures.gallery")
 
 
 def figure_of(
-    source: str, title: str, *, needs: tuple[str, ...] = (), several: tuple[str, ...] = ()
+    source: str,
+    title: str,
+    *,
+    needs: tuple[str, ...] = (),
+    several: tuple[str, ...] = (),
+    also: Callable[[xr.Dataset], str] = lambda dataset: "",
 ) -> Callable[[Callable[[Any], Figure]], Callable[[Any], Figure]]:
     """Register a function of a dataset as the figure of its module; it draws in the package's style.
 
@@ -96,6 +103,8 @@ def figure_of(
     several : tuple of str
         Axes of which it must have more than one value, again with alternatives; of the
         laws those with contact count.
+    also : callable, optional
+        Says in words what else a dataset lacks; "" where that is nothing.
     """
 
     def register(draw: Callable[[Any], Figure]) -> Callable[[Any], Figure]:
@@ -107,7 +116,7 @@ def figure_of(
             with in_style():
                 return draw(dataset)
 
-        FIGURES.add(key, Kind(key, title, source, drawn, needs, several))
+        FIGURES.add(key, Kind(key, title, source, drawn, needs, several, also))
         return drawn
 
     return register

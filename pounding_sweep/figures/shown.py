@@ -23,6 +23,15 @@ if TYPE_CHECKING:
 #: Characters in a line of a figure's title, of figures 7.2 inches wide.
 WIDTH = 100
 
+#: Responses that are drawn, the first that is there, with their label and factor.
+RESPONSES = (
+    ("impact_force_max", "peak impact force (MN)", 1e-3),
+    ("drift_max", "peak drift (mm)", 1e3),
+    ("displacement_max", "peak displacement (mm)", 1e3),
+    ("acceleration_max", "peak acceleration (m/s²)", 1.0),
+    ("storey_shear_max", "peak storey shear (MN)", 1e-3),
+)
+
 
 def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | None = None) -> tuple[xr.Dataset, str]:
     """Take the middle value of every scenario axis that a figure does not draw."""

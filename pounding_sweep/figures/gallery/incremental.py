@@ -10,7 +10,7 @@ import numpy as np
 from pounding_sweep.analysis.comparisons.incremental import directions
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.shown import along, labels_with_values, middle, result_of
+from pounding_sweep.figures.shown import RESPONSES, along, labels_with_values, middle, result_of
 from pounding_sweep.figures.style import COLOURS, axis_label, label_edges, legend_below, start_at_zero, subplots
 from pounding_sweep.outputs.variables import VARIABLES
 
@@ -18,14 +18,6 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-#: Responses that are drawn, the first that is there, with their label and factor.
-_RESPONSES = (
-    ("impact_force_max", "peak impact force (MN)", 1e-3),
-    ("drift_max", "peak drift (mm)", 1e3),
-    ("displacement_max", "peak displacement (mm)", 1e3),
-    ("acceleration_max", "peak acceleration (m/s²)", 1.0),
-    ("storey_shear_max", "peak storey shear (MN)", 1e-3),
-)
 _LINES = ("--", "-", "-.", ":")
 #: Rows of panels at most.
 _LAWS = 3
@@ -36,9 +28,9 @@ def incremental(cube: xr.Dataset) -> Figure:
     """Draw responses against intensity as records are scaled up."""
     result = result_of(cube, "incremental")
     touching = "law" not in result.coords or bool((result["law"] != "none").any())
-    found = [row for row in _RESPONSES if row[0] in result and (touching or VARIABLES[row[0]].dims[0] == "building")]
+    found = [row for row in RESPONSES if row[0] in result and (touching or VARIABLES[row[0]].dims[0] == "building")]
     if not found:
-        names = ", ".join(row[0] for row in _RESPONSES)
+        names = ", ".join(row[0] for row in RESPONSES)
         msg = f"figure 'incremental' needs one of {names}, the first of a law with contact, which this cube lacks"
         raise InputError(msg)
     name, label, factor = found[0]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.style import axis_label, label_edges, subplots
+from pounding_sweep.figures.style import axis_label, cell_edges, label_edges, subplots
 from pounding_sweep.outputs.variables import Status
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def stability_map(cube: xr.Dataset) -> Figure:
     columns = min(2, len(schemes))
     rows = -(-len(schemes) // columns)
     figure, axes = subplots(rows, columns, (1.2 + 3.4 * columns, 1.2 + 2.8 * rows))
-    edges = [_edges(cube[name].values) for name in ("dt", "stiffness")]
+    edges = [cell_edges(cube[name].values) for name in ("dt", "stiffness")]
     shown: dict[Status, Any] = {}
     mesh = None
     for number, scheme in enumerate(schemes):
@@ -64,12 +64,3 @@ def stability_map(cube: xr.Dataset) -> Figure:
     if "title" in cube.attrs:
         figure.suptitle(str(cube.attrs["title"]), fontsize=9)
     return figure
-
-
-def _edges(values: np.ndarray) -> np.ndarray:
-    """Edges of cells around values, halfway between their logarithms."""
-    logs = np.log(values)
-    if len(logs) == 1:
-        return np.asarray(values[0] * np.array([0.5, 2.0]))
-    middle = 0.5 * (logs[1:] + logs[:-1])
-    return np.exp(np.concatenate([[2.0 * logs[0] - middle[0]], middle, [2.0 * logs[-1] - middle[-1]]]))
