@@ -182,7 +182,7 @@ def test_panels_show_all_of_their_lines(key):
                 there = np.asarray(values, float)[np.isfinite(values)]
                 seen += there.size
                 assert ((low <= there) & (there <= high)).all(), (ax.get_title(), line.get_label())
-    assert seen or key == "energy-budget"  # of bars
+    assert seen or key in ("energy-budget", "response-map")  # of bars, of cells
 
 
 def test_fragility_shows_trials_that_the_first_pair_has_not():
@@ -192,6 +192,23 @@ def test_fragility_shows_trials_that_the_first_pair_has_not():
     first, second = FIGURES["fragility"].draw(cube).axes
     farthest = [max(np.max(line.get_xdata(), initial=0.0) for line in ax.lines) for ax in (first, second)]
     assert farthest[0] < farthest[1] < second.get_xlim()[1]
+
+
+def test_the_response_map_shows_medians_over_records_and_where_nothing_touches():
+    cube = made.cube(record=3, stiffness_factor=3).sel(law=["none", "linear"], gap=[0.004, 0.002, 0.008])
+    touches = (cube["gap"] > 0.002).astype(float)
+    cube = cube.assign(impact_force_max=cube["impact_force_max"] * touches)
+    (ax, _) = FIGURES["response-map"].draw(cube).axes
+    free, peaks = (np.ma.filled(mesh.get_array(), np.nan) for mesh in ax.collections)
+    want = 1e-3 * cube["impact_force_max"].sel(law="linear", pair="a-b", restitution=0.4).max("storey").median("record")
+    want = want.squeeze().sortby("gap").transpose("stiffness_factor", "gap").values
+    np.testing.assert_allclose(peaks, np.where(want > 0.0, want, np.nan))
+    np.testing.assert_array_equal(np.isfinite(free), want == 0.0)
+    assert [tick.get_text() for tick in ax.get_xticklabels()] == ["2", "4", "8"]
+    assert ax.get_yscale() == "log"  # 1, 2, 4
+    assert ax.get_title() == "linear, pair a-b"
+    (lacking,) = FIGURES["response-map"].lacks(cube.isel(gap=[0], restitution=0))
+    assert lacking.startswith("two axes of several numbers")
 
 
 def test_force_gap_of_one_gap_and_of_a_scalar_law():

@@ -39,14 +39,14 @@ def legend(figure):
 
 @pytest.mark.parametrize("key", CUBE_FIGURES)
 def test_a_figure_without_a_value_is_an_error(key, tmp_path):
-    whole = made.cube(record=4, scale=5, gap=1, restitution=1).squeeze("gap")
+    whole = made.cube(record=4, scale=5, gap=1, stiffness_factor=2, restitution=1).squeeze("gap")
     picture = tmp_path / "figure.png"
     assert plot(whole, key, picture, dpi=20).stat().st_size > 0
     picture.unlink()
     cube = only(whole, nowhere(whole))
     with pytest.raises(InputError, match=f"figure '{key}' has nothing to draw") as error:
         plot(cube, key, picture)
-    assert "at gap 0.002 m: 60 of 60 scenarios are not_run; choose others with --at" in str(error.value)
+    assert "at gap 0.002 m: 120 of 120 scenarios are not_run; choose others with --at" in str(error.value)
     assert not picture.exists()
 
 
