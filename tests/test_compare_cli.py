@@ -184,7 +184,7 @@ def test_options_that_would_do_nothing_are_refused(cube_file, tmp_path):
         (("--what", "impacts", "--event", "touch"), "--event is for the comparison 'fragility'; leave it out, or add"),
         (("--what", "laws", "--level", "3"), "--level is for the comparison 'fragility'"),
         (("--what", "impacts", "--reference", "linear"), "--reference is for the comparison 'laws'"),
-        (("--what", "laws", "--records", tmp_path), "--records is for the comparison 'required-gap'"),
+        (("--what", "laws", "--records", tmp_path), "--records is for the comparisons 'required-gap' and 'separation'"),
     ):
         refused = run(cube_file, *arguments, "-o", tmp_path / "out")
         assert refused.exit_code == 2
