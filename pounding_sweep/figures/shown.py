@@ -11,7 +11,7 @@ import numpy as np
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.scenarios import COMPARISON, scenario_dims
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.style import axis_label, unit_text
+from pounding_sweep.figures.style import axis_label, joined, unit_text
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
 from pounding_sweep.run.choice import SCENARIO_ATTRIBUTE
@@ -96,8 +96,7 @@ def middle_over_records(result: xr.Dataset, keep: Collection[str], drawn: Collec
     result, shown = middle(result, (*keep, "record"), drawn)
     held = len(labels_with_values(result, "record", drawn))
     of = "" if held in (0, records) else f"{held} of "
-    said = [f"median of {of}{records} records", shown]
-    return result.median("record", keep_attrs=True), "; ".join(part for part in said if part)
+    return result.median("record", keep_attrs=True), joined(f"median of {of}{records} records", shown)
 
 
 def along(cube: xr.Dataset, axis: str) -> xr.Dataset:
@@ -115,7 +114,7 @@ def heading(one: xr.Dataset, more: str = "", width: int | None = None) -> str:
     gaps = [f"{1e3 * gap:.4g}" for gap in one.pair_gap.values] if "pair_gap" in one.coords else []
     said = f"; gap{'s' * (len(set(gaps)) > 1)} {', '.join(gaps if len(set(gaps)) > 1 else gaps[:1])} mm" if gaps else ""
     details = one.attrs.get(SCENARIO_ATTRIBUTE, "")
-    text = "; ".join(part for part in (f"{one.attrs.get('title', 'one scenario')}{said}", details, more) if part)
+    text = joined(f"{one.attrs.get('title', 'one scenario')}{said}", details, more)
     if width is None:
         return text
     whole = text.replace(" ", "\xa0").replace(";\xa0", "; ")  # lines end between parts only

@@ -111,6 +111,16 @@ def cell_edges(values: np.ndarray, *, even: bool = False) -> np.ndarray:
     return np.concatenate([[values[0] - half[0]], values[:-1] + half[: len(values) - 1], [values[-1] + half[-1]]])
 
 
+def joined(*parts: str) -> str:
+    """Join those parts of a title that are there."""
+    return "; ".join(filter(None, parts))
+
+
+def put_title(figure: Figure, *parts: str) -> None:
+    """Write above a figure what it shows."""
+    figure.suptitle(joined(*parts), fontsize=9)
+
+
 def look(number: int) -> dict[str, Any]:
     """Return colour, marker and line style of the `number`-th line."""
     return {

@@ -18,27 +18,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Check:
-    """One check of one reading.
+    """One check of one reading."""
 
-    Attributes
-    ----------
-    text : str
-        What must be.
-    reading : str
-        Key of the reading.
-    value : float
-        The largest departure from it, over all scenarios.
-    unit : str
-        Of the value.
-    scale : float
-        What it is to be compared with, in the same unit.
-    """
-
-    text: str
-    reading: str
-    value: float
-    unit: str
-    scale: float
+    text: str  # what must be
+    reading: str  # key of the reading
+    value: float  # the largest departure from it, over all scenarios
+    unit: str  # of the value
+    scale: float  # what it is to be compared with, in the same unit
 
     @property
     def relative(self) -> float:
@@ -72,24 +58,12 @@ def energy_checks(cube: xr.Dataset) -> list[Check]:
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that can't be, or hardly.
+    """One thing that can't be, or hardly."""
 
-    Attributes
-    ----------
-    title : str
-        What is wrong, in one line.
-    printed : str
-        What the table says.
-    why : str
-        Why it can't be.
-    computed : str
-        What the computed cubes say in its place.
-    """
-
-    title: str
-    printed: str
-    why: str
-    computed: str
+    title: str  # what is wrong, in one line
+    printed: str  # what the table says
+    why: str  # why it can't be
+    computed: str  # what the computed cubes say in its place
 
 
 def findings(cube: xr.Dataset) -> list[Finding]:

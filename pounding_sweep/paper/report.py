@@ -32,21 +32,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that was drawn into a file.
+    """A figure that was drawn into a file."""
 
-    Attributes
-    ----------
-    number : int
-        Number of the paper's figure that it stands for.
-    title : str
-        What it shows.
-    path : Path
-        PNG file; an SVG of the same name stands beside it.
-    """
-
-    number: int
-    title: str
-    path: Path
+    number: int  # number of the paper's figure that it stands for
+    title: str  # what it shows
+    path: Path  # PNG file; an SVG of the same name stands beside it
 
 
 def write_report(study: Study, pictures: Sequence[Picture], path: Path) -> Path:

@@ -104,39 +104,19 @@ _FIXED = {"gap": GAP, "restitution": RESTITUTION, "stiffness_factor": 1.0, "scal
 
 @dataclass(frozen=True)
 class Study:
-    """What was computed for the report.
+    """What was computed for the report."""
 
-    Attributes
-    ----------
-    cube : xarray.Dataset
-        The outputs on ``reading``, ``law``, ``record`` and what is inside a scenario.
-    records : tuple of Record
-        Ground motions that histories were run for.
-    missing : mapping of str to str
-        Records of the paper that are not in the cube or not at hand -> why.
-    motions : xarray.Dataset
-        The ground motions and their 5 % response spectra, on ``record``.
-    histories : xarray.Dataset
-        See `pounding_sweep.paper.study.paper_histories`; on ``reading`` too.
-    floor_spectra : xarray.Dataset
-        Spectra of the roofs' total acceleration, on ``reading``, ``law``, ``record``, ``building``, ``period``.
-    error : xarray.Dataset
-        Relative difference of every output to a run at half the step, on ``reading``, ``law``, ``record``.
-    steps : xarray.Dataset
-        See `pounding_sweep.paper.steps.step_errors`.
-    hertz : xarray.Dataset
-        See `pounding_sweep.paper.hertz.hertz_fit`.
-    """
-
-    cube: xr.Dataset
-    records: tuple[Record, ...]
-    missing: Mapping[str, str]
-    motions: xr.Dataset
-    histories: xr.Dataset
+    cube: xr.Dataset  # the outputs on ``reading``, ``law``, ``record`` and what is inside a scenario
+    records: tuple[Record, ...]  # ground motions that histories were run for
+    missing: Mapping[str, str]  # records of the paper that are not in the cube or not at hand -> why
+    motions: xr.Dataset  # the ground motions and their 5 % response spectra, on ``record``
+    histories: xr.Dataset  # see `pounding_sweep.paper.study.paper_histories`; on ``reading`` too
+    #: spectra of the roofs' total acceleration, on ``reading``, ``law``, ``record``, ``building``, ``period``
     floor_spectra: xr.Dataset
+    #: relative difference of every output to a run at half the step, on ``reading``, ``law``, ``record``
     error: xr.Dataset
-    steps: xr.Dataset
-    hertz: xr.Dataset
+    steps: xr.Dataset  # see `pounding_sweep.paper.steps.step_errors`
+    hertz: xr.Dataset  # see `pounding_sweep.paper.hertz.hertz_fit`
 
 
 def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress: Progress | None = None) -> Study:

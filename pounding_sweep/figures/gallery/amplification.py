@@ -14,7 +14,7 @@ from pounding_sweep.figures.shown import (
     middle_over_records,
     result_of,
 )
-from pounding_sweep.figures.style import label_edges, legend_below, look, subplots
+from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,20 +53,6 @@ def amplification(cube: xr.Dataset) -> Figure:
     largest over storeys; over the storeys themselves where no axis varies. Of several
     records the median is shown, of the other axes the middle value, which the title
     names. The thin line at 1 is no change.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with the law "none", or the result of `pounding_sweep.analysis.amplification`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The cube allows no amplification, or lists its scenarios as cases.
     """
     result = result_of(cube, "amplification")
     if "case" in result.dims:
@@ -101,5 +87,5 @@ def amplification(cube: xr.Dataset) -> Figure:
                 ax.set_title(f"building {building}")
     label_edges(axes, label, [f"{text}\nover no pounding (-)" for _, text in rows])
     legend_below(figure, axes[0, 0])
-    figure.suptitle(shown, fontsize=9)
+    put_title(figure, shown)
     return figure

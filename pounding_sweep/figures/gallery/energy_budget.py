@@ -9,7 +9,7 @@ import numpy as np
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import along, labels_with_values, middle, nothing_to_draw, result_of
-from pounding_sweep.figures.style import COLOURS, legend_below
+from pounding_sweep.figures.style import COLOURS, legend_below, put_title
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,20 +36,6 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     input, which the bar's parts sum to. The last panel is the work that the contacts
     of each pair took. Of all axes but ``law`` the middle value is shown: an energy
     balance is one scenario's.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with energies, or the result of `pounding_sweep.analysis.energy_budget`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The cube lacks an energy, or no scenario is ok.
     """
     from matplotlib.figure import Figure
 
@@ -96,7 +82,7 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     axes[0].set_ylim(low - margin if low < 0.0 else 0.0, high + margin)
     axes[0].set_ylabel("energy (kN m)")
     legend_below(figure, axes[0], most=2)
-    figure.suptitle(shown, fontsize=9)
+    put_title(figure, shown)
     return figure
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from pounding_sweep.analysis.scenarios import pounding_only
 from pounding_sweep.figures import CONTACT, figure_of
 from pounding_sweep.figures.shown import along, labels_with_values, middle
-from pounding_sweep.figures.style import label_edges, legend_below, look, start_at_zero, subplots
+from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, start_at_zero, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -40,6 +40,5 @@ def force_gap(cube: xr.Dataset) -> Figure:
         start_at_zero(axes[row, 0])
     label_edges(axes, "gap (mm)", [label for _, label, _ in _ROWS])
     legend_below(figure, axes[0, 0])
-    if shown:
-        figure.suptitle(shown, fontsize=9)
+    put_title(figure, shown)
     return figure

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import WIDTH, heading
-from pounding_sweep.figures.style import COLOURS, LINES
+from pounding_sweep.figures.style import COLOURS, LINES, put_title
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -48,7 +48,7 @@ def histories(one: xr.Dataset) -> Figure:
         ax.set_ylim(1.05 * low, 1.05 * high or 1.0)
     axes[-1].set_xlabel("time (s)")
     axes[-1].set_xlim(time[0], time[-1])
-    figure.suptitle(heading(one, width=WIDTH), fontsize=9)
+    put_title(figure, heading(one, width=WIDTH))
     return figure
 
 

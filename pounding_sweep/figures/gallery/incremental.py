@@ -11,7 +11,15 @@ from pounding_sweep.analysis.comparisons.incremental import directions
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import RESPONSES, along, labels_with_values, middle, result_of
-from pounding_sweep.figures.style import COLOURS, axis_label, label_edges, legend_below, start_at_zero, subplots
+from pounding_sweep.figures.style import (
+    COLOURS,
+    axis_label,
+    label_edges,
+    legend_below,
+    put_title,
+    start_at_zero,
+    subplots,
+)
 from pounding_sweep.outputs.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -79,6 +87,5 @@ def incremental(cube: xr.Dataset) -> Figure:
     axes[0, 0].set_xlim(left=0.0)  # shared by all, as y is by a row
     label_edges(axes, intensity, [label] * len(laws))
     legend_below(figure, axes[0, 0], most=4)
-    if shown:
-        figure.suptitle(shown, fontsize=9)
+    put_title(figure, shown)
     return figure

@@ -15,7 +15,7 @@ from pounding_sweep.figures.shown import (
     over_storeys,
     result_of,
 )
-from pounding_sweep.figures.style import label_edges, legend_below, look, subplots
+from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -74,5 +74,5 @@ def law_comparison(cube: xr.Dataset) -> Figure:
             ax.set_title(f"pair {pair}, equal {basis} restitution")
     label_edges(axes, label, [f"{_OUTPUTS[name]}\nover the reference's (-)"] * len(bases))
     legend_below(figure, axes[0, 0])
-    figure.suptitle("; ".join(part for part in (f"reference law {reference}", shown) if part), fontsize=9)
+    put_title(figure, f"reference law {reference}", shown)
     return figure

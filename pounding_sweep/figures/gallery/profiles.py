@@ -8,7 +8,7 @@ import numpy as np
 
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import along, labels_with_values, middle
-from pounding_sweep.figures.style import legend_below, look
+from pounding_sweep.figures.style import legend_below, look, put_title
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -63,8 +63,7 @@ def profiles(cube: xr.Dataset) -> Figure:
             axes[line, 0].set_xlim(left=0)
     axes[0, 0].set_ylim(bottom=0)
     legend_below(figure, axes[0, 0], most=4)
-    if shown:
-        figure.suptitle(shown, fontsize=9)
+    put_title(figure, shown)
     return figure
 
 

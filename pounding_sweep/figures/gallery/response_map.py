@@ -16,7 +16,7 @@ from pounding_sweep.figures.shown import (
     middle_over_records,
     over_storeys,
 )
-from pounding_sweep.figures.style import cell_edges, label_edges, subplots
+from pounding_sweep.figures.style import cell_edges, label_edges, put_title, subplots
 from pounding_sweep.outputs.variables import VARIABLES
 
 if TYPE_CHECKING:
@@ -54,20 +54,6 @@ def response_map(cube: xr.Dataset) -> Figure:
     others with ``--at``. Shown is the largest over storeys, of several records the median,
     of the other axes the middle value, which the title names. Grey cells have no contact,
     hatched ones no value. All panels share one scale of colours.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with two axes of several numbers.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The cube has no such axes, or none of the responses.
     """
     name, label, factor = next(row for row in RESPONSES if row[0] in cube)
     per = VARIABLES[name].dims[0]
@@ -103,8 +89,7 @@ def response_map(cube: xr.Dataset) -> Figure:
     label_edges(axes, sides[0][1], [sides[1][1]] * len(axes))
     if mesh is not None:
         figure.colorbar(mesh, ax=axes, label=label)
-    said = (shown, "grey: no contact" if bool((peaks == 0.0).any()) else "")
-    figure.suptitle("; ".join(part for part in said if part), fontsize=9)
+    put_title(figure, shown, "grey: no contact" if bool((peaks == 0.0).any()) else "")
     return figure
 
 

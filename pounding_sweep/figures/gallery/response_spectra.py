@@ -8,7 +8,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.style import COLOURS, LINES, subplots
+from pounding_sweep.figures.style import COLOURS, LINES, put_title, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -42,7 +42,7 @@ def response_spectra(spectra: xr.Dataset) -> Figure:
     if len(entries) > 1:
         columns = min(2 * len(parts), len(entries))
         figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
-    figure.suptitle(_title(spectra), fontsize=9)
+    put_title(figure, _title(spectra))
     return figure
 
 

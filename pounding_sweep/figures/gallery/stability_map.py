@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.style import axis_label, cell_edges, label_edges, subplots
+from pounding_sweep.figures.style import axis_label, cell_edges, label_edges, put_title, subplots
 from pounding_sweep.outputs.variables import Status
 
 if TYPE_CHECKING:
@@ -62,5 +62,5 @@ def stability_map(cube: xr.Dataset) -> Figure:
     if shown:
         figure.legend(handles=list(shown.values()), loc="outside lower center", ncols=2)
     if "title" in cube.attrs:
-        figure.suptitle(str(cube.attrs["title"]), fontsize=9)
+        put_title(figure, str(cube.attrs["title"]))
     return figure
