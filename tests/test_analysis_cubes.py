@@ -31,20 +31,11 @@ def spoiled(seed, *names, **settings):
     return hand_cube(AXES, random_fill(seed, *names), status=status, **settings)
 
 
-class TestNames:
-    def test_every_name_is_reachable(self):
-        for name in dir(analysis):
-            assert getattr(analysis, name) is not None
+def test_no_name_is_hidden_by_a_module_of_the_package():
+    from importlib.resources import files
 
-    def test_no_name_is_hidden_by_a_module_of_the_package(self):
-        from importlib.resources import files
-
-        modules = {entry.name.removesuffix(".py") for entry in files("pounding_sweep.analysis").iterdir()}
-        assert not modules & set(dir(analysis))
-
-    def test_unknown_name(self):
-        with pytest.raises(AttributeError, match="nothing"):
-            _ = analysis.nothing
+    modules = {entry.name.removesuffix(".py") for entry in files("pounding_sweep.analysis").iterdir()}
+    assert not modules & set(dir(analysis))
 
 
 class TestAlong:

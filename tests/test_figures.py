@@ -15,7 +15,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.analysis import amplification, response_spectrum
+from pounding_sweep.analysis import COMPARISONS, amplification, response_spectrum
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.cli.app import app
@@ -116,6 +116,21 @@ def test_laws_that_a_figure_needs(tmp_path):
     assert CONTACT in FIGURES["fragility"].lacks(whole.isel(law=none))
     drawn = FIGURES["incremental"].draw(whole.sel(law=["none"]))
     assert "drift" in drawn.axes[0].get_ylabel() + str(drawn.get_supylabel())
+
+
+@pytest.mark.parametrize("key", [key for key, item in COMPARISONS.items() if item.figure])
+def test_figures_of_comparisons_take_a_cube_or_what_was_made_of_it(key):
+    cube = made.cube(right_wall=True, record=3, scale=3)
+    result = COMPARISONS[key].make(cube)
+    one, other = (FIGURES[COMPARISONS[key].figure].draw(given) for given in (cube, result))
+    assert shows_values(other)
+    for ax, same in zip(one.axes, other.axes, strict=True):
+        assert ax.get_title() == same.get_title()
+        for line, its in zip(ax.lines, same.lines, strict=True):
+            np.testing.assert_array_equal(line.get_ydata(), its.get_ydata())
+    if key == "required-gap":
+        bars = [patch.get_height() for patch in other.axes[0].patches]
+        np.testing.assert_allclose(sorted(bars), np.sort(1e3 * result.exact.sel(pair="a-b", scale=1.0)))
 
 
 @pytest.mark.parametrize(("scales", "sizes"), [([-2.0, -1.0, 1.0, 2.0], [2, 2]), ([-1.0, 1.0, 2.0], [1, 2])])
