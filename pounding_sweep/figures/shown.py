@@ -13,7 +13,7 @@ from pounding_sweep.analysis.scenarios import COMPARISON, scenario_dims
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures.style import axis_label, joined, unit_text
 from pounding_sweep.output.audited import AUDIT_DIMS
-from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
+from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Status
 from pounding_sweep.run.choice import SCENARIO_ATTRIBUTE
 
 if TYPE_CHECKING:
@@ -131,6 +131,18 @@ _LABEL = 36
 def result_of(dataset: xr.Dataset, key: str) -> xr.Dataset:
     """Return a comparison's result: the dataset itself where it is one, else what the comparison makes of the cube."""
     return dataset if dataset.attrs.get(COMPARISON) == key else COMPARISONS[key].make(dataset)
+
+
+def drawn_response(result: xr.Dataset, key: str) -> tuple[str, str, float, str]:
+    """Return name, label, factor and place ("pair" or "building") of the first of `RESPONSES` that can be drawn."""
+    touching = "law" not in result.coords or bool((result["law"] != "none").any())
+    for name, label, factor in RESPONSES:
+        per = VARIABLES[name].dims[0]
+        if name in result and (touching or per == "building"):
+            return name, label, factor, per
+    names = ", ".join(name for name, *_ in RESPONSES)
+    msg = f"figure {key!r} needs one of {names}, the first of a law with contact, which this cube lacks"
+    raise InputError(msg)
 
 
 def first_varied(result: xr.Dataset, but: Iterable[str] = ()) -> str | None:

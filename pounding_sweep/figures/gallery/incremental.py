@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.comparisons.incremental import directions
-from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.shown import RESPONSES, along, labels_with_values, middle, result_of
+from pounding_sweep.figures.shown import along, drawn_response, labels_with_values, middle, result_of
 from pounding_sweep.figures.style import (
     COLOURS,
     axis_label,
@@ -20,7 +19,6 @@ from pounding_sweep.figures.style import (
     start_at_zero,
     subplots,
 )
-from pounding_sweep.outputs.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,14 +33,7 @@ _LAWS = 3
 def incremental(cube: xr.Dataset) -> Figure:
     """Draw responses against intensity as records are scaled up."""
     result = result_of(cube, "incremental")
-    touching = "law" not in result.coords or bool((result["law"] != "none").any())
-    found = [row for row in RESPONSES if row[0] in result and (touching or VARIABLES[row[0]].dims[0] == "building")]
-    if not found:
-        names = ", ".join(row[0] for row in RESPONSES)
-        msg = f"figure 'incremental' needs one of {names}, the first of a law with contact, which this cube lacks"
-        raise InputError(msg)
-    name, label, factor = found[0]
-    per = VARIABLES[name].dims[0]
+    name, label, factor, per = drawn_response(result, "incremental")
     for dim in ("law", per, "storey"):
         result = along(result, dim) if dim in result.coords else result
     keep = ("law", "record", "scale", "quantile", "level")

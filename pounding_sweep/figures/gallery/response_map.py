@@ -11,13 +11,13 @@ from pounding_sweep.figures.shown import (
     RESPONSES,
     along,
     drawn_axis,
+    drawn_response,
     first_varied,
     labels_with_values,
     middle_over_records,
     over_storeys,
 )
 from pounding_sweep.figures.style import cell_edges, label_edges, put_title, subplots
-from pounding_sweep.outputs.variables import VARIABLES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -55,8 +55,7 @@ def response_map(cube: xr.Dataset) -> Figure:
     of the other axes the middle value, which the title names. Grey cells have no contact,
     hatched ones no value. All panels share one scale of colours.
     """
-    name, label, factor = next(row for row in RESPONSES if row[0] in cube)
-    per = VARIABLES[name].dims[0]
+    name, label, factor, per = drawn_response(cube, "response-map")
     for dim in ("law", per):
         cube = along(cube, dim) if dim in cube.coords else cube
     horizontal, vertical = _axes(cube)
