@@ -109,5 +109,4 @@ def responses(cube: xr.Dataset) -> list[str]:
 
 
 def _count(flags: xr.DataArray, dim: str, text: str) -> xr.DataArray:
-    found = flags.sum(dim).astype(np.int64)
-    return described(found.reset_coords(drop=True), "1", text)
+    return described(flags.sum(dim).astype(np.int64), "1", text, bare=True)

@@ -183,9 +183,9 @@ def fragility(
         "flag_meanings": " ".join(s.label for s in FIT_STATUS),
     }
     left_out = (~ok).sum(TRIALS).astype(np.int64)
-    dataset["left_out"] = _plain(left_out, "1", "scenarios left out: their status is not ok")
-    dataset["happened"] = _plain(found, "1", f"1 where {words}, 0 where not")
-    dataset["trial_intensity"] = _plain(strength, units, name)
+    dataset["left_out"] = described(left_out, "1", "scenarios left out: their status is not ok", bare=True)
+    dataset["happened"] = described(found, "1", f"1 where {words}, 0 where not", bare=True)
+    dataset["trial_intensity"] = described(strength, units, name, bare=True)
     about_it: dict[str, Any] = {"event": about.key, "event_in_words": words}
     if confidence is not None:
         about_it["confidence"] = confidence
@@ -299,7 +299,3 @@ def _levels(levels: Sequence[float] | None, x: np.ndarray) -> np.ndarray:
         msg = f"levels are {levels!r}; give one or more intensities above zero"
         raise InputError(msg)
     return found
-
-
-def _plain(part: xr.DataArray, units: str, text: str) -> xr.DataArray:
-    return described(part.reset_coords(drop=True), units, text)

@@ -12,6 +12,7 @@ from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
+    labelled,
     law_keys,
     of_law,
     pounding_only,
@@ -110,8 +111,7 @@ def _by_law(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr
 
     laws = law_keys(cube)
     parts = [_statistics(of_law(cube, [law]), over, quantiles) for law in laws]
-    index = xr.DataArray(laws, dims="law", coords={"law": laws}, attrs={"long_name": "contact law"})
-    return xr.concat(parts, dim=index, combine_attrs="override")
+    return xr.concat(parts, dim=labelled("law", laws, "contact law"), combine_attrs="override")
 
 
 def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr.Dataset:
@@ -140,4 +140,4 @@ def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -
 
 def _about(part: xr.DataArray, text: str) -> xr.DataArray:
     found = part.astype(np.int64) if part.dtype.kind in "iub" else part
-    return described(found.reset_coords(drop=True), "1", text)
+    return described(found, "1", text, bare=True)

@@ -10,7 +10,7 @@ import numpy as np
 from pounding_sweep.analysis.along import fractiles_over
 from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.comparisons.required_gap import required_gap
-from pounding_sweep.analysis.scenarios import COMPARISON, described, finished, need_several
+from pounding_sweep.analysis.scenarios import COMPARISON, described, finished, labelled, need_several
 from pounding_sweep.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -89,8 +89,7 @@ def separation(
     gaps = cube if own else required_gap(cube, records, folders=folders)
     need_several(gaps, "a separation by probability", "record")
     exact = gaps["exact"]
-    index = xr.DataArray(list(probabilities), dims="probability", coords={"probability": list(probabilities)})
-    index.attrs = {"units": "1", "long_name": "share of the motions under which the pair touches"}
+    index = labelled("probability", probabilities, "share of the motions under which the pair touches", "1")
     count = exact.notnull().sum("record")
     enough = (count > 1) & ~(exact <= 0.0).any("record")
     logs: Any = np.log(exact.where(enough))
