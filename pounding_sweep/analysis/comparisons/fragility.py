@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -174,7 +173,7 @@ def fragility(
         coords[dim] = xr.DataArray(labels, dims=dim, attrs=more)
     variables = {}
     for variable, (dims, unit, text) in _VARIABLES.items():
-        stacked = np.array([getattr(fits[key], variable) for key in places.values()])
+        stacked = np.array([fits[key][variable] for key in places.values()])
         attributes = {"units": units if unit is None else unit, "long_name": text.format(event=words)}
         variables[variable] = ((*kept.dims, *dims), stacked.reshape((*kept.shape, *stacked.shape[1:])), attributes)
     dataset = xr.Dataset(variables, coords=coords)
@@ -214,24 +213,8 @@ _VARIABLES: dict[str, tuple[tuple[str, ...], str | None, str]] = {
 }
 
 
-@dataclass(frozen=True)
-class _Cell:
-    """The fit of one cell; see `_VARIABLES`."""
-
-    fit_status: np.int8
-    median: float
-    dispersion: float
-    median_interval: np.ndarray
-    dispersion_interval: np.ndarray
-    median_between: np.ndarray
-    trials: int
-    happened_count: int
-    probability: np.ndarray
-    probability_interval: np.ndarray
-
-
-def _cell(table: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | None) -> _Cell:
-    """Fit one cell; all of shape (record, scale)."""
+def _cell(table: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | None) -> dict[str, Any]:
+    """Fit one cell, all of shape (record, scale); returns `_VARIABLES`."""
     there = np.isfinite(table)
     trials, flags = x[there], table[there] > 0.0
     fit = fit_lognormal(trials, flags)
@@ -240,18 +223,18 @@ def _cell(table: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | 
         owner = np.nonzero(there)[0]
         without = [fit_lognormal(trials[owner != one], flags[owner != one]) for one in np.unique(owner)]
     intervals = jackknife(fit, without, at, confidence or np.nan)
-    return _Cell(
-        np.int8(fit.status),
-        fit.median,
-        fit.dispersion,
-        intervals.median,
-        intervals.dispersion,
-        np.array([fit.low, fit.high]),
-        int(there.sum()),
-        int(flags.sum()),
-        probability(fit, at),
-        intervals.probability,
-    )
+    return {
+        "fit_status": np.int8(fit.status),
+        "median": fit.median,
+        "dispersion": fit.dispersion,
+        "median_interval": intervals.median,
+        "dispersion_interval": intervals.dispersion,
+        "median_between": [fit.low, fit.high],
+        "trials": int(there.sum()),
+        "happened_count": int(flags.sum()),
+        "probability": probability(fit, at),
+        "probability_interval": intervals.probability,
+    }
 
 
 def _check(cube: xr.Dataset, confidence: float | None) -> None:
