@@ -175,7 +175,6 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     if not low <= dpi <= high:
         msg = f"dpi is {dpi:g}; it must be from {low} to {high}"
         raise InputError(msg)
-    require(dataset, kind)
     target = expanded(path)
     figure = FIGURES[kind].draw(dataset)
     if not shows_values(figure):

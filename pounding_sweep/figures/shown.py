@@ -99,10 +99,12 @@ def middle_over_records(result: xr.Dataset, keep: Collection[str], drawn: Collec
     return result.median("record", keep_attrs=True), joined(f"median of {of}{records} records", shown)
 
 
-def along(cube: xr.Dataset, axis: str) -> xr.Dataset:
-    """Return a cube with that axis as a dimension, of one value where it is a scalar coordinate."""
+def along(cube: xr.Dataset, axis: str, absent: Any = None) -> xr.Dataset:
+    """Return a cube with that axis as a dimension, of one value where it is a scalar coordinate, or `absent`."""
     if axis in cube.dims:
         return cube
+    if axis not in cube.coords and absent is not None:
+        return cube.expand_dims({axis: [absent]})
     if cube[axis].ndim:
         msg = f"a figure along {axis!r} needs that axis, and this cube lists cases; draw one of them, with --at case=N"
         raise InputError(msg)

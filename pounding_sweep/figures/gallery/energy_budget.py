@@ -41,7 +41,7 @@ def energy_budget(cube: xr.Dataset) -> Figure:
 
     result = result_of(cube, "energy")
     result, shown = middle(result, ("law",), ["energy_input"])
-    result = along(result, "law") if "law" in result.coords else result.expand_dims(law=[""])
+    result = along(result, "law", absent="")
     laws, buildings = labels_with_values(result, "law", ["energy_input"]), result["building"].values.tolist()
     if not laws:
         raise InputError(nothing_to_draw(cube, "energy-budget"))

@@ -35,10 +35,9 @@ def incremental(cube: xr.Dataset) -> Figure:
     result = result_of(cube, "incremental")
     name, label, factor, per = drawn_response(result, "incremental")
     for dim in ("law", per, "storey"):
-        result = along(result, dim) if dim in result.coords else result
+        result = along(result, dim, absent="")
     keep = ("law", "record", "scale", "quantile", "level")
     result, shown = middle(result, keep, [name])
-    result = result if "law" in result.dims else result.expand_dims(law=[""])
     there = labels_with_values(result, "law", [name]) or result["law"].values.tolist()
     laws = [law for law in there if per == "building" or law != "none"][:_LAWS]
     ways = directions(result["scale"].values)

@@ -56,10 +56,8 @@ def response_map(cube: xr.Dataset) -> Figure:
     hatched ones no value. All panels share one scale of colours.
     """
     name, label, factor, per = drawn_response(cube, "response-map")
-    for dim in ("law", per):
-        cube = along(cube, dim) if dim in cube.coords else cube
+    cube = along(along(cube, "law", absent=""), per)
     horizontal, vertical = _axes(cube)
-    cube = cube if "law" in cube.dims else cube.expand_dims(law=[""])
     cube = cube.assign({name: over_storeys(cube[name])})
     cube, shown = middle_over_records(cube, ("law", horizontal, vertical), [name])
     cube = cube.sortby([horizontal, vertical])
