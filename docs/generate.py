@@ -145,7 +145,8 @@ def _sweeps() -> str:
 
 def _figures_api() -> str:
     """Return directives that document the functions of all figures."""
-    return "".join(f".. autofunction:: {kind.place.replace(':', '.')}\n" for kind in FIGURES.values())
+    drawn = [kind.draw for kind in FIGURES.values()]
+    return "".join(f".. autofunction:: {draw.__module__}.{draw.__name__}\n" for draw in drawn)
 
 
 def _analysis_api() -> str:

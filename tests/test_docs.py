@@ -45,7 +45,7 @@ def test_every_public_name_is_documented(pages):
         if not name.startswith("__"):
             assert re.search(rf"[.:\s,]{name}\b", text), name
     for kind in FIGURES.values():
-        assert kind.place.replace(":", ".") in text
+        assert f"{kind.draw.__module__}.{kind.draw.__name__}" in text
 
 
 def test_registries_are_listed(pages):

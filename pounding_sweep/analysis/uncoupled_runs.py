@@ -40,24 +40,12 @@ STEP = 1e-3
 
 @dataclass(frozen=True)
 class StillRuns:
-    """Runs without pounding.
+    """Runs without pounding."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The row.
-    cube : xarray.Dataset
-        `OUTPUTS` on ``record``, and on ``scale``, building properties or ``case``.
-    periods : DataArray
-        First periods (s) of the buildings, along ``building`` and what varies them.
-    damping : DataArray
-        Damping ratios of their first modes.
-    """
-
-    scene: Scene
-    cube: xr.Dataset
-    periods: xr.DataArray
-    damping: xr.DataArray
+    scene: Scene  # the row
+    cube: xr.Dataset  # `OUTPUTS` on ``record``, and on ``scale``, building properties or ``case``
+    periods: xr.DataArray  # first periods (s) of the buildings, along ``building`` and what varies them
+    damping: xr.DataArray  # damping ratios of their first modes
 
 
 def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
@@ -71,7 +59,7 @@ def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
 
 
 def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
-    """Return the runs without pounding that belong to a cube; see `pounding_sweep.analysis.gaps.required_gap`."""
+    """Return the runs without pounding that belong to a cube; see `required_gap`."""
     cube = scenarios_only(cube)
     sweep = stored_sweep(cube)
     scene = scene_of(sweep)

@@ -133,7 +133,7 @@ def animate_command(
 
 def _simulate(sweep: Path, folders: list[Path] | None, skip_missing: bool, **choice: Any) -> xr.Dataset:
     """Run the scenario that is chosen as for `simulate_one`; say which it is."""
-    from pounding_sweep.figures.chosen import heading
+    from pounding_sweep.figures.shown import heading
     from pounding_sweep.run.choice import simulate_one
     from pounding_sweep.run.sweep import load_sweep
 

@@ -5,9 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.chosen import along, labels_with_values, middle_over_records
-from pounding_sweep.figures.compared import drawn_axis, first_varied, over_storeys, result_of
-from pounding_sweep.figures.style import label_edges, legend_below, look, styled, subplots
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.shown import (
+    along,
+    drawn_axis,
+    first_varied,
+    labels_with_values,
+    middle_over_records,
+    over_storeys,
+    result_of,
+)
+from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,7 +31,16 @@ _OUTPUTS = {
 }
 
 
-@styled
+@figure_of(
+    "cube",
+    "impact forces over those of a reference law, at equal nominal and at equal realised restitution",
+    needs=(
+        "law",
+        "pair",
+        "|".join([*_OUTPUTS, *(f"{name}_compared" for name in _OUTPUTS)]),
+    ),
+    several=("law",),
+)
 def law_comparison(cube: xr.Dataset) -> Figure:
     """Draw the peak impact force of each law over that of the reference law."""
     result = result_of(cube, "laws")
@@ -57,5 +74,5 @@ def law_comparison(cube: xr.Dataset) -> Figure:
             ax.set_title(f"pair {pair}, equal {basis} restitution")
     label_edges(axes, label, [f"{_OUTPUTS[name]}\nover the reference's (-)"] * len(bases))
     legend_below(figure, axes[0, 0])
-    figure.suptitle("; ".join(part for part in (f"reference law {reference}", shown) if part), fontsize=9)
+    put_title(figure, f"reference law {reference}", shown)
     return figure

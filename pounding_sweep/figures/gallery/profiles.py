@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import along, labels_with_values, middle
-from pounding_sweep.figures.style import legend_below, look, styled
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.shown import along, labels_with_values, middle
+from pounding_sweep.figures.style import legend_below, look, put_title
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,12 +24,15 @@ _ROWS: tuple[tuple[tuple[str, ...], str, float, str], ...] = (
 )
 
 
-@styled
+@figure_of(
+    "cube",
+    "peak displacement, drift, storey shear and acceleration over the height, law by law",
+    needs=("law", "floor_elevation", "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max"),
+)
 def profiles(cube: xr.Dataset) -> Figure:
     """Draw peak displacement, drift, storey shear and total acceleration over the height."""
     from matplotlib.figure import Figure
 
-    require(cube, "profiles")
     cube, shown = middle(along(cube, "law"), ("law",))
     rows = [row for row in _ROWS if any(name in cube.data_vars for name in row[0])]
     buildings = cube.building.values.tolist()
@@ -60,8 +63,7 @@ def profiles(cube: xr.Dataset) -> Figure:
             axes[line, 0].set_xlim(left=0)
     axes[0, 0].set_ylim(bottom=0)
     legend_below(figure, axes[0, 0], most=4)
-    if shown:
-        figure.suptitle(shown, fontsize=9)
+    put_title(figure, shown)
     return figure
 
 

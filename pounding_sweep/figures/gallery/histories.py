@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import WIDTH, heading
-from pounding_sweep.figures.style import COLOURS, LINES, styled
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.shown import WIDTH, heading
+from pounding_sweep.figures.style import COLOURS, LINES, put_title
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
 
-@styled
+@figure_of(
+    "histories",
+    "ground acceleration, floor displacements and contact forces against time, from 'simulate'",
+    needs=("time", "ground_acceleration", "displacement"),
+)
 def histories(one: xr.Dataset) -> Figure:
     """Draw the histories of one scenario: ground acceleration, top floors, contact forces."""
     from matplotlib.figure import Figure
 
-    require(one, "histories")
     time = one.time.values
     pairs = one.pair.values.tolist() if "contact_force" in one else []
     figure = Figure(figsize=(7.2, 1.4 + 1.5 * (2 + len(pairs))), layout="constrained")
@@ -45,7 +48,7 @@ def histories(one: xr.Dataset) -> Figure:
         ax.set_ylim(1.05 * low, 1.05 * high or 1.0)
     axes[-1].set_xlabel("time (s)")
     axes[-1].set_xlim(time[0], time[-1])
-    figure.suptitle(heading(one, width=WIDTH), fontsize=9)
+    put_title(figure, heading(one, width=WIDTH))
     return figure
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import OutputError
+from pounding_sweep.figures.gallery.ground_motion import ground_motion
 from pounding_sweep.figures.style import COLOURS, label_edges, legend_below, styled
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.paper.published import BUILDINGS, PAIRS, record_title
@@ -190,27 +191,11 @@ DPI = 110
 
 @dataclass(frozen=True)
 class PaperFigure:
-    """One figure of the paper.
+    """One figure of the paper."""
 
-    Attributes
-    ----------
-    number : int
-        Its number.
-    title : str
-        What it shows, in this package's words.
-    draw : callable
-        `Study` -> figure.
-    """
-
-    number: int
-    title: str
-    draw: Callable[[Study], Figure]
-
-
-def _ground_motion(study: Study) -> Figure:
-    from pounding_sweep.figures.ground_motion import ground_motion
-
-    return ground_motion(study.motions)
+    number: int  # its number
+    title: str  # what it shows, in this package's words
+    draw: Callable[[Study], Figure]  # `Study` -> figure
 
 
 def shown_record(study: Study) -> str:
@@ -218,38 +203,22 @@ def shown_record(study: Study) -> str:
     return study.records[-1].name
 
 
-def _profile(kind: Callable[..., Figure], building: str, study: Study) -> Figure:
-    return kind(study.cube, building)
-
-
-def _energy(building: str, study: Study) -> Figure:
-    return structural_energy(study.histories, building)
-
-
-def _spectra(building: str, study: Study) -> Figure:
-    return roof_spectra(study.floor_spectra, building)
-
-
-def _displacement(building: str, study: Study) -> Figure:
-    return roof_displacement(study.histories, building, shown_record(study))
+def _each(first: int, title: str, draw: Callable[[str, Study], Figure]) -> list[PaperFigure]:
+    """Three figures in a row: left, middle and right building."""
+    return [PaperFigure(n, f"{title}, {b} building", partial(draw, b)) for n, b in enumerate(BUILDINGS, start=first)]
 
 
 def _force(pair: str, study: Study) -> Figure:
     return roof_force(study.histories, pair, shown_record(study))
 
 
-def _each(first: int, title: str, draw: Callable[[str, Study], Figure]) -> list[PaperFigure]:
-    """Three figures in a row: left, middle and right building."""
-    return [PaperFigure(first + i, f"{title}, {b} building", partial(draw, b)) for i, b in enumerate(BUILDINGS)]
-
-
 FIGURES: tuple[PaperFigure, ...] = (
-    PaperFigure(4, "Ground motions and their 5 % spectra", _ground_motion),
-    *_each(5, "Signed peak displacements of the floors", partial(_profile, displacement_profiles)),
-    *_each(8, "Peak storey shears", partial(_profile, shear_profiles)),
-    *_each(11, "Structural energy", _energy),
-    *_each(14, "5 % spectra of the roof's total acceleration", _spectra),
-    *_each(17, "Roof displacement", _displacement),
+    PaperFigure(4, "Ground motions and their 5 % spectra", lambda study: ground_motion(study.motions)),
+    *_each(5, "Signed peak displacements of the floors", lambda b, study: displacement_profiles(study.cube, b)),
+    *_each(8, "Peak storey shears", lambda b, study: shear_profiles(study.cube, b)),
+    *_each(11, "Structural energy", lambda b, study: structural_energy(study.histories, b)),
+    *_each(14, "5 % spectra of the roof's total acceleration", lambda b, study: roof_spectra(study.floor_spectra, b)),
+    *_each(17, "Roof displacement", lambda b, study: roof_displacement(study.histories, b, shown_record(study))),
     *(PaperFigure(20 + i, f"Impact force between the roofs, {p}", partial(_force, p)) for i, p in enumerate(PAIRS)),
 )
 """Every figure of results, in the paper's order. Its Figures 20 and 21 have one caption; here each has its pair."""

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.chosen import along, labels_with_values, middle
-from pounding_sweep.figures.compared import result_of
-from pounding_sweep.figures.emptiness import nothing_to_draw
-from pounding_sweep.figures.style import COLOURS, legend_below, styled
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.shown import along, labels_with_values, middle, nothing_to_draw, result_of
+from pounding_sweep.figures.style import COLOURS, legend_below, put_title
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,7 +23,11 @@ _PARTS: tuple[tuple[str, str, dict[str, Any]], ...] = (
 )
 
 
-@styled
+@figure_of(
+    "cube",
+    "where the energy of each building went, law by law",
+    needs=("building", "energy_input", "energy_damping", "energy_kinetic", "energy_strain"),
+)
 def energy_budget(cube: xr.Dataset) -> Figure:
     """Draw each building's energy budget at the end of the record, one bar per law that has values.
 
@@ -33,26 +36,12 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     input, which the bar's parts sum to. The last panel is the work that the contacts
     of each pair took. Of all axes but ``law`` the middle value is shown: an energy
     balance is one scenario's.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with energies, or the result of `pounding_sweep.analysis.energy_budget`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The cube lacks an energy, or no scenario is ok.
     """
     from matplotlib.figure import Figure
 
     result = result_of(cube, "energy")
     result, shown = middle(result, ("law",), ["energy_input"])
-    result = along(result, "law") if "law" in result.coords else result.expand_dims(law=[""])
+    result = along(result, "law", absent="")
     laws, buildings = labels_with_values(result, "law", ["energy_input"]), result["building"].values.tolist()
     if not laws:
         raise InputError(nothing_to_draw(cube, "energy-budget"))
@@ -93,7 +82,7 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     axes[0].set_ylim(low - margin if low < 0.0 else 0.0, high + margin)
     axes[0].set_ylabel("energy (kN m)")
     legend_below(figure, axes[0], most=2)
-    figure.suptitle(shown, fontsize=9)
+    put_title(figure, shown)
     return figure
 
 

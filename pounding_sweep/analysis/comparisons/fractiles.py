@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.along import check_quantiles, fractiles_over
+from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
@@ -29,6 +30,12 @@ QUANTILES = (0.16, 0.5, 0.84)
 _NO_RESPONSES = ("status", "energy_residual", "steps_per_contact", "time_step")
 
 
+@comparison(
+    "median and fractiles of responses over a suite of records",
+    needs="an axis of several records",
+    columns=("law", "building", "pair", "quantile"),
+    lead=("displacement_max_fractiles", "drift_max_fractiles", "impact_force_max_fractiles"),
+)
 def fractiles(
     cube: xr.Dataset,
     quantiles: Sequence[float] = QUANTILES,
@@ -102,5 +109,4 @@ def responses(cube: xr.Dataset) -> list[str]:
 
 
 def _count(flags: xr.DataArray, dim: str, text: str) -> xr.DataArray:
-    found = flags.sum(dim).astype(np.int64)
-    return described(found.reset_coords(drop=True), "1", text)
+    return described(flags.sum(dim).astype(np.int64), "1", text, bare=True)

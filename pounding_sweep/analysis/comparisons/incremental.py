@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.along import check_quantiles, fractiles_over, interpolate
+from pounding_sweep.analysis.comparisons import comparison
+from pounding_sweep.analysis.comparisons.fractiles import QUANTILES, responses
 from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.analysis.scenarios import (
     described,
@@ -17,7 +19,6 @@ from pounding_sweep.analysis.scenarios import (
     scenarios_only,
     values,
 )
-from pounding_sweep.analysis.suites import QUANTILES, responses
 from pounding_sweep.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,6 +28,14 @@ if TYPE_CHECKING:
 LEVELS = 25
 
 
+@comparison(
+    "responses against intensity as records are scaled up, with the fractiles of the suite",
+    needs="an axis of several scales",
+    columns=("law", "building", "pair", "quantile"),
+    variables=("_fractiles",),
+    lead=("drift_max_fractiles", "impact_force_max_fractiles"),
+    figure="incremental",
+)
 def incremental_curves(
     cube: xr.Dataset,
     outputs: Iterable[str] | None = None,

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.response_spectra import MOST_LINES, draw_spectra
-from pounding_sweep.figures.style import COLOURS, styled
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.gallery.response_spectra import MOST_LINES, draw_spectra
+from pounding_sweep.figures.style import COLOURS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -19,7 +20,11 @@ if TYPE_CHECKING:
 _ROWS = 12
 
 
-@styled
+@figure_of(
+    "spectra",
+    "acceleration histories and response spectra of records, as 'records plot' draws them",
+    needs=("record", "time", "ground_acceleration", "period", "pseudo_acceleration", "damping_ratio"),
+)
 def ground_motion(motions: xr.Dataset) -> Figure:
     """Draw the acceleration history of each record, and the response spectra of all."""
     from matplotlib.figure import Figure

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
     TOUCH_VARIABLES,
+    chosen_variables,
     described,
     finished,
     long_name,
-    need_variables,
     peak_displacement,
     pounding_only,
     present,
@@ -38,6 +39,14 @@ RESPONSES = (
 PEAK = "displacement_peak"
 
 
+@comparison(
+    "responses with pounding over responses without, by building and storey",
+    needs="the law 'none' among the laws, and displacements, drifts, shears, accelerations or energies",
+    columns=("law", "building"),
+    variables=("_ratio",),
+    lead=("displacement_peak_ratio", "drift_max_ratio", "storey_shear_max_ratio", "acceleration_max_ratio"),
+    figure="amplification",
+)
 def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> xr.Dataset:
     """Divide each response with pounding by the same response without.
 
@@ -81,7 +90,7 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
         raise InputError(msg)
     if "case" in pounding.dims:
         still = still.sel(case=pounding["case"])
-    names = need_variables(cube, what, RESPONSES, one=True) if responses is None else _asked(cube, responses)
+    names = chosen_variables(cube, what, responses, RESPONSES, "response")
     ratios = {
         f"{name}_ratio": _ratio(values(pounding, name), values(still, name), long_name(cube, name)) for name in names
     }
@@ -94,16 +103,6 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
         ratios["touches"] = described(any_floor, "1", "1 where floors of the row touch, 0 where none do")
     dataset = next(iter(ratios.values())).to_dataset(name=next(iter(ratios))).assign(ratios)
     return finished(dataset, cube, "amplification")
-
-
-def _asked(cube: xr.Dataset, responses: Iterable[str]) -> list[str]:
-    from pounding_sweep.base.errors import unknown
-
-    names = list(responses)
-    for name in names:
-        if name not in RESPONSES:
-            raise InputError(unknown("response", name, RESPONSES))
-    return need_variables(cube, "amplification", names)
 
 
 def _ratio(pounding: xr.DataArray, still: xr.DataArray, name: str) -> xr.DataArray:

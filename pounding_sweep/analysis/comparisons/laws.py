@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.along import interpolate
+from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
+    chosen_variables,
     described,
     finished,
+    labelled,
     law_keys,
     long_name,
     need_dims,
-    need_variables,
     pounding_only,
     present,
     scenarios_only,
@@ -48,6 +50,15 @@ OUTPUTS = (
 )
 
 
+@comparison(
+    "contact laws against a reference law, at equal nominal and at equal realised restitution",
+    needs="an axis of two or more laws with contact; for equal realised restitution, several restitutions",
+    columns=("basis", "law", "pair", "building"),
+    variables=("_ratio",),
+    lead=("impact_force_max_ratio", "drift_max_ratio"),
+    figure="law-comparison",
+    arguments=("reference",),
+)
 def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterable[str] | None = None) -> xr.Dataset:
     """Compare contact laws with a reference law.
 
@@ -97,7 +108,7 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
         reference = next((law for law in laws if law in LAWS and LAWS[law].takes_restitution), laws[0])
     if reference not in laws:
         raise InputError(unknown("reference law", reference, laws))
-    names = need_variables(cube, what, OUTPUTS, one=True) if outputs is None else _asked(cube, what, outputs)
+    names = chosen_variables(cube, what, outputs, OUTPUTS, "output to compare laws by")
 
     why_not = _why_not_realised(cube)
     found: dict[str, xr.DataArray] = {}
@@ -110,14 +121,6 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
     dataset = found[f"{names[0]}_ratio"].to_dataset(name=f"{names[0]}_ratio").assign(found)
     how = why_not or "linear between the restitutions of the sweep, each at its realised value"
     return finished(dataset, cube, "laws", reference_law=reference, realised_basis=how)
-
-
-def _asked(cube: xr.Dataset, what: str, outputs: Iterable[str]) -> list[str]:
-    names = list(outputs)
-    for name in names:
-        if name not in OUTPUTS:
-            raise InputError(unknown("output to compare laws by", name, OUTPUTS))
-    return need_variables(cube, what, names)
 
 
 def _why_not_realised(cube: xr.Dataset) -> str:
@@ -143,7 +146,6 @@ def _on_bases(cube: xr.Dataset, given: xr.DataArray, realised: np.ndarray | None
     """Put the values at nominal and, where it is given, at realised restitution along ``basis``."""
     import xarray as xr
 
-    about = {"long_name": "what equal restitution means"}
     bases = ["nominal"] if realised is None else ["nominal", "realised"]
     parts = [given]
     if realised is not None:
@@ -151,5 +153,5 @@ def _on_bases(cube: xr.Dataset, given: xr.DataArray, realised: np.ndarray | None
         targets = cube["restitution"].values.astype(float)
         rows = [interpolate(row, at, targets) for row, at in zip(moved.values, realised, strict=True)]
         parts.append(moved.copy(data=np.stack(rows)).transpose(*given.dims))
-    index = xr.DataArray(bases, dims="basis", coords={"basis": bases}, attrs=about)
+    index = labelled("basis", bases, "what equal restitution means")
     return xr.concat(parts, dim=index, combine_attrs="override")

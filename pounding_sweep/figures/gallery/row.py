@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.analysis.rebuild import stored_scene
-from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import WIDTH, heading
-from pounding_sweep.figures.style import COLOURS, styled
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.shown import WIDTH, heading
+from pounding_sweep.figures.style import COLOURS
 from pounding_sweep.model.scene import Wall
 
 if TYPE_CHECKING:
@@ -27,10 +27,13 @@ _ALONG = np.linspace(0.0, 1.0, 9)
 _BENT = _ALONG**2 * (3.0 - 2.0 * _ALONG)
 
 
-@styled
+@figure_of(
+    "histories",
+    "the row at the instant of its strongest impact, from 'simulate'",
+    needs=("time", "floor_elevation", "displacement"),
+)
 def row(one: xr.Dataset) -> Figure:
     """Draw the row at the instant of its strongest impact, or, without impacts, of its largest displacement."""
-    require(one, "row")
     number = int(np.searchsorted(one.time.values, strongest(one)))
     stage = Stage(one)
     figure, ax = stage.figure()

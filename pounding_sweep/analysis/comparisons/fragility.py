@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.analysis.comparisons import Row, comparison
 from pounding_sweep.analysis.events import Event, get_event
 from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, fit_lognormal, jackknife, probability
@@ -18,6 +19,7 @@ from pounding_sweep.analysis.scenarios import (
     need_dims,
     need_variables,
     pounding_only,
+    scenario_dims,
     scenarios_only,
     touched,
     trusted,
@@ -36,6 +38,55 @@ TRIALS = ("record", "scale")
 BOUNDS = ("lower", "upper")
 
 
+def fit_rows(result: xr.Dataset) -> list[Row]:
+    """Return a row per fit of a fragility."""
+    whole = result["fit_status"]
+    dims = [dim for dim in (*scenario_dims(whole), "pair", "building") if dim in whole.dims]
+    units = str(result["median"].attrs["units"])
+    labels = [[_number(label) for label in result[dim].values.tolist()] for dim in dims]
+    column = {str(name): result[name].transpose(*dims, ...).values for name in _FIT}
+    given = np.isfinite(column["median_interval"]).any()
+    rows = []
+    for place in np.ndindex(tuple(map(len, labels))):
+        row: Row = {dim: each[i] for dim, each, i in zip(dims, labels, place, strict=True)}
+        row |= {"trials": int(column["trials"][place]), "happened": int(column["happened_count"][place])}
+        row |= {name: _number(float(column[name][place])) for name in ("median", "dispersion")}
+        for name, (i, bound) in product(("median", "dispersion") if given else (), enumerate(BOUNDS)):
+            row[f"{name}_{bound}"] = _number(float(column[f"{name}_interval"][(*place, i)]))
+        low, high = column["median_between"][place].tolist()
+        status = FIT_STATUS[int(column["fit_status"][place])]
+        rows.append({**row, "units": units, "fit": status.words(low, high, units)})
+    return rows
+
+
+#: What the rows of a fragility are made of.
+_FIT = (
+    "fit_status",
+    "median",
+    "dispersion",
+    "median_interval",
+    "dispersion_interval",
+    "median_between",
+    "trials",
+    "happened_count",
+)
+
+
+def _number(value: Any) -> Any:
+    """Return a label or number as it is, None for a number that is none."""
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+@comparison(
+    "probability that a pair touches, or of another event, against intensity: a fitted lognormal",
+    needs="pairs, a law with contact, and records or scales of several intensities",
+    columns=("law", "gap", "pair"),
+    variables=("median", "dispersion"),
+    figure="fragility",
+    arguments=("event", "level"),
+    summary={"confidence": None},
+    rows=fit_rows,
+)
 def fragility(
     cube: xr.Dataset,
     event: str = "touch",
@@ -122,7 +173,7 @@ def fragility(
         coords[dim] = xr.DataArray(labels, dims=dim, attrs=more)
     variables = {}
     for variable, (dims, unit, text) in _VARIABLES.items():
-        stacked = np.array([getattr(fits[key], variable) for key in places.values()])
+        stacked = np.array([fits[key][variable] for key in places.values()])
         attributes = {"units": units if unit is None else unit, "long_name": text.format(event=words)}
         variables[variable] = ((*kept.dims, *dims), stacked.reshape((*kept.shape, *stacked.shape[1:])), attributes)
     dataset = xr.Dataset(variables, coords=coords)
@@ -131,9 +182,9 @@ def fragility(
         "flag_meanings": " ".join(s.label for s in FIT_STATUS),
     }
     left_out = (~ok).sum(TRIALS).astype(np.int64)
-    dataset["left_out"] = _plain(left_out, "1", "scenarios left out: their status is not ok")
-    dataset["happened"] = _plain(found, "1", f"1 where {words}, 0 where not")
-    dataset["trial_intensity"] = _plain(strength, units, name)
+    dataset["left_out"] = described(left_out, "1", "scenarios left out: their status is not ok", bare=True)
+    dataset["happened"] = described(found, "1", f"1 where {words}, 0 where not", bare=True)
+    dataset["trial_intensity"] = described(strength, units, name, bare=True)
     about_it: dict[str, Any] = {"event": about.key, "event_in_words": words}
     if confidence is not None:
         about_it["confidence"] = confidence
@@ -162,24 +213,8 @@ _VARIABLES: dict[str, tuple[tuple[str, ...], str | None, str]] = {
 }
 
 
-@dataclass(frozen=True)
-class _Cell:
-    """The fit of one cell; see `_VARIABLES`."""
-
-    fit_status: np.int8
-    median: float
-    dispersion: float
-    median_interval: np.ndarray
-    dispersion_interval: np.ndarray
-    median_between: np.ndarray
-    trials: int
-    happened_count: int
-    probability: np.ndarray
-    probability_interval: np.ndarray
-
-
-def _cell(table: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | None) -> _Cell:
-    """Fit one cell; all of shape (record, scale)."""
+def _cell(table: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | None) -> dict[str, Any]:
+    """Fit one cell, all of shape (record, scale); returns `_VARIABLES`."""
     there = np.isfinite(table)
     trials, flags = x[there], table[there] > 0.0
     fit = fit_lognormal(trials, flags)
@@ -188,18 +223,18 @@ def _cell(table: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | 
         owner = np.nonzero(there)[0]
         without = [fit_lognormal(trials[owner != one], flags[owner != one]) for one in np.unique(owner)]
     intervals = jackknife(fit, without, at, confidence or np.nan)
-    return _Cell(
-        np.int8(fit.status),
-        fit.median,
-        fit.dispersion,
-        intervals.median,
-        intervals.dispersion,
-        np.array([fit.low, fit.high]),
-        int(there.sum()),
-        int(flags.sum()),
-        probability(fit, at),
-        intervals.probability,
-    )
+    return {
+        "fit_status": np.int8(fit.status),
+        "median": fit.median,
+        "dispersion": fit.dispersion,
+        "median_interval": intervals.median,
+        "dispersion_interval": intervals.dispersion,
+        "median_between": [fit.low, fit.high],
+        "trials": int(there.sum()),
+        "happened_count": int(flags.sum()),
+        "probability": probability(fit, at),
+        "probability_interval": intervals.probability,
+    }
 
 
 def _check(cube: xr.Dataset, confidence: float | None) -> None:
@@ -247,7 +282,3 @@ def _levels(levels: Sequence[float] | None, x: np.ndarray) -> np.ndarray:
         msg = f"levels are {levels!r}; give one or more intensities above zero"
         raise InputError(msg)
     return found
-
-
-def _plain(part: xr.DataArray, units: str, text: str) -> xr.DataArray:
-    return described(part.reset_coords(drop=True), units, text)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pounding_sweep.analysis.scenarios import pounding_only
-from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import along, labels_with_values, middle
-from pounding_sweep.figures.style import label_edges, legend_below, look, start_at_zero, styled, subplots
+from pounding_sweep.figures import CONTACT, figure_of
+from pounding_sweep.figures.shown import along, labels_with_values, middle
+from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, start_at_zero, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -16,10 +16,13 @@ if TYPE_CHECKING:
 _ROWS = (("impact_force_max", "peak impact force (MN)", 1e-3), ("impact_count", "impacts of one floor", 1.0))
 
 
-@styled
+@figure_of(
+    "cube",
+    "peak impact force and impacts of each pair against the gap, law by law",
+    needs=("law", "gap", "pair", "impact_force_max", "impact_count", CONTACT),
+)
 def force_gap(cube: xr.Dataset) -> Figure:
     """Draw peak impact force and impacts of each pair against the gap."""
-    require(cube, "force-gap")
     cube, shown = middle(pounding_only(along(along(cube, "law"), "gap")), ("law", "gap"))
     cube = cube.sortby("gap")
     laws = labels_with_values(cube, "law", [name for name, *_ in _ROWS])
@@ -37,6 +40,5 @@ def force_gap(cube: xr.Dataset) -> Figure:
         start_at_zero(axes[row, 0])
     label_edges(axes, "gap (mm)", [label for _, label, _ in _ROWS])
     legend_below(figure, axes[0, 0])
-    if shown:
-        figure.suptitle(shown, fontsize=9)
+    put_title(figure, shown)
     return figure

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.analysis.comparisons.fragility import sentence
 from pounding_sweep.analysis.events import EVENTS
-from pounding_sweep.analysis.fragilities import sentence
 from pounding_sweep.analysis.lognormal import FitStatus
-from pounding_sweep.figures.chosen import along, middle
-from pounding_sweep.figures.compared import first_varied, result_of
-from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, axis_label, styled, subplots, unit_text
+from pounding_sweep.figures import CONTACT, figure_of
+from pounding_sweep.figures.shown import along, first_varied, middle, result_of
+from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, axis_label, put_title, subplots, unit_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,7 +24,12 @@ _CLASSES = 6
 _LINES_SHOWN = 5
 
 
-@styled
+@figure_of(
+    "cube",
+    "probability that a pair touches, against intensity, with its confidence",
+    needs=("pair", CONTACT),
+    several=("record|scale",),
+)
 def fragility(cube: xr.Dataset) -> Figure:
     """Draw the probability of an event against intensity.
 
@@ -33,21 +38,6 @@ def fragility(cube: xr.Dataset) -> Figure:
     the middle value is shown, of the laws the first. Bands are confidence
     intervals; marks are the shares observed in classes of about equal numbers of trials.
     Where there is no fit, the legend says why.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube, whose fragility of touching is drawn, or the result of
-        `pounding_sweep.analysis.fragility`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The cube allows no fragility.
     """
     result = result_of(cube, "fragility")
     own = ("record", "scale", "bound", "intensity")
@@ -72,7 +62,7 @@ def fragility(cube: xr.Dataset) -> Figure:
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
     axes[0, 0].set_xlim(left=0.0)  # shared: nothing drawn later would move it
     axes[0, 0].set_ylabel(f"probability that\n{words} (-)")
-    figure.suptitle("; ".join(part for part in (words, shown) if part), fontsize=9)
+    put_title(figure, words, shown)
     return figure
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from pounding_sweep.accuracy.trade_report import check_trade, leading_outputs
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, styled, subplots
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, put_title, subplots
 from pounding_sweep.outputs.variables import get_variable
 
 if TYPE_CHECKING:
@@ -19,7 +20,11 @@ if TYPE_CHECKING:
 _POPULATION, _STATISTIC = "steady", "worst"
 
 
-@styled
+@figure_of(
+    "trade",
+    "worst error of schemes, steps and number formats against their cost, from 'tradeoff'",
+    needs=("scheme", "located", "error", "cost"),
+)
 def work_precision(trade: xr.Dataset) -> Figure:
     """Draw worst error against seconds per thousand scenarios, one line per scheme, located or not, and number format.
 
@@ -27,20 +32,6 @@ def work_precision(trade: xr.Dataset) -> Figure:
     a hollow marker on a dashed line is float32. A ring marks the Pareto front:
     configurations that no other is cheaper than and as accurate as. Errors in
     the grey band are below what the converged solution resolves.
-
-    Parameters
-    ----------
-    trade : xarray.Dataset
-        What `pounding_sweep.accuracy.tradeoff.tradeoff` returned, or its file.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        It is no trade, or no configuration has both an error and a cost.
     """
     check_trade(trade)
     chosen = trade.sel(population=_POPULATION, statistic=_STATISTIC)
@@ -66,7 +57,7 @@ def work_precision(trade: xr.Dataset) -> Figure:
     legend_below(figure, axes[0, 0], most=2)
     count = int(trade.attrs["sample_scenarios"]) - int(trade.attrs["sensitive_scenarios"])
     steps = trade["step"].values * 1e3
-    figure.suptitle(f"{count} scenarios; steps {steps[0]:g} ms (left) to {steps[-1]:g} ms (right)", fontsize=9)
+    put_title(figure, f"{count} scenarios; steps {steps[0]:g} ms (left) to {steps[-1]:g} ms (right)")
     return figure
 
 

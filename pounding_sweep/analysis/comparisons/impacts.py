@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.along import check_quantiles, fractiles_over
+from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
+    labelled,
     law_keys,
     of_law,
     pounding_only,
@@ -32,6 +34,12 @@ OUTPUTS = ("impact_count", "impact_force_max", "impulse", "approach_speed_max", 
 QUANTILES = (0.0, 0.16, 0.5, 0.84, 1.0)
 
 
+@comparison(
+    "how often, how hard and how soon floors touch",
+    needs="pairs, a law with contact, and impact counts or any other output of contacts",
+    columns=("law", "pair", "quantile"),
+    lead=("pair_touching_share", "impact_force_max_fractiles"),
+)
 def impact_statistics(
     cube: xr.Dataset, over: Iterable[str] | None = None, quantiles: Sequence[float] = QUANTILES
 ) -> xr.Dataset:
@@ -103,8 +111,7 @@ def _by_law(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr
 
     laws = law_keys(cube)
     parts = [_statistics(of_law(cube, [law]), over, quantiles) for law in laws]
-    index = xr.DataArray(laws, dims="law", coords={"law": laws}, attrs={"long_name": "contact law"})
-    return xr.concat(parts, dim=index, combine_attrs="override")
+    return xr.concat(parts, dim=labelled("law", laws, "contact law"), combine_attrs="override")
 
 
 def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr.Dataset:
@@ -133,4 +140,4 @@ def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -
 
 def _about(part: xr.DataArray, text: str) -> xr.DataArray:
     found = part.astype(np.int64) if part.dtype.kind in "iub" else part
-    return described(found.reset_coords(drop=True), "1", text)
+    return described(found, "1", text, bare=True)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.figures import require
-from pounding_sweep.figures.style import axis_label, label_edges, styled, subplots
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.style import axis_label, cell_edges, label_edges, put_title, subplots
 from pounding_sweep.outputs.variables import Status
 
 if TYPE_CHECKING:
@@ -24,17 +24,20 @@ _MARKS: dict[Status, tuple[dict[str, Any], str]] = {
 }
 
 
-@styled
+@figure_of(
+    "map",
+    "error and status over contact stiffness and time step, from 'extremes --map'",
+    needs=("peak_force_error", "status", "scheme", "stiffness", "dt"),
+)
 def stability_map(cube: xr.Dataset) -> Figure:
     """Draw a map of `pounding_sweep.accuracy.stability_map`: one panel per scheme and number format."""
     from matplotlib.colors import LogNorm
 
-    require(cube, "stability-map")
     schemes = cube.scheme.values.tolist()
     columns = min(2, len(schemes))
     rows = -(-len(schemes) // columns)
     figure, axes = subplots(rows, columns, (1.2 + 3.4 * columns, 1.2 + 2.8 * rows))
-    edges = [_edges(cube[name].values) for name in ("dt", "stiffness")]
+    edges = [cell_edges(cube[name].values) for name in ("dt", "stiffness")]
     shown: dict[Status, Any] = {}
     mesh = None
     for number, scheme in enumerate(schemes):
@@ -59,14 +62,5 @@ def stability_map(cube: xr.Dataset) -> Figure:
     if shown:
         figure.legend(handles=list(shown.values()), loc="outside lower center", ncols=2)
     if "title" in cube.attrs:
-        figure.suptitle(str(cube.attrs["title"]), fontsize=9)
+        put_title(figure, str(cube.attrs["title"]))
     return figure
-
-
-def _edges(values: np.ndarray) -> np.ndarray:
-    """Edges of cells around values, halfway between their logarithms."""
-    logs = np.log(values)
-    if len(logs) == 1:
-        return np.asarray(values[0] * np.array([0.5, 2.0]))
-    middle = 0.5 * (logs[1:] + logs[:-1])
-    return np.exp(np.concatenate([[2.0 * logs[0] - middle[0]], middle, [2.0 * logs[-1] - middle[-1]]]))

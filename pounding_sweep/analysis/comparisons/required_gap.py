@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.analysis.scenarios import described, finished, peak_displacement, values
+from pounding_sweep.analysis.comparisons import comparison
+from pounding_sweep.analysis.scenarios import described, finished, labelled, peak_displacement, values
 from pounding_sweep.analysis.separation_rules import SEPARATION_RULES, BehaviourFactors, Neighbours, cqc_correlation
 from pounding_sweep.analysis.uncoupled_runs import StillRuns, runs_of_cube, runs_of_row
 from pounding_sweep.base.errors import InputError
@@ -26,6 +27,15 @@ if TYPE_CHECKING:
     from pounding_sweep.records import Record
 
 
+@comparison(
+    "the gap that each pair needs, exactly and by separation rules",
+    needs="pairs; the law 'none' with closing_max and displacements, or the records at hand",
+    columns=("rule", "pair"),
+    variables=("exact", "rule_gap", "ratio"),
+    lead=("exact", "ratio"),
+    figure="required-gap",
+    arguments=("folders",),
+)
 def required_gap(
     source: Scene | str | xr.Dataset,
     records: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]] | None = None,
@@ -99,7 +109,7 @@ def _gaps(still: StillRuns, factors: BehaviourFactors) -> xr.Dataset:
     exact = closing.max("storey")
     ends = _neighbours(still, factors)
     rules = list(SEPARATION_RULES.values())
-    index = _along("rule", [rule.key for rule in rules], "separation rule")
+    index = labelled("rule", [rule.key for rule in rules], "separation rule")
     rule_gap = xr.concat([rule.gap(ends).max("storey") for rule in rules], dim=index)
     about = {
         f"rule_{name}": ("rule", [getattr(rule, name) for rule in rules], {"long_name": f"{name} of the rule"})
@@ -113,20 +123,12 @@ def _gaps(still: StillRuns, factors: BehaviourFactors) -> xr.Dataset:
         "ratio": (rule_gap / exact.where(exact != 0.0), "1", "required gap by the rule over the exact one"),
         "correlation": (ends.correlation, "1", "correlation of the first modes"),
     }
-    labelled = {
-        name: described(part.reset_coords(drop=True), units, text) for name, (part, units, text) in found.items()
-    }
-    return xr.Dataset(labelled).assign_coords({**about, "row_gap": own})
+    variables = {name: described(part, units, text, bare=True) for name, (part, units, text) in found.items()}
+    return xr.Dataset(variables).assign_coords({**about, "row_gap": own})
 
 
 def _text(factor: float | Mapping[str, float]) -> str:
     return ", ".join(f"{k}: {v:g}" for k, v in factor.items()) if isinstance(factor, Mapping) else f"{factor:g}"
-
-
-def _along(dim: str, labels: Sequence[object], long_name: str) -> xr.DataArray:
-    import xarray as xr
-
-    return xr.DataArray(list(labels), dims=dim, coords={dim: list(labels)}, attrs={"long_name": long_name})
 
 
 def _neighbours(still: StillRuns, factors: BehaviourFactors) -> Neighbours:
@@ -165,7 +167,7 @@ def _sides(
 
     each = [xr.DataArray(of(item.name) if isinstance(item, Building) else at_wall) for item in scene.row]
     each = list(xr.broadcast(*each))
-    index = _along("pair", scene.pair_names, "pair of neighbours, left-right")
+    index = labelled("pair", scene.pair_names, "pair of neighbours, left-right")
     return xr.concat(each[:-1], dim=index), xr.concat(each[1:], dim=index)
 
 

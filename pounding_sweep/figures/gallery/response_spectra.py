@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.style import COLOURS, LINES, styled, subplots
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.style import COLOURS, LINES, put_title, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,7 +19,11 @@ MOST_LINES = len(COLOURS)
 _FRACTILES = (0.84, 0.5, 0.16)
 
 
-@styled
+@figure_of(
+    "spectra",
+    "response or floor spectra: pseudo-acceleration and displacement against period",
+    needs=("period", "pseudo_acceleration", "spectral_displacement"),
+)
 def response_spectra(spectra: xr.Dataset) -> Figure:
     """Draw pseudo-acceleration and displacement spectra against period."""
     parts = [spectra]
@@ -37,15 +42,8 @@ def response_spectra(spectra: xr.Dataset) -> Figure:
     if len(entries) > 1:
         columns = min(2 * len(parts), len(entries))
         figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
-    figure.suptitle(_title(spectra), fontsize=9)
+    put_title(figure, _title(spectra))
     return figure
-
-
-def floor_response(histories: xr.Dataset) -> Figure:
-    """Draw the 5 % spectra of the total acceleration of every floor."""
-    from pounding_sweep.analysis.spectra import floor_spectra
-
-    return response_spectra(floor_spectra(histories))
 
 
 def _title(spectra: xr.Dataset) -> str:

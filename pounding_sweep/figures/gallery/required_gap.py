@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.figures.chosen import middle
-from pounding_sweep.figures.compared import result_of
-from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, styled
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.shown import middle, result_of
+from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, put_title
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,27 +18,13 @@ if TYPE_CHECKING:
 _NAMED = 8
 
 
-@styled
+@figure_of("cube", "the gap that each pair needs, exactly and by separation rules", needs=("pair", "record|case|exact"))
 def required_gap(cube: xr.Dataset) -> Figure:
     """Draw the required gap of each pair, record by record, and what separation rules ask for over it.
 
     One column per pair. Above, the exact required gap (bars) and that of each rule
     (markers), records in the order of the exact one; below, the ratio of each rule to
     it, one dot per record and a bar at the median: below 1 a rule is unsafe.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube, or the result of `pounding_sweep.analysis.required_gap`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The required gap can't be had from the cube.
     """
     from matplotlib.figure import Figure
 
@@ -60,8 +46,7 @@ def required_gap(cube: xr.Dataset) -> Figure:
     axes[0, 0].set_ylabel("required gap (mm)")
     axes[1, 0].set_ylabel("rule over exact (-)")
     legend_below(figure, axes[0, 0], most=4)
-    if shown:
-        figure.suptitle(shown, fontsize=9)
+    put_title(figure, shown)
     return figure
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
@@ -31,6 +32,13 @@ TERMS = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain")
 _EXTREMES = ("energy_transfer_max", "energy_transfer_min")
 
 
+@comparison(
+    "where the energy of each building went, and whether transfers sum to the contacts' work",
+    needs="energy_input, energy_damping, energy_kinetic, energy_strain and contact_work",
+    columns=("law", "building", "pair"),
+    lead=("transfer_share", "contact_work", "residual_relative"),
+    figure="energy-budget",
+)
 def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     """Draw up each building's energy budget at the end of the record, and check it against the contacts' work.
 

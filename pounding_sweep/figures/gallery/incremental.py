@@ -7,47 +7,37 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.analysis.incremental import directions
-from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.chosen import along, labels_with_values, middle
-from pounding_sweep.figures.compared import result_of
-from pounding_sweep.figures.style import COLOURS, axis_label, label_edges, legend_below, start_at_zero, styled, subplots
-from pounding_sweep.outputs.variables import VARIABLES
+from pounding_sweep.analysis.comparisons.incremental import directions
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.shown import along, drawn_response, labels_with_values, middle, result_of
+from pounding_sweep.figures.style import (
+    COLOURS,
+    axis_label,
+    label_edges,
+    legend_below,
+    put_title,
+    start_at_zero,
+    subplots,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-#: Responses that are drawn, the first that is there, with their label and factor.
-_RESPONSES = (
-    ("impact_force_max", "peak impact force (MN)", 1e-3),
-    ("drift_max", "peak drift (mm)", 1e3),
-    ("displacement_max", "peak displacement (mm)", 1e3),
-    ("acceleration_max", "peak acceleration (m/s²)", 1.0),
-    ("storey_shear_max", "peak storey shear (MN)", 1e-3),
-)
 _LINES = ("--", "-", "-.", ":")
 #: Rows of panels at most.
 _LAWS = 3
 
 
-@styled
+@figure_of("cube", "response against intensity, record by record, with the fractiles of the suite", several=("scale",))
 def incremental(cube: xr.Dataset) -> Figure:
     """Draw responses against intensity as records are scaled up."""
     result = result_of(cube, "incremental")
-    touching = "law" not in result.coords or bool((result["law"] != "none").any())
-    found = [row for row in _RESPONSES if row[0] in result and (touching or VARIABLES[row[0]].dims[0] == "building")]
-    if not found:
-        names = ", ".join(row[0] for row in _RESPONSES)
-        msg = f"figure 'incremental' needs one of {names}, the first of a law with contact, which this cube lacks"
-        raise InputError(msg)
-    name, label, factor = found[0]
-    per = VARIABLES[name].dims[0]
+    name, label, factor, per = drawn_response(result, "incremental")
     for dim in ("law", per, "storey"):
-        result = along(result, dim) if dim in result.coords else result
+        result = along(result, dim, absent="")
     keep = ("law", "record", "scale", "quantile", "level")
     result, shown = middle(result, keep, [name])
-    result = result if "law" in result.dims else result.expand_dims(law=[""])
     there = labels_with_values(result, "law", [name]) or result["law"].values.tolist()
     laws = [law for law in there if per == "building" or law != "none"][:_LAWS]
     ways = directions(result["scale"].values)
@@ -87,6 +77,5 @@ def incremental(cube: xr.Dataset) -> Figure:
     axes[0, 0].set_xlim(left=0.0)  # shared by all, as y is by a row
     label_edges(axes, intensity, [label] * len(laws))
     legend_below(figure, axes[0, 0], most=4)
-    if shown:
-        figure.suptitle(shown, fontsize=9)
+    put_title(figure, shown)
     return figure

@@ -5,9 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.chosen import along, labels_with_values, middle_over_records
-from pounding_sweep.figures.compared import drawn_axis, first_varied, result_of
-from pounding_sweep.figures.style import label_edges, legend_below, look, styled, subplots
+from pounding_sweep.figures import CONTACT, NO_CONTACT, figure_of
+from pounding_sweep.figures.shown import (
+    along,
+    drawn_axis,
+    first_varied,
+    labels_with_values,
+    middle_over_records,
+    result_of,
+)
+from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -24,7 +31,21 @@ _ROWS = (
 )
 
 
-@styled
+#: Of which a cube must have one, and what the comparison makes of them.
+_RESPONSES = "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max"
+_RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
+
+
+@figure_of(
+    "cube",
+    "responses with pounding over responses without, by building and law",
+    needs=(
+        "law",
+        f"{_RESPONSES}|{_RATIOS}",
+        CONTACT,
+        f"{NO_CONTACT}|{_RATIOS}",
+    ),
+)
 def amplification(cube: xr.Dataset) -> Figure:
     """Draw the amplification by pounding against gap, stiffness, scale, restitution or a building property.
 
@@ -32,20 +53,6 @@ def amplification(cube: xr.Dataset) -> Figure:
     largest over storeys; over the storeys themselves where no axis varies. Of several
     records the median is shown, of the other axes the middle value, which the title
     names. The thin line at 1 is no change.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with the law "none", or the result of `pounding_sweep.analysis.amplification`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        The cube allows no amplification, or lists its scenarios as cases.
     """
     result = result_of(cube, "amplification")
     if "case" in result.dims:
@@ -80,5 +87,5 @@ def amplification(cube: xr.Dataset) -> Figure:
                 ax.set_title(f"building {building}")
     label_edges(axes, label, [f"{text}\nover no pounding (-)" for _, text in rows])
     legend_below(figure, axes[0, 0])
-    figure.suptitle(shown, fontsize=9)
+    put_title(figure, shown)
     return figure
