@@ -23,13 +23,12 @@ from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.spec.spec import METHODS
 
 #: Name of the family of random scenes.
 RANDOM = "random"
 #: Random scenes where their number is not given.
 DEFAULT_SCENES = 320
-#: Schemes that every batch is run in.
-METHODS = ("rk4", "newmark", "exact")
 
 
 @dataclass

@@ -53,7 +53,7 @@ def tradeoff(
     steps : iterable of float
         Largest time steps (s); of those that cut a record alike, one is kept.
     methods : iterable of str
-        Schemes, out of "rk4" and "newmark".
+        Schemes, out of `pounding_sweep.schemes.SCHEMES`.
     located : iterable of bool
         With contacts located inside the step, without, or both.
     precisions : iterable of str
