@@ -320,6 +320,12 @@ def advise(
     found: dict[Scheme, tuple[float, np.ndarray, np.ndarray, dict[str, float]]] = {}
     reached: dict[Scheme, tuple[float, str]] = {}
     schemes = [(m, p) for m, p in known.cost if spec.method in (None, m) and p in _formats(spec)]
+    if not schemes:
+        msg = (
+            f"accuracy: no errors of {spec.method} were measured; give dt instead, or measure them: "
+            "python -m pounding_sweep.accuracy.calibrate"
+        )
+        raise SweepError(msg)
     for scheme in schemes:
         need, best = _needed(known, spec, scheme, laws)
         if max(need.values()) < math.inf:
