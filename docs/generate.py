@@ -23,7 +23,7 @@ from pounding_sweep.model.laws import LAWS, RESTING_SPEED
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.model.rebound import RELATIONS
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, STATUS, VARIABLES
-from pounding_sweep.plan.advice import load_measured
+from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS
 from pounding_sweep.schemes import SCHEMES
 
@@ -55,7 +55,7 @@ def _laws() -> str:
 
 def _schemes() -> str:
     """Return the schemes, their orders, limits and what statuses ask of their steps."""
-    measured = {method for method, _ in load_measured().cost}
+    measured = measured_schemes()
     lines = [
         "# Schemes",
         "",

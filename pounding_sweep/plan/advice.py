@@ -249,6 +249,11 @@ def load_measured() -> Measured:
     return read_measured(json.loads(files("pounding_sweep").joinpath("data", MEASURED).read_text(encoding="utf-8")))
 
 
+def measured_schemes() -> tuple[str, ...]:
+    """Return the schemes that `accuracy` chooses from."""
+    return tuple(dict.fromkeys(method for method, _ in load_measured().cost))
+
+
 def read_measured(data: dict[str, Any]) -> Measured:
     """Return what ``measured.json`` holds."""
     curves = {}
