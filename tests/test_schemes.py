@@ -230,3 +230,16 @@ def test_stiffer_linear_contacts_lower_the_limit():
     # a Hertz-type contact has no stiffness before it closes, one beside exact flight has sub-steps of its own
     for scheme, key in ((rk4, "hertz"), (SCHEMES["exact"], "linear")):
         assert limit_of(scheme, row(), get_law(key), 1e9, 1.0) == limit_of(rk4, row(), get_law("none"), 0.0, 1.0)
+
+
+def test_where_central_differences_are_stable():
+    """By the closed form of `schemes/central_difference.py`, in steps x of the frequency and y of the damper."""
+    scheme = SCHEMES["central_difference"]
+    for y in np.linspace(0.0, 2.0, 9):
+        x = math.sqrt(4.0 - 2.0 * y + y * y)
+        for share, stable in ((0.5, True), (0.999, True), (1.001, False)):
+            system = np.ones(1), np.array([[y]]), np.array([[(share * x) ** 2]])
+            assert (growth(scheme, system, 1.0) <= 1.0 + 1e-8) == stable, (x, y)
+    assert (scheme.undamped_radius, scheme.damped_radius) == (2.0, math.sqrt(3.0))
+    with pytest.raises(SweepError, match="no errors of central_difference were measured"):
+        Sweep(row(), "el_centro", laws=["linear"], gaps=[0.01], accuracy=1e-2, method="central_difference").plan()
