@@ -47,7 +47,7 @@ KINDS = {
     ),
 }
 #: The same with every other scheme: few, since what differs is the step.
-OTHER_KINDS = frozenset({"kelvin_voigt", "hertz_damped"})
+OTHER_KINDS = frozenset({"hertz_damped"})
 
 
 def pytest_addoption(parser):
