@@ -23,8 +23,10 @@ from pounding_sweep.model.laws import LAWS, RESTING_SPEED
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.model.rebound import RELATIONS
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, STATUS, VARIABLES
+from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS
 from pounding_sweep.records.formats import READERS
+from pounding_sweep.schemes import SCHEMES
 
 
 def _laws() -> str:
@@ -50,6 +52,28 @@ def _laws() -> str:
             lines.append(f"- contact stiffness in kN/m{'' if law.exponent == 1 else f'^{law.exponent:g}'}")
         lines += [f"- restitution: {law.validity}", f"- source: {law.reference}", ""]
     return "\n".join(lines)
+
+
+def _schemes() -> str:
+    """Return the schemes, their orders, limits and what statuses ask of their steps."""
+    measured = measured_schemes()
+    lines = [
+        "# Schemes",
+        "",
+        "What `method` may name. The [theory](../theory) says how steps are cut at contacts, and what the limit is. A",
+        "scheme whose errors were measured may be chosen for an `accuracy`; the others run at the `dt` that is given.",
+        "Steps in a contact are the least of a scenario that is `ok`, with contacts located (and not).",
+        "",
+        "| scheme | what it is | order | steps in a contact | errors measured | source |",
+        "|---|---|---:|---:|---|---|",
+    ]
+    for scheme in SCHEMES.values():
+        sampled = "" if scheme.flies_exactly else f" ({scheme.min_steps_sampled:g})"
+        lines.append(
+            f"| `{scheme.name}` | {scheme.title} | {scheme.order} | {scheme.min_steps_located:g}{sampled} | "
+            f"{'yes' if scheme.name in measured else 'no'} | {scheme.source} |"
+        )
+    return "\n".join([*lines, ""])
 
 
 def _variables() -> str:
@@ -188,6 +212,7 @@ def _events() -> str:
 
 _PAGES = {
     "laws.md": _laws,
+    "schemes.md": _schemes,
     "variables.md": _variables,
     "records.md": _records,
     "record_formats.txt": _record_formats,

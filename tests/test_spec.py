@@ -23,6 +23,7 @@ from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES
 from pounding_sweep.records import Record, find_record, pulse_record, synthetic_record
+from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import Case, Range
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import (
@@ -310,7 +311,7 @@ def test_bad_records(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"method": "rk5"}, "method: unknown method 'rk5'; did you mean 'rk4'? Valid: exact, newmark, rk4"),
+        ({"method": "rk5"}, "method: unknown method 'rk5'; did you mean 'rk4'? Valid: " + ", ".join(sorted(SCHEMES))),
         ({"dt": 0.0}, "dt: time step dt (s) is 0.0; it must be a positive number"),
         ({"dt": -1e-3}, "dt: "),
         ({"dt": NAN}, "dt: "),

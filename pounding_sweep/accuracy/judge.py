@@ -30,6 +30,7 @@ from pounding_sweep.engine.resolution import displacement_limit, energy_limit
 from pounding_sweep.outputs.differences import CHANGE, relative_error
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import OK_CLAIM, SETTLED, STATUS, Status, get_variable
+from pounding_sweep.schemes import SCHEMES
 
 #: A reference run is believed where one of half the step agrees with it this closely.
 CONVERGED = 0.1 * OK_CLAIM
@@ -226,7 +227,7 @@ def judge(
     fault(has_values & bad, "has values that are not finite")
     fault(~has_values & numbers, "has no result by its status, but finite values")
     fault(status == Status.NOT_RUN, "was not run")
-    fault((status == Status.DIVERGED) & (method == "newmark"), "diverged, though its contact is implicit")
+    fault((status == Status.DIVERGED) & SCHEMES[method].implicit, "diverged, though its contact is implicit")
     sound = has_values & ~bad
     with np.errstate(invalid="ignore", over="ignore"):
         created = np.where(sound, created_energy(found), 0.0)

@@ -185,7 +185,7 @@ def _compile(plan: Plan, sample: Sample, every: Sequence[Numerics], workers: int
 
 def _beyond_limit(plan: Plan, numerics: Numerics, limit: np.ndarray) -> np.ndarray:
     """Rows of the plan's table that a sweep refuses: a step beyond the stability limit, or `exact` without locating."""
-    if numerics.method == "exact" and not numerics.locate:
+    if numerics.scheme.flies_exactly and not numerics.locate:
         return np.ones(len(plan.unique), bool)
     step = np.array([r.dt / numerics.steps(r) for r in plan.spec.records])[plan.unique.record]
     return np.zeros(len(step), bool) if plan.spec.force_unstable else step > limit

@@ -16,6 +16,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.engine.row_kernel import Numerics
+from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.spec import METHODS, PRECISIONS, SweepSpec
@@ -35,7 +36,7 @@ def tradeoff(
     sweep: Sweep,
     *,
     steps: Iterable[float] = DEFAULT_STEPS,
-    methods: Iterable[str] = METHODS,
+    methods: Iterable[str] | None = None,
     located: Iterable[bool] = (True, False),
     precisions: Iterable[str] = PRECISIONS,
     scenarios: int = 96,
@@ -52,8 +53,8 @@ def tradeoff(
         The sweep; its own scheme, step and number format don't matter.
     steps : iterable of float
         Largest time steps (s); of those that cut a record alike, one is kept.
-    methods : iterable of str
-        Schemes, out of "rk4" and "newmark".
+    methods : iterable of str, optional
+        Schemes, out of `pounding_sweep.schemes.SCHEMES`; those that ``accuracy`` chooses from by default.
     located : iterable of bool
         With contacts located inside the step, without, or both.
     precisions : iterable of str
@@ -101,7 +102,7 @@ def tradeoff(
             msg = f"{name} = {count!r} must be at least 1"
             raise InputError(msg)
     compared = Compared(
-        _chosen("method", methods, METHODS),
+        _chosen("method", measured_schemes() if methods is None else methods, METHODS),
         modes,
         _chosen("precision", precisions, PRECISIONS),
         _distinct_steps(spec, steps),

@@ -17,7 +17,7 @@ def emit_measure(shape: KernelSpec, slots: Slots) -> str:
     """Write ``measure``: penetrations and their rates at both ends of the trial, and lanes to look at (LOOK > 0)."""
     src, law = Source(), shape.law
     assert law is not None
-    capped = shape.scheme != "newmark" and not law.impulsive
+    capped = not shape.implicit and not law.impulsive
     src.function("measure(S, I, props)")
     if capped:
         src("cap = props[P_CAP]")
@@ -61,7 +61,7 @@ def emit_give_back(shape: KernelSpec) -> str:
     src = Source()
     src.function("give_back(S, I)")
     kept = [("U", "UO", "N"), ("V", "VO", "N"), ("D1", "D0", "NC"), ("V1", "V0", "NC")]
-    if shape.scheme == "newmark":
+    if shape.implicit:
         kept.append(("A", "AO", "N"))
     if shape.impulsive:
         kept.append(("FE", "FS", "NC"))
@@ -124,7 +124,7 @@ def emit_look_ahead(shape: KernelSpec, slots: Slots) -> str:
     with src.block("for l in range(L):"):
         src("S[LONGEST + l] = h; S[RATE + l] = 0.0")
     touch, release = law.grading(shape.order)
-    capped = shape.scheme != "newmark" and not law.impulsive
+    capped = not shape.implicit and not law.impulsive
     if capped:
         src("cap = props[P_CAP]")
     if capped or max(touch, release) > 1.0:
@@ -202,7 +202,7 @@ def emit_plain_contacts(shape: KernelSpec, slots: Slots) -> str:
 
 def fused_ends(shape: KernelSpec) -> bool:
     """Whether the step of an unlocated kernel takes its own peaks, from values that it still holds."""
-    return shape.fused and shape.scheme != "newmark" and not shape.located
+    return shape.fused and not shape.implicit and not shape.located
 
 
 def plain_contact(src: Source, shape: KernelSpec) -> ContactBody:
@@ -231,7 +231,7 @@ def plain_contact(src: Source, shape: KernelSpec) -> ContactBody:
         if law.per_speed:
             src(f"had = S[VRUN + {j0} + l]; run = max(speed if fresh else had, v)")
             src(f"S[VRUN + {j0} + l] = run if closed else 0.0")
-        if not (shape.scheme == "newmark" or shape.history or looks(shape, "force")):
+        if not (shape.implicit or shape.history or looks(shape, "force")):
             return
         src("k = S[K + l]; r = math.sqrt(max(d, 0.0))")
         if law.damper:
@@ -244,7 +244,7 @@ def plain_contact(src: Source, shape: KernelSpec) -> ContactBody:
         if "force" in r:
             src(f"S[FMAX + {j0} + l] = max(S[FMAX + {j0} + l], f)")
         for reducer, slot, rate in (("impulse", "IMPULSE", "fold + f"), ("work", "WORK", "fold * vold + f * v")):
-            if shape.scheme == "newmark" and reducer in r:
+            if shape.implicit and reducer in r:
                 src(f"S[{slot} + {j0} + l] += 0.5 * h * ({rate})")
 
     return body

@@ -69,7 +69,6 @@ def emit_energy(shape: KernelSpec, slots: Slots) -> str:
     """``energies(S)``: commit the step's energy and contact increments."""
     src, at = Source(), slots.at
     src.function("energies(S)")
-    rk4 = shape.scheme != "newmark"
     with src.block("for l in range(L):"):
         src(f"h6 = {at('HL')} * SIXTH")
         if "energy" in shape.reducers:
@@ -77,7 +76,7 @@ def emit_energy(shape: KernelSpec, slots: Slots) -> str:
                 own = b if shape.fused else shape.home(b)
                 src(f"{at('e_in', b)} = fma(h6, {at('DIN', own)}, {at('e_in', b)})")
                 src(f"{at('e_damp', b)} = fma(h6, {at('DDAMP', own)}, {at('e_damp', b)})")
-    if rk4 and shape.law is not None and shape.contacts and shape.reducers & {"work", "impulse"}:
+    if not shape.implicit and shape.law is not None and shape.contacts and shape.reducers & {"work", "impulse"}:
         src.function("contact_energies(S)")
         with src.block("for l in range(L):"):
             src(f"h6 = {at('HL')} * SIXTH")

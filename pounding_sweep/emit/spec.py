@@ -14,13 +14,11 @@ from itertools import pairwise
 #: remainder loop every lane runs the same instructions whatever its neighbours.
 LANES = 16
 
-#: Order of each scheme.
-ORDERS = {"rk4": 4, "newmark": 2, "exact": 4}
 
 #: Properties that may differ from lane to lane.
 VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short")
 
-#: Largest product of sub-step and contact rate in located RK4: a stiffer contact gets sub-steps of its own.
+#: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
 CONTACT_CAP = 0.25
 #: Most degrees of freedom emitted as one straight line; longer rows are split.
 FUSED_DOF = 16
@@ -109,8 +107,14 @@ class KernelSpec:
         Pairs of neighbours.
     law : LawShape or None
         None: no contact force.
-    scheme : {"rk4", "newmark", "exact"}
+    scheme : str
         Time integration.
+    order : int
+        Order of the scheme, in contact.
+    implicit : bool
+        Contact forces are found together with the step that they act on.
+    flies_exactly : bool
+        Steps without contact are exact, and as long as each lane can take them.
     located : bool
         Touches, releases and peaks are located inside the step.
     reducers : frozenset of str
@@ -128,16 +132,14 @@ class KernelSpec:
     n_pairs: int
     law: LawShape | None
     scheme: str
+    order: int
+    implicit: bool
+    flies_exactly: bool
     located: bool
     reducers: frozenset[str]
     history: bool = False
     precision: str = "float64"
     varied: bool = False
-
-    @property
-    def order(self) -> int:
-        """Order of the scheme, in contact."""
-        return ORDERS[self.scheme]
 
     @property
     def impulsive(self) -> bool:
@@ -248,7 +250,7 @@ def property_slots(shape: KernelSpec) -> Slots:
     slots.add("alpha", shape.n_buildings)
     slots.add("beta", shape.n_buildings)
     slots.add("reduced", len(shape.contacts))
-    if shape.scheme == "exact":  # flight over a whole step, and over a short one beside a contact
+    if shape.flies_exactly:  # flight over a whole step, and over a short one beside a contact
         size = sum(2 * n * (2 * n + 2) for n in shape.storeys)
         slots.add("glide", size)
         slots.add("short", size)

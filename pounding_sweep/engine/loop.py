@@ -33,7 +33,7 @@ def emit_copy(shape: KernelSpec) -> str:
     with src.block("for c in range(N * L):"):
         src("S[UO + c] = S[U + c]")
         src("S[VO + c] = S[V + c]")
-        if shape.scheme == "newmark":
+        if shape.implicit:
             src("S[AO + c] = S[A + c]")
     return str(src)
 
@@ -45,7 +45,7 @@ def emit_back(shape: KernelSpec) -> str:
     with src.block("for c in range(N * L):"):
         src("S[U + c] = S[UO + c]")
         src("S[V + c] = S[VO + c]")
-        if shape.scheme == "newmark":
+        if shape.implicit:
             src("S[A + c] = S[AO + c]")
     return str(src)
 
@@ -92,7 +92,7 @@ def emit_begin(shape: KernelSpec, slots: Slots, contact: bool) -> str:
             if slot.per != "floor":
                 with src.block("for j in range(NC):" if slot.per == "contact" else "for b in range(NB):"):
                     src(slot.begin)
-        if shape.scheme == "newmark" and not contact:
+        if shape.implicit and not contact:
             src("equilibrium(S, l, S[G1 + l], True, props)")
     return str(src)
 
@@ -150,7 +150,7 @@ def emit_reduce_flight(shape: KernelSpec) -> str:
     if r & PEAKS and not shape.located:
         src("samples(S)")
     if "energy" in r:
-        src("flight_energies(S, props, h)" if shape.scheme == "exact" else "energies(S)")
+        src("flight_energies(S, props, h)" if shape.flies_exactly else "energies(S)")
     if "acceleration" in r:
         src("accelerations(S, props)")
     src("return")
@@ -176,36 +176,35 @@ def _increments(src: Source, shape: KernelSpec) -> None:
     """Write the increments of energy, work and impulse of a step that may have contact."""
     if "energy" in shape.reducers:
         src("energies(S)")
-    if shape.scheme != "newmark" and shape.reducers & {"work", "impulse"}:
+    if not shape.implicit and shape.reducers & {"work", "impulse"}:
         src("contact_energies(S)")
 
 
 def emit_run(shape: KernelSpec, slots: Slots, contact: bool) -> str:
     """``run``: every lane group over the whole record."""
     src = Source()
-    columns = 4 * len(shape.contacts) if shape.scheme == "newmark" else 0
+    columns = 4 * len(shape.contacts) if shape.implicit else 0
     src.function("run(ag, dtr, steps, flight_substeps, constants, X, O, H)")
     src(f"lanes = np.zeros({slots.size} * L, REAL)")
     src(f"marks = np.zeros({integer_size(shape)}, np.int64)")
     src("S = pointer(lanes); I = pointer(marks); props = pointer(constants)")
     src(f"W = np.zeros(({columns + 1}, {max(shape.storeys)}), REAL)")
     src("h = REAL(dtr / steps)")
-    exact = shape.scheme == "exact"
-    if exact:
+    if shape.flies_exactly:
         begin_march(src)
     with src.block("for group in range(X.shape[0]):"):
         src("begin(S, I, X, group, props, REAL(ag[0]))")
-        if shape.scheme == "newmark" and contact:
+        if shape.implicit and contact:
             with src.block("for l in range(L):"):
                 src("rests(S, l, props)" if shape.impulsive else "equilibrium(S, l, S[G1 + l], True, props)")
         if shape.history:
             src("note(S, H, 0)")
-        if exact:
+        if shape.flies_exactly:
             march(src, shape, contact)
         else:
             _fixed_loop(src, shape, slots, contact)
         src("finish(S, I, O, group, props)")
-    if exact:
+    if shape.flies_exactly:
         src("motion[0] = 0.0")
     src("lanes[0] = 0.0; marks[0] = 0;  # alive until here, where only pointers were used")
     return str(src)
@@ -254,7 +253,7 @@ def _fixed_loop(src: Source, shape: KernelSpec, slots: Slots, contact: bool) -> 
                 src("closed = contact_step(S, I, W, props, ga, gb, h, i * steps + j)")
         else:
             src("time = (i * steps + j + 1) * h")
-            src("plain(S, I, W, props, h)" if shape.scheme == "newmark" else "plain(S, I, props, h, time)")
+            src("plain(S, I, W, props, h)" if shape.implicit else "plain(S, I, props, h, time)")
             src("plain_contacts(S, I, h, time, props)")
             if r & PEAKS and not fused_ends(shape):
                 src("samples(S)")

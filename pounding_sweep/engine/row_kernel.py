@@ -24,6 +24,7 @@ from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import REDUCERS, output_slots
 from pounding_sweep.records import Record
+from pounding_sweep.schemes import SCHEMES, Scheme
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
 #: others: peaks are looked for between the ends by a cubic, which errs by (w h)**4 / 384 of what a mode contributes.
@@ -40,8 +41,8 @@ class Numerics:
 
     Attributes
     ----------
-    method : {"rk4", "newmark", "exact"}
-        Scheme.
+    method : str
+        Name of the scheme, one of `SCHEMES`.
     dt : float
         Largest time step (s); a record interval is cut into equal steps no longer than it.
     locate : bool
@@ -61,6 +62,11 @@ class Numerics:
     gamma: float = 0.5
     precision: str = "float64"
     finer: float = 1.0
+
+    @property
+    def scheme(self) -> Scheme:
+        """Scheme of that name."""
+        return SCHEMES[self.method]
 
     def steps(self, record: Record) -> int:
         """Return the steps per record interval."""
@@ -109,6 +115,9 @@ def kernel_shape(
         n_pairs=len(scene.pair_names),
         law=compiled,
         scheme=numerics.method,
+        order=numerics.scheme.order,
+        implicit=numerics.scheme.implicit,
+        flies_exactly=numerics.scheme.flies_exactly,
         located=numerics.locate,
         reducers=wanted,
         history=history,
@@ -206,7 +215,7 @@ class RowKernel:
 
     def constants_for(self, record: Record, flight_substeps: int) -> np.ndarray:
         """Scene constants, with the transition matrices of this record's steps where all lanes share them."""
-        if self.numerics.method != "exact" or self.varied:
+        if not self.numerics.scheme.flies_exactly or self.varied:
             return self.constants
         slots = property_slots(self.shape)
         values = self.constants.copy()
@@ -298,7 +307,7 @@ class RowKernel:
             for name, values in _properties(row).items():
                 if f"p_{name}" in slots.first:
                     put(f"p_{name}", values.T)
-            if self.numerics.method == "exact":
+            if self.numerics.scheme.flies_exactly:
                 for name, parts in (("p_glide", flight_substeps), ("p_short", self.numerics.steps(record))):
                     put(name, transitions(row, record.dt / parts))
         return lanes

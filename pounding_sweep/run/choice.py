@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import FACTOR_KINDS, Case
 from pounding_sweep.spec.spec import SweepSpec, contact_stiffness
 
@@ -112,7 +113,7 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
         _check_unit(own, law)
     stiffness = contact_stiffness(scene, law, stiffness=absolute, stiffness_factor=factor)
     restitution, scale = given.get("restitution", own.restitution), given.get("scale", own.scale)
-    newmark = spec.method == "newmark"
+    parameters = SCHEMES[spec.method].parameters if spec.method else ()
     one = simulate(
         scene,
         spec.record(record).scaled(scale),
@@ -123,8 +124,8 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
         dt=spec.dt,
         accuracy=spec.accuracy,
         locate=spec.locate,
-        beta=spec.beta if newmark else None,
-        gamma=spec.gamma if newmark else None,
+        beta=spec.beta if "beta" in parameters else None,
+        gamma=spec.gamma if "gamma" in parameters else None,
         force_unstable=spec.force_unstable,
         restitution_basis=spec.restitution_basis,
         precision=spec.precision,

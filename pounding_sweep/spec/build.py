@@ -83,8 +83,9 @@ def build_spec(
         by default each building's own.
     cases : iterable of Case or dict, optional
         Listed scenarios instead of laws and axes.
-    method : {"rk4", "newmark", "exact"}, optional
-        Time-stepping scheme; "rk4" by default, with `accuracy` the cheapest that reaches it.
+    method : str, optional
+        Time-stepping scheme, one of `pounding_sweep.schemes.SCHEMES`; "rk4" by default, with `accuracy` the
+        cheapest that reaches it.
     dt : float, optional
         Time step (s); 1e-3 by default, with `accuracy` the largest that reaches it.
     locate : bool

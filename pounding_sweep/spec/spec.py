@@ -16,10 +16,11 @@ from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
+from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis, property_axes
 
 #: Time-stepping schemes by name.
-METHODS = ("rk4", "newmark", "exact")
+METHODS = tuple(SCHEMES)
 #: Number formats of the kernels.
 PRECISIONS = ("float64", "float32")
 #: Range of the relative error that ``accuracy`` may ask for.
@@ -66,7 +67,7 @@ class SweepSpec:
         axes are None, `restitutions` and `scales` empty, and in every case the
         record's name, the stiffness or factor of a law with contact, and the
         restitution of a law that takes one are filled in; factors of 1 are left out.
-    method : {"rk4", "newmark", "exact"} or None
+    method : str or None
         Time-stepping scheme; None: chosen for `accuracy`.
     dt : float or None
         Time step (s); None: chosen for `accuracy`.

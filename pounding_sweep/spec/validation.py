@@ -32,6 +32,7 @@ from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene, check_gap
 from pounding_sweep.records import Record, resolve_records
+from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import FACTOR_KINDS, Case, Factors, Range
 from pounding_sweep.spec.spec import (
     ACCURACY_RANGE,
@@ -657,6 +658,7 @@ def _settings(faults: Faults, given: dict[str, Any]) -> dict[str, Any]:
         missing = name != "restitution_basis" and found[name] is None  # chosen with the accuracy
         if found[name] is not FAILED and not missing and found[name] not in valid:
             faults.add((name,), unknown(name.replace("_", " "), found[name], valid))
+    scheme = SCHEMES[found["method"]] if found["method"] in METHODS else None
     if found["dt"] is None:
         found["dt"] = None if automatic else DEFAULT_STEP
     elif found["dt"] is not FAILED:
@@ -677,8 +679,9 @@ def _settings(faults: Faults, given: dict[str, Any]) -> dict[str, Any]:
         value = one_number(faults, (name,), found[name], finite(name), f"Newmark's {name}")
         if value is not None and not low <= value <= high:
             faults.add((name,), f"{name} is {shown(value)}; it must be in [{low:g}, {high:g}]")
-        elif value not in (None, default) and found["method"] in ("rk4", "exact"):
-            faults.add((name,), f"{name} is a parameter of newmark, and the method is {found['method']}; leave it out")
+        elif value not in (None, default) and scheme is not None and name not in scheme.parameters:
+            owners = " and ".join(each.name for each in SCHEMES.values() if name in each.parameters)
+            faults.add((name,), f"{name} is a parameter of {owners}, and the method is {scheme.name}; leave it out")
         elif value not in (None, default) and automatic:
             faults.add((name,), f"accuracy was measured with {name} = {default:g}; leave it out, or leave out accuracy")
         found[name] = value
@@ -762,8 +765,11 @@ def check_sweep(faults: Faults, given: dict[str, Any]) -> SweepSpec | None:
             if fault := step_fault(record, record.dt / settings["dt"]):
                 faults.add(("dt",), f"{settings['dt']:g} s is too small: {fault}; take a larger dt, or cut the record")
                 break
-    if settings["method"] == "exact" and not settings["locate"] and given["locate"] is not FAILED:
-        faults.add(("locate",), "method 'exact' flies exactly between located touches; give locate = true")
+    flies = settings["method"] in METHODS and SCHEMES[settings["method"]].flies_exactly
+    if flies and not settings["locate"] and given["locate"] is not FAILED:
+        faults.add(
+            ("locate",), f"method {settings['method']!r} flies exactly between located touches; give locate = true"
+        )
     needing = [law for law in map(get_law, laws) if law.impulsive or law.yields]
     if needing and not settings["locate"] and given["locate"] is not FAILED:
         what = "acts at the located touch only" if needing[0].impulsive else "follows its own past by located events"
