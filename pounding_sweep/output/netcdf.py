@@ -10,7 +10,6 @@ from __future__ import annotations
 import errno
 import itertools
 import math
-import mmap
 import os
 import shutil
 import stat
@@ -37,42 +36,6 @@ if TYPE_CHECKING:
     import netCDF4
     import numpy.typing as npt
     import xarray as xr
-
-
-#: Bytes at the beginning and at the end of a file that are looked through: labels and attributes stand there.
-LOOKED_AT = 2**26
-
-_SIGNATURE = b"GCOL\x01\x00\x00\x00"
-_HEADER = 16
-
-
-def has_endless_heap(path: Path) -> bool:
-    """Whether a global heap (HDF5 File Format Specification, III.E) of a file leads nowhere."""
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        return any(not _ends(data, at) for at in _heaps(data))
-
-
-def _heaps(data: mmap.mmap) -> Iterator[int]:
-    parts = [(0, len(data))] if len(data) <= 2 * LOOKED_AT else [(0, LOOKED_AT), (len(data) - LOOKED_AT, len(data))]
-    for start, stop in parts:
-        at = data.find(_SIGNATURE, start, stop)
-        while at >= 0:
-            yield at
-            at = data.find(_SIGNATURE, at + 1, stop)
-
-
-def _ends(data: mmap.mmap, at: int) -> bool:
-    """Walk through a heap as HDF5 does; False where an object takes no room, or more than there is."""
-    end = min(at + int.from_bytes(data[at + 8 : at + 16], "little"), len(data))
-    here = at + _HEADER
-    while here + _HEADER <= end:
-        index = int.from_bytes(data[here : here + 2], "little")
-        size = int.from_bytes(data[here + 8 : here + 16], "little")
-        taken = _HEADER + (size + 7) // 8 * 8 if index else size  # object 0 is the room that is left, header and all
-        if not _HEADER <= taken <= end - here:
-            return False
-        here += taken
-    return True
 
 
 #: Bytes of the checksum behind a block.
@@ -165,18 +128,18 @@ def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
     if texts > MOST_CHARACTERS:
         yield f"its texts have {texts} characters, more than {MOST_CHARACTERS}"
     for name, variable in file.variables.items():
-        dtype: Any = variable.dtype
-        if dtype is not str and dtype.kind not in "iufS":
-            yield f"variable {name!r} has type {dtype}, neither number nor text"
+        dtype = np.dtype(variable.dtype)
+        if dtype.kind not in "iufS":  # nor text of any length
+            yield f"variable {name!r} has type {dtype}, neither number nor characters"
         labels = variable.dimensions[:1] == (name,)  # names of statuses, along which a trade counts
         characters = _is_of_characters(variable)
-        if name in VARIABLES and not labels and (dtype is str or characters):
+        if name in VARIABLES and not labels and characters:
             yield f"variable {name!r} is text"
         if len(set(variable.dimensions)) < len(variable.dimensions):
             yield f"variable {name!r} has a dimension twice"
         count = math.prod(len(dim) for dim in variable.get_dims())
         most = size if variable.chunking() == "contiguous" else MOST_PACKED * size
-        if count * (1 if dtype is str else dtype.itemsize) > most:
+        if count * dtype.itemsize > most:
             yield f"variable {name!r} has {count} values, more than a file of {size} bytes can hold"
         if labels and len(variable) > LONGEST_AXIS:
             yield f"axis {name!r} has {len(variable)} values, more than {LONGEST_AXIS}"
@@ -195,7 +158,7 @@ def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
 
 
 def _is_of_characters(variable: netCDF4.Variable) -> bool:
-    return variable.dtype is not str and bool(variable.dtype.kind == "S")
+    return bool(np.dtype(variable.dtype).kind == "S")
 
 
 def _dimensions(variable: netCDF4.Variable) -> tuple[str, ...]:
@@ -458,8 +421,6 @@ def _open_checked(target: Path) -> tuple[xr.Dataset | None, str | None]:
     """Open a file whose header is in order, else say what is wrong; one handle, as two on a file may crash."""
     import xarray as xr
 
-    if has_endless_heap(target):
-        return None, "a heap of its texts is broken"
     fault = wrongly_stored(target)
     if fault is not None:
         return None, fault

@@ -21,7 +21,6 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, shown
 from pounding_sweep.base.files import failure, replacing
-from pounding_sweep.base.regular import parse_json, read_regular
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, as_stored, package_version
 from pounding_sweep.output.integrity import (
@@ -420,7 +419,7 @@ class Taken:
         """Return what a cube said of itself; None where the file is not what was written."""
         assert self._store is not None
         try:
-            found = parse_json(read_regular(_file(self._store, name)))
+            found = json.loads(_file(self._store, name).read_bytes())
             return found if _digest(found) == name else None
         except (OSError, ValueError, TypeError, AttributeError):
             return None
