@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import motions, row
-from test_limits import At, on_a_disk_of_its_own, stop
+from test_limits import At, stop
 from typer.testing import CliRunner
 
 from pounding_sweep import Sweep
-from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.errors import InputError, WriteError
 from pounding_sweep.cli.app import app
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.merge import merge_cubes
@@ -562,49 +562,17 @@ def test_each_chunk_is_looked_up_once(whole, tmp_path, monkeypatch):
     assert {0.0, 1.0} < {share for _, share in looked_up}
 
 
-#: Extends a cube onto a disk that something else fills when its free space was looked at; then goes on when it is free.
-FULL = """
-import sys
-from pathlib import Path
-from test_extend import same, sweep
-from pounding_sweep.base.errors import WriteError
-from pounding_sweep.resume import reuse as extend
+def test_a_disk_that_gets_full_while_the_earlier_cube_is_copied(whole, tmp_path, monkeypatch):
+    def full(_):
+        raise OSError(28, "No space left on device")
 
-disk, old = map(Path, sys.argv[1:])
-ballast, check_space = disk / "ballast", extend.check_space
-
-def fill(*arguments):
-    check_space(*arguments)
-    with open(ballast, "wb", buffering=0) as file:
-        try:
-            while True:
-                file.write(bytes(4096))
-        except OSError as error:
-            assert error.errno == 28
-        file.truncate(file.tell() - 8192)  # some of the copy has room
-
-extend.check_space = fill
-try:
-    sweep().run(disk / "new.nc", extend=old, workers=1)
-except WriteError as error:
-    print(error)
-assert [path.name for path in disk.iterdir()] == ["ballast"]
-ballast.unlink()
-extend.check_space = check_space
-with sweep().run(disk / "new.nc", extend=old, workers=1) as found:
-    same(found, sweep().run(workers=1))
-assert sorted(path.name for path in disk.iterdir()) == ["new.nc", "new.nc.log"]
-"""
-
-
-@pytest.mark.slow  # a process of its own
-def test_a_disk_that_gets_full_while_the_earlier_cube_is_copied(tmp_path):
-    sweep(gaps=LESS["gaps"]).run(tmp_path / "old.nc", workers=1).close()
-    before = (tmp_path / "old.nc").read_bytes()
-    said = on_a_disk_of_its_own(tmp_path / "disk", "size=3m", FULL, tmp_path / "old.nc")
-    copied = f"writing a copy of {str(tmp_path / 'old.nc')!r} to {str(tmp_path / 'disk')!r}"
-    assert said == f"{copied} failed (No space left on device); free some space on that disk and run again\n"
-    assert (tmp_path / "old.nc").read_bytes() == before
+    old = write_cube(whole, tmp_path / "old.nc")
+    monkeypatch.setattr("pounding_sweep.resume.reuse.os.fsync", full)
+    copied = f"writing a copy of {str(old)!r} to {str(tmp_path)!r}"
+    said = f"{copied} failed (No space left on device); free some space on that disk and run again"
+    with pytest.raises(WriteError, match=re.escape(said)):
+        sweep().run(tmp_path / "new.nc", extend=old)
+    assert [path.name for path in tmp_path.iterdir()] == ["old.nc"]
 
 
 def finished(whole, job, out, **settings):

@@ -16,16 +16,18 @@ import time
 import warnings
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scenes import AXES, motions, row
 from test_cli import LONG, TINY, cli, environment, write
+from typer.testing import CliRunner
 
 from pounding_sweep.base.errors import OutputError, RunError, WriteError
-from pounding_sweep.base.files import is_temporary
 from pounding_sweep.base.lock import HOLDER, LOCK, FolderLock, running
-from pounding_sweep.output.netcdf import open_cube
+from pounding_sweep.cli.app import app
+from pounding_sweep.output.netcdf import free_space, open_cube
 from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore, identity_of
 from pounding_sweep.resume.survey import survey
 from pounding_sweep.run import execute
@@ -336,47 +338,6 @@ def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, reme
     assert store.completed() == set()
 
 
-ORPHANED = """
-import json, subprocess, sys
-from pathlib import Path
-from test_cli import TINY, cli, environment, write
-
-disk = Path(sys.argv[1])
-write(disk, TINY)
-code = '''
-import os
-from pounding_sweep import cli
-from pounding_sweep.run import cube_writer as filling
-slabs = filling._slabs
-def dies(*arguments):
-    yield next(slabs(*arguments))
-    os.kill(os.getpid(), 9)
-filling._slabs = dies
-cli.main()
-'''
-run = ["run", "sweep.toml", "-o", "out.nc"]
-cli(*run, cwd=disk, code=-9, start=("-c", code))
-left = [path for path in (disk / "out.nc.parts").iterdir() if path.name.startswith(".")]
-with left[0].open("ab", buffering=0) as file:  # as large as the cube of a large sweep
-    for size in (65536, 1):
-        try:
-            while True:
-                file.write(bytes(size))
-        except OSError as error:
-            assert error.errno == 28
-print(json.dumps([[path.name for path in left], cli(*run, cwd=disk).stderr, sorted(p.name for p in disk.iterdir())]))
-"""
-
-
-@pytest.mark.slow
-def test_what_a_killed_run_was_writing_takes_no_room_from_the_next(tmp_path):
-    names, said, left = json.loads(on_a_disk_of_its_own(tmp_path / "disk", "size=1m", ORPHANED))
-    assert len(names) == 1
-    assert is_temporary(names[0])
-    assert "the run before this one was killed" in said
-    assert left == ["out.nc", "out.nc.log", "sweep.toml"]
-
-
 def test_room_is_judged_on_the_disk_that_is_written(tmp_path, monkeypatch):
     """The cube's and that of its chunks, where a link leads to another one."""
     shared = Path("/dev/shm")
@@ -397,24 +358,12 @@ def test_room_is_judged_on_the_disk_that_is_written(tmp_path, monkeypatch):
         sweep.run(out).close()
 
 
-@pytest.mark.slow
-def test_a_disk_that_does_not_say_how_large_it_is(tmp_path):
+def test_a_disk_that_does_not_say_how_large_it_is(tmp_path, monkeypatch):
     """Such a file system has 0 blocks, 0 of them free."""
-    program = """
-import os, sys
-from pathlib import Path
-from test_cli import TINY, cli, write
-from pounding_sweep.output.netcdf import free_space
-
-disk = Path(sys.argv[1])
-assert os.statvfs(disk).f_blocks == 0
-assert free_space(disk) is None
-assert "free space unknown" in cli("doctor", "--no-check", cwd=disk).stdout
-cli("run", write(disk, TINY), "-o", "out.nc", cwd=disk)
-print(sorted(path.name for path in disk.iterdir()))
-"""
-    said = on_a_disk_of_its_own(tmp_path / "disk", "size=0", program)
-    assert said == "['out.nc', 'out.nc.log', 'sweep.toml']\n"
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(total=0, free=0))
+    assert free_space(tmp_path) is None
+    assert "free space unknown" in CliRunner().invoke(app, ["doctor", "--no-check"]).stdout
+    Sweep(row(), motions(), **AXES).run(tmp_path / "out.nc").close()
 
 
 class At(Progress):
