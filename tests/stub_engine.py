@@ -1,10 +1,10 @@
 """A stand-in for compiled kernels: plausible numbers from every input, at once and without compiling.
 
-A closed formula takes the place of the time integration: each building answers in its first mode, floors touch where
-that motion closes their gap, and then push each other back. So numbers are finite, differ with everything that a
-scenario is made of (record, scale, gaps, contact stiffness, damping, masses, storeys, scheme, step, precision), keep
-what the code around kernels relies on (a scenario that can't touch is the run without pounding, energies balance,
-errors shrink with the step) and are the same in every process. What they say of buildings is nothing.
+A filter takes the place of the time integration: each building answers alone in its first mode, floors touch where
+that motion closes their gap, and a formula says how they then push each other back. So numbers are finite, differ with
+everything that a scenario is made of (record, scale, gaps, contact stiffness, damping, masses, storeys, scheme, step,
+precision), keep what the code around kernels relies on (a scenario that can't touch is the run without pounding,
+energies balance, errors shrink with the step) and are the same in every process. What they say of buildings is nothing.
 
 In tests: the fixture ``stub_engine``; for all tests of a module and its fixtures,
 ``pytestmark = pytest.mark.usefixtures("stub_module")``. Elsewhere: `install`, ``python -m stub_engine ARGUMENTS`` in
@@ -151,33 +151,29 @@ def _response(
         return np.broadcast_to(_part(shared, name, np.asarray(constants, float)), (len(given), shared.count[name]))
 
     owner = np.array(shape.building_of)
+    height = np.array([(s + 1.0) / n for n in shape.storeys for s in range(n)])
     mass, stiffness = of("m"), of("k")
-    total = np.stack([mass[:, owner == b].sum(axis=1) for b in range(shape.n_buildings)], axis=1)
-    softness = np.stack([(1.0 / stiffness[:, owner == b]).sum(axis=1) for b in range(shape.n_buildings)], axis=1)
-    rate = 1.0 / np.sqrt(0.4 * total * softness)  # rad/s, of the first mode
+    factor = np.array([2.0 * n**2 * (1.0 - np.cos(np.pi / (2 * n + 1))) for n in shape.storeys])  # of equal storeys
+    rate = np.sqrt(factor / (_of_buildings(mass, owner) * _of_buildings(1.0 / stiffness, owner)))  # rad/s, first mode
     ratio = 0.5 * (of("alpha") / rate + of("beta") * rate)
-    times = np.arange(len(motion)) * interval
-    ground = np.asarray(motion, float)
-    # a record counts by its size and by how much of the building's own rate is in it
-    rates, which = np.unique(rate, return_inverse=True)
-    own = np.array([np.exp(-1j * one * times) @ ground for one in rates]) / max(1.0, float(np.abs(ground).sum()))
-    turning = own[which].reshape(rate.shape)
-    strongest = float(np.abs(ground).max(initial=0.0)) * _part(brought, "scale", given)
     fast = np.sqrt(stiffness / mass).max(axis=1, keepdims=True)
     error = ERROR * (interval / steps * fast / (2 * np.pi)) ** shape.order
-    amplitude = strongest / rate**2 * (0.4 + np.abs(turning)) / (1.0 + 4.0 * ratio) * (1.0 + error)
-    height = np.array([(s + 1.0) / n for n in shape.storeys for s in range(n)])
-    started = np.abs(_part(shared, "v0", np.asarray(constants, float))) / rate[:, owner]
-    umax = amplitude[:, owner] * height + started
-    umin = -umax * (0.9 + 0.1 * np.tanh(turning.real))[:, owner]
-    found = {"flags": np.zeros((len(given), 1))}
+    rows, which = np.unique(np.hstack([rate, ratio]), axis=0, return_inverse=True)
+    peaks = np.array([_peaks(shape.contacts, owner, height, motion, interval, row) for row in rows])[which.ravel()]
+    scale = _part(brought, "scale", given)
+    strongest = float(np.abs(motion).max(initial=0.0)) * scale
+    speeds = np.asarray(_part(shared, "v0", np.asarray(constants, float)))
+    upwards = np.maximum(scale * peaks[:, 0], scale * peaks[:, 1]) * (1.0 + error)
+    downwards = np.minimum(scale * peaks[:, 0], scale * peaks[:, 1]) * (1.0 + error)
+    umax = upwards[:, : shape.n_dof] + np.abs(speeds) / rate[:, owner]
+    umin = downwards[:, : shape.n_dof] - np.abs(speeds) / rate[:, owner]
+    closing = upwards[:, shape.n_dof :]
+    found = {"flags": np.zeros((len(given), 1)), "closing": closing}
     contacts = shape.contacts
-    closing = np.stack([_at(umax, left) - _at(umin, right) for left, right, _ in contacts], 1) if contacts else None
+    duration = (len(motion) - 1) * interval
     work = np.zeros((len(given), max(1, len(contacts))))
     gained = np.zeros((len(given), shape.n_buildings))
     force = np.zeros((len(given), len(contacts)))
-    if contacts:
-        found["closing"] = closing
     if shape.law is not None:
         gaps = _part(brought, "gap", given)[:, [pair for _, _, pair in contacts]]
         k, c = _part(brought, "k", given), _part(brought, "c", given)
@@ -196,7 +192,7 @@ def _response(
             "count": count,
             "vmax": speed,
             "impulse": force * lasted * count / 3.0,
-            "tfirst": np.where(touched, times[-1] * gaps / np.where(touched, closing, 1.0), -1.0),
+            "tfirst": np.where(touched, duration * gaps / np.where(touched, closing, 1.0), -1.0),
             "shortest": np.where(touched, lasted, np.inf).min(axis=1, keepdims=True),
             "work": work,
         }
@@ -219,7 +215,7 @@ def _response(
     strain = _of_buildings(0.05 * stiffness * drift**2, owner)
     kinetic = _of_buildings(0.02 * mass * (umax * rate[:, owner]) ** 2, owner)
     lost = 2.0 * ratio * _of_buildings(stiffness * drift**2, owner)
-    start = _of_buildings(0.5 * mass * _part(shared, "v0", np.asarray(constants, float)) ** 2, owner)
+    start = _of_buildings(0.5 * mass * speeds**2, owner)
     found |= {
         "umax": np.maximum(umax, 0.0),
         "umin": np.minimum(umin, 0.0),
@@ -236,12 +232,23 @@ def _response(
     return found, moving | {"e_in": found["e_in"], "e_damp": lost}
 
 
+def _peaks(contacts: Any, owner: Any, height: Any, motion: Any, interval: float, row: Any) -> np.ndarray:
+    """Largest and smallest displacements of floors, then of closings, in first modes of these rates and ratios."""
+    from scipy.signal import lfilter
+
+    floors = []
+    for w, ratio in zip(*np.split(row, 2), strict=True):
+        damped, left = w * np.sqrt(max(1e-6, 1.0 - ratio**2)), np.exp(-ratio * w * interval)
+        turn = damped * interval
+        swing = [0.0, -1.3 * interval * left * np.sin(turn) / damped], [1.0, -2.0 * left * np.cos(turn), left**2]
+        floors.append(lfilter(*swing, motion))
+    u = [height[i] * floors[b] for i, b in enumerate(owner)]
+    ways = [*u, *((u[i] if i >= 0 else 0.0) - (u[j] if j >= 0 else 0.0) for i, j, _ in contacts)]
+    return np.array([[way.max() for way in ways], [way.min() for way in ways]])
+
+
 def _of_buildings(values: np.ndarray, owner: np.ndarray) -> np.ndarray:
     return np.stack([values[:, owner == b].sum(axis=1) for b in range(owner.max() + 1)], axis=1)
-
-
-def _at(values: np.ndarray, floor: int) -> np.ndarray:
-    return values[:, floor] if floor >= 0 else np.zeros(len(values))
 
 
 def _leave_history(shape: KernelSpec, history: np.ndarray, duration: float, moving: dict[str, np.ndarray]) -> None:
