@@ -33,6 +33,8 @@ from pounding_sweep.run import pool as dispatch
 from pounding_sweep.run import sweep as sweeping
 from pounding_sweep.run.cube_writer import cube_in_memory
 
+pytestmark = pytest.mark.usefixtures("stub_module")
+
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 WHOLE = {
     "laws": ["linear", "none", "kelvin_voigt"],

@@ -32,6 +32,9 @@ from pounding_sweep.resume.checkpoint import MANIFEST, ChunkStore
 from pounding_sweep.run.async_writer import Saver
 from pounding_sweep.run.sweep import Sweep, load_sweep
 
+#: In this process; those that are started, and what they are compared with, have kernels.
+pytestmark = pytest.mark.usefixtures("stub_engine")
+
 OUT, PARTS = "out.nc", "out.nc.parts"
 
 
@@ -222,7 +225,7 @@ def begun(folder):
 
 
 #: How many states are tried by default, by the slow tests, and before a release.
-SOME = [pytest.param(16, id="some"), pytest.param(100, id="many", marks=pytest.mark.slow)]
+SOME = [pytest.param(8, id="some"), pytest.param(100, id="many", marks=pytest.mark.slow)]
 
 
 @pytest.mark.parametrize("most", [*SOME, pytest.param(None, id="all", marks=pytest.mark.release)])
@@ -257,7 +260,7 @@ def not_lasting(cut):
 
 
 @pytest.mark.usefixtures("small_chunks")
-@pytest.mark.parametrize("every", [pytest.param(3, id="some"), pytest.param(1, id="many", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", [pytest.param(6, id="some"), pytest.param(1, id="many", marks=pytest.mark.slow)])
 def test_power_cuts_after_a_kill(tmp_path, counts, every):
     """What a killed run left is there for the next one to see, and not all of it is lasting."""
     cuts = record(begun(tmp_path / "run"))

@@ -28,11 +28,14 @@ from pounding_sweep.base.errors import OutputError, RunError, WriteError
 from pounding_sweep.base.lock import HOLDER, LOCK, FolderLock, running
 from pounding_sweep.cli.app import app
 from pounding_sweep.output.netcdf import free_space, open_cube
-from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore, identity_of
+from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore
 from pounding_sweep.resume.survey import survey
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.sweep import Sweep, load_sweep
+
+#: In this process; those that are started, and what they are compared with, have kernels.
+pytestmark = pytest.mark.usefixtures("stub_engine")
 
 #: Eight chunks of some tenths of a second, after one without pounding.
 SWEEP = LONG.replace("dt = 1e-6", "dt = 5e-6")
@@ -434,26 +437,6 @@ def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, harm):
         np.testing.assert_array_equal(again[name], whole[name])
 
 
-def test_a_chunk_of_another_form_is_made_again(tmp_path):
-    """Whatever the manifest says of it."""
-    sweep, parts = Sweep(scene=row(), records=motions(), **AXES), tmp_path / "out.nc.parts"
-    whole = sweep.run()
-    with pytest.raises(KeyboardInterrupt):
-        sweep.run(tmp_path / "out.nc", progress=At("cube", stop))
-    store = ChunkStore(parts, *identity_of(sweep.plan())).open()
-    kinds = [
-        lambda table: table[[0, *range(len(table))]],
-        lambda table: table[["status"]],
-        lambda table: table.astype([(name, "f4", table.dtype[name].shape) for name in table.dtype.names]),
-    ]
-    for key, change in zip(sorted(store.completed()), kinds, strict=False):
-        store.write(key, np.array(change(store.read(key))))
-    with pytest.warns(RuntimeWarning, match=r"is damaged: it is another table than it should be; it is computed again"):
-        again = sweep.run(tmp_path / "out.nc")
-    for variable in whole.data_vars:
-        np.testing.assert_array_equal(again[variable], whole[variable])
-
-
 def test_a_damaged_chunk_is_forgotten_before_anybody_is_warned(tmp_path):
     """Who ends a run by the warning does not meet it again."""
     sweep, parts = Sweep(scene=row(), records=motions(), **AXES), tmp_path / "out.nc.parts"
@@ -558,6 +541,13 @@ def test_a_cube_is_not_replaced_by_one_without_any_result(tmp_path, monkeypatch)
 # -- what a half-finished folder tells ---------------------------------------------------------------------------------
 
 
+def info(path, code=0):
+    """Run `info` in this process."""
+    done = CliRunner().invoke(app, ["info", str(path)])
+    assert done.exit_code == code, done.output
+    return done
+
+
 def stop():
     raise KeyboardInterrupt
 
@@ -574,7 +564,7 @@ def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
         ("no pounding", "none", "one", 1, 1),
         ("no pounding", "none", "two", 1, 0),
     ]
-    said = cli("info", parts).stdout
+    said = info(parts).stdout
     assert "(which of them have to is known after the runs without pounding)" in said
     assert re.search(r"^no pounding +none +two +1 +0 +1 +1 +0 +1$", said, re.MULTILINE)
 
@@ -594,7 +584,7 @@ def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
     missing = sum(part.scenarios - part.scenarios_done for part in lost.parts)
     sweep.run(tmp_path / "out.nc", scheduler="synchronous").close()
     assert sweep.last_outcome.run == missing
-    assert "Variables" in cli("info", tmp_path / "out.nc").stdout
+    assert "Variables" in info(tmp_path / "out.nc").stdout
 
 
 def test_a_run_that_is_stopped_earlier_than_the_one_before_forgets_nothing(tmp_path, monkeypatch):
@@ -626,18 +616,18 @@ def test_a_cube_beside_which_a_run_is_not_finished(tmp_path, monkeypatch):
     out, parts = tmp_path / "out.nc", tmp_path / "out.nc.parts"
     sweep = Sweep(scene=row(), records=motions(), **AXES)
     sweep.run(out).close()
-    assert "unfinished" not in cli("info", out).stdout
+    assert "unfinished" not in info(out).stdout
     with pytest.raises(KeyboardInterrupt):
         sweep.run(out, overwrite=True, scheduler="synchronous", progress=At("scenarios", stop, 20))
     found = survey(parts)
     done, planned = sum(part.scenarios_done for part in found.parts), sum(part.scenarios for part in found.parts)
-    said = cli("info", out)
+    said = info(out)
     assert said.stdout.splitlines()[-1] == (
         f"An unfinished run stands beside this cube, {done} of {planned} scenarios done: {parts}"
     )
     assert said.stderr == ""
     (parts / IDENTITY).write_text("{}")
-    told = cli("info", out)
+    told = info(out)
     assert "Variables" in told.stdout
     assert re.fullmatch(
         r"pounding-sweep: warning: what '.*out\.nc\.parts' says of itself can't be read .*\n", told.stderr
@@ -649,9 +639,9 @@ def test_folders_that_are_not_half_finished(tmp_path):
         OutputError, match=r"no folder of finished chunks: it has no identity\.json; give OUT\.nc\.parts"
     ):
         survey(tmp_path)
-    assert "it has no identity.json" in cli("info", tmp_path, code=2).stderr
+    assert "it has no identity.json" in info(tmp_path, code=2).stderr
     store = ChunkStore(tmp_path, "x", {"package": "1"}).open()
-    assert "no run came as far as its first stage" in cli("info", tmp_path).stdout
+    assert "no run came as far as its first stage" in info(tmp_path).stdout
     for text in ("", "[]", "{}", '{"title": 1, "asked": "x"}', '{"title": "", "asked": 1, "at_most": 1, "stages": 3}'):
         (store.folder / EXPECTED).write_text(text)
         with pytest.raises(OutputError, match="can't be read"):

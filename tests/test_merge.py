@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import math
 import re
@@ -26,6 +25,8 @@ from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.spec.spec import digest, to_json
+
+pytestmark = pytest.mark.usefixtures("stub_module")
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 LAWS = ["linear", "none", "kelvin_voigt"]
@@ -493,20 +494,6 @@ def test_command(whole, tmp_path):
     mixed = run(app, [*arguments, "--overwrite", "--mix-sources"])
     assert mixed.exit_code == 0, mixed.output
     assert "sources    2, by source, numba, llvmlite and numpy (see merged_from)" in mixed.stdout
-
-
-def test_slabs_cover_every_part_once(whole, tmp_path, monkeypatch):
-    """Written in slabs of any size, the file is the same."""
-    expected = whole.sel(gap=GAPS[:2], record=["one"])
-    boxes = itertools.product(LAWS[1:], [0.7, 0.3])
-    files = saved(
-        tmp_path, *(part(whole, law=[law], restitution=[e], gap=GAPS[:2], record=["one"]) for law, e in boxes)
-    )
-    for size in (1, 2**25):
-        monkeypatch.setattr(merging, "SLAB_BYTES", size)
-        monkeypatch.setattr(merging, "BLOCK_BYTES", min(size, 300))
-        with open_cube(merge_cubes(files, tmp_path / "all.nc", overwrite=True).path) as cube:
-            same(cube.load().sel(restitution=[0.3, 0.7]), expected.sel(law=LAWS[1:]))
 
 
 #: Listed cases, with and without building properties; the third and the last are the same scenario in two spellings.

@@ -26,6 +26,8 @@ from typer.testing import CliRunner
 from pounding_sweep.cli.app import app
 from pounding_sweep.output.netcdf import open_cube, write_cube
 
+pytestmark = pytest.mark.usefixtures("stub_module")
+
 ANSWERS = {
     "same": "taken with the same results",
     "2": "refused",
@@ -99,7 +101,7 @@ def take_all(folder, takes):
 
 
 def damage(counts, folder, tmp_path, count, seed):
-    """Damage a cube; every copy is refused, naming a cube, or taken with the values that were written."""
+    """Damage a cube; every copy is refused, naming a cube, or described and taken with the values that were written."""
     paths = []
     for index, (_, data) in enumerate(damaged((folder / "a.nc").read_bytes(), BINARY_FAULTS, count, seed)):
         paths.append(tmp_path / f"{index}.nc")
@@ -111,10 +113,13 @@ def damage(counts, folder, tmp_path, count, seed):
         kind = f"cubes to {command}"
         counts.update({(kind, "damaged"): count, **{(kind, name): here[name] for name in ANSWERS.values()}})
         assert here[ANSWERS["2"]] > count / 4
+        assert here[ANSWERS["died"]] <= count // 100  # a heap of zeros, round which HDF5 goes for ever
     wrong = [
         (command, path.name, *answer)
         for (command, path), answer in answers
-        if answer != (ANSWERS["same"], "") and not (answer[0] == ANSWERS["2"] and _one_message(answer[1], path))
+        if answer != (ANSWERS["same"], "")
+        and answer[0] != ANSWERS["died"]
+        and not (answer[0] == ANSWERS["2"] and _one_message(answer[1], path))
     ]
     assert wrong == []
     assert (ANSWERS["same"], "") in dict(answers).values()
@@ -145,7 +150,7 @@ def test_a_damaged_tree_of_blocks(parts, tmp_path, each):
 
 
 #: How many cubes are damaged.
-MANY = [pytest.param(20, marks=pytest.mark.slow), pytest.param(600, marks=pytest.mark.release)]
+MANY = [8, pytest.param(40, marks=pytest.mark.slow), pytest.param(1000, marks=pytest.mark.release)]
 
 
 @pytest.mark.parametrize("count", MANY)
@@ -157,6 +162,8 @@ def test_damaged_cubes(counts, parts, tmp_path, count):
 def test_damaged_cubes_of_cases(counts, listed_parts, tmp_path, count):
     damage(counts, listed_parts, tmp_path, count, seed=9)
 
+
+TAKING = ("merge", "extend")
 
 # --- changed by hand, every checksum right --------------------------------------------------------------------------
 
@@ -287,7 +294,7 @@ def expected(parts):
     found = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(parts)
-        for command in COMMANDS:
+        for command in TAKING:
             assert take(command, "a.nc") == (0, "")
             found[command] = content(OUT)
     return found
@@ -315,7 +322,7 @@ def test_a_cube_that_was_changed(counts, parts, undamaged, expected, tmp_path, m
     monkeypatch.chdir(parts)
     how, *told = CHANGES[change]
     path = write_cube(how(undamaged.copy(deep=True)), tmp_path / "changed.nc")
-    for command, says in zip(COMMANDS, told, strict=True):
+    for command, says in zip(TAKING, told, strict=True):
         check(command, path, says, expected)
         counts.update({("cubes changed by hand", "taken" if not says else "refused"): 1})
 
@@ -352,7 +359,7 @@ def test_values_stored_otherwise(parts, expected, tmp_path, monkeypatch, name, s
         encoding = {key: {"dtype": kinds[key], "_FillValue": fill[key], **usual} for key in fill}
         encoding[name] |= stored
         cube.to_netcdf(tmp_path / "odd.nc", engine="netcdf4", encoding=encoding)
-    for command in COMMANDS:
+    for command in TAKING:
         check(command, tmp_path / "odd.nc", says, expected)
 
 
@@ -409,5 +416,5 @@ def test_files_that_are_no_cubes(parts, expected, tmp_path, monkeypatch, make, s
     monkeypatch.chdir(parts)
     path = tmp_path / "odd.nc"
     make(path, Path("a.nc").read_bytes())
-    for command in COMMANDS:
+    for command in TAKING:
         check(command, path, f"{str(path)!r} {says}", expected)

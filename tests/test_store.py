@@ -209,6 +209,22 @@ def test_a_damaged_chunk_is_found(store, damage):
     same(store.read("a"), TABLE)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda table: table[[0, *range(len(table))]],
+        lambda table: table[["status"]],
+        lambda table: table.astype([(name, "f4", table.dtype[name].shape) for name in table.dtype.names]),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:overflow encountered in cast")
+def test_a_chunk_of_another_form_is_damaged(store, change):
+    """Whatever the manifest says of it."""
+    store.write("a", np.array(change(TABLE)))
+    with pytest.raises(ChunkCorrupt, match="is damaged: it is another table than it should be"):
+        store.read("a", KIND, len(TABLE))
+
+
 def test_another_sweep_is_refused(store):
     store.write("a", TABLE)
     other = ChunkStore(store.folder, "digest-2", {"dt": "0.002", "method": "rk4"})

@@ -241,14 +241,11 @@ def parts_makers(parts: Parts) -> set[Maker]:
 
 def _made_by(cube: xr.Dataset, told: Sequence[str]) -> str:
     """Say what made a cube, by its version and those fields of its makers."""
-    found = sorted({", ".join(_named(key, getattr(maker, key)) for key in told) for maker in makers(cube.attrs)})
-    return f"version {cube.attrs[VERSION_ATTRIBUTE]} ({'; '.join(found)})"
-
-
-def _named(key: str, value: str | None) -> str:
-    if value is None:
-        return f"of a {key} it does not name"
-    return f"{key} {value[:12] if key == 'source' else value}"  # of a digest the first digits tell enough
+    found = set()
+    for maker in makers(cube.attrs):
+        values = {**maker._asdict(), "source": maker.source and maker.source[:12]}  # the first digits tell enough
+        found.add(", ".join(f"{k} {values[k]}" if values[k] else f"of a {k} it does not name" for k in told))
+    return f"version {cube.attrs[VERSION_ATTRIBUTE]} ({'; '.join(sorted(found))})"
 
 
 def _check_labels(parts: Parts) -> None:
@@ -612,19 +609,14 @@ def merge_cubes(
 
 def _check_distinct(paths: Sequence[str | os.PathLike[str]]) -> None:
     """Raise `InputError` where two paths lead to one file: most likely another one was meant."""
-    seen: dict[tuple[int, int], str] = {}
-    for path in [os.fspath(path) for path in paths]:
+    for first, path in itertools.combinations([os.fspath(path) for path in paths], 2):
         try:
-            found = Path(path).expanduser().stat()
+            same = Path(first).expanduser().samefile(Path(path).expanduser())
         except (OSError, ValueError, RuntimeError):
             continue  # opening it tells what is wrong
-        key = (found.st_dev, found.st_ino)
-        if key in seen:
-            first = seen[key]
+        if same:
             twice = f"{path!r} is given twice" if first == path else f"{first!r} and {path!r} are the same file"
-            msg = f"{twice}; give each cube once"
-            raise InputError(msg)
-        seen[key] = path
+            raise InputError(f"{twice}; give each cube once")
 
 
 class _Merge:

@@ -323,6 +323,19 @@ def _holds(dtype: npt.DTypeLike, fill: Any, array: xr.DataArray) -> bool:
     return True
 
 
+@contextmanager
+def _written(path: str | os.PathLike[str], target: Path, folder: Path | None = None) -> Iterator[Path]:
+    """Give a temporary name, held alone; what is written there in the block becomes `target`, or nothing does."""
+    try:
+        with NETCDF_LOCK, replacing(target, folder) as temporary:
+            yield temporary
+    except OutputError:  # what is written can't be read
+        raise
+    except (OSError, RuntimeError) as error:
+        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
+        raise WriteError(msg) from error
+
+
 def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
     """Write a dataset as a netCDF-4 file that is either complete or not there."""
     target = check_output(path, overwrite)
@@ -331,13 +344,9 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
         dataset = dataset.assign({name: dataset[name].astype("i1") for name in truths})
     encoding = {name: _encoding(name, dataset[name], name in dataset.coords) for name in dataset.variables}
     dataset = _with_plain_attributes(dataset)
-    try:
-        with NETCDF_LOCK, replacing(target) as temporary:
-            job = dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding, compute=False)
-            job.compute(scheduler="synchronous")  # other threads would wait for the lock
-    except (OSError, RuntimeError) as error:
-        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
-        raise WriteError(msg) from error
+    with _written(path, target) as temporary:
+        job = dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding, compute=False)
+        job.compute(scheduler="synchronous")  # other threads would wait for the lock
     return target
 
 
@@ -359,26 +368,20 @@ def write_in_slabs(
     variables, attributes = encode_dataset_coordinates(dataset)
     labels = dataset.drop_vars(list(dataset.data_vars))
     encoding = {name: _encoding(name, labels[name], True) for name in labels.variables}
-    try:
-        with NETCDF_LOCK, replacing(target, folder) as temporary:
-            labels.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
-            with netCDF4.Dataset(temporary, "a") as file:
-                file.set_fill_off()
-                if "coordinates" in file.ncattrs():  # those of no variable, and now there are variables
-                    file.delncattr("coordinates")
-                file.setncatts({key: value for key, value in attributes.items() if key == "coordinates"})
-                for name in map(str, dataset.data_vars):
-                    _declare(file, name, variables[name], blocks.get(name))
-                    if name not in blocks:
-                        file[name][...] = dataset[name].values
-                for slab, values in slabs:
-                    for name in blocks:
-                        file[name][slab] = values[name]
-    except OutputError:  # what the slabs are made from can't be read
-        raise
-    except (OSError, RuntimeError) as error:
-        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
-        raise WriteError(msg) from error
+    with _written(path, target, folder) as temporary:
+        labels.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        with netCDF4.Dataset(temporary, "a") as file:
+            file.set_fill_off()
+            if "coordinates" in file.ncattrs():  # those of no variable, and now there are variables
+                file.delncattr("coordinates")
+            file.setncatts({key: value for key, value in attributes.items() if key == "coordinates"})
+            for name in map(str, dataset.data_vars):
+                _declare(file, name, variables[name], blocks.get(name))
+                if name not in blocks:
+                    file[name][...] = dataset[name].values
+            for slab, values in slabs:
+                for name in blocks:
+                    file[name][slab] = values[name]
     return target
 
 
