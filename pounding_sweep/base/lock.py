@@ -63,8 +63,10 @@ class FolderLock:
                 raise OutputError(msg) from None
             except OSError as error:
                 self._lock.release()
-                if isinstance(error, FileNotFoundError) and time.monotonic() < limit:
-                    continue  # the run that ended just now has removed the folder
+                gone = isinstance(error, FileNotFoundError) and self.folder.parent.is_dir()
+                if gone and time.monotonic() < limit:
+                    time.sleep(0.01)  # the run that ended just now has removed the folder
+                    continue
                 msg = f"the chunk folder {str(self.folder)!r} can't be made or written ({error}); "
                 raise OutputError(msg + "give another output path") from error
         return self
