@@ -164,12 +164,6 @@ def test_runs_that_several_parts_hold_count_once(runs, tmp_path):
     counted(a, b, out=tmp_path / "ab.nc")
     counted(c, b, out=tmp_path / "bc.nc")
     assert counted(tmp_path / "ab.nc", tmp_path / "bc.nc", out=tmp_path / "again.nc") == first
-    with open_cube(tmp_path / "ab.nc") as cube:
-        cube.load()
-    for told in ({}, {"scenarios_never_touching": 0}):  # one that does not say what its parts ran is one run
-        parts = [{"file": part["file"], **told} for part in json.loads(cube.attrs["merged_from"])]
-        write_cube(cube.assign_attrs(merged_from=json.dumps(parts)), tmp_path / "old.nc", overwrite=True)
-        assert counted(tmp_path / "old.nc", c, out=tmp_path / "again.nc", mix_sources=True) == pytest.approx(first)
 
 
 @pytest.mark.parametrize("slab_bytes", [3000, 2**25])
