@@ -262,9 +262,13 @@ class ChunkStore:
 
     def expect(self, chunks: Mapping[str, Any]) -> None:
         """Note of which chunks the sweep will consist, for who looks at an unfinished folder."""
+        self.note(EXPECTED, chunks)
+
+    def note(self, name: str, told: Mapping[str, Any]) -> None:
+        """Write a file of JSON beside the chunks; raises `WriteError`."""
         try:
-            with replacing(self.folder / EXPECTED, self.folder) as temporary:
-                temporary.write_text(json.dumps(chunks) + "\n", encoding="utf-8")
+            with replacing(self.folder / name, self.folder) as temporary:
+                temporary.write_text(json.dumps(told) + "\n", encoding="utf-8")
         except OSError as error:
             raise WriteError(failure(f"writing to {str(self.folder)!r}", error)) from error
 

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, shown
-from pounding_sweep.base.files import failure, replacing
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, as_stored, package_version
 from pounding_sweep.output.integrity import (
@@ -375,11 +374,7 @@ class Taken:
         if not taken or self._store is None or self.origin is None:
             return {}
         if not self._written:
-            try:
-                with replacing(_file(self._store, self._name), self._store.folder) as temporary:
-                    temporary.write_text(json.dumps(self.origin) + "\n", encoding="utf-8")
-            except OSError as error:
-                raise WriteError(failure(f"writing to {str(self._store.folder)!r}", error)) from error
+            self._store.note(_file(self._name), self.origin)
             self._written = True
         return {"taken": taken, "from": self._name}
 
@@ -387,14 +382,14 @@ class Taken:
         """Return what a cube said of itself; None where the file is not what was written."""
         assert self._store is not None
         try:
-            found = json.loads(_file(self._store, name).read_bytes())
+            found = json.loads((self._store.folder / _file(name)).read_bytes())
             return found if _digest(found) == name else None
         except (OSError, ValueError, TypeError, AttributeError):
             return None
 
 
-def _file(store: ChunkStore, name: str) -> Path:
-    return store.folder / f"earlier-{name}.json"
+def _file(name: str) -> str:
+    return f"earlier-{name}.json"
 
 
 def _digest(origin: Mapping[str, Any]) -> str:
