@@ -161,12 +161,6 @@ def _is_of_characters(variable: netCDF4.Variable) -> bool:
     return bool(np.dtype(variable.dtype).kind == "S")
 
 
-def _dimensions(variable: netCDF4.Variable) -> tuple[str, ...]:
-    """Return the dimensions of a variable's values; characters of a text are no values."""
-    dimensions: tuple[str, ...] = variable.dimensions
-    return dimensions[:-1] if _is_of_characters(variable) else dimensions
-
-
 def _audit_faults(file: netCDF4.Dataset) -> Iterator[str]:
     """Find what is missing of an audit that is there in part."""
     if "audit_error" not in file.variables:
@@ -175,7 +169,8 @@ def _audit_faults(file: netCDF4.Dataset) -> Iterator[str]:
         yield f"variable 'audit_error' has dimensions {file['audit_error'].dimensions}, not {AUDIT_DIMS}"
     sample, outputs = AUDIT_DIMS
     for name, dimension in (("audit_sensitive", sample), ("audit_undecided", sample), ("output", outputs)):
-        if name not in file.variables or _dimensions(file[name]) != (dimension,):
+        dimensions = file[name].dimensions if name in file.variables else ()
+        if dimensions[: 1 if name == "output" else None] != (dimension,):  # then the characters of its texts
             yield f"variable {name!r} is missing, or is not along {dimension!r}"
     for name in _AUDIT_NUMBERS:
         value = file.getncattr(name) if name in file.ncattrs() else None
@@ -420,23 +415,23 @@ def _chunk_cache(size: int) -> Iterator[None]:
         netCDF4.set_chunk_cache(*before)
 
 
-def _open_checked(target: Path) -> tuple[xr.Dataset | None, str | None]:
-    """Open a file whose header is in order, else say what is wrong; one handle, as two on a file may crash."""
+def _open_checked(path: str | os.PathLike[str], target: Path) -> xr.Dataset:
+    """Open a file whose header is in order, else raise `OutputError`; one handle, as two on a file may crash."""
     import xarray as xr
 
-    fault = wrongly_stored(target)
-    if fault is not None:
-        return None, fault
+    def refuse(fault: str | None) -> None:
+        if fault is not None:
+            msg = f"cube {str(path)!r} is damaged, or not made by this package ({fault}); run the sweep again"
+            raise OutputError(msg)
+
+    refuse(wrongly_stored(target))
     store = xr.backends.NetCDF4DataStore.open(target, lock=NETCDF_LOCK)
     try:
-        fault = wrong_form(store.ds, target.stat().st_size)
-        if fault is None:
-            return _with_texts(xr.open_dataset(store, decode_times=False)), None
+        refuse(wrong_form(store.ds, target.stat().st_size))
+        return _with_texts(xr.open_dataset(store, decode_times=False))
     except BaseException:
         store.close()
         raise
-    store.close()
-    return None, fault
 
 
 def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
@@ -485,7 +480,9 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         raise OutputError(msg)
     try:
         with NETCDF_LOCK, _chunk_cache(READ_CACHE):
-            dataset, fault = _open_checked(target)
+            dataset = _open_checked(path, target)
+    except OutputError:
+        raise
     except Exception as error:  # the libraries raise anything at a damaged file
         reason = getattr(error, "strerror", None) or error
         msg = (
@@ -493,9 +490,6 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
             "Run the sweep again or give a file made by 'pounding-sweep run'"
         )
         raise OutputError(msg) from None
-    if dataset is None:
-        msg = f"cube {str(path)!r} is damaged, or not made by this package ({fault}); run the sweep again"
-        raise OutputError(msg)
     if VERSION_ATTRIBUTE not in dataset.attrs:
         dataset.close()
         msg = (
