@@ -270,6 +270,7 @@ print(json.dumps(told))
 """
 
 
+@pytest.mark.slow  # five processes
 def test_a_full_disk(tmp_path, reference):
     told = json.loads(on_a_disk_of_its_own(tmp_path / "disk", "size=3m", FILLED, tmp_path))
     code, said, kept = told["chunks"]
