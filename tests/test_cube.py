@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import re
@@ -10,8 +9,6 @@ import shutil
 import stat
 import subprocess
 import sys
-import threading
-import time
 
 import netCDF4
 import numpy as np
@@ -20,9 +17,8 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pounding_sweep.base import files, lock
+from pounding_sweep.base import files
 from pounding_sweep.base.errors import InputError, OutputError
-from pounding_sweep.base.lock import LOCK
 from pounding_sweep.engine.kernel import kernel_text
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model.laws import get_law
@@ -605,60 +601,14 @@ class TestFile:
         assert len(there) == 1
         assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"another.nc": b"more", "other.nc": b"all"}
 
-    def test_who_looks_at_the_moment_of_locking_is_waited_for(self, tmp_path, monkeypatch):
-        """Else a folder stays without its lock, and the next who looks takes it for abandoned."""
-        real = os.open
-
-        def looked_at(path, *more):
-            handle = real(path, *more)
-            if os.path.basename(path) == LOCK:
-                monkeypatch.setattr(os, "open", real)
-                other = real(path, os.O_RDWR)
-                fcntl.flock(other, fcntl.LOCK_EX)
-                threading.Timer(0.2, os.close, [other]).start()
-            return handle
-
-        monkeypatch.setattr(os, "open", looked_at)
-        with lock.own_folder(tmp_path / "new") as folder:
-            assert not lock.remove_abandoned(folder)
-            assert folder.is_dir()
-        assert not folder.exists()
-
     def test_a_folder_in_which_somebody_still_writes_is_removed_later(self, tmp_path, monkeypatch):
         real, pauses = shutil.rmtree, []
         monkeypatch.setattr(shutil, "rmtree", lambda *_, **more: pauses.append(more))
-        monkeypatch.setattr(lock.time, "sleep", lambda pause: pause and monkeypatch.setattr(shutil, "rmtree", real))
-        with lock.own_folder(tmp_path / "new"):
+        monkeypatch.setattr(files.time, "sleep", lambda pause: pause and monkeypatch.setattr(shutil, "rmtree", real))
+        with files._own_folder(tmp_path):
             pass
         assert len(pauses) == 1
         assert not list(tmp_path.iterdir())
-
-    @pytest.mark.parametrize(
-        "theirs",
-        [
-            {"host": "elsewhere", "boot": "another", "machine": "another"},  # whose processes can't be seen from here
-            None,  # it is just being made
-        ],
-    )
-    def test_what_may_be_of_somebody_else_stays(self, tmp_path, theirs):
-        folder = tmp_path / ".pounding_sweep-0123456789abcdef.part"
-        folder.mkdir()
-        (folder / "half").write_bytes(b"half")
-        text = "" if theirs is None else json.dumps({"pid": 1, "started": "2026-01-01T00:00:00+00:00", **theirs})
-        (folder / LOCK).write_text(text)
-        with files.replacing(tmp_path / "cube.nc") as part:
-            part.write_bytes(b"x")
-        assert (folder / "half").exists()
-
-    def test_a_folder_whose_lock_has_named_nobody_for_long_is_abandoned(self, tmp_path):
-        """A power cut may take the name, and a kill come before it."""
-        folder = tmp_path / ".pounding_sweep-0123456789abcdef.part"
-        folder.mkdir()
-        (folder / LOCK).touch()
-        assert not lock.remove_abandoned(folder)
-        os.utime(folder / LOCK, (time.time() - 2 * lock.NAMELESS,) * 2)
-        assert lock.remove_abandoned(folder)
-        assert not folder.exists()
 
     def test_content_is_on_disk_before_the_name_changes(self, tmp_path, monkeypatch):
         order = []
@@ -673,7 +623,7 @@ class TestFile:
         monkeypatch.setattr(os, "fsync", watch)
         with files.replacing(target) as part:
             part.write_bytes(b"x")
-        assert order == [("file", False), ("file", False), ("folder", True)]  # the lock's, and its own
+        assert order == [("file", False), ("folder", True)]
         assert list(tmp_path.iterdir()) == [target]
 
     def test_opening_what_is_no_cube(self, cube, tmp_path):

@@ -65,7 +65,7 @@ def info_command(
 
 def _as_json(found: Survey) -> dict[str, Any]:
     """Return what there is of a sweep that is not finished as JSON holds it."""
-    return asdict(found) | {"folder": str(found.folder), "now": None if found.now is None else str(found.now)}
+    return asdict(found) | {"folder": str(found.folder)}
 
 
 def _beside(found: Survey) -> str:

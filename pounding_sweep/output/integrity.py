@@ -18,6 +18,7 @@ import numpy as np
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.provenance import ORIGINS, origins
+from pounding_sweep.output.scenario_key import MOTION
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES
 
 if TYPE_CHECKING:
@@ -30,8 +31,6 @@ AXES = frozenset({"laws", "gaps", "stiffnesses", "stiffness_factors", "restituti
 BUILDING_AXES = frozenset({"period_factors", "mass_factors"})
 #: What else sweeps of one study may differ in: no result of a scenario depends on it.
 FREE = frozenset({"cases", "records", "records_left_out", "title", "audit"})
-#: What a record is known by in the description of a sweep.
-MOTION = ("sha256", "dt", "n_points", "scale")
 #: What helps where a cube is not as it was made.
 REMEDY = "give the cube as it was made, not a part of it"
 
