@@ -11,6 +11,7 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import bad_sweeps
 import numpy as np
 import pytest
 from hypothesis import given
@@ -57,6 +58,11 @@ def test_arguments_that_are_none():
     assert first.startswith("unknown argument 'gap'")
     assert second.startswith("unknown argument 'colour'; valid: ")
     assert third.startswith("gaps[0]: ")
+
+
+def test_every_message_is_as_it_was(tmp_path):
+    """`python tests/bad_sweeps.py` writes the messages anew; a change of them is read in the diff."""
+    assert bad_sweeps.report(tmp_path) == bad_sweeps.GOLDEN.read_text()
 
 
 def problems(**change):
