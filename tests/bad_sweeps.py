@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
+import os
 import sys
 import tempfile
 import textwrap
 import warnings
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import Record
+from pounding_sweep.spec import tables
 from pounding_sweep.spec.axes import Case, Range
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.toml import load_spec
@@ -155,7 +159,7 @@ restitution = 0.6
 
 [sweep]
 records = [
-    "el_centro",
+    { record = "el_centro" },
     { path = "x.csv", units = "g", dt = 0.01, name = "x", scale = 2.0 },
     { path = "x.csv", units = "g", dt = 0.01, name = "y", pga = 3 },
     { synthetic = 1, duration = 2.0, pga = 3.0 },
@@ -341,7 +345,12 @@ def _told(make) -> str:
 
 
 def report(folder: Path) -> str:
-    """Return every input with what is said of it."""
+    """Return every input with what is said of it; records are read once."""
+    with mock.patch.object(tables, "find_record", functools.cache(tables.find_record)):
+        return _report(folder)
+
+
+def _report(folder: Path) -> str:
     usual = {"scene": "mate2015", "records": PULSE, "laws": "linear"}
     said = []
     for text in ARGUMENTS:
@@ -362,6 +371,7 @@ def report(folder: Path) -> str:
 
 
 if __name__ == "__main__":
+    os.environ.pop("POUNDING_SWEEP_RECORDS", None)
     with tempfile.TemporaryDirectory() as where:
         text = report(Path(where))
     (Path(sys.argv[1]) if sys.argv[1:] else GOLDEN).write_text(text)

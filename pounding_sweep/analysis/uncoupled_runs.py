@@ -25,7 +25,7 @@ from pounding_sweep.analysis.scenarios import (
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record, resolve_records
-from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis, property_axes
+from pounding_sweep.spec.axes import Case, PropertyAxis, axes_of, property_axes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -84,11 +84,7 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
         else:
             runs = _run_cases(scene, sweep, records, folders)
         return StillRuns(scene, runs, *_first_modes_of_cases(scene, runs))
-    factors = {
-        kind: tuple((building, tuple(axis)) for building, axis in sweep[name]) for name, kind in FACTOR_KINDS.items()
-    }
-    ratios = sweep["damping_ratios"]
-    axes = property_axes(factors, None if ratios is None else tuple(ratios))
+    axes = property_axes(axes_of(sweep))
     runs = _reduced(cube) if there else _run_product(scene, sweep, records, folders)
     modes = [_where(part, cube if there else runs) for part in _first_modes(scene, axes)]
     return StillRuns(scene, runs, *modes)

@@ -13,8 +13,8 @@ from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import Axis
 from pounding_sweep.output.provenance import library_attribute, library_versions
-from pounding_sweep.spec.axes import PropertyAxis, plain_name
-from pounding_sweep.spec.spec import contact_stiffness, to_json
+from pounding_sweep.spec.axes import PropertyAxis, contact_stiffness, plain_name
+from pounding_sweep.spec.spec import to_json
 
 if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome

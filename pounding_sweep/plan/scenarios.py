@@ -13,8 +13,8 @@ from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.differences import CHANGE
-from pounding_sweep.spec.axes import Case, PropertyAxis
-from pounding_sweep.spec.spec import SweepSpec, contact_stiffness
+from pounding_sweep.spec.axes import Case, PropertyAxis, contact_stiffness
+from pounding_sweep.spec.spec import SweepSpec
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ from pounding_sweep.plan.chunks import Job
 from pounding_sweep.plan.plan import Plan, make_plan
 from pounding_sweep.plan.scenarios import Scenarios, case_variants, product_variants
 from pounding_sweep.resume.checkpoint import ChunkStore
-from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.axes import Case, axes_of
 from pounding_sweep.spec.spec import SweepSpec, to_json
 
 if TYPE_CHECKING:
@@ -104,9 +104,7 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) 
 def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     """Return the sweep that a cube was made by, but for its records, which are those of `spec`."""
     told = recorded_sweep(path, cube)
-    given: dict[str, Any] = {key: None if told[key] is None else tuple(told[key]) for key in AXES}
-    for key in BUILDING_AXES:
-        given[key] = tuple((building, tuple(values)) for building, values in told[key])
+    given: dict[str, Any] = {"laws": tuple(told["laws"]), **vars(axes_of(told))}
     given |= {key: told[key] for key in ("title", "audit", "force_unstable")}
     given["records_left_out"] = tuple(told["records_left_out"])
     try:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.spec.axes import FACTOR_KINDS, Case
-from pounding_sweep.spec.spec import SweepSpec, contact_stiffness
+from pounding_sweep.spec.axes import FACTOR_KINDS, Case, contact_stiffness
+from pounding_sweep.spec.spec import SweepSpec
 
 if TYPE_CHECKING:
     import xarray as xr
