@@ -13,6 +13,7 @@ from pounding_sweep.figures.style import unit_text
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS
 from pounding_sweep.run.choice import SCENARIO_ATTRIBUTE
+from pounding_sweep.spec.axes import COLUMNS, DIMENSIONS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,7 +27,8 @@ def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | Non
     inner = {*INNER_DIMS, *AUDIT_DIMS}
     varied = {str(dim): size for dim, size in cube.sizes.items() if dim not in inner and dim not in keep}
     cube = cube.isel(_place(cube, {dim: (size - 1) // 2 for dim, size in varied.items()}, drawn))
-    names = ["law", "gap", "stiffness", "stiffness_factor", "restitution", "record", "scale", "damping_ratio", "case"]
+    names = ["law", *(dim for column in COLUMNS[:-1] for dim in DIMENSIONS[column])]
+    names += ["record", *DIMENSIONS["scale"], "damping_ratio", "case"]
     names += [dim for dim in varied if dim not in names]
     said = []
     for name in names:

@@ -11,12 +11,13 @@ import numpy as np
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.scenarios import COMPARISON, scenario_dims
 from pounding_sweep.figures.style import axis_label
+from pounding_sweep.spec.axes import DIMENSIONS
 
 if TYPE_CHECKING:
     import xarray as xr
 
 #: Axes against which a comparison is drawn, the first of those that vary.
-_AXES = ("gap", "stiffness_factor", "stiffness", "scale", "restitution")
+_AXES = ("gap", "stiffness_factor", "stiffness", *DIMENSIONS["scale"], "restitution")
 
 #: Characters in a line of an axis label.
 _LABEL = 36

@@ -49,7 +49,7 @@ from pounding_sweep.plan.chunks import Job
 from pounding_sweep.plan.plan import Plan, make_plan
 from pounding_sweep.plan.scenarios import Scenarios, case_variants, product_variants
 from pounding_sweep.resume.checkpoint import ChunkStore
-from pounding_sweep.spec.axes import Case, axes_of
+from pounding_sweep.spec.axes import axes_of, case_of
 from pounding_sweep.spec.spec import SweepSpec, to_json
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     given |= {key: told[key] for key in ("title", "audit", "force_unstable")}
     given["records_left_out"] = tuple(told["records_left_out"])
     try:
-        given["cases"] = None if told["cases"] is None else tuple(map(_case, told["cases"]))
+        given["cases"] = None if told["cases"] is None else tuple(map(case_of, told["cases"]))
     except (TypeError, ValueError, KeyError):
         raise damaged(path, "its sweep lists no valid cases") from None
     found = replace(spec, **given)
@@ -139,13 +139,6 @@ def _check_results(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
     for dim in {dim for name in names for dim in VARIABLES[name].dims}:
         if dim not in cube.coords or cube[dim].values.tolist() != labels[dim]:
             raise InputError(other_values(path, dim))
-
-
-def _case(told: Mapping[str, Any]) -> Case:
-    """Return a listed case as a cube describes it."""
-    factors = {key: tuple((name, factor) for name, factor in told[key]) for key in ("period_factors", "mass_factors")}
-    gap = told["gap"]
-    return Case(**{**told, **factors, "gap": tuple(gap) if isinstance(gap, list) else gap})
 
 
 def dimensions(spec: SweepSpec) -> tuple[str, ...]:

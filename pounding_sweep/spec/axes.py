@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 from pounding_sweep.base.errors import InputError, LawError, SweepError, shown
 from pounding_sweep.model.laws import Law, get_law, realised_validity
@@ -49,7 +49,7 @@ class Axis:
     long_name, unit, comment : str
         Attributes of its coordinate.
     value : callable
-        Value of the axis, scene, law, record -> value of the column.
+        Value of the axis, ``scene``, and ``law`` (of stiffness) or ``record`` (of scale) -> value of the column.
     default : tuple of float or None
         Values of a column that no axis is given for.
     requires : callable
@@ -58,6 +58,9 @@ class Axis:
         Whether it changes buildings.
     by_building : bool
         Whether it is given for each building by name.
+    unsaid : bool
+        Whether the JSON of a sweep without it is silent of it. So it is of axes that came later: digests of sweeps
+        without them stay what they were.
     """
 
     dimension: str
@@ -69,11 +72,12 @@ class Axis:
     long_name: str
     unit: str = "1"
     comment: str = ""
-    value: Callable[[float, Scene, Law, Record], float] = lambda value, *_: value
+    value: Callable[..., float] = lambda value, **_: value
     default: Values = None
     requires: Callable[[Scene, Sequence[Law], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
     of_buildings: bool = False
     by_building: bool = False
+    unsaid: bool = False
 
 
 def positive(what: str) -> Check:
@@ -168,7 +172,8 @@ def _missing_reference(exponent: float, laws: Sequence[str]) -> str:
     )
 
 
-def _by_exponent(laws: Sequence[Law]) -> dict[float, list[Law]]:
+def by_exponent(laws: Iterable[Law]) -> dict[float, list[Law]]:
+    """Return the laws of each force exponent."""
     found: dict[float, list[Law]] = {}
     for law in laws:
         if law.exponent is not None:
@@ -178,19 +183,19 @@ def _by_exponent(laws: Sequence[Law]) -> dict[float, list[Law]]:
 
 def _need_references(scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:
     """Tell each reference stiffness that the scene lacks."""
-    for exponent, group in _by_exponent(laws).items():
+    for exponent, group in by_exponent(laws).items():
         if scene.contact.reference(exponent) is None:
             yield ("scene", "contact"), _missing_reference(exponent, [law.key for law in group])
 
 
 def _need_one_exponent(_scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:
     """Tell laws of different exponents."""
-    by_exponent = _by_exponent(laws)
-    if len(by_exponent) > 1:
+    found = by_exponent(laws)
+    if len(found) > 1:
         groups = " but ".join(
             f"{', '.join(law.key for law in group)} take{'s' * (len(group) == 1)} {group[0].stiffness_unit} "
             f"(exponent {exponent:g})"
-            for exponent, group in by_exponent.items()
+            for exponent, group in found.items()
         )
         yield (
             ("stiffnesses",),
@@ -213,12 +218,13 @@ class AxisValues:
         "stiffness", "stiffness", "contact stiffness", "contact stiffnesses", positive("contact stiffness"),
         "Contact stiffnesses (kN/m**exponent); only where all laws share one exponent.",
         "contact stiffness", requires=_need_one_exponent,
+        value=lambda value, scene, law: contact_stiffness(scene, law, stiffness=value),
     )})
     stiffness_factors: Values = field(default=None, metadata={"axis": Axis(
         "stiffness_factor", "stiffness", "stiffness factor", "stiffness factors", positive("stiffness factor"),
         "Factors on the scene's reference stiffnesses; 1 where neither axis is given.",
         "factor on the scene's reference contact stiffness", default=(1.0,), requires=_need_references,
-        value=lambda value, scene, law, _: contact_stiffness(scene, law, stiffness_factor=value),
+        value=lambda value, scene, law: contact_stiffness(scene, law, stiffness_factor=value),
     )})
     restitutions: tuple[float, ...] = field(default=(), metadata={"axis": Axis(
         "restitution", "restitution", "restitution", "restitutions", _check_restitution,
@@ -261,6 +267,10 @@ class AxisValues:
             found |= {axis[0].dimension: axis[1]} if axis else {column: (None,) if column == "gap" else ()}
         return found
 
+    def needed_axis(self, column: str) -> tuple[Axis, tuple[float, ...]]:
+        """Return the axis of a column that every product of axes has one of, with its values."""
+        return self.axis(column) or (next(axis for axis in AXES.values() if axis.column == column), ())
+
     def axis(self, column: str) -> tuple[Axis, tuple[float, ...]] | None:
         """Return the axis that the sweep has of a column, with its values; None without."""
         for name, axis in AXES.items():
@@ -277,9 +287,11 @@ FACTOR_KINDS = {name: axis.column for name, axis in AXES.items() if axis.by_buil
 COLUMNS = tuple(dict.fromkeys(axis.column for axis in AXES.values() if not axis.of_buildings))
 
 
-def axis_along(dimension: str) -> Axis:
-    """Return the axis of that dimension."""
-    return next(axis for axis in AXES.values() if axis.dimension == dimension)
+#: Dimensions by what they set of a scenario.
+DIMENSIONS = {
+    column: tuple(axis.dimension for axis in AXES.values() if axis.column == column)
+    for column in dict.fromkeys(axis.column for axis in AXES.values())
+}
 
 
 @dataclass(frozen=True)
@@ -363,6 +375,7 @@ def axes_of(told: Mapping[str, Any]) -> AxisValues:
         if told[name] is None
         else tuple(told[name])
         for name, axis in AXES.items()
+        if name in told or not axis.unsaid
     }
     return AxisValues(**given)
 
@@ -426,6 +439,17 @@ class Case:
     damping_ratio: float | None = None
 
     def axis(self, column: str) -> tuple[Axis, float] | None:
-        """Return the axis that the case has of a column, with its value; None where the scene's own is taken."""
-        given = [(axis, getattr(self, axis.dimension)) for axis in AXES.values() if axis.column == column]
-        return cast("tuple[Axis, float] | None", next((each for each in reversed(given) if each[1] is not None), None))
+        """Return the axis that the case has of a column, with its value; None where it has none."""
+        found: tuple[Axis, float] | None = None
+        for axis in AXES.values():
+            value = None if axis.by_building else getattr(self, axis.dimension)
+            if axis.column == column and value is not None:  # the first has a default
+                found = axis, value
+        return found
+
+
+def case_of(told: Mapping[str, Any]) -> Case:
+    """Return a listed case that JSON describes."""
+    factors = {key: tuple((name, factor) for name, factor in told[key]) for key in FACTOR_KINDS}
+    gap = told["gap"]
+    return Case(**{**told, **factors, "gap": tuple(gap) if isinstance(gap, list) else gap})

@@ -31,7 +31,7 @@ from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene, check_gap
 from pounding_sweep.records import Record, resolve_records
-from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, Case, Range
+from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, Case, Range, by_exponent
 from pounding_sweep.spec.faults import (
     Faults,
     Place,
@@ -467,10 +467,15 @@ def _cases(given: Any, info: Any) -> tuple[Case, ...] | None:
                 seen[case] = index
         info.context["laws"] |= {case.law: get_law(case.law) for case in seen}
         if scene := info.data.get("scene"):
-            for axis in (axis for axis in AXES.values() if axis.column in COLUMNS):
-                laws = {case.law: get_law(case.law) for case in seen if (case.axis(axis.column) or [None])[0] is axis}
-                for place, text in axis.requires(scene, list(laws.values()), info.data.get("records", ((),))[0]):
-                    faults.add(Root(place), text)
+            for axis in AXES.values():
+                using = [case for case in seen if (case.axis(axis.column) or [None])[0] is axis]
+                laws = {case.law: get_law(case.law) for case in using}
+                there = {case.record for case in using}
+                records = [record for record in info.data.get("records", ((), ()))[0] if record.name in there]
+                alone = by_exponent(laws.values()).values() if axis.column == "stiffness" else [list(laws.values())]
+                for group in alone:  # a case has a stiffness of its own
+                    for place, text in axis.requires(scene, group, records):
+                        faults.add(Root(place), text)
     return tuple(seen)
 
 

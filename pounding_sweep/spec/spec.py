@@ -16,6 +16,7 @@ from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
 from pounding_sweep.spec.axes import (
+    AXES,
     REFERENCE_PROPERTIES,
     AxisValues,
     Case,
@@ -122,6 +123,14 @@ class SweepSpec(AxisValues):
         """Number of scenarios asked for."""
         return len(self.cases) if self.cases is not None else math.prod(len(v) for v in self.axes.values())
 
+    def case_value(self, case: Case, column: str) -> float:
+        """Return the scale or the contact stiffness (kN/m**exponent) of a case; 0 where it has none."""
+        found = case.axis(column)
+        if found is None:
+            return 0.0
+        of = {"record": self.record(case.record or self.records[0].name)} if column == "scale" else {"law": case.law}
+        return found[0].value(found[1], scene=self.scene, **of)
+
     def record(self, name: str) -> Record:
         """Return the record of that name; KeyError if the sweep has none."""
         for record in self.records:
@@ -179,13 +188,20 @@ def scene_data(scene: Scene) -> dict[str, Any]:
 def to_json(spec: SweepSpec) -> str:
     """Write a sweep as canonical JSON: the same sweep gives the same text."""
     data = {name: getattr(spec, name) for name in spec.__dataclass_fields__}
+    unsaid = {name: axis.dimension for name, axis in AXES.items() if axis.unsaid}
+    for name in unsaid:
+        if not data[name]:
+            del data[name]
     data["scene"] = scene_data(spec.scene)
     data["records"] = [
         {name: getattr(record, name) for name in ("name", "sha256", "pga", "dt", "n_points", "scale", "source")}
         for record in spec.records
     ]
     if spec.cases is not None:
-        data["cases"] = [{name: getattr(case, name) for name in case.__dataclass_fields__} for case in spec.cases]
+        data["cases"] = [
+            {key: value for key, value in vars(case).items() if value is not None or key not in unsaid.values()}
+            for case in spec.cases
+        ]
     return json.dumps({"format": 1, **data}, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 
