@@ -204,6 +204,16 @@ def _need_one_exponent(_scene: Scene, laws: Sequence[Law], _records: Sequence[Re
         )
 
 
+def _need_motion(_scene: Scene, _laws: Sequence[Law], records: Sequence[Record]) -> Iterator[Fault]:
+    """Tell records that no factor gives a peak."""
+    still = [repr(record.name) for record in records if record.pga == 0.0]
+    if still:
+        yield (
+            ("pgas",),
+            f"no factor gives {', '.join(still)} a peak: its ground stands still; give scales instead",
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class AxisValues:
     """The axes: one field for each."""
@@ -235,6 +245,13 @@ class AxisValues:
         "scale", "scale", "record scale", "record scales", finite("record scale"),
         "Factors on the records; 1 by default.",
         "factor on the record", default=(1.0,),
+    )})
+    pgas: Values = field(default=None, metadata={"axis": Axis(
+        "pga", "scale", "peak ground acceleration", "peak ground accelerations in m/s2",
+        positive("peak ground acceleration"),
+        "Peak ground accelerations (m/s2) that every record is scaled to, in place of `scales`.",
+        "peak ground acceleration", "m s-2", "the coordinate scale has the factor on each record",
+        value=lambda value, scene, record: value / record.pga, requires=_need_motion, unsaid=True,
     )})
     period_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
         "period_factor", "period_factor", "factor", "factors", _check_factor,
@@ -425,6 +442,8 @@ class Case:
         Factors on all periods and on all masses of buildings, by name; 1 for those not named.
     damping_ratio : float, optional
         Damping ratio of all buildings; their own where not given.
+    pga : float, optional
+        Peak ground acceleration (m/s2) that the record is scaled to, instead of `scale`.
     """
 
     law: str
@@ -437,6 +456,7 @@ class Case:
     period_factors: Factors | Mapping[str, float] = ()
     mass_factors: Factors | Mapping[str, float] = ()
     damping_ratio: float | None = None
+    pga: float | None = None
 
     def axis(self, column: str) -> tuple[Axis, float] | None:
         """Return the axis that the case has of a column, with its value; None where it has none."""
