@@ -72,6 +72,9 @@ ARGUMENTS = [
     "gaps=np.linspace(0.001, 0.1, 20_000), period_factors={'left': Range(0.5, 2.0, 1_000_000)}",
     "gaps=Range(0.5, 0.9, 10**6), scales=Range(0.5, 0.9, 10**6)",
     "period_factors=3",
+    "laws='nonsense', gaps=-1.0, period_factors={'x': [1.0], 'left': [0.0]}, damping_ratios=[2.0], scales='y'",
+    "gaps=Range(0.0, 1.0, 10_000), period_factors={'left': Range(0.5, 2.0, 200_001)}",
+    "laws=None, cases=[{'law': 'linear'}], mass_factors={'left': 1.0}, damping_ratios=0.1",
     "period_factors={'lft': 1.2, 'left': None}, mass_factors={7: 1.0}",
     "period_factors={'left': [1e-4, 1e4]}",
     "restitutions=[0.0, 1.0, 1.5], laws=['linear', 'kelvin_voigt', 'gonthier', 'hertz_damped', 'modified_kelvin']",
@@ -315,6 +318,8 @@ FILES = [
     "[[sweep.cases]]\nlaw = 'none'\n[sweep.cases.building.lft]\nmass_factor = 2\n[sweep.cases.building.left]\n"
     "period_factor = 0\nmas_factor = 3\n[sweep.cases.building.right]\nmass_factor = [1]\n",
     f"{_CASES}[[sweep.cases]]\nlaw = 'none'\nbuilding.left = 3\n[[sweep.cases]]\nlaw = 3\nrecord = 3\ngap = 'x'\n",
+    f"{SMALL}building.left.period_factor = [\n  1.0,\n  -1.0,\n]\nbuilding.left.colour = 'red'\n"
+    'building."tower 1".mass_factor = 2\nbuilding.right.mass_factor = { start = 1.0, stop = 2.0 }\n',
     "a = [1,\n2\nb = 3\n",
     "title = \n",
     "[scene]\n[scene]\n",

@@ -421,7 +421,7 @@ def _case(faults: Faults, index: int, item: Any, info: Any) -> Case:
     elif "records" in info.data and record not in known:
         text = unknown("record", record, known) if record is not None else f"is missing; valid: {', '.join(known)}"
         faults.add((*place, "record"), text)
-    if law is None:
+    if law is None or not isinstance(record, str):  # without valid records there is a fault elsewhere
         return Case("none")
     if law.has_contact and values.get("stiffness") is None and values.get("stiffness_factor") is None:
         values["stiffness_factor"] = 1.0
