@@ -67,6 +67,8 @@ ARGUMENTS = [
         )
     ),
     "gaps=count()",
+    "gaps={1: 2}, scene={'preset': 'mate', 3: 4}",
+    "gaps={'start': 0.1, 'stop': 0.2}, records={'pulse': 'sine'}",
     "gaps=range(10**12)",
     "laws='mate2015', gaps=Range(0, 1, 1200), restitutions=Range(0.1, 1, 1200), scales=Range(1, 2, 1200)",
     "gaps=np.linspace(0.001, 0.1, 20_000), period_factors={'left': Range(0.5, 2.0, 1_000_000)}",

@@ -109,7 +109,7 @@ class Table(BaseModel):
                 return read(given)
             except ValidationError as error:
                 found = error.errors(include_url=False)
-                for each in sorted(found, key=lambda each: each["type"] != "extra_forbidden"):
+                for each in sorted(found, key=lambda each: each["type"] not in ("extra_forbidden", "invalid_key")):
                     place, text = told(each) if each["type"] in ("fault", "value_error") else cls.worded(each)
                     faults.add(place, text)
 
@@ -118,7 +118,7 @@ class Table(BaseModel):
         """Word a fault in keys and types that pydantic found."""
         key, *rest = error["loc"]
         place = (key, *(part for part in rest if isinstance(part, int)))
-        if error["type"] == "extra_forbidden":
+        if error["type"] in ("extra_forbidden", "invalid_key"):
             return place, unknown("key", key, cls.model_fields)
         what = cls.model_fields[str(key)].description or "a valid value"
         if error["type"] == "missing":

@@ -31,7 +31,7 @@ from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene, check_gap
 from pounding_sweep.records import Record, resolve_records
-from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, Case, Range, by_exponent
+from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, Case, Range, by_exponent, positive
 from pounding_sweep.spec.faults import (
     Faults,
     Place,
@@ -504,12 +504,6 @@ def _check_audit(value: float) -> None:
         raise InputError(msg)
 
 
-def _check_dt(value: float) -> None:
-    if not (math.isfinite(value) and value > 0):
-        msg = f"time step dt (s) is {shown(value)}; it must be a positive number"
-        raise InputError(msg)
-
-
 def _accuracy(given: Any) -> float | None:
     return None if given is None else number(given, "relative error", _check_accuracy)
 
@@ -539,7 +533,7 @@ def _dt(given: Any, info: Any) -> float | None:
         if automatic and "accuracy" in info.data:
             faults.add((), "accuracy chooses the step; leave out dt, or leave out accuracy")
         asked = DEFAULT_STEP if given is None else given
-        found: float | None = faults.attempt((), number, asked, "time step dt in s", _check_dt)
+        found: float | None = faults.attempt((), number, asked, "time step dt in s", positive("time step dt (s)"))
         for record in info.data.get("records", ((), ()))[0] if found else ():
             if found and (fault := step_fault(record, record.dt / found)):
                 faults.add((), f"{found:g} s is too small: {fault}; take a larger dt, or cut the record")
@@ -632,7 +626,7 @@ class SweepInput(Table):
 
     folders: Any = None
     base: Any = None
-    skip_missing_records: bool = False
+    skip_missing_records: Any = False
     title: Annotated[Any, PlainValidator(_title)] = Field("", description="a text")
     scene: Annotated[Any, PlainValidator(_scene)] = Field(description="a table [scene]")
     records: Annotated[Any, PlainValidator(_records)] = Field(description="a list of names, files and tables")
