@@ -26,8 +26,9 @@ from pounding_sweep.plan.plan import make_plan, untouched
 from pounding_sweep.records import Record
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.axes import contact_stiffness
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import contact_stiffness, digest
+from pounding_sweep.spec.spec import digest
 
 VALUES = (*OUTPUTS, "status", "steps_per_contact")
 

@@ -18,7 +18,6 @@ from scipy.linalg import expm
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.trade_sample import find_touching
-from pounding_sweep.base.errors import SweepError
 from pounding_sweep.emit.spec import LANES, input_slots, property_slots
 from pounding_sweep.engine import cache
 from pounding_sweep.engine.flight import transitions
@@ -601,75 +600,6 @@ def test_names_of_buildings_become_names_of_netcdf():
 # -- what a user writes ------------------------------------------------------------------------------------------------
 
 
-def problems(**changes):
-    with pytest.raises(SweepError) as raised:
-        build_spec(**{"scene": row(), "records": motions(), "laws": "linear", **changes})
-    return raised.value.problems
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"period_factors": [1.0]}, "period_factors: must be a table by name of the building"),
-        ({"period_factors": {"A": [1.0]}}, "period_factors.A: unknown building 'A'; valid: a, b, c"),
-        ({"mass_factors": {"a": [1.0, 0.0]}}, "mass_factors.a[1]: factor is 0.0; it must be in [0.001, 1000]"),
-        ({"mass_factors": {"a": [1.0, 1]}}, "mass_factors.a[1]: 1.0 repeats mass_factors.a[0]; the values"),
-        ({"mass_factors": {"a": []}}, "mass_factors.a: is empty"),
-        ({"mass_factors": {"a": "x"}}, "mass_factors.a: must be a number or a list of numbers (factors), not 'x'"),
-        ({"period_factors": {"b": ps.Range(1.0, math.nan, 3)}}, "period_factors.b.stop: stop is nan"),
-        ({"damping_ratios": [0.05, 1.0]}, "damping_ratios[1]: damping ratio is 1.0; it must be in [0, 1)"),
-        (
-            {"laws": None, "cases": [{"law": "linear", "damping_ratio": -0.1, "record": "one"}]},
-            "cases[0].damping_ratio: ",
-        ),
-        (
-            {"laws": None, "cases": [{"law": "linear", "record": "one", "mass_factors": {"d": 1.0}}]},
-            "cases[0].mass_factors.d: unknown building 'd'",
-        ),
-        (
-            {"laws": None, "cases": [{"law": "linear", "record": "one", "period_factors": {"a": 1e-4}}]},
-            "cases[0].period_factors.a: factor is 0.0001",
-        ),
-        (
-            {
-                "laws": None,
-                "cases": [Case("linear", record="one"), Case("linear", record="one", mass_factors={"a": 1.0})],
-            },
-            "cases[1]: is the same scenario as cases[0]",
-        ),
-    ],
-)
-def test_faults(changes, message):
-    found = problems(**changes)
-    assert len(found) == 1, found
-    assert found[0].startswith(message)
-
-
-def test_faults_are_found_together():
-    places = [
-        text.partition(":")[0]
-        for text in problems(
-            laws="nonsense", gaps=-1.0, period_factors={"x": [1.0], "a": [0.0]}, damping_ratios=[2.0], scales="y"
-        )
-    ]
-    assert sorted(places) == [
-        "damping_ratios[0]",
-        "gaps[0]",
-        "laws",
-        "period_factors.a[0]",
-        "period_factors.x",
-        "scales",
-    ]
-    listed = problems(
-        laws=None, cases=[{"law": "linear", "record": "one"}], mass_factors={"a": 1.0}, damping_ratios=0.1
-    )
-    assert [text.partition(":")[0] for text in listed] == ["damping_ratios", "mass_factors"]
-    assert (
-        "x 200001 period_factors.a"
-        in problems(gaps=ps.Range(0.0, 1.0, 10_000), period_factors={"a": ps.Range(0.5, 2.0, 200_001)})[0]
-    )
-
-
 FILE = """
 [scene]
 gaps = [0.01]
@@ -744,52 +674,3 @@ def test_cases_in_a_file(tmp_path):
     assert first.mass_factors == (("tower 1", 2.0),)
     assert first.damping_ratio == 0.02
     assert (second.period_factors, second.mass_factors, second.damping_ratio) == ((), (), None)
-
-
-def test_faults_of_a_file_have_their_lines(tmp_path):
-    with pytest.raises(SweepError) as raised:
-        load(
-            tmp_path,
-            """
-            laws = "linear"
-            building.left.period_factor = [
-                1.0,
-                -1.0,
-            ]
-            building.right.mass_factor = 2.0
-            building.left.colour = "red"
-            building."tower 1".mass_factor = { start = 1.0, stop = 2.0 }
-            damping_ratios = [1.5]
-            """,
-        )
-    found = [text.partition("sweep.toml:")[2] for text in raised.value.problems]
-    start = FILE.count("\n") + 1
-    for line, text in zip(
-        found,
-        [
-            f"{start + 4}: sweep.building.left.period_factor[1]: factor is -1.0",
-            f"{start + 6}: sweep.building.right.mass_factor: unknown building 'right'",
-            f"{start + 7}: sweep.building.left.colour: unknown key 'colour'",
-            f"{start + 8}: sweep.building.tower 1.mass_factor.count: is missing",
-            f"{start + 9}: sweep.damping_ratios[0]: damping ratio is 1.5",
-        ],
-        strict=True,
-    ):
-        assert line.startswith(text), (line, text)
-
-
-@pytest.mark.parametrize(
-    ("case", "message"),
-    [
-        ("building.left.period_factor = 0.0", "sweep.cases[0].building.left.period_factor: factor is 0.0"),
-        ("building.west.mass_factor = 2.0", "sweep.cases[0].building.west.mass_factor: unknown building 'west'"),
-        ("building = 3", "sweep.cases[0].building: must be tables building.NAME of factors, not 3"),
-        ("period_factors = { left = 2.0 }", "sweep.cases[0].period_factors: unknown key 'period_factors'"),
-        ("building.left = 2.0", "sweep.cases[0].building.left: must be a table of period_factor, mass_factor, not 2.0"),
-    ],
-)
-def test_faults_of_cases_in_a_file(tmp_path, case, message):
-    with pytest.raises(SweepError) as raised:
-        load(tmp_path, f'[[sweep.cases]]\nlaw = "linear"\n{case}\n')
-    assert len(raised.value.problems) == 1, raised.value.problems
-    assert raised.value.problems[0].partition(": ")[2].startswith(message)

@@ -15,6 +15,7 @@ from pounding_sweep.figures.style import axis_label, joined, unit_text
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Status
 from pounding_sweep.run.choice import SCENARIO_ATTRIBUTE
+from pounding_sweep.spec.axes import COLUMNS, DIMENSIONS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,7 +39,8 @@ def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | Non
     inner = {*INNER_DIMS, *AUDIT_DIMS}
     varied = {str(dim): size for dim, size in cube.sizes.items() if dim not in inner and dim not in keep}
     cube = cube.isel(_place(cube, {dim: (size - 1) // 2 for dim, size in varied.items()}, drawn))
-    names = ["law", "gap", "stiffness", "stiffness_factor", "restitution", "record", "scale", "damping_ratio", "case"]
+    names = ["law", *(dim for column in COLUMNS[:-1] for dim in DIMENSIONS[column])]
+    names += ["record", *DIMENSIONS["scale"], "damping_ratio", "case"]
     names += [dim for dim in varied if dim not in names]
     said = []
     for name in names:
@@ -124,7 +126,7 @@ def heading(one: xr.Dataset, more: str = "", width: int | None = None) -> str:
 
 
 #: Axes against which a comparison is drawn, the first of those that vary.
-_AXES = ("gap", "stiffness_factor", "stiffness", "scale", "restitution")
+_AXES = ("gap", "stiffness_factor", "stiffness", *DIMENSIONS["scale"], "restitution")
 
 #: Characters in a line of an axis label.
 _LABEL = 36

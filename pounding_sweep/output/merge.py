@@ -401,7 +401,7 @@ def attributes(
     cubes = list(parts.values())
     whole = {**described[0], "cases": cases}
     for key in AXES:
-        if whole[key] is not None:
+        if whole.get(key) is not None:
             whole[key] = together(key, [each[key] for each in described])
     for key in BUILDING_AXES:
         each_building = zip(*(each[key] for each in described), strict=True)

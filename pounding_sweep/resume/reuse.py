@@ -47,7 +47,7 @@ from pounding_sweep.plan.chunks import Job
 from pounding_sweep.plan.plan import Plan, make_plan
 from pounding_sweep.plan.scenarios import Scenarios, case_variants, product_variants
 from pounding_sweep.resume.checkpoint import ChunkStore
-from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.axes import axes_of, case_of
 from pounding_sweep.spec.spec import SweepSpec, to_json
 
 if TYPE_CHECKING:
@@ -97,13 +97,11 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) 
 def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     """Return the sweep that a cube was made by, but for its records, which are those of `spec`."""
     told = recorded_sweep(path, cube)
-    given: dict[str, Any] = {key: None if told[key] is None else tuple(told[key]) for key in AXES}
-    for key in BUILDING_AXES:
-        given[key] = tuple((building, tuple(values)) for building, values in told[key])
+    given: dict[str, Any] = {"laws": tuple(told["laws"]), **vars(axes_of(told))}
     given |= {key: told[key] for key in ("title", "audit", "force_unstable")}
     given["records_left_out"] = tuple(told["records_left_out"])
     try:
-        given["cases"] = None if told["cases"] is None else tuple(map(_case, told["cases"]))
+        given["cases"] = None if told["cases"] is None else tuple(map(case_of, told["cases"]))
     except (TypeError, ValueError, KeyError):
         raise damaged(path, "its sweep lists no valid cases") from None
     found = replace(spec, **given)
@@ -134,13 +132,6 @@ def _check_results(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
     for dim in {dim for name in names for dim in VARIABLES[name].dims}:
         if dim not in cube.coords or cube[dim].values.tolist() != labels[dim]:
             raise InputError(other_values(path, dim))
-
-
-def _case(told: Mapping[str, Any]) -> Case:
-    """Return a listed case as a cube describes it."""
-    factors = {key: tuple((name, factor) for name, factor in told[key]) for key in ("period_factors", "mass_factors")}
-    gap = told["gap"]
-    return Case(**{**told, **factors, "gap": tuple(gap) if isinstance(gap, list) else gap})
 
 
 def dimensions(spec: SweepSpec) -> tuple[str, ...]:

@@ -10,14 +10,14 @@ from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import FACTOR_KINDS, Case
-from pounding_sweep.spec.spec import SweepSpec, contact_stiffness
+from pounding_sweep.spec.axes import COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness
+from pounding_sweep.spec.spec import SweepSpec
 
 if TYPE_CHECKING:
     import xarray as xr
 
 #: What of a scenario may be chosen otherwise than the sweep has it.
-CHOICES = ("law", "gap", "stiffness", "stiffness_factor", "restitution", "record", "scale")
+CHOICES = ("law", "record", *(dim for column in COLUMNS for dim in DIMENSIONS[column]))
 #: Attribute of the histories: what tells the scenario from others of its sweep, beside law, record and gaps.
 SCENARIO_ATTRIBUTE = "scenario"
 
@@ -36,22 +36,14 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
         raise InputError(msg)
     middle = {name: values[(len(values) - 1) // 2] for name, values in spec.axes.items() if values}
     law = next((key for key in spec.laws if get_law(key).has_contact), spec.laws[0])
-    factors: dict[str, dict[str, float]] = {"period_factor": {}, "mass_factor": {}}
-    for axis in spec.property_axes:
-        if axis.building is not None:
-            factors[axis.kind][axis.building] = middle[axis.dimension]
-    return Case(
-        law=law,
-        gap=middle["gap"],
-        stiffness=middle.get("stiffness"),
-        stiffness_factor=middle.get("stiffness_factor"),
-        restitution=middle.get("restitution"),
-        record=middle["record"],
-        scale=middle["scale"],
-        period_factors=factors["period_factor"],
-        mass_factors=factors["mass_factor"],
-        damping_ratio=middle.get("damping_ratio"),
-    )
+    values = {dim: middle[dim] for column in COLUMNS for dim in DIMENSIONS[column] if dim in middle}
+    factors: dict[str, dict[str, float]] = {argument: {} for argument in FACTOR_KINDS}
+    for argument, kind in FACTOR_KINDS.items():
+        for axis in spec.property_axes:
+            if axis.kind == kind and axis.building is not None:
+                factors[argument][axis.building] = middle[axis.dimension]
+    ratio = middle.get("damping_ratio")
+    return Case(law=law, record=middle["record"], damping_ratio=ratio, **{**values, **factors})
 
 
 def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> xr.Dataset:
@@ -95,9 +87,10 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
         if name not in CHOICES:
             raise InputError(unknown("choice", name, CHOICES))
     given = {name: value for name, value in choice.items() if value is not None}
-    if "stiffness" in given and "stiffness_factor" in given:
-        msg = "stiffness and stiffness_factor exclude each other; give one of them"
-        raise InputError(msg)
+    for column in COLUMNS:
+        if len(both := [dim for dim in DIMENSIONS[column] if dim in given]) > 1:
+            msg = f"{' and '.join(both)} exclude each other; give one of them"
+            raise InputError(msg)
     names = [record.name for record in spec.records]
     record = given.get("record", own.record or names[0])
     if record not in names:
@@ -112,11 +105,15 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
         absolute, factor = own.stiffness, own.stiffness_factor
         _check_unit(own, law)
     stiffness = contact_stiffness(scene, law, stiffness=absolute, stiffness_factor=factor)
-    restitution, scale = given.get("restitution", own.restitution), given.get("scale", own.scale)
+    restitution = given.get("restitution", own.restitution)
+    scales = {dim: given[dim] if dim in given else getattr(own, dim) for dim in DIMENSIONS["scale"]}
+    if given.keys() & scales.keys():
+        scales = {dim: given.get(dim, getattr(Case, dim)) for dim in scales}
+    taken = replace(own, stiffness=absolute, stiffness_factor=factor, restitution=restitution, **scales)
     parameters = SCHEMES[spec.method].parameters if spec.method else ()
     one = simulate(
         scene,
-        spec.record(record).scaled(scale),
+        spec.record(record).scaled(spec.case_value(replace(taken, record=record), "scale")),
         law=law,
         stiffness=None if law.exponent is None else stiffness,
         restitution=restitution,
@@ -130,7 +127,6 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
         restitution_basis=spec.restitution_basis,
         precision=spec.precision,
     )
-    taken = replace(own, stiffness=absolute, stiffness_factor=factor, restitution=restitution, scale=scale)
     details = "; ".join(_details(spec, taken, law, given, case))
     return one.assign_attrs({SCENARIO_ATTRIBUTE: details} if details else {})
 
@@ -169,8 +165,9 @@ def _details(spec: SweepSpec, taken: Case, law: Law, given: Mapping[str, Any], n
     restitution = spec.scene.contact.restitution if taken.restitution is None else taken.restitution
     if law.takes_restitution and restitution is not None and told("restitution"):
         yield f"restitution {restitution:g}"
-    if told("scale"):
-        yield f"scale {taken.scale:g}"
+    for dim in DIMENSIONS["scale"]:
+        if told(dim) and (found := taken.axis("scale")) and found[0].dimension == dim:
+            yield f"{dim} {found[1]:g}"
     single = {(axis.kind, axis.building) for axis in spec.property_axes if len(axis.values) == 1}
     for plural, kind in FACTOR_KINDS.items():
         for building, factor in dict(getattr(taken, plural)).items():

@@ -17,8 +17,9 @@ from pounding_sweep.outputs.differences import comparable
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record, resolve_record
+from pounding_sweep.spec.axes import contact_stiffness
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import contact_stiffness, scene_data
+from pounding_sweep.spec.spec import scene_data
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -26,6 +26,7 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.spec.axes import DIMENSIONS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 #: Intensities at which curves are given, where none are.
 LEVELS = 60
 #: Axes along which scenarios are trials of one thing.
-TRIALS = ("record", "scale")
+TRIALS = ("record", *DIMENSIONS["scale"])
 #: Ends of an interval.
 BOUNDS = ("lower", "upper")
 
@@ -154,16 +155,17 @@ def fragility(
     _check(cube, confidence)
     found, ok = _happened(cube, about, level)
     strength = intensity_of(cube, intensity)
-    for dim in TRIALS:
+    trials = ("record", next((dim for dim in TRIALS[1:] if dim in cube.dims), "scale"))
+    for dim in trials:
         found, ok, strength = (part if dim in part.dims else part.expand_dims(dim) for part in (found, ok, strength))
-    found, strength = found.transpose(..., *TRIALS), strength.transpose(*TRIALS)
+    found, strength = found.transpose(..., *trials), strength.transpose(*trials)
     table, x = found.values, np.asarray(strength.values, dtype=float)
     at = _levels(levels, x)
     places = {place: table[place].tobytes() for place in np.ndindex(table.shape[:-2])}
     alike = {key: place for place, key in places.items()}  # many cells are: some laws ignore some axes
     fits = {key: _cell(table[place], x, at, confidence) for key, place in alike.items()}
 
-    kept = found.isel(dict.fromkeys(TRIALS, 0), drop=True)
+    kept = found.isel(dict.fromkeys(trials, 0), drop=True)
     units, name, words = strength.attrs["units"], strength.attrs["long_name"], about.words(level)
     coords: dict[str, xr.DataArray] = {str(k): c for k, c in kept.coords.items() if k in kept.dims or not c.dims}
     for dim, labels, more in (
@@ -181,7 +183,7 @@ def fragility(
         "flag_values": np.array([int(s) for s in FIT_STATUS], np.int8),
         "flag_meanings": " ".join(s.label for s in FIT_STATUS),
     }
-    left_out = (~ok).sum(TRIALS).astype(np.int64)
+    left_out = (~ok).sum(trials).astype(np.int64)
     dataset["left_out"] = described(left_out, "1", "scenarios left out: their status is not ok", bare=True)
     dataset["happened"] = described(found, "1", f"1 where {words}, 0 where not", bare=True)
     dataset["trial_intensity"] = described(strength, units, name, bare=True)
