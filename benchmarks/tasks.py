@@ -80,7 +80,7 @@ def _part_of(plan: Any, size: int) -> Callable[[int], Job]:
 
 def _spans(dispatcher: Dispatcher, n: int, job: Callable[[int], Job]) -> list[list[tuple[float, float]]]:
     """Run `n` jobs; return when (s since 1970) each began and ended in its worker, for each worker."""
-    client = dispatcher.far.client
+    client = dispatcher.cluster.client
     client.get_task_stream()  # from here on the scheduler keeps it
     failures: list[str] = []
     begun = time.time()

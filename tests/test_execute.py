@@ -95,20 +95,6 @@ def test_order_and_company_do_not_matter(reference):
     same(scenarios_of(backwards).sel(law=AXES["laws"], gap=AXES["gaps"]), scenarios_of(reference))
 
 
-def test_other_graphs_of_dask_are_none_of_a_run(reference, monkeypatch):
-    """What another thread has dask do meanwhile."""
-    import dask.threaded
-
-    get = dask.threaded.get
-
-    def after_another(*arguments, **more):
-        assert dask.get({"nothing": (int,)}, "nothing") == 0
-        return get(*arguments, **more)
-
-    monkeypatch.setattr(dask.threaded, "get", after_another)
-    same(make().run(workers=2), reference)
-
-
 @pytest.mark.usefixtures("small_chunks")
 def test_sweeps_in_threads_keep_to_themselves():
     sweeps = [make(scales=scale) for scale in (0.5, 1.0, 1.5, 2.0)]

@@ -1,4 +1,4 @@
-"""Running a plan: kernels made ready, chunks fanned out by dask, results kept.
+"""Running a plan: kernels made ready, chunks fanned out to workers, results kept.
 
 Workers return tables; only this process writes. A chunk that fails costs its
 own scenarios (status ``not_run``), never the batch.
