@@ -15,11 +15,22 @@ from typer.testing import CliRunner
 import pounding_sweep as ps
 from pounding_sweep.accuracy import extremes as suite
 from pounding_sweep.accuracy import judge as the_judge
-from pounding_sweep.accuracy.batches import OUTPUTS, kernel_of, run_batch, stable_step, take
-from pounding_sweep.accuracy.extreme_families import FAMILIES, beside_wall, earthquake, family_batches, make_batch, pair
+from pounding_sweep.accuracy.extreme_scenes import (
+    FAMILIES,
+    OUTPUTS,
+    beside_wall,
+    earthquake,
+    family_batches,
+    kernel_of,
+    make_batch,
+    pair,
+    random_batches,
+    run_batch,
+    stable_step,
+    take,
+)
 from pounding_sweep.accuracy.extremes import run_extremes, run_judged
 from pounding_sweep.accuracy.judge import judge, make_reference, peak_error, peaks_of, sensitive_rows
-from pounding_sweep.accuracy.random_scenes import random_batches
 from pounding_sweep.accuracy.stability_map import SCHEMES, stability_map
 from pounding_sweep.base.errors import InputError, StabilityError
 from pounding_sweep.engine.postprocess import variables_of

@@ -17,7 +17,7 @@ from scenes import EVERY, OUTPUTS, motions, pair, row
 from scipy.linalg import expm
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy.trade_sample import find_touching
+from pounding_sweep.accuracy.tradeoff import find_touching
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.emit.spec import LANES, input_slots, property_slots
 from pounding_sweep.engine import cache

@@ -14,11 +14,19 @@ from scenes import EVERY, pair
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy.trade_dataset import POPULATIONS, make_dataset, pareto_front, statistics
-from pounding_sweep.accuracy.trade_measure import Compared, measure
 from pounding_sweep.accuracy.trade_report import order_table, table_of, trade_rows
-from pounding_sweep.accuracy.trade_sample import draw, find_touching
-from pounding_sweep.accuracy.tradeoff import tradeoff, warn_of_doubt
+from pounding_sweep.accuracy.tradeoff import (
+    POPULATIONS,
+    Compared,
+    draw,
+    find_touching,
+    make_dataset,
+    measure,
+    pareto_front,
+    statistics,
+    tradeoff,
+    warn_of_doubt,
+)
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli import main  # noqa: F401  registers the commands
 from pounding_sweep.cli.app import app
