@@ -13,6 +13,7 @@ from counting import (  # noqa: F401 - hooks and a fixture
     pytest_testnodedown,
 )
 from hypothesis import HealthCheck, settings
+from stub_engine import installed
 
 # kernels are compiled inside examples, on cores that other tests use too
 settings.register_profile("compiled", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -137,6 +138,20 @@ def pytest_sessionstart(session):
     whole = session.config.args_source is pytest.Config.ArgsSource.TESTPATHS and "not slow" in given.markexpr
     if whole and getattr(given, "numprocesses", None):
         _compile(_pair_kernels, _row_kernels, _twin_kernels, _sweep_kernels)
+
+
+@pytest.fixture
+def stub_engine():
+    """Put the numbers of a formula in the place of compiled kernels for one test."""
+    with installed() as stub:
+        yield stub
+
+
+@pytest.fixture(scope="module")
+def stub_module():
+    """Do so for all tests of a module, and its fixtures."""
+    with installed() as stub:
+        yield stub
 
 
 @pytest.fixture(scope="session")

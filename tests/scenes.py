@@ -41,14 +41,14 @@ def row(gaps=(0.01, 0.02)):
     )
 
 
-def pair():
+def pair(gap=0.006):
     """Two buildings of two storeys with periods 0.27 and 0.22 s."""
     return Scene(
         [
             Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
             Building("b", [80.0, 110.0], [2.4e5, 2.0e5]),
         ],
-        gaps=[0.006],
+        gaps=[gap],
         contact=ContactProperties(linear_stiffness=8e5, hertz_stiffness=7.5e6, restitution=0.6),
     )
 
