@@ -67,7 +67,7 @@ def values_of(sweep):
     """Results of the unique scenarios."""
     plan = sweep.plan()
     results = execute(plan, dispatcher_for(plan, "synchronous")).results
-    return results.take(np.arange(len(results.status)))
+    return results.gather(np.arange(len(results.status)))
 
 
 @pytest.fixture(scope="module")

@@ -103,9 +103,10 @@ def cli(*args, cwd=None, code=0, env=None, start=()):
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600, **more)
     else:
         out, err, returncode = io.StringIO(), io.StringIO(), 0
-        with as_a_user(cwd, env), redirect_stdout(out), redirect_stderr(err):
+        given = ["pounding-sweep", *map(str, args)]
+        with as_a_user(cwd, env), patch.object(sys, "argv", given), redirect_stdout(out), redirect_stderr(err):
             try:
-                app([*map(str, args)], prog_name="pounding-sweep")
+                app(prog_name="pounding-sweep")
             except SystemExit as end:
                 returncode = end.code or 0
         done = SimpleNamespace(stdout=out.getvalue(), stderr=err.getvalue(), returncode=returncode)

@@ -29,7 +29,7 @@ from pounding_sweep.base.errors import ClusterError
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.provenance import fingerprint
 from pounding_sweep.outputs.variables import Status
-from pounding_sweep.plan.chunks import Job
+from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.resume.checkpoint import MANIFEST
 from pounding_sweep.run import cluster as far_workers
 from pounding_sweep.run.execute import Progress
@@ -527,7 +527,9 @@ class Counted:
 
 def jobs(n, kernel):
     none = np.zeros(0)
-    return lambda position: Job(f"{position}", kernel, position % 2, position, Variants(None, none, none, none), ())
+    return lambda position: ChunkTask(
+        f"{position}", kernel, position % 2, position, Variants(None, none, none, none), ()
+    )
 
 
 def add_up(kernel, record, table, variants, outputs):

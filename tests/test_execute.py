@@ -24,7 +24,7 @@ from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.outputs.variables import Status, get_variable
-from pounding_sweep.plan.chunks import Job, cut
+from pounding_sweep.plan.chunks import ChunkTask, cut
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkStore
@@ -237,7 +237,7 @@ def test_chunks_are_begun_in_their_order_and_taken_here(scheduler, workers):
 
     def job(position):
         begun.append(position)
-        return Job(f"{position}", None, 0, position, None, ())
+        return ChunkTask(f"{position}", None, 0, position, None, ())
 
     def take(position, found):
         assert threading.current_thread() is threading.main_thread()

@@ -30,7 +30,7 @@ from pounding_sweep.base.files import is_temporary
 from pounding_sweep.base.lock import LOCK
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.resume.checkpoint import IDENTITY, MANIFEST, ChunkStore
-from pounding_sweep.run.async_writer import Saver
+from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.sweep import Sweep, load_sweep
 
 OUT, PARTS = "out.nc", "out.nc.parts"
@@ -79,7 +79,7 @@ def record(folder, *, before=None, heeds=lambda: True, **how):
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # the run before was killed
         recorder = power_cut.Recorder(folder, patch, before, heeds)
-        save, write = Saver.save, ChunkStore.write
+        save, write = AsyncWriter.save, ChunkStore.write
 
         def waits(self, *chunk):  # one thread at a time touches the folder: the calls then have an order
             save(self, *chunk)
@@ -91,7 +91,7 @@ def record(folder, *, before=None, heeds=lambda: True, **how):
 
         numbers = itertools.count()
         patch.setattr("secrets.token_hex", lambda size: f"{next(numbers):0{2 * size}x}")  # the same names every time
-        patch.setattr(Saver, "save", waits)
+        patch.setattr(AsyncWriter, "save", waits)
         patch.setattr(ChunkStore, "write", promises)
         try:
             make().run(folder / OUT, scheduler="synchronous", **how).close()

@@ -31,7 +31,7 @@ from pounding_sweep.output.summary import summary_table
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer as filling
-from pounding_sweep.run.async_writer import Saver
+from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.execute import dispatcher_for, execute
 from pounding_sweep.run.sweep import Sweep
 
@@ -236,7 +236,7 @@ def test_results_are_gathered_from_wherever_they_are(tmp_path_factory, data):
                 results.move(index, partial(np.load, folder / f"{number}.npy", mmap_mode="r"))
     rows = random.integers(0, n, 20)
     known = np.isin(rows, order)
-    found = results.take(rows)
+    found = results.gather(rows)
     for name in names:
         np.testing.assert_array_equal(found[name][known], whole[name][rows[known]], err_msg=name)
     assert (found["status"][~known] == Status.NOT_RUN).all()
@@ -254,9 +254,9 @@ def test_results_in_memory_and_in_files_are_the_same(tmp_path):
     assert again.run == 0
     assert again.reused == plan.n_unique - again.untouched
     rows = np.arange(len(plan.unique))
-    for name, values in here.take(rows).items():
+    for name, values in here.gather(rows).items():
         for other in (there, again.results):
-            assert other.take(rows)[name].tobytes() == values.tobytes(), name
+            assert other.gather(rows)[name].tobytes() == values.tobytes(), name
 
 
 # -- disk --------------------------------------------------------------------------------------------------------------
@@ -344,12 +344,12 @@ def test_killed_while_the_cube_is_written(reference, tmp_path):
 
 def saved(results, store, error=None):
     """Save three tables, and fail in between."""
-    with Saver(store, results) as saver:
+    with AsyncWriter(store, results) as writer:
         for key in "abc":
             table = to_table({"status": np.zeros(2, "i1")}, ["status"], row())
             index, slots = results.hold(table)
             results.answer(np.arange(2), slots, table["status"], False)
-            saver.save(key, table, index)
+            writer.save(key, table, index)
             if error is not None and key == "b":
                 raise error
 
@@ -360,7 +360,7 @@ def test_what_was_to_be_saved_is_saved_whatever_ends_the_run(tmp_path):
         results = Results(["status"], row(), 2)
         if error is None:
             saved(results, store)
-            assert results.take(np.arange(2))["status"].tolist() == [0, 0]
+            assert results.gather(np.arange(2))["status"].tolist() == [0, 0]
         else:
             with pytest.raises(KeyboardInterrupt):
                 saved(results, store, error)

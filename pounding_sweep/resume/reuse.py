@@ -45,7 +45,7 @@ from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, library_attribute
 from pounding_sweep.output.results import table_type
 from pounding_sweep.output.slabs import SLAB_BYTES, block_shape, slabs
 from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
-from pounding_sweep.plan.chunks import Job
+from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.plan.plan import Plan, make_plan
 from pounding_sweep.plan.scenarios import Scenarios, case_variants, product_variants
 from pounding_sweep.resume.checkpoint import ChunkStore
@@ -304,7 +304,7 @@ class EarlierCube:
             found += [*variants.period_factor.T, *variants.mass_factor.T, ratio]
         return [np.broadcast_to(np.asarray(column, dtype=float), len(table)) for column in found]
 
-    def find(self, job: Job) -> np.ndarray:
+    def find(self, job: ChunkTask) -> np.ndarray:
         """Return the rows of the table of results that answer the scenarios of a job; -1 where there is none."""
         if self._rows is None or set(job.outputs) != set(self._plan.outputs):
             return np.full(len(job.table), -1)

@@ -22,7 +22,7 @@ from pounding_sweep.emit.spec import KernelSpec
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.provenance import fingerprint
-from pounding_sweep.plan.chunks import Job, Run, Take
+from pounding_sweep.plan.chunks import ChunkTask, Receive, Run
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 
@@ -200,7 +200,7 @@ class ClusterWorkers:
                 told = ready
         return compiled
 
-    def run(self, n: int, job: Callable[[int], Job], take: Take) -> None:
+    def run(self, n: int, task_of: Callable[[int], ChunkTask], receive: Receive) -> None:
         """Run `n` chunks; see `Dispatcher.run`."""
         flying: dict[Any, _Flight] = {}
         fresh, again, suspects = map(_Flight, range(n)), deque[_Flight](), deque[_Flight]()
@@ -208,7 +208,7 @@ class ClusterWorkers:
 
         def begin(flight: _Flight, workers: Collection[str]) -> None:
             try:
-                future = self._submit_chunk(job(flight.position), workers)
+                future = self._submit_chunk(task_of(flight.position), workers)
             except MemoryError as error:  # it costs this chunk only
                 land(flight, f"MemoryError: {error}")
                 return
@@ -219,7 +219,7 @@ class ClusterWorkers:
         def land(flight: _Flight, found: np.ndarray | str) -> None:
             nonlocal left
             left -= 1
-            take(flight.position, found)
+            receive(flight.position, found)
 
         def repeat(flight: _Flight) -> None:
             (suspects if flight.suspect else again).append(flight)
@@ -286,7 +286,7 @@ class ClusterWorkers:
     def _submit(self, workers: Collection[str], function: Callable[..., Any], *arguments: Any, **more: Any) -> Any:
         return self.client.submit(function, *arguments, workers=list(workers), pure=False, **more)
 
-    def _submit_chunk(self, mine: Job, workers: Collection[str]) -> Any:
+    def _submit_chunk(self, mine: ChunkTask, workers: Collection[str]) -> Any:
         variants = mine.variants
         return self._submit(
             workers,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.emit.spec import KernelSpec
-from pounding_sweep.plan.chunks import Job, Run, Take
+from pounding_sweep.plan.chunks import ChunkTask, Receive, Run
 from pounding_sweep.records import Record
 from pounding_sweep.resume.reuse import EarlierCube
 
@@ -55,17 +55,17 @@ class Dispatcher:
 
         return prepare(shapes, self.workers, advance)
 
-    def run(self, n: int, job: Callable[[int], Job], take: Take) -> None:
+    def run(self, n: int, task_of: Callable[[int], ChunkTask], receive: Receive) -> None:
         """Run `n` chunks, begun in the order given, and take their results in this thread as they come."""
         if not n:
             return
         if self._has_cluster:
-            self.cluster.run(n, job, take)
+            self.cluster.run(n, task_of, receive)
         elif self.scheduler == "synchronous":
             for position in range(n):
-                take(position, self._run_here(job, position))
+                receive(position, self._run_here(task_of, position))
         else:
-            self._run_in_threads(n, job, take)
+            self._run_in_threads(n, task_of, receive)
 
     @property
     def _has_cluster(self) -> bool:
@@ -79,25 +79,25 @@ class Dispatcher:
         client = self._open.enter_context(cluster_client(self.scheduler, self.workers))
         return ClusterWorkers(client, self.records, self._run, self._note)
 
-    def _run_here(self, job: Callable[[int], Job], position: int) -> np.ndarray | str:
+    def _run_here(self, task_of: Callable[[int], ChunkTask], position: int) -> np.ndarray | str:
         try:
-            mine = job(position)
+            mine = task_of(position)
         except MemoryError as error:  # it costs this chunk only
             return f"MemoryError: {error}"
         return self._run(mine.kernel, self.records[mine.record], mine.table, mine.variants, mine.outputs)
 
-    def _run_in_threads(self, n: int, job: Callable[[int], Job], take: Take) -> None:
+    def _run_in_threads(self, n: int, task_of: Callable[[int], ChunkTask], receive: Receive) -> None:
         following = iter(range(n))
         under_way: dict[Future[np.ndarray | str], int] = {}
         pool = ThreadPoolExecutor(self.workers, thread_name_prefix="sweep")
         try:
             while True:
                 for position in islice(following, AHEAD * self.workers - len(under_way)):
-                    under_way[pool.submit(self._run_here, job, position)] = position
+                    under_way[pool.submit(self._run_here, task_of, position)] = position
                 if not under_way:
                     break
                 for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-                    take(under_way.pop(future), future.result())
+                    receive(under_way.pop(future), future.result())
         finally:
             pool.shutdown(wait=False, cancel_futures=True)  # who interrupts a run does not wait for its chunks
 
@@ -112,29 +112,29 @@ class ExtendingDispatcher(Dispatcher):
         """See `Dispatcher.prepare`."""
         return self._workers.prepare(shapes, advance)
 
-    def run(self, n: int, job: Callable[[int], Job], take: Take) -> None:
+    def run(self, n: int, task_of: Callable[[int], ChunkTask], receive: Receive) -> None:
         """See `Dispatcher.run`; chunks that are known as a whole come first."""
         earlier, waiting = self._earlier, []
         partly: dict[int, tuple[str, np.ndarray]] = {}  # position -> key and rows of chunks that are known in part
         for position in range(n):
             try:
-                mine = job(position)
+                mine = task_of(position)
                 rows = earlier.find(mine)
                 known = rows >= 0
                 whole = earlier.results(rows) if known.all() else None
             except MemoryError as error:  # it costs this chunk only
-                take(position, f"MemoryError: {error}")
+                receive(position, f"MemoryError: {error}")
                 continue
             if whole is not None:
                 earlier.taken[mine.key] = len(rows)
-                take(position, whole)
+                receive(position, whole)
                 continue
             waiting.append(position)
             if known.any():
                 partly[position] = mine.key, rows
 
-        def rest(index: int) -> Job:
-            whole = job(waiting[index])
+        def rest(index: int) -> ChunkTask:
+            whole = task_of(waiting[index])
             if waiting[index] not in partly:
                 return whole
             new = partly[waiting[index]][1] < 0
@@ -151,6 +151,6 @@ class ExtendingDispatcher(Dispatcher):
                     earlier.taken[key] = int((rows >= 0).sum())
                 except MemoryError as error:
                     found = f"MemoryError: {error}"
-            take(waiting[index], found)
+            receive(waiting[index], found)
 
         self._workers.run(len(waiting), rest, together)
