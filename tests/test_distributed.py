@@ -577,11 +577,11 @@ def test_sent_once_and_few_in_flight():
             slow.wait(0.03)  # results come faster than they are taken
             far = dispatcher.cluster
             # and what was lent, and what dask is about to let go
-            assert len(far.client.futures) <= 2 * far.most_in_flight + 3
+            assert len(far.client.futures) <= 2 * far.most_under_way + 3
 
         dispatcher.cluster.prepare([])  # both are there
         dispatcher.run(n, jobs(n, SimpleNamespace(value=0.5, scene=None)), take)
-        assert dispatcher.cluster.most_in_flight == 2 * far_workers.IN_FLIGHT
+        assert dispatcher.cluster.most_under_way == 2 * far_workers.UNDER_WAY
     assert {at: result[0] for at, result in found.items()} == {i: 0.5 + 100.0 * (1 + i % 2) + i for i in range(n)}
     assert len({result[1] for result in found.values()}) == 2
     # dask tries two picklers, and the scheduler of this process hands on what it got

@@ -33,6 +33,8 @@ from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.spec import to_json
 
+pytestmark = pytest.mark.usefixtures("stub_module")
+
 
 def make(**changes):
     return Sweep(**{"scene": row(), "records": motions(), **AXES, **changes})

@@ -36,6 +36,8 @@ LIMITS = (
     "Max address space         {space:<20} unlimited            bytes     \n"
 )
 
+pytestmark = pytest.mark.usefixtures("stub_module")
+
 
 def group2(folder, most, used, cached=0, **more):
     """A control group of version 2."""

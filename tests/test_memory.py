@@ -35,6 +35,9 @@ from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.execute import dispatcher_for, execute
 from pounding_sweep.run.sweep import Sweep
 
+pytestmark = pytest.mark.usefixtures("stub_module")
+
+
 MIB = 2**20
 
 

@@ -15,7 +15,7 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import PoundingSweepError, StabilityError
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import INTEGER_FILL, VARIABLES, Status
-from pounding_sweep.run.choice import simulate_one
+from pounding_sweep.run.one_scenario import simulate_one
 from pounding_sweep.run.simulate import NOT_OF_ONE
 from pounding_sweep.spec.spec import METHODS
 

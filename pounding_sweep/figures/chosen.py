@@ -12,7 +12,7 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures.style import unit_text
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS
-from pounding_sweep.run.choice import SCENARIO_ATTRIBUTE
+from pounding_sweep.run.one_scenario import SCENARIO_ATTRIBUTE
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -27,7 +27,7 @@ from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 
 #: Chunks under way per thread of a worker: one runs, one waits beside it, one is on its way back.
-IN_FLIGHT = 3
+UNDER_WAY = 3
 #: Seconds between two looks at who works, and between two at what has come.
 LOOK_SECONDS, GLANCE_SECONDS = 1.0, 0.01
 #: Seconds without any worker that can take part after which that is said.
@@ -141,7 +141,7 @@ def _run_there(
 
 
 @dataclass(frozen=True)
-class _Flight:
+class _Attempt:
     """A chunk on its way: its position, who may run it, and how often all of those were lost.
 
     What was lost may have been what they died of: after the second time it runs where nothing else does.
@@ -171,7 +171,7 @@ class ClusterWorkers:
         self._looked = -np.inf
         self._alone_since: float | None = None
         self._told_alone = False
-        self.most_in_flight = 0
+        self.most_under_way = 0
 
     def prepare(self, shapes: Sequence[KernelSpec], advance: Callable[[int], None] | None = None) -> int:
         """Make kernels ready on every machine that is there; returns how many had to be compiled."""
@@ -202,73 +202,73 @@ class ClusterWorkers:
 
     def run(self, n: int, task_of: Callable[[int], ChunkTask], receive: Receive) -> None:
         """Run `n` chunks; see `Dispatcher.run`."""
-        flying: dict[Any, _Flight] = {}
-        fresh, again, suspects = map(_Flight, range(n)), deque[_Flight](), deque[_Flight]()
+        under_way: dict[Any, _Attempt] = {}
+        fresh, again, suspects = map(_Attempt, range(n)), deque[_Attempt](), deque[_Attempt]()
         done, left = self._completed(), n
 
-        def begin(flight: _Flight, workers: Collection[str]) -> None:
+        def begin(attempt: _Attempt, workers: Collection[str]) -> None:
             try:
-                future = self._submit_chunk(task_of(flight.position), workers)
+                future = self._submit_chunk(task_of(attempt.position), workers)
             except MemoryError as error:  # it costs this chunk only
-                land(flight, f"MemoryError: {error}")
+                land(attempt, f"MemoryError: {error}")
                 return
-            flying[future] = replace(flight, workers=frozenset(workers))
+            under_way[future] = replace(attempt, workers=frozenset(workers))
             done.add(future)
-            self.most_in_flight = max(self.most_in_flight, len(flying))
+            self.most_under_way = max(self.most_under_way, len(under_way))
 
-        def land(flight: _Flight, found: np.ndarray | str) -> None:
+        def land(attempt: _Attempt, found: np.ndarray | str) -> None:
             nonlocal left
             left -= 1
-            receive(flight.position, found)
+            receive(attempt.position, found)
 
-        def repeat(flight: _Flight) -> None:
-            (suspects if flight.suspect else again).append(flight)
+        def repeat(attempt: _Attempt) -> None:
+            (suspects if attempt.suspect else again).append(attempt)
 
-        def lose(flight: _Flight, why: object, losses: int = 1) -> None:
-            lost = replace(flight, losses=max(flight.losses + 1, losses))
+        def lose(attempt: _Attempt, why: object, losses: int = 1) -> None:
+            lost = replace(attempt, losses=max(attempt.losses + 1, losses))
             if lost.losses < TOGETHER + ALONE:
                 repeat(lost)
             else:
                 land(lost, f"lost {ALONE} times while nothing else ran on its worker: {why}")
 
         while left:
-            while len(flying) < IN_FLIGHT * sum(self._threads.values()):
+            while len(under_way) < UNDER_WAY * sum(self._threads.values()):
                 following = again.popleft() if again else next(fresh, None)
                 if following is None:
                     break
                 begin(following, self._threads)
-            if suspects and all(flight.suspect for flight in flying.values()):
-                busy = {worker for flight in flying.values() for worker in flight.workers}
+            if suspects and all(attempt.suspect for attempt in under_way.values()):
+                busy = {worker for attempt in under_way.values() for worker in attempt.workers}
                 for worker in [worker for worker in self._threads if worker not in busy][: len(suspects)]:
                     begin(suspects.popleft(), [worker])
             for future, found in self._come(done):
-                if future not in flying:  # it was stranded
+                if future not in under_way:  # it was stranded
                     continue
-                flight = flying.pop(future)
+                attempt = under_way.pop(future)
                 if future.status == "finished":
-                    land(flight, found)
+                    land(attempt, found)
                     continue
                 error = found[1] if isinstance(found, tuple) else found
                 if future.cancelled():
                     raise self._gone(error)
                 if isinstance(error, _UnfitError):
                     self._threads.pop(error.args[0], None)  # it is asked again
-                    repeat(flight)
+                    repeat(attempt)
                 else:  # a task gives back what goes wrong in it: this is of the cluster
                     together = TOGETHER if isinstance(error, KilledWorker) else 1
-                    lose(flight, f"{type(error).__name__}: {error}", together)
+                    lose(attempt, f"{type(error).__name__}: {error}", together)
             # dask waits for ever for the workers that something was meant for
             unsent = any(workers.isdisjoint(self._threads) for _, workers in self._sent.values())
             if unsent:
                 self._sent.clear()
-            for future, flight in list(flying.items()):
-                if dead := flight.workers.isdisjoint(self._threads) or unsent:
-                    del flying[future]
+            for future, attempt in list(under_way.items()):
+                if dead := attempt.workers.isdisjoint(self._threads) or unsent:
+                    del under_way[future]
                     future.cancel()
                     if dead:
-                        lose(flight, "it died, or no longer answers")
+                        lose(attempt, "it died, or no longer answers")
                     else:
-                        repeat(flight)
+                        repeat(attempt)
 
     def _completed(self, futures: Collection[Any] = ()) -> Any:
         """Tasks as they end, with what they gave or the error that ended them."""
