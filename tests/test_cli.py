@@ -28,6 +28,7 @@ from typer.main import get_command
 
 from pounding_sweep.cli.app import app
 from pounding_sweep.cli.progress import LineProgress, TerminalProgress, make_progress
+from pounding_sweep.cli.reporting import INTERRUPTS
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.summary import status_table, summary_table
 from pounding_sweep.outputs.variables import STATUS, Status
@@ -36,6 +37,7 @@ from pounding_sweep.resume.checkpoint import MANIFEST
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
 
+pytestmark = pytest.mark.usefixtures("stub_module")
 ROOT = Path(__file__).resolve().parent.parent
 QUICKSTART = ROOT / "sweeps" / "quickstart.toml"
 #: Whether a process heeds SIGINT is inherited; this one does, whatever started the tests.
@@ -87,12 +89,15 @@ def environment(**more):
 
 @contextmanager
 def as_a_user(cwd=None, env=None):
-    """Folder, environment and warnings of a process that a user starts."""
+    """Folder, environment, warnings and signals of a process that a user starts."""
     there = nullcontext() if cwd is None else chdir(cwd)
     with there, patch.dict(os.environ, environment(**(env or {})), clear=True), warnings.catch_warnings():
         warnings.resetwarnings()
         warnings.simplefilter("ignore", DeprecationWarning)
+        before = {number: signal.getsignal(number) for number in INTERRUPTS}
         yield
+        for number, handler in before.items():  # which a process that is told to end keeps otherwise
+            signal.signal(number, handler)
 
 
 def cli(*args, cwd=None, code=0, env=None, start=()):
@@ -135,7 +140,7 @@ def edited(old, new):
 
 
 @pytest.fixture(scope="module")
-def tiny(tmp_path_factory):
+def tiny(tmp_path_factory, stub_module):
     """The tiny sweep, run once: its folder, what was printed."""
     folder = tmp_path_factory.mktemp("tiny")
     write(folder, TINY)
@@ -405,6 +410,7 @@ def test_an_unforeseen_error_exits_with_1(tiny, tmp_path, monkeypatch):
     assert done.stdout == ""
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_continues_to_the_same_cube(tmp_path):
     write(tmp_path, LONG.replace("dt = 1e-6", "dt = 3e-6"))
     args = [sys.executable, "-c", HEEDING, "run", "sweep.toml", "--workers", "1", "-o"]
@@ -437,7 +443,7 @@ def test_an_interrupted_run_continues_to_the_same_cube(tmp_path):
 # -- progress ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("quiet", [False, True])
+@pytest.mark.parametrize("quiet", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_progress_is_shown_on_a_terminal_unless_quiet(tiny, tmp_path, quiet):
     folder, _ = tiny
     ours, theirs = pty.openpty()
@@ -452,7 +458,7 @@ def test_progress_is_shown_on_a_terminal_unless_quiet(tiny, tmp_path, quiet):
 
     reader = threading.Thread(target=read)
     reader.start()
-    args = [sys.executable, "-m", "pounding_sweep", "run", folder / "sweep.toml", "-o", tmp_path / "out.nc"]
+    args = [sys.executable, "-m", "stub_engine", "run", folder / "sweep.toml", "-o", tmp_path / "out.nc"]
     try:
         done = subprocess.run(
             [*args, *(["--quiet"] if quiet else [])],
@@ -716,6 +722,7 @@ def test_statuses_are_counted_with_their_remedies():
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_readme_example_runs(tmp_path):
     (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     done = cli(start=("-W", "error", "-c", code), cwd=tmp_path)

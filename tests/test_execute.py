@@ -33,8 +33,6 @@ from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.spec.spec import to_json
 
-pytestmark = pytest.mark.usefixtures("stub_module")
-
 
 def make(**changes):
     return Sweep(**{"scene": row(), "records": motions(), **AXES, **changes})
@@ -513,6 +511,7 @@ def test_forced_runs_of_stiff_contacts_have_a_status():
     assert (np.isfinite(forced["displacement_max"]).all(["building", "storey"]) == (forced["status"] != 1)).all()
 
 
+@pytest.mark.slow
 def test_a_contact_of_too_few_steps_is_flagged():
     axes = {"laws": "kelvin_voigt", "gaps": [0.002, 0.5], "stiffness_factors": [1.0, 8.0], "restitutions": None}
     axes |= {"scene": pair(), "outputs": EVERY}  # whose kernels `test_properties` has
@@ -597,6 +596,7 @@ def test_an_absolute_stiffness_axis(reference):
         np.testing.assert_array_equal(cube[name].values, reference[name].values, err_msg=name)
 
 
+@pytest.mark.slow
 def test_simulate_gives_the_numbers_of_the_sweep():
     """In the sweep, the linear law runs in the kernel of the damped one; alone, it has its own."""
     gaps, strong = [0.0005, 0.005, 0.5], [Record(r.name, r.dt, 10.0 * r.acceleration) for r in motions()]

@@ -167,7 +167,7 @@ def small_slabs(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def reference():
+def reference(stub_module):
     """The small sweep, in memory and in one piece, some of it refused."""
     return make(stiffness_factors=[1.0, 1e3]).run(scheduler="synchronous")
 
@@ -312,8 +312,10 @@ KILLED = """
 import os, signal, sys
 sys.path.insert(0, sys.argv[2])
 from pounding_sweep.run import cube_writer as filling
+import stub_engine
 from test_memory import make
 
+stub_engine.install()
 filling.SLAB_BYTES, filling.BLOCK_BYTES = 2000, 100
 true_slabs = filling._slabs
 
