@@ -603,16 +603,6 @@ def test_bad_paths_and_options(tiny, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_chunks_of_another_sweep_are_not_mixed_in(tiny, tmp_path):
-    parts = tmp_path / "out.nc.parts"
-    parts.mkdir()
-    (parts / "identity.json").write_text('{"format": 2, "identity": "another", "details": {"sweep": "0"}}')
-    (parts / MANIFEST).write_text('{"key": "one"}\n')
-    text = bad("run", tiny[0] / "sweep.toml", "-o", tmp_path / "out.nc")
-    assert "belong to another sweep" in text
-    assert sorted(path.name for path in parts.iterdir()) == ["identity.json", MANIFEST]
-
-
 @pytest.mark.parametrize(
     "args",
     [

@@ -137,26 +137,6 @@ def test_workers_are_killed_and_others_join(reference, tmp_path, whole, count):
 
 
 @pytest.mark.slow
-def test_a_worker_starts_again(reference, tmp_path, whole, count):
-    """A nanny puts a new process in the place of one that dies."""
-    with DaskCluster(tmp_path) as cluster:
-        cluster.add("only", nanny=True)
-
-        def die():
-            nanny = int((tmp_path / "only.pid").read_text())
-            for worker in started_by(nanny):
-                cluster.kill_process(worker.pid)
-
-        events = Events((8, die), (24, die))
-        sweep = make()
-        whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
-        assert not events.events
-        assert cluster.killed >= 1  # results that were there already may come in while the next one starts
-        count("workers killed", cluster.killed)
-        count("workers that joined late", sum("takes part" in note for note in events.notes) - 1)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "given_up_after",
     ["15s", pytest.param("10ms", marks=pytest.mark.release)],  # of which dask may make that none starts again

@@ -382,16 +382,6 @@ def test_the_parts_of_another_sweep_are_not_used(reference, tmp_path, monkeypatc
     same(make().run(out), reference)
 
 
-def test_an_output_that_exists(reference, tmp_path):
-    out = tmp_path / "out.nc"
-    out.write_text("precious")
-    with pytest.raises(OutputError, match="exists"):
-        make().run(out)
-    assert out.read_text() == "precious"
-    assert [p.name for p in tmp_path.iterdir()] == ["out.nc"]
-    same(make().run(out, overwrite=True), reference)
-
-
 # -- failures ----------------------------------------------------------------------------------------------------------
 
 
@@ -614,20 +604,6 @@ def test_simulate_gives_the_numbers_of_the_sweep():
             peak = one["displacement"].max("time")
             assert (peak <= one["displacement_max"]).all()
             np.testing.assert_allclose(peak, one["displacement_max"], rtol=2e-2)
-
-
-def test_a_store_left_by_nobody(tmp_path, reference):
-    """An empty parts folder, and one of somebody else's files."""
-    out = tmp_path / "out.nc"
-    parts = tmp_path / "out.nc.parts"
-    parts.mkdir()
-    same(make().run(out), reference)
-    assert not parts.exists()
-    parts.mkdir()
-    (parts / "holiday.jpg").write_text("x")
-    with pytest.raises(OutputError, match=r"not one of chunks.*holiday\.jpg"):
-        make().run(out, overwrite=True)
-    assert (parts / "holiday.jpg").exists()
 
 
 @pytest.mark.usefixtures("small_chunks")

@@ -32,7 +32,6 @@ from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer as filling
 from pounding_sweep.run.async_writer import AsyncWriter
-from pounding_sweep.run.execute import dispatcher_for, execute
 from pounding_sweep.run.sweep import Sweep
 
 pytestmark = pytest.mark.usefixtures("stub_module")
@@ -248,20 +247,6 @@ def test_results_are_gathered_from_wherever_they_are(tmp_path_factory, data):
     assert (results.touched[rows] == known).all()
 
 
-def test_results_in_memory_and_in_files_are_the_same(tmp_path):
-    plan = make().plan()
-    here = execute(plan, dispatcher_for(plan, "synchronous")).results
-    store = ChunkStore(tmp_path / "parts", plan.digest).open()
-    there = execute(plan, dispatcher_for(plan, workers=2), store=store).results
-    again = execute(plan, dispatcher_for(plan, workers=2), store=store)
-    assert again.run == 0
-    assert again.reused == plan.n_unique - again.untouched
-    rows = np.arange(len(plan.unique))
-    for name, values in here.gather(rows).items():
-        for other in (there, again.results):
-            assert other.gather(rows)[name].tobytes() == values.tobytes(), name
-
-
 # -- disk --------------------------------------------------------------------------------------------------------------
 
 
@@ -300,12 +285,6 @@ def test_chunks_may_stand_on_another_disk(reference, tmp_path):
             equal(cube, reference)
         assert os.listdir(elsewhere) == []
         assert sorted(p.name for p in tmp_path.iterdir()) == ["out.nc", "out.nc.log", "out.nc.parts"]
-
-
-def test_a_parts_path_that_is_a_file(tmp_path):
-    (tmp_path / "out.nc.parts").write_text("mine")
-    with pytest.raises(OutputError, match="is not a folder"):
-        make().run(tmp_path / "out.nc")
 
 
 KILLED = """
