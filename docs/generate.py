@@ -24,6 +24,7 @@ from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.model.rebound import RELATIONS
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, STATUS, VARIABLES
 from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS
+from pounding_sweep.records.formats import READERS
 
 
 def _laws() -> str:
@@ -76,6 +77,12 @@ def _records() -> str:
     lines += ["", "## Sets", "", "| name | what | records |", "|---|---|---:|"]
     lines += [f"| `{each.key}` | {each.title} | {each.components} |" for each in RECORD_SETS.values()]
     return "\n".join([*lines, ""])
+
+
+def _record_formats() -> str:
+    """Return the formats of record files as a Markdown table."""
+    rows = [f"| {each.name} | {', '.join(each.suffixes)} | {each.needs} |" for each in READERS]
+    return "\n".join(["| file | usual endings | what it must have |", "|---|---|---|", *rows, ""])
 
 
 def _presets() -> str:
@@ -182,6 +189,7 @@ _PAGES = {
     "laws.md": _laws,
     "variables.md": _variables,
     "records.md": _records,
+    "record_formats.txt": _record_formats,
     "presets.txt": _presets,
     "sweeps.txt": _sweeps,
     "sweep_keys.txt": key_tables,

@@ -5,22 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from pounding_sweep.model.scene import Building, ContactProperties, Scene
+from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.records import Record
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 #: Outputs that need every reducer but the closing displacement: those of `simulate`.
-EVERY = [
-    *OUTPUTS,
-    "storey_shear_max",
-    "acceleration_max",
-    "penetration_max",
-    "impulse",
-    "approach_speed_max",
-    "energy_input",
-    "energy_kinetic",
-    "energy_transfer_max",
-    "contact_work",
-]
+EVERY = [name for name, variable in VARIABLES.items() if variable.needs - {"closing"} and name != "energy_residual"]
 #: Axes of a small sweep of three laws.
 AXES = {
     "laws": ["linear", "none", "kelvin_voigt"],

@@ -7,6 +7,7 @@ import pytest
 from kernels_used import LAW_OF, SIMULATED
 from naive import NaiveBuilding, modal_exact, sdof_exact
 from scipy.integrate import cumulative_simpson
+from scipy.special import gamma
 
 import pounding_sweep as ps
 from pounding_sweep.model.laws import LAWS
@@ -244,12 +245,15 @@ def test_elastic_masses_meet_and_part_as_in_a_textbook(law, method):
     reduced = m1 * m2 / (m1 + m2)
     if LAWS[law].exponent == 1.0:
         depth = CLOSING * np.sqrt(reduced / 2.0e6)
+        lasts = np.pi * np.sqrt(reduced / 2.0e6)
         force = 2.0e6 * depth
     else:
         depth = (5 * reduced * CLOSING**2 / (4 * 1.88e7)) ** 0.4
         force = 1.88e7 * depth**1.5
+        lasts = 2.0 * np.sqrt(np.pi) * gamma(1.4) / gamma(0.9) * depth / CLOSING
     np.testing.assert_allclose(got.penetration_max[0], depth, rtol=tolerance * 10)
     np.testing.assert_allclose(got.impact_force_max[0], force, rtol=tolerance * 10)
+    np.testing.assert_allclose(got.contact_time[0], lasts, rtol=tolerance)
     lost = np.sum(0.5 * reduced * CLOSING**2)
     assert abs(float(got.contact_work[0])) < 10 * tolerance * lost
 

@@ -23,12 +23,17 @@ from hypothesis import strategies as st
 from pounding_sweep.base import files, lock
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.lock import LOCK
+from pounding_sweep.engine.kernel import kernel_text
+from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
+from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, Axis, assemble, unit_attributes
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
-from pounding_sweep.outputs.layout import inner_shape, mask_invalid, scatter_contact, scatter_dof
+from pounding_sweep.outputs.declare import Reducer, Slot
+from pounding_sweep.outputs.layout import inner_shape, mask_invalid
+from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import (
     DEFAULT_OUTPUTS,
     INNER_DIMS,
@@ -40,6 +45,7 @@ from pounding_sweep.outputs.variables import (
     check_outputs,
     cube_variables,
     get_variable,
+    output_slots,
     reducers_for,
 )
 from pounding_sweep.resume.checkpoint import IDENTITY, parts_folder
@@ -106,7 +112,7 @@ class TestRegistry:
         assert variable.definition.endswith(".")
         assert set(variable.dims) <= set(INNER_DIMS)
         assert list(variable.dims) == sorted(variable.dims, key=INNER_DIMS.index)
-        assert variable.needs <= REDUCERS
+        assert variable.needs <= set(REDUCERS)
         assert variable.dtype in {"f8", "i4", "i1"}
         assert bool(variable.flag_values) == bool(variable.flag_meanings)
 
@@ -149,7 +155,28 @@ class TestRegistry:
         assert reducers_for([]) == frozenset()
         assert reducers_for(["displacement_min", "contact_work"]) == {"displacement", "work"}
         assert reducers_for(["energy_transfer_max"]) == {"energy", "transfer"}
-        assert reducers_for(VARIABLES) == REDUCERS
+        assert reducers_for(VARIABLES) == set(REDUCERS)
+
+    @pytest.mark.parametrize("name", REDUCERS)
+    def test_reducers_leave_text_where_asked_only(self, name):
+        def text(reducers):
+            found = kernel_text(kernel_shape(SCENE, get_law("linear"), Numerics("rk4", 0.01), reducers))
+            return found.row + found.main
+
+        rest = text(set(REDUCERS) - {name})
+        assert rest != text(REDUCERS)
+        assert "# reducers" not in rest
+
+    @pytest.mark.parametrize("law", ["linear", "stereomechanical"])
+    def test_one_entry_makes_a_reducer(self, law, monkeypatch):
+        made = Reducer("made", (Slot("made", "contact", "7.0"),), "touch", touch="S[MADE + q] = v", substep="x = 1.0")
+        monkeypatch.setitem(REDUCERS, "made", made)
+        shape = kernel_shape(SCENE, get_law(law), Numerics("rk4", 0.01), ["made"])
+        text = kernel_text(shape)
+        assert "S[MADE + j * L + l] = 7.0\n" in text.row  # its first value
+        assert " S[MADE + q] = v\n" in text.main
+        assert "    x = 1.0\n" in text.main
+        assert output_slots(shape).count["made"] == len(SCENE.contacts)
 
     def test_variables_of_a_cube(self):
         assert cube_variables(["drift_max"]) == ("drift_max", "status", "steps_per_contact")

@@ -26,6 +26,7 @@ from analysis_cubes import LAWS, hand_cube, random_fill
 from fuzz import BINARY_FAULTS, TEXT_FAULTS, damaged, not_hanging
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from record_files import knet
 from scenes import AXES, motions, row
 
 import pounding_sweep as ps
@@ -48,6 +49,7 @@ RECORDS = {
     f"ACCELERATION TIME SERIES IN UNITS OF G\nNPTS=    {len(VALUES)}, DT=  .02000 SEC\n{_BODY}\n",
     "old.AT2": "PACIFIC ENGINEERING AND ANALYSIS STRONG-MOTION DATA\nARLETA\n"
     f"ACCELERATION TIME HISTORY IN UNITS OF G\n   {len(VALUES)}   .0200   NPTS, DT\n{_BODY}\n",
+    "knet.NS": knet([round(1e5 * v) for v in VALUES], seconds=len(VALUES) / 100),
     "two.csv": "time (s),acc (m/s2)\n" + "".join(f"{0.01 * i:.2f},{v}\n" for i, v in enumerate(VALUES)),
 }
 
@@ -58,6 +60,10 @@ def twin(path):
     if path.suffix == ".csv":
         rows = [[float(cell) for cell in line.split(",")] for line in lines[1:] if line.strip()]
         return np.array([row[1] for row in rows])
+    if path.suffix == ".NS":
+        counts = np.array([float(word) for line in lines[17:] for word in line.split()])
+        full, steps = re.search(r"^Scale Factor +(.+)\(gal\)/(.+)$", "\n".join(lines), re.MULTILINE).groups()
+        return (counts - counts.mean()) * (float(full) / float(steps) * 0.01)
     return np.array([float(word) for line in lines[4:] for word in line.split()]) * STANDARD_GRAVITY
 
 
@@ -89,7 +95,7 @@ def check_record(path):
     assert record.dt > 0
     try:
         plain = twin(path)
-    except (ValueError, IndexError):
+    except (ValueError, IndexError, AttributeError):
         return
     if record.n_points == len(plain) and np.isfinite(plain).all():
         np.testing.assert_allclose(record.acceleration, plain, rtol=1e-12)

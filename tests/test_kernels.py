@@ -16,7 +16,7 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.emit.spec import history_slots
 from pounding_sweep.engine.kernel import kernel_text
-from pounding_sweep.engine.postprocess import NEEDS_FORCE, variables_of
+from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
@@ -105,14 +105,9 @@ def simulate(row, law, points, scale=1.0, e=0.6, **options):
     )
 
 
-FLOOR = ("displacement_max", "displacement_min", "drift_max", "storey_shear_max", "acceleration_max")
-CONTACT = (
-    "impact_force_max",
-    "impact_count",
-    "penetration_max",
-    "impulse",
-    "first_impact_time",
-    "approach_speed_max",
+FLOOR, CONTACT = (
+    tuple(name for name, variable in VARIABLES.items() if variable.dims == dims and name != "closing_max")
+    for dims in (("building", "storey"), ("pair", "storey"))
 )
 BUILDING = {
     "energy_input": "energy_input",
@@ -138,7 +133,7 @@ def both(got, want, scene):
             for f, (left, right) in enumerate(contact_floors(rows[p], rows[p + 1])):
                 mine.append(float(got[name].sel(pair=pair, storey=right if left is None else left)))
                 theirs.append(want[name][p][f])
-        if want["law"] == "stereomechanical" and name in NEEDS_FORCE:
+        if want["law"] == "stereomechanical" and VARIABLES[name].of_force:
             counts = [count for pair in want["impact_count"] for count in pair]
             theirs = [None if count else 0.0 for count in counts]
         result[name] = np.array(mine), np.array([np.nan if x is None else x for x in theirs], dtype=float)

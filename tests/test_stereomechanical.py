@@ -86,6 +86,8 @@ def test_a_building_pushed_against_a_wall_comes_to_rest_on_it(e, method):
     first = float(one.approach_speed_max.max())  # and each is e times as fast as the one before
     bounces = 1 if e == 0.0 else 1 + np.ceil(np.log(1e-3 / (e * first)) / np.log(e))
     assert float(one.impact_count.max()) == bounces
+    if e == 0.0:
+        np.testing.assert_allclose(one.contact_time.max(), 3.0 - one.first_impact_time.max(), rtol=1e-9)
     last = one.sel(time=slice(2.8, 3.0))
     assert float(abs(last.displacement).max()) < 1e-10
     assert float(abs(last.velocity).max()) < 1e-15
@@ -185,6 +187,8 @@ def test_floors_that_bounce_rest_and_part_move_like_the_slow_twin(name, method, 
     assert expected.max() > 5
     found = errors(one, truth(name), scene)
     del found["impact_count"]
+    # which of several floors that are hardly pressed is open for a moment between walls is a matter of rounding
+    assert found.pop("contact_time") < (within if name != "between walls" else 5.0 * within)
     assert max(found.values()) < within, found
 
 

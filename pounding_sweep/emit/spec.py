@@ -14,27 +14,6 @@ from itertools import pairwise
 #: remainder loop every lane runs the same instructions whatever its neighbours.
 LANES = 16
 
-#: Reducers a kernel can hold, each compiled in only where asked for.
-REDUCERS = (
-    "displacement",
-    "drift",
-    "acceleration",
-    "force",
-    "count",
-    "penetration",
-    "impulse",
-    "first_time",
-    "approach_speed",
-    "work",
-    "energy",
-    "transfer",
-    "closing",
-)
-#: Reducers that exist only where floors can meet.
-CONTACT_REDUCERS = frozenset(
-    {"force", "count", "penetration", "impulse", "first_time", "approach_speed", "work", "closing"}
-)
-
 #: Order of each scheme.
 ORDERS = {"rk4": 4, "newmark": 2, "exact": 4}
 
@@ -135,7 +114,7 @@ class KernelSpec:
     located : bool
         Touches, releases and peaks are located inside the step.
     reducers : frozenset of str
-        Subset of `REDUCERS`.
+        Names of what is kept (see `pounding_sweep.outputs`).
     history : bool
         Lane 0 leaves its state after every step.
     precision : {"float64", "float32"}
@@ -276,43 +255,6 @@ def property_slots(shape: KernelSpec) -> Slots:
     slots.add("cap")
     slots.add("newmark_beta")
     slots.add("newmark_gamma")
-    return slots
-
-
-def output_slots(shape: KernelSpec) -> Slots:
-    """Layout of a scenario's results."""
-    n, nc, nb = shape.n_dof, len(shape.contacts), shape.n_buildings
-    r, slots = shape.reducers, Slots()
-    slots.add("flags")  # 1 not finite, 2 contact fallback, 4 implicit contact not converged
-    if "displacement" in r:
-        slots.add("umax", n)
-        slots.add("umin", n)
-    if "drift" in r:
-        slots.add("drift", n)
-    if "acceleration" in r:
-        slots.add("acc", n)
-    if "closing" in r:
-        slots.add("closing", nc)
-    if "energy" in r:
-        for name in ("e_in", "e_damp", "e_kin", "e_strain"):
-            slots.add(name, nb)
-    if shape.law is not None:
-        slots.add("shortest")  # shortest contact (s), by its elastic duration
-        for reducer, name in (
-            ("force", "fmax"),
-            ("count", "count"),
-            ("penetration", "dmax"),
-            ("impulse", "impulse"),
-            ("first_time", "tfirst"),
-            ("approach_speed", "vmax"),
-        ):
-            if reducer in r:
-                slots.add(name, nc)
-        if "work" in r:
-            slots.add("work", nc)
-        if "transfer" in r:
-            slots.add("tmax", nb)
-            slots.add("tmin", nb)
     return slots
 
 

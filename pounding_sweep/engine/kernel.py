@@ -16,13 +16,12 @@ from pounding_sweep.emit.contact import (
     emit_plain_contacts,
 )
 from pounding_sweep.emit.precision import TOLERANCES, narrow
-from pounding_sweep.emit.reduce import emit_accelerations, emit_energy, emit_samples, emit_turns
+from pounding_sweep.emit.reduce import emit_accelerations, emit_energy, emit_samples, emit_turns, with_reducers
 from pounding_sweep.emit.spec import (
     LANES,
     KernelSpec,
     Slots,
     input_slots,
-    output_slots,
     property_slots,
 )
 from pounding_sweep.emit.text import OF_RUN, OF_STEP, emit_spread
@@ -42,6 +41,7 @@ from pounding_sweep.engine.loop import (
 )
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
+from pounding_sweep.outputs.variables import looks, output_slots, reducers_of
 from pounding_sweep.schemes import exact as march
 from pounding_sweep.schemes.exact import emit_flight
 from pounding_sweep.schemes.newmark import NewmarkStep
@@ -66,8 +66,6 @@ IMPULSE_TOLERANCES = {
 }
 #: Product of sub-step and contact rate beyond which Newmark lets the contact's end force act over all of the sub-step.
 STIFF_RATE = 2.0
-#: Reducers that look at forces or penetrations between the ends of a sub-step.
-ENDS = frozenset({"force", "penetration", "acceleration", "transfer"})
 
 STEPS = {"rk4": Rk4Step, "newmark": NewmarkStep, "exact": Rk4Step}
 
@@ -156,6 +154,8 @@ def state_slots(shape: KernelSpec) -> Slots:
     if not shape.fused:
         for name in (*OF_STEP, *OF_RUN, "OWN_HIT", "OWN_TURN"):
             slots.add(name, n)
+    for slot in (slot for reducer in reducers_of(shape) for slot in reducer.keeps if slot.name not in slots.first):
+        slots.add(slot.name, slot.count(shape))
     return slots
 
 
@@ -264,7 +264,7 @@ def _main_text(shape: KernelSpec, slots: Slots, contact: bool, make: Any) -> str
     if shape.history:
         parts.append(emit_note(shape, slots))
     parts.append(emit_run(shape, slots, contact))
-    return "".join(parts)
+    return with_reducers("".join(parts), shape)
 
 
 def _hidden(slots: Slots) -> str:
@@ -341,13 +341,17 @@ def _constants(shape: KernelSpec, slots: Slots, contact: bool) -> str:
             "MAX_SWEEPS": MAX_SWEEPS,
             "NCOL": 2 * len(shape.contacts),
             "HAS_TRANSFER": "transfer" in r,
-            "NEEDS_ENDS": bool(r & {"acceleration", "transfer"}),
-            "NEEDS_FORCE": bool(r & {"force", "acceleration", "transfer"})
-            or (shape.scheme == "newmark" and bool(r & {"work", "impulse"})),
+            "NEEDS_ENDS": looks(shape, "ends"),
+            "NEEDS_FORCE": looks(shape, "force") or (shape.scheme == "newmark" and bool(r & {"work", "impulse"})),
         }
         for reducer in ("force", "penetration", "count", "first_time", "approach_speed", "impulse", "work"):
             values[f"HAS_{reducer.upper()}"] = reducer in r
-        values |= {"MODE": 0, "NEXT": nc * LANES, "HAS_ENDS": bool(r & ENDS), "CONCLUDES": "transfer" in r or newmark}
+        values |= {
+            "MODE": 0,
+            "NEXT": nc * LANES,
+            "HAS_ENDS": looks(shape, "depth"),
+            "CONCLUDES": "transfer" in r or newmark,
+        }
         for name in ("FORCE", "FMAX", "DMAX", "COUNT", "TFIRST", "VMAX", "IMPULSE", "WORK", "TMAX", "TMIN"):
             values.setdefault(name, 0)
     for name, value in values.items():

@@ -10,9 +10,9 @@ from pounding_sweep.emit.spec import (
     Slots,
     history_slots,
     input_slots,
-    output_slots,
 )
 from pounding_sweep.emit.text import Source
+from pounding_sweep.outputs.variables import output_slots, reducers_of
 from pounding_sweep.schemes.exact import begin_march, march
 
 #: A displacement (m) that only a diverged run reaches.
@@ -61,7 +61,7 @@ def emit_ground() -> str:
 
 def emit_begin(shape: KernelSpec, slots: Slots, contact: bool) -> str:
     """``begin(S, I, X, group, props, start)``: fill a lane group; `start` is the first ground acceleration."""
-    src, r = Source(), shape.reducers
+    src, kept = Source(), reducers_of(shape)
     src.function("begin(S, I, X, group, props, start)")
     with src.block(f"for c in range({slots.size * LANES}):"):
         src("S[c] = 0.0")
@@ -72,8 +72,9 @@ def emit_begin(shape: KernelSpec, slots: Slots, contact: bool) -> str:
     with src.block("for i in range(N):"), src.block("for l in range(L):"):
         for state, given in (("U", "U0"), ("V", "V0")):
             src(f"S[{state} + i * L + l] = props[P_{given} + i]")
-        if "displacement" in r:
-            src("S[UMAX + i * L + l] = S[U + i * L + l]; S[UMIN + i * L + l] = S[U + i * L + l]")
+        for reducer in kept:
+            if begins := [slot.begin for slot in reducer.slots if slot.first and slot.per == "floor"]:
+                src("; ".join(begins))
     if not shape.fused:
         with src.block("for b in range(NB):"), src.block("for l in range(L):"):
             for name in ("alpha", "beta"):
@@ -87,13 +88,10 @@ def emit_begin(shape: KernelSpec, slots: Slots, contact: bool) -> str:
         src("S[G1 + l] = S[SCALE + l] * start")
         if shape.law is not None:
             src("S[SHORTEST + l] = FAR")
-        if contact:
-            if "first_time" in r:
-                with src.block("for j in range(NC):"):
-                    src("S[TFIRST + j * L + l] = -1.0")
-            if "transfer" in r:
-                with src.block("for b in range(NB):"):
-                    src("S[KIN0 + b * L + l] = kinetic(S, l, b, props)")
+        for slot in (slot for reducer in kept for slot in (*reducer.slots, *reducer.keeps) if slot.first):
+            if slot.per != "floor":
+                with src.block("for j in range(NC):" if slot.per == "contact" else "for b in range(NB):"):
+                    src(slot.begin)
         if shape.scheme == "newmark" and not contact:
             src("equilibrium(S, l, S[G1 + l], True, props)")
     return str(src)

@@ -28,7 +28,7 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import RESTING_SPEED, Law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants, distinct, variants_of
-from pounding_sweep.outputs.variables import check_outputs, reducers_for
+from pounding_sweep.outputs.variables import CLASSES, check_outputs, reducers_for
 from pounding_sweep.records import Record
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.spec import step_fault
@@ -133,28 +133,6 @@ def shortest_contact(
 
 #: File of measured errors beside this module.
 MEASURED = "measured.json"
-#: Outputs that have one measured error together: the largest among them.
-CLASSES: dict[str, tuple[str, ...]] = {
-    "motions": ("displacement_max", "displacement_min", "drift_max", "storey_shear_max", "closing_max"),
-    "contacts": (
-        "acceleration_max",
-        "impact_force_max",
-        "impact_count",
-        "penetration_max",
-        "impulse",
-        "first_impact_time",
-        "approach_speed_max",
-    ),
-    "energies": (
-        "energy_input",
-        "energy_damping",
-        "energy_kinetic",
-        "energy_strain",
-        "energy_transfer_max",
-        "energy_transfer_min",
-        "contact_work",
-    ),
-}
 #: Method and precision.
 Scheme = tuple[str, str]
 #: Steps in the shortest contact over those that its status asks for: its speed is an estimate, and three times the

@@ -14,7 +14,7 @@ from pounding_sweep.model.laws import Law, get_law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.output.dataset import assemble
 from pounding_sweep.outputs.differences import comparable
-from pounding_sweep.outputs.layout import scatter_contact, scatter_dof
+from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.spec.build import build_spec
