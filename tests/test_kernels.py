@@ -259,6 +259,7 @@ def test_other_rows_equal_the_twin(row, law, points, method, dt, bound):
     check(row, law, points, 1.0, method, dt, bound)
 
 
+@pytest.mark.slow
 def test_rows_hold_what_they_are_meant_to():
     assert [len(ROWS[row].buildings) for row in ("pair", "paper", "four", "uneven", "tall")] == [2, 3, 4, 2, 2]
     assert not row_kernel("tall", "linear", "rk4", 1e-3).shape.fused
