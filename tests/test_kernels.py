@@ -341,6 +341,17 @@ def test_order_of_convergence(method, least, law):
     assert order < 6.0, (order, total)  # steeper would be an accident
 
 
+def test_a_stiff_contact_has_steps_of_its_own():
+    """A hundred times stiffer than the step resolves: the same as with steps of a fiftieth."""
+    coarse = row_kernel("pair", "kelvin_voigt", "rk4", 1e-3)
+    fine = replace(coarse, numerics=replace(coarse.numerics, dt=2e-5, finer=4.0))
+    one = ([1.0], [[0.006]], [1e8], [0.6])
+    got, want = (run_lanes(kernel, motion(76, 1.5), *one) for kernel in (coarse, fine))
+    assert want["count"].sum() >= 3
+    for name in ("count", "fmax", "dmax", "impulse", "umax"):
+        np.testing.assert_allclose(got[name], want[name], rtol=0, atol=2e-4 * np.abs(want[name]).max(), err_msg=name)
+
+
 @pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped"])
 @pytest.mark.parametrize("method", ["rk4", "newmark"])
 @pytest.mark.parametrize("locate", [False])
