@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import counting
 import pytest
 from counting import (  # noqa: F401 - hooks and a fixture
@@ -48,10 +50,11 @@ NOW: list[str] = []
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
     """Tell `get_kernel` what runs."""
-    if not any(item.iter_markers(name) for name in ("slow", "release")):
+    if not any(item.get_closest_marker(name) for name in ("slow", "release")):
         NOW[:] = [item.nodeid]
-    yield
+    result = yield
     NOW.clear()
+    return result
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -90,6 +93,13 @@ def stub_engine():
     """Put the numbers of a formula in the place of compiled kernels for one test."""
     with installed() as stub:
         yield stub
+
+
+@pytest.fixture(scope="module")
+def stub_by_day(pytestconfig):
+    """Do so in the default run; in one that has slow tests too, all tests of the module have real kernels."""
+    with installed() if "not slow" in pytestconfig.option.markexpr else nullcontext():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -254,6 +254,7 @@ def test_other_rows_equal_the_twin(row, law, points, method, dt, bound):
     check(row, law, points, 1.0, method, dt, bound)
 
 
+@pytest.mark.slow
 def test_rows_hold_what_they_are_meant_to():
     assert [len(ROWS[row].buildings) for row in ("pair", "paper", "four", "uneven", "tall")] == [2, 3, 4, 2, 2]
     assert not row_kernel("tall", "linear", "rk4", 1e-3).shape.fused
@@ -333,6 +334,17 @@ def test_order_of_convergence(method, least, law):
     order, total = slope(law, method, [2e-3, 1e-3, 5e-4, 2.5e-4])
     assert order >= least or total[-1] < 1e-10, (order, total)  # exact between jumps: only rounding is left
     assert order < 6.0, (order, total)  # steeper would be an accident
+
+
+def test_a_stiff_contact_has_steps_of_its_own():
+    """A hundred times stiffer than the step resolves: the same as with steps of a fiftieth."""
+    coarse = row_kernel("pair", "kelvin_voigt", "rk4", 1e-3)
+    fine = replace(coarse, numerics=replace(coarse.numerics, dt=2e-5, finer=4.0))
+    one = ([1.0], [[0.006]], [1e8], [0.6])
+    got, want = (run_lanes(kernel, motion(76, 1.5), *one) for kernel in (coarse, fine))
+    assert want["count"].sum() >= 3
+    for name in ("count", "fmax", "dmax", "impulse", "umax"):
+        np.testing.assert_allclose(got[name], want[name], rtol=0, atol=2e-4 * np.abs(want[name]).max(), err_msg=name)
 
 
 @pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped"])
