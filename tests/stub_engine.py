@@ -23,9 +23,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pounding_sweep.emit.spec import LANES, KernelSpec, Slots, history_slots, input_slots, output_slots, property_slots
+from pounding_sweep.emit.spec import LANES, KernelSpec, Slots, history_slots, input_slots, property_slots
 from pounding_sweep.engine import cache, compile
 from pounding_sweep.engine.loop import FLAG_DIVERGED
+from pounding_sweep.outputs.variables import output_slots
 
 #: Relative error of a step as long as the shortest period.
 ERROR = 0.3
@@ -176,7 +177,8 @@ def _response(
     force = np.zeros((len(given), len(contacts)))
     if shape.law is not None:
         gaps = _part(brought, "gap", given)[:, [pair for _, _, pair in contacts]]
-        k, c = _part(brought, "k", given), _part(brought, "c", given)
+        k, c = _part(brought, "k", given), np.nan_to_num(_part(brought, "c", given))
+        k = np.where(k > 0.0, k, stiffness.min(axis=1, keepdims=True))  # where velocities jump it has none
         over = np.maximum(closing - gaps, 0.0)
         speed = over * rate.max(axis=1, keepdims=True)
         pressed = over / (1.0 + np.sqrt(k / stiffness.min(axis=1, keepdims=True)))

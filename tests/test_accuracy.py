@@ -43,6 +43,8 @@ from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.build import build_spec
 
+pytestmark = pytest.mark.usefixtures("stub_by_day")
+
 
 def motions():
     return [
@@ -68,7 +70,7 @@ def values_of(sweep):
     """Results of the unique scenarios."""
     plan = sweep.plan()
     results = execute(plan, dispatcher_for(plan, "synchronous")).results
-    return results.take(np.arange(len(results.status)))
+    return results.gather(np.arange(len(results.status)))
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +87,7 @@ def converged():
 # -- the promise -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("accuracy", [1e-2, pytest.param(1e-3, marks=pytest.mark.release), 1e-4, 1e-6])
 def test_what_is_asked_for_is_reached(converged, accuracy):
     exact, known = converged
@@ -185,6 +188,7 @@ def test_schedulers_and_chunks_make_no_difference(monkeypatch):
         np.testing.assert_array_equal(first[name].values, second[name].values, err_msg=str(name))
 
 
+@pytest.mark.slow
 def test_long_records_of_undamped_buildings_take_smaller_steps():
     """The period error of a step adds up over the record, which nothing forgets."""
     undamped = Scene([Building(b.name, b.masses, b.stiffnesses, 0.0) for b in row().buildings], row().gaps)
@@ -215,6 +219,7 @@ def test_without_accuracy_nothing_is_chosen():
     assert set(plan.steps.tolist()) == {4, 2}
 
 
+@pytest.mark.slow
 def test_simulate_reaches_it_too():
     record = motions()[1]
     exact = ps.simulate(pair(), record, law="linear", method="rk4", dt=2.5e-5)
@@ -343,6 +348,7 @@ def test_every_output_has_a_class():
     assert classes_of(["status"]) == ("motions",)
 
 
+@pytest.mark.slow
 def test_calibration_measures_an_order(monkeypatch):
     """A short calibration of one law finds the fourth order of RK4, and what it writes can be read."""
     monkeypatch.setattr(calibrate, "SCENARIOS", 16)

@@ -24,7 +24,7 @@ from pounding_sweep.output.results import Outcome, Results
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.plan import chunks as cutting
 from pounding_sweep.plan import plan as planning
-from pounding_sweep.plan.chunks import Job
+from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import MANIFEST, identity_of
 from pounding_sweep.resume.reuse import EarlierCube
@@ -729,7 +729,9 @@ def test_one_motion_under_two_names_with_an_accuracy(tmp_path):
     for chunk in plan.chunks(np.arange(len(plan.unique))):
         table = plan.unique[chunk.rows]
         kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
-        rows = earlier.find(Job(chunk.key, kernel, chunk.record, table, plan.variants[table.variant], plan.outputs))
+        rows = earlier.find(
+            ChunkTask(chunk.key, kernel, chunk.record, table, plan.variants[table.variant], plan.outputs)
+        )
         known += [(plan.spec.records[chunk.record].name, gap) for gap in table.gaps[rows >= 0, 0].tolist()]
     assert set(known) == {(name, gap) for name in ("one", "twin") for gap in WHOLE["gaps"]}
 

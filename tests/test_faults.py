@@ -29,7 +29,7 @@ from pounding_sweep.base.files import is_temporary
 from pounding_sweep.base.lock import HOLDER, LOCK
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.resume.checkpoint import MANIFEST, ChunkStore
-from pounding_sweep.run.async_writer import Saver
+from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.sweep import Sweep, load_sweep
 
 #: In this process; those that are started, and what they are compared with, have kernels.
@@ -81,7 +81,7 @@ def record(folder, *, before=None, **how):
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # the run before was killed
         recorder = power_cut.Recorder(folder, patch, before)
-        save, write = Saver.save, ChunkStore.write
+        save, write = AsyncWriter.save, ChunkStore.write
 
         def waits(self, *chunk):  # one thread at a time touches the folder: the calls then have an order
             save(self, *chunk)
@@ -93,7 +93,7 @@ def record(folder, *, before=None, **how):
 
         numbers = itertools.count()
         patch.setattr("secrets.token_hex", lambda size: f"{next(numbers):0{2 * size}x}")  # the same names every time
-        patch.setattr(Saver, "save", waits)
+        patch.setattr(AsyncWriter, "save", waits)
         patch.setattr(ChunkStore, "write", promises)
         try:
             make().run(folder / OUT, scheduler="synchronous", **how).close()

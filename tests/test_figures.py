@@ -27,7 +27,7 @@ from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
 from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.records import records_dataset
-from pounding_sweep.run.choice import scenario_of, simulate_one
+from pounding_sweep.run.one_scenario import scenario_of, simulate_one
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec
 

@@ -20,6 +20,8 @@ from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.log import RunLog
 from pounding_sweep.run.sweep import Sweep, load_sweep
 
+pytestmark = pytest.mark.usefixtures("stub_module")
+
 
 def make(**changes):
     return Sweep(**{"scene": row(), "records": motions(), **AXES, "title": "Row", **changes})

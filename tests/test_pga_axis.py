@@ -10,7 +10,7 @@ from pounding_sweep import Sweep
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record
-from pounding_sweep.run.choice import scenario_of
+from pounding_sweep.run.one_scenario import scenario_of
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import to_json

@@ -107,6 +107,7 @@ def test_product_equals_brute_force():
     assert cube.attrs["scenarios_run"] == outcome.run
 
 
+@pytest.mark.slow
 def test_an_undamped_law_is_the_same_in_the_kernel_of_a_damped_one():
     """Which laws stand beside it in a sweep must not change a result, not even in the last bit."""
     differing = []
@@ -160,6 +161,7 @@ def closing(scene, record, scale=1.0):
     return raw["closing"][0]
 
 
+@pytest.mark.slow
 def test_one_open_pair_decides_nothing(monkeypatch):
     """A pair that stays open without pounding may be closed by a push from elsewhere in the row."""
     monkeypatch.setattr(planning, "LEAST_SHARED", 1)
@@ -177,6 +179,7 @@ def test_one_open_pair_decides_nothing(monkeypatch):
     assert float(cube["impact_count"][1].sum()) == 0.0
 
 
+@pytest.mark.slow
 def test_gaps_on_the_brink_of_touching():
     scene, record = row(), motions()[0]
     d = closing(scene, record)
@@ -206,7 +209,7 @@ def test_no_floors_meet():
     assert plan.kernel(0).shape.law is None
 
 
-def test_a_single_building():
+def test_a_single_building(stub_engine):
     scene = Scene([Building("a", [100.0], [1e4])])
     record = motions()[1]
     sweep = Sweep(scene, record, "none", scales=[1.0, 2.0], dt=0.005, outputs=["displacement_max"])

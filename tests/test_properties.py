@@ -17,7 +17,7 @@ from scenes import EVERY, OUTPUTS, motions, pair, row
 from scipy.linalg import expm
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy.trade_sample import find_touching
+from pounding_sweep.accuracy.tradeoff import find_touching
 from pounding_sweep.emit.spec import LANES, input_slots, property_slots
 from pounding_sweep.engine import cache
 from pounding_sweep.engine.flight import transitions
@@ -331,6 +331,7 @@ def same_values(found, want, rtol, told=""):
             np.testing.assert_allclose(x, y, rtol=rtol, atol=rtol * np.nanmax(np.abs(y), initial=0.0), err_msg=told)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "rtol"),
     [("rk4", 1e-12), pytest.param("newmark", 1e-10, marks=pytest.mark.release), ("exact", 1e-9)],
@@ -352,6 +353,7 @@ def test_a_sweep_equals_those_of_scenes_built_so(method, rtol):
         assert outcome.untouched == 2 * 12 * 2  # 0.5 m never closes
 
 
+@pytest.mark.slow
 def test_listed_cases_equal_scenes_built_so():
     scene, records = tall(), motions()
     more = {"dt": 0.002, "audit": 0, "outputs": [*OUTPUTS, "storey_shear_max", "energy_input", "energy_kinetic"]}
@@ -376,7 +378,7 @@ def test_listed_cases_equal_scenes_built_so():
     np.testing.assert_array_equal(cube["damping_ratio"], [np.nan, np.nan, 0.1, np.nan])
 
 
-def test_results_do_not_depend_on_how_scenarios_are_cut(monkeypatch):
+def test_results_do_not_depend_on_how_scenarios_are_cut(stub_engine, monkeypatch):
     axes = {"period_factors": {"a": ps.Range(0.5, 2.0, 9)}, "damping_ratios": RATIOS}
     more = {**WHOLE, "records": motions()[0], "laws": "kelvin_voigt", "gaps": [0.0005, 0.002, 0.003]}
     whole = Sweep(pair(), **more, **axes).run(scheduler="synchronous")
@@ -386,7 +388,7 @@ def test_results_do_not_depend_on_how_scenarios_are_cut(monkeypatch):
     xr.testing.assert_identical(sweep.run(scheduler="threads", workers=2).drop_attrs(), whole.drop_attrs())
 
 
-def test_who_can_touch_follows_the_buildings():
+def test_who_can_touch_follows_the_buildings(stub_engine):
     gaps = [0.02, 0.06, 0.1, 0.15, 0.2]
     settings = {"laws": "linear", "gaps": gaps, "records": motions()[0], "outputs": OUTPUTS}
     plan = plan_of(**settings, period_factors=PERIODS, mass_factors=MASSES)
@@ -399,7 +401,7 @@ def test_who_can_touch_follows_the_buildings():
         assert touching[mine].tolist() == find_touching(own).tolist()
 
 
-def test_the_audit_of_a_sweep_over_properties_is_of_its_own_scenarios():
+def test_the_audit_of_a_sweep_over_properties_is_of_its_own_scenarios(stub_engine):
     changes = {"records": motions(), "audit": 0.2, "laws": "kelvin_voigt", "dt": 0.002}
     sweep = Sweep(pair(), **{**WHOLE, **changes}, **AXES)
     cube = sweep.run(scheduler="synchronous")
@@ -540,7 +542,7 @@ def named(*names):
     )
 
 
-def test_a_cube_says_what_its_buildings_are(tmp_path):
+def test_a_cube_says_what_its_buildings_are(stub_engine, tmp_path):
     out = tmp_path / "out.nc"
     sweep = Sweep(
         row(), motions()[0], "none", outputs=["displacement_max"], **AXES | {"period_factors": {"c": [2.0], **PERIODS}}
@@ -565,7 +567,7 @@ def test_a_cube_says_what_its_buildings_are(tmp_path):
         xr.testing.assert_equal(cube.load(), made)
 
 
-def test_a_ratio_of_two_varied_neighbours_has_both_their_axes():
+def test_a_ratio_of_two_varied_neighbours_has_both_their_axes(stub_engine):
     sweep = Sweep(
         row(),
         motions()[0],

@@ -16,6 +16,8 @@ from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.spec.spec import METHODS
 
+#: Schemes, those of the default run first.
+BY_DAY = ["newmark", "exact", pytest.param("rk4", marks=pytest.mark.slow)]
 FREE = 1e-9  # kN/m: so soft that the building does not notice
 
 
@@ -42,7 +44,7 @@ def end_velocities(scene, velocities, e, method="rk4", seconds=0.5):
     return one, one.velocity.isel(time=-1, storey=0).values
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", BY_DAY)
 @pytest.mark.parametrize("e", [0.0, 0.35, 1.0])
 def test_two_masses_part_at_exactly_e(e, method):
     scene = masses(30.0, 70.0, gaps=[0.02], floors=2)  # the upper floors stay where they are
@@ -58,12 +60,14 @@ def test_two_masses_part_at_exactly_e(e, method):
         assert float(peak.max()) == 0.0  # and none where nothing touched
 
 
+@pytest.mark.slow
 def test_a_cradle_hands_its_motion_on():
     one, found = end_velocities(masses(50.0, 50.0, 50.0, gaps=[0.02, 0.0]), [0.3, 0.0, 0.0], 1.0)
     np.testing.assert_allclose(found, [0.0, 0.0, 0.3], atol=1e-9)
     assert one.impact_count.values.ravel().tolist() == [1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_impacts_from_both_sides_at_once_are_taken_one_after_the_other():
     _, found = end_velocities(masses(50.0, 50.0, 50.0, gaps=[0.02, 0.02]), [0.3, 0.0, -0.3], 1.0)
     np.testing.assert_allclose(found, [-0.3, 0.0, 0.3], atol=1e-9)
@@ -74,6 +78,7 @@ def test_impacts_from_both_sides_at_once_are_taken_one_after_the_other():
     assert np.square(found).sum() < 2 * 0.3**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
 def test_a_building_pushed_against_a_wall_comes_to_rest_on_it(e, method):
@@ -102,7 +107,7 @@ def test_steps_that_are_not_split_at_the_touch_are_refused():
         ps.Sweep("mate2015", records="el_centro", laws="stereomechanical", restitutions=0.5, locate=False)
 
 
-def test_a_sweep_asks_for_no_stiffness():
+def test_a_sweep_asks_for_no_stiffness(stub_engine):
     sweep = ps.Sweep(
         row(),
         records=motions()[0],
@@ -119,7 +124,7 @@ def test_a_sweep_asks_for_no_stiffness():
     assert (cube.status == Status.OK).all()
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", BY_DAY)
 @pytest.mark.parametrize("e", [0.0, 0.3, 0.8, 1.0])
 def test_floors_that_start_side_by_side(e, method):
     """No gap at all under an earthquake: impacts, chatter and rest at two floors, and no energy made."""
@@ -176,6 +181,7 @@ def truth(name):
     return {**found, "law": "stereomechanical"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "within"), [("rk4", 1e-3), ("newmark", 2e-2), ("exact", 1e-3)])
 @pytest.mark.parametrize("name", SCENES)
 def test_floors_that_bounce_rest_and_part_move_like_the_slow_twin(name, method, within):
@@ -192,6 +198,7 @@ def test_floors_that_bounce_rest_and_part_move_like_the_slow_twin(name, method, 
     assert max(found.values()) < within, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rk4", "exact"])
 def test_the_number_of_impacts_does_not_depend_on_the_step(method):
     counts = []
@@ -214,6 +221,7 @@ def test_the_number_of_impacts_does_not_depend_on_the_step(method):
     np.testing.assert_array_equal(counts[0], counts[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_floor_at_rest_that_is_struck_hands_the_blow_on(method):
     """A mass flies into one that is pressed against a wall: it is thrown back, and the other bounces off the wall."""
@@ -232,7 +240,7 @@ def test_a_floor_at_rest_that_is_struck_hands_the_blow_on(method):
     assert float(one.contact_work.min()) > 0.0
 
 
-def test_force_and_penetration_mean_the_same_however_a_scenario_was_answered(tmp_path):
+def test_force_and_penetration_mean_the_same_however_a_scenario_was_answered(stub_engine, tmp_path):
     """Missing where floors touched, 0 where they did not: by their own run, or by that without pounding."""
     files, cubes = [], []
     for name, gaps in (("far", [0.5, 0.6, 0.7, 0.8]), ("near", [0.5, 0.002])):

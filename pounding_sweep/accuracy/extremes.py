@@ -1,6 +1,6 @@
 """The stability suite: extreme scenarios through both schemes, every one judged.
 
-`run_extremes` runs the families of `pounding_sweep.accuracy.extreme_families`
+`run_extremes` runs the families of `pounding_sweep.accuracy.extreme_scenes`
 and random scenes, judges each scenario by what `pounding_sweep.accuracy.judge`
 demands, and counts.
 """
@@ -15,10 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.batches import Batch, kernel_of, run_batch
-from pounding_sweep.accuracy.extreme_families import FAMILIES, family_batches
+from pounding_sweep.accuracy.extreme_scenes import FAMILIES, Batch, family_batches, kernel_of, random_batches, run_batch
 from pounding_sweep.accuracy.judge import Verdict, judge, make_reference
-from pounding_sweep.accuracy.random_scenes import random_batches
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.outputs.variables import STATUS, Status

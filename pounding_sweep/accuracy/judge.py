@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pounding_sweep.accuracy.batches import PEAKS, Batch, run_batch, stable_step, take
+from pounding_sweep.accuracy.extreme_scenes import PEAKS, Batch, run_batch, stable_step, take
 from pounding_sweep.engine.resolution import displacement_limit, energy_limit
 from pounding_sweep.outputs.differences import CHANGE, relative_error
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof

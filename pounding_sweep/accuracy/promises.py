@@ -123,7 +123,8 @@ def run_cases(spec: SweepSpec) -> dict[str, np.ndarray]:
         values = run_chunk(kernel, spec.records[0], table, plan.variants[table.variant], plan.outputs)
         if isinstance(values, str):
             raise RuntimeError(values)
-        for name, part in values.items():
+        for name in values.dtype.names or ():
+            part = values[name]
             whole = found.setdefault(name, np.zeros((len(plan.unique), *part.shape[1:]), part.dtype))
             whole[rows] = part
     found["status"][plan.refused] = Status.BEYOND_STABILITY_LIMIT

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.accuracy.batches import kernel_of, run_batch, take
-from pounding_sweep.accuracy.extreme_families import earthquake, make_batch, pair
+from pounding_sweep.accuracy.extreme_scenes import earthquake, kernel_of, make_batch, pair, run_batch, take
 from pounding_sweep.accuracy.judge import make_reference, peaks_of
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import Law, get_law

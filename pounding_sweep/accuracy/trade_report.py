@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.trade_dataset import CONFIGURATION, KIND, KIND_ATTRIBUTE
+from pounding_sweep.accuracy.tradeoff import CONFIGURATION, KIND, KIND_ATTRIBUTE
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.outputs.variables import Status, get_variable
 from pounding_sweep.schemes import SCHEMES

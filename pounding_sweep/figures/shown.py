@@ -14,7 +14,7 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures.style import axis_label, joined, unit_text
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Status
-from pounding_sweep.run.choice import SCENARIO_ATTRIBUTE
+from pounding_sweep.run.one_scenario import SCENARIO_ATTRIBUTE
 from pounding_sweep.spec.axes import COLUMNS, DIMENSIONS
 
 if TYPE_CHECKING:

@@ -43,7 +43,7 @@ from pounding_sweep.output.results import table_type
 from pounding_sweep.output.scenario_key import motion_of, places_of, scenario_keys
 from pounding_sweep.output.slabs import SLAB_BYTES, block_shape, slabs
 from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
-from pounding_sweep.plan.chunks import Job
+from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.plan.plan import Plan, make_plan
 from pounding_sweep.plan.scenarios import Scenarios, case_variants, product_variants
 from pounding_sweep.resume.checkpoint import ChunkStore
@@ -291,7 +291,7 @@ class EarlierCube:
             known |= {name: getattr(variants, name) for name in names}
         return scenario_keys(known)
 
-    def find(self, job: Job) -> np.ndarray:
+    def find(self, job: ChunkTask) -> np.ndarray:
         """Return the rows of the table of results that answer the scenarios of a job; -1 where there is none."""
         if self._rising is None or set(job.outputs) != set(self._plan.outputs):
             return np.full(len(job.table), -1)

@@ -1,22 +1,124 @@
-"""Families of extreme scenarios: what a sweep may be asked for, taken to its ends.
+"""Extreme scenarios side by side: families of them, what a sweep may be asked for taken to its ends, and random rows.
 
-A family is a list of batches that stretch one thing. Few shapes of row are
-used, so that few kernels are compiled.
+A family is a list of batches that stretch one thing. Few shapes of row are used, so that few kernels are compiled. A
+batch is run as a sweep would run it: the same refusals, the same statuses, the same masks.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.batches import Batch, run_batch
+from pounding_sweep.emit.spec import LANES
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.outputs.layout import inner_shape, mask_invalid
+from pounding_sweep.outputs.variables import Status, cube_variables, get_variable, reducers_for
 from pounding_sweep.records import Record, synthetic_record
+from pounding_sweep.schemes.stability import largest_step
+
+#: Peaks whose error is judged.
+PEAKS = ("displacement_max", "displacement_min", "impact_force_max", "penetration_max")
+#: What every run reports.
+OUTPUTS = (
+    *PEAKS,
+    "energy_input",
+    "energy_damping",
+    "energy_kinetic",
+    "energy_strain",
+    "contact_work",
+    "energy_residual",
+)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Scenarios of one row, law and record, to be run by both schemes at several steps.
+
+    Attributes
+    ----------
+    family : str
+        What is stretched.
+    case : str
+        What is extreme about it, for messages.
+    scene : Scene
+        The row; its own gaps are not used.
+    law : Law
+        Contact law.
+    record : Record
+        Ground motion (m/s2).
+    gaps : ndarray, shape (n, pairs)
+        Gaps (m).
+    stiffness, restitution, scale : ndarray, shape (n,)
+        Contact stiffness (kN/m**exponent), coefficient of restitution, factor on the record.
+    steps : tuple of float
+        Time steps (s).
+    initial_velocity : tuple of float, optional
+        Velocity (m/s) of every floor, building by building.
+    """
+
+    family: str
+    case: str
+    scene: Scene
+    law: Law
+    record: Record
+    gaps: np.ndarray
+    stiffness: np.ndarray
+    restitution: np.ndarray
+    scale: np.ndarray
+    steps: tuple[float, ...]
+    initial_velocity: tuple[float, ...] | None = None
+
+    def __len__(self) -> int:
+        return len(self.scale)
+
+
+def kernel_of(batch: Batch, method: str, dt: float, precision: str = "float64", finer: float = 1.0) -> RowKernel:
+    """Return the kernel that runs a batch."""
+    numerics = Numerics(method, dt, precision=precision, finer=finer)
+    return RowKernel(batch.scene, batch.law, numerics, reducers_for(OUTPUTS), initial_velocity=batch.initial_velocity)
+
+
+def take(batch: Batch, rows: np.ndarray) -> Batch:
+    """Return some scenarios of a batch."""
+    return replace(
+        batch, **{name: getattr(batch, name)[rows] for name in ("gaps", "stiffness", "restitution", "scale")}
+    )
+
+
+def stable_step(batch: Batch, method: str) -> np.ndarray:
+    """Largest stable step (s) of each scenario."""
+    return largest_step(batch.scene, batch.law, batch.stiffness, batch.restitution, method=method)
+
+
+def run_batch(
+    batch: Batch, method: str, dt: float, precision: str = "float64", finer: float = 1.0
+) -> dict[str, np.ndarray]:
+    """Run every scenario of a batch."""
+    kernel = kernel_of(batch, method, dt, precision, finer)
+    step = batch.record.dt / kernel.numerics.steps(batch.record)
+    rows = np.flatnonzero(step <= stable_step(batch, method))
+    result: dict[str, np.ndarray] = {}
+    for name in cube_variables(OUTPUTS):
+        variable = get_variable(name)
+        empty = math.nan if variable.fill is None else variable.fill
+        result[name] = np.full((len(batch), *inner_shape(variable, batch.scene)), empty)
+    result["status"] = np.full(len(batch), int(Status.BEYOND_STABILITY_LIMIT), dtype=np.int8)
+    if len(rows):
+        part = take(batch, rows)
+        raw = kernel.run(
+            part.record, scale=part.scale, gaps=part.gaps, stiffness=part.stiffness, restitution=part.restitution
+        )
+        for name, values in variables_of(kernel, raw, OUTPUTS, part.record).items():
+            result[name][rows] = values
+    return mask_invalid(result)
+
 
 #: A gap (m) that no scenario closes.
 OPEN_GAP = 1.0e3
@@ -282,3 +384,78 @@ def family_batches(keys: Sequence[str], laws: Sequence[Law]) -> list[Batch]:
         for law in chosen:
             found += family.make(law)
     return found
+
+
+#: Time steps (s) that random scenes are run at.
+RANDOM_STEPS = (5.0e-3, 1.0e-3, 2.0e-4)
+
+
+def random_batches(scenes: int, seed: int, laws: Sequence[Law]) -> list[Batch]:
+    """Draw random scenes: rows, gaps, contacts and ground motions."""
+    return [_draw(np.random.default_rng([seed, i]), i, laws) for i in range(-(-scenes // LANES))]
+
+
+def _draw(rng: np.random.Generator, number: int, laws: Sequence[Law]) -> Batch:
+    law = laws[number % len(laws)]
+    kind = (number // len(laws)) % 2
+    scene = _pair(rng) if kind == 0 else _beside_wall(rng)
+    pairs = len(scene.pair_names)
+    # a gap is met only if the buildings move as far: drawn around the displacement of the softest one
+    period = max(float(b.periods[0]) for b in scene.buildings)
+    pga = _log(rng, 0.05, 20.0)
+    reach = pga * (period / (2.0 * math.pi)) ** 2
+    gaps = reach * 10.0 ** rng.uniform(-3.0, 0.5, (LANES, pairs))
+    gaps[rng.random(gaps.shape) < 0.1] = 0.0
+    mass = min(contact.mass for contact in scene.contacts)
+    if law.exponent == 1.0:  # contacts that last 0.3 ms to 0.3 s, and the odd one that is stiffer
+        stiffness = mass * (math.pi / 10.0 ** rng.uniform(-3.5, -0.5, LANES)) ** 2
+    else:
+        stiffness = 10.0 ** rng.uniform(3.0, 9.0, LANES)
+    return Batch(
+        "random",
+        f"number {number}",
+        scene,
+        law,
+        _motion(rng, pga),
+        gaps,
+        np.clip(stiffness, 1e3, 1e12),
+        np.where(rng.random(LANES) < 0.1, lowest_restitution(law), rng.uniform(0.02, 1.0, LANES)),
+        10.0 ** rng.uniform(-0.5, 0.5, LANES),
+        RANDOM_STEPS,
+    )
+
+
+def _log(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _draw_damping(rng: np.random.Generator) -> float:
+    return float(rng.choice([0.0, 0.02, 0.05, 0.2, 0.6]))
+
+
+def _pair(rng: np.random.Generator) -> Scene:
+    buildings = []
+    for name in ("left", "right"):
+        plain = oscillator(name, _log(rng, 0.05, 3.0), _log(rng, 1.0, 1e4), 2)
+        uneven = rng.uniform(0.5, 2.0, (2, 2))
+        masses = [m * u for m, u in zip(plain.masses, uneven[0], strict=True)]
+        stiffnesses = [k * u for k, u in zip(plain.stiffnesses, uneven[1], strict=True)]
+        buildings.append(Building(name, masses, stiffnesses, _draw_damping(rng)))
+    return Scene(buildings, [0.0])
+
+
+def _beside_wall(rng: np.random.Generator) -> Scene:
+    return Scene([oscillator("left", _log(rng, 0.05, 3.0), _log(rng, 1.0, 1e4), 1, _draw_damping(rng)), Wall()], [0.0])
+
+
+def _motion(rng: np.random.Generator, pga: float) -> Record:
+    kind = rng.integers(4)
+    dt = float(rng.choice([0.005, 0.01, 0.02]))
+    if kind == 0:  # white noise: the roughest that a record can be
+        noise = rng.standard_normal(round(1.0 / dt))
+        return Record("noise", dt, pga * noise / np.abs(noise).max())
+    if kind == 1:  # a pulse
+        t = np.arange(0.0, 1.5, dt)
+        width = _log(rng, 0.05, 0.6)
+        return Record("pulse", dt, pga * np.where(t < width, np.sin(2.0 * np.pi * t / width), 0.0))
+    return synthetic_record(int(rng.integers(10**6)), duration=2.0, dt=dt, pga=pga, rise=0.1, strong=0.6)
