@@ -334,6 +334,21 @@ def test_order_of_convergence(method, law):
     assert order < 6.0, (order, total)  # steeper would be an accident
 
 
+@pytest.mark.parametrize("method", ["rk4", "exact"])
+@pytest.mark.parametrize("law", ["kelvin_voigt"])
+def test_a_touch_that_is_over_within_a_step_is_found(method, law):
+    """Floors that come no nearer than a hair beyond the gap, between the ends of a step."""
+    shake = {"law": law, "stiffness": 8e5, "restitution": 0.6, "method": method}
+    u = ps.simulate(ps.Scene([A, B], gaps=[1.0]), motion(76, 1.5), dt=1e-4, **shake).displacement
+    closing = u.sel(building="a") - u.sel(building="b")
+    nearest = float(closing.max())
+    at_steps = float(closing.isel(time=slice(None, None, 100)).max())  # at the ends of those of 0.01 s
+    gap = nearest - 0.5 * (nearest - at_steps)
+    assert nearest > gap > at_steps
+    one = ps.simulate(ps.Scene([A, B], gaps=[gap]), motion(76, 1.5), dt=1e-2, **shake)
+    assert int(one.impact_count.sum()) == 1
+
+
 def test_a_stiff_contact_has_steps_of_its_own():
     """A hundred times stiffer than the step resolves: the same as with steps of a fiftieth."""
     coarse = row_kernel("pair", "kelvin_voigt", "rk4", 1e-3)
