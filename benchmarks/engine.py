@@ -55,7 +55,8 @@ def run_chunks(plan: Plan) -> dict[str, np.ndarray]:
         part = run_chunk(kernel, record, table, plan.variants[table.variant], plan.outputs)
         if isinstance(part, str):
             raise RuntimeError(part)
-        for name, values in part.items():
+        for name in part.dtype.names or ():
+            values = part[name]
             whole = found.setdefault(name, np.empty((len(plan.unique), *values.shape[1:]), values.dtype))
             whole[chunk.rows] = values
     return found

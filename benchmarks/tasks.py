@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.engine import plan_gaps
 from benchmarks.work import GAPS, Work
-from pounding_sweep.plan.chunks import Job
+from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.run.execute import dispatcher_for
 from pounding_sweep.run.pool import Dispatcher
 
@@ -70,17 +70,17 @@ def task_overhead(work: Work, chunk_seconds: float, seconds: float, **settings: 
     return Tasks(n, _seconds(spans) / n, 1.0 - busy / (workers * (until - begun)))
 
 
-def _part_of(plan: Any, size: int) -> Callable[[int], Job]:
+def _part_of(plan: Any, size: int) -> Callable[[int], ChunkTask]:
     """Return jobs of `size` scenarios under the first law, over and over."""
     kernel = plan.kernel(0, record=0, steps=int(plan.steps[0]))
     rows = np.flatnonzero(plan.unique.law == 0)[:size]
     table = plan.unique[rows]
-    return lambda position: Job(str(position), kernel, 0, table, plan.variants[table.variant], plan.outputs)
+    return lambda position: ChunkTask(str(position), kernel, 0, table, plan.variants[table.variant], plan.outputs)
 
 
-def _spans(dispatcher: Dispatcher, n: int, job: Callable[[int], Job]) -> list[list[tuple[float, float]]]:
+def _spans(dispatcher: Dispatcher, n: int, job: Callable[[int], ChunkTask]) -> list[list[tuple[float, float]]]:
     """Run `n` jobs; return when (s since 1970) each began and ended in its worker, for each worker."""
-    client = dispatcher.far.client
+    client = dispatcher.cluster.client
     client.get_task_stream()  # from here on the scheduler keeps it
     failures: list[str] = []
     begun = time.time()

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from pounding_sweep.figures import FIGURES
+from pounding_sweep.figures import FIGURES, Kind
 from pounding_sweep.records import RECORDS_VARIABLE
 
 DOCS = Path(__file__).parent
@@ -75,26 +75,17 @@ plot(spectra, "response-spectra", "response_spectra.png", dpi=100)
 """
 
 
-def _plot(run: str, key: str, options: str = "") -> Entry:
-    """Return the entry of a figure that `plot` draws from what a command wrote."""
-    data = shlex.split(run)[3]
-    picture = f"{key.replace('-', '_')}.png"
-    return Entry(key, (run, f"plot {data} {key} -o {picture}{options}"), picture)
-
-
-ENTRIES: tuple[Entry, ...] = (
-    _plot(_QUICK, "force-gap"),
-    _plot(_QUICK, "profiles", " --at gap=0.006"),
-    _plot(_QUICK, "amplification"),
-    _plot(_QUICK, "law-comparison"),
-    _plot(_QUICK, "required-gap"),
-    _plot(_SUITE, "energy-budget", " --at record=synthetic-1 --at scale=3"),
-    _plot(_SUITE, "incremental"),
-    _plot(_SUITE, "fragility"),
-    _plot(_ONE, "histories"),
-    _plot(_ONE, "floor-spectra"),
-    _plot(_ONE, "row"),
-    Entry("animation", ("animate quickstart.toml -o row.gif --gap 0.006 --frames 30",), "row.gif"),
+#: What a figure is drawn from where nothing else is said, by its source.
+_RUNS = {"cube": _QUICK, "histories": _ONE}
+#: Figures drawn from something else, or of one value of an axis: commands and options.
+_OTHERS = {
+    "energy-budget": (_SUITE, " --at record=synthetic-1 --at scale=3"),
+    "fragility": (_SUITE, ""),
+    "incremental": (_SUITE, ""),
+    "profiles": (_QUICK, " --at gap=0.006"),
+}
+#: Figures that other commands draw.
+_OWN = (
     Entry("response-spectra", (), "response_spectra.png", code=_SPECTRA),
     Entry("ground-motion", ("records plot el_centro -o ground_motion.png",), "ground_motion.png"),
     Entry(
@@ -104,6 +95,22 @@ ENTRIES: tuple[Entry, ...] = (
         elsewhere=True,
     ),
     Entry("stability-map", ("extremes --plot stability_map.png",), "stability_map.png", elsewhere=True),
+)
+
+
+def _entry(kind: Kind) -> Entry:
+    """Return the entry of a figure; by default `plot` draws it from what the command of its source wrote."""
+    for own in _OWN:
+        if own.key == kind.key:
+            return own
+    run, options = _OTHERS.get(kind.key) or (_RUNS[kind.source], "")
+    data, picture = shlex.split(run)[3], f"{kind.key.replace('-', '_')}.png"
+    return Entry(kind.key, (run, f"plot {data} {kind.key} -o {picture}{options}"), picture)
+
+
+ENTRIES: tuple[Entry, ...] = (
+    *map(_entry, FIGURES.values()),
+    Entry("animation", ("animate quickstart.toml -o row.gif --gap 0.006 --frames 30",), "row.gif"),
 )
 
 

@@ -23,7 +23,10 @@ from pounding_sweep.model.laws import LAWS, RESTING_SPEED
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.model.rebound import RELATIONS
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, STATUS, VARIABLES
+from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS
+from pounding_sweep.records.formats import READERS
+from pounding_sweep.schemes import SCHEMES
 
 
 def _laws() -> str:
@@ -51,6 +54,28 @@ def _laws() -> str:
     return "\n".join(lines)
 
 
+def _schemes() -> str:
+    """Return the schemes, their orders, limits and what statuses ask of their steps."""
+    measured = measured_schemes()
+    lines = [
+        "# Schemes",
+        "",
+        "What `method` may name. The [theory](../theory) says how steps are cut at contacts, and what the limit is. A",
+        "scheme whose errors were measured may be chosen for an `accuracy`; the others run at the `dt` that is given.",
+        "Steps in a contact are the least of a scenario that is `ok`, with contacts located (and not).",
+        "",
+        "| scheme | what it is | order | steps in a contact | errors measured | source |",
+        "|---|---|---:|---:|---|---|",
+    ]
+    for scheme in SCHEMES.values():
+        sampled = "" if scheme.flies_exactly else f" ({scheme.min_steps_sampled:g})"
+        lines.append(
+            f"| `{scheme.name}` | {scheme.title} | {scheme.order} | {scheme.min_steps_located:g}{sampled} | "
+            f"{'yes' if scheme.name in measured else 'no'} | {scheme.source} |"
+        )
+    return "\n".join([*lines, ""])
+
+
 def _variables() -> str:
     lines = [
         "# Variables of a cube",
@@ -76,6 +101,12 @@ def _records() -> str:
     lines += ["", "## Sets", "", "| name | what | records |", "|---|---|---:|"]
     lines += [f"| `{each.key}` | {each.title} | {each.components} |" for each in RECORD_SETS.values()]
     return "\n".join([*lines, ""])
+
+
+def _record_formats() -> str:
+    """Return the formats of record files as a Markdown table."""
+    rows = [f"| {each.name} | {', '.join(each.suffixes)} | {each.needs} |" for each in READERS]
+    return "\n".join(["| file | usual endings | what it must have |", "|---|---|---|", *rows, ""])
 
 
 def _presets() -> str:
@@ -138,7 +169,8 @@ def _sweeps() -> str:
 
 def _figures_api() -> str:
     """Return directives that document the functions of all figures."""
-    return "".join(f".. autofunction:: {kind.place.replace(':', '.')}\n" for kind in FIGURES.values())
+    drawn = [kind.draw for kind in FIGURES.values()]
+    return "".join(f".. autofunction:: {draw.__module__}.{draw.__name__}\n" for draw in drawn)
 
 
 def _analysis_api() -> str:
@@ -180,8 +212,10 @@ def _events() -> str:
 
 _PAGES = {
     "laws.md": _laws,
+    "schemes.md": _schemes,
     "variables.md": _variables,
     "records.md": _records,
+    "record_formats.txt": _record_formats,
     "presets.txt": _presets,
     "sweeps.txt": _sweeps,
     "sweep_keys.txt": key_tables,

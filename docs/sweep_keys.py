@@ -11,12 +11,14 @@ from pydantic.fields import FieldInfo
 from pounding_sweep.model.hertz import hertz_stiffness
 from pounding_sweep.model.scene import Building, ContactProperties, Wall
 from pounding_sweep.records import pulse_record, read_record, synthetic_record
-from pounding_sweep.spec import toml as schema
-from pounding_sweep.spec.axes import Case, Range
+from pounding_sweep.spec import tables
+from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, Case, Range
 from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.schema import SweepInput
+from pounding_sweep.spec.toml import SECTIONS
 
-#: Type of a key whose values the schema leaves to a later check.
-_AXIS = "a number, a list of numbers, or a table of evenly spaced values"
+_AXIS = FieldInfo(default=None, description="a number, a list of numbers, or a table of evenly spaced values")
+_BUILDING = FieldInfo(default=None, description="tables building.NAME of factors")
 _TYPES = {
     ("[[scene.row]], a building", "damping_ratio"): "a number, or two",
     ("Evenly spaced values", "spacing"): "a text",
@@ -31,8 +33,7 @@ _OWN = {
     ("[[scene.row]], a wall", "name"): "Coordinate label in every result.",
     ("[scene.contact]", "hertz"): "What `hertz_stiffness` follows from, in its place; below.",
     ("[sweep]", "building"): "Axes over a building's properties, below.",
-    ("building.NAME", "period_factor"): "Factor on all natural periods; masses kept.",
-    ("building.NAME", "mass_factor"): "Factor on all masses; periods kept.",
+    **{("building.NAME", kind): AXES[argument].meaning for argument, kind in FACTOR_KINDS.items()},
     ("A record by name", "record"): "Name of the record, as `pounding-sweep records` lists it.",
     ("A record by name", "name"): "Label of the record in the cube; its own by default.",
     ("A record by name", "scale"): "Factor on the motion.",
@@ -40,23 +41,33 @@ _OWN = {
     ("A pulse", "pulse"): "Shape: half_sine, sine, ricker, rectangular or triangular.",
     ("A synthetic earthquake", "synthetic"): "Seed; the same seed and parameters give the same record.",
 }
-#: Heading -> (table of the schema, what takes its values).
-_TABLES: dict[str, tuple[type[schema.Table], Callable[..., Any] | None]] = {
-    "[scene]": (schema.SceneTable, None),
-    "[[scene.row]], a building": (schema.BuildingTable, Building),
-    "[[scene.row]], a wall": (schema.WallTable, Wall),
-    "[scene.contact]": (schema.ContactTable, ContactProperties),
-    "scene.contact.hertz": (schema.HertzTable, hertz_stiffness),
-    "[sweep]": (schema.SweepTable, build_spec),
-    "Evenly spaced values": (schema.RangeTable, Range),
-    "building.NAME": (schema.FactorTable, None),
-    "A record from a file": (schema.PathRecord, read_record),
-    "A record by name": (schema.NamedRecord, None),
-    "A synthetic earthquake": (schema.SyntheticRecord, synthetic_record),
-    "A pulse": (schema.PulseRecord, pulse_record),
-    "[solver]": (schema.SolverTable, build_spec),
-    "[output]": (schema.OutputTable, build_spec),
+
+
+def _arguments(section: str) -> dict[str, FieldInfo]:
+    """Return the keys of a table that holds arguments."""
+    known = {**dict.fromkeys(AXES, _AXIS), "building": _BUILDING, **SweepInput.model_fields}
+    return {key: known[argument] for key, argument in SECTIONS[section].items()}
+
+
+#: Heading -> (keys, what takes their values).
+_TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
+    "[scene]": (tables.SceneTable.model_fields, None),
+    "[[scene.row]], a building": (tables.BuildingTable.model_fields, Building),
+    "[[scene.row]], a wall": (tables.WallTable.model_fields, Wall),
+    "[scene.contact]": (tables.ContactTable.model_fields, ContactProperties),
+    "scene.contact.hertz": (tables.HertzTable.model_fields, hertz_stiffness),
+    "[sweep]": (_arguments("sweep"), build_spec),
+    "Evenly spaced values": (tables.RangeTable.model_fields, Range),
+    "building.NAME": (dict.fromkeys(FACTOR_KINDS.values(), _AXIS), None),
+    "A record from a file": (tables.PathRecord.model_fields, read_record),
+    "A record by name": (tables.NamedRecord.model_fields, None),
+    "A synthetic earthquake": (tables.SyntheticRecord.model_fields, synthetic_record),
+    "A pulse": (tables.PulseRecord.model_fields, pulse_record),
+    "[solver]": (_arguments("solver"), build_spec),
+    "[output]": (_arguments("output"), build_spec),
 }
+
+
 #: Names of parameters that a file spells otherwise.
 _PARAMETERS = {"variables": "outputs"}
 
@@ -73,7 +84,7 @@ def _meanings(taker: Callable[..., Any] | None) -> dict[str, str]:
 
 
 def _type(heading: str, key: str, field: FieldInfo) -> str:
-    return _TYPES.get((heading, key)) or field.description or _AXIS
+    return _TYPES.get((heading, key)) or str(field.description)
 
 
 def _default(field: FieldInfo) -> str:
@@ -98,7 +109,7 @@ def key_tables() -> str:
         said = _meanings(taker)
         lines += [f"### {heading if heading[0].isupper() else f'`{heading}`'}", ""]
         lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
-        for key, field in table.model_fields.items():
+        for key, field in table.items():
             meaning = _OWN.get((heading, key)) or said.get(_PARAMETERS.get(key, key))
             if meaning is None:
                 msg = f"nothing explains {key!r} of {heading!r}; give its parameter a docstring, or it a line in _OWN"

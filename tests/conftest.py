@@ -2,152 +2,108 @@
 
 from __future__ import annotations
 
-import os
+from contextlib import nullcontext
 
+import counting
 import pytest
 from counting import (  # noqa: F401 - hooks and a fixture
     counts,
-    pytest_configure,
     pytest_sessionfinish,
     pytest_terminal_summary,
     pytest_testnodedown,
 )
 from hypothesis import HealthCheck, settings
+from kernels_used import SIMULATED, UNLOCATED, kernels
+from stub_engine import installed
+
+from pounding_sweep.engine import cache, compile
+from pounding_sweep.engine.kernel import kernel_text
 
 # kernels are compiled inside examples, on cores that other tests use too
 settings.register_profile("compiled", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("compiled")
 
 
-#: Laws under which each scheme is tested by default, one of each kind. The rest differ in their formula, whose text all
-#: schemes share, and in its slopes, which Newmark needs and `test_laws` holds against the formula; the rebound
-#: under every law is tested by `test_restitution`. The contacts of exact flight are RK4's, text for text, which
-#: `test_kernels` holds them to.
-KINDS = {
-    "rk4": frozenset(
-        {
-            "none",
-            "linear",
-            "kelvin_voigt",
-            "kelvin_voigt_tension",
-            "modified_kelvin_voigt",
-            "linear_viscoelastic",
-            "hertz",
-            "hertz_damped",
-            "nonlinear_viscoelastic",
-            "hysteretic",
-            "stereomechanical",
-        }
-    ),
-    "newmark": frozenset(
-        {"none", "linear", "hertz_damped", "nonlinear_viscoelastic", "hysteretic", "stereomechanical"}
-    ),
-    "exact": frozenset(
-        {"none", "linear", "kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic", "hysteretic", "stereomechanical"}
-    ),
-}
-
-
-def pytest_addoption(parser):
-    """Add the switch for what is left out by default."""
-    parser.addoption("--all-laws", action="store_true", help="test every scheme under every law, not one of a kind")
-
-
 #: Modules that take longest, in that order: they begin first, so that all cores have work until the end.
-LONGEST = (
-    "test_extremes",
-    "test_distributed",
-    "test_tradeoff",
-    "test_precision",
-    "test_faults",
-    "test_properties",
-    "test_limits",
-    "test_cache",
-    "test_restitution",
-    "test_accuracy",
-    "test_stereomechanical",
-    "test_two_hosts",
-    "test_doctor",
-    "test_kernels",
-)
+LONGEST = ("test_distributed", "test_faults", "test_properties", "test_limits", "test_kernels")
 
 
-def pytest_collection_modifyitems(config, items):
-    """Put long modules first; leave out laws that repeat what another one tests."""
+def pytest_configure(config):
+    """Fail tests of the default run that ask for a kernel beyond those of `kernels_used`."""
+    counting.pytest_configure(config)
+    ask = cache.get_kernel
+
+    def get_kernel(shape):
+        if NOW and cache.kernel_text is kernel_text and shape not in kernels():
+            pytest.fail(f"{NOW[0]} asks for a kernel that is not one of `kernels_used`; mark it slow: {shape}")
+        return ask(shape)
+
+    if "not slow" in config.option.markexpr:
+        get_kernel.cache_clear = getattr(ask, "cache_clear", None)
+        cache.get_kernel = compile.get_kernel = get_kernel
+
+
+#: The test that runs, where it is one of the default run.
+NOW: list[str] = []
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item):
+    """Tell `get_kernel` what runs."""
+    if not any(item.get_closest_marker(name) for name in ("slow", "release")):
+        NOW[:] = [item.nodeid]
+    result = yield
+    NOW.clear()
+    return result
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Put long modules first; mark as slow what needs another kernel for the pair than the default run has."""
     turns = {name: turn for turn, name in enumerate(LONGEST)}
     items.sort(key=lambda item: turns.get(item.path.stem, len(LONGEST)))
-    if config.getoption("--all-laws"):
-        return
-    left_out = [item for item in items if hasattr(item, "callspec") and _repeats(item.callspec.params)]
-    config.hook.pytest_deselected(items=left_out)
-    items[:] = [item for item in items if item not in set(left_out)]
+    for item in items:
+        given = getattr(item, "callspec", None)
+        if given and "pair_kernels" in item.fixturenames and _is_slow(given.params):
+            item.add_marker(pytest.mark.slow)
 
 
-def _repeats(parameters):
-    kinds = KINDS.get(parameters.get("method"))
-    return kinds is not None and parameters.get("law", "none") not in kinds
-
-
-def _compile(*wanted):
-    from pounding_sweep.engine.compile import prepare
-
-    prepare([kernel.shape for kernels in wanted for kernel in kernels()], workers=2)
-
-
-def _pair_kernels():
-    """Return what `simulate` needs for two 2-storey buildings: every law and scheme."""
-    import test_kernels as t
-
-    pairs = [(law, method) for method in t.METHODS for law in t.LAWS if not _repeats({"law": law, "method": method})]
-    return [t.row_kernel("pair", law, method, 1e-3) for law, method in pairs]
-
-
-def _row_kernels():
-    """Return what the other rows of `test_kernels` need."""
-    import test_kernels as t
-
-    return [t.row_kernel(row, law, method, 1e-3) for row, law, _, method, _, _ in t.OTHER_ROWS]
-
-
-def _twin_kernels():
-    """Return what holds RK4 against the twin under every law."""
-    import test_kernels as t
-
-    return [t.row_kernel("pair", law, "rk4", 1e-3) for law in t.LAWS]
-
-
-def _sweep_kernels():
-    """Return what sweeps of the rows of `scenes` need in several test modules."""
-    from scenes import AXES, EVERY, motions, pair, row
-
-    import pounding_sweep as ps
-
-    pairs = {"scene": pair(), "records": motions(), "laws": "kelvin_voigt", "outputs": EVERY}
-    sweeps = [
-        ps.Sweep(row(), motions(), **AXES),
-        *(ps.Sweep(**pairs, method=method) for method in ("rk4", "newmark", "exact")),
-        *(ps.Sweep(**pairs, method=method, damping_ratios=[0.02]) for method in ("rk4", "newmark", "exact")),
-    ]
-    return [kernel for sweep in sweeps for kernel in sweep.plan().kernels().values()]
+def _is_slow(parameters):
+    method, law = parameters.get("method", "rk4"), parameters.get("law")
+    if not parameters.get("locate", True):
+        return (method, law) != UNLOCATED
+    return law is not None and law not in SIMULATED.get(method, ())
 
 
 def pytest_sessionstart(session):
-    """Compile what most tests need before the workers start, each kernel once; not for a part of the tests."""
+    """Compile the kernels of the default run before it, by two processes; not for a part of the tests."""
     given = session.config.option
     whole = session.config.args_source is pytest.Config.ArgsSource.TESTPATHS and "not slow" in given.markexpr
     if whole and getattr(given, "numprocesses", None):
-        _compile(_pair_kernels, _row_kernels, _twin_kernels, _sweep_kernels)
+        compile.prepare(kernels(), workers=2)
 
 
 @pytest.fixture(scope="session")
 def pair_kernels():
-    """Compile `_pair_kernels` on two cores."""
-    if "PYTEST_XDIST_WORKER" not in os.environ:  # else the cores are taken: each test compiles its own
-        _compile(_pair_kernels)
+    """Tell that a test runs under laws and schemes of which the default run has those in `kernels_used.SIMULATED`."""
 
 
-@pytest.fixture(scope="session")
-def row_kernels():
-    """Compile `_row_kernels` on two cores."""
-    if "PYTEST_XDIST_WORKER" not in os.environ:
-        _compile(_row_kernels)
+@pytest.fixture
+def stub_engine():
+    """Put the numbers of a formula in the place of compiled kernels for one test."""
+    with installed() as stub:
+        yield stub
+
+
+@pytest.fixture(scope="module")
+def stub_by_day(pytestconfig):
+    """Do so in the default run; in one that has slow tests too, all tests of the module have real kernels."""
+    with installed() if "not slow" in pytestconfig.option.markexpr else nullcontext():
+        yield
+
+
+@pytest.fixture(scope="module")
+def stub_module():
+    """Do so for all tests of a module, and its fixtures."""
+    with installed() as stub:
+        yield stub

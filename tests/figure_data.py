@@ -7,7 +7,7 @@ import json
 import numpy as np
 import xarray as xr
 
-from pounding_sweep.accuracy.trade_dataset import KIND, KIND_ATTRIBUTE
+from pounding_sweep.accuracy.tradeoff import KIND, KIND_ATTRIBUTE
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.output.dataset import Axis, assemble
 from pounding_sweep.outputs.layout import inner_shape

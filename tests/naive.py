@@ -274,6 +274,7 @@ class _Solver:
         self.event_count = 0
         self.count = np.zeros(np_, dtype=int)
         self.first = [None] * np_
+        self.closed = np.zeros(np_)  # time in contact
         self.approach = np.zeros(np_)
         self.last_open = np.zeros(np_)  # last instant seen with d <= 0
         self.peak = None
@@ -539,6 +540,7 @@ class _Solver:
                 ys = dense(ts)
             if end > tau:
                 self.note_peaks(dense, ts, ys)
+                self.closed[self.state != OPEN] += end - tau
             if self.contact:
                 d = self.row.B @ ys[self.iu] - self.row.gap[:, None]
                 for p in np.flatnonzero((d <= 0.0).any(axis=1)):
@@ -594,7 +596,8 @@ def run(buildings, gaps, ag, dt, law, k=None, e=None, *, initial_velocity=None, 
     Per building arrays: energy_input, energy_damping, kinetic_final, strain_final, kinetic_initial,
     energy_transfer_final, energy_transfer_max, energy_transfer_min (a wall has zeros). Per pair lists over the floors
     that meet: floors (storeys left and right, None at a wall), impact_force_max, impact_count, penetration_max,
-    impulse, first_impact_time (None: no impact), approach_speed_max, contact_work. Scalars: event_count, duration.
+    impulse, first_impact_time (None: no impact), approach_speed_max, contact_time, contact_work. Scalars: event_count,
+    duration.
     """
     row = _Row(buildings, gaps)
     ag = np.asarray(ag, dtype=float)
@@ -635,6 +638,7 @@ def run(buildings, gaps, ag, dt, law, k=None, e=None, *, initial_velocity=None, 
         "impulse": row.by_pair(y[s.i_imp]),
         "first_impact_time": [[next(first) for _ in floors] for floors in row.met],
         "approach_speed_max": row.by_pair(s.approach),
+        "contact_time": row.by_pair(s.closed),
         "contact_work": row.by_pair(y[s.i_work]),
         "energy_input": y[s.i_in].copy(),
         "energy_damping": y[s.i_damp].copy(),

@@ -12,13 +12,13 @@ import itertools
 import os
 import random
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from threading import RLock
 
 #: Calls that change names or make something lasting; the folder is looked at before and after each.
-CALLS = ("open", "fsync", "replace", "rename", "unlink", "remove", "mkdir", "rmdir", "pwrite", "ftruncate")
+CALLS = ("open", "fsync", "replace", "rename", "unlink", "remove", "mkdir", "rmdir")
 #: What becomes of written bytes that were not made lasting. "mixed": of each file something else.
 DAMAGES = ("whole", "lost", "half", "zeros", "mixed")
 #: Where no more names than this are not lasting, every subset of them is tried.
@@ -129,18 +129,16 @@ class Recorder:
     before : Cut, optional
         A moment of an earlier process that was killed there: `root` is made as that one saw it, and what was
         not lasting then still is not.
-    heeds : callable
-        Tells, each time that fsync is called, whether the disk does what it is asked for.
 
     Notes
     -----
     What other modules write (C libraries too) is seen when the next call is watched.
     """
 
-    def __init__(self, root: Path, patch, before: Cut | None = None, heeds: Callable[[], bool] = lambda: True) -> None:
+    def __init__(self, root: Path, patch, before: Cut | None = None) -> None:
         self.root, self.cuts = root, []
         self._before = {} if before is None else before.files
-        self._heeds, self._guard = heeds, RLock()
+        self._guard = RLock()
         self._real = {name: getattr(os, name) for name in CALLS}
         self._held: list[int] = []
         self._numbers: dict[int, int] = {}
@@ -171,7 +169,7 @@ class Recorder:
         def call(*args, **more):
             with self._guard:
                 self._look()
-                if name == "fsync" and self._heeds():
+                if name == "fsync":
                     self._sync(os.fstat(args[0]))
                 result = real(*args, **more)
                 self._look()

@@ -5,22 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from pounding_sweep.model.scene import Building, ContactProperties, Scene
+from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.records import Record
 
 OUTPUTS = ["displacement_max", "displacement_min", "impact_force_max", "impact_count", "first_impact_time"]
 #: Outputs that need every reducer but the closing displacement: those of `simulate`.
-EVERY = [
-    *OUTPUTS,
-    "storey_shear_max",
-    "acceleration_max",
-    "penetration_max",
-    "impulse",
-    "approach_speed_max",
-    "energy_input",
-    "energy_kinetic",
-    "energy_transfer_max",
-    "contact_work",
-]
+EVERY = [name for name, variable in VARIABLES.items() if variable.needs - {"closing"} and name != "energy_residual"]
 #: Axes of a small sweep of three laws.
 AXES = {
     "laws": ["linear", "none", "kelvin_voigt"],
@@ -41,14 +31,14 @@ def row(gaps=(0.01, 0.02)):
     )
 
 
-def pair():
+def pair(gap=0.006):
     """Two buildings of two storeys with periods 0.27 and 0.22 s."""
     return Scene(
         [
             Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
             Building("b", [80.0, 110.0], [2.4e5, 2.0e5]),
         ],
-        gaps=[0.006],
+        gaps=[gap],
         contact=ContactProperties(linear_stiffness=8e5, hertz_stiffness=7.5e6, restitution=0.6),
     )
 

@@ -1,4 +1,4 @@
-"""Cubes taken into others on the command line, one after another; as a program, in a process that may crash or hang."""
+"""What commands make of damaged cubes, one after another; as a program, in a process that may crash or hang."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import resource
 import sys
 
 from fuzz import HANGING
+from stub_engine import install
 from typer.main import get_command
 
 from pounding_sweep.cli.app import app
@@ -16,8 +17,9 @@ from pounding_sweep.output.netcdf import open_cube
 OUT = "out.nc"
 #: Made once: it takes as long as a command that is refused.
 PROGRAM = get_command(app)
-#: What a cube is put into; "CUBE" stands for its path.
+#: What is done with a cube; "CUBE" stands for its path.
 COMMANDS = {
+    "info": ["info", "CUBE"],
     "merge": ["merge", "CUBE", "b.nc", "-o", OUT, "--overwrite"],
     "extend": ["run", "all.toml", "-o", OUT, "--extend", "CUBE", "--overwrite", "--quiet", "--workers", "1"],
 }
@@ -53,13 +55,22 @@ def content(path):
         return found | {key: str(cube.attrs[key]) for key in TOLD}
 
 
+def outcome(command, cube):
+    """Return what is compared of what a command made: all of a cube, and of one that it described, the results."""
+    if command != "info":
+        return content(OUT)
+    with open_cube(cube) as found:
+        return {str(name): array.values.tobytes() for name, array in found.data_vars.items()}
+
+
 def main(whole):
     """Take every cube that stdin names after a command; tell its exit code, "same" where nothing came out changed."""
+    install()
     expected = {}
     for command in COMMANDS:
         done = take(command, whole)
         assert done == (0, ""), done
-        expected[command] = content(OUT)
+        expected[command] = outcome(command, whole)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     for command, _, path in (line.partition(" ") for line in sys.stdin.read().splitlines()):
         used = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
@@ -67,7 +78,7 @@ def main(whole):
         print("?", flush=True)
         code, words = take(command, path)
         if code == 0:
-            code = "same" if content(OUT) == expected[command] else "changed"
+            code = "same" if outcome(command, path) == expected[command] else "changed"
         print(code, words, flush=True)
 
 

@@ -14,7 +14,7 @@ from hypothesis.extra.numpy import arrays
 
 import pounding_sweep.analysis as analysis
 from pounding_sweep.analysis.along import fractiles_along, interpolate
-from pounding_sweep.analysis.amplified import RESPONSES
+from pounding_sweep.analysis.comparisons.amplification import RESPONSES
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import get_law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
@@ -31,20 +31,11 @@ def spoiled(seed, *names, **settings):
     return hand_cube(AXES, random_fill(seed, *names), status=status, **settings)
 
 
-class TestNames:
-    def test_every_name_is_reachable(self):
-        for name in dir(analysis):
-            assert getattr(analysis, name) is not None
+def test_no_name_is_hidden_by_a_module_of_the_package():
+    from importlib.resources import files
 
-    def test_no_name_is_hidden_by_a_module_of_the_package(self):
-        from importlib.resources import files
-
-        modules = {entry.name.removesuffix(".py") for entry in files("pounding_sweep.analysis").iterdir()}
-        assert not modules & set(dir(analysis))
-
-    def test_unknown_name(self):
-        with pytest.raises(AttributeError, match="nothing"):
-            _ = analysis.nothing
+    modules = {entry.name.removesuffix(".py") for entry in files("pounding_sweep.analysis").iterdir()}
+    assert not modules & set(dir(analysis))
 
 
 class TestAlong:
@@ -199,7 +190,7 @@ class TestSelections:
         cube = hand_cube(AXES, random_fill(12, *self.NAMES))
         part = cube.sel(gap=0.02, pair="a-b", building="a", storey=1, record="one")
         for key in ("amplification", "law-comparison", "incremental", "fragility"):
-            assert isinstance(FIGURES[key].load()(part), Figure)
+            assert isinstance(FIGURES[key].draw(part), Figure)
 
 
 class TestLaws:

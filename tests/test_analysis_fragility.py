@@ -15,10 +15,9 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 from pounding_sweep.analysis import fragility
+from pounding_sweep.analysis.comparisons.fragility import fit_rows, sentence
 from pounding_sweep.analysis.events import EVENTS
-from pounding_sweep.analysis.fragilities import sentence
 from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, LognormalFit, fit_lognormal, probability
-from pounding_sweep.analysis.rows import fit_rows
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.outputs.variables import VARIABLES, Status
 
@@ -206,7 +205,10 @@ class TestCube:
         assert max(spans) > 0.2  # one of them would turn back
         assert min(spans) < 0.1
 
-    @pytest.mark.parametrize(("records", "design"), [(10, "8 scales"), (20, "8 scales"), (20, "3 scales")])
+    @pytest.mark.parametrize(
+        ("records", "design"),
+        [(10, "8 scales"), *(pytest.param(20, design, marks=pytest.mark.slow) for design in ("8 scales", "3 scales"))],
+    )
     def test_intervals_hold_what_the_suites_were_drawn_from(self, records, design):
         """As often as they promise, within what 400 suites can tell and the table in the documentation shows."""
         found = interval_coverage.measure(records, *interval_coverage.DESIGNS[design], suites=400)

@@ -320,7 +320,7 @@ def test_an_audit_that_can_not_run_costs_no_sweep(monkeypatch):
 # -- kinds of sweeps ---------------------------------------------------------------------------------------------------
 
 
-def test_nothing_to_audit():
+def test_nothing_to_audit(stub_engine):
     single = Scene([Building("a", [100.0], [1e4])])
     for sweep in (
         Sweep(single, motions()[1], "none", dt=0.005, outputs=["displacement_max"]),
@@ -343,7 +343,7 @@ def test_listed_cases():
     assert cube["audit_gap"].values[:, 1].tolist() == (2 * cube["audit_gap"].values[:, 0]).tolist()
 
 
-def test_one_touching_scenario():
+def test_one_touching_scenario(stub_engine):
     sweep = make(laws="linear", gaps=[0.002], stiffness_factors=None, records=motions()[0])
     cube = sweep.run(scheduler="synchronous")
     assert cube.sizes["audit"] == 1
@@ -403,6 +403,7 @@ def test_refused_and_untouched_scenarios_are_no_candidates():
     assert get_variable("steps_per_contact").always  # which candidates are known by
 
 
+@pytest.mark.slow
 def test_velocity_jumps_are_audited():
     """They have no contact that lasts, and so no steps in it."""
     sweep = make(

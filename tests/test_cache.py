@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import errno
 import gc
 import hashlib
@@ -15,16 +14,19 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from numba.core import caching
 
 import pounding_sweep as ps
+from pounding_sweep.emit.spec import LANES, input_slots, output_slots
 from pounding_sweep.engine import cache
 from pounding_sweep.engine import kernel as driver
 from pounding_sweep.engine.cache import get_kernel, is_cached, module_name, source_digest, text_sizes
 from pounding_sweep.engine.compile import from_json, prepare, shares, to_json
+from pounding_sweep.engine.kernel import KernelText
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
@@ -33,7 +35,7 @@ from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record
 
 LINEAR = get_law("linear")
-DOUBLED = dataclasses.replace(LINEAR, elastic="2.0*k*d", elastic_slope="2.0*k")
+DOUBLED = replace(LINEAR, elastic="2.0*k*d", elastic_slope="2.0*k")
 SCENE = Scene([Building("a", [100.0], [1e4]), Wall()], gaps=[0.005])
 RECORD = Record("shake", 0.02, 3.0 * np.sin(0.14 * np.arange(100)))
 
@@ -41,6 +43,46 @@ RECORD = Record("shake", 0.02, 3.0 * np.sin(0.14 * np.arange(100)))
 def kernel_of(law=LINEAR, reducers=("force",), scene=SCENE):
     """A small kernel that compiles in two seconds."""
     return RowKernel(scene, law, Numerics("rk4", 0.005, locate=False), frozenset(reducers))
+
+
+#: A text of two modules as kernels have, compiled in no time.
+TOY = KernelText(
+    driver.PRELUDE + "@njit(**OPTIONS)\ndef most(a, b):\n    return max(a, b)\n",
+    driver.PRELUDE
+    + """from row import *
+
+@njit(**OPTIONS)
+def run(motion, interval, steps, flights, constants, inputs, results, history):
+    for l in range({lanes}):
+        d = 0.0
+        for value in motion:
+            d = most(d, value * inputs[0, l])
+        k, r = inputs[0, {k} + l], d
+        results[0, {force} + l] = ({elastic}) if d > inputs[0, {gap} + l] else 0.0
+""",
+)
+
+
+def toy_text(shape):
+    """Instead of `kernel_text`: a spring of the law between the ground and nothing."""
+    inputs, outputs = (slots(shape).first for slots in (input_slots, output_slots))
+    places = {"k": inputs["k"], "gap": inputs["gap"], "force": outputs.get("fmax", 0)}
+    numbers = {name: slot * LANES for name, slot in places.items()}
+    return replace(TOY, main=TOY.main.format(lanes=LANES, elastic=shape.law.elastic, **numbers))
+
+
+@pytest.fixture(autouse=True, scope="module")
+def toy():
+    """Small texts in place of kernels; the text itself is tested where none is compiled."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cache, "kernel_text", toy_text)
+        yield
+
+
+@pytest.fixture
+def real(monkeypatch):
+    """No small texts."""
+    monkeypatch.setattr(cache, "kernel_text", driver.kernel_text)
 
 
 def peak(law=LINEAR, k=2e5, scale=1.0, gap=0.005):
@@ -118,6 +160,7 @@ def hits_and_misses(run):
 FRESH = """
 import json
 import test_cache as t
+t.cache.kernel_text = t.toy_text
 run = t.get_kernel(t.kernel_of().shape)
 print(json.dumps({"hits": t.hits_and_misses(run), "peak": t.peak().hex()}))
 """
@@ -172,7 +215,7 @@ def test_an_edited_law_is_another_kernel(filled):
     assert {p.stem for p in filled.glob("*.py")} > set(names)
     assert len(list(filled.glob("*.py"))) == 3  # the part that knows no law is shared
     # what does not change the text changes nothing
-    renamed = dataclasses.replace(LINEAR, title="Another title", reference="-")
+    renamed = replace(LINEAR, title="Another title", reference="-")
     assert source_digest(kernel_of(renamed).shape) == names[0]
 
 
@@ -192,7 +235,8 @@ def commented(template):
     return lambda patch: patch.setattr(driver, "_functions", functions)
 
 
-@pytest.mark.usefixtures("filled")
+@pytest.mark.slow
+@pytest.mark.usefixtures("real", "folder")
 def test_an_edited_generator_is_another_kernel(monkeypatch):
     """The edit is in a module that the main one only imports: even then the main one is not a stale one."""
     before, doubled = peak(), peak(k=4e5, scale=2.0, gap=0.01)
@@ -213,6 +257,7 @@ def test_an_edited_generator_is_another_kernel(monkeypatch):
     assert hits_and_misses(get_kernel(kernel_of().shape)) == (1, 0)
 
 
+@pytest.mark.usefixtures("real")
 def test_every_part_of_the_text_is_in_the_name(monkeypatch):
     """An edit of any text that a kernel is made of gives another name, and none gives the same."""
     scene = Scene([Building("a", [100.0, 90.0], [1e4, 1e4]), Building("b", [80.0], [2e4])], gaps=[0.005])
@@ -469,6 +514,8 @@ def test_shapes_travel_as_plain_data():
                 assert from_json(json.loads(json.dumps(to_json(kernel.shape)))) == kernel.shape
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("real")
 def test_kernels_are_compiled_side_by_side(folder):
     shapes = [kernel_of().shape, kernel_of(DOUBLED).shape]
     told = []
@@ -484,6 +531,7 @@ def test_kernels_are_compiled_side_by_side(folder):
     assert files(folder) == before
 
 
+@pytest.mark.usefixtures("real")
 @pytest.mark.parametrize("n", [1, 2, 3, 7])
 def test_kernels_are_shared_out_by_what_they_take(n):
     sweep = ps.Sweep("mate2015", "el_centro", ["linear", "hertz", "hertz_damped", "none"], method="rk4", gaps=[0.01])
@@ -503,7 +551,8 @@ def test_kernels_are_shared_out_by_what_they_take(n):
     assert shares([], n) == []
 
 
-@pytest.mark.usefixtures("forgetful")
+@pytest.mark.slow
+@pytest.mark.usefixtures("forgetful", "real")
 def test_an_implicit_solution_that_is_given_up_is_told_by_the_status(monkeypatch):
     """With one sweep over the contacts Gauss-Seidel can't be seen to converge; the values stay, the status tells."""
     scene = ps.Scene(

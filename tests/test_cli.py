@@ -1,4 +1,4 @@
-"""The command line as users meet it: in its own process, by what it prints and how it ends."""
+"""The command line as users meet it: by what it prints and how it ends; here, but for a few processes of its own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ import textwrap
 import threading
 import time
 import tomllib
+import warnings
+from contextlib import chdir, contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -24,13 +28,16 @@ from typer.main import get_command
 
 from pounding_sweep.cli.app import app
 from pounding_sweep.cli.progress import LineProgress, TerminalProgress, make_progress
+from pounding_sweep.cli.reporting import INTERRUPTS
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.summary import status_table, summary_table
 from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.resume.checkpoint import MANIFEST
+from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
 
+pytestmark = pytest.mark.usefixtures("stub_module")
 ROOT = Path(__file__).resolve().parent.parent
 QUICKSTART = ROOT / "sweeps" / "quickstart.toml"
 #: Whether a process heeds SIGINT is inherited; this one does, whatever started the tests.
@@ -80,18 +87,34 @@ def environment(**more):
     return {**env, "PYTHONPATH": os.pathsep.join(filter(None, paths)), **more}
 
 
-def cli(*args, cwd=None, code=0, env=None, start=("-m", "pounding_sweep")):
-    """Run the command line; returns what it printed, having checked its exit code."""
-    done = subprocess.run(
-        [sys.executable, *start, *map(str, args)],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        env=environment(**(env or {})),
-        stdin=subprocess.DEVNULL,
-        check=False,
-        timeout=600,
-    )
+@contextmanager
+def as_a_user(cwd=None, env=None):
+    """Folder, environment, warnings and signals of a process that a user starts."""
+    there = nullcontext() if cwd is None else chdir(cwd)
+    with there, patch.dict(os.environ, environment(**(env or {})), clear=True), warnings.catch_warnings():
+        warnings.resetwarnings()
+        warnings.simplefilter("ignore", DeprecationWarning)
+        before = {number: signal.getsignal(number) for number in INTERRUPTS}
+        yield
+        for number, handler in before.items():  # which a process that is told to end keeps otherwise
+            signal.signal(number, handler)
+
+
+def cli(*args, cwd=None, code=0, env=None, start=()):
+    """Run the command line here, or by `start` in its own process; returns what it printed, its exit code checked."""
+    if start:
+        command = [sys.executable, *start, *map(str, args)]
+        more = {"cwd": cwd, "env": environment(**(env or {})), "stdin": subprocess.DEVNULL}
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=600, **more)
+    else:
+        out, err, returncode = io.StringIO(), io.StringIO(), 0
+        given = ["pounding-sweep", *map(str, args)]
+        with as_a_user(cwd, env), patch.object(sys, "argv", given), redirect_stdout(out), redirect_stderr(err):
+            try:
+                app(prog_name="pounding-sweep")
+            except SystemExit as end:
+                returncode = end.code or 0
+        done = SimpleNamespace(stdout=out.getvalue(), stderr=err.getvalue(), returncode=returncode)
     assert done.returncode == code, done.stderr
     return done
 
@@ -117,7 +140,7 @@ def edited(old, new):
 
 
 @pytest.fixture(scope="module")
-def tiny(tmp_path_factory):
+def tiny(tmp_path_factory, stub_module):
     """The tiny sweep, run once: its folder, what was printed."""
     folder = tmp_path_factory.mktemp("tiny")
     write(folder, TINY)
@@ -164,7 +187,8 @@ def test_starting_loads_nothing_heavy(statement):
 
 
 def test_version():
-    assert re.fullmatch(r"pounding-sweep \S.*\n", cli("--version").stdout)
+    for start in ((), ("-m", "pounding_sweep")):
+        assert re.fullmatch(r"pounding-sweep \S.*\n", cli("--version", start=start).stdout)
 
 
 def test_laws_lists_the_registry_in_full():
@@ -360,18 +384,14 @@ def test_run_says_what_is_wrong_with_scenarios_and_how_to_mend_it(tmp_path):
     assert re.search(r"^kelvin_voigt +high-low +- +- +- +0/0$", done.stdout, re.MULTILINE)
 
 
-def test_a_chunk_that_fails_is_told_and_the_rest_is_kept(tiny, tmp_path):
+def test_a_chunk_that_fails_is_told_and_the_rest_is_kept(tiny, tmp_path, monkeypatch):
     folder, _ = tiny
-    code = """
-        from pounding_sweep import cli
-        from pounding_sweep.run import execute
-
-        real = execute.run_chunk
-        execute.run_chunk = lambda kernel, *more: real(kernel, *more) if kernel.law.key == "none" else "on purpose"
-        cli.main()
-    """
+    real = execute.run_chunk
     args = ("run", folder / "sweep.toml", "-o", tmp_path / "out.nc")
-    done = cli(*args, code=1, start=("-c", textwrap.dedent(code)))
+    with monkeypatch.context() as patch:
+        fails = lambda kernel, *more: real(kernel, *more) if kernel.law.key == "none" else "on purpose"  # noqa: E731
+        patch.setattr(execute, "run_chunk", fails)
+        done = cli(*args, code=1)
     assert done.stderr.count("on purpose") == 1
     assert "pounding-sweep: warning: " in done.stderr
     assert f"{tmp_path / 'out.nc'}.parts" in done.stderr
@@ -382,23 +402,15 @@ def test_a_chunk_that_fails_is_told_and_the_rest_is_kept(tiny, tmp_path):
     assert not (tmp_path / "out.nc.parts").exists()
 
 
-def test_an_unforeseen_error_exits_with_1(tiny, tmp_path):
-    folder, _ = tiny
-    code = """
-        from pounding_sweep import cli
-        from pounding_sweep.run import execute
-
-        def fail(*args):
-            raise ZeroDivisionError("by chance")
-
-        execute.Results = fail
-        cli.main()
-    """
-    done = cli("run", folder / "sweep.toml", "-o", tmp_path / "o.nc", code=1, start=("-c", textwrap.dedent(code)))
-    assert "pounding-sweep: failed: ZeroDivisionError: by chance; nothing was finished yet" in done.stderr
+def test_an_unforeseen_error_exits_with_1(tiny, tmp_path, monkeypatch):
+    monkeypatch.setattr(execute, "Results", lambda *_: 1 / 0)
+    done = cli("run", tiny[0] / "sweep.toml", "-o", tmp_path / "o.nc", code=1)
+    assert "pounding-sweep: failed: ZeroDivisionError: division by zero; nothing was finished yet" in done.stderr
+    assert "Traceback" in done.stderr
     assert done.stdout == ""
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_continues_to_the_same_cube(tmp_path):
     write(tmp_path, LONG.replace("dt = 1e-6", "dt = 3e-6"))
     args = [sys.executable, "-c", HEEDING, "run", "sweep.toml", "--workers", "1", "-o"]
@@ -431,7 +443,7 @@ def test_an_interrupted_run_continues_to_the_same_cube(tmp_path):
 # -- progress ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("quiet", [False, True])
+@pytest.mark.parametrize("quiet", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_progress_is_shown_on_a_terminal_unless_quiet(tiny, tmp_path, quiet):
     folder, _ = tiny
     ours, theirs = pty.openpty()
@@ -446,7 +458,7 @@ def test_progress_is_shown_on_a_terminal_unless_quiet(tiny, tmp_path, quiet):
 
     reader = threading.Thread(target=read)
     reader.start()
-    args = [sys.executable, "-m", "pounding_sweep", "run", folder / "sweep.toml", "-o", tmp_path / "out.nc"]
+    args = [sys.executable, "-m", "stub_engine", "run", folder / "sweep.toml", "-o", tmp_path / "out.nc"]
     try:
         done = subprocess.run(
             [*args, *(["--quiet"] if quiet else [])],
@@ -591,16 +603,6 @@ def test_bad_paths_and_options(tiny, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_chunks_of_another_sweep_are_not_mixed_in(tiny, tmp_path):
-    parts = tmp_path / "out.nc.parts"
-    parts.mkdir()
-    (parts / "identity.json").write_text('{"format": 2, "identity": "another", "details": {"sweep": "0"}}')
-    (parts / MANIFEST).write_text('{"key": "one"}\n')
-    text = bad("run", tiny[0] / "sweep.toml", "-o", tmp_path / "out.nc")
-    assert "belong to another sweep" in text
-    assert sorted(path.name for path in parts.iterdir()) == ["identity.json", MANIFEST]
-
-
 @pytest.mark.parametrize(
     "args",
     [
@@ -710,6 +712,7 @@ def test_statuses_are_counted_with_their_remedies():
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_readme_example_runs(tmp_path):
     (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     done = cli(start=("-W", "error", "-c", code), cwd=tmp_path)

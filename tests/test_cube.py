@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import re
@@ -10,8 +9,6 @@ import shutil
 import stat
 import subprocess
 import sys
-import threading
-import time
 
 import netCDF4
 import numpy as np
@@ -20,15 +17,19 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pounding_sweep.base import files, lock
+from pounding_sweep.base import files
 from pounding_sweep.base.errors import InputError, OutputError
-from pounding_sweep.base.lock import LOCK
+from pounding_sweep.engine.kernel import kernel_text
+from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
+from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, Axis, assemble, unit_attributes
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
-from pounding_sweep.outputs.layout import inner_shape, mask_invalid, scatter_contact, scatter_dof
+from pounding_sweep.outputs.declare import Reducer, Slot
+from pounding_sweep.outputs.layout import inner_shape, mask_invalid
+from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import (
     DEFAULT_OUTPUTS,
     INNER_DIMS,
@@ -40,6 +41,7 @@ from pounding_sweep.outputs.variables import (
     check_outputs,
     cube_variables,
     get_variable,
+    output_slots,
     reducers_for,
 )
 from pounding_sweep.resume.checkpoint import IDENTITY, parts_folder
@@ -106,7 +108,7 @@ class TestRegistry:
         assert variable.definition.endswith(".")
         assert set(variable.dims) <= set(INNER_DIMS)
         assert list(variable.dims) == sorted(variable.dims, key=INNER_DIMS.index)
-        assert variable.needs <= REDUCERS
+        assert variable.needs <= set(REDUCERS)
         assert variable.dtype in {"f8", "i4", "i1"}
         assert bool(variable.flag_values) == bool(variable.flag_meanings)
 
@@ -149,7 +151,28 @@ class TestRegistry:
         assert reducers_for([]) == frozenset()
         assert reducers_for(["displacement_min", "contact_work"]) == {"displacement", "work"}
         assert reducers_for(["energy_transfer_max"]) == {"energy", "transfer"}
-        assert reducers_for(VARIABLES) == REDUCERS
+        assert reducers_for(VARIABLES) == set(REDUCERS)
+
+    @pytest.mark.parametrize("name", REDUCERS)
+    def test_reducers_leave_text_where_asked_only(self, name):
+        def text(reducers):
+            found = kernel_text(kernel_shape(SCENE, get_law("linear"), Numerics("rk4", 0.01), reducers))
+            return found.row + found.main
+
+        rest = text(set(REDUCERS) - {name})
+        assert rest != text(REDUCERS)
+        assert "# reducers" not in rest
+
+    @pytest.mark.parametrize("law", ["linear", "stereomechanical"])
+    def test_one_entry_makes_a_reducer(self, law, monkeypatch):
+        made = Reducer("made", (Slot("made", "contact", "7.0"),), "touch", touch="S[MADE + q] = v", substep="x = 1.0")
+        monkeypatch.setitem(REDUCERS, "made", made)
+        shape = kernel_shape(SCENE, get_law(law), Numerics("rk4", 0.01), ["made"])
+        text = kernel_text(shape)
+        assert "S[MADE + j * L + l] = 7.0\n" in text.row  # its first value
+        assert " S[MADE + q] = v\n" in text.main
+        assert "    x = 1.0\n" in text.main
+        assert output_slots(shape).count["made"] == len(SCENE.contacts)
 
     def test_variables_of_a_cube(self):
         assert cube_variables(["drift_max"]) == ("drift_max", "status", "steps_per_contact")
@@ -578,60 +601,14 @@ class TestFile:
         assert len(there) == 1
         assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == {"another.nc": b"more", "other.nc": b"all"}
 
-    def test_who_looks_at_the_moment_of_locking_is_waited_for(self, tmp_path, monkeypatch):
-        """Else a folder stays without its lock, and the next who looks takes it for abandoned."""
-        real = os.open
-
-        def looked_at(path, *more):
-            handle = real(path, *more)
-            if os.path.basename(path) == LOCK:
-                monkeypatch.setattr(os, "open", real)
-                other = real(path, os.O_RDWR)
-                fcntl.flock(other, fcntl.LOCK_EX)
-                threading.Timer(0.2, os.close, [other]).start()
-            return handle
-
-        monkeypatch.setattr(os, "open", looked_at)
-        with lock.own_folder(tmp_path / "new") as folder:
-            assert not lock.remove_abandoned(folder)
-            assert folder.is_dir()
-        assert not folder.exists()
-
     def test_a_folder_in_which_somebody_still_writes_is_removed_later(self, tmp_path, monkeypatch):
         real, pauses = shutil.rmtree, []
         monkeypatch.setattr(shutil, "rmtree", lambda *_, **more: pauses.append(more))
-        monkeypatch.setattr(lock.time, "sleep", lambda pause: pause and monkeypatch.setattr(shutil, "rmtree", real))
-        with lock.own_folder(tmp_path / "new"):
+        monkeypatch.setattr(files.time, "sleep", lambda pause: pause and monkeypatch.setattr(shutil, "rmtree", real))
+        with files._own_folder(tmp_path):
             pass
         assert len(pauses) == 1
         assert not list(tmp_path.iterdir())
-
-    @pytest.mark.parametrize(
-        "theirs",
-        [
-            {"host": "elsewhere", "boot": "another", "machine": "another"},  # whose processes can't be seen from here
-            None,  # it is just being made
-        ],
-    )
-    def test_what_may_be_of_somebody_else_stays(self, tmp_path, theirs):
-        folder = tmp_path / ".pounding_sweep-0123456789abcdef.part"
-        folder.mkdir()
-        (folder / "half").write_bytes(b"half")
-        text = "" if theirs is None else json.dumps({"pid": 1, "started": "2026-01-01T00:00:00+00:00", **theirs})
-        (folder / LOCK).write_text(text)
-        with files.replacing(tmp_path / "cube.nc") as part:
-            part.write_bytes(b"x")
-        assert (folder / "half").exists()
-
-    def test_a_folder_whose_lock_has_named_nobody_for_long_is_abandoned(self, tmp_path):
-        """A power cut may take the name, and a kill come before it."""
-        folder = tmp_path / ".pounding_sweep-0123456789abcdef.part"
-        folder.mkdir()
-        (folder / LOCK).touch()
-        assert not lock.remove_abandoned(folder)
-        os.utime(folder / LOCK, (time.time() - 2 * lock.NAMELESS,) * 2)
-        assert lock.remove_abandoned(folder)
-        assert not folder.exists()
 
     def test_content_is_on_disk_before_the_name_changes(self, tmp_path, monkeypatch):
         order = []
@@ -646,7 +623,7 @@ class TestFile:
         monkeypatch.setattr(os, "fsync", watch)
         with files.replacing(target) as part:
             part.write_bytes(b"x")
-        assert order == [("file", False), ("file", False), ("folder", True)]  # the lock's, and its own
+        assert order == [("file", False), ("folder", True)]
         assert list(tmp_path.iterdir()) == [target]
 
     def test_opening_what_is_no_cube(self, cube, tmp_path):

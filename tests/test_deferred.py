@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 
 import pounding_sweep
@@ -20,7 +23,19 @@ def test_every_name_of_a_package_is_there(package):
 
 
 @pytest.mark.parametrize("registry", [COMPARISONS, FIGURES], ids=["comparisons", "figures"])
-def test_every_function_of_a_registry_is_there(registry):
+def test_every_module_of_a_registry_defines_its_entry(registry):
+    assert len(registry) == len(list(registry)) > 5
     for key, entry in registry.items():
-        function = entry.load()
-        assert f"{function.__module__}:{function.__name__}" == entry.place, key
+        assert entry.key == key
+    with pytest.raises(KeyError):
+        registry["nothing"]
+
+
+def test_keys_are_known_before_anything_is_loaded():
+    """Of what command lines print of registries, nothing that takes long is imported."""
+    code = (
+        "import sys, pounding_sweep.cli; from pounding_sweep.analysis import COMPARISONS; assert 'laws' in COMPARISONS"
+    )
+    heavy = "{'numpy', 'xarray', 'matplotlib', 'numba'} & set(sys.modules)"
+    done = subprocess.run([sys.executable, "-c", f"{code}; print({heavy})"], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

@@ -13,7 +13,6 @@ import sys
 import textwrap
 import threading
 import time
-from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -30,17 +29,14 @@ from pounding_sweep.base.errors import ClusterError
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.provenance import fingerprint
 from pounding_sweep.outputs.variables import Status
-from pounding_sweep.plan.chunks import Job
+from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.resume.checkpoint import MANIFEST
-from pounding_sweep.run import pool as far_workers
+from pounding_sweep.run import cluster as far_workers
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.pool import Dispatcher
 
-pytestmark = [
-    pytest.mark.slow,
-    # where all have died, the next may take long to start on a busy machine
-    pytest.mark.filterwarnings("ignore:(no )?workers at .*; waiting:RuntimeWarning"),
-]
+# where all have died, the next may take long to start on a busy machine
+pytestmark = pytest.mark.filterwarnings("ignore:(no )?workers at .*; waiting:RuntimeWarning")
 
 
 @pytest.fixture
@@ -118,6 +114,7 @@ def whole(count):
 # -- workers that die, start again and join ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_workers_are_killed_and_others_join(reference, tmp_path, whole, count):
     """All workers that were there at the start are gone before the end, with everything that was sent to them."""
     with DaskCluster(tmp_path) as cluster:
@@ -139,25 +136,7 @@ def test_workers_are_killed_and_others_join(reference, tmp_path, whole, count):
         count("workers that joined late", log.count(" takes part") - 2)
 
 
-def test_a_worker_starts_again(reference, tmp_path, whole, count):
-    """A nanny puts a new process in the place of one that dies."""
-    with DaskCluster(tmp_path) as cluster:
-        cluster.add("only", nanny=True)
-
-        def die():
-            nanny = int((tmp_path / "only.pid").read_text())
-            for worker in started_by(nanny):
-                cluster.kill_process(worker.pid)
-
-        events = Events((8, die), (24, die))
-        sweep = make()
-        whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
-        assert not events.events
-        assert cluster.killed >= 1  # results that were there already may come in while the next one starts
-        count("workers killed", cluster.killed)
-        count("workers that joined late", sum("takes part" in note for note in events.notes) - 1)
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "given_up_after",
     ["15s", pytest.param("10ms", marks=pytest.mark.release)],  # of which dask may make that none starts again
@@ -183,6 +162,7 @@ def test_own_processes_are_killed(reference, whole, count, given_up_after):
     count("workers killed", len(killed))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("impatient")
 def test_workers_that_come_later(reference, tmp_path, whole, count):
     """A scheduler without workers, as when they wait in a batch system's queue, is waited for."""
@@ -197,27 +177,7 @@ def test_workers_that_come_later(reference, tmp_path, whole, count):
         count("workers that joined late")
 
 
-@pytest.mark.parametrize("when", [0, 8])
-def test_frozen_workers_hold_up_nobody(monkeypatch, reference, tmp_path, whole, count, when):
-    """Stopped, not dead: the others go on without what it has, and it takes part when it is heard again."""
-    monkeypatch.setattr(far_workers, "QUIET_SECONDS", 6.0)
-    with DaskCluster(tmp_path) as cluster:
-        cluster.add("mute").freeze("mute")  # never says what it has installed
-        cluster.add("first")  # what is lent lives here, and it has chunks
-        events, sweep = Events((when, lambda: (cluster.freeze("first"), cluster.add("second", wait=False)))), make()
-        whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
-        assert not events.events
-        told = [note.split(": ")[1].split(";")[0] for note in events.notes]  # others may be slow too, once in a while
-        assert {"says nothing for 6 s", "takes part, with 1 threads"} == set(told)
-        assert told.count("takes part, with 1 threads") >= 2
-        count("workers frozen", 2)
-        count("workers that joined late")
-        cluster.thaw("first")
-        cluster.kill("second")
-        events, sweep = Events(), make()
-        whole(sweep.run(scheduler=cluster.address, progress=events), sweep, reference)
-
-
+@pytest.mark.slow
 def test_workers_that_answer_late_get_their_kernels_first(monkeypatch, reference, tmp_path, whole):
     """A busy machine may take seconds to say what it has installed; the others wait for that, if not for ever."""
     monkeypatch.setattr(far_workers, "ANSWER_SECONDS", 300.0)
@@ -233,6 +193,7 @@ def test_workers_that_answer_late_get_their_kernels_first(monkeypatch, reference
     assert kinds[: kinds.index("no pounding")].count("takes part") == 2
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("importable")
 def test_all_workers_die_at_once(tmp_path, count):
     """Their chunks are handed out again as all others: nothing tells that one of them killed."""
@@ -254,7 +215,7 @@ def test_all_workers_die_at_once(tmp_path, count):
                     client.run(fingerprint)  # both have imported all that they need
 
         with Dispatcher(cluster.address, 2, [None, None], where, events.append) as dispatcher:
-            dispatcher.run(30, jobs(30, Counted(0.0)), take)
+            dispatcher.run(30, jobs(30, SimpleNamespace(scene=None)), take)
         with Client(cluster.address, set_as_default=False) as client:
             there = set(client.run(os.getpid).values())
     assert set(found) == set(range(30))
@@ -263,6 +224,7 @@ def test_all_workers_die_at_once(tmp_path, count):
     count("workers killed", 2)
 
 
+@pytest.mark.slow
 def test_the_scheduler_dies(reference, tmp_path, whole, count):
     """The run ends with an error that says so; the next one goes on from what is there."""
     out = tmp_path / "out.nc"
@@ -278,6 +240,7 @@ def test_the_scheduler_dies(reference, tmp_path, whole, count):
     assert sweep.last_outcome.reused > 0
 
 
+@pytest.mark.slow
 def test_the_client_is_killed(reference, tmp_path, whole):
     """Its cluster lives on, and the next client of the same scheduler continues."""
     code = (
@@ -329,6 +292,7 @@ def interrupted(tmp_path):
     return check
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_an_interrupt_while_processes_start(interrupted, name):
     """It waits until they are there, and ends them in order."""
@@ -354,6 +318,7 @@ def wait_for_chunks(process, folder):
         time.sleep(0.01)
 
 
+@pytest.mark.slow
 def test_an_interrupt_from_the_keyboard_is_for_the_client(interrupted, tmp_path):
     """A terminal sends it to the workers too; they end with their client, which keeps what is done."""
     workers = []
@@ -370,6 +335,7 @@ def test_an_interrupt_from_the_keyboard_is_for_the_client(interrupted, tmp_path)
     assert not any(worker.is_running() for worker in workers)
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_the_cluster_as_it_is(interrupted, tmp_path):
     """SIGTERM, as a batch system sends it; the next run goes on with the same workers."""
 
@@ -398,6 +364,7 @@ def other_package(tmp_path):
     return {"PYTHONPATH": str(copy.parent)}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("impatient")
 def test_a_worker_of_another_version_takes_no_part(reference, tmp_path, other_package, whole):
     with DaskCluster(tmp_path) as cluster:
@@ -416,59 +383,67 @@ def test_a_worker_of_another_version_takes_no_part(reference, tmp_path, other_pa
         assert not events.events
 
 
-@pytest.mark.usefixtures("impatient")
-def test_workers_that_have_not_answered_are_waited_for(monkeypatch):
+class Fake:
+    """A client whose scheduler has some workers; nothing that it is given ends."""
+
+    scheduler, cluster, loop = SimpleNamespace(address="tcp://scheduler"), None, None
+
+    def __init__(self, *names):
+        self.names = names
+
+    def nthreads(self):
+        return dict.fromkeys(self.names, 1)
+
+    def submit(self, function, workers, **more):
+        return workers[0]
+
+
+@pytest.fixture
+def looking(monkeypatch):
+    """Whoever is without workers says so soon; what they have installed is put into `answers`."""
+    monkeypatch.setattr(far_workers, "ALONE_SECONDS", 0.0)
+    monkeypatch.setattr(far_workers, "OWN_SECONDS", 0.0)
+
+    def make(fake):
+        answers, notes = [], []
+        queue = SimpleNamespace(add=lambda future: None, next_batch=lambda block: [answers.pop() for _ in answers[:]])
+        monkeypatch.setattr(far_workers.ClusterWorkers, "_completed", lambda self, futures=(): queue)
+        return far_workers.ClusterWorkers(fake, [], None, notes.append), answers, notes
+
+    return make
+
+
+def test_workers_that_have_not_answered_are_waited_for(looking):
     """One takes its time to import the package; it may be the only one that fits."""
-
-    class Fake:
-        scheduler, cluster = SimpleNamespace(address="tcp://scheduler"), None
-
-        def run_on_scheduler(self, function):
-            return {name: (1, "running", 0.0) for name in ("tcp://other", "tcp://slow")}
-
-        def run(self, *_, **__):
-            return None
-
-    asked = {}
-    monkeypatch.setattr(far_workers.FarWorkers, "_begin", lambda self, coroutine, name, done: asked.setdefault(name))
-    workers = far_workers.FarWorkers(Fake(), [], None, lambda text: None)
-
-    def answer(name, version):
-        future = Future()
-        future.set_result({name: version})
-        workers._answers.put((name, future))
-
+    workers, answers, notes = looking(Fake("tcp://other", "tcp://slow"))
     assert not workers._look()
-    assert set(asked) == {"tcp://other", "tcp://slow"}
-    answer("tcp://other", "pounding_sweep 0.0.9")
-    time.sleep(2 * far_workers.ALONE_SECONDS)
+    answers.append(("tcp://other", "pounding_sweep 0.0.9"))
     with pytest.warns(RuntimeWarning, match="workers at tcp://scheduler have not said yet what they have installed"):
         assert not workers._look()
-    answer("tcp://slow", fingerprint())
+    answers.append(("tcp://slow", fingerprint()))
     assert workers._look()
+    assert ["takes no part, it has pounding_sweep 0.0.9" in note for note in notes] == [True, False]
 
 
-@pytest.mark.usefixtures("impatient")
-def test_processes_that_do_not_come_back_are_not_waited_for(monkeypatch):
-    class Fake:
-        scheduler, cluster = SimpleNamespace(address="tcp://scheduler"), SimpleNamespace(worker_spec={0: {}})
-
-        def run_on_scheduler(self, function):
-            return {}
-
-    asked = []
-    Fake.cluster.scale = asked.append
-    monkeypatch.setattr(far_workers, "OWN_SECONDS", 0.5)
-    workers = far_workers.FarWorkers(Fake(), [], None, lambda text: None)
+def test_workers_that_do_not_fit_are_told_of(looking):
+    workers, answers, _ = looking(Fake("tcp://other"))
     assert not workers._look()
-    assert asked == [1]
-    time.sleep(0.7)
-    with pytest.raises(
-        ClusterError, match=r"all processes of this run are gone, and none has started again for .*; run"
-    ):
+    answers.append(("tcp://other", (ImportError, ImportError("no such module"), None)))
+    with pytest.raises(ClusterError, match=r"none of the 1 dask workers can take part: tcp://other has ImportError"):
         workers._look()
 
 
+def test_processes_that_do_not_come_back_are_not_waited_for(looking):
+    asked, fake = [], Fake()
+    fake.cluster = SimpleNamespace(worker_spec={0: {}}, scale=asked.append)
+    workers, *_ = looking(fake)
+    assert not workers._look()
+    assert asked == [1]
+    with pytest.raises(ClusterError, match=r"all processes of this run are gone, and none has started again"):
+        workers._look()
+
+
+@pytest.mark.slow
 def test_a_worker_of_another_version_at_an_address_that_is_known(
     monkeypatch, reference, tmp_path, other_package, whole, count
 ):
@@ -492,6 +467,7 @@ def test_a_worker_of_another_version_at_an_address_that_is_known(
         count("workers killed", cluster.killed)
 
 
+@pytest.mark.slow
 def test_a_scheduler_without_the_package(tmp_path):
     """It would fail each task, for a reason that no task tells."""
     (tmp_path / "none").mkdir()
@@ -520,7 +496,6 @@ class Counted:
     """Anything that is sent; counts how often."""
 
     sent = 0
-    scene = None
 
     def __init__(self, value):
         self.value = value
@@ -530,13 +505,11 @@ class Counted:
         return type(self), (self.value,)
 
 
-class CountedRecord(Counted):
-    """A record."""
-
-
 def jobs(n, kernel):
     none = np.zeros(0)
-    return lambda position: Job(f"{position}", kernel, position % 2, position, Variants(None, none, none, none), ())
+    return lambda position: ChunkTask(
+        f"{position}", kernel, position % 2, position, Variants(None, none, none, none), ()
+    )
 
 
 def add_up(kernel, record, table, variants, outputs):
@@ -568,12 +541,13 @@ def importable(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("importable")
 def test_sent_once_and_few_in_flight():
-    """Each record and kernel goes to the scheduler once, and few results wait, however many chunks there are."""
+    """Each record goes to the scheduler once, and few results wait, however many chunks there are."""
     n, found = 120, {}
-    Counted.sent = CountedRecord.sent = 0
-    records = [CountedRecord(100.0), CountedRecord(200.0)]
+    Counted.sent = 0
+    records = [Counted(100.0), Counted(200.0)]
     with Dispatcher("processes", 2, records, add_up) as dispatcher:
         slow = threading.Event()
 
@@ -581,25 +555,24 @@ def test_sent_once_and_few_in_flight():
             assert position not in found
             found[position] = result
             slow.wait(0.03)  # results come faster than they are taken
-            far = dispatcher.far
+            far = dispatcher.cluster
             # and what was lent, and what dask is about to let go
-            assert len(far.client.futures) <= 2 * far.most_in_flight + 3
+            assert len(far.client.futures) <= 2 * far.most_under_way + 3
 
-        dispatcher.far.prepare([])  # both are there
-        dispatcher.run(n, jobs(n, Counted(0.5)), take)
-        assert dispatcher.far.most_in_flight == 2 * far_workers.IN_FLIGHT
+        dispatcher.cluster.prepare([])  # both are there
+        dispatcher.run(n, jobs(n, SimpleNamespace(value=0.5, scene=None)), take)
+        assert dispatcher.cluster.most_under_way == 2 * far_workers.UNDER_WAY
     assert {at: result[0] for at, result in found.items()} == {i: 0.5 + 100.0 * (1 + i % 2) + i for i in range(n)}
     assert len({result[1] for result in found.values()}) == 2
     # dask tries two picklers, and the scheduler of this process hands on what it got
-    assert Counted.sent <= 5
-    assert CountedRecord.sent <= 2 * 5
+    assert Counted.sent <= 2 * 5
 
 
 @pytest.mark.usefixtures("importable")
 def test_a_chunk_that_kills_costs_itself_only(count):
     found, notes = {}, []
     with Dispatcher("processes", 2, [None, None], poison, notes.append) as dispatcher:
-        dispatcher.run(40, jobs(40, Counted(0.0)), found.__setitem__)
+        dispatcher.run(40, jobs(40, SimpleNamespace(scene=None)), found.__setitem__)
     bad = found.pop(7)
     assert isinstance(bad, str)
     assert bad.startswith("lost 3 times while nothing else ran on its worker: ")
@@ -607,12 +580,13 @@ def test_a_chunk_that_kills_costs_itself_only(count):
     count("workers killed", sum("has left" in note for note in notes))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("importable")
 def test_one_thread_per_process():
     found = {}
     with Dispatcher("processes", 2, [None, None], settings) as dispatcher:
-        dispatcher.run(2, jobs(2, Counted(0.0)), found.__setitem__)
-        client = dispatcher.far.client
+        dispatcher.run(2, jobs(2, SimpleNamespace(scene=None)), found.__setitem__)
+        client = dispatcher.cluster.client
         assert set(client.nthreads().values()) == {1}
         # a share of little memory is filled by the libraries alone: dask would stop such a worker for ever
         assert {worker["memory_limit"] for worker in client.scheduler_info()["workers"].values()} == {0}

@@ -24,6 +24,7 @@ def found():
     return self_check.self_check()
 
 
+@pytest.mark.slow
 def test_this_installation_passes(found):
     assert found.passed
     assert found.scenarios == len(self_check.converged()["scenarios"])
@@ -40,6 +41,7 @@ def tampered(change):
     return lambda: stored
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "fault"),
     [
@@ -63,6 +65,7 @@ def test_a_wrong_value_is_noticed(change, fault, monkeypatch):
     assert fault in said
 
 
+@pytest.mark.slow
 def test_it_is_printed(monkeypatch):
     done = CliRunner().invoke(app, ["doctor"])
     assert done.exit_code == 0

@@ -24,7 +24,7 @@ from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.outputs.variables import Status, get_variable
-from pounding_sweep.plan.chunks import Job, cut
+from pounding_sweep.plan.chunks import ChunkTask, cut
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkStore
@@ -93,20 +93,6 @@ def test_order_and_company_do_not_matter(reference):
             np.testing.assert_array_equal(alone[name].values, among[name].values, err_msg=f"{name} {gap}")
     backwards = make(gaps=AXES["gaps"][::-1], laws=AXES["laws"][::-1]).run(workers=2)
     same(scenarios_of(backwards).sel(law=AXES["laws"], gap=AXES["gaps"]), scenarios_of(reference))
-
-
-def test_other_graphs_of_dask_are_none_of_a_run(reference, monkeypatch):
-    """What another thread has dask do meanwhile."""
-    import dask.threaded
-
-    get = dask.threaded.get
-
-    def after_another(*arguments, **more):
-        assert dask.get({"nothing": (int,)}, "nothing") == 0
-        return get(*arguments, **more)
-
-    monkeypatch.setattr(dask.threaded, "get", after_another)
-    same(make().run(workers=2), reference)
 
 
 @pytest.mark.usefixtures("small_chunks")
@@ -251,7 +237,7 @@ def test_chunks_are_begun_in_their_order_and_taken_here(scheduler, workers):
 
     def job(position):
         begun.append(position)
-        return Job(f"{position}", None, 0, position, None, ())
+        return ChunkTask(f"{position}", None, 0, position, None, ())
 
     def take(position, found):
         assert threading.current_thread() is threading.main_thread()
@@ -396,16 +382,6 @@ def test_the_parts_of_another_sweep_are_not_used(reference, tmp_path, monkeypatc
     same(make().run(out), reference)
 
 
-def test_an_output_that_exists(reference, tmp_path):
-    out = tmp_path / "out.nc"
-    out.write_text("precious")
-    with pytest.raises(OutputError, match="exists"):
-        make().run(out)
-    assert out.read_text() == "precious"
-    assert [p.name for p in tmp_path.iterdir()] == ["out.nc"]
-    same(make().run(out, overwrite=True), reference)
-
-
 # -- failures ----------------------------------------------------------------------------------------------------------
 
 
@@ -525,6 +501,7 @@ def test_forced_runs_of_stiff_contacts_have_a_status():
     assert (np.isfinite(forced["displacement_max"]).all(["building", "storey"]) == (forced["status"] != 1)).all()
 
 
+@pytest.mark.slow
 def test_a_contact_of_too_few_steps_is_flagged():
     axes = {"laws": "kelvin_voigt", "gaps": [0.002, 0.5], "stiffness_factors": [1.0, 8.0], "restitutions": None}
     axes |= {"scene": pair(), "outputs": EVERY}  # whose kernels `test_properties` has
@@ -609,6 +586,7 @@ def test_an_absolute_stiffness_axis(reference):
         np.testing.assert_array_equal(cube[name].values, reference[name].values, err_msg=name)
 
 
+@pytest.mark.slow
 def test_simulate_gives_the_numbers_of_the_sweep():
     """In the sweep, the linear law runs in the kernel of the damped one; alone, it has its own."""
     gaps, strong = [0.0005, 0.005, 0.5], [Record(r.name, r.dt, 10.0 * r.acceleration) for r in motions()]
@@ -626,20 +604,6 @@ def test_simulate_gives_the_numbers_of_the_sweep():
             peak = one["displacement"].max("time")
             assert (peak <= one["displacement_max"]).all()
             np.testing.assert_allclose(peak, one["displacement_max"], rtol=2e-2)
-
-
-def test_a_store_left_by_nobody(tmp_path, reference):
-    """An empty parts folder, and one of somebody else's files."""
-    out = tmp_path / "out.nc"
-    parts = tmp_path / "out.nc.parts"
-    parts.mkdir()
-    same(make().run(out), reference)
-    assert not parts.exists()
-    parts.mkdir()
-    (parts / "holiday.jpg").write_text("x")
-    with pytest.raises(OutputError, match=r"not one of chunks.*holiday\.jpg"):
-        make().run(out, overwrite=True)
-    assert (parts / "holiday.jpg").exists()
 
 
 @pytest.mark.usefixtures("small_chunks")

@@ -13,14 +13,24 @@ from naive import NaiveBuilding, modal_exact
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy import extremes as suite
 from pounding_sweep.accuracy import judge as the_judge
-from pounding_sweep.accuracy.batches import OUTPUTS, kernel_of, run_batch, stable_step, take
-from pounding_sweep.accuracy.extreme_families import FAMILIES, beside_wall, earthquake, family_batches, make_batch, pair
+from pounding_sweep.accuracy.extreme_scenes import (
+    FAMILIES,
+    OUTPUTS,
+    beside_wall,
+    earthquake,
+    family_batches,
+    kernel_of,
+    make_batch,
+    pair,
+    random_batches,
+    run_batch,
+    stable_step,
+    take,
+)
 from pounding_sweep.accuracy.extremes import run_extremes, run_judged
 from pounding_sweep.accuracy.judge import judge, make_reference, peak_error, peaks_of, sensitive_rows
-from pounding_sweep.accuracy.random_scenes import random_batches
-from pounding_sweep.accuracy.stability_map import SCHEMES, stability_map
+from pounding_sweep.accuracy.stability_map import SHOWN, stability_map
 from pounding_sweep.base.errors import InputError, StabilityError
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.resolution import (
@@ -35,6 +45,10 @@ from pounding_sweep.figures import plot
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.outputs.variables import OK_CLAIM, Status
+from pounding_sweep.plan.advice import measured_schemes
+from pounding_sweep.schemes import SCHEMES
+
+pytestmark = pytest.mark.usefixtures("stub_by_day")
 
 #: A law whose force jumps at the touch.
 FAST_LAWS = ("kelvin_voigt",)
@@ -63,6 +77,7 @@ def rest():
     return run_extremes(160, seed=11, laws=FAST_LAWS, families=OF_MANY_SHAPES, workers=2)
 
 
+@pytest.mark.slow
 def test_no_scenario_fails_a_demand(fast):
     assert fast.faults == []
     check_counts(fast, [family for family in FAMILIES if family not in OF_MANY_SHAPES])
@@ -81,7 +96,7 @@ def test_no_scenario_of_the_other_families_fails_a_demand(rest):
 def check_counts(suite_run, families):
     """Every family is run in every scheme, and has resolved scenarios."""
     found = by_family(suite_run)
-    assert set(found) == {(family, method) for family in families for method in suite.METHODS}
+    assert set(found) == {(family, method) for family in families for method in measured_schemes()}
     for result in found.values():
         assert result.statuses.total() == result.scenarios > 0
         assert result.statuses["ok"] > 0
@@ -106,6 +121,15 @@ def test_the_suite_reaches_the_ends(fast):
         assert found[family, "newmark"].statuses["beyond_stability_limit"] == 0  # it has no limit
     assert found["period", "newmark"].statuses["under_resolved_motion"] > 0
     assert found["grazing", "rk4"].missed >= found["grazing", "rk4"].sensitive > 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", [name for name in SCHEMES if name not in measured_schemes()])
+def test_a_scheme_that_accuracy_never_chooses_keeps_the_claims_too(scheme):
+    found = run_extremes(24, laws=FAST_LAWS, methods=[scheme], workers=2)
+    assert found.faults == []
+    for result in found.results:
+        assert result.statuses["ok"] > 0
 
 
 @pytest.mark.parametrize(
@@ -266,6 +290,7 @@ def test_an_ok_scenario_without_reference_is_counted(honest):
     assert judge(batch, "rk4", 1e-3, found, none).unknown.tolist() == [True, True, False]
 
 
+@pytest.mark.slow
 def test_grazing_is_sensitive_and_a_plain_impact_is_not():
     law = LAWS["kelvin_voigt"]
     alone = make_batch("", "", beside_wall(), law, earthquake(), gaps=9.0, steps=(1e-3,))
@@ -276,6 +301,7 @@ def test_grazing_is_sensitive_and_a_plain_impact_is_not():
     assert sensitive_rows(batch, reference, np.arange(2)).tolist() == [True, False]
 
 
+@pytest.mark.slow
 def test_a_reference_that_does_not_converge_is_not_known(monkeypatch):
     monkeypatch.setattr(the_judge, "REFERENCE_STEPS", 10)
     batch = make_batch("", "", beside_wall(), LAWS["kelvin_voigt"], earthquake(), steps=(1e-3,))
@@ -284,6 +310,7 @@ def test_a_reference_that_does_not_converge_is_not_known(monkeypatch):
     assert np.isnan(reference.peaks["impact_force_max"]).all()
 
 
+@pytest.mark.slow
 def test_the_energy_limit_is_reached_by_a_steady_push():
     """A mass that nothing holds takes exactly M (a t)^2 / 2."""
     free = ps.Scene([ps.Building("free", [50.0], [1e-6], 0.0), ps.Wall()], [1e3])
@@ -297,6 +324,7 @@ def test_the_energy_limit_is_reached_by_a_steady_push():
     assert energy_limit(free, push, np.zeros(1), [4.0])[0] == pytest.approx(0.5 * 50.0 * 4.0**2)
 
 
+@pytest.mark.slow
 def test_the_displacement_limit_is_reached_by_a_swing():
     """A building that is let go with all its energy in one floor: the whole of it bends the storeys once."""
     one = ps.Building("one", [30.0], [500.0], 0.0)
@@ -332,6 +360,7 @@ def test_a_sweep_gives_a_refused_scenario_its_status():
     assert np.isnan(cube.impact_force_max.isel(stiffness=1)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "dt"),
     [
@@ -354,10 +383,11 @@ def test_newmark_stays_bounded_at_any_step(law, dt):
     assert 0.0 < told.energy.max() < 1.0
 
 
+@pytest.mark.slow
 def test_touches_from_both_sides_at_once_leave_the_middle_at_rest():
     (batch,) = family_batches(["together"], [LAWS["kelvin_voigt"]])
     ok = np.zeros(len(batch), bool)
-    for method in suite.METHODS:
+    for method in measured_schemes():
         found = run_batch(batch, method, 2e-4)
         ok |= found["status"] == Status.OK
         fine = np.flatnonzero(found["status"] == Status.OK)
@@ -371,6 +401,7 @@ def test_touches_from_both_sides_at_once_leave_the_middle_at_rest():
 # --- the rules of the status --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "dt"), [("rk4", 1e-3), ("rk4", 2.5e-3), ("newmark", 1e-3)])
 def test_ordinary_runs_are_ok(method, dt):
     numerics = {"method": method, "dt": dt}
@@ -378,6 +409,7 @@ def test_ordinary_runs_are_ok(method, dt):
     assert int(one.status) == Status.OK
 
 
+@pytest.mark.slow
 def test_strong_dampers_need_more_steps():
     """At e = 0.05 the published damper stops the floors within a hundredth of the elastic contact."""
     law = LAWS["modified_kelvin_voigt"]
@@ -405,6 +437,7 @@ def test_quickening_by_damping():
     assert LAWS["linear_viscoelastic"].quickening(0.1) == pytest.approx(2 * 0.99 / (0.1 * (0.1 * (np.pi - 2) + 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "gamma", "beta"),
     [("newmark", 0.5, 0.25), ("newmark", 0.5, 1 / 6), ("newmark", 0.51, 0.26), ("rk4", 0.5, 0.25)],
@@ -430,6 +463,7 @@ def test_phase_error_is_that_of_the_free_vibration(method, gamma, beta, damping)
     assert missed == pytest.approx(most, rel=0.35), (told, missed, memory)
 
 
+@pytest.mark.slow
 def test_a_motion_that_is_not_resolved_is_told():
     scene = ps.Scene([ps.Building("stiff", [100.0], [100.0 * (2 * np.pi / 0.03) ** 2]), ps.Wall()], [1.0])
     batch = make_batch("", "", scene, LAWS["kelvin_voigt"], earthquake(), gaps=1.0, steps=(1e-2,))
@@ -441,6 +475,7 @@ def test_a_motion_that_is_not_resolved_is_told():
     assert peak_error(peaks_of(found), reference.peaks)[0] > OK_CLAIM
 
 
+@pytest.mark.slow
 def test_ground_that_turns_back_within_steps_is_told():
     shaking = ps.Record("shaking", 0.01, np.resize([20.0, -20.0], 101))
     scene = beside_wall()
@@ -476,7 +511,7 @@ def test_a_motion_that_no_ground_brings_about_has_diverged(honest):
 def test_a_batch_is_judged_at_each_of_its_steps():
     batch = take(make_batch("", "", pair(), LAWS["kelvin_voigt"], earthquake(), stiffness=[1e5, 1e6]), np.array([1, 0]))
     verdicts = run_judged(batch)
-    assert [(v.method, v.dt) for v in verdicts] == [(m, dt) for m in suite.METHODS for dt in batch.steps]
+    assert [(v.method, v.dt) for v in verdicts] == [(m, dt) for m in measured_schemes() for dt in batch.steps]
     finest = [v for v in verdicts if v.dt == min(batch.steps)]
     coarse = [v for v in verdicts if v.dt == max(batch.steps)]
     assert all((f.error < 1e-3).all() for f in finest)
@@ -492,7 +527,7 @@ def small_map():
 
 
 def test_the_map_shows_what_each_scheme_can_do(small_map):
-    assert small_map.scheme.values.tolist() == [f"{m} {p}" for m, p in SCHEMES]
+    assert small_map.scheme.values.tolist() == [f"{m} {p}" for m, p in SHOWN]
     status, error = (small_map[name].sel(scheme="rk4 float64") for name in ("status", "peak_force_error"))
     assert status.sel(stiffness=1e10).values.tolist()[1:] == [Status.BEYOND_STABILITY_LIMIT] * 2
     assert status.sel(stiffness=1e4, dt=1e-4) == Status.OK

@@ -10,7 +10,6 @@ import random
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -27,11 +26,14 @@ from test_cli import LONG, ROOT, TINY, cli, environment, write
 
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.base.files import is_temporary
-from pounding_sweep.base.lock import LOCK
+from pounding_sweep.base.lock import HOLDER, LOCK
 from pounding_sweep.output.netcdf import open_cube
-from pounding_sweep.resume.checkpoint import IDENTITY, MANIFEST, ChunkStore
-from pounding_sweep.run.async_writer import Saver
+from pounding_sweep.resume.checkpoint import MANIFEST, ChunkStore
+from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.sweep import Sweep, load_sweep
+
+#: In this process; those that are started, and what they are compared with, have kernels.
+pytestmark = pytest.mark.usefixtures("stub_engine")
 
 OUT, PARTS = "out.nc", "out.nc.parts"
 
@@ -74,12 +76,12 @@ def written(monkeypatch):
 # -- power cuts --------------------------------------------------------------------------------------------------------
 
 
-def record(folder, *, before=None, heeds=lambda: True, **how):
+def record(folder, *, before=None, **how):
     """Run the sweep in a folder under watch; returns every moment at which the power may fail."""
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # the run before was killed
-        recorder = power_cut.Recorder(folder, patch, before, heeds)
-        save, write = Saver.save, ChunkStore.write
+        recorder = power_cut.Recorder(folder, patch, before)
+        save, write = AsyncWriter.save, ChunkStore.write
 
         def waits(self, *chunk):  # one thread at a time touches the folder: the calls then have an order
             save(self, *chunk)
@@ -91,7 +93,7 @@ def record(folder, *, before=None, heeds=lambda: True, **how):
 
         numbers = itertools.count()
         patch.setattr("secrets.token_hex", lambda size: f"{next(numbers):0{2 * size}x}")  # the same names every time
-        patch.setattr(Saver, "save", waits)
+        patch.setattr(AsyncWriter, "save", waits)
         patch.setattr(ChunkStore, "write", promises)
         try:
             make().run(folder / OUT, scheduler="synchronous", **how).close()
@@ -223,7 +225,7 @@ def begun(folder):
 
 
 #: How many states are tried by default, by the slow tests, and before a release.
-SOME = [pytest.param(16, id="some"), pytest.param(100, id="many", marks=pytest.mark.slow)]
+SOME = [pytest.param(8, id="some"), pytest.param(100, id="many", marks=pytest.mark.slow)]
 
 
 @pytest.mark.parametrize("most", [*SOME, pytest.param(None, id="all", marks=pytest.mark.release)])
@@ -250,27 +252,6 @@ def test_power_cuts_while_a_cube_is_replaced(tmp_path, cut_off, most):
     assert (tally.lost, tally.damaged, tally.refused, tally.wrong) == (0, 0, 0, 0)
 
 
-def is_harmed(state):
-    """Whether a chunk is damaged and the next run gets as far as to see it."""
-    identity = state.get(f"{PARTS}/{IDENTITY}") or b""
-    return b'"identity"' in identity and bool(set.difference(*chunks_by_manifest(state.get)))
-
-
-@pytest.mark.parametrize("most", SOME)
-def test_a_disk_that_lies(tmp_path, cut_off, most):
-    """Half of the times it says that it wrote and did not: chunks get lost, but no damage is taken for a result."""
-    tally, states, draw = Tally(), [], random.Random(3)
-    for number in range(6):
-        cuts = record(begun(tmp_path / f"run-{number}"), heeds=lambda: draw.random() < 0.5)
-        states += left(cuts, tally, damages=1)
-    harmed = [(state, promised) for state, promised in states if is_harmed(state)]
-    cut_off("a disk that lies", draw.sample(harmed, most // 2) + draw.sample(states, most // 2), tally)
-    assert tally.lost > 0
-    assert tally.damaged > 0
-    assert tally.refused > 0
-    assert tally.wrong == 0
-
-
 def not_lasting(cut):
     """Chunks that were promised and that a power cut might take, as long as there is no cube."""
     if cut.lasting(OUT) is not None:
@@ -279,7 +260,7 @@ def not_lasting(cut):
 
 
 @pytest.mark.usefixtures("small_chunks")
-@pytest.mark.parametrize("every", [pytest.param(3, id="some"), pytest.param(1, id="many", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("every", [pytest.param(6, id="some"), pytest.param(1, id="many", marks=pytest.mark.slow)])
 def test_power_cuts_after_a_kill(tmp_path, counts, every):
     """What a killed run left is there for the next one to see, and not all of it is lasting."""
     cuts = record(begun(tmp_path / "run"))
@@ -408,8 +389,8 @@ class Night:
         before, draw, parts = self.sound(), self.draw, self.study / PARTS
         kind, key, manifest = draw.choice(DAMAGE), draw.choice(sorted(before)), parts / MANIFEST
         if kind == "stale lock":
-            nobody = {"host": socket.gethostname(), "pid": 2**22 + 1, "started": "2026-01-01T00:00:00+00:00"}
-            (parts / LOCK).write_text(draw.choice([json.dumps(nobody), '{"host"', "", "\0" * 80]))
+            (parts / LOCK).touch()
+            (parts / HOLDER).write_text(draw.choice(["process 7 on a machine, since 2026", "", "\0" * 80]))
         elif kind == "zeros after the manifest":
             manifest.write_bytes(manifest.read_bytes() + bytes(draw.randrange(1, 4096)))
         elif kind == "line cut":
@@ -551,7 +532,11 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("what", CHANGES)
+#: Each is seen by the same comparison as one of the others.
+ALIKE = {"the step", "what each scheme was measured to cost", "the version"}
+
+
+@pytest.mark.parametrize("what", [pytest.param(k, marks=pytest.mark.slow) if k in ALIKE else k for k in CHANGES])
 def test_what_changed_is_named_and_nothing_stale_is_taken_up(stopped, tmp_path, what):
     folder = tmp_path / "study"
     shutil.copytree(stopped, folder)

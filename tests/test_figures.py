@@ -15,20 +15,19 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.analysis import amplification, response_spectrum
+from pounding_sweep.analysis import COMPARISONS, amplification, response_spectrum
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.figures import CONTACT, FIGURES, NO_CONTACT, SOURCES, plot, require
 from pounding_sweep.figures.animation import PERIODS, WATCHED, _Picture, animate
-from pounding_sweep.figures.chosen import heading, middle
-from pounding_sweep.figures.emptiness import shows_values
-from pounding_sweep.figures.row import Stage, _round_down, strongest, walls
+from pounding_sweep.figures.gallery.row import Stage, _round_down, strongest, walls
+from pounding_sweep.figures.shown import heading, middle, shows_values
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
 from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.records import records_dataset
-from pounding_sweep.run.choice import scenario_of, simulate_one
+from pounding_sweep.run.one_scenario import scenario_of, simulate_one
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec
 
@@ -64,10 +63,10 @@ MAKERS = {
 def test_every_figure_is_drawn_with_labelled_axes(key, tmp_path):
     kind = FIGURES[key]
     assert kind.source in SOURCES
-    figure = kind.load()(MAKERS[kind.source]())
+    figure = kind.draw(MAKERS[kind.source]())
     shown = [ax for ax in figure.axes if ax.get_visible()]
     assert shows_values(figure)
-    figure.savefig(tmp_path / "figure.png")
+    figure.savefig(tmp_path / "figure.png", dpi=20)
     labels = [text for ax in shown for text in (ax.get_xlabel(), ax.get_ylabel()) if text]
     assert any(ax.get_xlabel() or not _numbers(ax.get_xticklabels()) for ax in shown)
     assert any(ax.get_ylabel() for ax in shown)
@@ -104,7 +103,7 @@ def test_comparisons_need_something_to_compare():
     assert FIGURES["law-comparison"].lacks(contact) == ("several laws with contact",)
 
 
-def test_laws_that_a_figure_needs(tmp_path):
+def test_laws_that_a_figure_needs():
     """Of laws with contact, and of the runs without pounding: what is not lacking can be drawn."""
     whole = made.cube(scale=2)
     none = (whole["law"] == "none").values
@@ -112,17 +111,32 @@ def test_laws_that_a_figure_needs(tmp_path):
         assert any(needs in lacking for lacking in FIGURES["amplification"].lacks(cube))
         for key, kind in FIGURES.items():
             if kind.source == "cube" and key != "required-gap" and not kind.lacks(cube):
-                plot(cube, key, tmp_path / "x.png")
+                assert shows_values(kind.draw(cube)), key
     assert FIGURES["amplification"].lacks(amplification(whole)) == ()
     assert CONTACT in FIGURES["fragility"].lacks(whole.isel(law=none))
-    drawn = FIGURES["incremental"].load()(whole.sel(law=["none"]))
+    drawn = FIGURES["incremental"].draw(whole.sel(law=["none"]))
     assert "drift" in drawn.axes[0].get_ylabel() + str(drawn.get_supylabel())
+
+
+@pytest.mark.parametrize("key", [key for key, item in COMPARISONS.items() if item.figure])
+def test_figures_of_comparisons_take_a_cube_or_what_was_made_of_it(key):
+    cube = made.cube(right_wall=True, record=3, scale=3)
+    result = COMPARISONS[key].make(cube)
+    one, other = (FIGURES[COMPARISONS[key].figure].draw(given) for given in (cube, result))
+    assert shows_values(other)
+    for ax, same in zip(one.axes, other.axes, strict=True):
+        assert ax.get_title() == same.get_title()
+        for line, its in zip(ax.lines, same.lines, strict=True):
+            np.testing.assert_array_equal(line.get_ydata(), its.get_ydata())
+    if key == "required-gap":
+        bars = [patch.get_height() for patch in other.axes[0].patches]
+        np.testing.assert_allclose(sorted(bars), np.sort(1e3 * result.exact.sel(pair="a-b", scale=1.0)))
 
 
 @pytest.mark.parametrize(("scales", "sizes"), [([-2.0, -1.0, 1.0, 2.0], [2, 2]), ([-1.0, 1.0, 2.0], [1, 2])])
 def test_both_directions_of_a_record_are_lines_of_their_own(scales, sizes):
     cube = made.cube(record=2, scale=len(scales)).assign_coords(scale=scales)
-    lines = FIGURES["incremental"].load()(cube).axes[0].lines
+    lines = FIGURES["incremental"].draw(cube).axes[0].lines
     grey = [line for line in lines if line.get_color() == "0.7"]
     assert sorted(len(line.get_xdata()) for line in grey) == sorted(2 * sizes)
     assert all(line.get_marker() == "." for line in grey if len(line.get_xdata()) == 1)
@@ -156,7 +170,7 @@ def test_what_cannot_be_written_is_said(tmp_path):
 
 def test_force_gap_shows_the_largest_of_all_storeys():
     cube = made.cube(restitution=3)
-    figure = FIGURES["force-gap"].load()(cube.isel(gap=[2, 0, 3, 1]))
+    figure = FIGURES["force-gap"].draw(cube.isel(gap=[2, 0, 3, 1]))
     force, count = figure.axes
     for ax, name, factor in ((force, "impact_force_max", 1e-3), (count, "impact_count", 1.0)):
         assert [line.get_label() for line in ax.lines] == ["linear", "kelvin_voigt"]
@@ -177,34 +191,51 @@ def test_panels_show_all_of_their_lines(key):
         growing = xr.DataArray(10.0 ** np.arange(cube.sizes[dim]), dims=dim)
         cube = cube.assign({name: v * growing for name, v in cube.data_vars.items() if dim in v.dims})
     seen = 0
-    for ax in FIGURES[key].load()(cube).axes:
+    for ax in FIGURES[key].draw(cube).axes:
         for line in (line for line in ax.lines if line.get_transform() is ax.transData):
             for values, (low, high) in ((line.get_xdata(), ax.get_xlim()), (line.get_ydata(), ax.get_ylim())):
                 there = np.asarray(values, float)[np.isfinite(values)]
                 seen += there.size
                 assert ((low <= there) & (there <= high)).all(), (ax.get_title(), line.get_label())
-    assert seen or key == "energy-budget"  # of bars
+    assert seen or key in ("energy-budget", "response-map")  # of bars, of cells
 
 
 def test_fragility_shows_trials_that_the_first_pair_has_not():
     cube = made.cube(right_wall=True, record=4, scale=5)
     weak = (cube["pair"] != "a-b") | (cube["scale"] < 1.0)
     cube = cube.assign(impact_count=cube["impact_count"].where(weak))
-    first, second = FIGURES["fragility"].load()(cube).axes
+    first, second = FIGURES["fragility"].draw(cube).axes
     farthest = [max(np.max(line.get_xdata(), initial=0.0) for line in ax.lines) for ax in (first, second)]
     assert farthest[0] < farthest[1] < second.get_xlim()[1]
 
 
+def test_the_response_map_shows_medians_over_records_and_where_nothing_touches():
+    cube = made.cube(record=3, stiffness_factor=3).sel(law=["none", "linear"], gap=[0.004, 0.002, 0.008])
+    touches = (cube["gap"] > 0.002).astype(float)
+    cube = cube.assign(impact_force_max=cube["impact_force_max"] * touches)
+    (ax, _) = FIGURES["response-map"].draw(cube).axes
+    free, peaks = (np.ma.filled(mesh.get_array(), np.nan) for mesh in ax.collections)
+    want = 1e-3 * cube["impact_force_max"].sel(law="linear", pair="a-b", restitution=0.4).max("storey").median("record")
+    want = want.squeeze().sortby("gap").transpose("stiffness_factor", "gap").values
+    np.testing.assert_allclose(peaks, np.where(want > 0.0, want, np.nan))
+    np.testing.assert_array_equal(np.isfinite(free), want == 0.0)
+    assert [tick.get_text() for tick in ax.get_xticklabels()] == ["2", "4", "8"]
+    assert ax.get_yscale() == "log"  # 1, 2, 4
+    assert ax.get_title() == "linear, pair a-b"
+    (lacking,) = FIGURES["response-map"].lacks(cube.isel(gap=[0], restitution=0))
+    assert lacking.startswith("two axes of several numbers")
+
+
 def test_force_gap_of_one_gap_and_of_a_scalar_law():
     cube = made.cube(gap=1, restitution=1).sel(law="linear")
-    (force, _) = FIGURES["force-gap"].load()(cube).axes
+    (force, _) = FIGURES["force-gap"].draw(cube).axes
     assert [line.get_label() for line in force.lines] == ["linear"]
     assert force.lines[0].get_ydata() == pytest.approx([1e-3 * float(cube.impact_force_max.max())])
 
 
 def test_profiles_show_floors_and_storeys():
     cube = made.cube(gap=1, restitution=1)
-    axes = np.array(FIGURES["profiles"].load()(cube).axes).reshape(4, 2)
+    axes = np.array(FIGURES["profiles"].draw(cube).axes).reshape(4, 2)
     flat = cube.squeeze()
     for column, (building, floors) in enumerate((("a", 3), ("b", 2))):
         here = flat.sel(building=building, law="kelvin_voigt").isel(storey=slice(floors))
@@ -220,12 +251,12 @@ def test_profiles_show_floors_and_storeys():
 
 def test_histories_show_floors_and_forces():
     one = made.histories()
-    ground, top, force = FIGURES["histories"].load()(one).axes
+    ground, top, force = FIGURES["histories"].draw(one).axes
     np.testing.assert_allclose(ground.lines[0].get_ydata(), one.ground_acceleration)
     np.testing.assert_allclose(top.lines[1].get_ydata(), 1e3 * one.displacement.sel(building="b", storey=2))
     assert [line.get_label() for line in force.lines] == ["storey 1", "storey 2"]
     np.testing.assert_allclose(force.lines[1].get_ydata(), 1e-3 * one.contact_force.sel(pair="a-b", storey=2))
-    apart = FIGURES["histories"].load()(made.histories(touch=False)).axes[2]
+    apart = FIGURES["histories"].draw(made.histories(touch=False)).axes[2]
     assert not apart.lines
     assert apart.texts[0].get_text() == "no contact"
 
@@ -234,7 +265,7 @@ def test_histories_show_floors_and_forces():
 def test_legends_stand_inside_their_figures(key):
     """Of one pair or building, with long names of laws."""
     cube = made.cube(scale=3).assign_coords(law=["nonlinear_viscoelastic", "modified_kelvin_voigt", "none"])
-    figure = FIGURES[key].load()(cube.sel(building=["a"]) if key == "amplification" else cube)
+    figure = FIGURES[key].draw(cube.sel(building=["a"]) if key == "amplification" else cube)
     figure.draw_without_rendering()
     (legend,) = figure.legends
     inside, whole = legend.get_window_extent(), figure.bbox
@@ -243,7 +274,7 @@ def test_legends_stand_inside_their_figures(key):
 
 
 def test_energies_end_below_the_frame():
-    figure = FIGURES["energy-budget"].load()(made.cube())
+    figure = FIGURES["energy-budget"].draw(made.cube())
     for ax in figure.axes[:-1]:
         low, high = ax.get_ylim()
         tops = [bar.get_y() + max(bar.get_height(), 0.0) for bar in ax.patches]
@@ -264,8 +295,8 @@ def test_listed_cases_are_drawn_one_by_one():
     cube = made.cube(law=1, gap=1, restitution=1).squeeze(drop=True)
     cases = xr.concat([cube, cube], "case").assign_coords(case=[1, 2], law=("case", ["linear", "hertz"]))
     with pytest.raises(InputError, match="--at case=N"):
-        FIGURES["profiles"].load()(cases)
-    figure = FIGURES["profiles"].load()(select(cases, {"case": 2}))
+        FIGURES["profiles"].draw(cases)
+    figure = FIGURES["profiles"].draw(select(cases, {"case": 2}))
     assert {line.get_label() for line in figure.axes[2].lines} == {"hertz"}
     assert figure.get_suptitle() == "case 2"
 
@@ -312,9 +343,9 @@ def test_floors_overlap_in_the_drawing_as_far_as_they_penetrate(ends):
 
 def test_a_single_building_has_no_contacts_to_draw(tmp_path):
     alone = made.histories().isel(building=[0]).drop_dims("pair")
-    figure = FIGURES["row"].load()(alone)
+    figure = FIGURES["row"].draw(alone)
     assert "force" not in figure.get_suptitle()
-    assert len(FIGURES["histories"].load()(alone).axes) == 2
+    assert len(FIGURES["histories"].draw(alone).axes) == 2
     with Image.open(animate(alone, tmp_path / "row.gif", frames=3)) as gif:
         assert gif.n_frames == 3
 
@@ -337,7 +368,7 @@ def test_the_strongest_impact():
 
 def test_the_row_stands_at_its_strongest_impact():
     one = made.histories()
-    figure = FIGURES["row"].load()(one)
+    figure = FIGURES["row"].draw(one)
     (marks,) = [c for c in figure.axes[0].collections if len(c.get_offsets())]
     assert marks.get_offsets()[:, 1].tolist() == [3.0, 6.0]
     assert f"{strongest(one):.3f} s" in figure.get_suptitle()
@@ -518,7 +549,7 @@ def test_a_heading_tells_the_scenario_and_its_lines_end_between_parts():
     lines = ["pulse: Linear spring; gap 10 mm; restitution 0.6;", "damping ratio 0.02; drawn 10 times"]
     assert heading(one, "drawn 10 times", 60).split("\n") == lines
     for key in ("histories", "row"):
-        assert "restitution 0.6; damping ratio 0.02" in FIGURES[key].load()(one).get_suptitle()
+        assert "restitution 0.6; damping ratio 0.02" in FIGURES[key].draw(one).get_suptitle()
 
 
 def test_choices_are_checked(asked):

@@ -12,8 +12,7 @@ from pounding_sweep.analysis import amplification
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.figures import FIGURES, plot
-from pounding_sweep.figures.chosen import middle
-from pounding_sweep.figures.emptiness import shows_values
+from pounding_sweep.figures.shown import middle, shows_values
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.outputs.variables import Status
 
@@ -40,20 +39,20 @@ def legend(figure):
 
 @pytest.mark.parametrize("key", CUBE_FIGURES)
 def test_a_figure_without_a_value_is_an_error(key, tmp_path):
-    whole = made.cube(record=4, scale=5, gap=1, restitution=1).squeeze("gap")
+    whole = made.cube(record=4, scale=5, gap=1, stiffness_factor=2, restitution=1).squeeze("gap")
     picture = tmp_path / "figure.png"
     assert plot(whole, key, picture, dpi=20).stat().st_size > 0
     picture.unlink()
     cube = only(whole, nowhere(whole))
     with pytest.raises(InputError, match=f"figure '{key}' has nothing to draw") as error:
         plot(cube, key, picture)
-    assert "at gap 0.002 m: 60 of 60 scenarios are not_run; choose others with --at" in str(error.value)
+    assert "at gap 0.002 m: 120 of 120 scenarios are not_run; choose others with --at" in str(error.value)
     assert not picture.exists()
 
 
 def test_a_result_without_a_value_is_told(tmp_path):
     result = amplification(made.cube())
-    assert shows_values(FIGURES["amplification"].load()(result))
+    assert shows_values(FIGURES["amplification"].draw(result))
     with pytest.raises(InputError, match="has nothing to draw: none of its values is a number"):
         plot(result.where(False), "amplification", tmp_path / "x.png")
 
@@ -91,7 +90,7 @@ def test_the_scenario_next_to_the_middle_that_has_values():
     assert middle(only(cube, there), ("law", "gap"))[1] == "restitution 1; record r2"
     assert middle(only(cube, there, Status.UNDER_RESOLVED_CONTACT), ("law", "gap"))[1] == "restitution 0.8; record r3"
     assert middle(only(cube, nowhere(cube)), ("law", "gap"))[1] == "restitution 0.8; record r3"
-    figure = FIGURES["force-gap"].load()(only(cube, there))
+    figure = FIGURES["force-gap"].draw(only(cube, there))
     assert figure.get_suptitle() == "restitution 1; record r2"
     assert shows_values(figure)
 
@@ -112,15 +111,15 @@ def test_of_a_result_its_values_tell():
 def test_forces_are_looked_for_among_laws_with_contact():
     cube = made.cube(record=3)
     there = (cube["law"] == "none") | (cube["record"] == "r3") & (cube["status"] == 0)
-    assert FIGURES["force-gap"].load()(only(cube, there)).get_suptitle().endswith("record r3")
+    assert FIGURES["force-gap"].draw(only(cube, there)).get_suptitle().endswith("record r3")
 
 
 @pytest.mark.parametrize("key", ["amplification", "law-comparison"])
 def test_a_median_counts_the_records_that_have_values(key):
     cube = made.cube(record=3)
-    assert "median of 3 records" in FIGURES[key].load()(cube).get_suptitle()
+    assert "median of 3 records" in FIGURES[key].draw(cube).get_suptitle()
     there = (cube["record"] != "r2") & (cube["status"] == 0)
-    assert "median of 2 of 3 records" in FIGURES[key].load()(only(cube, there)).get_suptitle()
+    assert "median of 2 of 3 records" in FIGURES[key].draw(only(cube, there)).get_suptitle()
 
 
 # -- laws without values -----------------------------------------------------------------------------------------------
@@ -131,14 +130,14 @@ def test_laws_without_values_are_not_in_the_legend(key):
     laws = ["kelvin_voigt", "linear", "none"]
     cube = made.cube().assign_coords(law=["linear", "kelvin_voigt", "none"])
     cube = xr.concat([cube, cube.isel(law=[0]).assign_coords(law=["hertz"])], "law", combine_attrs="override")
-    assert "hertz" in legend(FIGURES[key].load()(cube))
+    assert "hertz" in legend(FIGURES[key].draw(cube))
     there = (cube["law"] != "hertz") & (cube["status"] == 0)
-    shown = legend(FIGURES[key].load()(only(cube, there)))
+    shown = legend(FIGURES[key].draw(only(cube, there)))
     assert set(shown) <= set(laws)
     assert {"kelvin_voigt", "linear"} <= set(shown)
 
 
 def test_laws_without_values_have_no_bar():
     cube = made.cube()
-    figure = FIGURES["energy-budget"].load()(only(cube, (cube["law"] != "linear") & (cube["status"] == 0)))
+    figure = FIGURES["energy-budget"].draw(only(cube, (cube["law"] != "linear") & (cube["status"] == 0)))
     assert [text.get_text() for text in figure.axes[0].get_xticklabels()] == ["kelvin_voigt"]

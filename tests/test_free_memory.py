@@ -227,6 +227,7 @@ def test_more_than_the_limit_of_a_control_group_is_refused(tmp_path):
     assert told["limit"] == f"limit of the control group {group}"
 
 
+@pytest.mark.usefixtures("stub_engine")
 def test_results_that_find_no_memory_cost_their_own_scenarios_only(monkeypatch):
     """As a worker finds it when it puts them into a table."""
     monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", 0.0)
@@ -274,6 +275,7 @@ print(sweep.last_outcome.failures)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs /proc")
 def test_a_chunk_without_memory_costs_its_own_scenarios_only(tmp_path):
     out = tmp_path / "out.nc"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import json
-import math
 import os
 import re
 import shutil
@@ -15,23 +14,28 @@ import sys
 import tempfile
 import time
 import warnings
-from contextlib import suppress
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scenes import AXES, motions, row
 from test_cli import LONG, TINY, cli, environment, write
+from typer.testing import CliRunner
 
 from pounding_sweep.base.errors import OutputError, RunError, WriteError
-from pounding_sweep.base.files import is_temporary
-from pounding_sweep.base.lock import LOCK, FolderLock, running
-from pounding_sweep.output.netcdf import open_cube
-from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore, identity_of
+from pounding_sweep.base.lock import HOLDER, LOCK, FolderLock, running
+from pounding_sweep.cli.app import app
+from pounding_sweep.output.netcdf import free_space, open_cube
+from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore
 from pounding_sweep.resume.survey import survey
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.sweep import Sweep, load_sweep
+
+#: In this process; those that are started, and what they are compared with, have kernels.
+pytestmark = pytest.mark.usefixtures("stub_engine")
 
 #: Eight chunks of some tenths of a second, after one without pounding.
 SWEEP = LONG.replace("dt = 1e-6", "dt = 5e-6")
@@ -129,7 +133,7 @@ from pounding_sweep.resume.checkpoint import ChunkStore
 warnings.simplefilter("error")
 folder, seen = Path(sys.argv[1]), Path(sys.argv[2])
 entered = 0
-while entered < 40:
+while entered < 20:
     store = ChunkStore(folder, "x")
     try:
         with store.lock():
@@ -162,94 +166,26 @@ def parts(tmp_path):
     return folder
 
 
-def test_the_lock_of_another_machine(parts):
-    lock = parts / LOCK
-    lock.write_text(json.dumps({"host": "elsewhere", "pid": 7, "started": "2026-01-01T00:00:00+00:00"}))
-    assert str(running(parts)) == "process 7 on elsewhere, since 2026-01-01T00:00:00+00:00"
-    message = rf"locked by process 7 on elsewhere.*If that run has ended, remove '{re.escape(str(lock))}' and run again"
-    with pytest.raises(OutputError, match=message), FolderLock(parts):
-        pass
-    assert lock.exists()
-    lock.unlink()
-    with FolderLock(parts):
-        assert running(parts).pid == os.getpid()
-    assert not parts.exists()
-
-
-@pytest.mark.parametrize(
-    ("host", "boot", "machine", "ended"),
-    [
-        ("here", "here", "here", True),
-        ("another name", "here", "", True),  # a container on this kernel, or a job under another name
-        ("here", "before", "here", True),  # the machine was started again
-        ("here", "before", "other", False),  # another one of that name
-        ("here", "before", "", False),  # nobody can tell
-        ("another name", "before", "here", False),  # perhaps a copy of this one
-        ("here", "", "", True),  # nothing but names
-        ("another name", "", "", False),
-    ],
-)
-def test_who_is_known_to_have_ended(parts, host, boot, machine, ended):
-    lines = {"boot": Path("/proc/sys/kernel/random/boot_id"), "machine": Path("/etc/machine-id")}
-    if not all(path.is_file() and path.read_text().strip() for path in lines.values()):
-        pytest.skip("this system has no identity")
-    with FolderLock(parts):
-        here = json.loads((parts / LOCK).read_text())
-        (parts / "chunk").touch()
-    assert here["boot"] == lines["boot"].read_text().strip()
-    assert lines["machine"].read_text().strip() not in here.values()  # not to be shown
-    given = {"host": host, "boot": boot, "machine": machine}
-    who = {**here, **{name: here[name] if value == "here" else value for name, value in given.items()}}
-    (parts / LOCK).write_text(json.dumps(who))
-    assert (running(parts) is None) == ended
-    if ended:
-        with pytest.warns(RuntimeWarning, match="was killed .* goes on"), FolderLock(parts):
-            pass
-    else:
-        with pytest.raises(OutputError, match="another machine"), FolderLock(parts):
-            pass
-
-
-def test_a_job_that_was_killed_under_another_name_of_this_machine(parts):
-    """A container or a job that is started again elsewhere has another host name on the same kernel."""
-    named = ("unshare", "--user", "--map-root-user", "--uts", "sh", "-c", 'hostname "$1" && shift && exec "$@"', "sh")
-    if shutil.which("unshare") is None or subprocess.run([*named, "job-17", "true"], check=False).returncode:
-        pytest.skip("no host name of its own may be given here")
-    code = (
-        "import os, signal, sys; from pathlib import Path; from pounding_sweep.base.lock import FolderLock\n"
-        "FolderLock(Path(sys.argv[1])).__enter__(); os.kill(os.getpid(), signal.SIGKILL)"
-    )
-    killed = subprocess.run([*named, "job-17", sys.executable, "-c", code, parts], env=environment(), check=False)
-    assert killed.returncode == -signal.SIGKILL
-    assert json.loads((parts / LOCK).read_text())["host"] == "job-17" != socket.gethostname()
-    assert running(parts) is None
-    with pytest.warns(RuntimeWarning, match=r"was killed \(process \d+ on job-17"), FolderLock(parts):
-        assert running(parts).pid == os.getpid()
-
-
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"host": 3}', "\x00\xff"])
-def test_a_lock_that_names_nobody_is_free(parts, text):
-    (parts / LOCK).write_text(text)
-    assert running(parts) is None
-    with FolderLock(parts):
-        assert running(parts).host == socket.gethostname()
-
-
 def test_a_process_cannot_lock_twice(parts, monkeypatch):
     monkeypatch.setattr("pounding_sweep.base.lock.PATIENCE", 0.0)
     with FolderLock(parts):
         with pytest.raises(OutputError, match=rf"another run is at work.*process {os.getpid()} on"):
             FolderLock(parts).__enter__()
-        assert running(parts).pid == os.getpid()
+        assert running(parts).startswith(f"process {os.getpid()} on ")
 
 
-def test_a_file_system_without_locks(parts, monkeypatch):
-    def cannot(handle, how):
-        raise OSError(38, "Function not implemented")
-
-    monkeypatch.setattr("fcntl.flock", cannot)
-    with pytest.warns(RuntimeWarning, match=r"can't lock.*start only one"), FolderLock(parts):
-        assert running(parts).pid == os.getpid()
+@pytest.mark.parametrize("text", ["", "\x00\xff", "process 7 on elsewhere, since 2026-01-01T00:00:00+00:00"])
+def test_a_lock_that_nobody_holds_is_free(parts, text):
+    (parts / LOCK).touch()
+    (parts / HOLDER).write_text(text)
+    assert running(parts) is None
+    told = (
+        pytest.warns(RuntimeWarning, match=r"was killed \(process 7 on elsewhere,.* goes on")
+        if "7" in text
+        else nullcontext()
+    )
+    with told, FolderLock(parts):
+        assert running(parts).startswith(f"process {os.getpid()} on {socket.gethostname()}, since ")
     assert not parts.exists()
 
 
@@ -334,6 +270,7 @@ print(json.dumps(told))
 """
 
 
+@pytest.mark.slow  # five processes
 def test_a_full_disk(tmp_path, reference):
     told = json.loads(on_a_disk_of_its_own(tmp_path / "disk", "size=3m", FILLED, tmp_path))
     code, said, kept = told["chunks"]
@@ -367,30 +304,6 @@ print(bad("run", {str(tmp_path / "sweep.toml")!r}, "-o", sys.argv[1] + "/out.nc"
 """
     said = on_a_disk_of_its_own(tmp_path / "disk", "ro", program)
     assert re.search(r"the folder '.*disk' of output .* can't be written \(Read-only file system\); give another", said)
-
-
-BOUND = """
-import subprocess, sys
-from pathlib import Path
-from test_cli import cli, write
-from test_limits import RUN, SWEEP
-
-disk = Path(sys.argv[1])
-write(disk, SWEEP)
-for name in ("elsewhere", "out.nc.parts"):
-    (disk / name).mkdir()
-subprocess.run(["mount", "--bind", disk / "elsewhere", disk / "out.nc.parts"], check=True)
-print(cli(*RUN, cwd=disk).stderr)
-assert (disk / "out.nc").is_file()
-names = {path.name for path in disk.iterdir()}
-assert names == {"elsewhere", "out.nc", "out.nc.log", "out.nc.parts", "sweep.toml"}
-assert not list((disk / "elsewhere").iterdir())
-"""
-
-
-def test_chunks_in_a_folder_that_is_mounted_from_elsewhere(tmp_path):
-    """Of the same disk, and yet no file can be moved from there."""
-    assert on_a_disk_of_its_own(tmp_path / "disk", "size=30m", BOUND).strip() == ""
 
 
 def test_chunks_that_cannot_be_removed(tmp_path, monkeypatch):
@@ -429,46 +342,6 @@ def test_a_write_that_fails_tells_its_remedy(tmp_path, monkeypatch, number, reme
     assert store.completed() == set()
 
 
-ORPHANED = """
-import json, subprocess, sys
-from pathlib import Path
-from test_cli import TINY, cli, environment, write
-
-disk = Path(sys.argv[1])
-write(disk, TINY)
-code = '''
-import os
-from pounding_sweep import cli
-from pounding_sweep.run import cube_writer as filling
-slabs = filling._slabs
-def dies(*arguments):
-    yield next(slabs(*arguments))
-    os.kill(os.getpid(), 9)
-filling._slabs = dies
-cli.main()
-'''
-run = ["run", "sweep.toml", "-o", "out.nc"]
-cli(*run, cwd=disk, code=-9, start=("-c", code))
-left = [path for path in (disk / "out.nc.parts").iterdir() if path.name.startswith(".")]
-with left[0].open("ab", buffering=0) as file:  # as large as the cube of a large sweep
-    for size in (65536, 1):
-        try:
-            while True:
-                file.write(bytes(size))
-        except OSError as error:
-            assert error.errno == 28
-print(json.dumps([[path.name for path in left], cli(*run, cwd=disk).stderr, sorted(p.name for p in disk.iterdir())]))
-"""
-
-
-def test_what_a_killed_run_was_writing_takes_no_room_from_the_next(tmp_path):
-    names, said, left = json.loads(on_a_disk_of_its_own(tmp_path / "disk", "size=1m", ORPHANED))
-    assert len(names) == 1
-    assert is_temporary(names[0])
-    assert "the run before this one was killed" in said
-    assert left == ["out.nc", "out.nc.log", "sweep.toml"]
-
-
 def test_room_is_judged_on_the_disk_that_is_written(tmp_path, monkeypatch):
     """The cube's and that of its chunks, where a link leads to another one."""
     shared = Path("/dev/shm")
@@ -489,23 +362,12 @@ def test_room_is_judged_on_the_disk_that_is_written(tmp_path, monkeypatch):
         sweep.run(out).close()
 
 
-def test_a_disk_that_does_not_say_how_large_it_is(tmp_path):
+def test_a_disk_that_does_not_say_how_large_it_is(tmp_path, monkeypatch):
     """Such a file system has 0 blocks, 0 of them free."""
-    program = """
-import os, sys
-from pathlib import Path
-from test_cli import TINY, cli, write
-from pounding_sweep.output.netcdf import free_space
-
-disk = Path(sys.argv[1])
-assert os.statvfs(disk).f_blocks == 0
-assert free_space(disk) is None
-assert "free space unknown" in cli("doctor", "--no-check", cwd=disk).stdout
-cli("run", write(disk, TINY), "-o", "out.nc", cwd=disk)
-print(sorted(path.name for path in disk.iterdir()))
-"""
-    said = on_a_disk_of_its_own(tmp_path / "disk", "size=0", program)
-    assert said == "['out.nc', 'out.nc.log', 'sweep.toml']\n"
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(total=0, free=0))
+    assert free_space(tmp_path) is None
+    assert "free space unknown" in CliRunner().invoke(app, ["doctor", "--no-check"]).stdout
+    Sweep(row(), motions(), **AXES).run(tmp_path / "out.nc").close()
 
 
 class At(Progress):
@@ -574,78 +436,6 @@ def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, harm):
         again = sweep.run(tmp_path / "out.nc")
     for name in whole.data_vars:
         np.testing.assert_array_equal(again[name], whole[name])
-
-
-@pytest.fixture
-def not_waiting():
-    """Fail a test that waits for a minute, as for somebody who writes into a pipe."""
-
-    def fails(*_):
-        pytest.fail("it waits")
-
-    before = signal.signal(signal.SIGALRM, fails)
-    signal.setitimer(signal.ITIMER_REAL, 60.0)
-    yield
-    signal.setitimer(signal.ITIMER_REAL, 0.0)
-    signal.signal(signal.SIGALRM, before)
-
-
-@pytest.mark.usefixtures("not_waiting")
-@pytest.mark.parametrize("name", ["lock", "manifest.jsonl", "identity.json", "expected.json"])
-@pytest.mark.parametrize("what", ["pipe", "deep", "endless", "folder"])
-def test_strange_files_among_the_chunks(tmp_path, name, what):
-    """They end a run with a message, or are passed over; nothing waits, and nothing takes all memory."""
-    sweep, parts = Sweep(scene=row(), records=motions(), **AXES), tmp_path / "out.nc.parts"
-    with pytest.raises(KeyboardInterrupt):
-        sweep.run(tmp_path / "out.nc", progress=At("cube", stop))
-    path = parts / name
-    path.unlink(missing_ok=True)
-    if what == "pipe":
-        os.mkfifo(path)
-    elif what == "folder":
-        path.mkdir()
-    elif what == "deep":
-        path.write_text("[" * 100_000)
-    else:
-        path.write_text(json.dumps({"host": "x", "pid": math.inf, "started": "", "title": "", "asked": math.inf}))
-    for look in (lambda: survey(parts), lambda: sweep.run(tmp_path / "out.nc")):
-        with warnings.catch_warnings(), suppress(OutputError):
-            warnings.simplefilter("ignore")
-            look()
-
-
-@pytest.mark.parametrize("name", ["lock", "manifest.jsonl"])
-def test_links_among_the_chunks_lead_nowhere(tmp_path, name):
-    """A run writes to what is its own."""
-    mine, parts = tmp_path / "mine", tmp_path / "out.nc.parts"
-    mine.write_text("precious")
-    parts.mkdir()
-    if name != "lock":
-        ChunkStore(parts, *identity_of(Sweep(scene=row(), records=motions(), **AXES).plan())).open()
-    (parts / name).symlink_to(mine)
-    with pytest.raises(OutputError, match=f"'{name}' is no regular file; remove it"):
-        Sweep(scene=row(), records=motions(), **AXES).run(tmp_path / "out.nc")
-    assert mine.read_text() == "precious"
-
-
-def test_a_chunk_of_another_form_is_made_again(tmp_path):
-    """Whatever the manifest says of it."""
-    sweep, parts = Sweep(scene=row(), records=motions(), **AXES), tmp_path / "out.nc.parts"
-    whole = sweep.run()
-    with pytest.raises(KeyboardInterrupt):
-        sweep.run(tmp_path / "out.nc", progress=At("cube", stop))
-    store = ChunkStore(parts, *identity_of(sweep.plan())).open()
-    kinds = [
-        lambda table: table[[0, *range(len(table))]],
-        lambda table: table[["status"]],
-        lambda table: table.astype([(name, "f4", table.dtype[name].shape) for name in table.dtype.names]),
-    ]
-    for key, change in zip(sorted(store.completed()), kinds, strict=False):
-        store.write(key, np.array(change(store.read(key))))
-    with pytest.warns(RuntimeWarning, match=r"is damaged: it is another table than it should be; it is computed again"):
-        again = sweep.run(tmp_path / "out.nc")
-    for variable in whole.data_vars:
-        np.testing.assert_array_equal(again[variable], whole[variable])
 
 
 def test_a_damaged_chunk_is_forgotten_before_anybody_is_warned(tmp_path):
@@ -752,6 +542,13 @@ def test_a_cube_is_not_replaced_by_one_without_any_result(tmp_path, monkeypatch)
 # -- what a half-finished folder tells ---------------------------------------------------------------------------------
 
 
+def info(path, code=0):
+    """Run `info` in this process."""
+    done = CliRunner().invoke(app, ["info", str(path)])
+    assert done.exit_code == code, done.output
+    return done
+
+
 def stop():
     raise KeyboardInterrupt
 
@@ -768,7 +565,7 @@ def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
         ("no pounding", "none", "one", 1, 1),
         ("no pounding", "none", "two", 1, 0),
     ]
-    said = cli("info", parts).stdout
+    said = info(parts).stdout
     assert "(which of them have to is known after the runs without pounding)" in said
     assert re.search(r"^no pounding +none +two +1 +0 +1 +1 +0 +1$", said, re.MULTILINE)
 
@@ -788,7 +585,7 @@ def test_what_is_done_and_what_is_missing(tmp_path, monkeypatch):
     missing = sum(part.scenarios - part.scenarios_done for part in lost.parts)
     sweep.run(tmp_path / "out.nc", scheduler="synchronous").close()
     assert sweep.last_outcome.run == missing
-    assert "Variables" in cli("info", tmp_path / "out.nc").stdout
+    assert "Variables" in info(tmp_path / "out.nc").stdout
 
 
 def test_a_run_that_is_stopped_earlier_than_the_one_before_forgets_nothing(tmp_path, monkeypatch):
@@ -803,7 +600,7 @@ def test_a_run_that_is_stopped_earlier_than_the_one_before_forgets_nothing(tmp_p
     assert survey(parts) == first
     whole = json.loads((parts / EXPECTED).read_text())
     changes = [{"laws": whole["laws"][::-1]}, {"stages": 3}, {"stages": {"scenarios": [[1, 2]]}}, {"stages": {"x": 1}}]
-    for text in ("", "[]", "{}", "[" * 100_000, *(json.dumps({**whole, **change}) for change in changes)):
+    for text in ("", "[]", "{}", *(json.dumps({**whole, **change}) for change in changes)):
         (parts / EXPECTED).write_text(text)
         with pytest.raises(KeyboardInterrupt):
             sweep.run(out, scheduler="synchronous", progress=At("no pounding", stop))
@@ -820,18 +617,18 @@ def test_a_cube_beside_which_a_run_is_not_finished(tmp_path, monkeypatch):
     out, parts = tmp_path / "out.nc", tmp_path / "out.nc.parts"
     sweep = Sweep(scene=row(), records=motions(), **AXES)
     sweep.run(out).close()
-    assert "unfinished" not in cli("info", out).stdout
+    assert "unfinished" not in info(out).stdout
     with pytest.raises(KeyboardInterrupt):
         sweep.run(out, overwrite=True, scheduler="synchronous", progress=At("scenarios", stop, 20))
     found = survey(parts)
     done, planned = sum(part.scenarios_done for part in found.parts), sum(part.scenarios for part in found.parts)
-    said = cli("info", out)
+    said = info(out)
     assert said.stdout.splitlines()[-1] == (
         f"An unfinished run stands beside this cube, {done} of {planned} scenarios done: {parts}"
     )
     assert said.stderr == ""
     (parts / IDENTITY).write_text("{}")
-    told = cli("info", out)
+    told = info(out)
     assert "Variables" in told.stdout
     assert re.fullmatch(
         r"pounding-sweep: warning: what '.*out\.nc\.parts' says of itself can't be read .*\n", told.stderr
@@ -843,9 +640,9 @@ def test_folders_that_are_not_half_finished(tmp_path):
         OutputError, match=r"no folder of finished chunks: it has no identity\.json; give OUT\.nc\.parts"
     ):
         survey(tmp_path)
-    assert "it has no identity.json" in cli("info", tmp_path, code=2).stderr
+    assert "it has no identity.json" in info(tmp_path, code=2).stderr
     store = ChunkStore(tmp_path, "x", {"package": "1"}).open()
-    assert "no run came as far as its first stage" in cli("info", tmp_path).stdout
+    assert "no run came as far as its first stage" in info(tmp_path).stdout
     for text in ("", "[]", "{}", '{"title": 1, "asked": "x"}', '{"title": "", "asked": 1, "at_most": 1, "stages": 3}'):
         (store.folder / EXPECTED).write_text(text)
         with pytest.raises(OutputError, match="can't be read"):

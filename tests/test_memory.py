@@ -31,9 +31,11 @@ from pounding_sweep.output.summary import summary_table
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer as filling
-from pounding_sweep.run.async_writer import Saver
-from pounding_sweep.run.execute import dispatcher_for, execute
+from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.sweep import Sweep
+
+pytestmark = pytest.mark.usefixtures("stub_module")
+
 
 MIB = 2**20
 
@@ -164,7 +166,7 @@ def small_slabs(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def reference():
+def reference(stub_module):
     """The small sweep, in memory and in one piece, some of it refused."""
     return make(stiffness_factors=[1.0, 1e3]).run(scheduler="synchronous")
 
@@ -236,27 +238,13 @@ def test_results_are_gathered_from_wherever_they_are(tmp_path_factory, data):
                 results.move(index, partial(np.load, folder / f"{number}.npy", mmap_mode="r"))
     rows = random.integers(0, n, 20)
     known = np.isin(rows, order)
-    found = results.take(rows)
+    found = results.gather(rows)
     for name in names:
         np.testing.assert_array_equal(found[name][known], whole[name][rows[known]], err_msg=name)
     assert (found["status"][~known] == Status.NOT_RUN).all()
     assert (found["impact_count"][~known] == -1).all()
     assert np.isnan(found["displacement_max"][~known]).all()
     assert (results.touched[rows] == known).all()
-
-
-def test_results_in_memory_and_in_files_are_the_same(tmp_path):
-    plan = make().plan()
-    here = execute(plan, dispatcher_for(plan, "synchronous")).results
-    store = ChunkStore(tmp_path / "parts", plan.digest).open()
-    there = execute(plan, dispatcher_for(plan, workers=2), store=store).results
-    again = execute(plan, dispatcher_for(plan, workers=2), store=store)
-    assert again.run == 0
-    assert again.reused == plan.n_unique - again.untouched
-    rows = np.arange(len(plan.unique))
-    for name, values in here.take(rows).items():
-        for other in (there, again.results):
-            assert other.take(rows)[name].tobytes() == values.tobytes(), name
 
 
 # -- disk --------------------------------------------------------------------------------------------------------------
@@ -299,18 +287,14 @@ def test_chunks_may_stand_on_another_disk(reference, tmp_path):
         assert sorted(p.name for p in tmp_path.iterdir()) == ["out.nc", "out.nc.log", "out.nc.parts"]
 
 
-def test_a_parts_path_that_is_a_file(tmp_path):
-    (tmp_path / "out.nc.parts").write_text("mine")
-    with pytest.raises(OutputError, match="is not a folder"):
-        make().run(tmp_path / "out.nc")
-
-
 KILLED = """
 import os, signal, sys
 sys.path.insert(0, sys.argv[2])
 from pounding_sweep.run import cube_writer as filling
+import stub_engine
 from test_memory import make
 
+stub_engine.install()
 filling.SLAB_BYTES, filling.BLOCK_BYTES = 2000, 100
 true_slabs = filling._slabs
 
@@ -344,12 +328,12 @@ def test_killed_while_the_cube_is_written(reference, tmp_path):
 
 def saved(results, store, error=None):
     """Save three tables, and fail in between."""
-    with Saver(store, results) as saver:
+    with AsyncWriter(store, results) as writer:
         for key in "abc":
             table = to_table({"status": np.zeros(2, "i1")}, ["status"], row())
             index, slots = results.hold(table)
             results.answer(np.arange(2), slots, table["status"], False)
-            saver.save(key, table, index)
+            writer.save(key, table, index)
             if error is not None and key == "b":
                 raise error
 
@@ -360,7 +344,7 @@ def test_what_was_to_be_saved_is_saved_whatever_ends_the_run(tmp_path):
         results = Results(["status"], row(), 2)
         if error is None:
             saved(results, store)
-            assert results.take(np.arange(2))["status"].tolist() == [0, 0]
+            assert results.gather(np.arange(2))["status"].tolist() == [0, 0]
         else:
             with pytest.raises(KeyboardInterrupt):
                 saved(results, store, error)

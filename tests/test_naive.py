@@ -205,6 +205,7 @@ def test_force_jump_at_touch_is_a_peak():
     assert out["acceleration_max"][0][0] == pytest.approx(jump / M1, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_touching_at_the_start():
     for law in ALL_LAWS:
         out = free_pair(law, 0.6, gap=0.0, points=5)
@@ -229,6 +230,7 @@ def test_wall_is_an_infinite_mass(law):
     assert other["displacement_min"][1][0] == pytest.approx(-out["displacement_max"][0][0], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_resting_contact():
     """A mass pressed onto a wall from rest by a steady ground acceleration: one onset, at t = 0, with v0 = 0."""
     body, pull, seconds = NaiveBuilding([M1], [1e-7], damping_ratio=0.0), 2.0, 0.3
@@ -294,6 +296,7 @@ def test_rayleigh_damping_in_the_first_two_modes():
     np.testing.assert_allclose(given.matrices()[1], alpha * given.matrices()[0] + beta * given.matrices()[2])
 
 
+@pytest.mark.slow
 def test_row_without_contact_is_the_exact_linear_solution():
     ag = motion()
     buildings = [left_building(), shear([150.0] * 5, 4.0e5), right_building()]
@@ -331,6 +334,7 @@ def test_row_without_contact_is_the_exact_linear_solution():
 # -- rows that pound ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_linear_contact_against_matrix_exponentials():
     """Two one-storey buildings, undamped contact: piecewise linear, so exact between located switches."""
     m, k, gap, kc, dt = np.array([100.0, 160.0]), np.array([4.0e4, 2.0e4]), 0.004, 5.0e5, 0.02
@@ -446,6 +450,7 @@ def test_converged_in_the_tolerance(law):
         np.testing.assert_allclose(flat(out[name]), flat(finer[name]), rtol=1e-6, atol=1e-8 * flat(finer[name]).max())
 
 
+@pytest.mark.slow
 def test_splitting_the_record_changes_nothing():
     """Restarts at record points leave no trace: the same ground motion given at twice the points."""
     ag = motion(1.2, strength=1.6)

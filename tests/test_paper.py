@@ -18,11 +18,10 @@ from paper_study import LAWS, by_law, outputs, run_cube, spectra, steps
 import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.presets import PRESETS
-from pounding_sweep.paper.checks import energy_checks
+from pounding_sweep.paper.checks import energy_checks, findings, silent_models, unbalanced
 from pounding_sweep.paper.compare import agreement, side_by_side, table_grid
 from pounding_sweep.paper.conclusions import CONCLUSIONS, Outcome, Verdict, judge, overall, spread
 from pounding_sweep.paper.hertz import force_fit
-from pounding_sweep.paper.impossible import findings, silent_models, unbalanced
 from pounding_sweep.paper.published import GROUND_MOTIONS, MODELS, RECORDS, TABLES, published
 from pounding_sweep.paper.readings import READINGS, RESCALED, paper_records, reading_of, sweep_of
 from pounding_sweep.paper.steps import largest_steps, step_rows

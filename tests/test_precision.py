@@ -15,11 +15,11 @@ from test_kernels import motion, row_kernel, run_lanes, stiffness_of
 
 import pounding_sweep as ps
 from pounding_sweep.emit.precision import TOLERANCES, narrow
-from pounding_sweep.emit.spec import LANES, input_slots, output_slots
+from pounding_sweep.emit.spec import LANES, input_slots
 from pounding_sweep.engine.kernel import ROW_NAME, kernel_text
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import Status
+from pounding_sweep.outputs.variables import Status, output_slots
 
 
 def literals(text):
@@ -52,8 +52,9 @@ def test_both_precisions_name_the_same_tolerances():
     assert TOLERANCES["float32"].keys() == TOLERANCES["float64"].keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(  # whose contacts and flights are all there is
-    "method", [pytest.param("newmark", marks=pytest.mark.release), "exact"]
+    "method", ["newmark", "exact"]
 )
 def test_compiled_code_computes_nothing_in_double(method, monkeypatch):
     """A single double in the arithmetic would halve the lanes of every vector it meets."""
@@ -80,11 +81,12 @@ def test_compiled_code_computes_nothing_in_double(method, monkeypatch):
     assert {"flight", "trial", "turns", "contact_pass"} <= seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "law"),
     [
         *(("rk4", law) for law in ("nonlinear_viscoelastic", "stereomechanical")),
-        pytest.param("newmark", "hertz_damped", marks=pytest.mark.release),
+        ("newmark", "hertz_damped"),
     ],
 )
 def test_single_precision_is_close_to_double(law, method):
@@ -106,9 +108,27 @@ def test_single_precision_is_close_to_double(law, method):
 
 def test_a_sweep_in_single_precision():
     sweep = ps.Sweep(
-        pair(), motion(126, 1.5), "kelvin_voigt", gaps=[0.004, 0.006], method="rk4", precision="float32", outputs=EVERY
+        pair(),
+        motion(126, 1.5),
+        "hertz_damped",
+        gaps=[0.004, 0.006],
+        method="exact",
+        precision="float32",
+        outputs=EVERY,
+        damping_ratios=[0.02, 0.05],
     )
     cube = sweep.run()
+    for ratio in (0.02, 0.05):
+        buildings = [replace(b, damping_ratio=ratio) for b in pair().buildings]
+        scene = ps.Scene(buildings, pair().gaps, pair().contact)
+        for gap in (0.004, 0.006):
+            record = motion(126, 1.5)
+            double = ps.Sweep(scene, record, "hertz_damped", gaps=[gap, 1.0, 1.1, 1.2], dt=1e-3, outputs=EVERY).run()
+            here = cube.sel(gap=gap, damping_ratio=ratio).squeeze(drop=True)
+            for name in ("displacement_max", "storey_shear_max", "impact_force_max", "impulse", "energy_input"):
+                want = double[name].sel(gap=gap).squeeze(drop=True).values
+                np.testing.assert_allclose(here[name], want, rtol=0, atol=1e-3 * np.nanmax(np.abs(want)), err_msg=name)
+            assert np.array_equal(here.impact_count, double.impact_count.sel(gap=gap).squeeze(drop=True))
     assert (cube.status == Status.OK).all()
     assert float(cube.impact_force_max.max()) > 0
     assert cube.attrs["precision"] == "float32"

@@ -19,6 +19,8 @@ from test_cli import TINY, environment, write
 from pounding_sweep.cli.progress import BETWEEN_LINES, LineProgress, TerminalProgress
 from pounding_sweep.run.sweep import Sweep
 
+pytestmark = pytest.mark.usefixtures("stub_module")
+
 # -- bars --------------------------------------------------------------------------------------------------------------
 
 
@@ -59,6 +61,7 @@ def test_a_terminal_that_goes_away_is_told_nothing_more(when):
 #: Tells when it is about to write the cube, and waits for word to go on; stdout is the display's meanwhile.
 WAITS = """
 import os
+import stub_engine
 from pounding_sweep import cli
 from pounding_sweep.run import cube_writer as filling
 
@@ -70,6 +73,7 @@ def waits(*arguments, **more):
     return real(*arguments, **more)
 
 filling.write_cube_of = waits
+stub_engine.install()
 cli.main()
 """
 

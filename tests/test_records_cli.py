@@ -70,14 +70,11 @@ def test_list_has_the_measures_of_each_record(folder):
     assert re.search(r"^fema_p695_far_field +FEMA P695 far-field set, as recorded +44$", text, re.M)
 
 
-@pytest.mark.parametrize("suffix", ["png", "svg"])
-def test_plot_draws_the_records_at_hand(folder, suffix):
-    out = folder / f"motions.{suffix}"
+def test_plot_draws_the_records_at_hand(folder):
+    out = folder / "motions.svg"
     assert call("records", "plot", "--records", folder, "-o", out).stdout.strip() == str(out)
-    assert out.stat().st_size > 5000
-    if suffix == "svg":
-        text = out.read_text()
-        assert all(name in text for name in ("el_centro", "arleta", "damping ratio 0.05", "pseudo-acceleration"))
+    text = out.read_text()
+    assert all(name in text for name in ("el_centro", "arleta", "damping ratio 0.05", "pseudo-acceleration"))
 
 
 def test_plot_draws_the_records_named(folder):

@@ -56,6 +56,7 @@ def test_a_table_that_lies_costs_time_and_no_truth(monkeypatch, accuracy):
     assert found["time_step"].min() < 0.3 * begun  # some needed more than the first halving
 
 
+@pytest.mark.slow
 def test_the_estimate_is_the_difference_of_the_last_two_steps():
     cube = make(accuracy=1e-3, dt=None, method="rk4").run(scheduler="synchronous")
     found = flat(cube)
@@ -98,6 +99,7 @@ def test_what_does_not_settle_says_so(monkeypatch):
     assert np.isfinite(found["displacement_max"][unsettled]).any()  # it has the values of the finest run
 
 
+@pytest.mark.slow
 def test_single_precision_gives_way_to_double(monkeypatch):
     """Where rounding hides what was asked for, a wider format finds it."""
     fine = flat(make(dt=1e-4).run(scheduler="synchronous"))
@@ -119,6 +121,7 @@ def test_a_scenario_is_refined_alike_whatever_is_beside_it(monkeypatch):
         np.testing.assert_array_equal(whole[name].sel(gap=[0.003]).values, one[name].values, err_msg=name)
 
 
+@pytest.mark.slow
 def test_one_storey_beside_a_wall_reaches_it_too():
     """Transfers of energy between a light contact and a building are what no calibration had foreseen."""
     scene = ps.Scene([ps.Building("b", [200.0], [450e3], 0.02), ps.Wall("w")], [0.0024])
@@ -150,6 +153,7 @@ def test_a_given_step_tells_its_error_where_it_is_asked_to():
     np.testing.assert_array_equal(told["status"] == Status.UNSETTLED, off & (plain["status"] == Status.OK))
 
 
+@pytest.mark.slow
 def test_a_run_that_half_the_step_contradicts_is_not_ok():
     """Of scenarios that are ok by the rules and off by more than 5 %, all are told."""
     buildings = [ps.Building(b.name, b.masses, b.stiffnesses, 0.01) for b in row().buildings]
@@ -189,6 +193,7 @@ def test_the_amplification_is_that_of_all_inputs():
     assert (own["amplification"] > 0.5).all()  # displacements follow the ground motion at least
 
 
+@pytest.mark.slow
 def test_simulate_is_refined_too(monkeypatch):
     lying(monkeypatch)
     fine = ps.simulate(row(), motions()[1], law="kelvin_voigt", restitution=0.6, dt=1e-4)

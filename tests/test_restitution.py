@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive import two_mass_restitution
+from scenes import EVERY
 from test_naive import REALISED
 from typer.testing import CliRunner
 
@@ -263,6 +264,7 @@ def certificate():
     return certify(VALUES, workers=workers())
 
 
+@pytest.mark.slow
 def test_kernels_rebound_at_exactly_the_realised_restitution(certificate):
     measured = certificate.measured.sel(basis="realised")
     for law in DAMPED:
@@ -271,6 +273,7 @@ def test_kernels_rebound_at_exactly_the_realised_restitution(certificate):
     np.testing.assert_allclose(measured.sel(law="stereomechanical"), VALUES, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_kernels_rebound_as_the_published_formulas_really_do(certificate):
     published = certificate.sel(basis="published")
     for law in DAMPED:
@@ -282,11 +285,13 @@ def test_kernels_rebound_as_the_published_formulas_really_do(certificate):
     assert float(at.sel(law=DAMPED).max() - at.sel(law=DAMPED).min()) > 0.17
 
 
+@pytest.mark.slow
 def test_elastic_laws_lose_nothing(certificate):
     for law in ("linear", "hertz"):
         np.testing.assert_allclose(certificate.measured.sel(law=law), 1.0, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_certificate_says_what_it_is(certificate):
     assert certificate.measured.dims == ("law", "basis", "restitution")
     assert list(certificate.law.values) == [key for key, law in LAWS.items() if law.has_contact]
@@ -296,6 +301,7 @@ def test_the_certificate_says_what_it_is(certificate):
     np.testing.assert_allclose(numbers, [0.48, 0.974872], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_steps_of_a_sweep_are_enough():
     """The default step is a thirtieth of such a contact; the error falls like the fourth power of the step."""
     coarse, fine = (deviation(certify(VALUES, ["hertz_damped", "kelvin_voigt"], steps=n)) for n in (25, 200))
@@ -303,6 +309,7 @@ def test_steps_of_a_sweep_are_enough():
     assert 1000 < float(coarse.max() / fine.max()) < 10000
 
 
+@pytest.mark.slow
 def test_where_a_law_is_not_valid_nothing_is_measured():
     found = certify([0.0, 0.6], ["kelvin_voigt_tension", "kelvin_voigt", "ye_hertz"])
     missing = np.isnan(found.measured.sel(restitution=0.0).transpose("law", "basis"))
@@ -316,7 +323,7 @@ def test_where_a_law_is_not_valid_nothing_is_measured():
         certify([0.5], ["none"])
 
 
-@pytest.mark.release
+@pytest.mark.slow
 def test_newmark_rebounds_at_the_realised_restitution():
     laws = [
         "kelvin_voigt",
@@ -336,6 +343,7 @@ def test_newmark_rebounds_at_the_realised_restitution():
     assert float(deviation(certify(VALUES, ["hysteretic"], method="newmark", steps=500)).max()) < 1e-11
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped", "nonlinear_viscoelastic", "modified_kelvin_voigt"])
 @settings(deadline=None, max_examples=5)
 @given(
@@ -376,12 +384,11 @@ ROW = ps.Scene(
     contact=ps.ContactProperties(linear_stiffness=8e5, hertz_stiffness=7.5e6, restitution=0.4),
 )
 MOTION = ps.synthetic_record(5, duration=2.0, dt=0.02, pga=4.0)
-OUTPUTS = ["impact_force_max", "impact_count", "drift_max"]  # of a kernel that `test_kernels` has
 
 
 def run(basis, **more):
     axes = {"laws": ["hertz", "hertz_damped", "none"], "restitutions": [0.4, 0.8]} if "cases" not in more else {}
-    sweep = ps.Sweep(ROW, MOTION, outputs=OUTPUTS, restitution_basis=basis, **{**axes, **more})
+    sweep = ps.Sweep(ROW, MOTION, outputs=EVERY, restitution_basis=basis, **{**axes, **more})
     return sweep.run(scheduler="synchronous")
 
 
@@ -487,6 +494,7 @@ def cli(*words):
     return CliRunner().invoke(app, ["laws", *words])
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("certificate")
 def test_the_certificate_as_text():
     got = cli("--restitution", "--e", "0.3,0.6")
@@ -498,6 +506,7 @@ def test_the_certificate_as_text():
     assert "Largest |measured - closed form|:" in got.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("certificate")
 def test_the_certificate_as_json():
     got = json.loads(cli("--restitution", "--e", "0.0,0.6", "--json").stdout)

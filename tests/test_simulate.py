@@ -6,16 +6,16 @@ import re
 
 import numpy as np
 import pytest
-from conftest import KINDS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from kernels_used import LAW_OF, SIMULATED
 from naive import NaiveBuilding, run
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import PoundingSweepError, StabilityError
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import INTEGER_FILL, VARIABLES, Status
-from pounding_sweep.run.choice import simulate_one
+from pounding_sweep.run.one_scenario import simulate_one
 from pounding_sweep.run.simulate import NOT_OF_ONE
 from pounding_sweep.spec.spec import METHODS
 
@@ -28,7 +28,7 @@ PAIR = ps.Scene([A, B], gaps=[0.006])
 SHAKING = ps.synthetic_record(5, duration=2.0, dt=0.02, pga=4.0)
 
 
-def shake(law="linear", scene=PAIR, record=SHAKING, *, e=0.6, k=None, **options):
+def shake(law="kelvin_voigt", scene=PAIR, record=SHAKING, *, e=0.6, k=None, **options):
     k = k or (8e5 if LAWS[law].exponent == 1.0 else 7.5e6)
     return ps.simulate(
         scene,
@@ -115,7 +115,7 @@ def test_histories_equal_the_twin_at_the_records_points(law):
             np.testing.assert_allclose(values, theirs, rtol=0, atol=3e-6 * np.abs(theirs).max())
 
 
-@pytest.mark.usefixtures("row_kernels")
+@pytest.mark.slow
 def test_a_scene_by_name():
     short = ps.Record("short", 0.02, [0.0, 1.0, -1.0])
     by_name = ps.simulate("mate2015", short, law="linear")
@@ -124,6 +124,7 @@ def test_a_scene_by_name():
     np.testing.assert_array_equal(by_name.displacement, given.displacement)
 
 
+@pytest.mark.slow
 def test_a_single_building_has_no_pairs():
     got = ps.simulate(ps.Scene([ps.Building("one", [150.0], [6e4])]), SHAKING)
     assert "pair" not in got.dims
@@ -132,9 +133,10 @@ def test_a_single_building_has_no_pairs():
 
 
 def test_a_law_object_is_a_law():
+    law = LAWS["kelvin_voigt"]
     np.testing.assert_array_equal(
-        shake(LAWS["linear"].key).displacement,
-        ps.simulate(PAIR, SHAKING, law=LAWS["linear"], stiffness=8e5).displacement,
+        shake(law.key).displacement,
+        ps.simulate(PAIR, SHAKING, law=law, stiffness=8e5, restitution=0.6).displacement,
     )
 
 
@@ -161,7 +163,7 @@ def test_bad_arguments_are_named(options, says):
 
 def test_one_number_moves_every_floor():
     quiet = ps.Record("quiet", 0.02, np.zeros(3))
-    one = ps.simulate(PAIR, quiet, initial_velocity=[0.2, [0.0, -0.1]])
+    one = shake(record=quiet, initial_velocity=[0.2, [0.0, -0.1]])
     assert one.velocity[0].values.tolist() == [[0.2, 0.2], [0.0, -0.1]]
 
 
@@ -201,8 +203,7 @@ def test_a_step_beyond_the_stability_limit_is_refused_with_the_largest_step():
     got = shake(k=stiff, dt=limit)
     assert int(got.status) in (Status.OK, Status.UNDER_RESOLVED_CONTACT)
     assert_finite(got)
-    assert_finite(shake(k=stiff, dt=0.02, method="newmark"))  # has no limit
-    assert int(shake("none", dt=0.02).status) != Status.BEYOND_STABILITY_LIMIT  # nothing stiff in it
+    assert_finite(shake("hertz_damped", k=stiff, dt=0.02, method="newmark"))  # has no limit
 
 
 def test_conditionally_stable_newmark_has_a_limit_too():
@@ -247,30 +248,24 @@ def test_a_touch_that_has_hardly_any_speed(method, law):
     assert_finite(got)
     assert int(got.impact_count[0, 1]) == 1
     assert 0 < float(got.impact_force_max[0, 1]) < 1.0
-    assert float(abs(got.velocity).max()) <= 1.000001e-7
+    assert float(abs(got.velocity).max()) <= 1.00001e-7
 
 
 @pytest.mark.parametrize(("k", "dt"), [(1e9, 0.02), (1e12, 0.02), (1e10, 5e-3), (1e12, 1e-3)])
 @pytest.mark.parametrize(
-    "law",
-    [
-        *("linear", "hertz_damped"),
-        *(
-            pytest.param(law, marks=pytest.mark.release)  # each needs a kernel that no other test does
-            for law in ("kelvin_voigt", "kelvin_voigt_tension", "hertz", "linear_viscoelastic")
-        ),
-    ],
+    "law", ["linear", "hertz_damped", "kelvin_voigt", "kelvin_voigt_tension", "hertz", "linear_viscoelastic"]
 )
-def test_newmark_stays_bounded_under_the_stiffest_contact(law, k, dt):
-    reference = shake(law, method="newmark")
-    got = shake(law, k=k, method="newmark", dt=dt)
+@pytest.mark.parametrize("method", ["newmark"])
+def test_newmark_stays_bounded_under_the_stiffest_contact(method, law, k, dt):
+    reference = shake(law, method=method)
+    got = shake(law, k=k, method=method, dt=dt)
     assert_finite(got)
     assert int(got.status) != Status.DIVERGED
     for name in ("displacement_max", "displacement_min", "drift_max"):
         assert float(abs(got[name]).max()) < 3 * float(abs(reference[name]).max()), name
 
 
-@pytest.mark.parametrize("law", ["none", "linear", "hertz_damped"])
+@pytest.mark.parametrize("law", ["none", "linear", "kelvin_voigt", "hertz_damped"])
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("gap", [0.0, 0.01])
 def test_no_motion_gives_no_answer_but_zero(law, method, gap):
@@ -284,7 +279,7 @@ def test_no_motion_gives_no_answer_but_zero(law, method, gap):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_record_of_one_point(method):
-    got = shake("linear", record=ps.Record("point", 0.02, [3.0]), method=method)
+    got = shake(LAW_OF[method], record=ps.Record("point", 0.02, [3.0]), method=method)
     assert got.sizes["time"] == 1
     assert int(got.status) == Status.OK
     assert_finite(got)
@@ -296,7 +291,7 @@ def test_a_record_of_one_point(method):
 def test_a_constant_record_pushes_to_the_static_answer(method):
     """Long enough for the motion to die out; both buildings lean the same way and never meet."""
     damped = [ps.Building(b.name, b.masses, b.stiffnesses, damping_ratio=0.3) for b in (A, B)]
-    got = shake("linear", ps.Scene(damped, gaps=[0.1]), ps.Record("lean", 0.02, np.full(251, 2.0)), method=method)
+    got = shake(LAW_OF[method], ps.Scene(damped, gaps=[0.1]), ps.Record("lean", 0.02, np.full(251, 2.0)), method=method)
     for b in damped:
         static = np.linalg.solve(b.stiffness_matrix, -2.0 * np.asarray(b.masses))
         np.testing.assert_allclose(got.displacement[-1].sel(building=b.name), static, rtol=1e-6)
@@ -304,10 +299,10 @@ def test_a_constant_record_pushes_to_the_static_answer(method):
 
 
 def test_too_few_steps_in_a_contact_are_told():
-    got = shake("linear", k=1e8, dt=5e-3, method="newmark")
+    got = shake(k=1e8, e=1.0, dt=5e-3, locate=False, method="newmark")
     assert int(got.status) == Status.UNDER_RESOLVED_CONTACT
     assert float(got.steps_per_contact) < 8
-    fine = shake("linear", k=1e8, dt=1e-4, method="newmark")
+    fine = shake(k=1e8, e=1.0, dt=1e-4, locate=False, method="newmark")
     assert int(fine.status) == Status.OK
     # the contact of one free pair lasts pi sqrt(m / k)
     short = min(120 * 80 / 200.0, 90 * 110 / 200.0)
@@ -346,10 +341,10 @@ RANDOM = settings(
     record=records,
     # the contacts of exact flight are RK4's
     law_and_method=st.sampled_from(
-        [(law, method) for law in CONTACT_LAWS for method in METHODS if method != "exact" or law in KINDS["exact"]]
+        [(law, method) for method, laws in SIMULATED.items() for law in sorted(laws & set(CONTACT_LAWS))]
     ),
 )
-@settings(RANDOM, max_examples=60)
+@settings(RANDOM, max_examples=25)
 def test_random_scenes_obey_mechanics(scene, factor, e, record, law_and_method):
     law, method = law_and_method
     k = factor * (8e5 if LAWS[law].exponent == 1.0 else 7.5e6)
@@ -377,9 +372,9 @@ def test_random_scenes_obey_mechanics(scene, factor, e, record, law_and_method):
     factor=stiffness_factors,
     e=restitutions,
     record=records,
-    law=st.sampled_from(CONTACT_LAWS),
+    law=st.sampled_from(sorted(SIMULATED["rk4"])),
 )
-@settings(RANDOM, max_examples=12)
+@settings(RANDOM, max_examples=4)
 def test_random_scenes_equal_the_twin(scene, factor, e, record, law):
     k = factor * (8e5 if LAWS[law].exponent == 1.0 else 7.5e6)
     got = shake(law, scene, record, k=k, e=e, dt=2.5e-4)
@@ -401,6 +396,7 @@ def test_central_difference_has_a_limit_and_names_its_own_remedy():
     assert "the newmark scheme" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_one_scenario_of_a_sweep_has_the_numbers_of_the_sweep():
     """The histories of a sweep in single precision are those of its kernel: their peaks are the cube's, bit by bit."""
     settings_ = {"laws": "linear", "stiffnesses": 8e5, "dt": 2e-3, "outputs": ["displacement_max", "impact_force_max"]}

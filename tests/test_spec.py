@@ -8,27 +8,26 @@ import subprocess
 import sys
 import textwrap
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 
+import bad_sweeps
 import numpy as np
 import pytest
+from bad_sweeps import BAD, GOOD
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pounding_sweep import Sweep
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, get_law
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES
 from pounding_sweep.records import Record, find_record, pulse_record, synthetic_record
-from pounding_sweep.spec.axes import Case, Range
+from pounding_sweep.spec.axes import AXES, Case, Range, contact_stiffness
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import (
     MAX_AXIS,
     SweepSpec,
-    contact_stiffness,
     digest,
     to_json,
 )
@@ -50,13 +49,9 @@ def build(**change):
     return build_spec(**{"scene": "mate2015", "records": PULSE, "laws": "linear", **change})
 
 
-def test_arguments_that_are_none():
-    with pytest.raises(SweepError, match=r"^unknown argument 'gap'; did you mean 'gaps'\? Valid: accuracy, .*, title$"):
-        Sweep("mate2015", PULSE, "linear", gap=[0.01])
-    first, second, third = problems(gap=[0.01], colour="red", gaps=[-1.0])
-    assert first.startswith("unknown argument 'gap'")
-    assert second.startswith("unknown argument 'colour'; valid: ")
-    assert third.startswith("gaps[0]: ")
+def test_every_message_is_as_it_was(tmp_path):
+    """`python tests/bad_sweeps.py` writes the messages anew; a change of them is read in the diff."""
+    assert bad_sweeps.report(tmp_path) == bad_sweeps.GOLDEN.read_text()
 
 
 def problems(**change):
@@ -142,17 +137,12 @@ def test_laws_by_group():
     assert build(laws="all").laws == tuple(LAWS)
     assert build(laws=["mate2015", "gonthier"]).laws == (*MATE2015_MODELS, "gonthier")
     assert build(laws=get_law("hertz")).laws == ("hertz",)
-    assert "law 'hertz' is there already" in only(laws=["mate2015", "hertz"])
 
 
 def test_restitution_defaults_to_the_scene():
     assert build(laws="kelvin_voigt").restitutions == (0.6,)
     assert build(laws="kelvin_voigt", restitutions=0.3).restitutions == (0.3,)
     assert build(laws=["linear", "none", "hertz"]).restitutions == (1.0,)
-    found = only(scene=bare_scene(linear_stiffness=1.0), laws=["linear", "kelvin_voigt"])
-    assert found.startswith("restitutions: no restitution is given, and kelvin_voigt needs one (0 <= e <= 1)")
-    found = only(scene=bare_scene(linear_stiffness=1.0, restitution=0.0), laws=["modified_kelvin"])
-    assert found.startswith("scene.contact.restitution: restitution 0.0 is outside the validity of law 'modified_kelv")
 
 
 def test_absolute_stiffnesses():
@@ -160,24 +150,6 @@ def test_absolute_stiffnesses():
     assert (spec.stiffnesses, spec.stiffness_factors) == ((1e6, 2e6), None)
     assert spec.axes["stiffness"] == (1e6, 2e6)
     assert build(scene=bare_scene(), laws="hertz", stiffnesses=1e7).stiffnesses == (1e7,)
-
-
-def test_stiffness_axis_over_different_exponents_is_refused():
-    found = only(laws=["linear", "hertz", "kelvin_voigt", "none"], stiffnesses=[1e6])
-    assert found == (
-        "stiffnesses: an absolute stiffness axis needs laws of one force exponent: "
-        "linear, kelvin_voigt take kN m-1 (exponent 1) but hertz takes kN m-1.5 (exponent 1.5); "
-        "use stiffness_factors, which scale the scene's reference stiffness of each exponent"
-    )
-
-
-def test_missing_reference_stiffness_names_the_property():
-    found = problems(scene=bare_scene(restitution=0.5), laws=["linear", "hertz", "hertz_damped"])
-    assert len(found) == 2
-    assert found[0].startswith("scene.contact: linear_stiffness (kN/m) is missing: law linear needs it")
-    assert "ContactProperties(linear_stiffness=...)" in found[0]
-    assert found[1].startswith("scene.contact: hertz_stiffness (kN/m^1.5) is missing: laws hertz, hertz_damped need it")
-    assert build(scene=bare_scene(), laws="none").stiffness_factors == (1.0,)
 
 
 def test_contact_stiffness():
@@ -194,11 +166,6 @@ def test_outputs():
     assert build(outputs="default").outputs == build(outputs=None).outputs == DEFAULT_OUTPUTS
     assert build(outputs="all").outputs == tuple(VARIABLES)
     assert build(outputs="impulse").outputs == ("impulse",)
-    assert "unknown output 'impuls'; did you mean 'impulse'?" in only(outputs=["impuls"])
-    assert "outputs[1]: 'impulse' is there already" in only(outputs=["impulse", "impulse"])
-    assert "is empty" in only(outputs=[])
-    assert "must be a name or a list" in only(outputs=3)
-    assert "outputs[0]: unknown output 3" in only(outputs=[3])
 
 
 def test_gap_axis_of_a_lone_building():
@@ -208,87 +175,10 @@ def test_gap_axis_of_a_lone_building():
 
 # --- faults ---------------------------------------------------------------------------------------------------------
 
-AXES = {"gaps": 0.01, "stiffnesses": 1e6, "stiffness_factors": 1.5, "restitutions": 0.5, "scales": 2.0}
-
-
-@pytest.mark.parametrize("axis", AXES)
-@pytest.mark.parametrize(
-    ("values", "place", "message"),
-    [
-        ([NAN], "[0]", "nan"),
-        ([INF], "[0]", "inf"),
-        (["x"], "[0]", "'x' is not a number"),
-        ([True], "[0]", "True is not a number"),
-        ([None], "[0]", "None is not a number"),
-        ([[1.0]], "[0]", "[1.0] is not a number"),
-        ([10**400], "[0]", "too large"),
-        ([], "", "is empty: a sweep of zero scenarios"),
-        (np.array([]), "", "is empty: a sweep of zero scenarios"),
-        ("0.1", "", "must be a number or a list of numbers"),
-        ({"start": 1}, "", "must be a number or a list of numbers"),
-        (object, "", "must be a number or a list of numbers"),
-    ],
-)
-def test_bad_axis_values(axis, values, place, message):
-    found = only(laws="kelvin_voigt", **{axis: values})
-    assert found.startswith(f"{axis}{place}: ")
-    assert message in found
-
-
-@pytest.mark.parametrize("axis", AXES)
-def test_repeated_values(axis):
-    good = AXES[axis]
-    found = only(laws="kelvin_voigt", **{axis: [good, good / 2, good]})
-    assert found == f"{axis}[2]: {good!r} repeats {axis}[0]; the values of an axis must differ"
-
 
 def test_zero_and_minus_zero_are_one_value():
     assert only(gaps=[0.0, -0.0]).startswith("gaps[1]: 0.0 repeats gaps[0]")
     assert str(build(gaps=[-0.0]).gaps[0]) == "0.0"
-
-
-@pytest.mark.parametrize(
-    ("axis", "value", "message"),
-    [
-        ("gaps", -0.01, "gap is -0.01 m; a gap must be zero or positive"),
-        ("stiffnesses", 0.0, "contact stiffness is 0.0; it must be a positive number"),
-        ("stiffnesses", -1.0, "must be a positive number"),
-        ("stiffness_factors", 0.0, "stiffness factor is 0.0; it must be a positive number"),
-    ],
-)
-def test_values_out_of_range(axis, value, message):
-    assert message in only(**{axis: [1.0, value]})
-
-
-def test_restitution_outside_the_validity_of_laws():
-    laws = ["linear", "kelvin_voigt", "gonthier", "hertz_damped", "modified_kelvin"]
-    found = problems(laws=laws, restitutions=[0.0, 1.0, 1.5])
-    assert found[0] == (
-        "restitutions[0]: restitution 0.0 is outside the validity of law 'gonthier' (0 < e <= 1), "
-        "law 'modified_kelvin' (0 < e <= 1); change it or leave them out"
-    )
-    assert found[1].startswith("restitutions[2]: restitution 1.5 is outside the validity of law 'kelvin_voigt' (0 <= e")
-    assert len(found) == 2
-    assert only(laws="linear", restitutions=[-1.0]) == "restitutions[0]: restitution is -1.0; it must be in [0, 1]"
-    assert build(laws=["linear", "kelvin_voigt"], restitutions=[0.0]).restitutions == (0.0,)
-
-
-def test_bad_laws():
-    assert only(laws=["linear", "herz"]).startswith("laws[1]: unknown contact law 'herz'; did you mean 'hertz'? Valid:")
-    assert "or the groups all, mate2015" in only(laws="mate2016")
-    assert only(laws=[]).startswith("laws: is empty: a sweep of zero scenarios")
-    assert only(laws=None).startswith("laws: is missing; give laws, valid: none, linear")
-    assert only(laws=3).startswith("laws: must be a name")
-    assert only(laws=[3]).startswith("laws[0]: unknown contact law 3")
-    other = replace(get_law("hertz"), key="mine")
-    assert only(laws=[other]).startswith("laws[0]: unknown contact law") or "'mine' is not registered" in only(
-        laws=other
-    )
-
-
-def test_bad_scene():
-    assert "unknown preset scene 'mate'" in only(scene="mate")
-    assert "scene: must be a Scene or the name of a preset" in only(scene=None)
 
 
 def test_bad_records(tmp_path):
@@ -303,52 +193,6 @@ def test_bad_records(tmp_path):
     assert "did you mean 'el_centro'" in by_name["el_centri"]
     assert "ngawest2.berkeley.edu" in by_name["arleta"]
     assert "has the same name 'pulse' as records[7]" in by_name["repeated"]
-    assert only(records=[]).startswith("records: no records: a sweep of zero scenarios")
-    assert only(records=3).startswith("records: no records")
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"method": "rk5"}, "method: unknown method 'rk5'; did you mean 'rk4'? Valid: exact, newmark, rk4"),
-        ({"dt": 0.0}, "dt: time step dt (s) is 0.0; it must be a positive number"),
-        ({"dt": -1e-3}, "dt: "),
-        ({"dt": NAN}, "dt: "),
-        ({"dt": "1e-3"}, "dt: '1e-3' is not a number"),
-        ({"accuracy": 0.1}, "accuracy: accuracy is 0.1; it must be in [1e-06, 0.01]"),
-        ({"accuracy": 1e-3, "dt": 1e-3}, "dt: accuracy chooses the step; leave out dt, or leave out accuracy"),
-        ({"audit": 1.5}, "audit: audit is 1.5; it must be a share of the sweep's cost in [0, 1]"),
-        ({"precision": "float16"}, "precision: unknown precision 'float16'"),
-        ({"locate": "yes"}, "locate: must be true or false, not 'yes'"),
-        ({"force_unstable": 1}, "force_unstable: must be true or false"),
-        ({"beta": 0.6, "method": "newmark"}, "beta: beta is 0.6; it must be in [0, 0.5]"),
-        ({"gamma": 0.4, "method": "newmark"}, "gamma: gamma is 0.4; it must be in [0.5, 1]"),
-        ({"gamma": NAN, "method": "newmark"}, "gamma: "),
-        ({"beta": 0.3}, "beta: beta is a parameter of newmark, and the method is rk4"),
-        ({"title": 3}, "title: must be a text"),
-        (
-            {"stiffnesses": [1.0], "stiffness_factors": [1.0]},
-            "stiffness_factors: stiffnesses and stiffness_factors excl",
-        ),
-    ],
-)
-def test_bad_settings(change, message):
-    assert only(**change).startswith(message)
-
-
-def test_all_problems_at_once():
-    found = problems(
-        records=["nowhere"], laws=["nolaw"], gaps=[-1.0, 0.1], restitutions=[2.0], dt=-1, method="euler", outputs=["x"]
-    )
-    assert [text.split(":")[0] for text in found] == [
-        "records[0]", "laws[0]", "gaps[0]", "restitutions[0]", "method", "dt", "outputs[0]",
-    ]  # fmt: skip
-
-
-def test_many_faults_on_an_axis_are_counted():
-    found = problems(gaps=[-1.0] * 1000)
-    assert len(found) == 21
-    assert found[-1] == "gaps: 980 more values are at fault"
 
 
 @pytest.mark.parametrize(
@@ -390,26 +234,6 @@ def test_range_agrees_with_linspace(start, stop, count):
     np.testing.assert_allclose(values, np.linspace(start, stop, count), rtol=0, atol=1e-11 * max(abs(start), abs(stop)))
 
 
-@pytest.mark.parametrize(
-    ("bad", "message"),
-    [
-        (Range(0.0, 1.0, 0), "gaps.count: count = 0: a sweep of zero scenarios"),
-        (Range(0.0, 1.0, -3), "gaps.count: count = -3"),
-        (Range(0.0, 1.0, 2.5), "gaps.count: must be a whole number"),
-        (Range(0.0, 1.0, True), "gaps.count: must be a whole number"),
-        (Range(0.0, 1.0, 1), "gaps.count: 1 value can't reach from start 0.0 to stop 1.0"),
-        (Range(NAN, 1.0, 3), "gaps.start: start is nan"),
-        (Range(0.0, "x", 3), "gaps.stop: 'x' is not a number"),
-        (Range(0.0, 1.0, 3, "log"), "gaps.spacing: log needs start and stop above 0"),
-        (Range(0.0, 1.0, 3, "lin"), "gaps.spacing: unknown spacing 'lin'; did you mean 'linear'?"),
-        (Range(-1.0, 1.0, 2), "gaps: gap is -1.0 m"),
-        (Range(1.0, 1.0, 2), "gaps: 1.0 repeats gaps[0]"),
-    ],
-)
-def test_bad_ranges(bad, message):
-    assert only(gaps=bad).startswith(message)
-
-
 # --- cases ----------------------------------------------------------------------------------------------------------
 
 
@@ -444,51 +268,6 @@ def test_cases_are_filled_in():
     assert spec.axes == {}
 
 
-@pytest.mark.parametrize(
-    ("case", "message"),
-    [
-        ({"law": "herz"}, "cases[0].law: unknown contact law 'herz'; did you mean 'hertz'?"),
-        ({}, "cases[0].law: is missing; valid: none, linear"),
-        ({"law": "linear", "gpa": 1.0}, "cases[0].gpa: unknown key 'gpa'; did you mean 'gap'? Valid: "),
-        ({"law": "linear", "gap": -1.0}, "cases[0].gap: gap is -1.0 m"),
-        ({"law": "linear", "gap": [0.1, NAN]}, "cases[0].gap[1]: gap is nan m"),
-        ({"law": "linear", "gap": [0.1]}, "cases[0].gap: 1 gaps for 2 pairs (left-middle, middle-right)"),
-        ({"law": "linear", "gap": "x"}, "cases[0].gap: must be a number or one per pair (m), not 'x'"),
-        ({"law": "linear", "stiffness": 0.0}, "cases[0].stiffness: contact stiffness is 0.0"),
-        ({"law": "linear", "stiffness_factor": -1.0}, "cases[0].stiffness_factor: "),
-        (
-            {"law": "linear", "stiffness": 1.0, "stiffness_factor": 1.0},
-            "cases[0].stiffness: stiffness and stiffness_fac",
-        ),
-        ({"law": "gonthier", "restitution": 0.0}, "cases[0].restitution: restitution 0.0 is outside the validity of"),
-        ({"law": "linear", "restitution": 7.0}, "cases[0].restitution: restitution is 7.0"),
-        ({"law": "linear", "scale": INF}, "cases[0].scale: record scale is inf"),
-        ({"law": "linear", "record": "puls"}, "cases[0].record: unknown record 'puls'; did you mean 'pulse'?"),
-        (3, "cases[0]: must be a Case or a table of law, gap"),
-    ],
-)
-def test_bad_cases(case, message):
-    assert only(**cases(case)).startswith(message)
-
-
-def test_bad_lists_of_cases():
-    assert only(**cases()).startswith("cases: is empty: a sweep of zero scenarios")
-    assert only(laws=None, cases=3).startswith("cases: must be a list of cases")
-    assert only(laws=None, cases=Case("none")).startswith("cases: must be a list of cases")
-    assert only(**cases(Case("linear"), Case("none"), Case("linear", stiffness_factor=1))) == (
-        "cases[2]: is the same scenario as cases[0]"
-    )
-    found = only(**cases(Case("linear"), records=[PULSE, STEP]))
-    assert found == "cases[0].record: is missing; valid: pulse, step"
-    found = problems(cases=[Case("linear")], gaps=[0.1])
-    assert [text.split(":")[0] for text in found] == ["laws", "gaps"]
-    found = problems(**cases(Case("linear"), Case("gonthier"), scene=bare_scene()))
-    assert any(text.startswith("cases[1].restitution: no restitution is given") for text in found)
-    assert any(text.startswith("scene.contact: linear_stiffness (kN/m) is missing") for text in found)
-    # a record that can't be read is one fault, not one per case that names it
-    assert only(**cases(Case("none", record="x"), records=["nowhere/x.csv"])).startswith("records[0]: ")
-
-
 # --- JSON and digest ------------------------------------------------------------------------------------------------
 
 
@@ -497,7 +276,8 @@ def test_json_is_canonical_and_complete():
     text = to_json(spec)
     data = json.loads(text)
     assert text == json.dumps(data, sort_keys=True, separators=(",", ":"))
-    assert set(data) == {"format", *SweepSpec.__dataclass_fields__}
+    unsaid = {name for name, axis in AXES.items() if axis.unsaid}
+    assert set(data) == {"format", *SweepSpec.__dataclass_fields__} - unsaid
     assert data["gaps"] == [0.1, 0.01]
     assert data["laws"] == list(MATE2015_MODELS)
     assert data["records"] == [
@@ -608,58 +388,6 @@ def test_any_gaps_are_taken_or_refused(values):
 
 # --- sweep files ----------------------------------------------------------------------------------------------------
 
-GOOD = """\
-title = "a sweep"
-
-[scene]
-gaps = [0.01]
-
-[[scene.row]]
-name = "left"
-masses = [10.0, 8.0]
-stiffnesses = [4e3, 3e3]
-damping_ratio = [0.05, 0.06]
-storey_heights = [3.0, 3.5]
-
-[[scene.row]]
-wall = true
-name = "moat wall"
-
-[scene.contact]
-linear_stiffness = 2e6
-hertz_stiffness = 1.88e7
-restitution = 0.6
-
-[sweep]
-records = [
-    "el_centro",
-    { path = "x.csv", units = "g", dt = 0.01, name = "x", scale = 2.0 },
-    { path = "x.csv", units = "g", dt = 0.01, name = "y", pga = 3 },
-    { synthetic = 1, duration = 2.0, pga = 3.0 },
-    { pulse = "half_sine", amplitude = 4.0, period = 0.5, dt = 0.01 },
-    { record = "el_centro", pga = 2.0, name = "el_centro_2" },
-]
-laws = ["linear", "hertz_damped"]
-gaps = { start = 0.002, stop = 0.006, count = 3 }
-stiffness_factors = { start = 0.1, stop = 10.0, count = 3, spacing = "log" }
-restitutions = [
-    0.4,  # low
-    0.6,
-]
-scales = [1, 2]
-
-[solver]
-method = "newmark"
-dt = 2e-3
-locate = false
-beta = 0.3
-gamma = 0.6
-force_unstable = true
-
-[output]
-variables = ["impulse", "drift_max"]
-"""
-
 
 @pytest.fixture
 def write(tmp_path):
@@ -671,19 +399,6 @@ def write(tmp_path):
         return path
 
     return make
-
-
-def file_problems(path):
-    """Problems of a file as (line, place, text)."""
-    with pytest.raises(SweepError) as caught:
-        load_spec(path)
-    found = []
-    for problem in caught.value.problems:
-        assert problem in str(caught.value)
-        assert problem.startswith(f"{path}:")
-        line, place, text = problem[len(f"{path}:") :].split(": ", 2)
-        found.append((int(line), place, text))
-    return found
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
@@ -754,12 +469,6 @@ def test_cases_in_a_file(write):
         Case("hertz", (0.01, 0.02), None, 1.0, None, "el_centro", 1.0),
         Case("gonthier", None, 1e7, None, 0.6, "el_centro", 2.0),
     )
-    path = write(path.read_text().replace('"gonthier"', '"gontier"').replace("scale = 2", "scal = 2\ngap = [0.1, -2]"))
-    assert [(line, place) for line, place, _ in file_problems(path)] == [
-        (9, "sweep.cases[1].law"),
-        (11, "sweep.cases[1].scal"),
-        (12, "sweep.cases[1].gap[1]"),
-    ]
 
 
 @pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall"])
@@ -780,215 +489,6 @@ def test_shipped_sweeps(name):
         assert spec.scene.pair_names == ("low-high", "high-moat")
         assert [(c.pair, c.storey) for c in spec.scene.contacts] == [(0, 1), (0, 2), (1, 1), (1, 2), (1, 3), (1, 4)]
         assert spec.n_scenarios == 4
-
-
-BAD = """\
-titel = "a sweep"
-
-[scene]
-gaps = [0.01, -0.02]
-
-[[scene.row]]
-name = "left"
-masses = [10.0, -8.0, "x"]
-stiffnesses = [
-    4e3,
-    0.0,
-    3e3,
-]
-damping = 0.05
-
-[[scene.row]]
-name = "right"
-masses = [1.0, 2.0]
-stiffnesses = [1.0]
-
-[scene.contact]
-linear_stiffness = -2e6
-hertz = { radii = [1.0], poisson = 0.2 }
-
-[sweep]
-records = [
-    "el_centro",
-    "nowhere.AT2",
-    { path = "x.csv", unit = "g", dt = 0.01 },
-    { path = "x.csv", units = "furlong", dt = 0.01 },
-    { synthetic = -1 },
-    { pulse = "squiggle", amplitude = 1.0, period = 0.5, dt = 0.01 },
-    { pulse = "sine" },
-    { sine = 3 },
-    7,
-]
-laws = [
-    "linear",
-    "herz",
-]
-gaps = [0.01, 0.02,
-        nan, -1.0]
-stiffness_factors = { start = 1.0, stop = 2.0, cuont = 3 }
-restitutions = [1.5]
-scale = [1.0]
-
-[solver]
-method = "rk5"
-dt = "1e-3"
-locate = 1
-
-[output]
-variables = ["displacement_mx"]
-"""
-
-
-def test_every_fault_of_a_file_with_its_line(write):
-    found = file_problems(write(BAD))
-    assert [(line, place) for line, place, _ in found] == [
-        (1, "titel"),
-        (4, "scene.gaps[1]"),
-        (8, "scene.row[0].masses[1]"),
-        (8, "scene.row[0].masses[2]"),
-        (11, "scene.row[0].stiffnesses[1]"),
-        (14, "scene.row[0].damping"),
-        (19, "scene.row[1].stiffnesses"),
-        (22, "scene.contact.linear_stiffness"),
-        (23, "scene.contact.hertz.radii"),
-        (23, "scene.contact.hertz.poisson"),
-        (28, "sweep.records[1]"),
-        (29, "sweep.records[2].unit"),
-        (30, "sweep.records[3]"),
-        (31, "sweep.records[4]"),
-        (32, "sweep.records[5]"),
-        (33, "sweep.records[6].amplitude"),
-        (33, "sweep.records[6].period"),
-        (33, "sweep.records[6].dt"),
-        (34, "sweep.records[7]"),
-        (35, "sweep.records[8]"),
-        (39, "sweep.laws[1]"),
-        (42, "sweep.gaps[2]"),
-        (42, "sweep.gaps[3]"),
-        (43, "sweep.stiffness_factors.count"),
-        (43, "sweep.stiffness_factors.cuont"),
-        (44, "sweep.restitutions[0]"),
-        (45, "sweep.scale"),
-        (48, "solver.method"),
-        (49, "solver.dt"),
-        (50, "solver.locate"),
-        (53, "output.variables[0]"),
-    ]
-    text = {place: said for _, place, said in found}
-    assert text["titel"] == "unknown key 'titel'; did you mean 'title'? Valid: output, scene, solver, sweep, title"
-    assert "did you mean 'damping_ratio'" in text["scene.row[0].damping"]
-    assert text["scene.row[1].stiffnesses"] == "1 stiffnesses for 2 masses; give one value per storey"
-    assert "did you mean 'units'" in text["sweep.records[2].unit"]
-    assert "unknown acceleration unit 'furlong'; valid: " in text["sweep.records[3]"]
-    assert "valid: half_sine" in text["sweep.records[5]"]
-    assert text["sweep.records[6].period"] == "is missing; give a number in s"
-    assert "path, record, synthetic, pulse" in text["sweep.records[7]"]
-    assert "did you mean 'scales'" in text["sweep.scale"]
-    assert "did you mean 'rk4'" in text["solver.method"]
-    assert text["solver.dt"] == "'1e-3' won't do; it must be a number in s"
-    assert "did you mean 'displacement_max'" in text["output.variables[0]"]
-
-
-def edit(old, new):
-    assert GOOD.count(old) == 1
-    return GOOD.replace(old, new)
-
-
-@pytest.mark.parametrize(
-    ("text", "line", "place", "message"),
-    [
-        (edit("gaps = [0.01]", "gaps = [0.01, 0.02]"), 4, "scene.gaps", "2 gaps for a row of 2; give 1"),
-        (edit("gaps = [0.01]", "gaps = 0.01"), 4, "scene.gaps", "must be a list of numbers"),
-        (edit("gaps = [0.01]\n", ""), 3, "scene.gaps", "0 gaps for a row of 2"),
-        (edit("gaps = [0.01]", 'preset = "mate2015"'), 4, "scene.preset", "preset and row exclude each other"),
-        (edit("wall = true", "wall = false"), 14, "scene.row[1].wall", "False won't do; it must be true"),
-        (edit('"moat wall"', '""'), 13, "scene.row[1]", "a wall needs a name"),
-        (edit('"moat wall"', '"left"'), 3, "scene", "names must differ within a row"),
-        (edit('name = "left"\n', ""), 6, "scene.row[0].name", "is missing"),
-        (edit('"left"', '" "'), 7, "scene.row[0].name", "needs a name"),
-        (edit("[0.05, 0.06]", "[0.05, 0.9]"), 10, "scene.row[0].damping_ratio", "negative Rayleigh factors"),
-        (edit("[0.05, 0.06]", '"5 %"'), 10, "scene.row[0].damping_ratio", "one or two numbers in [0, 1)"),
-        (edit("[0.05, 0.06]", "1.5"), 10, "scene.row[0].damping_ratio", "one or two numbers in [0, 1)"),
-        (edit("[10.0, 8.0]", "[]"), 9, "scene.row[0].stiffnesses", "2 stiffnesses for 0 masses"),
-        (edit("[10.0, 8.0]", "10.0"), 8, "scene.row[0].masses", "must be a list of numbers, floor masses in t"),
-        (edit("[10.0, 8.0]", "[10.0, inf]"), 8, "scene.row[0].masses[1]", "inf is not a positive number"),
-        (edit("[10.0, 8.0]", "[10.0, true]"), 8, "scene.row[0].masses[1]", "True is not a positive number"),
-        (edit("restitution = 0.6", "restitution = 6"), 20, "scene.contact.restitution", "must be in [0, 1]"),
-        (edit("restitution = 0.6", "hertz = 3"), 20, "scene.contact.hertz", "must be a table"),
-        (
-            edit("restitution = 0.6", "restitution = 0.6\nhertz = {radii = [1, 2]}"),
-            21,
-            "scene.contact.hertz",
-            "exclude",
-        ),
-        (edit("hertz_stiffness = 1.88e7", "hertz = {mass_1 = 2}"), 19, "scene.contact.hertz", "needs two masses"),
-        (edit("hertz_stiffness = 1.88e7", "hertz = {radii=[1, 2], mass_1 = 2}"), 19, "scene.contact.hertz", "exclude"),
-        (edit("hertz_stiffness = 1.88e7\n", ""), 17, "scene.contact", "hertz_stiffness (kN/m^1.5) is missing"),
-        (edit('laws = ["linear", "hertz_damped"]\n', ""), 22, "sweep.laws", "is missing; give laws"),
-        (edit('["linear", "hertz_damped"]', "3"), 31, "sweep.laws", "3 won't do"),
-        (edit("spacing", "spacin"), 33, "sweep.stiffness_factors.spacin", "did you mean 'spacing'"),
-        (edit('"log"', '"cubic"'), 33, "sweep.stiffness_factors.spacing", "valid: linear, log"),
-        (edit("stiffness_factors =", "stiffnesses ="), 33, "sweep.stiffnesses", "linear takes kN m-1 (exponent 1)"),
-        (edit("count = 3 }", "count = 0 }"), 32, "sweep.gaps.count", "zero scenarios"),
-        (edit("count = 3 }", "count = 1000000000000 }"), 32, "sweep.gaps", "too many"),
-        (edit("scales = [1, 2]", "scales = []"), 38, "sweep.scales", "zero scenarios"),
-        (edit("    0.6,\n]", "    0.4,\n]"), 36, "sweep.restitutions[1]", "0.4 repeats restitutions[0]"),
-        (edit('name = "y", pga = 3', 'name = "x", pga = 3'), 26, "sweep.records[2]", "has the same name 'x'"),
-        (edit("scale = 2.0", "scale = 2.0, pga = 1.0"), 25, "sweep.records[1]", "exclude each other"),
-        (edit('record = "el_centro", pga', 'record = "el_centro", scale = 2, pga'), 29, "sweep.records[5]", "exclude"),
-        (edit('record = "el_centro"', 'record = "el_centri"'), 29, "sweep.records[5]", "did you mean 'el_centro'"),
-        (edit("beta = 0.3", "beta = 0.7"), 44, "solver.beta", "must be in [0, 0.5]"),
-        (edit("dt = 2e-3", "dt = 0"), 42, "solver.dt", "must be a positive number"),
-        (edit("locate = false", "restitutions = []"), 43, "solver.restitutions", "it belongs in [sweep]"),
-        (edit("scales = [1, 2]", "dt = 1e-3"), 38, "sweep.dt", "it belongs in [solver]"),
-        (edit('title = "a sweep"', 'variables = "all"'), 1, "variables", "it belongs in [output]"),
-        (edit("[solver]", "[solvr]"), 40, "solvr", "did you mean 'solver'"),
-        (edit('["impulse", "drift_max"]', "[]"), 49, "output.variables", "is empty"),
-        (edit('["impulse", "drift_max"]', "3"), 49, "output.variables", "3 won't do"),
-        (edit('title = "a sweep"', "title = 3"), 1, "title", "3 won't do"),
-        (
-            edit('title = "a sweep"\n', "output = 3\n").replace("[output]\nvariables", "#"),
-            1,
-            "output",
-            "a table [output]",
-        ),
-    ],
-)
-def test_one_fault_of_a_file(write, text, line, place, message):
-    tomllib.loads(text)
-    found = file_problems(write(text))
-    assert [(at, where) for at, where, _ in found if where == place] == [(line, place)], found
-    assert any(message in said for _, where, said in found if where == place), found
-    assert len(found) <= 2, found  # a range refused for its size is named in the size of the sweep, too
-
-
-def test_missing_tables(write):
-    found = file_problems(write("# nothing\n"))
-    assert [(place, said) for _, place, said in found] == [
-        ("scene", "is missing; give a table [scene]"),
-        ("sweep", "is missing; give a table [sweep]"),
-    ]
-    found = file_problems(write("[scene]\n[sweep]\n"))
-    assert [(line, place) for line, place, _ in found] == [(1, "scene"), (2, "sweep.records"), (2, "sweep.laws")]
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("a = [1,\n2\nb = 3\n", r":3:1: no valid TOML: unclosed array"),
-        ("title = \n", r":1:9: no valid TOML: invalid value"),
-        ("[scene]\n[scene]\n", r":2:7: no valid TOML: cannot declare \('scene',\) twice"),
-        ('[scene]\nx = "abc', r":2: no valid TOML: .* at end of document"),
-        ("x = " + "1" * 5000, r": no usable TOML"),
-        ("x = " + "[" * 100000, r": no (usable|valid) TOML"),
-    ],
-)
-def test_syntax_errors_have_line_and_column(write, text, message):
-    path = write(text)
-    with pytest.raises(SweepError, match=message) as caught:
-        load_spec(path)
-    assert str(caught.value).startswith(str(path))
-    assert caught.value.problems == (str(caught.value),)
 
 
 def test_unreadable_files(tmp_path):

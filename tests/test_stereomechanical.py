@@ -16,6 +16,8 @@ from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.spec.spec import METHODS
 
+#: Schemes, those of the default run first.
+BY_DAY = ["newmark", "exact", pytest.param("rk4", marks=pytest.mark.slow)]
 FREE = 1e-9  # kN/m: so soft that the building does not notice
 
 
@@ -42,7 +44,7 @@ def end_velocities(scene, velocities, e, method="rk4", seconds=0.5):
     return one, one.velocity.isel(time=-1, storey=0).values
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", BY_DAY)
 @pytest.mark.parametrize("e", [0.0, 0.35, 1.0])
 def test_two_masses_part_at_exactly_e(e, method):
     scene = masses(30.0, 70.0, gaps=[0.02], floors=2)  # the upper floors stay where they are
@@ -58,12 +60,14 @@ def test_two_masses_part_at_exactly_e(e, method):
         assert float(peak.max()) == 0.0  # and none where nothing touched
 
 
+@pytest.mark.slow
 def test_a_cradle_hands_its_motion_on():
     one, found = end_velocities(masses(50.0, 50.0, 50.0, gaps=[0.02, 0.0]), [0.3, 0.0, 0.0], 1.0)
     np.testing.assert_allclose(found, [0.0, 0.0, 0.3], atol=1e-9)
     assert one.impact_count.values.ravel().tolist() == [1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_impacts_from_both_sides_at_once_are_taken_one_after_the_other():
     _, found = end_velocities(masses(50.0, 50.0, 50.0, gaps=[0.02, 0.02]), [0.3, 0.0, -0.3], 1.0)
     np.testing.assert_allclose(found, [-0.3, 0.0, 0.3], atol=1e-9)
@@ -74,6 +78,7 @@ def test_impacts_from_both_sides_at_once_are_taken_one_after_the_other():
     assert np.square(found).sum() < 2 * 0.3**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
 def test_a_building_pushed_against_a_wall_comes_to_rest_on_it(e, method):
@@ -86,10 +91,12 @@ def test_a_building_pushed_against_a_wall_comes_to_rest_on_it(e, method):
     first = float(one.approach_speed_max.max())  # and each is e times as fast as the one before
     bounces = 1 if e == 0.0 else 1 + np.ceil(np.log(1e-3 / (e * first)) / np.log(e))
     assert float(one.impact_count.max()) == bounces
+    if e == 0.0:
+        np.testing.assert_allclose(one.contact_time.max(), 3.0 - one.first_impact_time.max(), rtol=1e-9)
     last = one.sel(time=slice(2.8, 3.0))
-    assert float(abs(last.displacement).max()) < 1e-10
+    assert float(abs(last.displacement).max()) < 1e-8
     assert float(abs(last.velocity).max()) < 1e-15
-    np.testing.assert_allclose(last.contact_force, 200.0, rtol=1e-9)  # m a
+    np.testing.assert_allclose(last.contact_force + 4.0e4 * last.displacement, 200.0, rtol=1e-9)  # m a
     kinetic = float(one.kinetic.max())
     assert kinetic < 0.5 * 100.0 * 0.5**2  # no bounce makes energy
     assert float(one.contact_work.sum()) == pytest.approx(0.5 * 100.0 * 0.2**2, rel=1e-4)  # all of it is lost here
@@ -100,7 +107,7 @@ def test_steps_that_are_not_split_at_the_touch_are_refused():
         ps.Sweep("mate2015", records="el_centro", laws="stereomechanical", restitutions=0.5, locate=False)
 
 
-def test_a_sweep_asks_for_no_stiffness():
+def test_a_sweep_asks_for_no_stiffness(stub_engine):
     sweep = ps.Sweep(
         row(),
         records=motions()[0],
@@ -117,7 +124,7 @@ def test_a_sweep_asks_for_no_stiffness():
     assert (cube.status == Status.OK).all()
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", BY_DAY)
 @pytest.mark.parametrize("e", [0.0, 0.3, 0.8, 1.0])
 def test_floors_that_start_side_by_side(e, method):
     """No gap at all under an earthquake: impacts, chatter and rest at two floors, and no energy made."""
@@ -174,6 +181,7 @@ def truth(name):
     return {**found, "law": "stereomechanical"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "within"), [("rk4", 1e-3), ("newmark", 2e-2), ("exact", 1e-3)])
 @pytest.mark.parametrize("name", SCENES)
 def test_floors_that_bounce_rest_and_part_move_like_the_slow_twin(name, method, within):
@@ -185,9 +193,12 @@ def test_floors_that_bounce_rest_and_part_move_like_the_slow_twin(name, method, 
     assert expected.max() > 5
     found = errors(one, truth(name), scene)
     del found["impact_count"]
+    # which of several floors that are hardly pressed is open for a moment between walls is a matter of rounding
+    assert found.pop("contact_time") < (within if name != "between walls" else 5.0 * within)
     assert max(found.values()) < within, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rk4", "exact"])
 def test_the_number_of_impacts_does_not_depend_on_the_step(method):
     counts = []
@@ -210,6 +221,7 @@ def test_the_number_of_impacts_does_not_depend_on_the_step(method):
     np.testing.assert_array_equal(counts[0], counts[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_a_floor_at_rest_that_is_struck_hands_the_blow_on(method):
     """A mass flies into one that is pressed against a wall: it is thrown back, and the other bounces off the wall."""
@@ -228,7 +240,7 @@ def test_a_floor_at_rest_that_is_struck_hands_the_blow_on(method):
     assert float(one.contact_work.min()) > 0.0
 
 
-def test_force_and_penetration_mean_the_same_however_a_scenario_was_answered(tmp_path):
+def test_force_and_penetration_mean_the_same_however_a_scenario_was_answered(stub_engine, tmp_path):
     """Missing where floors touched, 0 where they did not: by their own run, or by that without pounding."""
     files, cubes = [], []
     for name, gaps in (("far", [0.5, 0.6, 0.7, 0.8]), ("near", [0.5, 0.002])):

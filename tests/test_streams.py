@@ -11,21 +11,26 @@ import sys
 
 import pytest
 from test_cli import TINY, cli, environment, same_data, write
-from test_faults import STOPPED
 
 from pounding_sweep.cli.reporting import reporting
-from pounding_sweep.resume.checkpoint import MANIFEST
+from pounding_sweep.output import summary
+from pounding_sweep.resume.checkpoint import MANIFEST, ChunkStore
+from pounding_sweep.run import cube_writer
+
+pytestmark = pytest.mark.usefixtures("stub_module")
 
 RUN = ("run", "sweep.toml", "-o", "out.nc")
 
 
 @pytest.fixture(scope="module")
-def stopped(tmp_path_factory):
+def stopped(tmp_path_factory, stub_module):
     """A run stopped before its cube, one of its chunks damaged, of which the next one warns; and the cube."""
     folder = tmp_path_factory.mktemp("stopped")
     write(folder, TINY)
     cli("run", "sweep.toml", "-o", "whole.nc", cwd=folder)
-    cli(*RUN, cwd=folder, code=130, start=("-c", STOPPED))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cube_writer, "write_cube_of", lambda *arguments, **more: terminate())
+        cli(*RUN, cwd=folder, code=130)
     chunk = min((folder / "out.nc.parts").glob("chunk-*.npy"))
     content = chunk.read_bytes()
     chunk.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
@@ -34,11 +39,11 @@ def stopped(tmp_path_factory):
 
 def through(shell, folder, *args, **more):
     """Run the command line by a line of shell, in which it is "$@"."""
-    command = ["sh", "-c", shell, "sh", sys.executable, "-m", "pounding_sweep", *args]
+    command = ["sh", "-c", shell, "sh", sys.executable, "-m", "stub_engine", *args]
     return subprocess.run(command, cwd=folder, env=environment(), text=True, check=False, timeout=300, **more)
 
 
-@pytest.mark.parametrize("where", ["gone", "full", "closed"])
+@pytest.mark.parametrize("where", ["gone", *(pytest.param(w, marks=pytest.mark.slow) for w in ("full", "closed"))])
 def test_a_warning_that_nobody_reads_ends_nothing(stopped, tmp_path, where):
     folder = tmp_path / "study"
     shutil.copytree(stopped, folder)
@@ -59,7 +64,7 @@ def test_a_warning_that_nobody_reads_ends_nothing(stopped, tmp_path, where):
     assert not (folder / "out.nc.parts").exists()
 
 
-@pytest.mark.parametrize("closed", [">&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("closed", ["<&- >&- 2>&-", pytest.param(">&-", marks=pytest.mark.slow)])
 def test_streams_that_are_closed(stopped, tmp_path, closed):
     """What is opened in their place is no file of the run, into which somebody might print."""
     for name in ("sweep.toml", "whole.nc"):
@@ -71,7 +76,7 @@ def test_streams_that_are_closed(stopped, tmp_path, closed):
     assert through(f'"$@" {closed}', tmp_path, "info", "out.nc").returncode == 0
 
 
-@pytest.mark.parametrize("buffered", ["", "1"])
+@pytest.mark.parametrize("buffered", ["", pytest.param("1", marks=pytest.mark.slow)])
 def test_a_result_that_cannot_be_printed(stopped, tmp_path, buffered):
     """The cube is complete by then; one line says what failed, and that."""
     for name in ("sweep.toml", "whole.nc"):
@@ -89,6 +94,7 @@ def test_a_result_that_cannot_be_printed(stopped, tmp_path, buffered):
 
 SLEEPS = """
 import signal, sys, time
+import stub_engine
 from pounding_sweep import cli
 from pounding_sweep.run import execute
 
@@ -103,6 +109,7 @@ def run_chunk(kernel, *more):
     time.sleep(600)
 
 execute.run_chunk = run_chunk
+stub_engine.install()
 cli.main()
 """
 
@@ -223,47 +230,39 @@ def test_what_is_ignored_stays_ignored(tmp_path, names):
     assert (done.stdout, done.stderr) == ("here\n", "pounding-sweep: interrupted\n")
 
 
-#: Something that happens when a run comes to a function.
-WHEN = """
-import os, shutil, signal
-from pounding_sweep import cli
-from pounding_sweep.run import cube_writer as filling
-from pounding_sweep.resume import checkpoint as store
-from pounding_sweep.output import summary
+@pytest.fixture
+def when(monkeypatch):
+    """Have something happen when a run comes to a function."""
 
-def when(owner, name, event):
-    real = getattr(owner, name)
+    def happens(owner, name, event):
+        real = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *arguments, **more: (event(), real(*arguments, **more))[1])
 
-    def first(*arguments, **more):
-        event()
-        return real(*arguments, **more)
+    return happens
 
-    setattr(owner, name, first)
 
-when({}, lambda: {})
-cli.main()
-"""
-SIGNAL = "os.kill(os.getpid(), signal.SIGTERM)"
+def terminate():
+    signal.raise_signal(signal.SIGTERM)
 
 
 @pytest.mark.parametrize(
     ("where", "older", "message"),
     [
         (
-            'store.ChunkStore, "discard"',
+            (ChunkStore, "discard"),
             False,
             "the cube out.nc is complete; {parts} is left: remove it, or run again with --overwrite where scenarios "
             "have no result",
         ),
-        ('summary, "summary_table"', True, "the cube out.nc is complete"),
+        ((summary, "summary_table"), True, "the cube out.nc is complete"),
         (
-            'filling, "write_cube_of"',
+            (cube_writer, "write_cube_of"),
             True,
             "2 finished chunks are kept in {parts}: running the same command again continues from there",
         ),
     ],
 )
-def test_what_an_interrupted_run_leaves_is_told(stopped, tmp_path, where, older, message):
+def test_what_an_interrupted_run_leaves_is_told(stopped, tmp_path, when, where, older, message):
     """The cube, if it is this run's; an older one that it was to replace is none."""
     for name in ("sweep.toml", "whole.nc"):
         shutil.copy(stopped / name, tmp_path)
@@ -271,19 +270,20 @@ def test_what_an_interrupted_run_leaves_is_told(stopped, tmp_path, where, older,
     if older:
         shutil.copy(stopped / "whole.nc", tmp_path / "out.nc")
         more = ["--overwrite"]
-    done = cli(*RUN, *more, cwd=tmp_path, code=130, start=("-c", WHEN.format(where, SIGNAL)))
+    when(*where, terminate)
+    done = cli(*RUN, *more, cwd=tmp_path, code=130)
     assert done.stdout == ""
     assert done.stderr == f"pounding-sweep: interrupted; {message.format(parts=tmp_path / 'out.nc.parts')}\n"
     same_data(tmp_path / "out.nc", tmp_path / "whole.nc")
 
 
-def test_a_working_folder_that_is_removed(stopped, tmp_path):
+def test_a_working_folder_that_is_removed(stopped, tmp_path, when):
     """What is said is what went wrong in the run."""
     folder = tmp_path / "work"
     folder.mkdir()
     shutil.copy(stopped / "sweep.toml", folder)
-    code = WHEN.format('filling, "write_cube_of"', f"shutil.rmtree({str(folder)!r})")
-    done = cli(*RUN, cwd=folder, code=1, start=("-c", code))
+    when(cube_writer, "write_cube_of", lambda: shutil.rmtree(folder))
+    done = cli(*RUN, cwd=folder, code=1)
     assert done.stdout == ""
     assert done.stderr.splitlines()[-1] == (
         f"pounding-sweep: failed: the folder '{folder}/out.nc.parts' was removed or moved during the run; "

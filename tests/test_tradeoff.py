@@ -14,11 +14,19 @@ from scenes import EVERY, pair
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.accuracy.trade_dataset import POPULATIONS, make_dataset, pareto_front, statistics
-from pounding_sweep.accuracy.trade_measure import Compared, measure
 from pounding_sweep.accuracy.trade_report import order_table, table_of, trade_rows
-from pounding_sweep.accuracy.trade_sample import draw, find_touching
-from pounding_sweep.accuracy.tradeoff import tradeoff, warn_of_doubt
+from pounding_sweep.accuracy.tradeoff import (
+    POPULATIONS,
+    Compared,
+    draw,
+    find_touching,
+    make_dataset,
+    measure,
+    pareto_front,
+    statistics,
+    tradeoff,
+    warn_of_doubt,
+)
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli import main  # noqa: F401  registers the commands
 from pounding_sweep.cli.app import app
@@ -28,6 +36,8 @@ from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.run.execute import Progress
+
+pytestmark = pytest.mark.usefixtures("stub_by_day")
 
 STEPS = (2e-2, 2e-3, 1e-3, 5e-4)
 LAWS = ["kelvin_voigt", "linear"]  # which share their kernels
@@ -106,6 +116,7 @@ def oracle(trade):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "located", "dt"), [("rk4", True, 2e-3), ("rk4", False, 1e-3), ("newmark", True, 2e-3)]
 )
@@ -132,6 +143,7 @@ def test_errors_are_those_against_the_oracle(trade, oracle, method, located, dt)
     assert compared >= len(oracle)
 
 
+@pytest.mark.slow
 def test_locating_contacts_pays(trade):
     located, sampled = (
         chosen(trade, scheme="rk4", precision="float64", output="impact_force_max", located=where).error.values
@@ -141,6 +153,7 @@ def test_locating_contacts_pays(trade):
     assert (sampled[fine] > 100.0 * located[fine]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scheme", "least", "most"), [("rk4", 3.0, 5.5), ("newmark", 1.7, 2.4)])
 def test_located_schemes_keep_their_order(trade, scheme, least, most):
     line = chosen(trade, scheme=scheme, precision="float64", located=1, output="displacement_max", statistic="median")
@@ -148,6 +161,7 @@ def test_located_schemes_keep_their_order(trade, scheme, least, most):
     assert least <= np.log(coarse / fine) / np.log(4.0) <= most
 
 
+@pytest.mark.slow
 def test_the_converged_solution_is_better_than_all_it_judges(trade):
     own = trade.reference_error.sel(population="all", statistic="worst", output="impact_force_max").item()
     errors = chosen(trade, precision="float64", output="impact_force_max").error
@@ -156,6 +170,7 @@ def test_the_converged_solution_is_better_than_all_it_judges(trade):
     assert trade.attrs["reference_step"] <= STEPS[-1] / 4
 
 
+@pytest.mark.slow
 def test_single_precision_is_no_better(trade):
     finest = chosen(trade, scheme="rk4", located=1, output="impact_force_max").isel(step=-1).error
     assert finest.sel(precision="float32").item() > 10.0 * finest.sel(precision="float64").item()
@@ -197,6 +212,7 @@ def test_statuses_are_counted_and_errors_of_the_ok_apart(trade):
     assert coarse.error.sel(population="all", output="impact_force_max").item() > 1e-2
 
 
+@pytest.mark.slow
 def test_a_diverged_scenario_has_an_infinite_error_and_is_never_on_the_front():
     stiff = make_sweep(stiffness_factors=[1e4], gaps=[0.003], force_unstable=True)
     found = tradeoff(
@@ -274,6 +290,7 @@ def test_a_converged_solution_that_is_not_converged_is_worth_a_warning(measured)
         warn_of_doubt(replace(measured, reference_errors=doubtful, sensitivity=sensitivity))
 
 
+@pytest.mark.slow
 def test_costs_are_those_of_the_sweeps_own_mix(sweep, trade):
     plan = sweep.plan()
     touching = find_touching(plan)

@@ -43,22 +43,16 @@ from pounding_sweep.plan.advice import (
     shortest_contact,
 )
 from pounding_sweep.records import Record, synthetic_record
+from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.spec import PRECISIONS
 
 #: Share of the scenarios whose error the curves hold: the others cost a step or two of refinement.
 QUANTILE = 0.9
 #: Scenarios of each law, row and record: two lane groups.
 SCENARIOS = 32
-#: Steps per 0.01 s (of exact flight: its `finer`), by method and number format. Newmark's second order needs many;
-#: single precision uses no more.
-LADDERS = {
-    ("rk4", "float64"): (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96),
-    ("newmark", "float64"): (1, 2, 4, 8, 16, 32, 64, 128, 256),
-    ("exact", "float64"): (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0),
-    ("rk4", "float32"): (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 64),
-    ("newmark", "float32"): (1, 2, 4, 8, 16, 32, 64, 128),
-    ("exact", "float32"): (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0),
-}
+#: Steps per 0.01 s (of exact flight: its `finer`), by method and number format; single precision uses no more.
+LADDERS = {(scheme.name, form): scheme.ladder_in(form) for form in PRECISIONS for scheme in SCHEMES.values()}
 #: Steps per 0.01 s of the converged run (rk4, located, float64), and of the one that it must agree with.
 CONVERGED, CHECKED = 256, 128
 #: How well they must agree, relatively, for a scenario to be counted.
@@ -144,7 +138,7 @@ class Cell:
         """Return the kernel with so many steps per 0.01 s, or of exact flight that is so much finer."""
         host = HOSTS.get(self.law.key)
         numerics = Numerics(method, 0.01 / level, precision=precision)
-        if method == "exact":
+        if SCHEMES[method].flies_exactly:
             numerics = replace(numerics, dt=self.exact_step(level), finer=level)
         return RowKernel(
             self.scene, self.law, numerics, reducers_for(OUTPUTS), host=get_law(host) if host is not None else None
@@ -175,7 +169,7 @@ class Cell:
     def stable(self, method: str, level: float) -> np.ndarray:
         """Where a scheme is stable at such a level."""
         limit = largest_step(self.scene, self.law, self.stiffness, self.restitution, method=method)
-        return np.asarray(limit >= (self.exact_step(level) if method == "exact" else 0.01 / level))
+        return np.asarray(limit >= (self.exact_step(level) if SCHEMES[method].flies_exactly else 0.01 / level))
 
 
 def _closing(scene: Scene, record: Record, pair: int) -> float:
@@ -196,6 +190,11 @@ def _by_class(values: dict[str, Any], reference: dict[str, Any]) -> dict[str, np
     }
 
 
+def _nodes(scheme: tuple[str, str]) -> Sequence[float]:
+    """Return the steps in the shortest time at which errors are read off; of exact flight its ladder."""
+    return LADDERS[scheme] if SCHEMES[scheme[0]].flies_exactly else NODES
+
+
 def lines(cell: Cell, scheme: tuple[str, str], reference: dict[str, Any], kept: np.ndarray) -> dict[str, np.ndarray]:
     """Error of each kept scenario by class at `NODES` (of exact flight: at its ladder), shape (kept, nodes)."""
     shortest = cell.shortest()
@@ -205,12 +204,12 @@ def lines(cell: Cell, scheme: tuple[str, str], reference: dict[str, Any], kept: 
     result = {}
     for kind in CLASSES:
         table = np.clip(np.array([each[kind] for each in errors]), 1e-17, 1e3)
-        nodes = ladder if scheme[0] == "exact" else NODES
+        nodes = _nodes(scheme)
         found = np.full((len(kept), len(nodes)), np.nan)
         for i, scenario in enumerate(kept):
             use = stable[:, scenario]
             if use.sum() > 1:
-                each = 1.0 if scheme[0] == "exact" else shortest[scenario] / 0.01
+                each = 1.0 if SCHEMES[scheme[0]].flies_exactly else shortest[scenario] / 0.01
                 steps = np.log(np.array(ladder)[use] * each)
                 found[i] = np.interp(np.log(nodes), steps, np.log(table[use, scenario]), left=np.nan, right=np.nan)
         result[kind] = found
@@ -260,10 +259,7 @@ def calibrate(
                 gathered[scheme].append(lines(cell, scheme, reference, kept))
         for scheme, parts in gathered.items():
             errors["/".join(scheme)][law.key] = {
-                kind: curve(
-                    np.concatenate([part[kind] for part in parts]), LADDERS[scheme] if scheme[0] == "exact" else NODES
-                )
-                for kind in CLASSES
+                kind: curve(np.concatenate([part[kind] for part in parts]), _nodes(scheme)) for kind in CLASSES
             }
         say(f"{law.key} done after {time.perf_counter() - started:.0f} s")
     about = {
@@ -288,7 +284,7 @@ def _cells(law: Law) -> Iterator[Cell]:
 def _cost(scheme: tuple[str, str], repeats: int = 3) -> float:
     """Measured ns of one scenario, step (of exact flight: long step) and degree of freedom, of the largest rows."""
     most = max(scene.n_dof for scene in scenes())
-    exact = scheme[0] == "exact"
+    exact = SCHEMES[scheme[0]].flies_exactly
     level = 1.0 if exact else COSTED
     found = []
     for key in ("kelvin_voigt", "hertz_damped", "modified_kelvin_voigt"):

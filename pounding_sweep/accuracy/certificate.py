@@ -80,8 +80,8 @@ def certify(
         Nominal coefficients of restitution.
     laws : sequence of str or Law, optional
         Contact laws; all that have contact by default.
-    method : {"rk4", "newmark"}
-        Scheme.
+    method : str
+        Scheme, one of `pounding_sweep.schemes.SCHEMES`.
     steps : int
         Time steps in an undamped contact.
     workers : int

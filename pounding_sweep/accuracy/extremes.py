@@ -1,6 +1,6 @@
 """The stability suite: extreme scenarios through both schemes, every one judged.
 
-`run_extremes` runs the families of `pounding_sweep.accuracy.extreme_families`
+`run_extremes` runs the families of `pounding_sweep.accuracy.extreme_scenes`
 and random scenes, judges each scenario by what `pounding_sweep.accuracy.judge`
 demands, and counts.
 """
@@ -15,21 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.batches import Batch, kernel_of, run_batch
-from pounding_sweep.accuracy.extreme_families import FAMILIES, family_batches
+from pounding_sweep.accuracy.extreme_scenes import FAMILIES, Batch, family_batches, kernel_of, random_batches, run_batch
 from pounding_sweep.accuracy.judge import Verdict, judge, make_reference
-from pounding_sweep.accuracy.random_scenes import random_batches
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.outputs.variables import STATUS, Status
+from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.run.execute import Progress
 
 #: Name of the family of random scenes.
 RANDOM = "random"
 #: Random scenes where their number is not given.
 DEFAULT_SCENES = 320
-#: Schemes that every batch is run in.
-METHODS = ("rk4", "newmark", "exact")
 
 
 @dataclass
@@ -162,11 +159,13 @@ def run_extremes(
     seed: int = 1,
     laws: Iterable[str | Law] | None = None,
     families: Iterable[str] | None = None,
+    methods: Iterable[str] | None = None,
     precision: str = "float64",
     workers: int = 1,
     progress: Progress | None = None,
 ) -> Extremes:
-    """Run the stability suite."""
+    """Run the stability suite, in the schemes that ``accuracy`` chooses from unless others are given."""
+    schemes = measured_schemes() if methods is None else tuple(methods)
     chosen = [law for law in (get_law(key) for key in (LAWS if laws is None else laws)) if law.has_contact]
     if not chosen:
         msg = f"no law with contact is given; give some of {', '.join(k for k, v in LAWS.items() if v.has_contact)}"
@@ -180,12 +179,12 @@ def run_extremes(
         raise InputError(msg)
     shown = progress or Progress()
     start = time.perf_counter()
-    batches = _prepare(keys, chosen, scenes, seed, precision, workers, shown)
+    batches = _prepare(keys, chosen, scenes, seed, schemes, precision, workers, shown)
     ready = time.perf_counter()
     results: dict[tuple[str, str], FamilyResult] = {}
     shown.stage("batches", len(batches))
     for batch in batches:
-        for verdict in run_judged(batch, precision):
+        for verdict in run_judged(batch, precision, schemes):
             key2 = (batch.family, verdict.method)
             results.setdefault(key2, FamilyResult(*key2)).add(verdict)
         shown.advance(1)
@@ -198,6 +197,7 @@ def _prepare(
     laws: Sequence[Law],
     scenes: int,
     seed: int,
+    methods: Sequence[str],
     precision: str,
     workers: int,
     progress: Progress,
@@ -208,19 +208,19 @@ def _prepare(
     batches = family_batches([key for key in keys if key in FAMILIES], laws)
     batches += random_batches(scenes, seed, laws) if RANDOM in keys else []
     formats = dict.fromkeys(("float64", precision))
-    shapes = [kernel_of(b, method, b.steps[0], f).shape for b in batches for method in METHODS for f in formats]
+    shapes = [kernel_of(b, method, b.steps[0], f).shape for b in batches for method in methods for f in formats]
     wanted = list(dict.fromkeys(shapes))
     progress.stage("kernels", len(wanted))
     prepare(wanted, workers, progress.advance)
     return batches
 
 
-def run_judged(batch: Batch, precision: str = "float64") -> list[Verdict]:
-    """Run a batch in every scheme at every step, and judge all runs against one reference."""
+def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] | None = None) -> list[Verdict]:
+    """Run a batch in each scheme at every step, and judge all runs against one reference."""
     runs = []
     wanted = np.zeros(len(batch), bool)
     shortest = np.full(len(batch), np.inf)
-    for method in METHODS:
+    for method in measured_schemes() if methods is None else methods:
         for dt in batch.steps:
             start = time.perf_counter()
             found = run_batch(batch, method, dt, precision)

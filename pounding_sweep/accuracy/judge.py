@@ -25,12 +25,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pounding_sweep.accuracy.batches import PEAKS, Batch, run_batch, stable_step, take
-from pounding_sweep.engine.postprocess import NEEDS_FORCE
+from pounding_sweep.accuracy.extreme_scenes import PEAKS, Batch, run_batch, stable_step, take
 from pounding_sweep.engine.resolution import displacement_limit, energy_limit
 from pounding_sweep.outputs.differences import CHANGE, relative_error
-from pounding_sweep.outputs.layout import scatter_contact, scatter_dof
+from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import OK_CLAIM, SETTLED, STATUS, Status, get_variable
+from pounding_sweep.schemes import SCHEMES
 
 #: A reference run is believed where one of half the step agrees with it this closely.
 CONVERGED = 0.1 * OK_CLAIM
@@ -219,7 +219,7 @@ def judge(
     has_values = np.isin(status, [int(s) for s in STATUS if s.has_values])
     bad, numbers = np.zeros(len(batch), bool), np.zeros(len(batch), bool)
     for name, values in found.items():
-        if name in ("status", "steps_per_contact") or (batch.law.impulsive and name in NEEDS_FORCE):
+        if name in ("status", "steps_per_contact") or (batch.law.impulsive and get_variable(name).of_force):
             continue
         flat = _only_real(batch, name, values)
         bad |= ~np.isfinite(flat).all(axis=1)
@@ -227,7 +227,7 @@ def judge(
     fault(has_values & bad, "has values that are not finite")
     fault(~has_values & numbers, "has no result by its status, but finite values")
     fault(status == Status.NOT_RUN, "was not run")
-    fault((status == Status.DIVERGED) & (method == "newmark"), "diverged, though its contact is implicit")
+    fault((status == Status.DIVERGED) & SCHEMES[method].implicit, "diverged, though its contact is implicit")
     sound = has_values & ~bad
     with np.errstate(invalid="ignore", over="ignore"):
         created = np.where(sound, created_energy(found), 0.0)

@@ -33,7 +33,7 @@ from pounding_sweep.records import Record, read_record, resolve_record, syntheti
 from pounding_sweep.run.execute import run_chunk
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import SweepSpec
+from pounding_sweep.spec.spec import METHODS, SweepSpec
 
 #: Storeys of the buildings of a row; 0: a wall.
 SHAPES = ((1, 0), (1, 1), (2, 1), (1, 1, 1), (2, 2), (0, 2, 1), (3, 2, 0), (2, 3, 2), (3, 3, 3), (5, 4))
@@ -46,7 +46,6 @@ PEAKS = ("displacement_max", "displacement_min", "impact_force_max", "penetratio
 #: Relative errors that are asked for, and steps (s) at which schemes are run.
 ACCURACIES = (1e-2, 1e-3, 1e-4)
 STEPS = (5e-3, 2e-3, 1e-3, 5e-4)
-METHODS = ("rk4", "newmark", "exact")
 #: First step of a converged run (s), how often it is halved, and which change by a halving is none.
 REFERENCE_STEP, REFERENCE_HALVINGS, CONVERGED = 1e-4, 4, 1e-5
 
@@ -124,7 +123,8 @@ def run_cases(spec: SweepSpec) -> dict[str, np.ndarray]:
         values = run_chunk(kernel, spec.records[0], table, plan.variants[table.variant], plan.outputs)
         if isinstance(values, str):
             raise RuntimeError(values)
-        for name, part in values.items():
+        for name in values.dtype.names or ():
+            part = values[name]
             whole = found.setdefault(name, np.zeros((len(plan.unique), *part.shape[1:]), part.dtype))
             whole[rows] = part
     found["status"][plan.refused] = Status.BEYOND_STABILITY_LIMIT

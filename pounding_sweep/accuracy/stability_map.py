@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.accuracy.batches import kernel_of, run_batch, take
-from pounding_sweep.accuracy.extreme_families import earthquake, make_batch, pair
+from pounding_sweep.accuracy.extreme_scenes import earthquake, kernel_of, make_batch, pair, run_batch, take
 from pounding_sweep.accuracy.judge import make_reference, peaks_of
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import Law, get_law
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: Schemes and number formats of the map.
-SCHEMES = (("rk4", "float64"), ("newmark", "float64"), ("rk4", "float32"), ("newmark", "float32"))
+SHOWN = (("rk4", "float64"), ("newmark", "float64"), ("rk4", "float32"), ("newmark", "float32"))
 
 
 def stability_map(
@@ -44,11 +43,11 @@ def stability_map(
             raise InputError(msg)
     motion = earthquake(duration=2.0, dt=0.02)
     batch = make_batch("map", "", pair(), found, motion, stiffness=list(k), restitution=restitution, steps=tuple(h))
-    status = np.zeros((len(SCHEMES), len(k), len(h)), dtype=np.int8)
-    force = np.full((len(SCHEMES), len(k), len(h)), np.nan)
+    status = np.zeros((len(SHOWN), len(k), len(h)), dtype=np.int8)
+    force = np.full((len(SHOWN), len(k), len(h)), np.nan)
     runs = {}
     shortest = np.full(len(k), np.inf)
-    for s, (method, precision) in enumerate(SCHEMES):
+    for s, (method, precision) in enumerate(SHOWN):
         for j, dt in enumerate(h):
             run = runs[s, j] = run_batch(batch, method, dt, precision)
             status[s, :, j] = run["status"]
@@ -84,7 +83,7 @@ def _dataset(
             "status": (dims, status, flags),
         },
         {
-            "scheme": ("scheme", [f"{method} {precision}" for method, precision in SCHEMES]),
+            "scheme": ("scheme", [f"{method} {precision}" for method, precision in SHOWN]),
             "stiffness": ("stiffness", stiffness, {"units": law.stiffness_unit, "long_name": "contact stiffness"}),
             "dt": ("dt", steps, {"units": "s", "long_name": "time step"}),
         },

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.trade_dataset import CONFIGURATION, KIND, KIND_ATTRIBUTE
+from pounding_sweep.accuracy.tradeoff import CONFIGURATION, KIND, KIND_ATTRIBUTE
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.outputs.variables import Status, get_variable
+from pounding_sweep.schemes import SCHEMES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -43,7 +44,8 @@ def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
     rows = []
     for place in product(*(range(trade.sizes[dim]) for dim in CONFIGURATION)):
         one = trade.isel(dict(zip(CONFIGURATION, place, strict=True)))
-        if str(one["scheme"].values) == "exact" and not bool(one["located"].values):
+        scheme = SCHEMES.get(str(one["scheme"].values))
+        if scheme is not None and scheme.flies_exactly and not bool(one["located"].values):
             continue  # there is no such thing: it flies exactly between located touches
         values, limits, front = (one[name].values for name in ("error", "resolution", "pareto"))
         rows.append(

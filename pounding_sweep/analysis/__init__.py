@@ -8,28 +8,25 @@ from __future__ import annotations
 
 from typing import Any
 
+from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.base.deferred import attribute
 
+#: Public names beside the comparisons.
 _HOME = {
-    "amplification": "pounding_sweep.analysis.amplified",
-    "compare_laws": "pounding_sweep.analysis.law_comparison",
-    "required_gap": "pounding_sweep.analysis.gaps",
     "BehaviourFactors": "pounding_sweep.analysis.separation_rules",
     "SEPARATION_RULES": "pounding_sweep.analysis.separation_rules",
-    "impact_statistics": "pounding_sweep.analysis.impacts",
-    "energy_budget": "pounding_sweep.analysis.energies",
-    "fractiles": "pounding_sweep.analysis.suites",
-    "incremental_curves": "pounding_sweep.analysis.incremental",
-    "fragility": "pounding_sweep.analysis.fragilities",
     "response_spectrum": "pounding_sweep.analysis.spectra",
     "floor_spectra": "pounding_sweep.analysis.spectra",
-    "COMPARISONS": "pounding_sweep.analysis.comparisons",
 }
 
 
+def _homes() -> dict[str, str]:
+    return {item.make.__name__: item.make.__module__ for item in COMPARISONS.values()} | _HOME
+
+
 def __getattr__(name: str) -> Any:
-    return attribute(__name__, _HOME, name)
+    return attribute(__name__, {} if name.startswith("__") else _HOME if name in _HOME else _homes(), name)
 
 
 def __dir__() -> list[str]:
-    return sorted(_HOME)
+    return sorted((*_homes(), "COMPARISONS"))

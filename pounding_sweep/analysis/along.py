@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pounding_sweep.analysis.scenarios import labelled
 from pounding_sweep.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -14,8 +15,6 @@ if TYPE_CHECKING:
 
 #: A target so far outside, as a share of the largest place, stands at the end of the range.
 ROUNDING = 1e-9
-
-_QUANTILE = {"units": "1", "long_name": "share of the values below"}
 
 
 def interpolate(values: np.ndarray, at: np.ndarray, targets: np.ndarray) -> np.ndarray:
@@ -69,6 +68,6 @@ def fractiles_over(
     rows = given.stack(_together=list(over), create_index=False) if over else given.expand_dims("_together")
     found, count = fractiles_along(rows.values, quantiles, int(rows.get_axis_num("_together")))
     kept = rows.isel(_together=0, drop=True).reset_coords(drop=True)
-    index = xr.DataArray(list(quantiles), dims="quantile", coords={"quantile": list(quantiles)}, attrs=_QUANTILE)
+    index = labelled("quantile", quantiles, "share of the values below", "1")
     fractiles = xr.DataArray(found, dims=("quantile", *kept.dims), coords={**kept.coords, "quantile": index})
     return fractiles.assign_attrs(given.attrs), xr.DataArray(count, dims=kept.dims, coords=kept.coords)

@@ -10,27 +10,13 @@ from pounding_sweep.base.errors import InputError, unknown
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happens in a scenario or does not.
+    """Something that happens in a scenario or does not."""
 
-    Attributes
-    ----------
-    key : str
-        Name in calls and tables.
-    title : str
-        In words, ``{level}`` standing for the level with its unit.
-    variable : str
-        Output that must exceed the level; "" for a touch, which needs none.
-    per : str
-        Whom it happens to, "pair" or "building"; any storey counts.
-    units : str
-        Unit of the level.
-    """
-
-    key: str
-    title: str
-    variable: str
-    per: str
-    units: str = ""
+    key: str  # name in calls and tables
+    title: str  # in words, ``{level}`` standing for the level with its unit
+    variable: str  # output that must exceed the level; "" for a touch, which needs none
+    per: str  # whom it happens to, "pair" or "building"; any storey counts
+    units: str = ""  # unit of the level
 
     def words(self, level: float | None) -> str:
         """Return the event in words."""

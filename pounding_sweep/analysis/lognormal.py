@@ -69,24 +69,12 @@ FIT_STATUS: tuple[FitStatus, ...] = tuple(FitStatus)
 
 @dataclass(frozen=True)
 class LognormalFit:
-    """A fitted lognormal, or why there is none.
+    """A fitted lognormal, or why there is none."""
 
-    Attributes
-    ----------
-    status : FitStatus
-        Whether there is one.
-    median : float
-        Intensity at which the event is as likely as not; NaN without a fit.
-    dispersion : float
-        Standard deviation of the logarithm of the capacity; NaN without a fit.
-    low, high : float
-        What is known of the median without a fit; NaN where nothing is.
-    """
-
-    status: FitStatus
-    median: float = np.nan
-    dispersion: float = np.nan
-    low: float = np.nan
+    status: FitStatus  # whether there is one
+    median: float = np.nan  # intensity at which the event is as likely as not; NaN without a fit
+    dispersion: float = np.nan  # standard deviation of the logarithm of the capacity; NaN without a fit
+    low: float = np.nan  # what is known of the median without a fit; NaN where nothing is
     high: float = np.nan
 
 
@@ -160,19 +148,11 @@ def probability(fit: LognormalFit, intensity: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Intervals:
-    """Confidence intervals of a fit, each of lower and upper end; NaN where there is none.
+    """Confidence intervals of a fit, each of lower and upper end; NaN where there is none."""
 
-    Attributes
-    ----------
-    median, dispersion : ndarray, shape (2,)
-        Of the fit's parameters.
-    probability : ndarray, shape (2, n)
-        Of the probability at n intensities, each by itself.
-    """
-
-    median: np.ndarray
+    median: np.ndarray  # of the fit's parameters
     dispersion: np.ndarray
-    probability: np.ndarray
+    probability: np.ndarray  # of the probability at n intensities, each by itself
 
 
 def jackknife(

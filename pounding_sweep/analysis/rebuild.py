@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import Record, find_record, list_records
+from pounding_sweep.spec.axes import AXES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 #: Records that an error names.
 _NAMED = 3
 #: What is read of a stored sweep.
-_KEYS = {"scene", "records", "cases", "scales", "period_factors", "mass_factors", "damping_ratios"}
+_KEYS = {"scene", "records", "cases", *(name for name, axis in AXES.items() if not axis.unsaid)}
 
 
 def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:

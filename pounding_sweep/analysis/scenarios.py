@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
@@ -69,6 +69,27 @@ def need_variables(cube: xr.Dataset, what: str, names: Sequence[str], *, one: bo
     remedy = "it" if one or len(lacking) == 1 else "them"
     msg = f"{what} needs {which} {quoted}, which this cube lacks; run the sweep with {remedy}"
     raise InputError(msg)
+
+
+def chosen_variables(
+    cube: xr.Dataset, what: str, given: Iterable[str] | None, valid: Sequence[str], kind: str
+) -> list[str]:
+    """Return what was asked for out of `valid`, or all of it that the cube has where nothing was."""
+    if given is None:
+        return need_variables(cube, what, valid, one=True)
+    names = list(given)
+    for name in names:
+        if name not in valid:
+            raise InputError(unknown(kind, name, valid))
+    return need_variables(cube, what, names)
+
+
+def labelled(dim: str, labels: Iterable[Any], long_name: str, units: str = "") -> xr.DataArray:
+    """Return the coordinate of a dimension."""
+    import xarray as xr
+
+    attributes = {"long_name": long_name} | ({"units": units} if units else {})
+    return xr.DataArray(list(labels), dims=dim, coords={dim: list(labels)}, attrs=attributes)
 
 
 def need_dims(cube: xr.Dataset, what: str, dims: Iterable[str]) -> None:
@@ -165,9 +186,9 @@ def peak_displacement(cube: xr.Dataset) -> xr.DataArray:
     return described(high.where(~(low > high), low), units, "largest absolute floor displacement")
 
 
-def described(part: xr.DataArray, units: str, name: str, comment: str = "") -> xr.DataArray:
-    """Return values with these attributes and no others: what they were made of is not what they are."""
-    found = part.copy(deep=False)
+def described(part: xr.DataArray, units: str, name: str, comment: str = "", *, bare: bool = False) -> xr.DataArray:
+    """Return values with these attributes and no others, `bare` of scalar coordinates: what they were made of."""
+    found = part.reset_coords(drop=True) if bare else part.copy(deep=False)
     found.attrs = {"units": units, "long_name": name, **({"comment": comment} if comment else {})}
     return found
 

@@ -73,54 +73,26 @@ class BehaviourFactors:
 
 @dataclass(frozen=True)
 class Neighbours:
-    """What a rule is given of two floors that could meet; arrays share their dimensions.
+    """What a rule is given of two floors that could meet; arrays share their dimensions."""
 
-    Attributes
-    ----------
-    left, right : DataArray
-        Largest absolute displacements (m); 0 for a wall, which moves with the ground.
-    correlation : DataArray
-        Correlation of the two responses, see `cqc_correlation`; 0 at a wall.
-    level : DataArray of bool
-        Two buildings, every floor of the lower of which is level with one of the other.
-    factors : mapping of str to (DataArray, DataArray)
-        Behaviour factors of both sides.
-    """
-
-    left: xr.DataArray
+    left: xr.DataArray  # largest absolute displacements (m); 0 for a wall, which moves with the ground
     right: xr.DataArray
-    correlation: xr.DataArray
-    level: xr.DataArray
-    factors: Mapping[str, tuple[xr.DataArray, xr.DataArray]]
+    correlation: xr.DataArray  # correlation of the two responses, see `cqc_correlation`; 0 at a wall
+    level: xr.DataArray  # two buildings, every floor of the lower of which is level with one of the other
+    factors: Mapping[str, tuple[xr.DataArray, xr.DataArray]]  # behaviour factors of both sides
 
 
 @dataclass(frozen=True)
 class SeparationRule:
-    """A rule for the distance between two buildings.
+    """A rule for the distance between two buildings."""
 
-    Attributes
-    ----------
-    key : str
-        Name in tables.
-    title : str
-        The rule in words.
-    formula : str
-        Of the displacements u1 and u2 (m).
-    clause, edition : str
-        Where it is from.
-    note : str
-        What else is to be said of it.
-    gap : callable
-        `Neighbours` -> needed gap (m).
-    """
-
-    key: str
-    title: str
-    formula: str
-    clause: str
+    key: str  # name in tables
+    title: str  # the rule in words
+    formula: str  # of the displacements u1 and u2 (m)
+    clause: str  # where it is from
     edition: str
-    note: str
-    gap: Callable[[Neighbours], xr.DataArray]
+    note: str  # what else is to be said of it
+    gap: Callable[[Neighbours], xr.DataArray]  # `Neighbours` -> needed gap (m)
 
 
 def cqc_correlation(

@@ -7,7 +7,7 @@ sweeps: the law "none" with the output ``closing_max``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from pounding_sweep.analysis.scenarios import (
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record, resolve_records
-from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis, property_axes
+from pounding_sweep.spec.axes import AXES, DIMENSIONS, PropertyAxis, axes_of, case_of, property_axes
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,31 +33,19 @@ if TYPE_CHECKING:
 #: What a run without pounding must report.
 OUTPUTS = ("displacement_max", "displacement_min", "closing_max")
 #: Axes that a run without pounding ignores.
-_IGNORED = ("gap", "stiffness", "stiffness_factor", "restitution")
+_IGNORED = tuple(dim for column in ("gap", "stiffness", "restitution") for dim in DIMENSIONS[column])
 #: Step (s) of the exact scheme, whose free flight has no error: peaks are looked for inside it.
 STEP = 1e-3
 
 
 @dataclass(frozen=True)
 class StillRuns:
-    """Runs without pounding.
+    """Runs without pounding."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The row.
-    cube : xarray.Dataset
-        `OUTPUTS` on ``record``, and on ``scale``, building properties or ``case``.
-    periods : DataArray
-        First periods (s) of the buildings, along ``building`` and what varies them.
-    damping : DataArray
-        Damping ratios of their first modes.
-    """
-
-    scene: Scene
-    cube: xr.Dataset
-    periods: xr.DataArray
-    damping: xr.DataArray
+    scene: Scene  # the row
+    cube: xr.Dataset  # `OUTPUTS` on ``record``, and on ``scale``, building properties or ``case``
+    periods: xr.DataArray  # first periods (s) of the buildings, along ``building`` and what varies them
+    damping: xr.DataArray  # damping ratios of their first modes
 
 
 def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
@@ -71,7 +59,7 @@ def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
 
 
 def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
-    """Return the runs without pounding that belong to a cube; see `pounding_sweep.analysis.gaps.required_gap`."""
+    """Return the runs without pounding that belong to a cube; see `required_gap`."""
     cube = scenarios_only(cube)
     sweep = stored_sweep(cube)
     scene = scene_of(sweep)
@@ -84,11 +72,7 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
         else:
             runs = _run_cases(scene, sweep, records, folders)
         return StillRuns(scene, runs, *_first_modes_of_cases(scene, runs))
-    factors = {
-        kind: tuple((building, tuple(axis)) for building, axis in sweep[name]) for name, kind in FACTOR_KINDS.items()
-    }
-    ratios = sweep["damping_ratios"]
-    axes = property_axes(factors, None if ratios is None else tuple(ratios))
+    axes = property_axes(axes_of(sweep))
     runs = _reduced(cube) if there else _run_product(scene, sweep, records, folders)
     modes = [_where(part, cube if there else runs) for part in _first_modes(scene, axes)]
     return StillRuns(scene, runs, *modes)
@@ -124,20 +108,22 @@ def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any
 
     from pounding_sweep.run.sweep import Sweep
 
+    given = axes_of(sweep)
+    kept: dict[str, Any] = {
+        name: dict(getattr(given, name)) if axis.by_building else getattr(given, name)
+        for name, axis in AXES.items()
+        if (axis.of_buildings or axis.column == "scale") and getattr(given, name)
+    }
+    signs = [-1.0 if scale < 0.0 else 1.0 for scale in given.scales]
+    if signs:
+        kept["scales"] = sorted(set(signs))
+    job = Sweep(scene, _found_again(sweep, records, folders), NO_POUNDING, **kept, **_settings())
+    unit = _reduced(job.run())
+    if not signs:
+        return unit
     about = {"units": "1", "long_name": "factor on the record"}
-    scales = xr.DataArray(sweep["scales"], dims="scale", coords={"scale": sweep["scales"]}, attrs=about)
-    signs = [-1.0 if scale < 0.0 else 1.0 for scale in sweep["scales"]]
-    job = Sweep(
-        scene,
-        _found_again(sweep, records, folders),
-        NO_POUNDING,
-        scales=sorted(set(signs)),
-        period_factors=dict(sweep["period_factors"]) or None,
-        mass_factors=dict(sweep["mass_factors"]) or None,
-        damping_ratios=sweep["damping_ratios"],
-        **_settings(),
-    )
-    unit = _reduced(job.run()).sel(scale=signs).assign_coords(scale=scales)
+    scales = xr.DataArray(list(given.scales), dims="scale", coords={"scale": list(given.scales)}, attrs=about)
+    unit = unit.sel(scale=signs).assign_coords(scale=scales)
     grown = {name: (values(unit, name) * abs(unit["scale"])).assign_attrs(unit[name].attrs) for name in OUTPUTS}
     return unit.assign(grown)
 
@@ -146,17 +132,8 @@ def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) 
     """Run each record, scale and building of listed cases once without pounding."""
     from pounding_sweep.run.sweep import Sweep
 
-    cases = [
-        Case(
-            NO_POUNDING,
-            record=case["record"],
-            scale=case["scale"],
-            period_factors=tuple((name, factor) for name, factor in case["period_factors"]),
-            mass_factors=tuple((name, factor) for name, factor in case["mass_factors"]),
-            damping_ratio=case["damping_ratio"],
-        )
-        for case in sweep["cases"]
-    ]
+    ignored: dict[str, Any] = dict.fromkeys(_IGNORED)
+    cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]
     found = _found_again(sweep, records, folders)
     return Sweep(scene, found, cases=list(dict.fromkeys(cases)), **_settings()).run()
 

@@ -6,13 +6,21 @@ import errno
 import os
 import re
 import secrets
+import shutil
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from pounding_sweep.base.lock import own_folder, remove_abandoned
+from filelock import FileLock
+
+from pounding_sweep.base.lock import LOCK
 
 _TEMPORARY = re.compile(r"\.pounding_sweep-[0-9a-f]{16}\.part")
+
+
+def _temporary_name() -> str:
+    return f".pounding_sweep-{secrets.token_hex(8)}.part"
 
 
 def is_temporary(name: str) -> bool:
@@ -30,33 +38,38 @@ def sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
+@contextmanager
+def _own_folder(parent: Path) -> Iterator[Path]:
+    """Make a hidden folder that is locked while the context is open, and remove it with all that is in it."""
+    folder = parent / _temporary_name()
+    folder.mkdir()
+    try:
+        with FileLock(folder / LOCK):
+            yield folder
+    finally:
+        for pause in (0.0, 0.05, 0.5):  # threads of a library that gave up may still write for a moment
+            time.sleep(pause)
+            shutil.rmtree(folder, ignore_errors=True)
+            if not folder.exists():
+                break
+
+
 def remove_leftovers(folder: Path) -> None:
     """Remove from a folder what killed processes were writing there with `replacing`."""
     with suppress(OSError):  # it may be written, but not listed
-        for left in filter(is_temporary, os.listdir(folder)):
-            remove_abandoned(folder / left)
-
-
-def _moves(folder: Path, other: Path, name: str) -> bool:
-    """Whether files can be moved between two folders; `name` is there in neither."""
-    if folder.stat().st_dev != other.stat().st_dev:
-        return False
-    try:
-        os.rename(folder / name, other / name)
-    except OSError as error:
-        return error.errno != errno.EXDEV
-    return True
+        for left in [folder / name for name in os.listdir(folder) if is_temporary(name)]:
+            with suppress(OSError), FileLock(left / LOCK, timeout=0):
+                shutil.rmtree(left, ignore_errors=True)
 
 
 @contextmanager
 def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
-    """Give a temporary name; when the block ends well, make what stands there `path` for good."""
+    """Give a temporary name, in `folder` if it is on the same disk; when the block ends well, make that `path`."""
     with ExitStack() as contexts:
-        name = f".pounding_sweep-{secrets.token_hex(8)}.part"
-        if folder is None or not _moves(folder, path.parent, name):
+        if folder is None or folder.stat().st_dev != path.parent.stat().st_dev:
             remove_leftovers(path.parent)
-            folder = contexts.enter_context(own_folder(path.parent / name))
-        temporary = folder / name
+            folder = contexts.enter_context(_own_folder(path.parent))
+        temporary = folder / _temporary_name()
         try:
             yield temporary
             handle = os.open(temporary, os.O_RDONLY)

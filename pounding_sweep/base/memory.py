@@ -24,15 +24,7 @@ _PROCESS_LIMITS = (
 
 @dataclass(frozen=True)
 class FreeMemory:
-    """Memory that can be had, and what keeps it from being more.
-
-    Attributes
-    ----------
-    bytes : int
-        How much.
-    limit : str
-        "the machine", or the limit of this process or of its control group.
-    """
+    """Memory that can be had, and what keeps it from being more: the machine, or a limit of process or group."""
 
     bytes: int
     limit: str

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.analysis.comparisons import COMPARISONS
+from pounding_sweep.analysis.comparisons import COMPARISONS, Row, table_rows
 from pounding_sweep.analysis.events import EVENTS, get_event
 from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table
 from pounding_sweep.cli.app import AsJson, CubeFile, Folders, app
@@ -19,14 +19,12 @@ from pounding_sweep.cli.reporting import reporting, say
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pounding_sweep.analysis.rows import Row
-
 #: Rows of each table in a summary.
 SHOWN = 12
 #: Event whose fragility is found where none is named.
 DEFAULT_EVENT = "touch"
-#: Options by the comparison that takes them.
-_TAKEN_BY = {"--reference": "laws", "--records": "required-gap", "--event": "fragility", "--level": "fragility"}
+#: Arguments of comparisons by the option that gives them.
+_ARGUMENTS = {"--reference": "reference", "--event": "event", "--level": "level", "--records": "folders"}
 
 What = Annotated[
     list[str] | None,
@@ -67,7 +65,6 @@ def compare_command(
 ) -> None:
     """Compare laws, gaps, buildings and records of a cube."""
     with reporting():
-        from pounding_sweep.analysis.rows import table_rows
         from pounding_sweep.analysis.scenarios import law_keys, pounding_only
         from pounding_sweep.base.errors import InputError, unknown
         from pounding_sweep.output.netcdf import open_cube
@@ -76,19 +73,13 @@ def compare_command(
         for key in keys:
             if key not in COMPARISONS:
                 raise InputError(unknown("comparison", key, COMPARISONS))
-        given = {"--reference": reference, "--event": event, "--level": level, "--records": folders or None}
-        _check_options([option for option, value in given.items() if value is not None], keys)
-        event = event or DEFAULT_EVENT
-        if "fragility" in keys:
-            get_event(event, level)
+        options = {"--reference": reference, "--event": event, "--level": level, "--records": folders or None}
+        given = {option: value for option, value in options.items() if value is not None}
+        _check_options(list(given), keys)
+        if any("event" in COMPARISONS[key].arguments for key in keys):
+            get_event(event or DEFAULT_EVENT, level)
         if out is not None:
             _check_data(out, keys, overwrite)
-        settings: dict[str, dict[str, Any]] = {
-            "laws": {"reference": reference},
-            "required-gap": {"folders": folders or None},
-            # a summary does without intervals, which take longer than everything else
-            "fragility": {"event": event, "level": level, **({} if what or out else {"confidence": None})},
-        }
         report: dict[str, dict[str, Any]] = {}
         with open_cube(cube) as found:
             laws = law_keys(pounding_only(found))
@@ -99,8 +90,10 @@ def compare_command(
                 comparison = COMPARISONS[key]
                 report[key] = {"title": comparison.title, "needs": comparison.needs, "possible": True}
                 report[key]["left_out"] = left_out
+                passed = {_ARGUMENTS[o]: value for o, value in given.items() if _ARGUMENTS[o] in comparison.arguments}
+                passed |= {} if what or out else comparison.summary
                 try:
-                    result = comparison.load()(found, **settings.get(key, {}))
+                    result = comparison.make(found, **passed)
                 except InputError as error:
                     if what:
                         raise
@@ -124,9 +117,10 @@ def _check_options(given: list[str], keys: list[str]) -> None:
     from pounding_sweep.base.errors import InputError
 
     for option in given:
-        key = _TAKEN_BY[option]
-        if key not in keys:
-            msg = f"{option} is for the comparison {key!r}; leave it out, or add --what {key}"
+        takers = [key for key, item in COMPARISONS.items() if _ARGUMENTS[option] in item.arguments]
+        if not set(takers) & set(keys):
+            of = f"the comparison{'s' * (len(takers) > 1)} {' and '.join(map(repr, takers))}"
+            msg = f"{option} is for {of}; leave it out, or add --what {takers[0]}"
             raise InputError(msg)
 
 

@@ -13,7 +13,6 @@ from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.tables import print_json, print_pairs, print_table
 from pounding_sweep.cli.app import FIGURE_FILE, AsJson, app
 from pounding_sweep.cli.reporting import reporting, say
-from pounding_sweep.figures import FIGURES, SOURCES
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -66,7 +65,7 @@ def info_command(
 
 def _as_json(found: Survey) -> dict[str, Any]:
     """Return what there is of a sweep that is not finished as JSON holds it."""
-    return asdict(found) | {"folder": str(found.folder), "now": None if found.now is None else str(found.now)}
+    return asdict(found) | {"folder": str(found.folder)}
 
 
 def _beside(found: Survey) -> str:
@@ -125,7 +124,7 @@ def plot_command(
 ) -> None:
     """Draw a figure of a cube into a file, or list the figures."""
     with reporting():
-        from pounding_sweep.figures import plot
+        from pounding_sweep.figures import FIGURES, SOURCES, plot
         from pounding_sweep.output.netcdf import open_cube
         from pounding_sweep.output.select import select
 
@@ -162,6 +161,8 @@ def axis_values(given: list[str]) -> dict[str, list[str]]:
 
 def _list(dataset: xr.Dataset) -> None:
     """Print which figures a dataset allows, and what the others lack."""
+    from pounding_sweep.figures import FIGURES
+
     lacks = {kind.key: kind.lacks(dataset) for kind in FIGURES.values()}
     possible = [[key, FIGURES[key].title] for key, missing in lacks.items() if not missing]
     if possible:

@@ -133,8 +133,8 @@ def animate_command(
 
 def _simulate(sweep: Path, folders: list[Path] | None, skip_missing: bool, **choice: Any) -> xr.Dataset:
     """Run the scenario that is chosen as for `simulate_one`; say which it is."""
-    from pounding_sweep.figures.chosen import heading
-    from pounding_sweep.run.choice import simulate_one
+    from pounding_sweep.figures.shown import heading
+    from pounding_sweep.run.one_scenario import simulate_one
     from pounding_sweep.run.sweep import load_sweep
 
     one = simulate_one(load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec, **choice)

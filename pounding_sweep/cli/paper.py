@@ -41,9 +41,9 @@ def paper_command(
     with reporting() as said, ExitStack() as stack:
         from pounding_sweep.base.errors import OutputError
         from pounding_sweep.cli.progress import make_progress
-        from pounding_sweep.figures.paper import save_figures
         from pounding_sweep.output.netcdf import check_output, open_cube
         from pounding_sweep.paper.conclusions import judge
+        from pounding_sweep.paper.figures import save_figures
         from pounding_sweep.paper.report import summary, write_report
         from pounding_sweep.paper.study import study
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,6 +12,19 @@ import typer
 from pounding_sweep.base.tables import number_text, print_json, print_table
 from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, app
 from pounding_sweep.cli.reporting import reporting, say
+
+#: Heading of each column of the list, what it is of a record, and how that is written.
+_COLUMNS: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
+    ("record", "name", str),
+    ("PGA g", "pga_g", "{:.4f}".format),
+    ("PGV m/s", "pgv", number_text),
+    ("Arias m/s", "arias_intensity", number_text),
+    ("5-95 % s", "significant_duration", "{:.2f}".format),
+    ("duration s", "duration", "{:g}".format),
+    ("dt s", "dt", "{:g}".format),
+    ("points", "points", str),
+    ("source", "source", lambda source: source or "-"),
+)
 
 records_app = typer.Typer(rich_markup_mode=None)
 app.add_typer(records_app, name="records")
@@ -75,22 +89,8 @@ def _print(report: dict[str, Any]) -> None:
     from pounding_sweep.records import RECORDS_VARIABLE
     from pounding_sweep.records.fema_p695 import INSTALL
 
-    table = [
-        [
-            row["name"],
-            f"{row['pga_g']:.4f}",
-            number_text(row["pgv"]),
-            number_text(row["arias_intensity"]),
-            f"{row['significant_duration']:.2f}",
-            f"{row['duration']:g}",
-            f"{row['dt']:g}",
-            str(row["points"]),
-            row["source"] or "-",
-        ]
-        for row in report["records"]
-    ]
-    headings = ["record", "PGA g", "PGV m/s", "Arias m/s", "5-95 % s", "duration s", "dt s", "points", "source"]
-    print_table(headings, table, right=range(1, 8))
+    table = [[form(row[key]) for _, key, form in _COLUMNS] for row in report["records"]]
+    print_table([heading for heading, _, _ in _COLUMNS], table, right=range(1, 8))
     if report["missing"]:
         print()
         print(f"Known by name, but not at hand; put the file into a folder named by {RECORDS_VARIABLE}:")

@@ -10,13 +10,14 @@ from collections.abc import Callable
 
 from pounding_sweep.emit.spec import KernelSpec, LawShape, Slots
 from pounding_sweep.emit.text import ContactBody, Source, over_contacts
+from pounding_sweep.outputs.variables import looks, reducers_of
 
 
 def emit_measure(shape: KernelSpec, slots: Slots) -> str:
     """Write ``measure``: penetrations and their rates at both ends of the trial, and lanes to look at (LOOK > 0)."""
     src, law = Source(), shape.law
     assert law is not None
-    capped = shape.scheme != "newmark" and not law.impulsive
+    capped = not shape.implicit and not law.impulsive
     src.function("measure(S, I, props)")
     if capped:
         src("cap = props[P_CAP]")
@@ -60,7 +61,7 @@ def emit_give_back(shape: KernelSpec) -> str:
     src = Source()
     src.function("give_back(S, I)")
     kept = [("U", "UO", "N"), ("V", "VO", "N"), ("D1", "D0", "NC"), ("V1", "V0", "NC")]
-    if shape.scheme == "newmark":
+    if shape.implicit:
         kept.append(("A", "AO", "N"))
     if shape.impulsive:
         kept.append(("FE", "FS", "NC"))
@@ -88,7 +89,7 @@ def emit_ends(shape: KernelSpec, slots: Slots) -> str:
             src("deep = max(d0, d1)")
             src(f"S[DMAX + {j0} + l] = max(S[DMAX + {j0} + l], deep if closed else 0.0)")
             src("peak = peak | ((v0 > 0.0) & (v1 < 0.0))")
-        if r & {"force", "acceleration", "transfer"}:
+        if looks(shape, "force"):
             src(f"k = S[KE + {j0} + l]; c = S[CE + {j0} + l]; a0 = {between('AO')}")
             src("b1 = h * v0; b2 = 0.5 * h * h * a0; rise = d1 - d0 - b1 - b2; turn = h * v1 - b1 - 2.0 * b2")
             src("b3 = 4.0 * rise - turn; b4 = turn - 3.0 * rise")
@@ -104,7 +105,7 @@ def emit_ends(shape: KernelSpec, slots: Slots) -> str:
             src("peak = peak | ((r0 > 0.0) & (r1 < 0.0))")
             if "force" in r:
                 src(f"S[FMAX + {j0} + l] = max(S[FMAX + {j0} + l], max(f0, f1))")
-            if r & {"acceleration", "transfer"}:
+            if looks(shape, "ends"):
                 src(f"S[FS + {j0} + l] = f0; S[FE + {j0} + l] = f1")
                 src(f"S[RS + {j0} + l] = r0 if abs(r0) < FAR else mean")
                 src(f"S[RE + {j0} + l] = r1 if abs(r1) < FAR else mean")
@@ -123,7 +124,7 @@ def emit_look_ahead(shape: KernelSpec, slots: Slots) -> str:
     with src.block("for l in range(L):"):
         src("S[LONGEST + l] = h; S[RATE + l] = 0.0")
     touch, release = law.grading(shape.order)
-    capped = shape.scheme != "newmark" and not law.impulsive
+    capped = not shape.implicit and not law.impulsive
     if capped:
         src("cap = props[P_CAP]")
     if capped or max(touch, release) > 1.0:
@@ -201,7 +202,7 @@ def emit_plain_contacts(shape: KernelSpec, slots: Slots) -> str:
 
 def fused_ends(shape: KernelSpec) -> bool:
     """Whether the step of an unlocated kernel takes its own peaks, from values that it still holds."""
-    return shape.fused and shape.scheme != "newmark" and not shape.located
+    return shape.fused and not shape.implicit and not shape.located
 
 
 def plain_contact(src: Source, shape: KernelSpec) -> ContactBody:
@@ -224,10 +225,13 @@ def plain_contact(src: Source, shape: KernelSpec) -> ContactBody:
             src(f"t = S[TFIRST + {j0} + l]; S[TFIRST + {j0} + l] = time if fresh & (t < 0.0) else t")
         if "penetration" in r:
             src(f"S[DMAX + {j0} + l] = max(S[DMAX + {j0} + l], d)")
+        for kept in reducers_of(shape):
+            for line in kept.plain.format(j0=j0).splitlines():
+                src(line)
         if law.per_speed:
             src(f"had = S[VRUN + {j0} + l]; run = max(speed if fresh else had, v)")
             src(f"S[VRUN + {j0} + l] = run if closed else 0.0")
-        if not (shape.scheme == "newmark" or shape.history or r & {"force", "acceleration", "transfer"}):
+        if not (shape.implicit or shape.history or looks(shape, "force")):
             return
         src("k = S[K + l]; r = math.sqrt(max(d, 0.0))")
         if law.damper:
@@ -240,7 +244,7 @@ def plain_contact(src: Source, shape: KernelSpec) -> ContactBody:
         if "force" in r:
             src(f"S[FMAX + {j0} + l] = max(S[FMAX + {j0} + l], f)")
         for reducer, slot, rate in (("impulse", "IMPULSE", "fold + f"), ("work", "WORK", "fold * vold + f * v")):
-            if shape.scheme == "newmark" and reducer in r:
+            if shape.implicit and reducer in r:
                 src(f"S[{slot} + {j0} + l] += 0.5 * h * ({rate})")
 
     return body

@@ -7,122 +7,68 @@ steps are skipped in which no lane turns (slot TURN).
 
 from __future__ import annotations
 
-from pounding_sweep.emit.spec import KernelSpec, Slots
-from pounding_sweep.emit.text import Source, relative
+import re
 
-#: Reducers of the motion.
-PEAKS = frozenset({"displacement", "drift", "closing"})
+from pounding_sweep.emit.spec import KernelSpec, Slots
+from pounding_sweep.emit.text import Source
+from pounding_sweep.outputs.variables import REDUCERS, reducers_of
+
+#: Reducers of peaks of the motion.
+PEAKS = frozenset(name for name, reducer in REDUCERS.items() if reducer.peaks)
 
 
 def emit_turns(shape: KernelSpec) -> str:
-    """Write ``turns(S)``: extremes of displacement, drift and closing that lie inside the step just taken."""
-    src, r = Source(), shape.reducers
+    """Write ``turns(S)``: the extremes that are kept of the motion and lie inside the step just taken."""
+    src = Source()
     src.function("cubic_extreme(x0, x1, s0, s1)")
     src("t = s0 / (s0 - s1) if s0 * s1 < 0.0 else 0.0")
     src("b = -3.0 * (x0 - x1) - (2.0 * s0 + s1)")
     src("return x0 + t * (s0 + t * (b + t * (2.0 * (x0 - x1) + (s0 + s1))))")
     src.function("turns(S)")
-    if "displacement" in r:
-        with src.block("for i in range(N):"):
-            ends = [f"S[{slot} + i * L + l]" for slot in ("UO", "U", "VO", "V")]
-            _turn(src, ends, "S[UMAX + i * L + l]", "S[UMIN + i * L + l]")
-    if "drift" in r:
-        for first in (True, False):
-            floors = "range(FIRST[b], FIRST[b] + 1)" if first else "range(FIRST[b] + 1, FIRST[b + 1])"
-            with src.block("for b in range(NB):"), src.block(f"for i in {floors}:"):
-                ends = []
-                for slot in ("UO", "U", "VO", "V"):
-                    ends.append(f"S[{slot} + i * L + l]" + ("" if first else f" - S[{slot} + (i - 1) * L + l]"))
-                _turn(src, ends, "S[DRIFT + i * L + l]", "")
-    if "closing" in r:
-        with src.block("for j in range(NC):"):
-            src("left = max(LEFT[j], 0) * L; right = max(RIGHT[j], 0) * L")
-            src("a = 1.0 if LEFT[j] >= 0 else 0.0; b = 1.0 if RIGHT[j] >= 0 else 0.0")
-            ends = [f"a * S[{slot} + left + l] - b * S[{slot} + right + l]" for slot in ("UO", "U", "VO", "V")]
-            _turn(src, ends, "S[CLOSING + j * L + l]", "", signed=True)
+    for reducer in reducers_of(shape):
+        reducer.turns(src)
     src("return")
     return str(src)
 
 
-def _turn(src: Source, ends: list[str], most: str, least: str, signed: bool = False) -> None:
-    """Write the update of a largest value (of its size, unless `signed`), or of a largest and a `least` one."""
-    sized = not least and not signed
-    x0, x1, v0, v1 = ends
-    src("turned = 0")
-    with src.block("for l in range(L):"):
-        src(f"x0 = {x0}; x1 = {x1}; v0 = {v0}; v1 = {v1}")
-        src("reach = REACH * S[HL + l] * (abs(v0) + abs(v1))")
-        src(f"above = max({'abs(x0), abs(x1)' if sized else 'x0, x1'}) + reach - {most}")
-        if least:
-            src(f"above = max(above, {least} - min(x0, x1) + reach)")
-        src("turned += 1 if (v0 * v1 <= 0.0) & (above > 0.0) else 0")
-    with src.block("if turned > 0:"), src.block("for l in range(L):"):
-        src(f"x0 = {x0}; x1 = {x1}; v0 = {v0}; v1 = {v1}")
-        src("p = cubic_extreme(x0, x1, S[HL + l] * v0, S[HL + l] * v1)")
-        if sized:
-            src(f"{most} = max({most}, max(abs(p), max(abs(x0), abs(x1))))")
-        else:
-            src(f"{most} = max({most}, max(p, max(x0, x1)))")
-        if least:
-            src(f"{least} = min({least}, min(p, min(x0, x1)))")
-
-
 def emit_samples(shape: KernelSpec, slots: Slots) -> str:
     """``samples(S)``: the same peaks, sampled at the present state."""
-    src, at = Source(), slots.at
+    src = Source()
     src.function("samples(S)")
-    if not shape.reducers & PEAKS:
-        src("return")
+    if shape.fused and shape.reducers & PEAKS:
+        with src.block("for l in range(L):"):
+            sample(src, shape, slots, [slots.at("U", i) for i in range(shape.n_dof)])
         return str(src)
-    if not shape.fused:
-        _samples_in_loops(src, shape.reducers)
-        return str(src)
-    with src.block("for l in range(L):"):
-        sample(src, shape, slots, [at("U", i) for i in range(shape.n_dof)])
+    for reducer in reducers_of(shape):
+        reducer.sample_loops(src)
+    src("return")
     return str(src)
 
 
 def sample(src: Source, shape: KernelSpec, slots: Slots, u: list[str]) -> None:
     """Write, in a lane loop, the peaks of the motion whose displacements are `u`."""
-    at = slots.at
-    for i, here in enumerate(u):
-        if "displacement" in shape.reducers:
-            src(f"x = {here}; {at('umax', i)} = max({at('umax', i)}, x)")
-            src(f"{at('umin', i)} = min({at('umin', i)}, x)")
-        if "drift" in shape.reducers:
-            value = here if shape.bottom[i] else f"{here} - {u[i - 1]}"
-            src(f"{at('drift', i)} = max({at('drift', i)}, abs({value}))")
-    if "closing" in shape.reducers:
-        for j, (left, right, _) in enumerate(shape.contacts):
-            value = relative(u[left] if left >= 0 else None, u[right] if right >= 0 else None)
-            src(f"{at('closing', j)} = max({at('closing', j)}, {value})")
+    kept = reducers_of(shape)
+    for i in range(len(u)):
+        for reducer in kept:
+            reducer.sample_floor(src, shape, slots.at, u, i)
+    for reducer in kept:
+        reducer.sample_contacts(src, shape, slots.at, u)
 
 
-def _samples_in_loops(src: Source, reducers: frozenset[str]) -> None:
-    if "displacement" in reducers:
-        with src.block("for c in range(N * L):"):
-            src("S[UMAX + c] = max(S[UMAX + c], S[U + c]); S[UMIN + c] = min(S[UMIN + c], S[U + c])")
-    if "drift" in reducers:
-        with src.block("for b in range(NB):"), src.block("for i in range(FIRST[b], FIRST[b + 1]):"):
-            src("low = (i - 1) * L if i > FIRST[b] else i * L; held = 1.0 if i > FIRST[b] else 0.0")
-            with src.block("for l in range(L):"):
-                src("x = abs(S[U + i * L + l] - held * S[U + low + l])")
-                src("S[DRIFT + i * L + l] = max(S[DRIFT + i * L + l], x)")
-    if "closing" in reducers:
-        with src.block("for j in range(NC):"):
-            src("left = max(LEFT[j], 0) * L; right = max(RIGHT[j], 0) * L")
-            src("a = 1.0 if LEFT[j] >= 0 else 0.0; b = 1.0 if RIGHT[j] >= 0 else 0.0")
-            with src.block("for l in range(L):"):
-                src("x = a * S[U + left + l] - b * S[U + right + l]")
-                src("S[CLOSING + j * L + l] = max(S[CLOSING + j * L + l], x)")
-    src("return")
+def with_reducers(text: str, shape: KernelSpec) -> str:
+    """Text of templates with what reducers add to it where a line ``# reducers: FIELD`` says so."""
+
+    def added(mark: re.Match[str]) -> str:
+        lines = [line for reducer in reducers_of(shape) for line in getattr(reducer, mark[2]).splitlines()]
+        return "".join(f"{mark[1]}{line}\n" for line in lines)
+
+    return re.sub(r"^( *)# reducers: (\w+)\n", added, text, flags=re.MULTILINE)
 
 
 def emit_energy(shape: KernelSpec, slots: Slots) -> str:
     """``energies(S)``: commit the step's energy and contact increments."""
     src, at = Source(), slots.at
     src.function("energies(S)")
-    rk4 = shape.scheme != "newmark"
     with src.block("for l in range(L):"):
         src(f"h6 = {at('HL')} * SIXTH")
         if "energy" in shape.reducers:
@@ -130,7 +76,7 @@ def emit_energy(shape: KernelSpec, slots: Slots) -> str:
                 own = b if shape.fused else shape.home(b)
                 src(f"{at('e_in', b)} = fma(h6, {at('DIN', own)}, {at('e_in', b)})")
                 src(f"{at('e_damp', b)} = fma(h6, {at('DDAMP', own)}, {at('e_damp', b)})")
-    if rk4 and shape.law is not None and shape.contacts and shape.reducers & {"work", "impulse"}:
+    if not shape.implicit and shape.law is not None and shape.contacts and shape.reducers & {"work", "impulse"}:
         src.function("contact_energies(S)")
         with src.block("for l in range(L):"):
             src(f"h6 = {at('HL')} * SIXTH")

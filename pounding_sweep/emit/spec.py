@@ -14,34 +14,11 @@ from itertools import pairwise
 #: remainder loop every lane runs the same instructions whatever its neighbours.
 LANES = 16
 
-#: Reducers a kernel can hold, each compiled in only where asked for.
-REDUCERS = (
-    "displacement",
-    "drift",
-    "acceleration",
-    "force",
-    "count",
-    "penetration",
-    "impulse",
-    "first_time",
-    "approach_speed",
-    "work",
-    "energy",
-    "transfer",
-    "closing",
-)
-#: Reducers that exist only where floors can meet.
-CONTACT_REDUCERS = frozenset(
-    {"force", "count", "penetration", "impulse", "first_time", "approach_speed", "work", "closing"}
-)
-
-#: Order of each scheme.
-ORDERS = {"rk4": 4, "newmark": 2, "exact": 4}
 
 #: Properties that may differ from lane to lane.
 VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short")
 
-#: Largest product of sub-step and contact rate in located RK4: a stiffer contact gets sub-steps of its own.
+#: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
 CONTACT_CAP = 0.25
 #: Most degrees of freedom emitted as one straight line; longer rows are split.
 FUSED_DOF = 16
@@ -130,12 +107,18 @@ class KernelSpec:
         Pairs of neighbours.
     law : LawShape or None
         None: no contact force.
-    scheme : {"rk4", "newmark", "exact"}
+    scheme : str
         Time integration.
+    order : int
+        Order of the scheme, in contact.
+    implicit : bool
+        Contact forces are found together with the step that they act on.
+    flies_exactly : bool
+        Steps without contact are exact, and as long as each lane can take them.
     located : bool
         Touches, releases and peaks are located inside the step.
     reducers : frozenset of str
-        Subset of `REDUCERS`.
+        Names of what is kept (see `pounding_sweep.outputs`).
     history : bool
         Lane 0 leaves its state after every step.
     precision : {"float64", "float32"}
@@ -149,16 +132,14 @@ class KernelSpec:
     n_pairs: int
     law: LawShape | None
     scheme: str
+    order: int
+    implicit: bool
+    flies_exactly: bool
     located: bool
     reducers: frozenset[str]
     history: bool = False
     precision: str = "float64"
     varied: bool = False
-
-    @property
-    def order(self) -> int:
-        """Order of the scheme, in contact."""
-        return ORDERS[self.scheme]
 
     @property
     def impulsive(self) -> bool:
@@ -269,50 +250,13 @@ def property_slots(shape: KernelSpec) -> Slots:
     slots.add("alpha", shape.n_buildings)
     slots.add("beta", shape.n_buildings)
     slots.add("reduced", len(shape.contacts))
-    if shape.scheme == "exact":  # flight over a whole step, and over a short one beside a contact
+    if shape.flies_exactly:  # flight over a whole step, and over a short one beside a contact
         size = sum(2 * n * (2 * n + 2) for n in shape.storeys)
         slots.add("glide", size)
         slots.add("short", size)
     slots.add("cap")
     slots.add("newmark_beta")
     slots.add("newmark_gamma")
-    return slots
-
-
-def output_slots(shape: KernelSpec) -> Slots:
-    """Layout of a scenario's results."""
-    n, nc, nb = shape.n_dof, len(shape.contacts), shape.n_buildings
-    r, slots = shape.reducers, Slots()
-    slots.add("flags")  # 1 not finite, 2 contact fallback, 4 implicit contact not converged
-    if "displacement" in r:
-        slots.add("umax", n)
-        slots.add("umin", n)
-    if "drift" in r:
-        slots.add("drift", n)
-    if "acceleration" in r:
-        slots.add("acc", n)
-    if "closing" in r:
-        slots.add("closing", nc)
-    if "energy" in r:
-        for name in ("e_in", "e_damp", "e_kin", "e_strain"):
-            slots.add(name, nb)
-    if shape.law is not None:
-        slots.add("shortest")  # shortest contact (s), by its elastic duration
-        for reducer, name in (
-            ("force", "fmax"),
-            ("count", "count"),
-            ("penetration", "dmax"),
-            ("impulse", "impulse"),
-            ("first_time", "tfirst"),
-            ("approach_speed", "vmax"),
-        ):
-            if reducer in r:
-                slots.add(name, nc)
-        if "work" in r:
-            slots.add("work", nc)
-        if "transfer" in r:
-            slots.add("tmax", nb)
-            slots.add("tmin", nb)
     return slots
 
 

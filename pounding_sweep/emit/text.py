@@ -182,6 +182,8 @@ def emit_spread(shape: KernelSpec, slots: Slots) -> str:
     return str(src)
 
 
+#: Text that addresses a slot, by its name, of a floor or a contact, by its number, in lane ``l``.
+Address = Callable[[str, int], str]
 #: Writes one contact in a lane loop: text of left minus right in a slot, address of its gap, its first lane, its mass.
 ContactBody = Callable[[Callable[[str], str], str, str, str], None]
 

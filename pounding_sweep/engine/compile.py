@@ -24,18 +24,13 @@ def to_json(shape: KernelSpec) -> dict[str, Any]:
 
 def from_json(data: dict[str, Any]) -> KernelSpec:
     """Return the shape of `to_json`."""
-    return KernelSpec(
-        storeys=tuple(data["storeys"]),
-        contacts=tuple((int(a), int(b), int(c)) for a, b, c in data["contacts"]),
-        n_pairs=data["n_pairs"],
-        law=None if data["law"] is None else LawShape(**data["law"]),
-        scheme=data["scheme"],
-        located=data["located"],
-        reducers=frozenset(data["reducers"]),
-        history=data["history"],
-        precision=data["precision"],
-        varied=data["varied"],
-    )
+    own = {
+        "storeys": tuple(data["storeys"]),
+        "contacts": tuple((int(a), int(b), int(c)) for a, b, c in data["contacts"]),
+        "law": None if data["law"] is None else LawShape(**data["law"]),
+        "reducers": frozenset(data["reducers"]),
+    }
+    return KernelSpec(**{**data, **own})
 
 
 def shares(shapes: Sequence[KernelSpec], n: int) -> list[list[KernelSpec]]:

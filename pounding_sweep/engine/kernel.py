@@ -16,13 +16,12 @@ from pounding_sweep.emit.contact import (
     emit_plain_contacts,
 )
 from pounding_sweep.emit.precision import TOLERANCES, narrow
-from pounding_sweep.emit.reduce import emit_accelerations, emit_energy, emit_samples, emit_turns
+from pounding_sweep.emit.reduce import emit_accelerations, emit_energy, emit_samples, emit_turns, with_reducers
 from pounding_sweep.emit.spec import (
     LANES,
     KernelSpec,
     Slots,
     input_slots,
-    output_slots,
     property_slots,
 )
 from pounding_sweep.emit.text import OF_RUN, OF_STEP, emit_spread
@@ -42,10 +41,9 @@ from pounding_sweep.engine.loop import (
 )
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
+from pounding_sweep.outputs.variables import looks, output_slots, reducers_of
+from pounding_sweep.schemes import SCHEMES, Scheme
 from pounding_sweep.schemes import exact as march
-from pounding_sweep.schemes.exact import emit_flight
-from pounding_sweep.schemes.newmark import NewmarkStep
-from pounding_sweep.schemes.rk4 import Rk4Step
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged).
 MAX_TRIES = 1000
@@ -66,10 +64,6 @@ IMPULSE_TOLERANCES = {
 }
 #: Product of sub-step and contact rate beyond which Newmark lets the contact's end force act over all of the sub-step.
 STIFF_RATE = 2.0
-#: Reducers that look at forces or penetrations between the ends of a sub-step.
-ENDS = frozenset({"force", "penetration", "acceleration", "transfer"})
-
-STEPS = {"rk4": Rk4Step, "newmark": NewmarkStep, "exact": Rk4Step}
 
 PRELUDE = '''"""A pounding_sweep kernel, written by the package. Editing it has no effect on the package."""
 
@@ -104,7 +98,7 @@ def pointer(typingctx, array):
 
 def state_slots(shape: KernelSpec) -> Slots:
     """Everything a lane group holds while it runs; inputs and outputs come first."""
-    slots = Slots()
+    slots, scheme = Slots(), SCHEMES[shape.scheme]
     for part in (input_slots(shape), output_slots(shape)):
         for name, count in part.count.items():
             slots.add(name, count)
@@ -112,13 +106,8 @@ def state_slots(shape: KernelSpec) -> Slots:
     contact = shape.law is not None and nc > 0
     for name in ("U", "V", "UO", "VO"):
         slots.add(name, n)
-    if shape.scheme == "newmark" or contact:
-        slots.add("AO", n)
-    if shape.scheme == "newmark":
-        slots.add("A", n)
-    if shape.scheme == "exact" and "energy" in shape.reducers:
-        for name, count in (("PASSED", 1), ("GIVEN", 1), ("GAINED", 1), ("PULL", n)):
-            slots.add(name, count)
+    for name, count in scheme.motion_slots(shape).items():
+        slots.add(name, count)
     if "energy" in shape.reducers:
         slots.add("DIN", nb if shape.fused else n)
         slots.add("DDAMP", nb if shape.fused else n)
@@ -141,21 +130,22 @@ def state_slots(shape: KernelSpec) -> Slots:
         if shape.impulsive:
             for name in ("TOTAL", "MASS", "COMMON"):
                 slots.add(name, nc)
-            if shape.scheme != "newmark":
+            if not shape.implicit:
                 slots.add("A", n)
         for reducer, name in (("work", "DWORK"), ("impulse", "DIMP")):
             if reducer in shape.reducers:
                 slots.add(name, nc)
         slots.add("TNOW", nb)
         slots.add("KIN0", nb)
-    if shape.scheme != "newmark" and not shape.fused:
-        for name in ("_x", "_y", "_a1", "_a2", "_a3", "_a4"):
-            slots.add(name, n)
-        if contact:
-            slots.add("PUSH", n)
+    for name in scheme.stage_slots(shape):
+        slots.add(name, n)
+    if contact and scheme.stage_slots(shape):
+        slots.add("PUSH", n)
     if not shape.fused:
         for name in (*OF_STEP, *OF_RUN, "OWN_HIT", "OWN_TURN"):
             slots.add(name, n)
+    for slot in (slot for reducer in reducers_of(shape) for slot in reducer.keeps if slot.name not in slots.first):
+        slots.add(slot.name, slot.count(shape))
     return slots
 
 
@@ -175,10 +165,10 @@ def kernel_text(shape: KernelSpec) -> KernelText:
     """Return the kernel of `shape`; its main module imports the row module as `ROW_NAME`."""
     slots = state_slots(shape)
     contact = shape.law is not None and len(shape.contacts) > 0
-    make: Any = STEPS[shape.scheme]
+    scheme = SCHEMES[shape.scheme]
     texts: tuple[str, ...] = (
-        _row_text(shape, slots, contact, make),
-        _main_text(shape, slots, contact, make),
+        _row_text(shape, slots, contact, scheme),
+        _main_text(shape, slots, contact, scheme),
     )
     if shape.varied:
         texts = tuple(vary(text) for text in texts)
@@ -187,32 +177,32 @@ def kernel_text(shape: KernelSpec) -> KernelText:
     return KernelText(*texts)
 
 
-def _row_text(shape: KernelSpec, slots: Slots, contact: bool, make: Any) -> str:
+def _row_text(shape: KernelSpec, slots: Slots, contact: bool, scheme: Scheme) -> str:
     """Write the parts that depend on no law: flight, peaks, energies, accelerations."""
     parts = [PRELUDE, _constants(shape, slots, contact)]
-    if shape.scheme == "exact" and "energy" in shape.reducers:
+    if shape.flies_exactly and "energy" in shape.reducers:
         parts.append(_functions("flight_energy"))
     if "energy" in shape.reducers:
         parts.append(_functions("energy", () if contact and "transfer" in shape.reducers else ("kinetic", "strain")))
     if contact:
         parts.append(_functions("motion", () if shape.located else ("relative",)))
-        if shape.scheme == "newmark":
+        if shape.implicit:
             parts.append(_functions("compliance"))
     parts.append(emit_copy(shape))
     if shape.located and contact:
         parts.append(emit_back(shape))
-    if shape.scheme != "exact":
+    if not shape.flies_exactly:
         parts.append(emit_ground())
     if not shape.fused:
         parts += [
             emit_spread(shape, slots),
-            emit_watch(shape, slots, "S[HL + l] > 0.0" if shape.scheme == "exact" else ""),
+            emit_watch(shape, slots, "S[HL + l] > 0.0" if shape.flies_exactly else ""),
         ]
     if "_x" in slots.first:
         parts.append("\n" + _hidden(slots))
-        parts.append(Rk4Step(shape, slots, "trial").emit_stages())
+        parts.append(scheme.stages(shape, slots))
     if shape.located or not contact:
-        parts.append(emit_flight(shape, slots) if shape.scheme == "exact" else make(shape, slots, "flight").emit())
+        parts.append(scheme.flight(shape, slots))
     parts.append(emit_samples(shape, slots))
     if shape.located:
         parts.append(emit_turns(shape))
@@ -220,31 +210,30 @@ def _row_text(shape: KernelSpec, slots: Slots, contact: bool, make: Any) -> str:
     if "acceleration" in shape.reducers:
         parts.append(_functions("acceleration", () if contact else ("storey_pull",)))
         parts.append(emit_accelerations(shape, contact))
-    if shape.scheme == "newmark" and not contact:
+    if shape.implicit and not contact:
         parts.append(_functions("implicit", ("equilibrium",)).partition("    if LOCATED:")[0])
     parts += [emit_begin(shape, slots, contact), emit_finish(shape, contact)]
     if shape.located or not contact:
         parts.append(emit_reduce_flight(shape))
-        if shape.scheme != "exact":
+        if not shape.flies_exactly:
             parts.append(emit_fly(shape, contact))
         elif not contact:
             parts.append(march.emit_fly(contact))
     return "".join(parts)
 
 
-def _main_text(shape: KernelSpec, slots: Slots, contact: bool, make: Any) -> str:
+def _main_text(shape: KernelSpec, slots: Slots, contact: bool, scheme: Scheme) -> str:
     """Write the parts that hold the law, and the loop over time."""
     parts = [PRELUDE.partition("import math")[0], f"import math\n\nimport numpy as np\nfrom {ROW_NAME} import *\n"]
     if "_x" in slots.first:  # names with an underscore are not imported by the line above
         parts.append(_hidden(slots))
-    newmark = shape.scheme == "newmark"
     yields = shape.law is not None and shape.law.yields
     if contact:
         parts.append(_impulses(shape) if shape.impulsive else _law(shape))
         if shape.impulsive:
             parts += [emit_measure(shape, slots), emit_give_back(shape), emit_look_ahead(shape, slots)]
             parts.append(_functions("located", ("accept_substep", "contact_step", "begin_contact", "clear_forces")))
-            if newmark:
+            if shape.implicit:
                 parts.append(_functions("stiff", ("touch_miss",)))
             parts.append(_functions("impulse", but=_unneeded(shape)))
         elif shape.located:
@@ -253,18 +242,18 @@ def _main_text(shape: KernelSpec, slots: Slots, contact: bool, make: Any) -> str
             if yields:
                 parts.append(_functions("yielding"))
             parts.append(_functions("located", yields=yields))
-        if newmark and not shape.impulsive:
+        if shape.implicit and not shape.impulsive:
             parts.append(_functions("implicit", yields=yields))
             if shape.located:
                 parts.append(_functions("stiff", yields=yields))
-        parts.append(make(shape, slots, "trial" if shape.located else "plain").emit())
+        parts.append(scheme.step(shape, slots, "trial" if shape.located else "plain"))
         parts.append(emit_reduce_step(shape) if shape.located else emit_plain_contacts(shape, slots))
-        if shape.scheme == "exact":
+        if shape.flies_exactly:
             parts += [_functions("march"), march.emit_fly(contact)]
     if shape.history:
         parts.append(emit_note(shape, slots))
     parts.append(emit_run(shape, slots, contact))
-    return "".join(parts)
+    return with_reducers("".join(parts), shape)
 
 
 def _hidden(slots: Slots) -> str:
@@ -310,7 +299,7 @@ def _constants(shape: KernelSpec, slots: Slots, contact: bool) -> str:
     values["FIRST"] = tuple(first)
     values["SIXTH"] = 1.0 / 6.0
     values |= TOLERANCES[shape.precision]
-    values["NEWMARK"] = shape.scheme == "newmark"
+    values["NEWMARK"] = shape.implicit
     values["LOCATED"] = shape.located
     for name, slot in slots.first.items():
         values[name.upper()] = slot * LANES
@@ -321,13 +310,12 @@ def _constants(shape: KernelSpec, slots: Slots, contact: bool) -> str:
     marks = ("TRIES", "N_CLOSED", "FALLBACK", "UNSOLVED", "STIFF", "LAND", "TAKEN", "STEP", "KIND")
     for slot, name in enumerate(marks, 2 * nc):
         values[name] = slot * LANES
-    if shape.scheme == "exact":
+    if shape.flies_exactly:
         values |= march.KINDS | {"WINDOW": march.WINDOW, "LEAVE": march.LEAVE}
     left = tuple(c[0] for c in shape.contacts)
     right = tuple(c[1] for c in shape.contacts)
     if shape.contacts:
         values |= {"LEFT": left, "RIGHT": right}
-    newmark = shape.scheme == "newmark"
     if contact:
         building = shape.building_of
         values |= {
@@ -335,19 +323,23 @@ def _constants(shape: KernelSpec, slots: Slots, contact: bool) -> str:
             "BLEFT": tuple(building[i] if i >= 0 else -1 for i in left),
             "BRIGHT": tuple(building[i] if i >= 0 else -1 for i in right),
             "RESTING_SPEED": RESTING_SPEED,
-            "CAPPED": shape.scheme != "newmark",
+            "CAPPED": not shape.implicit,
             "STIFF_RATE": STIFF_RATE,
             "MAX_TRIES": MAX_TRIES,
             "MAX_SWEEPS": MAX_SWEEPS,
             "NCOL": 2 * len(shape.contacts),
             "HAS_TRANSFER": "transfer" in r,
-            "NEEDS_ENDS": bool(r & {"acceleration", "transfer"}),
-            "NEEDS_FORCE": bool(r & {"force", "acceleration", "transfer"})
-            or (shape.scheme == "newmark" and bool(r & {"work", "impulse"})),
+            "NEEDS_ENDS": looks(shape, "ends"),
+            "NEEDS_FORCE": looks(shape, "force") or (shape.implicit and bool(r & {"work", "impulse"})),
         }
         for reducer in ("force", "penetration", "count", "first_time", "approach_speed", "impulse", "work"):
             values[f"HAS_{reducer.upper()}"] = reducer in r
-        values |= {"MODE": 0, "NEXT": nc * LANES, "HAS_ENDS": bool(r & ENDS), "CONCLUDES": "transfer" in r or newmark}
+        values |= {
+            "MODE": 0,
+            "NEXT": nc * LANES,
+            "HAS_ENDS": looks(shape, "depth"),
+            "CONCLUDES": "transfer" in r or shape.implicit,
+        }
         for name in ("FORCE", "FMAX", "DMAX", "COUNT", "TFIRST", "VMAX", "IMPULSE", "WORK", "TMAX", "TMIN"):
             values.setdefault(name, 0)
     for name, value in values.items():
@@ -358,8 +350,8 @@ def _constants(shape: KernelSpec, slots: Slots, contact: bool) -> str:
 
 def _unneeded(shape: KernelSpec) -> frozenset[str]:
     """Functions of velocity jumps that the kernel of this shape has no use for."""
-    stages = shape.scheme != "newmark" and not shape.fused
-    return frozenset({"implicit"} if shape.scheme != "newmark" else ()) | frozenset(() if stages else {"rest_push"})
+    stages = not shape.implicit and not shape.fused
+    return frozenset({"implicit"} if not shape.implicit else ()) | frozenset(() if stages else {"rest_push"})
 
 
 def _impulses(shape: KernelSpec) -> str:
@@ -395,7 +387,7 @@ def _law(shape: KernelSpec) -> str:
         # least root of a graded sub-step, in durations of the contact: its error is that of rounding
         "LEAST_SHARE": TOLERANCES[shape.precision]["EXACT"] ** (1.0 / (shape.order + 1)),
         "GRADED": max(grading) > 1.0,
-        "SUBSTEPS": max(grading) > 1.0 or shape.scheme != "newmark",
+        "SUBSTEPS": max(grading) > 1.0 or not shape.implicit,
     }
     if law.yields:
         flags |= {"YIELDS": True, "YIELD_SHARE": YIELD_SHARE}

@@ -10,9 +10,9 @@ from pounding_sweep.emit.spec import (
     Slots,
     history_slots,
     input_slots,
-    output_slots,
 )
 from pounding_sweep.emit.text import Source
+from pounding_sweep.outputs.variables import output_slots, reducers_of
 from pounding_sweep.schemes.exact import begin_march, march
 
 #: A displacement (m) that only a diverged run reaches.
@@ -33,7 +33,7 @@ def emit_copy(shape: KernelSpec) -> str:
     with src.block("for c in range(N * L):"):
         src("S[UO + c] = S[U + c]")
         src("S[VO + c] = S[V + c]")
-        if shape.scheme == "newmark":
+        if shape.implicit:
             src("S[AO + c] = S[A + c]")
     return str(src)
 
@@ -45,7 +45,7 @@ def emit_back(shape: KernelSpec) -> str:
     with src.block("for c in range(N * L):"):
         src("S[U + c] = S[UO + c]")
         src("S[V + c] = S[VO + c]")
-        if shape.scheme == "newmark":
+        if shape.implicit:
             src("S[A + c] = S[AO + c]")
     return str(src)
 
@@ -61,7 +61,7 @@ def emit_ground() -> str:
 
 def emit_begin(shape: KernelSpec, slots: Slots, contact: bool) -> str:
     """``begin(S, I, X, group, props, start)``: fill a lane group; `start` is the first ground acceleration."""
-    src, r = Source(), shape.reducers
+    src, kept = Source(), reducers_of(shape)
     src.function("begin(S, I, X, group, props, start)")
     with src.block(f"for c in range({slots.size * LANES}):"):
         src("S[c] = 0.0")
@@ -72,8 +72,9 @@ def emit_begin(shape: KernelSpec, slots: Slots, contact: bool) -> str:
     with src.block("for i in range(N):"), src.block("for l in range(L):"):
         for state, given in (("U", "U0"), ("V", "V0")):
             src(f"S[{state} + i * L + l] = props[P_{given} + i]")
-        if "displacement" in r:
-            src("S[UMAX + i * L + l] = S[U + i * L + l]; S[UMIN + i * L + l] = S[U + i * L + l]")
+        for reducer in kept:
+            if begins := [slot.begin for slot in reducer.slots if slot.first and slot.per == "floor"]:
+                src("; ".join(begins))
     if not shape.fused:
         with src.block("for b in range(NB):"), src.block("for l in range(L):"):
             for name in ("alpha", "beta"):
@@ -87,14 +88,11 @@ def emit_begin(shape: KernelSpec, slots: Slots, contact: bool) -> str:
         src("S[G1 + l] = S[SCALE + l] * start")
         if shape.law is not None:
             src("S[SHORTEST + l] = FAR")
-        if contact:
-            if "first_time" in r:
-                with src.block("for j in range(NC):"):
-                    src("S[TFIRST + j * L + l] = -1.0")
-            if "transfer" in r:
-                with src.block("for b in range(NB):"):
-                    src("S[KIN0 + b * L + l] = kinetic(S, l, b, props)")
-        if shape.scheme == "newmark" and not contact:
+        for slot in (slot for reducer in kept for slot in (*reducer.slots, *reducer.keeps) if slot.first):
+            if slot.per != "floor":
+                with src.block("for j in range(NC):" if slot.per == "contact" else "for b in range(NB):"):
+                    src(slot.begin)
+        if shape.implicit and not contact:
             src("equilibrium(S, l, S[G1 + l], True, props)")
     return str(src)
 
@@ -152,7 +150,7 @@ def emit_reduce_flight(shape: KernelSpec) -> str:
     if r & PEAKS and not shape.located:
         src("samples(S)")
     if "energy" in r:
-        src("flight_energies(S, props, h)" if shape.scheme == "exact" else "energies(S)")
+        src("flight_energies(S, props, h)" if shape.flies_exactly else "energies(S)")
     if "acceleration" in r:
         src("accelerations(S, props)")
     src("return")
@@ -178,36 +176,35 @@ def _increments(src: Source, shape: KernelSpec) -> None:
     """Write the increments of energy, work and impulse of a step that may have contact."""
     if "energy" in shape.reducers:
         src("energies(S)")
-    if shape.scheme != "newmark" and shape.reducers & {"work", "impulse"}:
+    if not shape.implicit and shape.reducers & {"work", "impulse"}:
         src("contact_energies(S)")
 
 
 def emit_run(shape: KernelSpec, slots: Slots, contact: bool) -> str:
     """``run``: every lane group over the whole record."""
     src = Source()
-    columns = 4 * len(shape.contacts) if shape.scheme == "newmark" else 0
+    columns = 4 * len(shape.contacts) if shape.implicit else 0
     src.function("run(ag, dtr, steps, flight_substeps, constants, X, O, H)")
     src(f"lanes = np.zeros({slots.size} * L, REAL)")
     src(f"marks = np.zeros({integer_size(shape)}, np.int64)")
     src("S = pointer(lanes); I = pointer(marks); props = pointer(constants)")
     src(f"W = np.zeros(({columns + 1}, {max(shape.storeys)}), REAL)")
     src("h = REAL(dtr / steps)")
-    exact = shape.scheme == "exact"
-    if exact:
+    if shape.flies_exactly:
         begin_march(src)
     with src.block("for group in range(X.shape[0]):"):
         src("begin(S, I, X, group, props, REAL(ag[0]))")
-        if shape.scheme == "newmark" and contact:
+        if shape.implicit and contact:
             with src.block("for l in range(L):"):
                 src("rests(S, l, props)" if shape.impulsive else "equilibrium(S, l, S[G1 + l], True, props)")
         if shape.history:
             src("note(S, H, 0)")
-        if exact:
+        if shape.flies_exactly:
             march(src, shape, contact)
         else:
             _fixed_loop(src, shape, slots, contact)
         src("finish(S, I, O, group, props)")
-    if exact:
+    if shape.flies_exactly:
         src("motion[0] = 0.0")
     src("lanes[0] = 0.0; marks[0] = 0;  # alive until here, where only pointers were used")
     return str(src)
@@ -256,7 +253,7 @@ def _fixed_loop(src: Source, shape: KernelSpec, slots: Slots, contact: bool) -> 
                 src("closed = contact_step(S, I, W, props, ga, gb, h, i * steps + j)")
         else:
             src("time = (i * steps + j + 1) * h")
-            src("plain(S, I, W, props, h)" if shape.scheme == "newmark" else "plain(S, I, props, h, time)")
+            src("plain(S, I, W, props, h)" if shape.implicit else "plain(S, I, props, h, time)")
             src("plain_contacts(S, I, h, time, props)")
             if r & PEAKS and not fused_ends(shape):
                 src("samples(S)")

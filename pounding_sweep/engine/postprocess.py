@@ -2,58 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from pounding_sweep.engine.resolution import MAX_ENERGY, displacement_limit, energy_limit, resolution_status
 from pounding_sweep.engine.row_kernel import RowKernel
-from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
-from pounding_sweep.outputs.layout import inner_shape, scatter_contact, scatter_dof
+from pounding_sweep.outputs.layout import inner_shape
+from pounding_sweep.outputs.readout import KernelResults
 from pounding_sweep.outputs.variables import Status, cube_variables, get_variable
 from pounding_sweep.records import Record
-
-
-def _energy_residual(raw: Mapping[str, np.ndarray], initial_kinetic: np.ndarray | float) -> np.ndarray:
-    """|sum of transfers - sum of contact works| over the largest energy in the balance."""
-    gained = raw["e_kin"] + raw["e_strain"] + raw["e_damp"]
-    left = raw["e_in"].sum(axis=1) - gained.sum(axis=1) + initial_kinetic
-    work = raw["work"].sum(axis=1) if "work" in raw else np.zeros(len(left))
-    size = np.maximum.reduce([np.abs(raw["e_in"]).sum(axis=1), gained.sum(axis=1), np.abs(work)])
-    return np.asarray(np.abs(left - work) / np.where(size > 0, size, 1.0))
-
-
-def _pair_sum(values: np.ndarray, scene: Scene) -> np.ndarray:
-    result = np.zeros((len(values), len(scene.pair_names)))
-    for j, contact in enumerate(scene.contacts):
-        result[:, contact.pair] += values[:, j]
-    return result
-
-
-#: Variable -> how it is read from the kernel's outputs (dof, contact or building values).
-_DIRECT: dict[str, tuple[str, str]] = {
-    "displacement_max": ("umax", "dof"),
-    "displacement_min": ("umin", "dof"),
-    "drift_max": ("drift", "dof"),
-    "acceleration_max": ("acc", "dof"),
-    "impact_force_max": ("fmax", "contact"),
-    "penetration_max": ("dmax", "contact"),
-    "impulse": ("impulse", "contact"),
-    "approach_speed_max": ("vmax", "contact"),
-    "closing_max": ("closing", "contact"),
-    "energy_input": ("e_in", "building"),
-    "energy_damping": ("e_damp", "building"),
-    "energy_kinetic": ("e_kin", "building"),
-    "energy_strain": ("e_strain", "building"),
-    "energy_transfer_max": ("tmax", "building"),
-    "energy_transfer_min": ("tmin", "building"),
-}
-
-
-#: What a law without a contact force (velocities jump) can't answer where floors touched; kernels leave a mark there.
-NEEDS_FORCE = frozenset({"impact_force_max", "penetration_max"})
 
 
 @np.errstate(over="ignore", invalid="ignore")  # the numbers of a diverged scenario, which are not reported
@@ -65,52 +25,23 @@ def variables_of(
     variants: Variants | None = None,
 ) -> dict[str, Any]:
     """Turn a kernel's outputs into the variables of the cube."""
-    scene = kernel.scene
-    row = variants_of(scene) if variants is None else variants
-    n = len(raw["flags"])
+    row = variants_of(kernel.scene) if variants is None else variants
+    step = record.dt / kernel.numerics.steps(record)
+    kept = KernelResults(kernel.scene, raw, row, step, kernel.initial_velocity)
     result: dict[str, Any] = {}
-    steps = np.full(n, np.nan)
-    if "shortest" in raw:
-        lasted = raw["shortest"][:, 0] / (record.dt / kernel.numerics.steps(record))
-        steps = np.where(lasted < 1e30, lasted, np.nan)
     for name in cube_variables(outputs):
         variable = get_variable(name)
-        shape = (n, *inner_shape(variable, scene))
-        source, kind = _DIRECT.get(name, ("", ""))
-        if kernel.law.impulsive and source in raw and name in NEEDS_FORCE:
-            result[name] = scatter_contact(np.where(raw[source] > 0.0, np.nan, 0.0), scene)
-        elif source in raw:
-            scatter: dict[str, Callable[[Any, Scene], np.ndarray]] = {"dof": scatter_dof, "contact": scatter_contact}
-            result[name] = scatter[kind](raw[source], scene) if kind in scatter else np.array(raw[source])
-        elif kind == "contact":
-            result[name] = scatter_contact(np.zeros((n, len(scene.contacts))), scene)
-        elif name == "storey_shear_max":
-            result[name] = scatter_dof(raw["drift"] * row.stiffnesses, scene)
-        elif name == "impact_count":
-            counts = raw["count"] if "count" in raw else np.zeros((n, len(scene.contacts)))
-            result[name] = scatter_contact(counts.astype(np.int32), scene)
-        elif name == "first_impact_time":
-            times = raw["tfirst"] if "tfirst" in raw else np.full((n, len(scene.contacts)), -1.0)
-            result[name] = scatter_contact(np.where(times < 0, np.nan, times), scene)
-        elif name == "contact_work":
-            result[name] = _pair_sum(raw["work"], scene) if "work" in raw else np.zeros(shape)
-        elif name == "energy_residual":
-            result[name] = _energy_residual(raw, _initial_kinetic(kernel, row))
-        elif name == "steps_per_contact":
-            result[name] = steps
-        elif name == "time_step":
-            result[name] = np.full(n, record.dt / kernel.numerics.steps(record))
-        elif name == "status":
-            result[name] = _status(kernel, raw, steps, record, row)
+        if name == "status":
+            result[name] = _status(kernel, raw, kept.steps_per_contact, record, row)
+        elif variable.readout is None:
+            result[name] = np.zeros((len(kept), *inner_shape(variable, kernel.scene)))
         else:
-            result[name] = np.zeros(shape)
+            values = variable.readout(kept)
+            # where velocities jump, kernels leave a mark instead of what a law without a force can't answer
+            result[name] = (
+                np.where(values > 0.0, np.nan, values) if kernel.law.impulsive and variable.of_force else values
+            )
     return result
-
-
-def _initial_kinetic(kernel: RowKernel, row: Variants) -> np.ndarray | float:
-    if kernel.initial_velocity is None:
-        return 0.0
-    return np.asarray(0.5 * (row.masses * np.square(kernel.initial_velocity)).sum(axis=1))
 
 
 def _impossible(kernel: RowKernel, raw: Mapping[str, np.ndarray], record: Record, row: Variants) -> np.ndarray:

@@ -23,14 +23,6 @@ from pounding_sweep.records import Record
 if TYPE_CHECKING:
     from pounding_sweep.engine.row_kernel import Numerics
 
-#: Steps that the fastest part of the shortest contact needs, by scheme and located or not.
-MIN_STEPS_PER_CONTACT = {
-    ("rk4", True): 1.5,
-    ("newmark", True): 12.0,
-    ("exact", True): 1.5,
-    ("rk4", False): 16.0,
-    ("newmark", False): 16.0,
-}
 #: Largest phase error of a building's fundamental motion (rad).
 MAX_PHASE_ERROR = 0.01
 #: Weight of the second mode in it, which moves the building less but decides how it hits.
@@ -51,19 +43,16 @@ def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np
         for w, weight in zip(variants.frequencies(index).T, (1.0, SECOND_MODE), strict=False):
             memory = np.minimum(record.duration, 2.0 / np.maximum(a + b * w * w, 1e-300))
             x = w * h
-            if numerics.method == "newmark":
-                share = np.hypot((0.5 * numerics.beta - 1.0 / 24.0) * x * x, 0.5 * (numerics.gamma - 0.5) * x)
-            else:
-                share = np.hypot(x**4 / 120.0, x**5 / 144.0)
+            share = numerics.scheme.phase_error(x, numerics.beta, numerics.gamma)
             worst = np.maximum(worst, weight * w * memory * share)
     return worst
 
 
 def loses_ground(record: Record, numerics: Numerics) -> bool:
-    """Whether the ground turns back within single steps of Newmark's method."""
+    """Whether the ground turns back within single steps of a scheme that sees only its values at their ends."""
     steps = numerics.steps(record)
     # around its peak alone the ground gains the velocity of at least a quarter of a record interval
-    if numerics.method != "newmark" or steps >= 4.0 * MIN_GROUND_STEPS or not record.duration or not record.pga:
+    if numerics.scheme.follows_ground or steps >= 4.0 * MIN_GROUND_STEPS or not record.duration or not record.pga:
         return False
     points = np.arange((record.n_points - 1) * steps + 1) / steps
     a = np.interp(points, np.arange(record.n_points), record.acceleration)
@@ -100,6 +89,6 @@ def resolution_status(
     blurred = (phase_error(row, record, numerics) > MAX_PHASE_ERROR) | loses_ground(record, numerics)
     status = np.full(len(steps_per_contact), Status.OK, dtype=np.int8)
     status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
-    need = MIN_STEPS_PER_CONTACT[(numerics.method, numerics.locate)]
+    need = numerics.scheme.min_steps_per_contact(numerics.locate)
     status[np.nan_to_num(steps_per_contact / quickening, nan=math.inf) < need] = Status.UNDER_RESOLVED_CONTACT
     return status

@@ -12,25 +12,25 @@ import numpy as np
 
 from pounding_sweep.emit.spec import (
     CONTACT_CAP,
-    CONTACT_REDUCERS,
     LANES,
     KernelSpec,
     LawShape,
     input_slots,
-    output_slots,
     property_slots,
 )
 from pounding_sweep.engine.flight import transitions
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.outputs.variables import REDUCERS, output_slots
 from pounding_sweep.records import Record
+from pounding_sweep.schemes import SCHEMES, Scheme
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
 #: others: peaks are looked for between the ends by a cubic, which errs by (w h)**4 / 384 of what a mode contributes.
 GLIDE = (0.3, 0.8, 1.2)
-#: The same where accelerations are asked for, in which high modes weigh more.
-ACCELERATION_GLIDE = (0.2, 0.3, 0.5)
+#: The same where outputs are asked for in which high modes weigh more.
+QUICK_GLIDE = (0.2, 0.3, 0.5)
 #: Inputs handed to a kernel at a time (bytes).
 SLAB_BYTES = 1 << 24
 
@@ -41,8 +41,8 @@ class Numerics:
 
     Attributes
     ----------
-    method : {"rk4", "newmark", "exact"}
-        Scheme.
+    method : str
+        Name of the scheme, one of `SCHEMES`.
     dt : float
         Largest time step (s); a record interval is cut into equal steps no longer than it.
     locate : bool
@@ -63,9 +63,19 @@ class Numerics:
     precision: str = "float64"
     finer: float = 1.0
 
+    @property
+    def scheme(self) -> Scheme:
+        """Scheme of that name."""
+        return SCHEMES[self.method]
+
     def steps(self, record: Record) -> int:
         """Return the steps per record interval."""
         return max(1, math.ceil(record.dt / self.dt - 1e-9))
+
+
+def _existing(where: str) -> frozenset[str]:
+    """Return the reducers that exist only where floors are neighbours, or can touch."""
+    return frozenset(name for name, reducer in REDUCERS.items() if reducer.where == where)
 
 
 def kernel_shape(
@@ -80,9 +90,10 @@ def kernel_shape(
     touching = law.has_contact and bool(scene.contacts)
     wanted = frozenset(reducers)
     if not touching:
-        wanted -= (CONTACT_REDUCERS - {"closing"}) | {"transfer"}
+        wanted -= _existing("touch")
     if not scene.contacts:
-        wanted -= {"closing"}
+        wanted -= _existing("neighbours")
+    meets = touching or bool(wanted & _existing("neighbours"))
     compiled = None
     if touching:
         compiled = LawShape(
@@ -100,10 +111,13 @@ def kernel_shape(
         )
     return KernelSpec(
         storeys=tuple(b.n_storeys for b in scene.buildings),
-        contacts=tuple((c.left, c.right, c.pair) for c in scene.contacts) if touching or "closing" in wanted else (),
+        contacts=tuple((c.left, c.right, c.pair) for c in scene.contacts) if meets else (),
         n_pairs=len(scene.pair_names),
         law=compiled,
         scheme=numerics.method,
+        order=numerics.scheme.order,
+        implicit=numerics.scheme.implicit,
+        flies_exactly=numerics.scheme.flies_exactly,
         located=numerics.locate,
         reducers=wanted,
         history=history,
@@ -190,7 +204,7 @@ class RowKernel:
         steps = self.numerics.steps(record)
         if self.history:
             return np.full(len(row), steps)
-        caps = ACCELERATION_GLIDE if "acceleration" in self.reducers else GLIDE
+        caps = QUICK_GLIDE if any(REDUCERS[name].quick for name in self.reducers) else GLIDE
         need = np.zeros(len(row))
         for index in range(len(self.scene.buildings)):
             frequencies = row.frequencies(index)
@@ -201,7 +215,7 @@ class RowKernel:
 
     def constants_for(self, record: Record, flight_substeps: int) -> np.ndarray:
         """Scene constants, with the transition matrices of this record's steps where all lanes share them."""
-        if self.numerics.method != "exact" or self.varied:
+        if not self.numerics.scheme.flies_exactly or self.varied:
             return self.constants
         slots = property_slots(self.shape)
         values = self.constants.copy()
@@ -293,7 +307,7 @@ class RowKernel:
             for name, values in _properties(row).items():
                 if f"p_{name}" in slots.first:
                     put(f"p_{name}", values.T)
-            if self.numerics.method == "exact":
+            if self.numerics.scheme.flies_exactly:
                 for name, parts in (("p_glide", flight_substeps), ("p_short", self.numerics.steps(record))):
                     put(name, transitions(row, record.dt / parts))
         return lanes

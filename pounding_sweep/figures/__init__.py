@@ -1,6 +1,7 @@
 """Figures: each takes a dataset and returns a matplotlib figure.
 
-matplotlib is imported here and nowhere else in the package.
+Each is defined and registered in a module of `pounding_sweep.figures.gallery` that is named after it. matplotlib is
+imported in this package, by the paper's figures, and nowhere else.
 """
 
 from __future__ import annotations
@@ -8,15 +9,18 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.base.deferred import function_at
+from pounding_sweep.base.deferred import Registry, key_of
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.paths import expanded
+from pounding_sweep.figures.style import in_style
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
 
 #: What figures are drawn from: name -> where such a file comes from.
 SOURCES: dict[str, str] = {
@@ -30,45 +34,25 @@ SOURCES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Kind:
-    """A figure by name.
-
-    Attributes
-    ----------
-    key : str
-        Name on the command line.
-    title : str
-        What it shows.
-    place : str
-        ``module:function`` that draws it.
-    source : str
-        What it is drawn from, a key of `SOURCES`.
-    needs : tuple of str
-        Variables, coordinates, dimensions, `CONTACT` or `NO_CONTACT` that the dataset must have; of
-        alternatives, separated by ``|``, any one.
-    several : tuple of str
-        Axes of which it must have more than one value, again with alternatives; of the
-        laws those with contact count.
-    """
+    """A figure by name, what draws it, and what a dataset must have for that; see `figure_of`."""
 
     key: str
     title: str
-    place: str
-    source: str = "cube"
-    needs: tuple[str, ...] = ()
-    several: tuple[str, ...] = ()
-
-    def load(self) -> Callable[..., Any]:
-        """Return the function that draws it."""
-        return function_at(self.place)
+    source: str
+    draw: Callable[[xr.Dataset], Figure]
+    needs: tuple[str, ...]
+    several: tuple[str, ...]
+    also: Callable[[xr.Dataset], str]
 
     def lacks(self, dataset: xr.Dataset) -> tuple[str, ...]:
-        """Return in words what of `needs` and `several` a dataset has not."""
+        """Return in words what a dataset has not of what it needs."""
         there = {*map(str, dataset.variables), *map(str, dataset.sizes), *_kinds_of_laws(dataset)}
         needs = [need.split("|") for need in self.needs]
         several = [axes.split("|") for axes in self.several]
         absent = [" or ".join(names) for names in needs if there.isdisjoint(names)]
         single = [axes for axes in several if all(_size(dataset, axis) < 2 for axis in axes)]
-        return (*absent, *(f"several {' or '.join(_PLURAL[axis] for axis in axes)}" for axes in single))
+        several_of = [f"several {' or '.join(_PLURAL[axis] for axis in axes)}" for axes in single]
+        return tuple(filter(None, (*absent, *several_of, self.also(dataset))))
 
 
 #: A law with contact, and the one without, as needs.
@@ -93,130 +77,49 @@ def _size(dataset: xr.Dataset, axis: str) -> int:
     return int(dataset.sizes.get(axis, 1))
 
 
-#: What a comparison with no pounding gives.
-_RATIOS = "|".join(
-    f"{name}_ratio"
-    for name in ("displacement_max", "displacement_min", "drift_max", "storey_shear_max", "acceleration_max")
-)
-#: All figures by name.
-FIGURES: dict[str, Kind] = {
-    kind.key: kind
-    for kind in (
-        Kind(
-            "force-gap",
-            "peak impact force and impacts of each pair against the gap, law by law",
-            "pounding_sweep.figures.force_gap:force_gap",
-            needs=("law", "gap", "pair", "impact_force_max", "impact_count", CONTACT),
-        ),
-        Kind(
-            "profiles",
-            "peak displacement, drift, storey shear and acceleration over the height, law by law",
-            "pounding_sweep.figures.profiles:profiles",
-            needs=(
-                "law",
-                "floor_elevation",
-                "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max",
-            ),
-        ),
-        Kind(
-            "amplification",
-            "responses with pounding over responses without, by building and law",
-            "pounding_sweep.figures.amplification:amplification",
-            needs=(
-                "law",
-                f"displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max|{_RATIOS}",
-                CONTACT,
-                f"{NO_CONTACT}|{_RATIOS}",
-            ),
-        ),
-        Kind(
-            "law-comparison",
-            "impact forces over those of a reference law, at equal nominal and at equal realised restitution",
-            "pounding_sweep.figures.law_comparison:law_comparison",
-            needs=(
-                "law",
-                "pair",
-                "impact_force_max|penetration_max|impulse|approach_speed_max|impact_count|impact_force_max_compared"
-                "|penetration_max_compared|impulse_compared|approach_speed_max_compared|impact_count_compared",
-            ),
-            several=("law",),
-        ),
-        Kind(
-            "required-gap",
-            "the gap that each pair needs, exactly and by separation rules",
-            "pounding_sweep.figures.required_gap:required_gap",
-            needs=("pair", "record|case|exact"),
-        ),
-        Kind(
-            "energy-budget",
-            "where the energy of each building went, law by law",
-            "pounding_sweep.figures.energy_budget:energy_budget",
-            needs=("building", "energy_input", "energy_damping", "energy_kinetic", "energy_strain"),
-        ),
-        Kind(
-            "incremental",
-            "response against intensity, record by record, with the fractiles of the suite",
-            "pounding_sweep.figures.incremental:incremental",
-            several=("scale",),
-        ),
-        Kind(
-            "fragility",
-            "probability that a pair touches, against intensity, with its confidence",
-            "pounding_sweep.figures.fragility:fragility",
-            needs=("pair", CONTACT),
-            several=("record|scale",),
-        ),
-        Kind(
-            "histories",
-            "ground acceleration, floor displacements and contact forces against time, from 'simulate'",
-            "pounding_sweep.figures.histories:histories",
-            source="histories",
-            needs=("time", "ground_acceleration", "displacement"),
-        ),
-        Kind(
-            "row",
-            "the row at the instant of its strongest impact, from 'simulate'",
-            "pounding_sweep.figures.row:row",
-            source="histories",
-            needs=("time", "floor_elevation", "displacement"),
-        ),
-        Kind(
-            "floor-spectra",
-            "5 % response spectra of the floors' total accelerations, from 'simulate'",
-            "pounding_sweep.figures.response_spectra:floor_response",
-            source="histories",
-            needs=("time", "acceleration"),
-        ),
-        Kind(
-            "response-spectra",
-            "response or floor spectra: pseudo-acceleration and displacement against period",
-            "pounding_sweep.figures.response_spectra:response_spectra",
-            source="spectra",
-            needs=("period", "pseudo_acceleration", "spectral_displacement"),
-        ),
-        Kind(
-            "ground-motion",
-            "acceleration histories and response spectra of records, as 'records plot' draws them",
-            "pounding_sweep.figures.ground_motion:ground_motion",
-            source="spectra",
-            needs=("record", "time", "ground_acceleration", "period", "pseudo_acceleration", "damping_ratio"),
-        ),
-        Kind(
-            "work-precision",
-            "worst error of schemes, steps and number formats against their cost, from 'tradeoff'",
-            "pounding_sweep.figures.work_precision:work_precision",
-            source="trade",
-            needs=("scheme", "located", "error", "cost"),
-        ),
-        Kind(
-            "stability-map",
-            "error and status over contact stiffness and time step, from 'extremes --map'",
-            "pounding_sweep.figures.stability_map:stability_map",
-            source="map",
-            needs=("peak_force_error", "status", "scheme", "stiffness", "dt"),
-        ),
-    )
-}
+#: All figures by name, in alphabetical order.
+FIGURES: Registry[Kind] = Registry("pounding_sweep.figures.gallery")
+
+
+def figure_of(
+    source: str,
+    title: str,
+    *,
+    needs: tuple[str, ...] = (),
+    several: tuple[str, ...] = (),
+    also: Callable[[xr.Dataset], str] = lambda dataset: "",
+) -> Callable[[Callable[[Any], Figure]], Callable[[Any], Figure]]:
+    """Register a function of a dataset as the figure of its module; it draws in the package's style.
+
+    Parameters
+    ----------
+    source : str
+        What it is drawn from, a key of `SOURCES`.
+    title : str
+        What it shows.
+    needs : tuple of str
+        Variables, coordinates, dimensions, `CONTACT` or `NO_CONTACT` that the dataset must have; of
+        alternatives, separated by ``|``, any one.
+    several : tuple of str
+        Axes of which it must have more than one value, again with alternatives; of the
+        laws those with contact count.
+    also : callable, optional
+        Says in words what else a dataset lacks; "" where that is nothing.
+    """
+
+    def register(draw: Callable[[Any], Figure]) -> Callable[[Any], Figure]:
+        key = key_of(draw.__module__)
+
+        @wraps(draw)
+        def drawn(dataset: xr.Dataset) -> Figure:
+            require(dataset, key)
+            with in_style():
+                return draw(dataset)
+
+        FIGURES.add(key, Kind(key, title, source, drawn, needs, several, also))
+        return drawn
+
+    return register
 
 
 #: Dots per inch that a page can be drawn in.
@@ -264,7 +167,7 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     OutputError
         The file can't be written.
     """
-    from pounding_sweep.figures.emptiness import nothing_to_draw, shows_values
+    from pounding_sweep.figures.shown import nothing_to_draw, shows_values
 
     if kind not in FIGURES:
         raise InputError(unknown("figure", kind, FIGURES))
@@ -272,9 +175,8 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     if not low <= dpi <= high:
         msg = f"dpi is {dpi:g}; it must be from {low} to {high}"
         raise InputError(msg)
-    require(dataset, kind)
     target = expanded(path)
-    figure = FIGURES[kind].load()(dataset)
+    figure = FIGURES[kind].draw(dataset)
     if not shows_values(figure):
         raise InputError(nothing_to_draw(dataset, kind))
     try:

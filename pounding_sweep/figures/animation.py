@@ -10,8 +10,8 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.figures import require
-from pounding_sweep.figures.chosen import WIDTH, heading
-from pounding_sweep.figures.row import Stage, forces_of, strongest
+from pounding_sweep.figures.gallery.row import Stage, forces_of, strongest
+from pounding_sweep.figures.shown import WIDTH, heading
 from pounding_sweep.figures.style import COLOURS, LINES, in_style
 
 if TYPE_CHECKING:

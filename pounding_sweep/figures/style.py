@@ -9,6 +9,7 @@ from functools import wraps
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.figure import Figure
 
 #: Colours of Okabe & Ito (2008), told apart by colour-blind readers, with black first.
@@ -98,6 +99,26 @@ def legend_below(figure: Figure, ax: Any, most: int = 3) -> None:
         each = 0.6 + 0.07 * max(map(len, labels))  # width of an entry (inches): line, name, space
         columns = max(1, min(most, len(labels), int(figure.get_figwidth() / each)))
         figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+
+
+def cell_edges(values: np.ndarray, *, even: bool = False) -> np.ndarray:
+    """Return the edges of cells around values: halfway between their logarithms, or `even`, between themselves."""
+    import numpy as np
+
+    if not even:
+        return np.asarray(np.exp(cell_edges(np.log(values), even=True)))
+    half = 0.5 * np.diff(values) if len(values) > 1 else np.array([np.log(2.0)])
+    return np.concatenate([[values[0] - half[0]], values[:-1] + half[: len(values) - 1], [values[-1] + half[-1]]])
+
+
+def joined(*parts: str) -> str:
+    """Join those parts of a title that are there."""
+    return "; ".join(filter(None, parts))
+
+
+def put_title(figure: Figure, *parts: str) -> None:
+    """Write above a figure what it shows."""
+    figure.suptitle(joined(*parts), fontsize=9)
 
 
 def look(number: int) -> dict[str, Any]:

@@ -14,19 +14,7 @@ from pounding_sweep.model.scene import Building, ContactProperties, Scene
 
 @dataclass(frozen=True)
 class Preset:
-    """One named scene.
-
-    Attributes
-    ----------
-    key : str
-        Name in sweeps and on the command line.
-    title : str
-        What it is, in one line.
-    reference : str
-        Source of its values.
-    scene : Scene
-        The row, with its own gaps (m) and contact properties.
-    """
+    """One named scene, with its own gaps (m) and contact properties; `reference` is the source of its values."""
 
     key: str
     title: str

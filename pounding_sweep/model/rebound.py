@@ -68,26 +68,17 @@ _HALVINGS = 56
 
 @dataclass(frozen=True)
 class Relation:
-    """How the restitution of two free masses follows from a damping number.
+    """How the restitution of two free masses follows from a damping number."""
 
-    Attributes
-    ----------
-    text : str
-        The relation, z a damping ratio and D = (damper over elastic force) at v = v0.
-    restitution : callable
-        e of damping numbers > 0.
-    number : callable
-        Damping number of 0 < e < 1.
-    at_zero : float
-        Damping number that gives e = 0; infinite where none does.
-    smallest : float
-        Smallest restitution that is solved for, where none does.
-    """
-
+    #: The relation, z a damping ratio and D = (damper over elastic force) at v = v0.
     text: str
+    #: e of damping numbers > 0.
     restitution: Callable[[np.ndarray], np.ndarray]
+    #: Damping number of 0 < e < 1.
     number: Callable[[np.ndarray], np.ndarray]
+    #: Damping number that gives e = 0; infinite where none does.
     at_zero: float = math.inf
+    #: Smallest restitution that is solved for, where none does.
     smallest: float = SMALLEST
 
 

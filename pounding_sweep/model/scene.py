@@ -22,16 +22,20 @@ FLOOR_TOLERANCE = 1.0e-3
 DEFAULT_STOREY_HEIGHT = 3.0
 
 
-def _positive_list(
-    owner: str, what: str, unit: str, values: Sequence[float], n: int | None = None
-) -> tuple[float, ...]:
+def _numbers(what: str, unit: str, values: Sequence[float]) -> tuple[float, ...]:
     try:
         if isinstance(values, str | bytes):  # its characters are no values
             raise TypeError
-        result = tuple(float(v) for v in values)
+        return tuple(float(v) for v in values)
     except (TypeError, ValueError, OverflowError):
-        msg = f"{owner}: {what} must be a list of numbers ({unit}), not {shown(values)}"
+        msg = f"{what} must be a list of numbers ({unit}), not {shown(values)}"
         raise SceneError(msg) from None
+
+
+def _positive_list(
+    owner: str, what: str, unit: str, values: Sequence[float], n: int | None = None
+) -> tuple[float, ...]:
+    result = _numbers(f"{owner}: {what}", unit, values)
     if not result:
         msg = f"{owner}: {what} is empty; give one value ({unit}) per storey, bottom first"
         raise SceneError(msg)
@@ -45,7 +49,10 @@ def _positive_list(
     return result
 
 
-def _check_label(kind: str, name: str) -> None:
+def _check_name(kind: str, name: str) -> None:
+    if not isinstance(name, str) or not name.strip():
+        msg = f"a {kind} needs a name, a non-empty text, not {shown(name)}"
+        raise SceneError(msg)
     if fault := label_fault(name):
         msg = f"the name {shown(name)} of a {kind} {fault}; give it another one"
         raise SceneError(msg)
@@ -88,10 +95,7 @@ class Building:
     storey_heights: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.strip():
-            msg = f"a building needs a name, a non-empty text, not {shown(self.name)}"
-            raise SceneError(msg)
-        _check_label("building", self.name)
+        _check_name("building", self.name)
         owner = f"building {self.name!r}"
         masses = _positive_list(owner, "masses", "t", self.masses)
         n = len(masses)
@@ -161,27 +165,8 @@ class Building:
 
 
 def rayleigh_factors(frequencies: np.ndarray, ratios: tuple[float, float]) -> tuple[float, float]:
-    """Factors (a, b) of the Rayleigh damping C = a M + b K that has given ratios in the first two modes.
-
-    Parameters
-    ----------
-    frequencies : ndarray
-        Natural circular frequencies (rad/s), rising.
-    ratios : (float, float)
-        Damping ratio of the first mode and of the second. With one frequency alone, a = 2 zeta w and b = 0.
-
-    Returns
-    -------
-    a, b : float
-        1/s and s.
-
-    Examples
-    --------
-    >>> a, b = rayleigh_factors(np.array([10.0, 30.0]), (0.05, 0.05))
-    >>> round(a, 6), round(b, 6)
-    (0.75, 0.0025)
-    """
-    if len(frequencies) == 1:
+    """Factors (a, b) (1/s, s) of the Rayleigh damping C = a M + b K of given ratios in the first two modes (rad/s)."""
+    if len(frequencies) == 1:  # a = 2 zeta w
         return 2.0 * ratios[0] * float(frequencies[0]), 0.0
     w1, w2 = float(frequencies[0]), float(frequencies[1])
     b = 2.0 * (ratios[1] * w2 - ratios[0] * w1) / (w2**2 - w1**2)
@@ -198,10 +183,7 @@ class Wall:
     name: str = "wall"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.strip():
-            msg = f"a wall needs a name, a non-empty text, not {shown(self.name)}"
-            raise SceneError(msg)
-        _check_label("wall", self.name)
+        _check_name("wall", self.name)
 
 
 @dataclass(frozen=True)
@@ -326,13 +308,7 @@ class Scene:
         if len(set(self.pair_names)) < len(self.pair_names):
             msg = f"two pairs of the row have the same name ({', '.join(self.pair_names)}); rename a building"
             raise SceneError(msg)
-        try:
-            if isinstance(self.gaps, str | bytes):
-                raise TypeError
-            gaps = tuple(float(g) for g in self.gaps)
-        except (TypeError, ValueError, OverflowError):
-            msg = f"gaps must be a list of numbers (m), not {shown(self.gaps)}"
-            raise SceneError(msg) from None
+        gaps = _numbers("gaps", "m", self.gaps)
         if len(gaps) != len(row) - 1:
             msg = f"{len(gaps)} gaps for a row of {len(row)}; give {len(row) - 1}, one between each two neighbours (m)"
             raise SceneError(msg)
@@ -372,7 +348,7 @@ class Scene:
         found: list[Contact] = []
         for pair, (left, right) in enumerate(zip(self.row[:-1], self.row[1:], strict=True)):
             if isinstance(left, Building) and isinstance(right, Building):
-                i, j = self.offsets[pair - first], self.offsets[pair - first + 1]
+                i, j = self.offsets[pair - first : pair - first + 2]
                 for s, z in enumerate(left.elevations):
                     meets = np.flatnonzero(np.abs(right.elevations - z) <= FLOOR_TOLERANCE)
                     if meets.size:

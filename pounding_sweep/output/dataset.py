@@ -17,7 +17,8 @@ import numpy as np
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.outputs.layout import inner_shape, mask_invalid, scatter_contact, scatter_dof
+from pounding_sweep.outputs.layout import inner_shape, mask_invalid
+from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Variable
 
 if TYPE_CHECKING:

@@ -18,20 +18,20 @@ import numpy as np
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.provenance import ORIGINS, origins
+from pounding_sweep.output.scenario_key import MOTION
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES
+from pounding_sweep.spec import axes
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
 #: Axes in the description of a sweep.
-AXES = frozenset({"laws", "gaps", "stiffnesses", "stiffness_factors", "restitutions", "scales", "damping_ratios"})
+AXES = frozenset({"laws", *(name for name, axis in axes.AXES.items() if not axis.by_building)})
 #: Axes there that are given for some buildings: [name, values].
-BUILDING_AXES = frozenset({"period_factors", "mass_factors"})
+BUILDING_AXES = frozenset(axes.FACTOR_KINDS)
 #: What else sweeps of one study may differ in: no result of a scenario depends on it.
 FREE = frozenset({"cases", "records", "records_left_out", "title", "audit"})
-#: What a record is known by in the description of a sweep.
-MOTION = ("sha256", "dt", "n_points", "scale")
 #: What helps where a cube is not as it was made.
 REMEDY = "give the cube as it was made, not a part of it"
 
@@ -75,8 +75,9 @@ def recorded_sweep(path: str, cube: xr.Dataset) -> dict[str, Any]:
 def _well_formed(told: Mapping[str, Any]) -> bool:
     """Whether JSON has the form of a sweep, as far as its axes, cases and records go; any error means the same."""
     lists = [told["records"], told["records_left_out"], told["outputs"]]
-    lists += [told[key] for key in {*AXES, "cases"} if told[key] is not None]
+    lists += [told[key] for key in {*AXES, "cases"} if told.get(key) is not None]
     lists += [values for key in BUILDING_AXES for _, values in told[key]]
+    axes.axes_of(told)  # an error where one lacks
     records = all(record.keys() >= {"name", *MOTION} for record in told["records"])
     cases = all(case.keys() >= {"law", "record"} for case in told["cases"] or ())
     return told.keys() >= {*FREE, "accuracy"} and all(isinstance(each, list) for each in lists) and records and cases
@@ -112,18 +113,10 @@ def recorded_axes(cube: xr.Dataset, told: Mapping[str, Any]) -> dict[str, Sequen
     """Return the axes that a cube should have by what it says of its sweep, for `check_axes`."""
     if told["cases"] is not None:
         return {"case": len(told["cases"])}
-    kind = "stiffness_factor" if told["stiffnesses"] is None else "stiffness"
-    found: dict[str, Sequence[Any] | int] = {
-        "law": told["laws"],
-        "gap": 1 if told["gaps"] is None else told["gaps"],
-        kind: told["stiffness_factors"] if told["stiffnesses"] is None else told["stiffnesses"],
-        "restitution": told["restitutions"],
-        "record": [record["name"] for record in told["records"]],
-        "scale": told["scales"],
-    }
-    properties = [("period_factor", values) for _, values in told["period_factors"]]
-    properties += [("mass_factor", values) for _, values in told["mass_factors"]]
-    properties += [("damping_ratio", told["damping_ratios"])] if told["damping_ratios"] is not None else []
+    given = axes.axes_of(told)
+    found: dict[str, Any] = given.along(told["laws"], [record["name"] for record in told["records"]])
+    found["gap"] = given.gaps or 1
+    properties = [(axis.kind, axis.values) for axis in axes.property_axes(given)]
     there = [dim for dim in outer_dims(cube) if dim not in found]  # their names are made from those of the buildings
     for i, (stem, values) in enumerate(properties):
         found[there[i] if i < len(there) and there[i].startswith(stem) else stem] = values

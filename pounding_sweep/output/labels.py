@@ -13,8 +13,8 @@ from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import Axis
 from pounding_sweep.output.provenance import library_attribute, library_versions
-from pounding_sweep.spec.axes import PropertyAxis, plain_name
-from pounding_sweep.spec.spec import contact_stiffness, to_json
+from pounding_sweep.spec.axes import AXES, PropertyAxis, plain_name
+from pounding_sweep.spec.spec import to_json
 
 if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome
@@ -24,11 +24,16 @@ if TYPE_CHECKING:
 #: name -> (dimensions, values, attributes)
 Coordinates = dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]
 
-#: Kind of axis -> what it is called, and what it does.
-_ABOUT = {
-    "period_factor": ("factor on all periods", "stiffnesses are divided by its square, masses kept"),
-    "mass_factor": ("factor on all masses", "stiffnesses take it too, so that periods are kept"),
-    "damping_ratio": ("damping ratio of the first two modes of all buildings", ""),
+#: Axes by dimension, of building properties by kind.
+_AXES = {axis.dimension: axis for axis in AXES.values()}
+#: What axes that are no values of a scenario themselves come to: name, dimension beside the axis' own, attributes.
+_COMES_TO: dict[str, tuple[str, str, dict[str, str]]] = {
+    "stiffness": (
+        "contact_stiffness",
+        "law",
+        {"long_name": "contact stiffness", "comment": "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"},
+    ),
+    "scale": ("scale", "record", {"units": "1", "long_name": "factor on the record"}),
 }
 
 
@@ -49,9 +54,9 @@ _MULTIPLIES: dict[str, tuple[str, Callable[[Building], float], str, str]] = {
 
 def property_axis(axis: PropertyAxis) -> Axis:
     """Return an axis over a building property as the cube has it."""
-    what, comment = _ABOUT[axis.kind]
-    long_name = what if axis.building is None else f"{what} of building {axis.building}"
-    return Axis(axis.dimension, axis.values, "1", long_name, comment)
+    known = _AXES[axis.kind]
+    long_name = known.long_name if axis.building is None else f"{known.long_name} of building {axis.building}"
+    return Axis(axis.dimension, axis.values, known.unit, long_name, known.comment)
 
 
 def product_coordinates(scene: Scene, axes: tuple[PropertyAxis, ...]) -> Coordinates:
@@ -92,30 +97,17 @@ def row_coordinates(variants: Variants, dimension: str, prefix: str = "") -> Coo
     )
     each = dimension, "building"
     own = "; missing where it is the building's own"
+    about = {kind: {"units": axis.unit, "long_name": axis.long_name} for kind, axis in _AXES.items()}
+    about["damping_ratio"]["long_name"] += own
     return {
-        f"{prefix}period_factor": (
-            each,
-            variants.period_factor,
-            {"units": "1", "long_name": _ABOUT["period_factor"][0]},
-        ),
-        f"{prefix}mass_factor": (each, variants.mass_factor, {"units": "1", "long_name": _ABOUT["mass_factor"][0]}),
+        f"{prefix}period_factor": (each, variants.period_factor, about["period_factor"]),
+        f"{prefix}mass_factor": (each, variants.mass_factor, about["mass_factor"]),
         f"{prefix}fundamental_period": (each, periods, {"units": "s", "long_name": "fundamental period"}),
-        f"{prefix}damping_ratio": (
-            (dimension,),
-            variants.damping_ratio,
-            {"units": "1", "long_name": f"{_ABOUT['damping_ratio'][0]}{own}"},
-        ),
+        f"{prefix}damping_ratio": ((dimension,), variants.damping_ratio, about["damping_ratio"]),
     }
 
 
-_AXES = {
-    "law": ("", "contact law"),
-    "gap": ("m", "gap of every pair"),
-    "stiffness_factor": ("1", "factor on the scene's reference contact stiffness"),
-    "restitution": ("1", "nominal coefficient of restitution"),
-    "record": ("", "ground-motion record"),
-    "scale": ("1", "factor on the record"),
-}
+_TEXTS = {"law": "contact law", "record": "ground-motion record"}
 _REALISED = {
     "units": "1",
     "long_name": "realised coefficient of restitution",
@@ -138,7 +130,7 @@ def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
             axes.append(property_axis(properties[name]))
             continue
         values = given
-        units, long_name = _AXES.get(name, ("", name))
+        units, long_name = ("", _TEXTS[name]) if name in _TEXTS else (_AXES[name].unit, _AXES[name].long_name)
         if name == "gap" and spec.gaps is None:
             uniform = len(set(spec.scene.gaps)) == 1
             values = (spec.scene.gaps[0],) if uniform else (min(spec.scene.gaps, default=np.nan),)
@@ -147,23 +139,20 @@ def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
             exponents = {law.exponent for law in plan.laws if law.exponent is not None}
             exponent = exponents.pop() if exponents else 1.0
             units = "kN m-1" if exponent == 1 else f"kN m-{exponent:g}"
-            long_name = "contact stiffness"
         axes.append(Axis(name, values, units, long_name))
     extra: dict[str, Any] = {}
     n_pairs = len(spec.scene.pair_names)
     if n_pairs:
         gaps = [spec.scene.gaps] if spec.gaps is None else [[g] * n_pairs for g in spec.gaps]
         extra["pair_gap"] = (("gap", "pair"), np.array(gaps, float), {"units": "m", "long_name": "gap of the pair"})
-    if spec.stiffness_factors is not None:
-        table = [
-            [
-                contact_stiffness(spec.scene, key, stiffness_factor=f) if get_law(key).exponent is not None else np.nan
-                for f in spec.stiffness_factors
-            ]
-            for key in spec.laws
-        ]
-        about = {"long_name": "contact stiffness", "comment": "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"}
-        extra["contact_stiffness"] = (("law", "stiffness_factor"), np.array(table, float), about)
+    for column, (name, dim, about) in _COMES_TO.items():
+        axis, values = spec.needed_axis(column)
+        if axis.dimension != column:
+            each: list[dict[str, Any]] = [{dim: get_law(key)} for key in spec.laws]
+            each = each if dim == "law" else [{dim: record} for record in spec.records]
+            table = [[axis.value(v, scene=spec.scene, **of) for v in values] for of in each]
+            none = [[dim == "law" and of["law"].exponent is None] for of in each]
+            extra[name] = ((dim, axis.dimension), np.where(none, np.nan, table), about)
     realised = [realised_restitution(get_law(key), spec.restitutions, spec.restitution_basis) for key in spec.laws]
     extra["restitution_realised"] = (("law", "restitution"), np.array(realised, float), _REALISED)
     extra["record_pga"] = (
@@ -185,7 +174,7 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
     extra: dict[str, Any] = {
         "law": (("case",), [c.law for c in cases], {"long_name": "contact law"}),
         "record": (("case",), [c.record or first for c in cases], {"long_name": "ground-motion record"}),
-        "scale": (("case",), [c.scale for c in cases], {"units": "1", "long_name": "factor on the record"}),
+        "scale": (("case",), [spec.case_value(c, "scale") for c in cases], _COMES_TO["scale"][2]),
         "restitution": (
             ("case",),
             [number(c.restitution) for c in cases],
@@ -193,13 +182,8 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
         ),
         "contact_stiffness": (
             ("case",),
-            [
-                np.nan
-                if get_law(c.law).exponent is None
-                else contact_stiffness(spec.scene, c.law, stiffness=c.stiffness, stiffness_factor=c.stiffness_factor)
-                for c in cases
-            ],
-            {"long_name": "contact stiffness", "comment": "kN/m for force ~ d, kN/m^1.5 for force ~ d^1.5"},
+            [np.nan if get_law(c.law).exponent is None else spec.case_value(c, "stiffness") for c in cases],
+            _COMES_TO["stiffness"][2],
         ),
     }
     keys, nominal = np.array([c.law for c in cases]), np.array([number(c.restitution) for c in cases])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import math
 import os
@@ -12,7 +13,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +24,6 @@ from pounding_sweep.output.integrity import (
     AXES,
     BUILDING_AXES,
     FREE,
-    MOTION,
     REMEDY,
     check_attributes,
     check_axes,
@@ -38,6 +38,7 @@ from pounding_sweep.output.integrity import (
 )
 from pounding_sweep.output.netcdf import check_output, check_space, open_cube, write_in_slabs
 from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, ORIGINS, Maker, makers, origin, plain, runs
+from pounding_sweep.output.scenario_key import KNOWN_BY, motion_of, scenario_keys
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
 
@@ -49,12 +50,6 @@ if TYPE_CHECKING:
 Parts = Mapping[str, "xr.Dataset"]
 #: Dimension of listed scenarios.
 CASE = "case"
-#: Coordinates that tell listed cases apart, as far as a cube has them. Restitution and stiffness count where the
-#: law ignores them, too: they are what the case was listed with, and selected by.
-_KNOWN_BY = (
-    *("law", "record", "scale", "restitution", "contact_stiffness", "pair_gap"),
-    *("period_factor", "mass_factor", "damping_ratio"),
-)
 
 
 def lists_cases(cube: xr.Dataset) -> bool:
@@ -67,45 +62,28 @@ def check_cases(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> None:
     for (name, cube), sweep in zip(parts.items(), sweeps, strict=True):
         for key in ("law", "record"):
             if key not in cube.coords or cube[key].values.tolist() != [case[key] for case in sweep["cases"] or ()]:
-                msg = f"{name!r} has other cases than its sweep; {REMEDY}"
-                raise InputError(msg)
-        for key in _KNOWN_BY:
+                raise InputError(f"{name!r} has other cases than its sweep; {REMEDY}")
+        for key in KNOWN_BY:
             if key in cube.coords and cube[key].dims[:1] != (CASE,):
                 raise damaged(name, f"coordinate {key!r} is not along {CASE!r} first")
         labels = cube[CASE].values
         if labels.dtype.kind == "f" and not np.isfinite(labels).all():
             raise damaged(name, "a case has no label")
     (first, base), *others = parts.items()
-    for name, cube in others:
-        if ("period_factor" in cube.coords) != ("period_factor" in base.coords):
-            varied, plain = (first, name) if "period_factor" in base.coords else (name, first)
-            msg = (
-                f"{varied!r} varies building properties and {plain!r} doesn't, so they ran in different kernels: add a "
-                "case with such a property to the sweep of the second and run it again"
-            )
+    for (name, cube), key in itertools.product(others, ("period_factor", *KNOWN_BY)):
+        if (key in cube.coords) != (key in base.coords):
+            has, lacks = (first, name) if key in base.coords else (name, first)
+            msg = f"{lacks!r} has no coordinate {key!r}, {has!r} has; give the cubes as they were made"
+            if key == "period_factor":
+                msg = (
+                    f"{has!r} varies building properties and {lacks!r} doesn't, so they ran in different kernels: add "
+                    "a case with such a property to the sweep of the second and run it again"
+                )
             raise InputError(msg)
-        for key in _KNOWN_BY:
-            if (key in cube.coords) != (key in base.coords):
-                has, lacks = (first, name) if key in base.coords else (name, first)
-                msg = f"{lacks!r} has no coordinate {key!r}, {has!r} has; give the cubes as they were made"
-                raise InputError(msg)
 
 
-@dataclass(frozen=True)
-class Cases:
-    """Cases of several cubes.
-
-    Attributes
-    ----------
-    parts : dict of str to xarray.Dataset
-        The cubes, each scenario once: a list may name one in two spellings.
-    keys : list of list of bytes
-        What each case of each part is known by: equal for the same scenario, under the same label if it has one.
-    labels : list
-        Labels of all cases, each once, in the order given; numbers from 1 where no cube has labels of its own.
-    described : list of dict
-        What the sweeps say of them.
-    """
+class Cases(NamedTuple):
+    """Cubes with each of their cases once, the keys of those, and the labels and descriptions of all cases."""
 
     parts: dict[str, xr.Dataset]
     keys: list[list[bytes]]
@@ -114,36 +92,30 @@ class Cases:
 
 
 def cases_together(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> Cases:
-    """Find out which cases of cubes are the same."""
+    """Find out which cases of cubes are the same: a list may name one in two spellings."""
     labelled = any(cube[CASE].values.tolist() != list(range(1, cube.sizes[CASE] + 1)) for cube in parts.values())
     texts: dict[str, int] = {}
     found, keys = {}, []
     described: dict[bytes, dict[str, Any]] = {}
     for (file, cube), sweep in zip(parts.items(), sweeps, strict=True):
-        first: dict[bytes, int] = {}
-        for position, key in enumerate(_keys(cube, texts, labelled=labelled)):
-            first.setdefault(key, position)
-        for key, position in first.items():
-            described.setdefault(key, sweep["cases"][position])
-        found[file] = cube if len(first) == cube.sizes[CASE] else cube.isel(case=list(first.values()))
-        keys.append(list(first))
+        # with what the law ignores, too: a case was listed with it, and is selected by it
+        names = [name for name in (*([CASE] if labelled else []), *KNOWN_BY) if name in cube.coords]
+        known = scenario_keys({name: _numbers(cube[name].values, texts) for name in names}).tolist()
+        first = {key: position for position, key in reversed(list(enumerate(known)))}
+        places = sorted(first.values())
+        for position in places:
+            described.setdefault(known[position], sweep["cases"][position])
+        found[file] = cube if len(first) == cube.sizes[CASE] else cube.isel(case=places)
+        keys.append([known[position] for position in places])
     labels = _labels(found, keys) if labelled else list(range(1, len(described) + 1))
     return Cases(found, keys, labels, list(described.values()))
 
 
-def _keys(cube: xr.Dataset, texts: dict[str, int], *, labelled: bool) -> list[bytes]:
-    """Return what each case is known by; `texts` are the numbers of the texts met so far, in any cube."""
-    columns = []
-    for name in (*([CASE] if labelled else []), *_KNOWN_BY):
-        if name not in cube.coords:
-            continue
-        values = cube[name].values
-        if values.dtype.kind not in "iuf":
-            values = np.array([texts.setdefault(str(value), len(texts)) for value in values.tolist()])
-        columns.append(values.reshape(len(values), -1) + 0.0)  # -0.0 is 0.0
-    table = np.hstack(columns)
-    table[np.isnan(table)] = np.nan  # which may have many forms
-    return [row.tobytes() for row in table]
+def _numbers(values: np.ndarray, texts: dict[str, int]) -> np.ndarray:
+    """Return numbers as they are, texts as those under which they were first met, in any cube."""
+    if values.dtype.kind in "iuf":
+        return values
+    return np.array([texts.setdefault(str(value), len(texts)) for value in values.tolist()])
 
 
 def _labels(parts: Parts, keys: Sequence[Sequence[bytes]]) -> list[Any]:
@@ -166,7 +138,7 @@ def _labels(parts: Parts, keys: Sequence[Sequence[bytes]]) -> list[Any]:
 def telling(coordinates: Mapping[Any, xr.Variable]) -> list[str]:
     """Return those coordinates of listed cases in which they differ."""
     found = []
-    for name in (name for name in _KNOWN_BY if name in coordinates):
+    for name in (name for name in KNOWN_BY if name in coordinates):
         values = coordinates[name].values
         if values.dtype.kind == "f":
             values = np.nan_to_num(values, nan=-np.inf)
@@ -175,7 +147,7 @@ def telling(coordinates: Mapping[Any, xr.Variable]) -> list[str]:
     return found
 
 
-def case_name(coordinates: Mapping[Any, Any], position: int, names: Sequence[str] = _KNOWN_BY) -> str:
+def case_name(coordinates: Mapping[Any, Any], position: int, names: Sequence[str] = KNOWN_BY) -> str:
     """Say which scenario a listed case is, by those of its coordinates that have a value."""
     told = []
     for name in (name for name in names if name in coordinates):
@@ -269,14 +241,11 @@ def parts_makers(parts: Parts) -> set[Maker]:
 
 def _made_by(cube: xr.Dataset, told: Sequence[str]) -> str:
     """Say what made a cube, by its version and those fields of its makers."""
-    found = sorted({", ".join(_named(key, getattr(maker, key)) for key in told) for maker in makers(cube.attrs)})
-    return f"version {cube.attrs[VERSION_ATTRIBUTE]} ({'; '.join(found)})"
-
-
-def _named(key: str, value: str | None) -> str:
-    if value is None:
-        return f"of a {key} it does not name"
-    return f"{key} {value[:12] if key == 'source' else value}"  # of a digest the first digits tell enough
+    found = set()
+    for maker in makers(cube.attrs):
+        values = {**maker._asdict(), "source": maker.source and maker.source[:12]}  # the first digits tell enough
+        found.add(", ".join(f"{k} {values[k]}" if values[k] else f"of a {k} it does not name" for k in told))
+    return f"version {cube.attrs[VERSION_ATTRIBUTE]} ({'; '.join(sorted(found))})"
 
 
 def _check_labels(parts: Parts) -> None:
@@ -335,7 +304,7 @@ def _differences(
     for record in one["records"]:
         if record["name"] in motions:
             other = motions[record["name"]]
-            here, there = ([each[key] for key in MOTION] for each in (record, other))
+            here, there = (list(motion_of(each)) for each in (record, other))
             found.append((f"record {record['name']!r}", here, there))
     return [each for each in found if each[1] != each[2]]
 
@@ -432,7 +401,7 @@ def attributes(
     cubes = list(parts.values())
     whole = {**described[0], "cases": cases}
     for key in AXES:
-        if whole[key] is not None:
+        if whole.get(key) is not None:
             whole[key] = together(key, [each[key] for each in described])
     for key in BUILDING_AXES:
         each_building = zip(*(each[key] for each in described), strict=True)
@@ -490,16 +459,12 @@ def _runs(parts: Parts) -> list[dict[str, Any]]:
     return list(found.values())
 
 
-def _first_of_each(audits: Sequence[Sequence[xr.DataArray]]) -> list[int]:
+def _first_of_each(audits: Sequence[xr.Dataset], names: Sequence[Hashable]) -> np.ndarray:
     """Where, along audits one after another, a scenario comes first, by the coordinates that say which it is."""
-    found: dict[str, int] = {}
-    position = 0
-    for audit in audits:
-        columns = [array.transpose(AUDIT_DIMS[0], ...).values.tolist() for array in audit]
-        for row in zip(*columns, strict=True):
-            found.setdefault(repr(row), position)  # as text, in which a missing value equals another
-            position += 1
-    return list(found.values())
+    texts: dict[str, int] = {}
+    along = [[audit[name].transpose(AUDIT_DIMS[0], ...).values for name in names] for audit in audits]
+    known = [{str(i): _numbers(values, texts) for i, values in enumerate(each)} for each in along]
+    return np.sort(np.unique(np.concatenate(list(map(scenario_keys, known))), return_index=True)[1])
 
 
 def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
@@ -513,7 +478,7 @@ def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
     names = [name for name in first.variables if set(AUDIT_DIMS) & set(first[name].dims)]
     names = [name for name in names if all(name in audit.variables for audit in audits)]
     scenarios = [name for name in names if name in first.coords and name not in AUDIT_DIMS]
-    chosen = _first_of_each([[audit[name] for name in scenarios] for audit in audits])
+    chosen = _first_of_each(audits, scenarios)
     n = len(chosen)
     found = {}
     for name in names:
@@ -644,19 +609,14 @@ def merge_cubes(
 
 def _check_distinct(paths: Sequence[str | os.PathLike[str]]) -> None:
     """Raise `InputError` where two paths lead to one file: most likely another one was meant."""
-    seen: dict[tuple[int, int], str] = {}
-    for path in [os.fspath(path) for path in paths]:
+    for first, path in itertools.combinations([os.fspath(path) for path in paths], 2):
         try:
-            found = Path(path).expanduser().stat()
+            same = Path(first).expanduser().samefile(Path(path).expanduser())
         except (OSError, ValueError, RuntimeError):
             continue  # opening it tells what is wrong
-        key = (found.st_dev, found.st_ino)
-        if key in seen:
-            first = seen[key]
+        if same:
             twice = f"{path!r} is given twice" if first == path else f"{first!r} and {path!r} are the same file"
-            msg = f"{twice}; give each cube once"
-            raise InputError(msg)
-        seen[key] = path
+            raise InputError(f"{twice}; give each cube once")
 
 
 class _Merge:

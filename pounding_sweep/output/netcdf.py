@@ -10,7 +10,6 @@ from __future__ import annotations
 import errno
 import itertools
 import math
-import mmap
 import os
 import shutil
 import stat
@@ -37,42 +36,6 @@ if TYPE_CHECKING:
     import netCDF4
     import numpy.typing as npt
     import xarray as xr
-
-
-#: Bytes at the beginning and at the end of a file that are looked through: labels and attributes stand there.
-LOOKED_AT = 2**26
-
-_SIGNATURE = b"GCOL\x01\x00\x00\x00"
-_HEADER = 16
-
-
-def has_endless_heap(path: Path) -> bool:
-    """Whether a global heap (HDF5 File Format Specification, III.E) of a file leads nowhere."""
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        return any(not _ends(data, at) for at in _heaps(data))
-
-
-def _heaps(data: mmap.mmap) -> Iterator[int]:
-    parts = [(0, len(data))] if len(data) <= 2 * LOOKED_AT else [(0, LOOKED_AT), (len(data) - LOOKED_AT, len(data))]
-    for start, stop in parts:
-        at = data.find(_SIGNATURE, start, stop)
-        while at >= 0:
-            yield at
-            at = data.find(_SIGNATURE, at + 1, stop)
-
-
-def _ends(data: mmap.mmap, at: int) -> bool:
-    """Walk through a heap as HDF5 does; False where an object takes no room, or more than there is."""
-    end = min(at + int.from_bytes(data[at + 8 : at + 16], "little"), len(data))
-    here = at + _HEADER
-    while here + _HEADER <= end:
-        index = int.from_bytes(data[here : here + 2], "little")
-        size = int.from_bytes(data[here + 8 : here + 16], "little")
-        taken = _HEADER + (size + 7) // 8 * 8 if index else size  # object 0 is the room that is left, header and all
-        if not _HEADER <= taken <= end - here:
-            return False
-        here += taken
-    return True
 
 
 #: Bytes of the checksum behind a block.
@@ -165,18 +128,18 @@ def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
     if texts > MOST_CHARACTERS:
         yield f"its texts have {texts} characters, more than {MOST_CHARACTERS}"
     for name, variable in file.variables.items():
-        dtype: Any = variable.dtype
-        if dtype is not str and dtype.kind not in "iufS":
-            yield f"variable {name!r} has type {dtype}, neither number nor text"
+        dtype = np.dtype(variable.dtype)
+        if dtype.kind not in "iufS":  # nor text of any length
+            yield f"variable {name!r} has type {dtype}, neither number nor characters"
         labels = variable.dimensions[:1] == (name,)  # names of statuses, along which a trade counts
         characters = _is_of_characters(variable)
-        if name in VARIABLES and not labels and (dtype is str or characters):
+        if name in VARIABLES and not labels and characters:
             yield f"variable {name!r} is text"
         if len(set(variable.dimensions)) < len(variable.dimensions):
             yield f"variable {name!r} has a dimension twice"
         count = math.prod(len(dim) for dim in variable.get_dims())
         most = size if variable.chunking() == "contiguous" else MOST_PACKED * size
-        if count * (1 if dtype is str else dtype.itemsize) > most:
+        if count * dtype.itemsize > most:
             yield f"variable {name!r} has {count} values, more than a file of {size} bytes can hold"
         if labels and len(variable) > LONGEST_AXIS:
             yield f"axis {name!r} has {len(variable)} values, more than {LONGEST_AXIS}"
@@ -195,13 +158,7 @@ def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
 
 
 def _is_of_characters(variable: netCDF4.Variable) -> bool:
-    return variable.dtype is not str and bool(variable.dtype.kind == "S")
-
-
-def _dimensions(variable: netCDF4.Variable) -> tuple[str, ...]:
-    """Return the dimensions of a variable's values; characters of a text are no values."""
-    dimensions: tuple[str, ...] = variable.dimensions
-    return dimensions[:-1] if _is_of_characters(variable) else dimensions
+    return bool(np.dtype(variable.dtype).kind == "S")
 
 
 def _audit_faults(file: netCDF4.Dataset) -> Iterator[str]:
@@ -212,7 +169,8 @@ def _audit_faults(file: netCDF4.Dataset) -> Iterator[str]:
         yield f"variable 'audit_error' has dimensions {file['audit_error'].dimensions}, not {AUDIT_DIMS}"
     sample, outputs = AUDIT_DIMS
     for name, dimension in (("audit_sensitive", sample), ("audit_undecided", sample), ("output", outputs)):
-        if name not in file.variables or _dimensions(file[name]) != (dimension,):
+        dimensions = file[name].dimensions if name in file.variables else ()
+        if dimensions[: 1 if name == "output" else None] != (dimension,):  # then the characters of its texts
             yield f"variable {name!r} is missing, or is not along {dimension!r}"
     for name in _AUDIT_NUMBERS:
         value = file.getncattr(name) if name in file.ncattrs() else None
@@ -360,6 +318,19 @@ def _holds(dtype: npt.DTypeLike, fill: Any, array: xr.DataArray) -> bool:
     return True
 
 
+@contextmanager
+def _written(path: str | os.PathLike[str], target: Path, folder: Path | None = None) -> Iterator[Path]:
+    """Give a temporary name, held alone; what is written there in the block becomes `target`, or nothing does."""
+    try:
+        with NETCDF_LOCK, replacing(target, folder) as temporary:
+            yield temporary
+    except OutputError:  # what is written can't be read
+        raise
+    except (OSError, RuntimeError) as error:
+        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
+        raise WriteError(msg) from error
+
+
 def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: bool = False) -> Path:
     """Write a dataset as a netCDF-4 file that is either complete or not there."""
     target = check_output(path, overwrite)
@@ -368,13 +339,9 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
         dataset = dataset.assign({name: dataset[name].astype("i1") for name in truths})
     encoding = {name: _encoding(name, dataset[name], name in dataset.coords) for name in dataset.variables}
     dataset = _with_plain_attributes(dataset)
-    try:
-        with NETCDF_LOCK, replacing(target) as temporary:
-            job = dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding, compute=False)
-            job.compute(scheduler="synchronous")  # other threads would wait for the lock
-    except (OSError, RuntimeError) as error:
-        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
-        raise WriteError(msg) from error
+    with _written(path, target) as temporary:
+        job = dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding, compute=False)
+        job.compute(scheduler="synchronous")  # other threads would wait for the lock
     return target
 
 
@@ -396,26 +363,20 @@ def write_in_slabs(
     variables, attributes = encode_dataset_coordinates(dataset)
     labels = dataset.drop_vars(list(dataset.data_vars))
     encoding = {name: _encoding(name, labels[name], True) for name in labels.variables}
-    try:
-        with NETCDF_LOCK, replacing(target, folder) as temporary:
-            labels.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
-            with netCDF4.Dataset(temporary, "a") as file:
-                file.set_fill_off()
-                if "coordinates" in file.ncattrs():  # those of no variable, and now there are variables
-                    file.delncattr("coordinates")
-                file.setncatts({key: value for key, value in attributes.items() if key == "coordinates"})
-                for name in map(str, dataset.data_vars):
-                    _declare(file, name, variables[name], blocks.get(name))
-                    if name not in blocks:
-                        file[name][...] = dataset[name].values
-                for slab, values in slabs:
-                    for name in blocks:
-                        file[name][slab] = values[name]
-    except OutputError:  # what the slabs are made from can't be read
-        raise
-    except (OSError, RuntimeError) as error:
-        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
-        raise WriteError(msg) from error
+    with _written(path, target, folder) as temporary:
+        labels.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        with netCDF4.Dataset(temporary, "a") as file:
+            file.set_fill_off()
+            if "coordinates" in file.ncattrs():  # those of no variable, and now there are variables
+                file.delncattr("coordinates")
+            file.setncatts({key: value for key, value in attributes.items() if key == "coordinates"})
+            for name in map(str, dataset.data_vars):
+                _declare(file, name, variables[name], blocks.get(name))
+                if name not in blocks:
+                    file[name][...] = dataset[name].values
+            for slab, values in slabs:
+                for name in blocks:
+                    file[name][slab] = values[name]
     return target
 
 
@@ -454,25 +415,23 @@ def _chunk_cache(size: int) -> Iterator[None]:
         netCDF4.set_chunk_cache(*before)
 
 
-def _open_checked(target: Path) -> tuple[xr.Dataset | None, str | None]:
-    """Open a file whose header is in order, else say what is wrong; one handle, as two on a file may crash."""
+def _open_checked(path: str | os.PathLike[str], target: Path) -> xr.Dataset:
+    """Open a file whose header is in order, else raise `OutputError`; one handle, as two on a file may crash."""
     import xarray as xr
 
-    if has_endless_heap(target):
-        return None, "a heap of its texts is broken"
-    fault = wrongly_stored(target)
-    if fault is not None:
-        return None, fault
+    def refuse(fault: str | None) -> None:
+        if fault is not None:
+            msg = f"cube {str(path)!r} is damaged, or not made by this package ({fault}); run the sweep again"
+            raise OutputError(msg)
+
+    refuse(wrongly_stored(target))
     store = xr.backends.NetCDF4DataStore.open(target, lock=NETCDF_LOCK)
     try:
-        fault = wrong_form(store.ds, target.stat().st_size)
-        if fault is None:
-            return _with_texts(xr.open_dataset(store, decode_times=False)), None
+        refuse(wrong_form(store.ds, target.stat().st_size))
+        return _with_texts(xr.open_dataset(store, decode_times=False))
     except BaseException:
         store.close()
         raise
-    store.close()
-    return None, fault
 
 
 def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
@@ -521,7 +480,9 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         raise OutputError(msg)
     try:
         with NETCDF_LOCK, _chunk_cache(READ_CACHE):
-            dataset, fault = _open_checked(target)
+            dataset = _open_checked(path, target)
+    except OutputError:
+        raise
     except Exception as error:  # the libraries raise anything at a damaged file
         reason = getattr(error, "strerror", None) or error
         msg = (
@@ -529,9 +490,6 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
             "Run the sweep again or give a file made by 'pounding-sweep run'"
         )
         raise OutputError(msg) from None
-    if dataset is None:
-        msg = f"cube {str(path)!r} is damaged, or not made by this package ({fault}); run the sweep again"
-        raise OutputError(msg)
     if VERSION_ATTRIBUTE not in dataset.attrs:
         dataset.close()
         msg = (

@@ -83,7 +83,7 @@ class Results:
         self.status[rows] = status
         self.touched[rows] = touched
 
-    def take(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+    def gather(self, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Gather the results of scenarios."""
         kind = table_type(self.names, self.scene)
         found = {name: np.empty((len(rows), *kind[name].shape), kind[name].base) for name in self.names}

@@ -6,31 +6,16 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from pounding_sweep.outputs.variables import check_outputs, get_variable
+from pounding_sweep.outputs.variables import VARIABLES, check_outputs, get_variable
 
 #: Relative change of gaps, contact stiffness and ground motion that no engineer can tell: where it changes an output
 #: by more than a tolerance, the scenario is sensitive at that tolerance. Its error is counted all the same.
 CHANGE = 1.0e-6
-#: Outputs that say how a run went, not what it found.
-BOOKKEEPING = frozenset(
-    {"status", "energy_residual", "steps_per_contact", "time_step", "error_estimate", "amplification"}
-)
-
-
-#: Outputs that are differences of larger ones, or ends of one range: an error in one of
-#: them is relative to the largest of them all. An undamped contact, for instance, takes
-#: in no work in the end, however much passed through it.
-ONE_SCALE = (
-    ("displacement_max", "displacement_min"),
-    ("energy_transfer_max", "energy_transfer_min", "contact_work"),
-)
-#: Outputs whose product is an energy of the contacts (kN m).
-_CONTACT_ENERGIES = (("impact_force_max", "penetration_max"), ("impulse", "approach_speed_max"))
 
 
 def comparable(outputs: Iterable[str]) -> tuple[str, ...]:
     """Return those of `outputs` that have an error, in the order of the registry."""
-    return tuple(name for name in check_outputs(outputs) if name not in BOOKKEEPING)
+    return tuple(name for name in check_outputs(outputs) if VARIABLES[name].error)
 
 
 def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
@@ -53,7 +38,7 @@ def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: 
 def relative_errors(
     outputs: Iterable[str], values: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """`relative_error` of every comparable output, by name; those of `ONE_SCALE` relative to their largest."""
+    """`relative_error` of every comparable output, by name; relative to what the registry says."""
     return {
         name: relative_error(name, values[name], reference[name], _scale(name, reference))
         for name in comparable(outputs)
@@ -68,12 +53,9 @@ def _largest(values: np.ndarray) -> np.ndarray:
 
 def _scale(name: str, reference: Mapping[str, np.ndarray]) -> np.ndarray | None:
     """Return what an error of `name` is relative to, as far as `reference` holds more than itself."""
-    together = next((group for group in ONE_SCALE if name in group), ())
-    sizes = [_largest(reference[other]) for other in together if other in reference]
-    if name == "contact_work":
-        sizes += [
-            _largest(reference[first]) * _largest(reference[second])
-            for first, second in _CONTACT_ENERGIES
-            if first in reference and second in reference
-        ]
+    sizes = []
+    for other in VARIABLES[name].relative_to:
+        parts = (other,) if isinstance(other, str) else other
+        if all(part in reference for part in parts):
+            sizes.append(np.prod([_largest(reference[part]) for part in parts], axis=0))
     return np.max(sizes, axis=0) if sizes else None

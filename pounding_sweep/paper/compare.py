@@ -35,21 +35,11 @@ _SOURCES = {"sap2000": "paper, SAP2000", "matlab": "paper, MATLAB", "paper": "pa
 
 @dataclass(frozen=True)
 class Grid:
-    """A table as text.
+    """A table as text."""
 
-    Attributes
-    ----------
-    title : str
-        Above it.
-    headings : sequence of (str, str)
-        Group and heading of each column.
-    rows : sequence of sequence of str
-        Cells.
-    """
-
-    title: str
-    headings: Sequence[tuple[str, str]]
-    rows: Sequence[Sequence[str]]
+    title: str  # above it
+    headings: Sequence[tuple[str, str]]  # group and heading of each column
+    rows: Sequence[Sequence[str]]  # cells
 
 
 def side_by_side(number: int, cube: xr.Dataset) -> xr.Dataset:

@@ -50,19 +50,11 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How often a claim is true.
+    """How often a claim is true."""
 
-    Attributes
-    ----------
-    held, cases : int
-        Cases in which it is true, of how many.
-    numbers : str
-        The values that decided, in words.
-    """
-
-    held: int
+    held: int  # cases in which it is true, of how many
     cases: int
-    numbers: str
+    numbers: str  # the values that decided, in words
 
     @property
     def verdict(self) -> Verdict:
@@ -75,40 +67,21 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Claim:
-    """A part of a conclusion that can be true or false.
+    """A part of a conclusion that can be true or false."""
 
-    Attributes
-    ----------
-    text : str
-        The claim, in this package's words.
-    criterion : str
-        When it is true, and what a case is.
-    test : callable
-        (outputs of one reading, floor spectra of the roofs) -> `Outcome`.
-    """
-
-    text: str
-    criterion: str
+    text: str  # the claim, in this package's words
+    criterion: str  # when it is true, and what a case is
+    #: (outputs of one reading, floor spectra of the roofs) -> `Outcome`
     test: Callable[[xr.Dataset, xr.Dataset], Outcome]
 
 
 @dataclass(frozen=True)
 class Conclusion:
-    """A conclusion of the paper.
+    """A conclusion of the paper."""
 
-    Attributes
-    ----------
-    key : str
-        Its number.
-    text : str
-        In this package's words.
-    claims : tuple of Claim
-        What it says, part by part.
-    """
-
-    key: str
-    text: str
-    claims: tuple[Claim, ...]
+    key: str  # its number
+    text: str  # in this package's words
+    claims: tuple[Claim, ...]  # what it says, part by part
 
 
 @dataclass(frozen=True)
@@ -159,7 +132,6 @@ def _count(true: xr.DataArray, valid: xr.DataArray, numbers: str) -> Outcome:
 
 
 def _displacement_of_models(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
-    del spectra
     peaks = _peaks(one.sel(law=list(_POUNDING)))
     median = peaks.median("law")
     off = abs(peaks / median - 1.0).max("law")
@@ -168,7 +140,6 @@ def _displacement_of_models(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
 
 
 def _displacement_of_families(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
-    del spectra
     linear, other = (_peaks(one.sel(law=list(laws))).median("law") for laws in (_LINEAR, _NONLINEAR))
     off = abs(other / linear - 1.0)
     text = f"largest difference {float(off.max()):.0%}, median over the cases {float(off.median()):.0%}"
@@ -181,7 +152,6 @@ def _top_over_below(one: xr.Dataset) -> xr.DataArray:
 
 
 def _shear_turns(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
-    del spectra
     ratio = _top_over_below(one)
     pounding, alone = ratio.sel(law=list(_POUNDING)), ratio.sel(law="none")
     over = int((pounding > 1.0).sum())
@@ -199,7 +169,6 @@ def _forces(one: xr.Dataset, laws: Sequence[str]) -> tuple[xr.DataArray, xr.Data
 
 
 def _linear_forces(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
-    del spectra
     force, touch = _forces(one, _LINEAR)
     ratio = (force.max("law") / force.min("law").where(touch)).where(touch)
     text = f"largest over smallest: median {float(ratio.median()):.2f}, at most {float(ratio.max()):.2f}"
@@ -207,7 +176,6 @@ def _linear_forces(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
 
 
 def _linear_counts(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
-    del spectra
     count = one["impact_count"].sel(law=list(_LINEAR))
     touch = (count > 0).any("law")
     span = count.max("law") - count.min("law")
@@ -216,7 +184,6 @@ def _linear_counts(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
 
 
 def _damped_below_hertz(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
-    del spectra
     force, touch = _forces(one, ("hertz", *_DAMPED))
     ratio = (force.sel(law=list(_DAMPED)).max("law") / force.sel(law="hertz").where(touch)).where(touch)
     text = f"the larger of V and VI over IV: median {float(ratio.median()):.2f}, at most {float(ratio.max()):.2f}"
@@ -224,7 +191,6 @@ def _damped_below_hertz(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
 
 
 def _nonlinear_below_linear(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
-    del spectra
     force, touch = _forces(one, _POUNDING)
     largest, smallest = force.sel(law=list(_NONLINEAR)).max("law"), force.sel(law=list(_LINEAR)).min("law")
     ratio = (largest / smallest.where(touch)).where(touch)
@@ -236,7 +202,6 @@ def _nonlinear_below_linear(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
 
 
 def _spectra_grow(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
-    del one
     ordinates = spectra["pseudo_acceleration"]
     pounding, alone = ordinates.sel(law=list(_POUNDING)), ordinates.sel(law="none")
     ratio = pounding.max("period") / alone.max("period")
@@ -257,7 +222,6 @@ def spread(spectra: xr.DataArray) -> xr.DataArray:
 
 
 def _spectra_spread(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
-    del one
     width = spread(spectra["pseudo_acceleration"])
     ratio = width.sel(law=list(_POUNDING)) / width.sel(law="none")
     text = f"spread over that without pounding: median {float(ratio.median()):.2f}, up to {float(ratio.max()):.2f}"

@@ -44,24 +44,12 @@ def record_title(name: str) -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """One table of the paper.
+    """One table of the paper."""
 
-    Attributes
-    ----------
-    number : int
-        Its number.
-    title : str
-        What it holds, in this package's words.
-    coordinates : mapping of str to sequence
-        Its dimensions and their values.
-    values : mapping of str to (output, function)
-        Column of the file -> output of a cube that it stands for, and the number of a cell
-        in the output's units and sign (None: this row belongs to another output).
-    """
-
-    number: int
-    title: str
-    coordinates: Mapping[str, Sequence[Any]]
+    number: int  # its number
+    title: str  # what it holds, in this package's words
+    coordinates: Mapping[str, Sequence[Any]]  # its dimensions and their values
+    #: output of a cube -> its number in a row of the file, in its units and sign (None: the row is of another output)
     values: Sequence[tuple[str, Callable[[Row], float | None]]]
 
     def read(self) -> xr.Dataset:

@@ -52,24 +52,12 @@ RESCALED = frozenset({"san_fernando"})
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to read the paper's data.
+    """One way to read the paper's data."""
 
-    Attributes
-    ----------
-    key : str
-        Label on the ``reading`` axis.
-    preset : str
-        Key in `PRESETS`.
-    label : str
-        In figures and tables.
-    note : str
-        What it takes, and why.
-    """
-
-    key: str
-    preset: str
-    label: str
-    note: str
+    key: str  # label on the ``reading`` axis
+    preset: str  # key in `PRESETS`
+    label: str  # in figures and tables
+    note: str  # what it takes, and why
 
 
 READINGS: dict[str, Reading] = {

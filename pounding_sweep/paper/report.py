@@ -16,10 +16,9 @@ from pounding_sweep.base.errors import OutputError
 from pounding_sweep.base.files import replacing
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import package_version
-from pounding_sweep.paper.checks import energy_checks
+from pounding_sweep.paper.checks import energy_checks, findings
 from pounding_sweep.paper.compare import ALL, Grid, agreement, side_by_side, table_grid
 from pounding_sweep.paper.conclusions import HOLDS_SHARE, PARTLY_SHARE, Judgement, judge
-from pounding_sweep.paper.impossible import findings
 from pounding_sweep.paper.published import GROUND_MOTIONS, TABLES, record_title
 from pounding_sweep.paper.readings import READINGS, RESCALED, STEP
 from pounding_sweep.paper.steps import LIMIT, error_text, largest_steps, step_rows
@@ -33,21 +32,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that was drawn into a file.
+    """A figure that was drawn into a file."""
 
-    Attributes
-    ----------
-    number : int
-        Number of the paper's figure that it stands for.
-    title : str
-        What it shows.
-    path : Path
-        PNG file; an SVG of the same name stands beside it.
-    """
-
-    number: int
-    title: str
-    path: Path
+    number: int  # number of the paper's figure that it stands for
+    title: str  # what it shows
+    path: Path  # PNG file; an SVG of the same name stands beside it
 
 
 def write_report(study: Study, pictures: Sequence[Picture], path: Path) -> Path:

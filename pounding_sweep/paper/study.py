@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.model.laws import MATE2015_MODELS
+from pounding_sweep.model.laws import MATE2015_MODELS, get_law
 from pounding_sweep.paper.published import RECORDS
 from pounding_sweep.paper.readings import (
     GAP,
+    METHOD,
     OUTPUTS,
     READINGS,
     RESTITUTION,
@@ -25,11 +26,77 @@ from pounding_sweep.paper.readings import (
 )
 from pounding_sweep.records import Record
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.simulate import simulate
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from pounding_sweep.records.catalogue import Folders
+
+#: Interval (s) of the histories that are kept; a divisor of every record's step.
+INTERVAL = 0.01
+#: Damping ratio of the spectra, and their periods (s): from 0.02 to 3 s.
+DAMPING = 0.05
+PERIODS = np.geomspace(0.02, 3.0, 150)
+
+
+def scenario(reading: Reading, record: Record, law: str) -> xr.Dataset:
+    """Run one of the paper's scenarios with full histories; see `pounding_sweep.simulate`."""
+    restitution = RESTITUTION if get_law(law).takes_restitution else None
+    return simulate(reading.preset, record, law=law, restitution=restitution, method=METHOD, dt=STEP)
+
+
+def kept(one: xr.Dataset) -> xr.Dataset:
+    """Bring the histories of one scenario down to those of the figures."""
+    import xarray as xr
+
+    every = round(INTERVAL / (float(one["time"][1]) - float(one["time"][0])))
+    at = one.isel(time=slice(None, None, every))
+    energy = at["kinetic"] + at["damping"] + at["strain"]
+    roofs = one["contact_force"].isel(storey=-1)
+    force = roofs.coarsen(time=every, boundary="pad", coord_func="min").max()
+    about = {"units": "kN", "long_name": "largest contact force at the roofs in each interval"}
+    return xr.Dataset(
+        {
+            "roof_displacement": at["displacement"].isel(storey=-1).assign_attrs(long_name="roof displacement"),
+            "structural_energy": energy.assign_attrs(
+                units="kN m", long_name="structural energy", comment="kinetic + damping + strain energy of a building"
+            ),
+            "roof_force": force.assign_attrs(about),
+        }
+    ).reset_coords(drop=True)
+
+
+def paper_histories(
+    reading: Reading, records: Sequence[Record], advance: Callable[[int], None] = lambda count: None
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """Run Models I to VII of one reading under all records."""
+    import xarray as xr
+
+    from pounding_sweep.analysis.spectra import floor_spectra
+
+    histories: list[list[Any]] = []
+    spectra: list[list[Any]] = []
+    for law in MATE2015_MODELS:
+        histories.append([])
+        spectra.append([])
+        for record in records:
+            one = scenario(reading, record, law)
+            histories[-1].append(kept(one))
+            roofs = floor_spectra(one.isel(storey=[-1]), PERIODS, DAMPING)
+            spectra[-1].append(roofs.isel(storey=0).reset_coords(drop=True))
+            advance(1)
+    labels = {
+        "law": xr.DataArray(list(MATE2015_MODELS), dims="law", attrs={"long_name": "contact law"}),
+        "record": xr.DataArray([r.name for r in records], dims="record", attrs={"long_name": "ground-motion record"}),
+    }
+
+    def together(parts: list[list[Any]]) -> xr.Dataset:
+        rows = [xr.concat(row, "record", join="outer", combine_attrs="override") for row in parts]
+        return xr.concat(rows, "law", combine_attrs="override").assign_coords(labels).assign_attrs(reading=reading.key)
+
+    return together(histories), together(spectra)
+
 
 #: The paper's values of the axes that its scenarios don't vary.
 _FIXED = {"gap": GAP, "restitution": RESTITUTION, "stiffness_factor": 1.0, "scale": 1.0}
@@ -37,39 +104,19 @@ _FIXED = {"gap": GAP, "restitution": RESTITUTION, "stiffness_factor": 1.0, "scal
 
 @dataclass(frozen=True)
 class Study:
-    """What was computed for the report.
+    """What was computed for the report."""
 
-    Attributes
-    ----------
-    cube : xarray.Dataset
-        The outputs on ``reading``, ``law``, ``record`` and what is inside a scenario.
-    records : tuple of Record
-        Ground motions that histories were run for.
-    missing : mapping of str to str
-        Records of the paper that are not in the cube or not at hand -> why.
-    motions : xarray.Dataset
-        The ground motions and their 5 % response spectra, on ``record``.
-    histories : xarray.Dataset
-        See `pounding_sweep.paper.histories.paper_histories`; on ``reading`` too.
-    floor_spectra : xarray.Dataset
-        Spectra of the roofs' total acceleration, on ``reading``, ``law``, ``record``, ``building``, ``period``.
-    error : xarray.Dataset
-        Relative difference of every output to a run at half the step, on ``reading``, ``law``, ``record``.
-    steps : xarray.Dataset
-        See `pounding_sweep.paper.steps.step_errors`.
-    hertz : xarray.Dataset
-        See `pounding_sweep.paper.hertz.hertz_fit`.
-    """
-
-    cube: xr.Dataset
-    records: tuple[Record, ...]
-    missing: Mapping[str, str]
-    motions: xr.Dataset
-    histories: xr.Dataset
+    cube: xr.Dataset  # the outputs on ``reading``, ``law``, ``record`` and what is inside a scenario
+    records: tuple[Record, ...]  # ground motions that histories were run for
+    missing: Mapping[str, str]  # records of the paper that are not in the cube or not at hand -> why
+    motions: xr.Dataset  # the ground motions and their 5 % response spectra, on ``record``
+    histories: xr.Dataset  # see `pounding_sweep.paper.study.paper_histories`; on ``reading`` too
+    #: spectra of the roofs' total acceleration, on ``reading``, ``law``, ``record``, ``building``, ``period``
     floor_spectra: xr.Dataset
+    #: relative difference of every output to a run at half the step, on ``reading``, ``law``, ``record``
     error: xr.Dataset
-    steps: xr.Dataset
-    hertz: xr.Dataset
+    steps: xr.Dataset  # see `pounding_sweep.paper.steps.step_errors`
+    hertz: xr.Dataset  # see `pounding_sweep.paper.hertz.hertz_fit`
 
 
 def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress: Progress | None = None) -> Study:
@@ -102,7 +149,6 @@ def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress
 def _motions(records: Sequence[Record]) -> xr.Dataset:
     """Ground motions and their spectra."""
     from pounding_sweep.analysis.spectra import response_spectrum
-    from pounding_sweep.paper.histories import DAMPING, PERIODS
     from pounding_sweep.records import records_dataset
 
     return records_dataset(records).merge(response_spectrum(records, PERIODS, DAMPING))
@@ -198,7 +244,6 @@ def _error(reading: Reading, cube: xr.Dataset, records: Sequence[Record], progre
 def _histories(
     readings: Sequence[Reading], records: Sequence[Record], progress: Progress
 ) -> tuple[xr.Dataset, xr.Dataset]:
-    from pounding_sweep.paper.histories import paper_histories
 
     progress.stage("histories", len(readings) * len(MATE2015_MODELS) * len(records))
     parts = {reading.key: paper_histories(reading, records, progress.advance) for reading in readings}

@@ -23,13 +23,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.engine.resolution import MAX_PHASE_ERROR, MIN_STEPS_PER_CONTACT, loses_ground, phase_error
+from pounding_sweep.engine.resolution import MAX_PHASE_ERROR, loses_ground, phase_error
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import RESTING_SPEED, Law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants, distinct, variants_of
-from pounding_sweep.outputs.variables import check_outputs, reducers_for
+from pounding_sweep.outputs.variables import CLASSES, check_outputs, reducers_for
 from pounding_sweep.records import Record
+from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.spec import step_fault
 
@@ -133,28 +134,6 @@ def shortest_contact(
 
 #: File of measured errors beside this module.
 MEASURED = "measured.json"
-#: Outputs that have one measured error together: the largest among them.
-CLASSES: dict[str, tuple[str, ...]] = {
-    "motions": ("displacement_max", "displacement_min", "drift_max", "storey_shear_max", "closing_max"),
-    "contacts": (
-        "acceleration_max",
-        "impact_force_max",
-        "impact_count",
-        "penetration_max",
-        "impulse",
-        "first_impact_time",
-        "approach_speed_max",
-    ),
-    "energies": (
-        "energy_input",
-        "energy_damping",
-        "energy_kinetic",
-        "energy_strain",
-        "energy_transfer_max",
-        "energy_transfer_min",
-        "contact_work",
-    ),
-}
 #: Method and precision.
 Scheme = tuple[str, str]
 #: Steps in the shortest contact over those that its status asks for: its speed is an estimate, and three times the
@@ -248,6 +227,11 @@ def load_measured() -> Measured:
     return read_measured(json.loads(files("pounding_sweep").joinpath("data", MEASURED).read_text(encoding="utf-8")))
 
 
+def measured_schemes() -> tuple[str, ...]:
+    """Return the schemes that `accuracy` chooses from."""
+    return tuple(dict.fromkeys(method for method, _ in load_measured().cost))
+
+
 def read_measured(data: dict[str, Any]) -> Measured:
     """Return what ``measured.json`` holds."""
     curves = {}
@@ -319,6 +303,12 @@ def advise(
     found: dict[Scheme, tuple[float, np.ndarray, np.ndarray, dict[str, float]]] = {}
     reached: dict[Scheme, tuple[float, str]] = {}
     schemes = [(m, p) for m, p in known.cost if spec.method in (None, m) and p in _formats(spec)]
+    if not schemes:
+        msg = (
+            f"accuracy: no errors of {spec.method} were measured; give dt instead, or measure them: "
+            "python -m pounding_sweep.accuracy.calibrate"
+        )
+        raise SweepError(msg)
     for scheme in schemes:
         need, best = _needed(known, spec, scheme, laws)
         if max(need.values()) < math.inf:
@@ -369,7 +359,7 @@ def _needed(
 
 def _finer(method: str, need: dict[str, float]) -> float:
     """Divisor of sub-steps and flight steps: exact flight is refined by it, the other schemes by their steps alone."""
-    return max(need.values()) if method == "exact" else 1.0
+    return max(need.values()) if SCHEMES[method].flies_exactly else 1.0
 
 
 class _Job:
@@ -409,14 +399,14 @@ class _Job:
         interval = np.array([record.dt for record in spec.records])
         mode = self.mode[table.variant]
         alone = np.ones(len(self.variants))
-        if method == "exact":  # contacts have sub-steps of their own
+        if SCHEMES[method].flies_exactly:  # contacts have sub-steps of their own
             still_need = EXACT_STEPS * _finer(method, need)
             wanted = still_need / mode
         else:
             still_need = need["none"]
             wanted = np.array([need[law.key] for law in self.laws])[table.law] / np.minimum(self.contact, mode)
             wanted = np.maximum(wanted, still_need / mode)  # where contacts are followed with sub-steps, modes decide
-        wanted = np.maximum(wanted, CONTACT_MARGIN * MIN_STEPS_PER_CONTACT[method, True] / self.contact)
+        wanted = np.maximum(wanted, CONTACT_MARGIN * SCHEMES[method].min_steps_located / self.contact)
         for i, law in enumerate(self.laws):
             for rows in _blocks(np.flatnonzero(table.law == i)):
                 limit = self._limit(
@@ -460,7 +450,7 @@ class _Job:
             for count in np.unique(steps[self.table.record == r]).tolist():
                 rows = np.flatnonzero((self.table.record == r) & (steps == count))
                 each_interval = float(count)
-                if method == "exact":
+                if SCHEMES[method].flies_exactly:
                     numerics = Numerics(method, record.dt / count, finer=finer)
                     kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
                     each_interval = float(
@@ -490,12 +480,12 @@ class _Job:
             f"{_range(counts, 'd')} steps per record interval, {_range(lengths, '.3g')} s. "
             + (
                 "Sub-steps of contacts and long steps of flight are divided by"
-                if scheme[0] == "exact"
+                if SCHEMES[scheme[0]].flies_exactly
                 else "Steps in the shortest contact or half period of the highest mode"
             )
             + f", as measured in {about['quantile']:.0%} of scenarios, the others refined: "
             + ", ".join(f"{law} {value:.3g}" for law, value in need.items())
-            + f"; at least {CONTACT_MARGIN * MIN_STEPS_PER_CONTACT[scheme[0], True]:g} in a contact, for its status. "
+            + f"; at least {CONTACT_MARGIN * SCHEMES[scheme[0]].min_steps_located:g} in a contact, for its status. "
             f"Half period of the highest mode: {_range(self.mode, '.3g')} s"
         )
         lasting = self.contact[np.isfinite(self.contact)]

@@ -79,7 +79,7 @@ def cut(
 
 
 @dataclass(frozen=True)
-class Job:
+class ChunkTask:
     """One chunk, ready to be run by anybody.
 
     Attributes
@@ -109,4 +109,4 @@ class Job:
 #: (kernel, record, scenarios, variants, outputs) -> table of results, or what went wrong; can be pickled
 Run = Callable[..., "np.ndarray | str"]
 #: (position of the chunk, its table or what went wrong)
-Take = Callable[[int, "np.ndarray | str"], None]
+Receive = Callable[[int, "np.ndarray | str"], None]

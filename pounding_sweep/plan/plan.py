@@ -31,8 +31,6 @@ from pounding_sweep.spec.spec import SweepSpec, digest
 
 #: Steps that most scenarios take in all, over those that they begin with.
 REFINED = 3
-#: Cost of one scenario and step (ns per degree of freedom), for estimates and chunk sizes only.
-NS_PER_DOF_AND_STEP = {"rk4": 2.6, "newmark": 4.5, "exact": 0.8}
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
 CHUNK_SECONDS = 0.25
 #: Largest size (bytes) of the results of one chunk.
@@ -197,7 +195,7 @@ class Plan:
 
     def _cut(self, table: Scenarios, rows: np.ndarray, steps: np.ndarray, name: str) -> list[Chunk]:
         flights = np.broadcast_to(np.int16(0), len(table))
-        if self.numerics.method == "exact" and len(self.variants) > 1:
+        if self.numerics.scheme.flies_exactly and len(self.variants) > 1:
             flights = np.zeros(len(table), np.int32)
             for record, motion in enumerate(self.spec.records):
                 for count in np.unique(steps[table.record == record]).tolist():
@@ -211,7 +209,7 @@ class Plan:
     def scenario_seconds(self, record: int, steps: Any) -> Any:
         """Estimated seconds of one scenario on one core, with `steps` (one number or an array) per record interval."""
         total = (self.spec.records[record].n_points - 1) * steps * (1 if self.spec.accuracy is None else REFINED)
-        return total * self.spec.scene.n_dof * NS_PER_DOF_AND_STEP[self.numerics.method] * 1e-9
+        return total * self.spec.scene.n_dof * self.numerics.scheme.step_cost * 1e-9
 
     @property
     def bytes_per_scenario(self) -> int:

@@ -13,8 +13,8 @@ from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.differences import CHANGE
-from pounding_sweep.spec.axes import Case, PropertyAxis
-from pounding_sweep.spec.spec import SweepSpec, contact_stiffness
+from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis
+from pounding_sweep.spec.spec import SweepSpec
 
 
 @dataclass(frozen=True)
@@ -118,10 +118,6 @@ def _gather(values: np.ndarray, index: np.ndarray) -> np.ndarray:
     return values[index] if len(values) > 1 else np.broadcast_to(values, (len(index), *values.shape[1:]))
 
 
-def _stiffness(spec: SweepSpec, key: str, absolute: float | None, factor: float | None) -> float:
-    return contact_stiffness(spec.scene, key, stiffness=absolute, stiffness_factor=factor)
-
-
 def _effective_laws(spec: SweepSpec, laws: Sequence[Law]) -> dict[str, int]:
     """Law that really acts, by key: none where no floors meet."""
     last = len(laws) - 1
@@ -149,18 +145,18 @@ def _variant_ranks(spec: SweepSpec) -> np.ndarray:
 def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
     acting, last = _effective_laws(spec, laws), len(laws) - 1
     law_of = np.array([acting[key] for key in spec.laws], np.int16)
-    absolute = spec.stiffnesses is not None
-    values = (spec.stiffnesses if absolute else spec.stiffness_factors) or ()
-    stiffness = np.array(
-        [[_stiffness(spec, key, v if absolute else None, None if absolute else v) for v in values] for key in spec.laws]
-    )
+    kind, values = spec.needed_axis("stiffness")
+    stiffness = np.array([[kind.value(v, scene=spec.scene, law=key) for v in values] for key in spec.laws])
     n_pairs = len(spec.scene.pair_names)
     if spec.gaps is None:
         gaps, gap_ranks = np.array([spec.scene.gaps], dtype=float).reshape(1, n_pairs), np.zeros(1, np.int64)
     else:
         gap_ranks = _ranks(spec.gaps)
         gaps = np.broadcast_to(np.array(spec.gaps, dtype=float)[:, None], (len(spec.gaps), n_pairs))
-    restitutions, scales = np.array(spec.restitutions, dtype=float), np.array(spec.scales, dtype=float)
+    restitutions = np.array(spec.restitutions, dtype=float)
+    kind, scales = spec.needed_axis("scale")
+    factors = np.array([[kind.value(v, scene=spec.scene, record=record) for v in scales] for record in spec.records])
+    alike = bool((factors == factors[0]).all())  # whatever the record
     variants = product_variants(spec.scene, spec.property_axes)
     first_variant = len(variants) > 1  # behind the scene as given
     ranks = {
@@ -197,7 +193,7 @@ def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
         return Scenarios(
             law=law,
             record=_gather(np.arange(len(spec.records), dtype=np.int32), at_record),
-            scale=_gather(scales, at_scale),
+            scale=_gather(factors[0], at_scale) if alike else factors[at_record, at_scale],
             stiffness=np.where(open_everywhere, 0.0, stiffness[at_law, at_stiffness]),
             restitution=np.where(takes, restitutions[at_restitution], 1.0),
             gaps=np.where(open_everywhere[:, None], np.inf, rows) if open_everywhere.any() else rows,
@@ -215,7 +211,7 @@ def _asked_cases(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
     record = np.array([names[c.record] if c.record is not None else 0 for c in cases], np.int32)
     takes = np.array([item.takes_restitution for item in laws])[law]
     restitution = np.array([1.0 if c.restitution is None else c.restitution for c in cases])
-    stiffness = np.array([_stiffness(spec, c.law, c.stiffness, c.stiffness_factor) for c in cases])
+    stiffness = np.array([spec.case_value(case, "stiffness") for case in cases])
     gaps = np.empty((len(cases), len(spec.scene.pair_names)))
     for i, case in enumerate(cases):
         gaps[i] = spec.scene.gaps if case.gap is None else case.gap
@@ -224,7 +220,7 @@ def _asked_cases(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
     whole = Scenarios(
         law=law,
         record=record,
-        scale=np.array([c.scale for c in cases], dtype=float),
+        scale=np.array([spec.case_value(case, "scale") for case in cases], dtype=float),
         stiffness=np.where(law == last, 0.0, stiffness),
         restitution=np.where(takes, restitution, 1.0),
         gaps=gaps,
@@ -278,8 +274,8 @@ def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.nda
     table[:, -1] = np.nan
     place = {building.name: i for i, building in enumerate(scene.buildings)}
     for row, case in zip(table[1:], cases, strict=True):
-        for first, factors in ((0, case.period_factors), (n, case.mass_factors)):
-            for name, factor in dict(factors).items():
+        for first, argument in zip((0, n), FACTOR_KINDS, strict=True):
+            for name, factor in dict(getattr(case, argument)).items():
                 row[first + place[name]] = factor
         if case.damping_ratio is not None:
             row[-1] = case.damping_ratio

@@ -6,14 +6,15 @@ from pounding_sweep.records.catalogue import (
     KnownRecord,
     find_record,
     list_records,
+    resolve_record,
+    resolve_records,
 )
-from pounding_sweep.records.dataset import records_dataset
 from pounding_sweep.records.fema_p695 import RECORD_SETS, RecordSet, read_record_set
-from pounding_sweep.records.loading import MAX_FILE_BYTES
-from pounding_sweep.records.measures import RecordMeasures, record_measures
-from pounding_sweep.records.reading import RECORD_SUFFIXES, read_record
+from pounding_sweep.records.formats import RECORD_SUFFIXES
+from pounding_sweep.records.measures import RecordMeasures, record_measures, records_dataset
+from pounding_sweep.records.reader import MAX_FILE_BYTES
+from pounding_sweep.records.reading import read_record
 from pounding_sweep.records.record import STANDARD_GRAVITY, UNITS, Record
-from pounding_sweep.records.resolve import resolve_record, resolve_records
 from pounding_sweep.records.synthetic import PULSES, Pulse, pulse_record, synthetic_record
 
 __all__ = [

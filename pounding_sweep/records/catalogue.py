@@ -1,4 +1,4 @@
-"""Finding records by name: the bundled one, well-known ones, folders of files."""
+"""Finding records: by name (the bundled one, well-known ones, sets), in folders of files, or by path."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ import difflib
 import importlib.resources
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError, shown, unknown
 from pounding_sweep.base.paths import expanded
-from pounding_sweep.records.fema_p695 import RECORD_SETS, read_component, set_components
-from pounding_sweep.records.reading import RECORD_SUFFIXES, read_record
+from pounding_sweep.records.fema_p695 import RECORD_SETS, read_component, read_record_set, set_components
+from pounding_sweep.records.formats import RECORD_SUFFIXES
+from pounding_sweep.records.reading import read_record
 from pounding_sweep.records.record import Record
 
 RECORDS_VARIABLE = "POUNDING_SWEEP_RECORDS"
@@ -25,32 +26,17 @@ _SHOWN_NAMES = 20
 
 @dataclass(frozen=True)
 class KnownRecord:
-    """A record the package knows by name, whether or not its file is at hand.
-
-    Attributes
-    ----------
-    key
-        Name in sweeps and on axes.
-    title, event, component
-        Station, earthquake and direction.
-    rsn
-        Record sequence number in PEER NGA-West2, or None.
-    files
-        Names its file goes by.
-    place
-        Where to get it.
-    bundled
-        File inside ``pounding_sweep/data``, or None.
-    aliases
-        Other names it answers to.
-    """
+    """A record the package knows by name, whether or not its file is at hand: `bundled` names one that it brings."""
 
     key: str
     title: str
     event: str
     component: str
+    #: Record sequence number in PEER NGA-West2.
     rsn: int | None
+    #: Names its file goes by.
     files: tuple[str, ...]
+    #: Where to get it.
     place: str = _PEER_PLACE
     bundled: str | None = None
     aliases: tuple[str, ...] = ()
@@ -215,10 +201,9 @@ def find_record(name: str, folders: Folders = None) -> Record:
         return _bundled(entry)
     searched = _folders(folders)
     files = {folder: _files(folder) for folder in searched}
-    wanted = (*entry.files, name) if entry else (name,)
     for folder in searched:
-        for each in wanted:
-            matches = _match(each, files[folder])
+        for wanted in (*(entry.files if entry else ()), name):
+            matches = _match(wanted, files[folder])
             if len(matches) > 1:
                 listing = ", ".join(file.name for file in matches)
                 msg = f"record {shown(name)} may be any of {listing} in {folder}; give the whole file name"
@@ -292,12 +277,71 @@ def list_records(folders: Folders = None) -> list[tuple[str, Record | str]]:
         if not folder.is_dir():
             found[str(folder)] = f"{folder}: no such folder; mend {RECORDS_VARIABLE} or the folders given"
             continue
-        for file in _files(folder):
+        files = _files(folder)
+        for file in files:
             entry = _known_file(file.name)
             names = [entry.key] if entry and not entry.bundled else []
-            name = next((name for name in (*names, file.stem, file.name) if name not in found), str(file))
+            names += [file.stem] if sum(other.stem == file.stem for other in files) == 1 else []
+            name = next((name for name in (*names, file.name) if name not in found), str(file))
             try:
                 found[name] = read_record(file, name=name)
             except RecordError as error:
                 found[name] = str(error)
     return list(found.items())
+
+
+def resolve_records(
+    items: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
+    folders: Folders = None,
+    base: str | os.PathLike[str] | None = None,
+) -> list[Record]:
+    """Turn records, paths, names and names of sets into records, in order; no two may have the same name.
+
+    A text with a path separator or a record file's ending is a path, from the folder `base` on, any other a name for
+    `find_record`. A path without folder that is not in `base` is looked for in `folders` too.
+    """
+    records: list[Record] = []
+    for item in [items] if isinstance(items, Record | str | os.PathLike) else items:
+        group = plain_name(item) if isinstance(item, str) else None
+        records += read_record_set(group) if group in RECORD_SETS else [resolve_record(item, folders, base)]
+    seen: dict[str, int] = {}
+    for index, record in enumerate(records):
+        if record.name in seen:
+            msg = (
+                f"records {seen[record.name] + 1} and {index + 1} have the same name {record.name!r}; "
+                "rename one: record.renamed('other')"
+            )
+            raise RecordError(msg)
+        seen[record.name] = index
+    return records
+
+
+def resolve_record(item: object, folders: Folders = None, base: str | os.PathLike[str] | None = None) -> Record:
+    """Turn a record, a path or a name into one record, as `resolve_records` does; a record set is refused."""
+    if isinstance(item, Record):
+        return item
+    text = os.fspath(item) if isinstance(item, str | os.PathLike) else None
+    if not isinstance(text, str):
+        what = "a record must be a Record, a path or a name" if text is None else "a record's path must be text"
+        msg = f"{what}, not {shown(item)}"
+        raise RecordError(msg)
+    separated = any(separator in text for separator in {"/", os.sep, os.altsep or os.sep})
+    in_set = plain_name(text.partition("/")[0]) in RECORD_SETS
+    is_name = in_set or not (separated or Path(text).suffix.lower() in RECORD_SUFFIXES)
+    if isinstance(item, str) and is_name:
+        return find_record(text, folders)
+    try:
+        path = (Path() if base is None else Path(base)) / expanded(text, RecordError)
+        absent = not path.exists()
+    except RecordError:
+        raise
+    except (OSError, ValueError) as error:
+        msg = f"{shown(text)} is no usable path: {error}"
+        raise RecordError(msg) from None
+    if absent and not separated:
+        try:
+            return find_record(text, folders)
+        except MissingRecordError as error:
+            msg = f"no file {path}, and as a name: {error}"
+            raise MissingRecordError(msg, error.record) from None
+    return read_record(path)

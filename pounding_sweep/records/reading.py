@@ -1,8 +1,4 @@
-"""Reading record files as they are published: PEER AT2, CSV and plain text.
-
-The format is told from the content: a header with ``NPTS`` is PEER AT2,
-otherwise one column is acceleration and two are time and acceleration.
-"""
+"""Reading record files as they are published: format by content, units, scaling."""
 
 from __future__ import annotations
 
@@ -14,21 +10,9 @@ import numpy as np
 
 from pounding_sweep.base.errors import RecordError, shown
 from pounding_sweep.base.paths import expanded
-from pounding_sweep.records.columns import STATED_DT, parse_columns
-from pounding_sweep.records.loading import Content, fail, in_bounds, in_quotes, load_text
-from pounding_sweep.records.numbers import NUMBER, Array, blocks, plain_words, to_float, words
+from pounding_sweep.records.formats import reader_of
+from pounding_sweep.records.reader import Content, fail, in_quotes, load_text
 from pounding_sweep.records.record import UNITS, Record, match_unit, number, require_unit
-from pounding_sweep.records.steps import agreed_dt
-
-RECORD_SUFFIXES = (".at2", ".csv", ".txt", ".dat")
-"""File name endings taken for record files when a folder is searched."""
-
-_NPTS = re.compile(r"\bNPTS\b", re.IGNORECASE)
-_NPTS_NEW = re.compile(r"\bNPTS\s*[=:]\s*(\d{1,12})(?!\d)", re.ASCII | re.IGNORECASE)
-_NPTS_OLD = re.compile(rf"^\s*(\d{{1,12}})[\s,]+({NUMBER.pattern})[\s,]+NPTS\s*,\s*DT", re.ASCII | re.IGNORECASE)
-_NOT_ACCELERATION = re.compile(r"\b(VELOCITY|DISPLACEMENT)\s+TIME[ -](?:SERIES|HISTORY)", re.IGNORECASE)
-_PEER = re.compile(r"\bPEER\b|STRONG[ -]MOTION DATA", re.IGNORECASE)
-_HEADER_LINES = 32
 
 _UNITS_STATED = re.compile(r"\bunits?\b(?:\s+(?:of|in|is|are))?\s*[:=]?\s*[(\[]?([^,;()\[\]\n]{1,24})", re.IGNORECASE)
 _BRACKETED = re.compile(r"[(\[]([^()\[\]\n]{1,24})[)\]]")
@@ -46,15 +30,16 @@ def read_record(
     r"""Read one ground-motion record from a file.
 
     PEER AT2 (old and NGA headers), two columns of time and acceleration (CSV
-    or separated by blanks, at a constant step), or one column of acceleration
-    with `dt`. The content decides, not the file name. Headings tell time from acceleration, whichever is first.
+    or separated by blanks, at a constant step), one column of acceleration
+    with `dt`, or another format of `pounding_sweep.records.formats`. The content decides, not the file name.
+    Headings tell time from acceleration, whichever is first.
 
     Parameters
     ----------
     path
         The file, of at most 64 MiB and 10,000,000 points.
     name
-        Label of the record; by default the file name without its ending.
+        Label of the record; by default the file name, without its ending unless that tells the component.
     dt
         Time step in s. Needed for one column, or a column of numbers 0, 1, 2 ... and one of acceleration,
         without ``DT=`` in the header; where the file has a step, it must agree.
@@ -99,8 +84,9 @@ def read_record(
         raise RecordError(msg)
     given_units = None if units is None else require_unit(units)
     given_dt = None if dt is None else number(dt, f"{file}: dt (s)", positive=True)
-    label = file.stem if name is None else name
-    content = parse_text(file, load_text(file, label), given_dt)
+    source_text = load_text(file, file.stem if name is None else name)
+    content = reader_of(source_text).parse(source_text, given_dt)
+    label = (content.name or file.stem) if name is None else name
     factor = UNITS[_choose_units(file, content, given_units)]
     with np.errstate(over="ignore"):
         motion = content.values * factor
@@ -110,64 +96,6 @@ def read_record(
         return record.scaled_to(pga) if pga is not None else record.scaled(scale)
     except RecordError as error:
         fail(file, str(error))
-
-
-def parse_text(file: Path, text: str, dt: float | None) -> Content:
-    """Tell the format of `text` and take header, step (s) and values from it."""
-    lines = text.split("\n", _HEADER_LINES + 1)
-    for index, line in enumerate(lines[:_HEADER_LINES]):
-        if _NPTS.search(line):
-            return _parse_at2(file, text, lines, index, dt)
-    return parse_columns(file, text, dt)
-
-
-def _parse_at2(file: Path, text: str, lines: list[str], npts_line: int, dt: float | None) -> Content:
-    start = npts_line + 1
-    if start < len(lines) and STATED_DT.search(lines[start]):
-        start += 1
-    header = "\n".join(lines[:start])
-    wrong = _NOT_ACCELERATION.search(header)
-    if wrong:
-        fail(file, f"holds {wrong[1].lower()}, not acceleration; take the .AT2 file of the same record")
-    old = _NPTS_OLD.search(lines[npts_line])
-    points = old or _NPTS_NEW.search(header)
-    if points is None:
-        given = in_quotes(lines[npts_line].strip())
-        fail(file, f"line {npts_line + 1}: no readable number of points in {given}; write e.g. NPTS= 2000, DT= .02 SEC")
-    step = old[2] if old else (match[1] if (match := STATED_DT.search(header)) else None)
-    dt = agreed_dt(file, None if step is None else to_float(step), dt)
-    expected = int(points[1])
-    in_bounds(file, expected)
-    values = _at2_values(file, text, len(header) + 1, start + 1)
-    if len(values) != expected or expected == 0:
-        cause = "it was cut short" if len(values) < expected else "the header or the file is damaged"
-        found_points = f"its header says {expected} points, it holds {len(values)}"
-        fail(file, f"{found_points}: {cause}; get the file again, or mend NPTS")
-    titles = [line.strip() for line in lines[:npts_line] if line.strip()]
-    title = titles[1] if len(titles) > 1 else "".join(titles)
-    peer = bool(_PEER.search(header)) or file.suffix.lower() == ".at2"
-    return Content(values, dt, header, title, "g" if peer else None)
-
-
-def _at2_values(file: Path, text: str, start: int, line: int) -> Array:
-    """Read all numbers from place `start` on, which is in that line."""
-    parts: list[Array] = [np.empty(0)]
-    count = 0
-    for first, block in blocks(file, text, start, line):
-        part = plain_words(block)
-        if part is None:
-            values: list[float] = []
-            for row, given in enumerate(block.split("\n"), first):
-                found = words(given)
-                if isinstance(found, str):
-                    what = in_quotes(found)
-                    fail(file, f"line {row}: {what} is not a number, nor numbers that touch but can be told apart")
-                values += found
-            part = np.array(values)
-        parts.append(part)
-        count += len(part)
-        in_bounds(file, count)
-    return np.concatenate(parts)
 
 
 def _header_units(header: str) -> tuple[str | None, str]:

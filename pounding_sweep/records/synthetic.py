@@ -7,15 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from pounding_sweep.base.errors import RecordError, shown, unknown
-from pounding_sweep.records.loading import MOST_POINTS
+from pounding_sweep.records.reader import MOST_POINTS, Array
 from pounding_sweep.records.record import Record, number
 
 _SEEDS = 2**64
-
-Array = npt.NDArray[np.float64]
 
 
 def _points(duration: float, dt: float) -> int:
@@ -142,19 +139,7 @@ def _envelope(n: int, rise: float, strong: float, end_level: float) -> Array:
 
 @dataclass(frozen=True)
 class Pulse:
-    """One pulse shape: its length in periods and its height over time in periods.
-
-    Attributes
-    ----------
-    shape
-        Name in the registry.
-    length
-        Length in periods; the pulse is zero after it.
-    height
-        Function of time over period, in [0, length], with an extreme of 1.
-    description
-        What it is, in one line.
-    """
+    """One pulse shape: its height over time, in periods, with an extreme of 1; zero after its length in periods."""
 
     shape: str
     length: float

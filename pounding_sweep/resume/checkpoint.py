@@ -5,7 +5,7 @@ A folder holds ``identity.json`` (which sweep it belongs to), ``expected.json``
 per finished chunk and ``manifest.jsonl``, one line per chunk, written after the
 chunk is safely on disk. A chunk is complete when the manifest says so and at no
 other time. ``earlier-<digest>.json`` tells of a cube that results were taken
-from. ``lock`` is there while somebody runs.
+from. ``lock`` and ``holder.txt`` are there while somebody runs.
 
 A chunk is a table in numpy's own format, one row per scenario and one field
 per variable: it is written in one piece, and any of its rows can be read
@@ -18,7 +18,6 @@ import hashlib
 import json
 import os
 import re
-import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -28,9 +27,8 @@ import numpy as np
 
 from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.base.files import failure, is_temporary, replacing, sync_folder
-from pounding_sweep.base.lock import LOCK, PATIENCE, FolderLock
+from pounding_sweep.base.lock import HOLDER, LOCK, FolderLock
 from pounding_sweep.base.paths import absolute, expanded
-from pounding_sweep.base.regular import open_own, parse_json, read_regular
 from pounding_sweep.output.dataset import package_version
 from pounding_sweep.output.provenance import libraries, package_digest
 from pounding_sweep.spec.spec import to_json
@@ -77,7 +75,6 @@ def _short(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:12]}..."
 
 
-FORMAT = 2
 IDENTITY = "identity.json"
 EXPECTED = "expected.json"
 MANIFEST = "manifest.jsonl"
@@ -103,11 +100,6 @@ def unreadable(folder: Path, error: OSError) -> str:
     """Say that a folder of chunks can't be read, which says nothing against the chunks."""
     why = error.strerror or error
     return f"the chunk folder {str(folder)!r} can't be read ({why}); ask its owner for access, or give another path"
-
-
-def _unfit(error: ValueError) -> str:
-    """Say that a file of a folder of chunks is none of a run."""
-    return f"{error}; remove it, or give another output path"
 
 
 def _own(name: str) -> bool:
@@ -176,7 +168,7 @@ class ChunkStore:
                 return self
             self.folder.mkdir(parents=True, exist_ok=True)
             self._remove(path for path in self.folder.iterdir() if _own(path.name))  # of a sweep that finished nothing
-            text = json.dumps({"format": FORMAT, "identity": self.identity, "details": self.details}, indent=1)
+            text = json.dumps({"identity": self.identity, "details": self.details}, indent=1)
             with replacing(self.folder / IDENTITY, self.folder) as temporary:
                 temporary.write_text(text + "\n", encoding="utf-8")
             sync_folder(self.folder.parent)
@@ -193,14 +185,8 @@ class ChunkStore:
         found = self._identity()
         if found is None:
             return False
-        if found.get("format") != FORMAT:
-            msg = (
-                f"the chunks in {str(self.folder)!r} have format {found.get('format')!r}, not {FORMAT}: another "
-                "version of pounding_sweep wrote them. Continue with that version, or remove the folder"
-            )
-            raise OutputError(msg)
         if found.get("identity") != self.identity:
-            if not self._has_lines():
+            if b"\n" not in self._manifest_text():
                 return False
             there = found.get("details")
             differing = differences(there if isinstance(there, dict) else {}, self.details)
@@ -215,47 +201,36 @@ class ChunkStore:
 
     def _identity(self) -> dict[str, Any] | None:
         """Read whose chunks stand in the folder; None where it is missing or unused."""
-        path, limit = self.folder / IDENTITY, time.monotonic() + PATIENCE
-        while True:
-            try:
-                found = parse_json(read_regular(path))
-                if not isinstance(found, dict):
-                    raise TypeError
-                return found
-            except FileNotFoundError:
-                others = self._others()
-                if not others:
-                    return None
-                if IDENTITY not in others:
-                    msg = (
-                        f"the folder {str(self.folder)!r} is not one of chunks: it has no {IDENTITY}, but "
-                        f"{', '.join(others[:3])}{' ...' if len(others) > 3 else ''}; give another output path"
-                    )
-                    raise OutputError(msg) from None
-                if time.monotonic() > limit:  # a link to nothing
-                    raise OutputError(self._damaged) from None
-                time.sleep(0.001)  # another run has begun there just now
-            except NotADirectoryError:
-                msg = f"{str(self.folder)!r} is not a folder; give another output path"
-                raise OutputError(msg) from None
-            except OSError as error:
-                raise OutputError(unreadable(self.folder, error)) from None
-            except (ValueError, TypeError):
-                raise OutputError(self._damaged) from None
-
-    def _has_lines(self) -> bool:
         try:
-            return b"\n" in read_regular(self._manifest)
+            found = json.loads((self.folder / IDENTITY).read_bytes())
+            if not isinstance(found, dict):
+                raise TypeError
+            return found
         except FileNotFoundError:
-            return False
+            others = self._others()
+            if not others or IDENTITY in others:  # another run has begun there just now
+                return None
+            msg = (
+                f"the folder {str(self.folder)!r} is not one of chunks: it has no {IDENTITY}, but "
+                f"{', '.join(others[:3])}{' ...' if len(others) > 3 else ''}; give another output path"
+            )
+            raise OutputError(msg) from None
+        except NotADirectoryError:
+            msg = f"{str(self.folder)!r} is not a folder; give another output path"
+            raise OutputError(msg) from None
         except OSError as error:
             raise OutputError(unreadable(self.folder, error)) from None
-        except ValueError as error:
-            raise OutputError(_unfit(error)) from None
+        except (ValueError, TypeError):
+            msg = f"{str(self.folder / IDENTITY)!r} is damaged; remove the folder and run the sweep again"
+            raise OutputError(msg) from None
 
-    @property
-    def _damaged(self) -> str:
-        return f"{str(self.folder / IDENTITY)!r} is damaged; remove the folder and run the sweep again"
+    def _manifest_text(self) -> bytes:
+        try:
+            return self._manifest.read_bytes()
+        except (FileNotFoundError, NotADirectoryError):
+            return b""
+        except OSError as error:
+            raise OutputError(unreadable(self.folder, error)) from None
 
     def _others(self) -> list[str]:
         """Names in the folder that neither a run nor the file system made."""
@@ -265,7 +240,8 @@ class ChunkStore:
             return []
         except OSError as error:
             raise OutputError(unreadable(self.folder, error)) from None
-        return sorted(name for name in names if not (is_temporary(name) or _REMOVED.fullmatch(name) or name == LOCK))
+        passing = (LOCK, HOLDER)
+        return sorted(n for n in names if not (is_temporary(n) or _REMOVED.fullmatch(n) or n in passing))
 
     def write(self, key: str, table: np.ndarray, **more: Any) -> None:
         """Store a chunk; when this returns, it outlasts a power cut."""
@@ -286,15 +262,19 @@ class ChunkStore:
 
     def expect(self, chunks: Mapping[str, Any]) -> None:
         """Note of which chunks the sweep will consist, for who looks at an unfinished folder."""
+        self.note(EXPECTED, chunks)
+
+    def note(self, name: str, told: Mapping[str, Any]) -> None:
+        """Write a file of JSON beside the chunks; raises `WriteError`."""
         try:
-            with replacing(self.folder / EXPECTED, self.folder) as temporary:
-                temporary.write_text(json.dumps(chunks) + "\n", encoding="utf-8")
+            with replacing(self.folder / name, self.folder) as temporary:
+                temporary.write_text(json.dumps(told) + "\n", encoding="utf-8")
         except OSError as error:
             raise WriteError(failure(f"writing to {str(self.folder)!r}", error)) from error
 
     def _append(self, line: str) -> None:
         new = not self._manifest.exists()
-        with open(open_own(self._manifest, os.O_RDWR | os.O_APPEND | os.O_CREAT), "ab+") as file:
+        with self._manifest.open("ab+") as file:
             end = file.seek(0, os.SEEK_END)
             torn = False
             if end:
@@ -309,18 +289,10 @@ class ChunkStore:
 
     def _lines(self) -> dict[str, dict[str, Any]]:
         """Read the manifest by key, later lines winning; a line that is no entry is passed over."""
-        try:
-            text = read_regular(self._manifest)
-        except (FileNotFoundError, NotADirectoryError):
-            return {}
-        except OSError as error:
-            raise OutputError(unreadable(self.folder, error)) from None
-        except ValueError as error:
-            raise OutputError(_unfit(error)) from None
         entries: dict[str, dict[str, Any]] = {}
-        for line in text.split(b"\n"):
+        for line in self._manifest_text().split(b"\n"):
             try:
-                entry = parse_json(line)
+                entry = json.loads(line)
                 key, digest = entry["key"], entry["sha256"]
             except (ValueError, TypeError, KeyError):
                 continue
@@ -380,8 +352,8 @@ class ChunkStore:
         own = [path for path in self.folder.iterdir() if _own(path.name)]
         self._remove(sorted(own, key=lambda path: path.name != MANIFEST))  # first: what is left is not complete
         sync_folder(self.folder)  # a power cut must not bring back chunks of a folder that says of no sweep it is
-        self._remove([self.folder / IDENTITY, self.folder / LOCK])
-        with suppress(OSError):  # somebody else's files are in it, or it is a link
+        self._remove([self.folder / IDENTITY])
+        with suppress(OSError):  # the lock or somebody else's files are in it, or it is a link
             self.folder.rmdir()
 
     def _remove(self, paths: Iterable[Path]) -> None:

@@ -11,7 +11,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,15 +20,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, shown
-from pounding_sweep.base.files import failure, replacing
-from pounding_sweep.base.regular import parse_json, read_regular
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, as_stored, package_version
 from pounding_sweep.output.integrity import (
     AXES,
     BUILDING_AXES,
     FREE,
-    MOTION,
     check_axes,
     check_origins,
     check_statuses,
@@ -43,22 +40,18 @@ from pounding_sweep.output.labels import scenario_axes
 from pounding_sweep.output.netcdf import check_space, open_cube
 from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, library_attribute, library_versions, origin, plain
 from pounding_sweep.output.results import table_type
+from pounding_sweep.output.scenario_key import motion_of, places_of, scenario_keys
 from pounding_sweep.output.slabs import SLAB_BYTES, block_shape, slabs
 from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
-from pounding_sweep.plan.chunks import Job
+from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.plan.plan import Plan, make_plan
 from pounding_sweep.plan.scenarios import Scenarios, case_variants, product_variants
 from pounding_sweep.resume.checkpoint import ChunkStore
-from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.axes import axes_of, case_of
 from pounding_sweep.spec.spec import SweepSpec, to_json
 
 if TYPE_CHECKING:
     import xarray as xr
-
-
-def motion(record: Any) -> tuple[Any, ...]:
-    """Return what a record, or what a cube says of one, is known by."""
-    return tuple(record[key] if isinstance(record, Mapping) else getattr(record, key) for key in MOTION)
 
 
 def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) -> None:
@@ -104,13 +97,11 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) 
 def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     """Return the sweep that a cube was made by, but for its records, which are those of `spec`."""
     told = recorded_sweep(path, cube)
-    given: dict[str, Any] = {key: None if told[key] is None else tuple(told[key]) for key in AXES}
-    for key in BUILDING_AXES:
-        given[key] = tuple((building, tuple(values)) for building, values in told[key])
+    given: dict[str, Any] = {"laws": tuple(told["laws"]), **vars(axes_of(told))}
     given |= {key: told[key] for key in ("title", "audit", "force_unstable")}
     given["records_left_out"] = tuple(told["records_left_out"])
     try:
-        given["cases"] = None if told["cases"] is None else tuple(map(_case, told["cases"]))
+        given["cases"] = None if told["cases"] is None else tuple(map(case_of, told["cases"]))
     except (TypeError, ValueError, KeyError):
         raise damaged(path, "its sweep lists no valid cases") from None
     found = replace(spec, **given)
@@ -143,13 +134,6 @@ def _check_results(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
             raise InputError(other_values(path, dim))
 
 
-def _case(told: Mapping[str, Any]) -> Case:
-    """Return a listed case as a cube describes it."""
-    factors = {key: tuple((name, factor) for name, factor in told[key]) for key in ("period_factors", "mass_factors")}
-    gap = told["gap"]
-    return Case(**{**told, **factors, "gap": tuple(gap) if isinstance(gap, list) else gap})
-
-
 def dimensions(spec: SweepSpec) -> tuple[str, ...]:
     """Return the dimensions of the scenarios in the cube of a sweep."""
     return tuple(spec.axes) or ("case",)
@@ -164,12 +148,12 @@ def varies_buildings(spec: SweepSpec) -> bool:
 
 def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, xr.Dataset]:
     """Return an earlier sweep and its cube, without the records that the new sweep has not."""
-    known = {motion(record): record for record in whole.records}
-    known |= {(record.name, *motion(record)): record for record in whole.records}  # several may be of one motion
+    known = {motion_of(record): record for record in whole.records}
+    known |= {(record.name, *motion_of(record)): record for record in whole.records}  # several may be of one motion
     told = []
     for record in json.loads(cube.attrs["sweep"])["records"]:
-        alike = known.get(motion(record))
-        told.append((record["name"], known.get((record["name"], *motion(record)), alike)))
+        alike = known.get(motion_of(record))
+        told.append((record["name"], known.get((record["name"], *motion_of(record)), alike)))
     records = tuple(record for _, record in told if record is not None)
     if whole.cases is None:
         kept = [i for i, (_, record) in enumerate(told) if record is not None]
@@ -199,8 +183,8 @@ class EarlierCube:
         self.taken: dict[str, int] = {}
         self.lost: dict[str, str] = {}
         self._plan = plan
-        self._rows: _RowFinder | None = None
-        motions = [motion(record) for record in plan.spec.records]
+        self._rising: np.ndarray | None = None
+        motions = [motion_of(record) for record in plan.spec.records]
         self._first = np.array([motions.index(each) for each in motions])  # several records may be of one motion
         with open_cube(path) as cube:
             check_same_study(self.path, cube, plan.spec, source)
@@ -225,11 +209,13 @@ class EarlierCube:
         if not len(unique):
             return
         table = old.unique[unique]
-        keys = {law.key: i for i, law in enumerate(plan.laws)}
-        law = np.array([keys.get(item.key, -1) for item in old.laws])[table.law]
-        record = np.array([motions.index(motion(record)) for record in spec.records])[table.record]
+        laws = {law.key: i for i, law in enumerate(plan.laws)}
+        law = np.array([laws.get(item.key, -1) for item in old.laws])[table.law]
+        record = np.array([motions.index(motion_of(record)) for record in spec.records])[table.record]
         own = replace(table, law=law, record=record)
-        self._rows = _RowFinder(self._columns(own, old.variants[table.variant], old.steps[unique]))
+        keys = self._keys(own, old.variants[table.variant], old.steps[unique])
+        order = np.argsort(keys)
+        self._rising, self._place = keys[order], self._place[order]
 
     def _planned(self, spec: SweepSpec) -> Plan:
         """Plan the earlier sweep, as far as it can be what a user once gave: a file may say anything of it."""
@@ -296,22 +282,23 @@ class EarlierCube:
         check_statuses(self.path, rows["status"])
         return rows.data
 
-    def _columns(self, table: Scenarios, variants: Variants, steps: np.ndarray) -> list[np.ndarray]:
-        """Everything that tells scenarios apart, as columns of numbers."""
-        found = [table.law, table.record, steps, table.scale, table.stiffness, table.restitution, *table.gaps.T]
+    def _keys(self, table: Scenarios, variants: Variants, steps: np.ndarray) -> np.ndarray:
+        """Return what scenarios are known by; steps belong to it where they were chosen for an accuracy."""
+        known = {"law": table.law, "record": table.record, "scale": table.scale, "restitution": table.restitution}
+        known |= {"contact_stiffness": table.stiffness, "pair_gap": table.gaps, "steps": steps}
         if len(self._plan.variants) > 1:
-            ratio = np.nan_to_num(variants.damping_ratio, nan=-1.0)  # the buildings' own
-            found += [*variants.period_factor.T, *variants.mass_factor.T, ratio]
-        return [np.broadcast_to(np.asarray(column, dtype=float), len(table)) for column in found]
+            names = ("period_factor", "mass_factor", "damping_ratio")  # NaN: the buildings' own ratio
+            known |= {name: getattr(variants, name) for name in names}
+        return scenario_keys(known)
 
-    def find(self, job: Job) -> np.ndarray:
+    def find(self, job: ChunkTask) -> np.ndarray:
         """Return the rows of the table of results that answer the scenarios of a job; -1 where there is none."""
-        if self._rows is None or set(job.outputs) != set(self._plan.outputs):
+        if self._rising is None or set(job.outputs) != set(self._plan.outputs):
             return np.full(len(job.table), -1)
         numerics, record = job.kernel.numerics, self._plan.spec.records[job.record]
         steps = np.full(len(job.table), numerics.steps(record))
         table = replace(job.table, record=self._first[job.table.record])
-        found = self._rows.find(self._columns(table, job.variants, steps))
+        found = places_of(self._keys(table, job.variants, steps), self._rising)
         return np.where(found >= 0, self._place[found], -1)
 
     def results(self, rows: np.ndarray) -> np.ndarray:
@@ -334,36 +321,6 @@ class EarlierCube:
         for name in new.dtype.names or ():
             new[name] = int(Status.NOT_RUN) if name == "status" else VARIABLES[name].fill
         return self.completed(rows, new)
-
-
-class _RowFinder:
-    """Rows of a table by the values in its columns."""
-
-    def __init__(self, columns: Sequence[np.ndarray]) -> None:
-        codes = np.zeros(len(columns[0]), np.int64)
-        self._stages = []
-        for column in columns:  # codes of the columns so far, always less than the rows
-            values, own = np.unique(column, return_inverse=True)
-            seen, codes = np.unique(codes * len(values) + own.reshape(-1), return_inverse=True)
-            codes = codes.reshape(-1)
-            self._stages.append((values, seen))
-        self._row = np.empty(len(codes), np.int64)
-        self._row[codes] = np.arange(len(codes))
-
-    def find(self, columns: Sequence[np.ndarray]) -> np.ndarray:
-        """Return the row that equals each of others, in all columns; -1 where there is none."""
-        codes, known = np.zeros(len(columns[0]), np.int64), np.ones(len(columns[0]), bool)
-        for column, (values, seen) in zip(columns, self._stages, strict=True):
-            own, there = _places(values, column)
-            codes, followed = _places(seen, codes * len(values) + own)
-            known &= there & followed
-        return np.where(known, self._row[codes], -1)
-
-
-def _places(rising: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where values stand among others, and whether they do."""
-    places = np.searchsorted(rising, wanted).clip(max=len(rising) - 1)
-    return places, rising[places] == wanted
 
 
 class Taken:
@@ -408,11 +365,7 @@ class Taken:
         if not taken or self._store is None or self.origin is None:
             return {}
         if not self._written:
-            try:
-                with replacing(_file(self._store, self._name), self._store.folder) as temporary:
-                    temporary.write_text(json.dumps(self.origin) + "\n", encoding="utf-8")
-            except OSError as error:
-                raise WriteError(failure(f"writing to {str(self._store.folder)!r}", error)) from error
+            self._store.note(_file(self._name), self.origin)
             self._written = True
         return {"taken": taken, "from": self._name}
 
@@ -420,14 +373,14 @@ class Taken:
         """Return what a cube said of itself; None where the file is not what was written."""
         assert self._store is not None
         try:
-            found = parse_json(read_regular(_file(self._store, name)))
+            found = json.loads((self._store.folder / _file(name)).read_bytes())
             return found if _digest(found) == name else None
         except (OSError, ValueError, TypeError, AttributeError):
             return None
 
 
-def _file(store: ChunkStore, name: str) -> Path:
-    return store.folder / f"earlier-{name}.json"
+def _file(name: str) -> str:
+    return f"earlier-{name}.json"
 
 
 def _digest(origin: Mapping[str, Any]) -> str:

@@ -7,14 +7,14 @@ is known only after the runs without pounding.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import OutputError
-from pounding_sweep.base.lock import Holder, running
-from pounding_sweep.base.regular import parse_json, read_regular
+from pounding_sweep.base.lock import running
 from pounding_sweep.plan.chunks import Chunk
 from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, WHOLE, ChunkStore, unreadable
 
@@ -42,7 +42,7 @@ def expected(plan: Plan, stages: Mapping[str, list[list[Any]]]) -> dict[str, Any
 def stages_before(plan: Plan, folder: Path) -> dict[str, list[list[Any]]]:
     """Return the stages that a run of the same plan left in its folder: those that a run comes to later stay known."""
     try:
-        there = parse_json(read_regular(folder / EXPECTED))
+        there = json.loads((folder / EXPECTED).read_bytes())
         if {**there, "stages": {}} != expected(plan, {}):
             return {}
         return {
@@ -94,7 +94,7 @@ class Survey:
         By stage, law and record, as far as planned.
     planned : bool
         Whether all chunks are known.
-    now : Holder or None
+    now : str or None
         Who runs on it.
     """
 
@@ -105,7 +105,7 @@ class Survey:
     at_most: int | None = None
     parts: list[Part] = field(default_factory=list)
     planned: bool = False
-    now: Holder | None = None
+    now: str | None = None
 
 
 def survey(folder: Path) -> Survey:
@@ -137,12 +137,12 @@ def survey(folder: Path) -> Survey:
     ({'package': '0.1.0'}, None, None)
     """
     try:
-        identity = parse_json(read_regular(folder / IDENTITY))
+        identity = json.loads((folder / IDENTITY).read_bytes())
         details = identity["details"]
         found = Survey(folder, {key: str(details[key]) for key in WHOLE if key in details})
         found.now = running(folder)
         if (folder / EXPECTED).exists():
-            _count(found, parse_json(read_regular(folder / EXPECTED)))
+            _count(found, json.loads((folder / EXPECTED).read_bytes()))
     except FileNotFoundError:
         msg = f"{str(folder)!r} is no folder of finished chunks: it has no {IDENTITY}; give OUT.nc.parts of a run"
         raise OutputError(msg) from None

@@ -18,7 +18,7 @@ from pounding_sweep.resume.checkpoint import ChunkStore
 WAITING = 8
 
 
-class Saver:
+class AsyncWriter:
     """Writes finished chunks to a store, one after another, in a thread of its own."""
 
     def __init__(self, store: ChunkStore, results: Results) -> None:
@@ -26,7 +26,7 @@ class Saver:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="chunks")
         self._waiting: deque[Future[None]] = deque()
 
-    def __enter__(self) -> Saver:
+    def __enter__(self) -> AsyncWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *raised: Any) -> None:

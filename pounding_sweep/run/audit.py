@@ -28,7 +28,7 @@ from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.output.labels import row_coordinates
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
 from pounding_sweep.outputs.variables import STATUS, Status
-from pounding_sweep.plan.chunks import Job
+from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.plan.plan import REFINED
 from pounding_sweep.plan.scenarios import changed
 from pounding_sweep.run.pool import Dispatcher
@@ -204,10 +204,10 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     tolerance = TOLERANCE if plan.spec.accuracy is None else plan.spec.accuracy
     share = sum(sample.cost(plan) for sample in samples) / sweep_cost(plan, rows)
     where = np.sort(np.concatenate([sample.rows for sample in samples]))
-    own = outcome.results.take(where)
+    own = outcome.results.gather(where)
     batches = _batches(_by_step(plan, where, own))
-    fine = _run(plan, batches, dispatcher, _halved_job(plan, outputs))
-    moved = None if fine is None else _run(plan, batches, dispatcher, _halved_job(plan, outputs, change=True))
+    fine = _run(plan, batches, dispatcher, _halved_task(plan, outputs))
+    moved = None if fine is None else _run(plan, batches, dispatcher, _halved_task(plan, outputs, change=True))
     if fine is None or moved is None:
         return None
     error = _table(relative_errors(outputs, own, fine))
@@ -218,7 +218,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     if len(again):
         some = {name: values[again] for name, values in own.items()}
         settled = _run(
-            plan, _batches(_by_step(plan, where[again], some)), dispatcher, _settling_job(plan, outputs, tolerance)
+            plan, _batches(_by_step(plan, where[again], some)), dispatcher, _settling_task(plan, outputs, tolerance)
         )
         if settled is None:
             return None
@@ -245,19 +245,19 @@ def _by_step(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[S
 
 
 def _run(
-    plan: Plan, batches: list[list[Sample]], dispatcher: Dispatcher, job: Callable[[list[Sample], int], Job]
+    plan: Plan, batches: list[list[Sample]], dispatcher: Dispatcher, task_of: Callable[[list[Sample], int], ChunkTask]
 ) -> dict[str, np.ndarray] | None:
     """Run batches; returns results in rising order of their rows, or None, with a warning, where one failed."""
     measured: list[tuple[np.ndarray, np.ndarray]] = []
     failures: list[str] = []
 
-    def take(position: int, found: np.ndarray | str) -> None:
+    def receive(position: int, found: np.ndarray | str) -> None:
         if isinstance(found, str):
             failures.append(found)
         else:
             measured.append((np.concatenate([sample.rows for sample in batches[position]]), found))
 
-    dispatcher.run(len(batches), lambda position: job(batches[position], position), take)
+    dispatcher.run(len(batches), lambda position: task_of(batches[position], position), receive)
     if failures:
         warnings.warn(
             f"the audit has no result: {failures[0]}. The cube has none; to have it audited again, run the sweep with "
@@ -280,29 +280,29 @@ def _batches(samples: list[Sample]) -> list[list[Sample]]:
     return [alike[i : i + size] for alike in kinds.values() for i in range(0, len(alike), size)]
 
 
-def _halved_job(plan: Plan, outputs: Sequence[str], change: bool = False) -> Callable[[list[Sample], int], Job]:
+def _halved_task(plan: Plan, outputs: Sequence[str], change: bool = False) -> Callable[[list[Sample], int], ChunkTask]:
     """Return what makes the run of a batch at half of all its steps, as it is or with all inputs changed."""
 
-    def job(batch: list[Sample], position: int) -> Job:
+    def task_of(batch: list[Sample], position: int) -> ChunkTask:
         sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
         kernel = replace(_kernel_of(plan, sample), accuracy=None)
         key = f"audit-{plan.digest[:32]}-{'changed' if change else 'halved'}-{position}"
         scenarios = changed(table) if change else table
-        return Job(key, kernel, sample.record, scenarios, plan.variants[table.variant], tuple(outputs))
+        return ChunkTask(key, kernel, sample.record, scenarios, plan.variants[table.variant], tuple(outputs))
 
-    return job
+    return task_of
 
 
-def _settling_job(plan: Plan, outputs: Sequence[str], tolerance: float) -> Callable[[list[Sample], int], Job]:
+def _settling_task(plan: Plan, outputs: Sequence[str], tolerance: float) -> Callable[[list[Sample], int], ChunkTask]:
     """Return what makes the run of a batch in double precision, at ever finer steps until they agree."""
 
-    def job(batch: list[Sample], position: int) -> Job:
+    def task_of(batch: list[Sample], position: int) -> ChunkTask:
         sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
         kernel = replace(in_double(_kernel_of(plan, sample)), accuracy=CONVERGED * tolerance)
         key = f"audit-{plan.digest[:32]}-settled-{position}"
-        return Job(key, kernel, sample.record, table, plan.variants[table.variant], tuple(outputs))
+        return ChunkTask(key, kernel, sample.record, table, plan.variants[table.variant], tuple(outputs))
 
-    return job
+    return task_of
 
 
 def _kernel_of(plan: Plan, sample: Sample) -> RowKernel:

@@ -81,6 +81,6 @@ def _slabs(
     each = table_type(outcome.results.names, plan.spec.scene).itemsize
     for slab in slabs(sizes, slab_shape(sizes, block, SLAB_BYTES // each)):
         rows = row_of[slab]
-        found = mask_invalid(outcome.results.take(rows.ravel()))
+        found = mask_invalid(outcome.results.gather(rows.ravel()))
         yield slab, {name: values.reshape(*rows.shape, *values.shape[1:]) for name, values in found.items()}
         progress.advance(rows.size)

@@ -1,4 +1,4 @@
-"""Running a plan: kernels made ready, chunks fanned out by dask, results kept.
+"""Running a plan: kernels made ready, chunks fanned out to workers, results kept.
 
 Workers return tables; only this process writes. A chunk that fails costs its
 own scenarios (status ``not_run``), never the batch.
@@ -23,14 +23,14 @@ from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.results import Outcome, Results, table_type, to_table
 from pounding_sweep.outputs.variables import Status, cube_variables
-from pounding_sweep.plan.chunks import Chunk, Job
+from pounding_sweep.plan.chunks import Chunk, ChunkTask
 from pounding_sweep.plan.plan import Plan, untouched
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkCorrupt, ChunkStore
 from pounding_sweep.resume.reuse import Taken
 from pounding_sweep.resume.survey import expected, listed, stages_before
-from pounding_sweep.run.async_writer import Saver
+from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import run_at_step, run_refined
 
@@ -63,25 +63,16 @@ class Progress:
 
 def run_chunk(
     kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
-) -> dict[str, np.ndarray] | str:
-    """Run the scenarios of one chunk; returns variables of shape (n, *inner), or what went wrong."""
-    try:
-        if kernel.accuracy is not None:
-            return run_refined(kernel, record, table, variants, outputs, kernel.accuracy)
-        return run_at_step(kernel, record, table, variants, outputs)
-    except Exception as error:  # reported with the chunk: a batch never dies of one scenario
-        return f"{type(error).__name__}: {error}"
-
-
-def run_table(
-    kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
 ) -> np.ndarray | str:
     """Run the scenarios of one chunk; returns their table of results, or what went wrong."""
-    found = run_chunk(kernel, record, table, variants, outputs)
     try:
-        return found if isinstance(found, str) else to_table(found, found, kernel.scene)
-    except MemoryError as error:  # as in `run_chunk`
-        return f"MemoryError: {error}"
+        if kernel.accuracy is not None:
+            found = run_refined(kernel, record, table, variants, outputs, kernel.accuracy)
+        else:
+            found = run_at_step(kernel, record, table, variants, outputs)
+        return to_table(found, found, kernel.scene)
+    except Exception as error:  # reported with the chunk: a batch never dies of one scenario
+        return f"{type(error).__name__}: {error}"
 
 
 def check_scheduler(scheduler: str, workers: int | None) -> int:
@@ -105,7 +96,7 @@ def dispatcher_for(
 ) -> Dispatcher:
     """Return the workers of a run; see `check_scheduler` for what is valid. `progress` hears of them."""
     note = (progress or Progress()).note
-    return Dispatcher(scheduler, check_scheduler(scheduler, workers), plan.spec.records, run_table, note)
+    return Dispatcher(scheduler, check_scheduler(scheduler, workers), plan.spec.records, run_chunk, note)
 
 
 def execute(
@@ -118,7 +109,23 @@ def execute(
 ) -> Outcome:
     """Run a plan and keep the results of its unique scenarios."""
     progress, taken = progress or Progress(), Taken(store, earlier)
-    outcome = _execute(plan, dispatcher, store, progress, taken)
+    kernels = plan.kernels()
+    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels.values()))
+    progress.stage("kernels", len(shapes))
+    started = time.perf_counter()
+    compiled = dispatcher.prepare(shapes, progress.advance)
+    results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
+    results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
+    outcome = Outcome(results, compiled=compiled, compile_seconds=time.perf_counter() - started)
+    started = time.perf_counter()
+    if kernels:
+        with ExitStack() as contexts:
+            writer = None if store is None else contexts.enter_context(AsyncWriter(store, results))
+            before = {} if store is None else stages_before(plan, store.folder)
+            stages = _Stages(plan, outcome, store, writer, dispatcher, progress, taken, before)
+            stages.without_pounding()
+            stages.scenarios()
+    outcome.run_seconds = time.perf_counter() - started
     outcome.taken, outcome.taken_from = taken.scenarios, taken.origin
     if taken.origin is not None:
         progress.note(f"{taken.scenarios} scenarios taken from {taken.origin['file']}")
@@ -132,31 +139,6 @@ def execute(
     return outcome
 
 
-def _execute(plan: Plan, dispatcher: Dispatcher, store: ChunkStore | None, progress: Progress, taken: Taken) -> Outcome:
-    kernels = plan.kernels()
-    shapes = list(dict.fromkeys(kernel.shape for kernel in kernels.values()))
-    progress.stage("kernels", len(shapes))
-    started = time.perf_counter()
-    compiled = dispatcher.prepare(shapes, progress.advance)
-    results = Results(cube_variables(plan.outputs), plan.spec.scene, len(plan.unique))
-    results.status[plan.refused] = Status.BEYOND_STABILITY_LIMIT
-    outcome = Outcome(results, compiled=compiled, compile_seconds=time.perf_counter() - started)
-    started = time.perf_counter()
-    if kernels:
-        with ExitStack() as contexts:
-            saver = None if store is None else contexts.enter_context(Saver(store, results))
-            before = {} if store is None else stages_before(plan, store.folder)
-            stages = _Stages(plan, outcome, store, saver, dispatcher, progress, taken, before)
-            stages.without_pounding()
-            stages.scenarios()
-    outcome.run_seconds = time.perf_counter() - started
-    return outcome
-
-
-#: (chunk, its table, what the rows of the table are known by)
-_Place = Callable[[Chunk, np.ndarray, np.ndarray], None]
-
-
 @dataclass
 class _Stages:
     """The two stages of a run: the runs without pounding, and what may touch by them."""
@@ -164,7 +146,7 @@ class _Stages:
     plan: Plan
     outcome: Outcome
     store: ChunkStore | None
-    saver: Saver | None
+    writer: AsyncWriter | None
     dispatcher: Dispatcher
     progress: Progress
     taken: Taken
@@ -174,23 +156,18 @@ class _Stages:
         """Run each motion that is worth it, and find the scenarios that never touch: they are answered by it."""
         plan, outcome, results = self.plan, self.outcome, self.outcome.results
         contacts, n = plan.spec.scene.contacts, len(plan.uncoupled_runs)
-        last, wide = len(plan.laws) - 1, (*plan.outputs, "closing_max")
         closing = np.full((n, len(contacts)), np.inf)
         status, slot = np.full(n, int(Status.NOT_RUN), np.int8), np.full(n, -1)
 
-        def job(chunk: Chunk) -> Job:
-            kernel = plan.kernel(last, closing=True, record=chunk.record, steps=chunk.steps)
-            table = plan.uncoupled_runs[chunk.rows]
-            return Job(chunk.key, kernel, chunk.record, table, plan.variants[table.variant], wide)
-
-        def place(chunk: Chunk, table: np.ndarray, slots: np.ndarray) -> None:
-            status[chunk.rows], slot[chunk.rows] = table["status"], slots
+        def keep(rows: np.ndarray, table: np.ndarray, slots: np.ndarray) -> None:
+            status[rows], slot[rows] = table["status"], slots
             ok = table["status"] == Status.OK
             for j, contact in enumerate(contacts):
                 found = table["closing_max"][:, contact.pair, contact.storey - 1]
-                closing[chunk.rows, j] = np.where(ok, found, np.inf)
+                closing[rows, j] = np.where(ok, found, np.inf)
 
-        self._run("no pounding", plan.motion_chunks(), wide, job, place)
+        outputs = (*plan.outputs, "closing_max")
+        self._run("no pounding", plan.motion_chunks(), plan.uncoupled_runs, outputs, keep, closing=True)
         left_out = untouched(plan, closing) & ~plan.refused
         outcome.left_out = left_out
         outcome.untouched = int((left_out & ~plan.no_contact).sum())
@@ -200,60 +177,66 @@ class _Stages:
 
     def scenarios(self) -> None:
         """Run the scenarios that may touch."""
-        plan, outcome = self.plan, self.outcome
-        assert outcome.left_out is not None
+        plan, results, left_out = self.plan, self.outcome.results, self.outcome.left_out
+        assert left_out is not None
 
-        def job(chunk: Chunk) -> Job:
-            kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
-            table = plan.unique[chunk.rows]
-            return Job(chunk.key, kernel, chunk.record, table, plan.variants[table.variant], plan.outputs)
+        def keep(rows: np.ndarray, table: np.ndarray, slots: np.ndarray) -> None:
+            results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))
 
-        def place(chunk: Chunk, table: np.ndarray, slots: np.ndarray) -> None:
-            touched = np.isfinite(table["steps_per_contact"])
-            outcome.results.answer(chunk.rows, slots, table["status"], touched)
-
-        chunks = plan.chunks(np.flatnonzero(~outcome.left_out & ~plan.refused))
-        self._run("scenarios", chunks, plan.outputs, job, place)
+        self._run("scenarios", plan.chunks(np.flatnonzero(~left_out & ~plan.refused)), plan.unique, plan.outputs, keep)
 
     def _run(
-        self, stage: str, chunks: list[Chunk], outputs: Sequence[str], job: Callable[[Chunk], Job], place: _Place
+        self,
+        stage: str,
+        chunks: list[Chunk],
+        table: Scenarios,
+        outputs: tuple[str, ...],
+        keep: Callable[[np.ndarray, np.ndarray, np.ndarray], None],
+        *,
+        closing: bool = False,
     ) -> None:
-        """Take up the chunks that are in the store, and run the others."""
-        outcome, results = self.outcome, self.outcome.results
+        """Run chunks of a table but those that are in the store; `keep` gets rows, results and where these stand."""
+        plan, outcome, results = self.plan, self.outcome, self.outcome.results
         if self.store is not None:
             self.expected[stage] = listed(chunks)
-            self.store.expect(expected(self.plan, self.expected))
+            self.store.expect(expected(plan, self.expected))
         self.progress.stage(stage, sum(len(chunk.rows) for chunk in chunks))
         done = self.store.completed() if self.store is not None else set()
-        fields = table_type(cube_variables(outputs), self.plan.spec.scene)
+        fields = table_type(cube_variables(outputs), plan.spec.scene)
         waiting = []
         for chunk in chunks:
-            kept = self._kept(chunk, fields) if chunk.key in done else None
-            if self.store is None or kept is None:
+            found = self._stored(chunk, fields) if chunk.key in done else None
+            if self.store is None or found is None:
                 waiting.append(chunk)
                 continue
-            place(chunk, kept, results.hold(kept, partial(self.store.read, chunk.key))[1])
+            keep(chunk.rows, found, results.hold(found, partial(self.store.read, chunk.key))[1])
             outcome.reused += len(chunk.rows) - self.taken.kept(chunk.key)
             self.progress.advance(len(chunk.rows))
 
-        def take(position: int, found: np.ndarray | str) -> None:
+        def task_of(position: int) -> ChunkTask:
+            chunk = waiting[position]
+            kernel = plan.kernel(chunk.law, closing=closing, record=chunk.record, steps=chunk.steps)
+            mine = table[chunk.rows]
+            return ChunkTask(chunk.key, kernel, chunk.record, mine, plan.variants[mine.variant], outputs)
+
+        def receive(position: int, found: np.ndarray | str) -> None:
             chunk = waiting[position]
             failure = found if isinstance(found, str) else self.taken.lost(chunk.key)
             if failure:
                 outcome.failures.append(failure)
             if not isinstance(found, str):
                 index, slots = results.hold(found)
-                place(chunk, found, slots)
+                keep(chunk.rows, found, slots)
                 taken = self.taken.new(chunk.key)
                 if not failure:
                     outcome.run += len(chunk.rows) - taken
-                if self.saver is not None and not failure:  # else the next run makes what is missing
-                    self.saver.save(chunk.key, found, index, **self.taken.line(taken))
+                if self.writer is not None and not failure:  # else the next run makes what is missing
+                    self.writer.save(chunk.key, found, index, **self.taken.line(taken))
             self.progress.advance(len(chunk.rows))
 
-        self.dispatcher.run(len(waiting), lambda position: job(waiting[position]), take)
+        self.dispatcher.run(len(waiting), task_of, receive)
 
-    def _kept(self, chunk: Chunk, fields: np.dtype) -> np.ndarray | None:
+    def _stored(self, chunk: Chunk, fields: np.dtype) -> np.ndarray | None:
         """Return the table of a chunk that was finished before; None where it is damaged."""
         assert self.store is not None
         try:

@@ -15,7 +15,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.base.regular import open_own
 from pounding_sweep.output.results import Outcome
 from pounding_sweep.run.execute import Progress
 
@@ -96,8 +95,7 @@ class RunLog(Progress):
             return
         stamp = datetime.now().astimezone().isoformat(timespec="seconds")
         try:
-            handle = open_own(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-            with open(handle, "a", encoding="utf-8", errors="backslashreplace") as file:
+            with self.path.open("a", encoding="utf-8", errors="backslashreplace") as file:
                 file.write(f"{stamp} {' '.join(text.split())}\n")
         except OSError as error:
             self._writable = False

@@ -66,7 +66,7 @@ def _run_alike(
     kernel: RowKernel, record: Record, table: Scenarios, variants: Variants, outputs: Sequence[str]
 ) -> Values:
     """`run_once`, those together that fly in equally long steps whatever is run beside them."""
-    if kernel.numerics.method != "exact" or not kernel.varied:
+    if not kernel.numerics.scheme.flies_exactly or not kernel.varied:
         return run_once(kernel, record, table, variants, outputs)
     flight_substeps = kernel.flight_substeps(record, variants)
     parts = [np.flatnonzero(flight_substeps == each) for each in np.unique(flight_substeps)]

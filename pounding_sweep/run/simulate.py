@@ -14,11 +14,12 @@ from pounding_sweep.model.laws import Law, get_law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.output.dataset import assemble
 from pounding_sweep.outputs.differences import comparable
-from pounding_sweep.outputs.layout import scatter_contact, scatter_dof
+from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record, resolve_record
+from pounding_sweep.spec.axes import contact_stiffness
 from pounding_sweep.spec.build import build_spec
-from pounding_sweep.spec.spec import contact_stiffness, scene_data
+from pounding_sweep.spec.spec import scene_data
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,8 +63,8 @@ def simulate(
         Contact stiffness (kN/m**exponent); the scene's reference where not given.
     restitution : float, optional
         Coefficient of restitution; the scene's where not given.
-    method : {"rk4", "newmark", "exact"}, optional
-        Scheme; "rk4" by default, with `accuracy` the cheapest that reaches it.
+    method : str, optional
+        Scheme, one of `pounding_sweep.schemes.SCHEMES`; "rk4" by default, with `accuracy` the cheapest that reaches it.
     dt : float, optional
         Largest time step (s); 1e-3 by default, with `accuracy` the largest that reaches it.
     locate : bool
@@ -142,11 +143,9 @@ def simulate(
     limit = float(plan.limit[0])
     step = motion.dt / numerics.steps(motion)
     if step > limit and not force_unstable:
-        scheme = numerics.method
-        stable = "the newmark scheme" if scheme != "newmark" else "beta >= (gamma + 0.5)^2 / 4, which has no limit,"
         msg = (
-            f"the step {step:.6g} s is beyond the stability limit of {scheme} for this scene and contact stiffness; "
-            f"give dt <= {limit:.6g} s, {stable} or force_unstable=True"
+            f"the step {step:.6g} s is beyond the stability limit of {numerics.method} for this scene and contact "
+            f"stiffness; give dt <= {limit:.6g} s, {numerics.scheme.without_limit} or force_unstable=True"
         )
         raise StabilityError(msg)
     kernel = RowKernel(

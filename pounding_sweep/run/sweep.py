@@ -41,16 +41,9 @@ class Sweep:
         Ground motions.
     laws : str, Law, or several
         Contact laws.
-    gaps, stiffnesses, stiffness_factors, restitutions, scales : float or several, optional
-        Axes (m; kN/m**exponent; dimensionless).
-    period_factors, mass_factors : mapping of str to float or several, optional
-        Axes of factors on all periods, or all masses, of a building, by its name.
-    damping_ratios : float or several, optional
-        Axis of damping ratios of all buildings.
-    **settings
-        ``cases``, ``method``, ``dt``, ``accuracy``, ``locate``, ``outputs``, ``beta``, ``gamma``,
-        ``precision``, ``restitution_basis``, ``audit``, ``force_unstable``, ``title``, ``folders``, ``base``,
-        ``skip_missing_records``.
+    **arguments
+        Axes (``gaps``, ``stiffness_factors``, ``restitutions`` and others), ``cases``, ``method``, ``dt``,
+        ``accuracy``, ``locate``, ``outputs``, ``precision``, ``title`` and all others of `build_spec`.
 
     Raises
     ------
@@ -70,31 +63,9 @@ class Sweep:
         scene: Scene | str,
         records: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
         laws: Any = None,
-        *,
-        gaps: Any = None,
-        stiffnesses: Any = None,
-        stiffness_factors: Any = None,
-        restitutions: Any = None,
-        scales: Any = None,
-        period_factors: Any = None,
-        mass_factors: Any = None,
-        damping_ratios: Any = None,
-        **settings: Any,
+        **arguments: Any,
     ) -> None:
-        self.spec: SweepSpec = build_spec(
-            scene=scene,
-            records=records,
-            laws=laws,
-            gaps=gaps,
-            stiffnesses=stiffnesses,
-            stiffness_factors=stiffness_factors,
-            restitutions=restitutions,
-            scales=scales,
-            period_factors=period_factors,
-            mass_factors=mass_factors,
-            damping_ratios=damping_ratios,
-            **settings,
-        )
+        self.spec: SweepSpec = build_spec(scene=scene, records=records, laws=laws, **arguments)
         self.last_outcome: Outcome | None = None
         self.last_audit: Audit | None = None
 

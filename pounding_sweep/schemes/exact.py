@@ -1,4 +1,4 @@
-"""Text of one exact step of free flight: each building by its own transition matrix.
+"""Exact flight between contacts, each building by its own transition matrix; beside contacts, Runge-Kutta.
 
 Between impacts a building is linear, and the ground acceleration is linear between
 record points; over a step h its state x = (u, v) then moves by
@@ -14,6 +14,29 @@ from __future__ import annotations
 from pounding_sweep.emit.spec import LANES, KernelSpec, Slots
 from pounding_sweep.emit.text import Source
 from pounding_sweep.emit.watch import watch
+from pounding_sweep.schemes.rk4 import Rk4
+
+
+class Exact(Rk4):
+    """Exact flight; a step with contact is one of `Rk4`."""
+
+    name = "exact"
+    title = "exact flight between contacts in long steps, `rk4` in short ones beside them"
+    source = "Nigam & Jennings 1969"
+    flies_exactly = True
+    step_cost = 0.8
+    ladder = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
+    finest_float32 = 2.0
+
+    def flight(self, shape: KernelSpec, slots: Slots) -> str:
+        """Text of the exact step."""
+        return emit_flight(shape, slots)
+
+    def motion_slots(self, shape: KernelSpec) -> dict[str, int]:
+        """Also what energies of flight are made from."""
+        energies = {"PASSED": 1, "GIVEN": 1, "GAINED": 1, "PULL": shape.n_dof} if "energy" in shape.reducers else {}
+        return super().motion_slots(shape) | energies
+
 
 #: Constants of one lane loop: as many as a processor's registers hold beside the motion.
 CONSTANTS = 16

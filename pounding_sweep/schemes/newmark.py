@@ -1,4 +1,4 @@
-"""Text of one Newmark-beta step of a row, in lanes; contact is added implicitly lane by lane.
+"""Newmark's method, and the text of its step of a row in lanes; contact is added implicitly lane by lane.
 
 Acceleration form: predictors
 
@@ -10,13 +10,51 @@ u' = u~ + beta h^2 a', v' = v~ + gamma h a'. The matrix is tridiagonal per build
 
 from __future__ import annotations
 
+import numpy as np
+
 from pounding_sweep.emit.spec import Floors, KernelSpec, Slots
 from pounding_sweep.emit.text import Source, StepText
 from pounding_sweep.emit.watch import watch
+from pounding_sweep.schemes.base import Scheme
+
+
+class Newmark(Scheme):
+    """Newmark's method with its beta and gamma, average acceleration by default."""
+
+    name = "newmark"
+    title = "Newmark's method, with contact implicit; average acceleration unless `beta` and `gamma` are given"
+    source = "Newmark 1959"
+    order = 2
+    implicit = True
+    follows_ground = False
+    parameters = ("beta", "gamma")
+    without_limit = "beta >= (gamma + 0.5)^2 / 4, which has no limit,"
+    min_steps_located = 12.0
+    step_cost = 4.5
+    ladder = (1, 2, 4, 8, 16, 32, 64, 128, 256)  # its second order needs many
+    finest_float32 = 128
+
+    def stability_limit(self, w2: np.ndarray, rate: np.ndarray, beta: float, gamma: float) -> np.ndarray:
+        """Of the undamped motion, which damping only extends; infinite where beta and gamma leave none."""
+        if beta >= 0.25 * (gamma + 0.5) ** 2 or gamma / 2.0 - beta <= 0.0:
+            return np.full(w2.shape, np.inf)
+        return np.asarray(1.0 / np.sqrt(w2 * (gamma / 2.0 - beta)))
+
+    def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
+        """By the first terms."""
+        return np.hypot((0.5 * beta - 1.0 / 24.0) * x * x, 0.5 * (gamma - 0.5) * x)
+
+    def step(self, shape: KernelSpec, slots: Slots, variant: str) -> str:
+        """Text of a variant of the step."""
+        return NewmarkStep(shape, slots, variant).emit()
+
+    def motion_slots(self, shape: KernelSpec) -> dict[str, int]:
+        """Accelerations, which are part of the state."""
+        return {"AO": shape.n_dof, "A": shape.n_dof}
 
 
 class NewmarkStep:
-    """Emits the step in the variants ``flight``, ``trial`` and ``plain`` (as for RK4)."""
+    """Emits the step in the variants ``flight``, ``trial`` and ``plain``."""
 
     def __init__(self, shape: KernelSpec, slots: Slots, variant: str) -> None:
         self.shape, self.slots, self.variant = shape, slots, variant

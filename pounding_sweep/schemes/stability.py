@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
-
-#: Radius of RK4's stability region: along the imaginary axis, and its least over the left half-plane.
-RK4_UNDAMPED = 2.0 * math.sqrt(2.0)
-RK4_DAMPED = 2.615
+from pounding_sweep.schemes import SCHEMES
 
 
 def largest_step(
@@ -27,12 +22,13 @@ def largest_step(
     basis: str = "published",
 ) -> np.ndarray:
     """Largest stable step (s) of each scenario; infinite where the scheme has no limit."""
+    scheme = SCHEMES[method]
     stiffness = np.asarray(stiffness, dtype=float)
     variants = variants_of(row)
     scene = variants.scene
     contact_k = np.zeros_like(stiffness)
     contact_c = np.zeros_like(stiffness)
-    if law.exponent == 1.0 and scene.contacts and method != "exact":
+    if law.exponent == 1.0 and scene.contacts and not scheme.flies_exactly:
         contact_k = stiffness
         if law.damping == "viscous":
             largest = variants.contact_mass(0)
@@ -51,13 +47,7 @@ def largest_step(
             contact = weight / variants.mass_factor[:, index]
             w2 = np.maximum(w2, stiff + contact_k * contact)
             rate = np.maximum(rate, a + b * stiff + contact_c * contact)
-    if method == "newmark":
-        if beta >= 0.25 * (gamma + 0.5) ** 2 or gamma / 2.0 - beta <= 0.0:
-            return np.full(stiffness.shape, np.inf)
-        return np.asarray(1.0 / np.sqrt(w2 * (gamma / 2.0 - beta)))
-    # an overdamped mode has no frequency: its rate is at most that of the dampers, in whatever floor they are largest
-    fastest = np.maximum(np.sqrt(w2), rate)
-    return np.asarray(np.where(rate > 0.0, RK4_DAMPED, RK4_UNDAMPED) / fastest)
+    return scheme.stability_limit(w2, rate, beta, gamma)
 
 
 def _contact_weights(scene: Scene) -> np.ndarray:

@@ -1,17 +1,314 @@
-"""What varies in a sweep: evenly spaced values, building properties, listed cases."""
+"""What varies in a sweep: the registry of axes, evenly spaced values, listed cases.
+
+An axis is one entry in `AxisValues`: the argument of `build_spec` and key of sweep files that gives its values, the
+dimension of the cube, how values are checked and what they are in a scenario. A listed case takes one value of it by
+the field of `Case` that has the dimension's name.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal
+
+from pounding_sweep.base.errors import InputError, LawError, SweepError, shown
+from pounding_sweep.model.laws import Law, get_law, realised_validity
+from pounding_sweep.model.scene import Scene, check_gap
+from pounding_sweep.records import Record
 
 #: Factor by name of the building, in the order of the row.
 Factors = tuple[tuple[str, float], ...]
-#: Factors on a building's properties, by the argument that gives them.
-FACTOR_KINDS = {"period_factors": "period_factor", "mass_factors": "mass_factor"}
+#: Values of an axis; None where the sweep does not have it.
+Values = tuple[float, ...] | None
+#: Axes by building: name and values, in the order of the row.
+BuildingValues = tuple[tuple[str, tuple[float, ...]], ...]
+#: Raises unless a value will do; it gets the laws of the sweep and how restitution is meant as well.
+Check = Callable[[float, Sequence[Law], str], None]
+#: Place of a fault among the arguments of `build_spec`, and what it is.
+Fault = tuple[tuple[str | int, ...], str]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """An axis that a sweep may have.
+
+    Attributes
+    ----------
+    dimension : str
+        Dimension of the cube and key of a listed case; of axes by building, the start of the dimension's name.
+    column : str
+        What of a scenario it sets: axes of one column exclude each other.
+    noun, nouns : str
+        What one value is, and several are, in messages.
+    check : callable
+        Raises unless a value will do.
+    meaning : str
+        What its values are, for the documentation.
+    long_name, unit, comment : str
+        Attributes of its coordinate.
+    value : callable
+        Value of the axis, ``scene``, and ``law`` (of stiffness) or ``record`` (of scale) -> value of the column.
+    default : tuple of float or None
+        Values of a column that no axis is given for.
+    requires : callable
+        Scene, laws, records -> faults of a sweep that has the axis.
+    of_buildings : bool
+        Whether it changes buildings.
+    by_building : bool
+        Whether it is given for each building by name.
+    unsaid : bool
+        Whether the JSON of a sweep without it is silent of it. So it is of axes that came later: digests of sweeps
+        without them stay what they were.
+    """
+
+    dimension: str
+    column: str
+    noun: str
+    nouns: str
+    check: Check
+    meaning: str
+    long_name: str
+    unit: str = "1"
+    comment: str = ""
+    value: Callable[..., float] = lambda value, **_: value
+    default: Values = None
+    requires: Callable[[Scene, Sequence[Law], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
+    of_buildings: bool = False
+    by_building: bool = False
+    unsaid: bool = False
+
+
+def positive(what: str) -> Check:
+    """Make a check that a number is finite and above 0."""
+
+    def check(value: float, *_: Any) -> None:
+        if not (math.isfinite(value) and value > 0):
+            msg = f"{what} is {shown(value)}; it must be a positive number"
+            raise InputError(msg)
+
+    return check
+
+
+def finite(what: str) -> Check:
+    """Make a check that a number is finite."""
+
+    def check(value: float, *_: Any) -> None:
+        if not math.isfinite(value):
+            msg = f"{what} is {shown(value)}; it must be a finite number"
+            raise InputError(msg)
+
+    return check
+
+
+#: Least and largest factor on a period or on masses: beyond it nothing is a building, and numbers run out of range.
+FACTOR_RANGE = (1e-3, 1e3)
+
+
+def _check_factor(value: float, *_: Any) -> None:
+    low, high = FACTOR_RANGE
+    if not low <= value <= high:
+        msg = f"factor is {value!r}; it must be in [{low:g}, {high:g}]"
+        raise InputError(msg)
+
+
+def _check_ratio(value: float, *_: Any) -> None:
+    if not 0.0 <= value < 1.0:
+        msg = f"damping ratio is {value!r}; it must be in [0, 1)"
+        raise InputError(msg)
+
+
+def _check_gap(value: float, *_: Any) -> None:
+    check_gap(value, "gap")
+
+
+def _check_restitution(value: float, laws: Sequence[Law], basis: str) -> None:
+    """Check a coefficient of restitution against [0, 1] and every law of the sweep."""
+    realised = basis == "realised"
+    refused = []
+    for law in laws:
+        try:
+            law.check_restitution(value, basis)
+        except LawError:
+            refused.append(f"law {law.key!r} ({realised_validity(law) if realised else law.validity})")
+    if refused:
+        fault = "can't be realised by" if realised else "is outside the validity of"
+        msg = f"restitution {value!r} {fault} {', '.join(refused)}; change it or leave them out"
+        raise LawError(msg)
+    if not (math.isfinite(value) and 0 <= value <= 1):
+        msg = f"restitution is {value!r}; it must be in [0, 1]"
+        raise LawError(msg)
+
+
+#: Property of `ContactProperties` that holds a force exponent's reference stiffness.
+REFERENCE_PROPERTIES = {1.0: "linear_stiffness", 1.5: "hertz_stiffness"}
+
+
+def contact_stiffness(
+    scene: Scene, law: str | Law, *, stiffness: float | None = None, stiffness_factor: float | None = None
+) -> float:
+    """Absolute contact stiffness of a law (kN/m**exponent); 0 for a law without contact."""
+    found = get_law(law)
+    if found.exponent is None:
+        return 0.0
+    if stiffness is not None:
+        return stiffness
+    reference = scene.contact.reference(found.exponent)
+    if reference is None:
+        raise SweepError(_missing_reference(found.exponent, [found.key]))
+    return reference * (1.0 if stiffness_factor is None else stiffness_factor)
+
+
+def _missing_reference(exponent: float, laws: Sequence[str]) -> str:
+    """Say which contact property the scene lacks for laws of a force exponent."""
+    what = REFERENCE_PROPERTIES.get(exponent, f"reference stiffness for force ~ d^{exponent:g}")
+    unit = "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
+    plural = len(laws) > 1
+    return (
+        f"{what} ({unit}) is missing: law{'s' * plural} {', '.join(laws)} need{'s' * (not plural)} it as the "
+        f"reference of stiffness factors; give contact=ContactProperties({what}=...), in a file "
+        f"[scene.contact] {what}, or an absolute stiffness"
+    )
+
+
+def by_exponent(laws: Iterable[Law]) -> dict[float, list[Law]]:
+    """Return the laws of each force exponent."""
+    found: dict[float, list[Law]] = {}
+    for law in laws:
+        if law.exponent is not None:
+            found.setdefault(law.exponent, []).append(law)
+    return found
+
+
+def _need_references(scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:
+    """Tell each reference stiffness that the scene lacks."""
+    for exponent, group in by_exponent(laws).items():
+        if scene.contact.reference(exponent) is None:
+            yield ("scene", "contact"), _missing_reference(exponent, [law.key for law in group])
+
+
+def _need_one_exponent(_scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:
+    """Tell laws of different exponents."""
+    found = by_exponent(laws)
+    if len(found) > 1:
+        groups = " but ".join(
+            f"{', '.join(law.key for law in group)} take{'s' * (len(group) == 1)} {group[0].stiffness_unit} "
+            f"(exponent {exponent:g})"
+            for exponent, group in found.items()
+        )
+        yield (
+            ("stiffnesses",),
+            f"an absolute stiffness axis needs laws of one force exponent: {groups}; "
+            "use stiffness_factors, which scale the scene's reference stiffness of each exponent",
+        )
+
+
+def _need_motion(_scene: Scene, _laws: Sequence[Law], records: Sequence[Record]) -> Iterator[Fault]:
+    """Tell records that no factor gives a peak."""
+    still = [repr(record.name) for record in records if record.pga == 0.0]
+    if still:
+        yield (
+            ("pgas",),
+            f"no factor gives {', '.join(still)} a peak: its ground stands still; give scales instead",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisValues:
+    """The axes: one field for each."""
+
+    # fmt: off
+    gaps: Values = field(default=None, metadata={"axis": Axis(
+        "gap", "gap", "gap in m", "gaps in m", _check_gap,
+        "Gaps (m), each for every pair; by default the scene's own.",
+        "gap of every pair", "m",
+    )})
+    stiffnesses: Values = field(default=None, metadata={"axis": Axis(
+        "stiffness", "stiffness", "contact stiffness", "contact stiffnesses", positive("contact stiffness"),
+        "Contact stiffnesses (kN/m**exponent); only where all laws share one exponent.",
+        "contact stiffness", requires=_need_one_exponent,
+        value=lambda value, scene, law: contact_stiffness(scene, law, stiffness=value),
+    )})
+    stiffness_factors: Values = field(default=None, metadata={"axis": Axis(
+        "stiffness_factor", "stiffness", "stiffness factor", "stiffness factors", positive("stiffness factor"),
+        "Factors on the scene's reference stiffnesses; 1 where neither axis is given.",
+        "factor on the scene's reference contact stiffness", default=(1.0,), requires=_need_references,
+        value=lambda value, scene, law: contact_stiffness(scene, law, stiffness_factor=value),
+    )})
+    restitutions: tuple[float, ...] = field(default=(), metadata={"axis": Axis(
+        "restitution", "restitution", "restitution", "restitutions", _check_restitution,
+        "Coefficients of restitution; by default the scene's.",
+        "nominal coefficient of restitution",
+    )})
+    scales: tuple[float, ...] = field(default=(), metadata={"axis": Axis(
+        "scale", "scale", "record scale", "record scales", finite("record scale"),
+        "Factors on the records; 1 by default.",
+        "factor on the record", default=(1.0,),
+    )})
+    pgas: Values = field(default=None, metadata={"axis": Axis(
+        "pga", "scale", "peak ground acceleration", "peak ground accelerations in m/s2",
+        positive("peak ground acceleration"),
+        "Peak ground accelerations (m/s2) that every record is scaled to, in place of `scales`.",
+        "peak ground acceleration", "m s-2", "the coordinate scale has the factor on each record",
+        value=lambda value, scene, record: value / record.pga, requires=_need_motion, unsaid=True,
+    )})
+    period_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
+        "period_factor", "period_factor", "factor", "factors", _check_factor,
+        "Factors on all natural periods of a building, by its name, one axis each: "
+        "stiffnesses are divided by the square, masses kept.",
+        "factor on all periods", comment="stiffnesses are divided by its square, masses kept",
+        of_buildings=True, by_building=True,
+    )})
+    mass_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
+        "mass_factor", "mass_factor", "factor", "factors", _check_factor,
+        "Factors on all masses of a building, by its name, one axis each: stiffnesses "
+        "take the same factor, so that periods are kept.",
+        "factor on all masses", comment="stiffnesses take it too, so that periods are kept",
+        of_buildings=True, by_building=True,
+    )})
+    damping_ratios: Values = field(default=None, metadata={"axis": Axis(
+        "damping_ratio", "damping_ratio", "damping ratio", "damping ratios", _check_ratio,
+        "Rayleigh damping ratios of the first two modes of all buildings, in [0, 1); by default each building's own.",
+        "damping ratio of the first two modes of all buildings", of_buildings=True,
+    )})
+    # fmt: on
+
+    def along(self, laws: Sequence[str], records: Sequence[str]) -> dict[str, Sequence[Any]]:
+        """Return values by dimension, in the order of the cube, but for building properties."""
+        found: dict[str, Sequence[Any]] = {"law": laws}
+        for column in COLUMNS:
+            if column == "scale":
+                found["record"] = records
+            axis = self.axis(column)
+            found |= {axis[0].dimension: axis[1]} if axis else {column: (None,) if column == "gap" else ()}
+        return found
+
+    def needed_axis(self, column: str) -> tuple[Axis, tuple[float, ...]]:
+        """Return the axis of a column that every product of axes has one of, with its values."""
+        return self.axis(column) or (next(axis for axis in AXES.values() if axis.column == column), ())
+
+    def axis(self, column: str) -> tuple[Axis, tuple[float, ...]] | None:
+        """Return the axis that the sweep has of a column, with its values; None without."""
+        for name, axis in AXES.items():
+            if axis.column == column and getattr(self, name):
+                return axis, getattr(self, name)
+        return None
+
+
+#: Axes by argument of `build_spec`.
+AXES: dict[str, Axis] = {each.name: each.metadata["axis"] for each in fields(AxisValues)}
+#: Axes by building: argument -> kind.
+FACTOR_KINDS = {name: axis.column for name, axis in AXES.items() if axis.by_building}
+#: What axes may set of a scenario beside building properties, in the order of the cube.
+COLUMNS = tuple(dict.fromkeys(axis.column for axis in AXES.values() if not axis.of_buildings))
+
+
+#: Dimensions by what they set of a scenario.
+DIMENSIONS = {
+    column: tuple(axis.dimension for axis in AXES.values() if axis.column == column)
+    for column in dict.fromkeys(axis.column for axis in AXES.values())
+}
 
 
 @dataclass(frozen=True)
@@ -86,17 +383,31 @@ class PropertyAxis:
         return "damping_ratios" if self.building is None else f"building.{self.building}.{self.kind}"
 
 
-def property_axes(
-    factors: Mapping[str, tuple[tuple[str, tuple[float, ...]], ...]], damping_ratios: tuple[float, ...] | None
-) -> tuple[PropertyAxis, ...]:
+def axes_of(told: Mapping[str, Any]) -> AxisValues:
+    """Return the axes of a sweep that JSON describes."""
+    given: dict[str, Any] = {
+        name: tuple((building, tuple(values)) for building, values in told[name])
+        if axis.by_building
+        else None
+        if told[name] is None
+        else tuple(told[name])
+        for name, axis in AXES.items()
+        if name in told or not axis.unsaid
+    }
+    return AxisValues(**given)
+
+
+def property_axes(given: AxisValues) -> tuple[PropertyAxis, ...]:
     """Return the axes over building properties, in the order of the cube."""
     found: dict[str, PropertyAxis] = {}
-    for kind, listed in factors.items():
-        for building, values in listed:
-            dimension = plain_name(f"{kind}_{building}", found)
-            found[dimension] = PropertyAxis(kind, building, values, dimension)
-    if damping_ratios is not None:
-        found["damping_ratio"] = PropertyAxis("damping_ratio", None, damping_ratios, "damping_ratio")
+    for name, axis in AXES.items():
+        values = getattr(given, name)
+        if axis.by_building:
+            for building, each in values:
+                dimension = plain_name(f"{axis.dimension}_{building}", found)
+                found[dimension] = PropertyAxis(axis.column, building, each, dimension)
+        elif axis.of_buildings and values is not None:
+            found[axis.dimension] = PropertyAxis(axis.column, None, values, axis.dimension)
     return tuple(found.values())
 
 
@@ -131,6 +442,8 @@ class Case:
         Factors on all periods and on all masses of buildings, by name; 1 for those not named.
     damping_ratio : float, optional
         Damping ratio of all buildings; their own where not given.
+    pga : float, optional
+        Peak ground acceleration (m/s2) that the record is scaled to, instead of `scale`.
     """
 
     law: str
@@ -143,3 +456,20 @@ class Case:
     period_factors: Factors | Mapping[str, float] = ()
     mass_factors: Factors | Mapping[str, float] = ()
     damping_ratio: float | None = None
+    pga: float | None = None
+
+    def axis(self, column: str) -> tuple[Axis, float] | None:
+        """Return the axis that the case has of a column, with its value; None where it has none."""
+        found: tuple[Axis, float] | None = None
+        for axis in AXES.values():
+            value = None if axis.by_building else getattr(self, axis.dimension)
+            if axis.column == column and value is not None:  # the first has a default
+                found = axis, value
+        return found
+
+
+def case_of(told: Mapping[str, Any]) -> Case:
+    """Return a listed case that JSON describes."""
+    factors = {key: tuple((name, factor) for name, factor in told[key]) for key in FACTOR_KINDS}
+    gap = told["gap"]
+    return Case(**{**told, **factors, "gap": tuple(gap) if isinstance(gap, list) else gap})

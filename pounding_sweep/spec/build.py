@@ -7,17 +7,19 @@ sweep's size is allocated here.
 
 from __future__ import annotations
 
+import inspect
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from pounding_sweep.base.errors import unknown
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
-from pounding_sweep.spec.axes import Case, Range
+from pounding_sweep.spec.axes import AXES, Case
+from pounding_sweep.spec.faults import Faults, spell
+from pounding_sweep.spec.schema import check_sweep
 from pounding_sweep.spec.spec import AUDIT_SHARE, SweepSpec, sweep_error
-from pounding_sweep.spec.validation import Faults, check_sweep
 
 
 def build_spec(
@@ -25,14 +27,6 @@ def build_spec(
     scene: Scene | str,
     records: Record | str | os.PathLike[str] | Iterable[Record | str | os.PathLike[str]],
     laws: str | Law | Iterable[str | Law] | None = None,
-    gaps: float | Range | Iterable[float] | None = None,
-    stiffnesses: float | Range | Iterable[float] | None = None,
-    stiffness_factors: float | Range | Iterable[float] | None = None,
-    restitutions: float | Range | Iterable[float] | None = None,
-    scales: float | Range | Iterable[float] | None = None,
-    period_factors: Mapping[str, float | Range | Iterable[float]] | None = None,
-    mass_factors: Mapping[str, float | Range | Iterable[float]] | None = None,
-    damping_ratios: float | Range | Iterable[float] | None = None,
     cases: Iterable[Case | dict[str, Any]] | None = None,
     method: str | None = None,
     dt: float | None = None,
@@ -49,7 +43,7 @@ def build_spec(
     folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
     base: str | os.PathLike[str] | None = None,
     skip_missing_records: bool = False,
-    **unknowns: Any,
+    **axes: Any,
 ) -> SweepSpec:
     """Check everything a user gave and make the sweep's description of it.
 
@@ -62,29 +56,13 @@ def build_spec(
     laws : str, Law, or several, optional
         Contact laws; "all" stands for every law, "mate2015" for the paper's seven
         models. Needed without `cases`.
-    gaps : float, Range, or several, optional
-        Gaps (m), each for every pair; by default the scene's own.
-    stiffnesses : float, Range, or several, optional
-        Contact stiffnesses (kN/m**exponent); only where all laws share one exponent.
-    stiffness_factors : float, Range, or several, optional
-        Factors on the scene's reference stiffnesses; 1 where neither axis is given.
-    restitutions : float, Range, or several, optional
-        Coefficients of restitution; by default the scene's.
-    scales : float, Range, or several, optional
-        Factors on the records; 1 by default.
-    period_factors : mapping of str to float, Range, or several, optional
-        Factors on all natural periods of a building, by its name, one axis each:
-        stiffnesses are divided by the square, masses kept.
-    mass_factors : mapping of str to float, Range, or several, optional
-        Factors on all masses of a building, by its name, one axis each: stiffnesses
-        take the same factor, so that periods are kept.
-    damping_ratios : float, Range, or several, optional
-        Rayleigh damping ratios of the first two modes of all buildings, in [0, 1);
-        by default each building's own.
+    **axes
+        AXES
     cases : iterable of Case or dict, optional
         Listed scenarios instead of laws and axes.
-    method : {"rk4", "newmark", "exact"}, optional
-        Time-stepping scheme; "rk4" by default, with `accuracy` the cheapest that reaches it.
+    method : str, optional
+        Time-stepping scheme, one of `pounding_sweep.schemes.SCHEMES`; "rk4" by default, with `accuracy` the
+        cheapest that reaches it.
     dt : float, optional
         Time step (s); 1e-3 by default, with `accuracy` the largest that reaches it.
     locate : bool
@@ -114,8 +92,6 @@ def build_spec(
     skip_missing_records : bool
         Go on without the records that are not found, with a warning for each, as long as
         one is left. A file that is found but can't be read is always an error.
-    **unknowns
-        Anything else is a fault like others.
 
     Returns
     -------
@@ -133,12 +109,25 @@ def build_spec(
     >>> spec.n_scenarios
     4
     """
-    given = dict(locals())  # the arguments by name: must stay the first statement
-    del given["unknowns"]
+    given = {name: value for name, value in locals().items() if name != "axes"} | axes
     faults = Faults()
-    for name in unknowns:
-        faults.add((), unknown("argument", name, given))
-    spec = check_sweep(faults, given)
+    spec: SweepSpec | None = faults.attempt((), check_sweep, given)
     if spec is None:
-        raise sweep_error([f"{place}: {text}" if place else text for place, text in faults.named()])
+        raise sweep_error([f"{spell(place)}: {text}" if place else text for place, text in faults.found])
     return spec
+
+
+def _with_axes(function: Callable[..., SweepSpec]) -> None:
+    """Put every axis of the registry into a function's signature and documentation, in the place of ``**axes``."""
+    signature, texts = inspect.signature(function), []
+    parameters = {name: parameter for name, parameter in signature.parameters.items() if name != "axes"}
+    for name, axis in AXES.items():
+        kind = f"{'mapping of str to ' * axis.by_building}float, Range, or several, optional"
+        texts += [f"{name} : {kind}", textwrap.fill(axis.meaning, 110, initial_indent="    ", subsequent_indent="    ")]
+        parameters[name] = inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None)
+    doc = str(function.__doc__).replace("    **axes\n        AXES\n", textwrap.indent("\n".join(texts) + "\n", "    "))
+    function.__doc__ = doc
+    function.__signature__ = signature.replace(parameters=list(parameters.values()))  # type: ignore[attr-defined]
+
+
+_with_axes(build_spec)

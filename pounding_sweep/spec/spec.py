@@ -13,13 +13,20 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
-from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis, property_axes
+from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.spec.axes import (
+    AXES,
+    REFERENCE_PROPERTIES,
+    AxisValues,
+    Case,
+    PropertyAxis,
+    property_axes,
+)
 
 #: Time-stepping schemes by name.
-METHODS = ("rk4", "newmark", "exact")
+METHODS = tuple(SCHEMES)
 #: Number formats of the kernels.
 PRECISIONS = ("float64", "float32")
 #: Range of the relative error that ``accuracy`` may ask for.
@@ -32,15 +39,15 @@ MAX_SCENARIOS = 1_000_000_000
 MAX_AXIS = 1_000_000
 #: Problems that one message tells.
 MOST_PROBLEMS = 40
-#: Property of `ContactProperties` that holds a force exponent's reference stiffness.
-REFERENCE_PROPERTIES = {1.0: "linear_stiffness", 1.5: "hertz_stiffness"}
 
 
-@dataclass(frozen=True)
-class SweepSpec:
+@dataclass(frozen=True, kw_only=True)
+class SweepSpec(AxisValues):
     """A valid sweep; made by `build_spec` or `load_spec`, which check it.
 
-    Values keep the order in which the user gave them.
+    Axes (see `AxisValues`) keep the order in which the user gave their values. Without `cases`, one
+    axis of each column is set, but for gaps: without them the scene's own are taken. Restitutions are
+    (1.0,) where none was given and no law takes one.
 
     Attributes
     ----------
@@ -50,23 +57,11 @@ class SweepSpec:
         Ground motions (m/s2), names all different.
     laws : tuple of str
         Keys of contact laws; with `cases`, those that the cases use.
-    gaps : tuple of float or None
-        Gap axis (m), each value for every pair; None: the scene's own gaps.
-    stiffnesses : tuple of float or None
-        Contact stiffness axis (kN/m**exponent of the laws).
-    stiffness_factors : tuple of float or None
-        Factors on the scene's reference stiffness of each law's exponent.
-        Without `cases`, exactly one of the two stiffness axes is set.
-    restitutions : tuple of float
-        Coefficients of restitution; (1.0,) where none was given and no law takes one.
-    scales : tuple of float
-        Factors on the records.
     cases : tuple of Case or None
-        Listed scenarios instead of the product. Then `gaps` and both stiffness
-        axes are None, `restitutions` and `scales` empty, and in every case the
+        Listed scenarios instead of the product. Then there are no axes, and in every case the
         record's name, the stiffness or factor of a law with contact, and the
         restitution of a law that takes one are filled in; factors of 1 are left out.
-    method : {"rk4", "newmark", "exact"} or None
+    method : str or None
         Time-stepping scheme; None: chosen for `accuracy`.
     dt : float or None
         Time step (s); None: chosen for `accuracy`.
@@ -89,10 +84,6 @@ class SweepSpec:
         Relative error asked for; the engine then chooses scheme and step.
     audit : float
         Share of the sweep's cost spent on running a sample again at a finer step; 0: none.
-    period_factors, mass_factors : tuple of (str, tuple of float)
-        Axes of factors on all periods, or all masses, of a building, in the order of the row.
-    damping_ratios : tuple of float or None
-        Axis of damping ratios of all buildings; None: their own.
     records_left_out : tuple of str
         Records asked for that are missing, where going on without them was allowed.
     """
@@ -100,11 +91,6 @@ class SweepSpec:
     scene: Scene
     records: tuple[Record, ...]
     laws: tuple[str, ...]
-    gaps: tuple[float, ...] | None
-    stiffnesses: tuple[float, ...] | None
-    stiffness_factors: tuple[float, ...] | None
-    restitutions: tuple[float, ...]
-    scales: tuple[float, ...]
     cases: tuple[Case, ...] | None
     method: str | None
     dt: float | None
@@ -118,38 +104,33 @@ class SweepSpec:
     restitution_basis: str = "published"
     accuracy: float | None = None
     audit: float = AUDIT_SHARE
-    period_factors: tuple[tuple[str, tuple[float, ...]], ...] = ()
-    mass_factors: tuple[tuple[str, tuple[float, ...]], ...] = ()
-    damping_ratios: tuple[float, ...] | None = None
     records_left_out: tuple[str, ...] = ()
 
     @property
     def property_axes(self) -> tuple[PropertyAxis, ...]:
         """Axes over building properties; none for listed cases."""
-        factors = {kind: getattr(self, name) for name, kind in FACTOR_KINDS.items()}
-        return property_axes(factors, self.damping_ratios)
+        return property_axes(self)
 
     @property
-    def axes(self) -> dict[str, tuple[Any, ...]]:
+    def axes(self) -> dict[str, Sequence[Any]]:
         """Values by dimension, in the order of the cube; empty for listed cases."""
         if self.cases is not None:
             return {}
-        absolute, relative = ("stiffness", self.stiffnesses), ("stiffness_factor", self.stiffness_factors)
-        name, stiffnesses = relative if self.stiffnesses is None else absolute
-        return {
-            "law": self.laws,
-            "gap": (None,) if self.gaps is None else self.gaps,
-            name: stiffnesses or (),
-            "restitution": self.restitutions,
-            "record": tuple(record.name for record in self.records),
-            "scale": self.scales,
-            **{axis.dimension: axis.values for axis in self.property_axes},
-        }
+        found = self.along(self.laws, tuple(record.name for record in self.records))
+        return {**found, **{axis.dimension: axis.values for axis in self.property_axes}}
 
     @property
     def n_scenarios(self) -> int:
         """Number of scenarios asked for."""
         return len(self.cases) if self.cases is not None else math.prod(len(v) for v in self.axes.values())
+
+    def case_value(self, case: Case, column: str) -> float:
+        """Return the scale or the contact stiffness (kN/m**exponent) of a case; 0 where it has none."""
+        found = case.axis(column)
+        if found is None:
+            return 0.0
+        of = {"record": self.record(case.record or self.records[0].name)} if column == "scale" else {"law": case.law}
+        return found[0].value(found[1], scene=self.scene, **of)
 
     def record(self, name: str) -> Record:
         """Return the record of that name; KeyError if the sweep has none."""
@@ -171,33 +152,6 @@ def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:
     if not low <= accuracy <= high:
         raise SweepError(outside_accuracy(accuracy))
     return replace(spec, accuracy=accuracy, dt=None)
-
-
-def contact_stiffness(
-    scene: Scene, law: str | Law, *, stiffness: float | None = None, stiffness_factor: float | None = None
-) -> float:
-    """Absolute contact stiffness of a law (kN/m**exponent); 0 for a law without contact."""
-    found = get_law(law)
-    if found.exponent is None:
-        return 0.0
-    if stiffness is not None:
-        return stiffness
-    reference = scene.contact.reference(found.exponent)
-    if reference is None:
-        raise SweepError(missing_reference(found.exponent, [found.key]))
-    return reference * (1.0 if stiffness_factor is None else stiffness_factor)
-
-
-def missing_reference(exponent: float, laws: Sequence[str]) -> str:
-    """Say which contact property the scene lacks for laws of a force exponent."""
-    what = REFERENCE_PROPERTIES.get(exponent, f"reference stiffness for force ~ d^{exponent:g}")
-    unit = "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
-    plural = len(laws) > 1
-    return (
-        f"{what} ({unit}) is missing: law{'s' * plural} {', '.join(laws)} need{'s' * (not plural)} it as the "
-        f"reference of stiffness factors; give contact=ContactProperties({what}=...), in a file "
-        f"[scene.contact] {what}, or an absolute stiffness"
-    )
 
 
 def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
@@ -235,13 +189,20 @@ def scene_data(scene: Scene) -> dict[str, Any]:
 def to_json(spec: SweepSpec) -> str:
     """Write a sweep as canonical JSON: the same sweep gives the same text."""
     data = {name: getattr(spec, name) for name in spec.__dataclass_fields__}
+    unsaid = {name: axis.dimension for name, axis in AXES.items() if axis.unsaid}
+    for name in unsaid:
+        if not data[name]:
+            del data[name]
     data["scene"] = scene_data(spec.scene)
     data["records"] = [
         {name: getattr(record, name) for name in ("name", "sha256", "pga", "dt", "n_points", "scale", "source")}
         for record in spec.records
     ]
     if spec.cases is not None:
-        data["cases"] = [{name: getattr(case, name) for name in case.__dataclass_fields__} for case in spec.cases]
+        data["cases"] = [
+            {key: value for key, value in vars(case).items() if value is not None or key not in unsaid.values()}
+            for case in spec.cases
+        ]
     return json.dumps({"format": 1, **data}, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
 

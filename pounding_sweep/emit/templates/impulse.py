@@ -177,6 +177,7 @@ def note_onset(S, I, l, j, v, h):
         S[TFIRST + q] = I[STEP + l] * h + (h - S[TIME_LEFT + l])
     if HAS_APPROACH_SPEED:
         S[VMAX + q] = max(S[VMAX + q], v)
+    # reducers: touch
     if HAS_FORCE:
         S[FMAX + q] = 1.0
     if HAS_PENETRATION:
@@ -331,6 +332,7 @@ def contact_pass(S, I, W, props, h):
                 S[RS + j * L + l] = mean
                 S[RE + j * L + l] = mean
     reduce_step(S, props)
+    # reducers: substep
     for l in range(L):
         rest = S[TIME_LEFT + l] - S[HL + l]
         S[TIME_LEFT + l] = rest if rest > DONE * h else 0.0

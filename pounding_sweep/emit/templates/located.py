@@ -242,6 +242,7 @@ def apply_events(S, I, l, theta, h, props):
                 S[TFIRST + q] = I[STEP + l] * h + (h - S[TIME_LEFT + l])
             if HAS_APPROACH_SPEED:
                 S[VMAX + q] = max(S[VMAX + q], v)
+            # reducers: touch
             S[KL + q] = k
             S[CL + q] = c
             S[KE + q] = k
@@ -362,6 +363,7 @@ def contact_pass(S, I, W, props, h):
             if S[LOOK + l] > 0.0:
                 contact_peaks(S, I, l, S[HL + l], h)
     reduce_step(S, props)
+    # reducers: substep
     if GRADED:
         for j in range(NC):
             for l in range(L):

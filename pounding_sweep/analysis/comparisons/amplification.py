@@ -1,0 +1,111 @@
+"""What pounding does to each response: its value with pounding over its value without."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from pounding_sweep.analysis.comparisons import comparison
+from pounding_sweep.analysis.scenarios import (
+    TOUCH_VARIABLES,
+    chosen_variables,
+    described,
+    finished,
+    long_name,
+    peak_displacement,
+    pounding_only,
+    present,
+    scenarios_only,
+    touched,
+    values,
+    without_pounding,
+)
+from pounding_sweep.base.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Responses of which a ratio says something: those of a building that are not zero without pounding.
+RESPONSES = (
+    "displacement_max",
+    "displacement_min",
+    "drift_max",
+    "storey_shear_max",
+    "acceleration_max",
+    "energy_input",
+    "energy_damping",
+)
+#: What the ratio of largest absolute displacements is called, made from ``displacement_max`` and ``displacement_min``.
+PEAK = "displacement_peak"
+
+
+@comparison(
+    "responses with pounding over responses without, by building and storey",
+    needs="the law 'none' among the laws, and displacements, drifts, shears, accelerations or energies",
+    columns=("law", "building"),
+    variables=("_ratio",),
+    lead=("displacement_peak_ratio", "drift_max_ratio", "storey_shear_max_ratio", "acceleration_max_ratio"),
+    figure="amplification",
+)
+def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> xr.Dataset:
+    """Divide each response with pounding by the same response without.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with the law "none" among its laws: as an axis, or among listed cases.
+    responses : iterable of str, optional
+        Out of `RESPONSES`; by default all that the cube has.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``<response>_ratio`` (dimensionless, above 1 where pounding amplifies) on the
+        cube's axes, without the law "none"; ``displacement_peak_ratio`` of the largest
+        absolute displacements where the cube has both signs. Where the cube tells,
+        ``touches`` is 1 where floors of the row touch and 0 where none do, in which case
+        every ratio is 1. Missing where either
+        scenario is not ok, where the building has no such storey, and where the
+        response without pounding is zero.
+
+    Raises
+    ------
+    InputError
+        The cube has no run without pounding, no other law, or none of the responses.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> drift = (("law", "building"), [[0.010], [0.012]])
+    >>> cube = xr.Dataset({"drift_max": drift}, {"law": ["none", "linear"], "building": ["left"]})
+    >>> amplification(cube).drift_max_ratio.values.tolist()
+    [[1.2]]
+    """
+    what = "amplification"
+    cube = scenarios_only(cube)
+    still = without_pounding(cube, what)
+    pounding = pounding_only(cube)
+    if 0 in pounding.sizes.values() or not set(map(str, pounding["law"].values.ravel())) - {"none"}:
+        msg = f"{what} compares pounding with no pounding, and this cube has only the law 'none'; add laws with contact"
+        raise InputError(msg)
+    if "case" in pounding.dims:
+        still = still.sel(case=pounding["case"])
+    names = chosen_variables(cube, what, responses, RESPONSES, "response")
+    ratios = {
+        f"{name}_ratio": _ratio(values(pounding, name), values(still, name), long_name(cube, name)) for name in names
+    }
+    if {"displacement_max", "displacement_min"} <= set(names):
+        peak = peak_displacement(pounding)
+        ratios[f"{PEAK}_ratio"] = _ratio(peak, peak_displacement(still), str(peak.attrs["long_name"]))
+    if present(pounding, TOUCH_VARIABLES):
+        touch = touched(pounding, what)
+        any_floor = touch.max([dim for dim in ("pair", "storey") if dim in touch.dims])
+        ratios["touches"] = described(any_floor, "1", "1 where floors of the row touch, 0 where none do")
+    dataset = next(iter(ratios.values())).to_dataset(name=next(iter(ratios))).assign(ratios)
+    return finished(dataset, cube, "amplification")
+
+
+def _ratio(pounding: xr.DataArray, still: xr.DataArray, name: str) -> xr.DataArray:
+    found = pounding / still.where(still != 0.0)
+    comment = "value with pounding over value without; missing where either scenario is not ok"
+    return described(found, "1", f"amplification of the {name}", comment)

@@ -1,0 +1,121 @@
+"""Where the energy of each building went, and whether what buildings gave equals what contacts took.
+
+Energies are in the relative formulation, per building and until the end of the
+record: input = damping + kinetic + strain + transfer. What all buildings gave
+(a wall gives nothing, it does not move) is the work that the contacts took in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from pounding_sweep.analysis.comparisons import comparison
+from pounding_sweep.analysis.scenarios import (
+    described,
+    finished,
+    law_keys,
+    need_dims,
+    need_variables,
+    pounding_only,
+    scenarios_only,
+    values,
+)
+from pounding_sweep.base.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: What each building's budget is made of.
+TERMS = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain")
+#: What goes along where a cube has it.
+_EXTREMES = ("energy_transfer_max", "energy_transfer_min")
+
+
+@comparison(
+    "where the energy of each building went, and whether transfers sum to the contacts' work",
+    needs="energy_input, energy_damping, energy_kinetic, energy_strain and contact_work",
+    columns=("law", "building", "pair"),
+    lead=("transfer_share", "contact_work", "residual_relative"),
+    figure="energy-budget",
+)
+def energy_budget(cube: xr.Dataset) -> xr.Dataset:
+    """Draw up each building's energy budget at the end of the record, and check it against the contacts' work.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with `TERMS` and, where it has pairs, ``contact_work``.
+
+    Returns
+    -------
+    xarray.Dataset
+        On the cube's axes, all in kN m: `TERMS` and ``energy_transfer`` = input - damping -
+        kinetic - strain by building (given to neighbours and contacts, negative where
+        taken), ``contact_work`` by pair, ``transfer_sum`` over buildings, ``work_sum`` over
+        pairs and ``residual``, their difference; ``residual_relative`` is its size over the
+        largest energy of the balance. ``transfer_share`` is transfer over input. The
+        attribute ``largest_residual_relative`` is the largest of all scenarios.
+        Missing where a scenario is not ok.
+
+    Raises
+    ------
+    InputError
+        The cube lacks an energy, or has no scenario.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> energies = {"energy_input": 10.0, "energy_damping": 7.0, "energy_kinetic": 0.5, "energy_strain": 0.5}
+    >>> cube = xr.Dataset({name: ("building", [value]) for name, value in energies.items()})
+    >>> energy_budget(cube.assign(contact_work=("pair", [2.0]))).energy_transfer.values.tolist()
+    [2.0]
+    """
+    import xarray as xr
+
+    what = "the energy budget"
+    cube = scenarios_only(cube)
+    need_variables(cube, what, [*TERMS, *(["contact_work"] if "pair" in cube.coords else [])])
+    need_dims(cube, what, ["building", *(["pair"] if "pair" in cube.coords else [])])
+    if law_keys(cube) not in ([], ["none"]):
+        cube = pounding_only(cube)
+    if 0 in cube.sizes.values():
+        msg = f"{what} needs a scenario, and this cube has none; select at least one"
+        raise InputError(msg)
+    found = {name: values(cube, name) for name in TERMS}
+    given, transfer = found["energy_input"], energy_transfer(found)
+    found["energy_transfer"] = transfer
+    found |= {name: values(cube, name) for name in _EXTREMES if name in cube.data_vars}
+    work = values(cube, "contact_work") if "contact_work" in cube.data_vars else None
+    total = transfer.sum("building", skipna=False)
+    taken = xr.zeros_like(total) if work is None else _sum_of_pairs(work)
+    largest = xr.concat([abs(found[name]).max("building") for name in TERMS], "term").max("term")
+    if work is not None:
+        found["contact_work"] = work
+        most = abs(work).max("pair").fillna(0.0)
+        largest = largest.where(~(most > largest), most)
+    residual = total - taken
+    found["transfer_sum"] = _about(total, "energy given by all buildings")
+    found["work_sum"] = _about(taken, "work taken by all contacts")
+    found["residual"] = _about(residual, "energy given less work taken")
+    relative = abs(residual) / largest.where(largest > 0.0)
+    found["residual_relative"] = _about(relative, "size of the residual over the largest energy", "1")
+    found["transfer_share"] = _about(transfer / given.where(given != 0.0), "share of the input given away", "1")
+    worst = float(relative.max()) if bool(relative.notnull().any()) else float("nan")
+    dataset = given.to_dataset(name=TERMS[0]).assign(found)
+    return finished(dataset, cube, "energy", largest_residual_relative=worst)
+
+
+def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:
+    """Energy (kN m) that each building has given to neighbours and contacts: input - damping - kinetic - strain."""
+    given, damping, kinetic, strain = (energies[name] for name in TERMS)
+    return _about(given - damping - kinetic - strain, "energy given to neighbours and contacts")
+
+
+def _sum_of_pairs(work: xr.DataArray) -> xr.DataArray:
+    """Sum over the pairs whose floors meet; missing where the scenario has no values."""
+    return work.sum("pair").where(work.notnull().any("pair"))
+
+
+def _about(part: xr.DataArray, text: str, units: str = "kN m") -> xr.DataArray:
+    return described(part, units, text)

@@ -1,0 +1,131 @@
+"""Response against intensity as records are scaled up: a curve per record and direction, and the suite's fractiles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pounding_sweep.analysis.along import check_quantiles, fractiles_over, interpolate
+from pounding_sweep.analysis.comparisons import comparison
+from pounding_sweep.analysis.comparisons.fractiles import QUANTILES, responses
+from pounding_sweep.analysis.intensity import intensity_of
+from pounding_sweep.analysis.scenarios import (
+    described,
+    finished,
+    need_several,
+    need_variables,
+    scenarios_only,
+    values,
+)
+from pounding_sweep.base.errors import InputError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Intensities at which the fractiles of a suite are given, where none are.
+LEVELS = 25
+
+
+@comparison(
+    "responses against intensity as records are scaled up, with the fractiles of the suite",
+    needs="an axis of several scales",
+    columns=("law", "building", "pair", "quantile"),
+    variables=("_fractiles",),
+    lead=("drift_max_fractiles", "impact_force_max_fractiles"),
+    figure="incremental",
+)
+def incremental_curves(
+    cube: xr.Dataset,
+    outputs: Iterable[str] | None = None,
+    *,
+    intensity: str | xr.DataArray = "pga",
+    quantiles: Sequence[float] = QUANTILES,
+    levels: Sequence[float] | None = None,
+) -> xr.Dataset:
+    """Return responses against intensity, record by record and for the suite.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with the axis ``scale``, and ``record`` where there are several.
+    outputs : iterable of str, optional
+        Variables of the cube; by default all that are responses.
+    intensity : str or DataArray
+        As for `pounding_sweep.analysis.intensity.intensity_of`.
+    quantiles : sequence of float
+        In [0, 1].
+    levels : sequence of float, optional
+        Intensities (in its units) at which fractiles are given; by default `LEVELS` of
+        them, evenly spaced from the smallest to the largest of the cube.
+
+    Returns
+    -------
+    xarray.Dataset
+        Each output on the cube's axes in its own units, beside the coordinate ``intensity``
+        (record, scale); and ``<output>_fractiles`` on ``quantile`` and ``level`` instead of
+        record and scale, with ``<output>_count``, how many curves have a value there.
+        A curve's value at a level is linear between its two nearest scales, missing
+        outside the range of its scales and next to a scenario that is not ok: nothing is
+        extrapolated, and a count below the number of curves (attribute ``curves``) says so.
+
+    Raises
+    ------
+    InputError
+        The cube has fewer than two scales, or not the outputs; a level or quantile is not valid.
+
+    Notes
+    -----
+    A record at negative scales is that record reversed: another ground motion of the same
+    intensities, which a row that is not symmetric answers otherwise. Where the cube has scales of both
+    signs, each record is two curves, one per direction (see `directions`), and both count in the fractiles.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> drift = (("record", "scale"), [[0.01, 0.03], [0.02, 0.05]])
+    >>> axes = {"record": ["a", "b"], "scale": [1.0, 2.0], "record_pga": ("record", [3.0, 3.0])}
+    >>> curves = incremental_curves(xr.Dataset({"drift_max": drift}, axes), quantiles=[0.5], levels=[4.5])
+    >>> curves.drift_max_fractiles.round(4).values.tolist()
+    [[0.0275]]
+    """
+    import xarray as xr
+
+    what = "an incremental curve"
+    cube = scenarios_only(cube)
+    check_quantiles(quantiles)
+    need_several(cube, what, "scale")
+    names = responses(cube) if outputs is None else need_variables(cube, what, list(outputs))
+    strength = intensity_of(cube, intensity)
+    if "record" not in cube.dims:
+        cube, strength = cube.expand_dims("record"), strength.expand_dims("record")
+    strength = strength.transpose("record", "scale")
+    given = np.asarray(strength.values, dtype=float)
+    low, high = float(given.min()), float(given.max())
+    at = np.linspace(low, high, LEVELS) if levels is None else np.asarray(levels, dtype=float)
+    if at.ndim != 1 or not at.size or not np.isfinite(at).all():
+        msg = f"levels are {levels!r}; give one or more intensities ({strength.attrs['units']})"
+        raise InputError(msg)
+    ways = directions(cube["scale"].values)
+    level = xr.DataArray(at, dims="level", coords={"level": at}, attrs=strength.attrs)
+
+    found: dict[str, xr.DataArray] = {}
+    for name in names:
+        whole = values(cube, name).transpose("record", ..., "scale")
+        found[name] = whole
+        curves = zip(whole.values, given, strict=True)
+        rows = np.stack([interpolate(row[..., way], x[way], at) for row, x in curves for way in ways])
+        inner = whole.isel(record=0, scale=0, drop=True)
+        kept = {dim: inner[dim] for dim in inner.dims if dim in inner.coords}
+        dims = ("curve", *inner.dims, "level")
+        on_levels = xr.DataArray(rows, dims=dims, coords={**kept, "level": level}, attrs=whole.attrs)
+        found[f"{name}_fractiles"], count = fractiles_over(on_levels, ["curve"], quantiles)
+        found[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
+    dataset = found[names[0]].to_dataset(name=names[0]).assign(found).assign_coords(intensity=strength)
+    return finished(dataset, cube, "incremental", curves=len(given) * len(ways))
+
+
+def directions(scales: np.ndarray) -> list[np.ndarray]:
+    """Return the positions of the scales of each direction of the ground motion, as recorded and reversed."""
+    return [np.flatnonzero(sign * scales >= 0.0) for sign in (1.0, -1.0) if (sign * scales > 0.0).any()]

@@ -1,0 +1,24 @@
+"""Spectra of floors, from the histories of one scenario."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.gallery.response_spectra import response_spectra
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+
+@figure_of(
+    "histories",
+    "5 % response spectra of the floors' total accelerations, from 'simulate'",
+    needs=("time", "acceleration"),
+)
+def floor_response(histories: xr.Dataset) -> Figure:
+    """Draw the 5 % spectra of the total acceleration of every floor."""
+    from pounding_sweep.analysis.spectra import floor_spectra
+
+    return response_spectra(floor_spectra(histories))

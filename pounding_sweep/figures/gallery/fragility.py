@@ -1,0 +1,99 @@
+"""Fragility curves: fitted probability with its band, and the shares that were observed."""
+
+from __future__ import annotations
+
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.analysis.comparisons.fragility import sentence
+from pounding_sweep.analysis.events import EVENTS
+from pounding_sweep.analysis.lognormal import FitStatus
+from pounding_sweep.figures import CONTACT, figure_of
+from pounding_sweep.figures.shown import along, first_varied, middle, result_of
+from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, axis_label, put_title, subplots, unit_text
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+#: Trials are put together into so many classes of about equal size to show their shares.
+_CLASSES = 6
+#: Lines in a panel at most.
+_LINES_SHOWN = 5
+
+
+@figure_of(
+    "cube",
+    "probability that a pair touches, against intensity, with its confidence",
+    needs=("pair", CONTACT),
+    several=("record|scale",),
+)
+def fragility(cube: xr.Dataset) -> Figure:
+    """Draw the probability of an event against intensity.
+
+    One panel per pair or building. Lines are the values of the first axis that varies
+    (gap, stiffness, ...), five at most, evenly chosen, or else the laws; of the other axes
+    the middle value is shown, of the laws the first. Bands are confidence
+    intervals; marks are the shares observed in classes of about equal numbers of trials.
+    Where there is no fit, the legend says why.
+    """
+    result = result_of(cube, "fragility")
+    own = ("record", "scale", "bound", "intensity")
+    event = EVENTS[result.attrs["event"]]
+    per, words = event.per, _spelt(result.attrs["event_in_words"], event.units)
+    for dim in ("law", per):
+        result = along(result, dim) if dim in result.coords else result
+    axis = first_varied(result, but=own) or "law"
+    if axis != "law" and "law" in result.dims:
+        result = result.isel(law=0)
+    result, shown = middle(result, (*own, axis), ["happened"])
+    result = result if axis in result.dims else result.expand_dims({axis: [""]})
+    chosen = np.unique(np.linspace(0, result.sizes[axis] - 1, _LINES_SHOWN).round().astype(int))
+    ends = result[per].values.tolist()
+    figure, axes = subplots(1, len(ends), (1.4 + 3.4 * len(ends), 4.6))
+    for ax, end in zip(axes[0], ends, strict=True):
+        for number, place in enumerate(chosen):
+            part = result.isel({axis: int(place)}).sel({per: end})
+            _line(ax, part, number, _value(result[axis], int(place)))
+        ax.set(ylim=(-0.02, 1.02), title=f"{per} {end}")
+        ax.set_xlabel(axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs))
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
+    axes[0, 0].set_xlim(left=0.0)  # shared: nothing drawn later would move it
+    axes[0, 0].set_ylabel(f"probability that\n{words} (-)")
+    put_title(figure, words, shown)
+    return figure
+
+
+def _spelt(text: str, units: str) -> str:
+    """Write the unit in a text as figures do."""
+    return text.replace(f" {units}", f" {unit_text({'units': units})}") if units else text
+
+
+def _value(axis: xr.DataArray, place: int) -> str:
+    value = axis.values[place]
+    if axis.dtype.kind not in "iuf":
+        return str(value)
+    return f"{axis.name} {value:g} {unit_text(axis.attrs)}".replace("_", " ").rstrip()
+
+
+def _line(ax: Any, part: xr.Dataset, number: int, label: str) -> None:
+    """Draw one fit with its band and the observed shares."""
+    colour, at = COLOURS[number % len(COLOURS)], part["intensity"].values
+    if int(part["fit_status"]) == FitStatus.FITTED:
+        band = part["probability_interval"].values
+        if np.isfinite(band).all():
+            ax.fill_between(at, *band, color=colour, alpha=0.15, linewidth=0)
+        units = unit_text(part["median"].attrs)
+        fitted = f"{label}: median {float(part['median']):.3g} {units}, dispersion {float(part['dispersion']):.2g}"
+        ax.plot(at, part["probability"].values, color=colour, linestyle=LINES[number % len(LINES)], label=fitted)
+    else:
+        why = fill(_spelt(sentence(part), part["median"].attrs["units"]), 46)
+        ax.plot([], [], color=colour, marker=MARKERS[number], linestyle="none", label=f"{label}: {why}")
+    x, happened = part["trial_intensity"].values.ravel(), part["happened"].values.ravel()
+    there = np.isfinite(happened)
+    order = np.argsort(x[there], kind="stable")
+    for group in np.array_split(order, min(_CLASSES, max(1, order.size))):
+        if group.size:
+            ax.plot(x[there][group].mean(), happened[there][group].mean(), color=colour, marker=MARKERS[number])

@@ -1,0 +1,78 @@
+"""Contact laws over a reference law, at equal nominal and at equal realised restitution."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.shown import (
+    along,
+    drawn_axis,
+    first_varied,
+    labels_with_values,
+    middle_over_records,
+    over_storeys,
+    result_of,
+)
+from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, subplots
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+#: Outputs by which laws are compared in pictures, the first that is there, and in words.
+_OUTPUTS = {
+    "impact_force_max": "peak impact force",
+    "penetration_max": "penetration",
+    "impulse": "impulse",
+    "approach_speed_max": "approach speed",
+    "impact_count": "number of impacts",
+}
+
+
+@figure_of(
+    "cube",
+    "impact forces over those of a reference law, at equal nominal and at equal realised restitution",
+    needs=(
+        "law",
+        "pair",
+        "|".join([*_OUTPUTS, *(f"{name}_compared" for name in _OUTPUTS)]),
+    ),
+    several=("law",),
+)
+def law_comparison(cube: xr.Dataset) -> Figure:
+    """Draw the peak impact force of each law over that of the reference law."""
+    result = result_of(cube, "laws")
+    name = next((key for key in _OUTPUTS if f"{key}_compared" in result), None)
+    if name is None:
+        msg = (
+            f"figure 'law-comparison' needs one of {', '.join(_OUTPUTS)}, which this cube lacks; run the sweep with it"
+        )
+        raise InputError(msg)
+    reference = result.attrs["reference_law"]
+    peak = over_storeys(along(result, "pair")[f"{name}_compared"])
+    base = peak.sel(law=reference, drop=True).reset_coords(drop=True)
+    ratio = (peak / base.where(base != 0.0)).to_dataset(name="ratio")
+    axis = "restitution" if ratio.sizes.get("restitution", 1) > 1 else first_varied(ratio, but=["basis"])
+    if axis is None:
+        msg = "figure 'law-comparison' needs an axis along which values vary: gap, stiffness, restitution, scale, ..."
+        raise InputError(msg)
+    ratio, shown = middle_over_records(ratio, ("law", "basis", axis), ["ratio"])
+    bases, pairs = ratio["basis"].values.tolist(), ratio["pair"].values.tolist()
+    figure, axes = subplots(len(bases), len(pairs), (1.8 + 2.8 * len(pairs), 1.4 + 2.1 * len(bases)))
+    ratio = ratio.sortby(axis)
+    laws = labels_with_values(ratio, "law", ["ratio"])
+    x, label = drawn_axis(ratio, axis)
+    label = "coefficient of restitution (-)" if axis == "restitution" else label  # nominal or realised
+    for row, basis in enumerate(bases):
+        for column, pair in enumerate(pairs):
+            ax = axes[row, column]
+            for number, law in enumerate(laws):
+                line = ratio["ratio"].sel(basis=basis, pair=pair, law=law)
+                ax.plot(x, line, label=law, **look(number))
+            ax.set_title(f"pair {pair}, equal {basis} restitution")
+    label_edges(axes, label, [f"{_OUTPUTS[name]}\nover the reference's (-)"] * len(bases))
+    legend_below(figure, axes[0, 0])
+    put_title(figure, f"reference law {reference}", shown)
+    return figure

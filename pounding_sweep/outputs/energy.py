@@ -1,0 +1,114 @@
+"""Outputs of energies: what the ground puts in, what buildings lose, hold and give to their neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pounding_sweep.outputs.declare import Reducer, Slot, Variable, needs
+from pounding_sweep.outputs.readout import KernelResults, buildings
+
+_BUILDING = ("building",)
+#: Differences of larger energies: an undamped contact takes in no work in the end, however much passed through it.
+_EXCHANGED = ("energy_transfer_max", "energy_transfer_min", "contact_work")
+
+
+def _work(kept: KernelResults) -> np.ndarray:
+    """Sum of the works of a pair's contacts."""
+    result = np.zeros((len(kept), len(kept.scene.pair_names)))
+    work = kept.get("work", len(kept.scene.contacts))
+    for j, contact in enumerate(kept.scene.contacts):
+        result[:, contact.pair] += work[:, j]
+    return result
+
+
+#: Of outputs of energies.
+ENERGIES = (
+    Variable(
+        "energy_input",
+        _BUILDING,
+        "kN m",
+        "energy input",
+        "Energy put in by the ground until the end of the record, -int m ag v dt with v relative to the ground.",
+        needs("energy"),
+        buildings("e_in"),
+        error="energies",
+    ),
+    Variable(
+        "energy_damping",
+        _BUILDING,
+        "kN m",
+        "energy lost in damping",
+        "Energy lost in the building's own damping until the end of the record, int v'Cv dt.",
+        needs("energy"),
+        buildings("e_damp"),
+        error="energies",
+    ),
+    Variable(
+        "energy_kinetic",
+        _BUILDING,
+        "kN m",
+        "kinetic energy at the end",
+        "Kinetic energy v'Mv/2 of the motion relative to the ground, at the end of the record.",
+        needs("energy"),
+        buildings("e_kin"),
+        error="energies",
+    ),
+    Variable(
+        "energy_strain",
+        _BUILDING,
+        "kN m",
+        "strain energy at the end",
+        "Elastic strain energy u'Ku/2 at the end of the record.",
+        needs("energy"),
+        buildings("e_strain"),
+        error="energies",
+    ),
+    Variable(
+        "energy_transfer_max",
+        _BUILDING,
+        "kN m",
+        "largest energy transfer",
+        "Largest value over time of the transfer = input - kinetic - damping - strain: what the building has given "
+        "to its neighbours and contacts.",
+        needs("energy", "transfer"),
+        buildings("tmax"),
+        error="energies",
+        relative_to=_EXCHANGED,
+    ),
+    Variable(
+        "energy_transfer_min",
+        _BUILDING,
+        "kN m",
+        "smallest energy transfer",
+        "Smallest value over time of the transfer = input - kinetic - damping - strain; negative where the building "
+        "has taken energy from its neighbours.",
+        needs("energy", "transfer"),
+        buildings("tmin"),
+        error="energies",
+        relative_to=_EXCHANGED,
+    ),
+    Variable(
+        "contact_work",
+        ("pair",),
+        "kN m",
+        "work taken by contacts",
+        "Work the contacts of the pair took in until the end of the record, int F d' dt.",
+        needs("work"),
+        _work,
+        error="energies",
+        # the last two are energies (kN m) that went through the contacts
+        relative_to=(*_EXCHANGED, ("impact_force_max", "penetration_max"), ("impulse", "approach_speed_max")),
+    ),
+)
+
+REDUCERS = (
+    Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
+    Reducer("work", (Slot("work", "contact"),), where="touch"),
+    Reducer(
+        "transfer",
+        (Slot("tmax", "building"), Slot("tmin", "building")),
+        where="touch",
+        keeps=(Slot("KIN0", "building", "kinetic(S, l, b, props)"),),
+        looks="ends",
+    ),
+)

@@ -1,0 +1,166 @@
+"""How a scenario ended, and the outputs that say how its run went, not what it found."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+from pounding_sweep.outputs.declare import Variable, needs
+from pounding_sweep.outputs.readout import KernelResults
+
+#: Relative error beyond which the peaks of a scenario are wrong, where no other was asked for.
+OK_CLAIM = 0.05
+#: Difference to a run at half the step within which one at a given step is ok, where that is asked for: an error that
+#: impacts have magnified need not shrink with the step as small ones do.
+SETTLED = 0.02
+
+
+class Status(IntEnum):
+    """How a scenario ended; its value in the cube, with what it means and what to do."""
+
+    meaning: str
+    remedy: str
+    has_values: bool
+
+    def __new__(cls, code: int, meaning: str, remedy: str, has_values: bool) -> Status:
+        """Make the member of value `code`."""
+        member = int.__new__(cls, code)
+        member._value_ = code
+        member.meaning = meaning
+        member.remedy = remedy
+        member.has_values = has_values
+        return member
+
+    OK = (
+        0,
+        "the scenario ran to the end of its record, and its step resolves contacts, buildings and ground by "
+        "all rules of the engine; where error_estimate is there, a run at another step agrees as well",
+        "",
+        True,
+    )
+    DIVERGED = (
+        1,
+        "the motion left the range of finite numbers, or of what the ground can bring about; no peaks are reported",
+        "use a smaller dt, the newmark scheme or a softer contact",
+        False,
+    )
+    UNDER_RESOLVED_CONTACT = (
+        2,
+        "the shortest contact lasted too few time steps for its peaks to be trusted",
+        "use a smaller dt (see steps_per_contact)",
+        True,
+    )
+    NEWTON_NOT_CONVERGED = (
+        3,
+        "the implicit contact equation was not solved within its tolerance in some step",
+        "use a smaller dt",
+        True,
+    )
+    BEYOND_STABILITY_LIMIT = (
+        4,
+        "the time step is beyond the stability limit of the scheme; the scenario was refused",
+        "use a smaller dt or the newmark scheme",
+        False,
+    )
+    NOT_RUN = (
+        5,
+        "the scenario has no result, for instance because its worker failed or because no merged cube has it",
+        "run the sweep again, for a merged cube with --extend of it",
+        False,
+    )
+    UNDER_RESOLVED_MOTION = (
+        6,
+        "the time step is too long for a building's fundamental period, or for the ground motion",
+        "use a smaller dt, or the rk4 scheme",
+        True,
+    )
+    UNSETTLED = (
+        7,
+        "half the time step changes an output by more than the accuracy asked for, however often it was halved, or, "
+        f"at a given step, by more than {SETTLED:.0%}",
+        "use a smaller dt, or ask for a larger relative error (see error_estimate)",
+        True,
+    )
+
+    @property
+    def label(self) -> str:
+        """Name in ``flag_meanings``."""
+        return self.name.lower()
+
+
+#: Every status, by rising value.
+STATUS: tuple[Status, ...] = tuple(Status)
+
+
+def _energy_residual(kept: KernelResults) -> np.ndarray:
+    """|sum of transfers - sum of contact works| over the largest energy in the balance."""
+    raw = kept.slots
+    initial: np.ndarray | float = 0.0
+    if kept.initial_velocity is not None:
+        initial = 0.5 * (kept.variants.masses * np.square(kept.initial_velocity)).sum(axis=1)
+    gained = raw["e_kin"] + raw["e_strain"] + raw["e_damp"]
+    left = raw["e_in"].sum(axis=1) - gained.sum(axis=1) + initial
+    work = raw["work"].sum(axis=1) if "work" in raw else np.zeros(len(left))
+    size = np.maximum.reduce([np.abs(raw["e_in"]).sum(axis=1), gained.sum(axis=1), np.abs(work)])
+    return np.asarray(np.abs(left - work) / np.where(size > 0, size, 1.0))
+
+
+#: Of outputs of runs.
+RUNS = (
+    Variable(
+        "time_step",
+        (),
+        "s",
+        "time step",
+        "Time step of the scenario; in every cube whose steps were chosen for an accuracy, scenario by scenario.",
+        readout=lambda kept: np.full(len(kept), kept.step),
+    ),
+    Variable(
+        "error_estimate",
+        (),
+        "1",
+        "estimated relative error",
+        "Largest relative difference of an output to a run at half the time step, or, where an accuracy chose the "
+        "step, at twice; then it is in every cube.",
+    ),
+    Variable(
+        "amplification",
+        (),
+        "1",
+        "amplification of small changes",
+        "Largest relative change of an output over that of gaps, contact stiffness and ground motion, by a change of "
+        "1e-6 of each; the scenario is ill-conditioned where it is large.",
+    ),
+    Variable(
+        "status",
+        (),
+        "1",
+        "status of the scenario",
+        "How the scenario ended; never missing. Only an ok scenario's values are to be trusted.",
+        dtype="i1",
+        always=True,
+        flag_values=tuple(int(s) for s in Status),
+        flag_meanings=" ".join(s.label for s in Status),
+    ),
+    Variable(
+        "energy_residual",
+        (),
+        "1",
+        "relative residual of the energy balance",
+        "|sum of the buildings' transfers - sum of the contacts' works| at the end of the record, over the largest "
+        "absolute value among the energies of the balance (input, damping, kinetic, strain, contact work).",
+        needs("energy", "work"),
+        _energy_residual,
+    ),
+    Variable(
+        "steps_per_contact",
+        (),
+        "1",
+        "time steps in the shortest contact",
+        "Time steps in the shortest contact, by the duration of an elastic contact of its stiffness, effective mass "
+        "and approach velocity; missing where nothing touched.",
+        readout=lambda kept: kept.steps_per_contact,
+        always=True,
+    ),
+)

@@ -1,0 +1,243 @@
+"""The paper's Figures 4 to 21, drawn from a study and saved as PNG and SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.base.errors import OutputError
+from pounding_sweep.figures.gallery.ground_motion import ground_motion
+from pounding_sweep.figures.style import COLOURS, label_edges, legend_below, styled
+from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
+from pounding_sweep.paper.published import BUILDINGS, PAIRS, record_title
+from pounding_sweep.paper.readings import READINGS
+from pounding_sweep.paper.report import Picture
+from pounding_sweep.records.record import STANDARD_GRAVITY
+from pounding_sweep.run.execute import Progress
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+    from pounding_sweep.paper.study import Study
+
+
+#: (axes, data of one model at one reading and record, look)
+Line = Callable[[Any, "xr.Dataset", dict[str, Any]], None]
+
+_DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (5, 1.5, 1, 1.5)), (0, (1, 1)), (0, (3, 1)), (0, (8, 2)))
+
+
+def model_label(law: str) -> str:
+    """Name of a model in legends: its number in the paper and its law."""
+    return f"{LAWS[law].model}: {LAWS[law].title}"
+
+
+def model_look(law: str) -> dict[str, Any]:
+    """Label, colour, dashes and width of a model's line: no pounding thick and grey, behind the others."""
+    label = model_label(law)
+    if law == "none":
+        return {"label": label, "color": "0.6", "linestyle": "-", "linewidth": 2.6, "zorder": 1.5}
+    number = MATE2015_MODELS.index(law)
+    return {"label": label, "color": COLOURS[number], "linestyle": _DASHES[number], "linewidth": 1.2}
+
+
+def model_grid(data: xr.Dataset, line: Line, x: str, y: str, share_y: bool = True) -> Figure:
+    """Draw a panel for each reading and record, and in it a line for each model."""
+    from matplotlib.figure import Figure
+
+    readings, records = data["reading"].values.tolist(), data["record"].values.tolist()
+    size = (max(5.0, 1.0 + 2.5 * len(records)), 1.3 + 2.5 * len(readings))
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(len(readings), len(records), squeeze=False, sharex="col", sharey="row" if share_y else False)
+    for column, record in enumerate(records):
+        axes[0, column].set_title(record_title(record))
+    for (i, reading), (j, record), law in product(enumerate(readings), enumerate(records), data["law"].values.tolist()):
+        line(axes[i, j], data.sel(reading=reading, record=record, law=law), model_look(law))
+    label_edges(axes, x, [f"{READINGS[reading].label}\n{y}" for reading in readings])
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4 if len(records) > 2 else 2)
+    return figure
+
+
+#: A record's end is not drawn once everything stays below this share of the largest value.
+QUIET = 0.1
+
+
+@styled
+def structural_energy(histories: xr.Dataset, building: str) -> Figure:
+    """Draw the structural energy of a building against time, model by model."""
+    here = histories.sel(building=building)
+
+    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
+        values = one["structural_energy"].dropna("time")
+        ax.plot(values["time"], values, **look)
+        ax.set_xlim(0.0, float(values["time"][-1]))
+
+    # records differ by an order of magnitude
+    figure = model_grid(here, line, "time (s)", "energy (kN m)", share_y=False)
+    for ax in figure.axes:
+        ax.set_ylim(bottom=0)
+    return figure
+
+
+@styled
+def roof_displacement(histories: xr.Dataset, building: str, record: str) -> Figure:
+    """Draw the displacement of a roof against time, each model on that without pounding."""
+    here = histories["roof_displacement"].sel(building=building, record=record).dropna("time") * 1e3
+    return _by_model(here, "displacement (mm)", alone=True)
+
+
+@styled
+def roof_force(histories: xr.Dataset, pair: str, record: str) -> Figure:
+    """Draw the contact force between two roofs against time, model by model."""
+    here = histories["roof_force"].sel(pair=pair, record=record).dropna("time", how="all") * 1e-3
+    return _by_model(here, "force (MN)", alone=False)
+
+
+def _by_model(values: xr.DataArray, label: str, alone: bool) -> Figure:
+    """One row per model with contact, one column per reading; without the quiet end of the record."""
+    from matplotlib.figure import Figure
+
+    readings = values["reading"].values.tolist()
+    laws = [law for law in values["law"].values.tolist() if law != "none"]
+    time = values["time"].values
+    loud = abs(values).max([dim for dim in values.dims if dim != "time"])
+    last = float(time[np.flatnonzero(loud >= QUIET * loud.max())[-1]])
+    figure = Figure(figsize=(2.0 + 4.2 * len(readings), 0.8 + 1.25 * len(laws)), layout="constrained")
+    axes = figure.subplots(len(laws), len(readings), squeeze=False, sharex=True, sharey=alone)
+    for row, law in enumerate(laws):
+        for column, reading in enumerate(readings):
+            ax = axes[row, column]
+            one = values.sel(reading=reading)
+            if alone:
+                ax.plot(time, one.sel(law="none"), color="0.6", linewidth=1.6, label="no pounding")
+            ax.plot(time, one.sel(law=law), color=COLOURS[1], linewidth=0.9, label="with pounding")
+            ax.set_title(model_label(law), loc="left", fontsize=8)
+            ax.set_xlim(0.0, 1.05 * last)
+    record = record_title(str(values["record"].item()))
+    for column, reading in enumerate(readings):
+        title = f"{record}, {READINGS[reading].label}\n{model_label(laws[0])}"
+        axes[0, column].set_title(title, loc="left", fontsize=8)
+        axes[-1, column].set_xlabel("time (s)")
+    if alone:
+        legend_below(figure, axes[0, 0], most=2)
+    else:
+        for ax in axes.ravel():
+            ax.set_ylim(bottom=0)
+    figure.supylabel(label, fontsize=9)
+    return figure
+
+
+@styled
+def displacement_profiles(cube: xr.Dataset, building: str) -> Figure:
+    """Draw the signed peak displacements of a building's floors, model by model."""
+    here = cube.sel(building=building)
+    storeys = np.concatenate([[0], here["storey"].values])
+
+    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
+        for name, label in (("displacement_max", look["label"]), ("displacement_min", None)):
+            ax.plot(np.concatenate([[0.0], one[name].values]) * 1e3, storeys, **{**look, "label": label})
+
+    figure = model_grid(here, line, "displacement (mm)", "floor")
+    for ax in figure.axes:
+        ax.axvline(0.0, color="0.4", linewidth=0.8)
+        ax.set_yticks(storeys)
+    return figure
+
+
+@styled
+def shear_profiles(cube: xr.Dataset, building: str) -> Figure:
+    """Draw the peak shears of a building's storeys, model by model."""
+    here = cube.sel(building=building)
+    edges = np.concatenate([[0], here["storey"].values])
+
+    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
+        shear = one["storey_shear_max"].values * 1e-3  # constant over a storey: from one floor to the next
+        ax.plot(np.repeat(shear, 2), np.repeat(edges, 2)[1:-1], **look)
+
+    figure = model_grid(here, line, "storey shear (MN)", "floor")
+    for ax in figure.axes:
+        ax.set_xlim(left=0)
+        ax.set_yticks(edges)
+    return figure
+
+
+@styled
+def roof_spectra(spectra: xr.Dataset, building: str) -> Figure:
+    """Draw the pseudo-acceleration spectra of a roof, model by model."""
+    here = spectra.sel(building=building)
+
+    def line(ax: Any, one: xr.Dataset, look: dict[str, Any]) -> None:
+        ax.plot(one["period"], one["pseudo_acceleration"] / STANDARD_GRAVITY, **look)
+
+    figure = model_grid(here, line, "period (s)", "spectral acceleration (g)")
+    for ax in figure.axes:
+        ax.set(xscale="log", yscale="log")
+        ax.set_xticks([0.03, 0.1, 0.3, 1, 3], labels=["0.03", "0.1", "0.3", "1", "3"])
+        ax.minorticks_off()
+    return figure
+
+
+#: Dots per inch of the PNG files.
+DPI = 110
+
+
+@dataclass(frozen=True)
+class PaperFigure:
+    """One figure of the paper."""
+
+    number: int  # its number
+    title: str  # what it shows, in this package's words
+    draw: Callable[[Study], Figure]  # `Study` -> figure
+
+
+def shown_record(study: Study) -> str:
+    """Record of the histories of Figures 17 to 21: the paper's, San Fernando, or the last one at hand."""
+    return study.records[-1].name
+
+
+def _each(first: int, title: str, draw: Callable[[str, Study], Figure]) -> list[PaperFigure]:
+    """Three figures in a row: left, middle and right building."""
+    return [PaperFigure(n, f"{title}, {b} building", partial(draw, b)) for n, b in enumerate(BUILDINGS, start=first)]
+
+
+def _force(pair: str, study: Study) -> Figure:
+    return roof_force(study.histories, pair, shown_record(study))
+
+
+FIGURES: tuple[PaperFigure, ...] = (
+    PaperFigure(4, "Ground motions and their 5 % spectra", lambda study: ground_motion(study.motions)),
+    *_each(5, "Signed peak displacements of the floors", lambda b, study: displacement_profiles(study.cube, b)),
+    *_each(8, "Peak storey shears", lambda b, study: shear_profiles(study.cube, b)),
+    *_each(11, "Structural energy", lambda b, study: structural_energy(study.histories, b)),
+    *_each(14, "5 % spectra of the roof's total acceleration", lambda b, study: roof_spectra(study.floor_spectra, b)),
+    *_each(17, "Roof displacement", lambda b, study: roof_displacement(study.histories, b, shown_record(study))),
+    *(PaperFigure(20 + i, f"Impact force between the roofs, {p}", partial(_force, p)) for i, p in enumerate(PAIRS)),
+)
+"""Every figure of results, in the paper's order. Its Figures 20 and 21 have one caption; here each has its pair."""
+
+
+def save_figures(study: Study, folder: Path, progress: Progress | None = None) -> list[Picture]:
+    """Draw every figure into a folder, as ``figure_NN.png`` and ``figure_NN.svg``."""
+    progress = progress or Progress()
+    progress.stage("figures", len(FIGURES))
+    found = []
+    for one in FIGURES:
+        figure = one.draw(study)
+        path = folder / f"figure_{one.number:02d}.png"
+        try:
+            figure.savefig(path, dpi=DPI)
+            figure.savefig(path.with_suffix(".svg"))
+        except OSError as error:
+            msg = f"can't write {str(path)!r} ({error.strerror or error}); free some space or give another folder"
+            raise OutputError(msg) from error
+        found.append(Picture(one.number, one.title, path))
+        progress.advance(1)
+    return found

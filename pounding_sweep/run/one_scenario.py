@@ -1,0 +1,197 @@
+"""One scenario of a sweep, run with its full histories."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.model.laws import Law, get_law
+from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.spec.axes import COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness
+from pounding_sweep.spec.spec import SweepSpec
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: What of a scenario may be chosen otherwise than the sweep has it.
+CHOICES = ("law", "record", *(dim for column in COLUMNS for dim in DIMENSIONS[column]))
+#: Attribute of the histories: what tells the scenario from others of its sweep, beside law, record and gaps.
+SCENARIO_ATTRIBUTE = "scenario"
+
+
+def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
+    """Return the scenario in the middle of a sweep, or one of its listed cases."""
+    if spec.cases is not None:
+        if case is None:
+            return next((c for c in spec.cases if get_law(c.law).has_contact), spec.cases[0])
+        if not 1 <= case <= len(spec.cases):
+            msg = f"case {case} is not listed; the sweep has cases 1 to {len(spec.cases)}"
+            raise InputError(msg)
+        return spec.cases[case - 1]
+    if case is not None:
+        msg = f"case {case} is not there; the sweep is a product of axes, choose by their values"
+        raise InputError(msg)
+    middle = {name: values[(len(values) - 1) // 2] for name, values in spec.axes.items() if values}
+    law = next((key for key in spec.laws if get_law(key).has_contact), spec.laws[0])
+    values = {dim: middle[dim] for column in COLUMNS for dim in DIMENSIONS[column] if dim in middle}
+    factors: dict[str, dict[str, float]] = {argument: {} for argument in FACTOR_KINDS}
+    for argument, kind in FACTOR_KINDS.items():
+        for axis in spec.property_axes:
+            if axis.kind == kind and axis.building is not None:
+                factors[argument][axis.building] = middle[axis.dimension]
+    ratio = middle.get("damping_ratio")
+    return Case(law=law, record=middle["record"], damping_ratio=ratio, **{**values, **factors})
+
+
+def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> xr.Dataset:
+    """Run one scenario of a sweep and return its histories.
+
+    Parameters
+    ----------
+    spec : SweepSpec
+        A sweep; its scheme, step and number format are used.
+    case : int, optional
+        Number of a listed case, from 1.
+    **choice
+        ``law``, ``gap`` (m), ``stiffness`` (kN/m**exponent) or ``stiffness_factor``,
+        ``restitution``, ``record`` (a name of the sweep's), ``scale``: in place of the
+        scenario's own, which is that of `scenario_of`. None leaves it as it is.
+
+    Returns
+    -------
+    xarray.Dataset
+        What `pounding_sweep.simulate` returns. The attribute ``scenario`` tells the case, the
+        stiffness, the restitution, the scale and the building properties where the sweep has
+        several of them, or where they are chosen here; it is not there where none is told.
+
+    Raises
+    ------
+    InputError
+        A choice is unknown or not valid, or the scenario's stiffness is that of a law of
+        another force exponent.
+
+    Examples
+    --------
+    >>> from pounding_sweep.spec.build import build_spec
+    >>> spec = build_spec(scene="mate2015", records="el_centro", laws=["none", "linear"], gaps=[0.005, 0.01])
+    >>> simulate_one(spec, gap=0.01).attrs["law"]
+    'linear'
+    """
+    from pounding_sweep.run.simulate import simulate
+
+    own = scenario_of(spec, case)
+    for name in choice:
+        if name not in CHOICES:
+            raise InputError(unknown("choice", name, CHOICES))
+    given = {name: value for name, value in choice.items() if value is not None}
+    for column in COLUMNS:
+        if len(both := [dim for dim in DIMENSIONS[column] if dim in given]) > 1:
+            msg = f"{' and '.join(both)} exclude each other; give one of them"
+            raise InputError(msg)
+    names = [record.name for record in spec.records]
+    record = given.get("record", own.record or names[0])
+    if record not in names:
+        raise InputError(unknown("record of this sweep", record, names))
+    scene = _varied(spec.scene, own)
+    gap = given.get("gap", own.gap)
+    if gap is not None:
+        scene = scene.with_gaps(gap if isinstance(gap, Sequence) else [gap] * len(scene.gaps))
+    law = get_law(given.get("law", own.law))
+    absolute, factor = given.get("stiffness"), given.get("stiffness_factor")
+    if absolute is None and factor is None:
+        absolute, factor = own.stiffness, own.stiffness_factor
+        _check_unit(own, law)
+    stiffness = contact_stiffness(scene, law, stiffness=absolute, stiffness_factor=factor)
+    restitution = given.get("restitution", own.restitution)
+    scales = {dim: given[dim] if dim in given else getattr(own, dim) for dim in DIMENSIONS["scale"]}
+    if given.keys() & scales.keys():
+        scales = {dim: given.get(dim, getattr(Case, dim)) for dim in scales}
+    taken = replace(own, stiffness=absolute, stiffness_factor=factor, restitution=restitution, **scales)
+    parameters = SCHEMES[spec.method].parameters if spec.method else ()
+    one = simulate(
+        scene,
+        spec.record(record).scaled(spec.case_value(replace(taken, record=record), "scale")),
+        law=law,
+        stiffness=None if law.exponent is None else stiffness,
+        restitution=restitution,
+        method=spec.method,
+        dt=spec.dt,
+        accuracy=spec.accuracy,
+        locate=spec.locate,
+        beta=spec.beta if "beta" in parameters else None,
+        gamma=spec.gamma if "gamma" in parameters else None,
+        force_unstable=spec.force_unstable,
+        restitution_basis=spec.restitution_basis,
+        precision=spec.precision,
+    )
+    details = "; ".join(_details(spec, taken, law, given, case))
+    return one.assign_attrs({SCENARIO_ATTRIBUTE: details} if details else {})
+
+
+def _unit(exponent: float) -> str:
+    """Return the unit of the contact stiffness of a law of that force exponent."""
+    return "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
+
+
+def _check_unit(own: Case, law: Law) -> None:
+    """Raise `InputError` where a law would take the stiffness of one of another exponent for its own."""
+    meant = get_law(own.law).exponent
+    if own.stiffness is None or meant is None or law.exponent is None or meant == law.exponent:
+        return
+    msg = (
+        f"the stiffness of this scenario, {own.stiffness:g} {_unit(meant)}, is that of law {own.law!r}, and law "
+        f"{law.key!r} takes {_unit(law.exponent)}; give a stiffness ({_unit(law.exponent)}), or a stiffness factor on "
+        "the scene's reference"
+    )
+    raise InputError(msg)
+
+
+def _details(spec: SweepSpec, taken: Case, law: Law, given: Mapping[str, Any], number: int | None) -> Iterator[str]:
+    """Say what tells the scenario `taken` from others of its sweep, and what was `given` in place of the sweep's."""
+
+    def told(name: str) -> bool:
+        values = spec.axes.get(name, ()) if spec.cases is None else [getattr(case, name) for case in spec.cases]
+        return name in given or len(set(values)) > 1
+
+    if spec.cases is not None:
+        yield f"case {number or spec.cases.index(scenario_of(spec)) + 1}"
+    if law.exponent is not None and taken.stiffness is not None and told("stiffness"):
+        yield f"stiffness {taken.stiffness:g} {_unit(law.exponent)}"
+    if law.exponent is not None and taken.stiffness_factor is not None and told("stiffness_factor"):
+        yield f"stiffness factor {taken.stiffness_factor:g}"
+    restitution = spec.scene.contact.restitution if taken.restitution is None else taken.restitution
+    if law.takes_restitution and restitution is not None and told("restitution"):
+        yield f"restitution {restitution:g}"
+    for dim in DIMENSIONS["scale"]:
+        if told(dim) and (found := taken.axis("scale")) and found[0].dimension == dim:
+            yield f"{dim} {found[1]:g}"
+    single = {(axis.kind, axis.building) for axis in spec.property_axes if len(axis.values) == 1}
+    for plural, kind in FACTOR_KINDS.items():
+        for building, factor in dict(getattr(taken, plural)).items():
+            if (kind, building) not in single:
+                yield f"{kind.replace('_', ' ')} of {building} {factor:g}"
+    if taken.damping_ratio is not None and told("damping_ratio"):
+        yield f"damping ratio {taken.damping_ratio:g}"
+
+
+def _varied(scene: Scene, case: Case) -> Scene:
+    """Return a scene with the building properties of a scenario (see `pounding_sweep.model.variants`)."""
+    periods: Mapping[str, float] = dict(case.period_factors)
+    masses: Mapping[str, float] = dict(case.mass_factors)
+
+    def varied(item: Building | Wall) -> Building | Wall:
+        if isinstance(item, Wall):
+            return item
+        mass, period = masses.get(item.name, 1.0), periods.get(item.name, 1.0)
+        return Building(
+            item.name,
+            [mass * m for m in item.masses],
+            [mass / period**2 * k for k in item.stiffnesses],
+            item.damping_ratio if case.damping_ratio is None else case.damping_ratio,
+            item.storey_heights,
+        )
+
+    return Scene([varied(item) for item in scene.row], scene.gaps, scene.contact)

@@ -1,0 +1,314 @@
+"""Tables of a sweep that describe its scene and its records."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
+
+from pounding_sweep.base.errors import InputError, RecordError, SweepError, shown, unknown
+from pounding_sweep.base.paths import expanded
+from pounding_sweep.model.hertz import hertz_stiffness
+from pounding_sweep.model.presets import get_preset
+from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall, check_gap
+from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
+from pounding_sweep.records.catalogue import Folders
+from pounding_sweep.spec.axes import Range, finite
+from pounding_sweep.spec.faults import Table, gathering, is_number, number
+
+
+def _positive(values: list[Any], info: ValidationInfo) -> list[Any]:
+    """Check a list of a building; each value has a place of its own."""
+    what = str(BuildingTable.model_fields[str(info.field_name)].description).partition(", ")[2]
+    with gathering() as faults:
+        for index, value in enumerate(values):
+            if not (is_number(value) and 0 < value < math.inf):
+                faults.add((index,), f"{shown(value)} is not a positive number ({what})")
+    masses = info.data.get("masses", values)
+    if len(values) != len(masses):
+        msg = f"{len(values)} {info.field_name} for {len(masses)} masses; give one value per storey"
+        raise InputError(msg)
+    return values
+
+
+def _ratio(value: Any) -> Any:
+    values = value if isinstance(value, list) else [value]
+    if not all(map(is_number, values)):
+        msg = f"{shown(value)} won't do; it must be one or two numbers in [0, 1)"
+        raise InputError(msg)
+    return tuple(values) if values is value else value
+
+
+class BuildingTable(Table):
+    """[[scene.row]]: a building."""
+
+    name: str = Field(description="a text")
+    masses: Annotated[list[Any], AfterValidator(_positive)] = Field(
+        description="a list of numbers, floor masses in t, bottom first"
+    )
+    stiffnesses: Annotated[list[Any], AfterValidator(_positive)] = Field(
+        description="a list of numbers, storey stiffnesses in kN/m, bottom first"
+    )
+    damping_ratio: Annotated[Any, AfterValidator(_ratio)] = 0.05
+    storey_heights: Annotated[list[Any], AfterValidator(_positive)] | None = Field(
+        None, description="a list of numbers, storey heights in m, bottom first"
+    )
+
+
+class WallTable(Table):
+    """[[scene.row]]: a rigid wall, with ``wall = true``."""
+
+    wall: Literal[True] = Field(description="true")
+    name: str = Field("wall", description="a text")
+
+
+def _wall(given: dict[str, Any]) -> Wall:
+    return Wall(WallTable.model_validate(given).name)
+
+
+def _row(given: list[Any]) -> list[Building | Wall]:
+    made: list[Any] = []
+    with gathering() as faults:
+        for index, item in enumerate(given):
+            if not isinstance(item, dict):
+                faults.add((index,), f"{shown(item)} won't do in tables [[scene.row]], left to right")
+                continue
+            if "wall" in item:
+                made.append(faults.attempt((index,), _wall, item))
+            elif table := faults.attempt((index,), BuildingTable.model_validate, item):
+                last = "damping_ratio" if table.name.strip() else "name"  # all that can still be at fault
+                made.append(faults.attempt((index, last), Building, **dict(table)))
+    return made
+
+
+def _contact_value(value: float | None, info: ValidationInfo) -> float | None:
+    if value is not None:
+        ContactProperties(**{str(info.field_name): value})
+    return value
+
+
+class HertzTable(Table):
+    """scene.contact.hertz: what a Hertz stiffness follows from."""
+
+    young_modulus: float = Field(25.0e6, description="a number in kN/m2")
+    poisson_ratio: float = Field(0.2, description="a number")
+    density: float = Field(2.5, description="a number in t/m3")
+    mass_1: float | None = Field(None, description="a number in t")
+    mass_2: float | None = Field(None, description="a number in t")
+    radii: list[float] | None = Field(None, min_length=2, max_length=2, description="two numbers in m")
+
+
+def _hertz(given: dict[str, Any] | None, info: ValidationInfo) -> float | None:
+    if given is None:
+        return None
+    value: float | None = None
+    with gathering() as faults:
+        if info.data.get("hertz_stiffness") is not None:
+            faults.add((), "hertz and hertz_stiffness exclude each other; give one of them")
+        table = faults.attempt((), HertzTable.model_validate, given)
+        if table and table.radii is not None and not table.mass_1 is table.mass_2 is None:
+            faults.add((), "radii and masses exclude each other; give mass_1 and mass_2, or radii")
+        elif table:
+            value = faults.attempt((), hertz_stiffness, **dict(table))
+            faults.attempt((), ContactProperties, hertz_stiffness=value)
+    return value
+
+
+class ContactTable(Table):
+    """[scene.contact]: reference contact properties."""
+
+    linear_stiffness: Annotated[float | None, AfterValidator(_contact_value)] = Field(
+        None, description="a number in kN/m"
+    )
+    hertz_stiffness: Annotated[float | None, AfterValidator(_contact_value)] = Field(
+        None, description="a number in kN/m^1.5"
+    )
+    hertz: Annotated[dict[str, Any] | None, AfterValidator(_hertz)] = Field(
+        None, description="a table of material and masses or radii"
+    )
+    restitution: Annotated[float | None, AfterValidator(_contact_value)] = Field(None, description="a number")
+
+
+def _preset(name: str | None) -> Scene | None:
+    return None if name is None else get_preset(name)
+
+
+def _gaps(given: list[Any] | None) -> list[Any] | None:
+    with gathering() as faults:
+        for index, gap in enumerate(given or ()):
+            faults.attempt((index,), number, gap, "gap in m", check_gap)
+    return given
+
+
+class SceneTable(Table):
+    """[scene]: a preset, or a row of its own."""
+
+    preset: Annotated[str | None, AfterValidator(_preset)] = Field(None, description="name of a preset")
+    row: Annotated[list[Any], AfterValidator(_row)] | None = Field(
+        None, description="tables [[scene.row]], left to right"
+    )
+    gaps: Annotated[list[Any] | None, AfterValidator(_gaps)] = Field(
+        None, description="a list of numbers, the gap of each pair in m"
+    )
+    contact: ContactTable | None = Field(None, description="a table [scene.contact]")
+
+
+def read_scene(given: dict[str, Any]) -> Scene:
+    """Make a scene of a table; what it leaves out is the preset's."""
+    with gathering() as faults:
+        if given.get("preset") is not None and given.get("row") is not None:
+            faults.add(("preset",), "preset and row exclude each other; give one of them")
+        elif given.get("preset") is None and given.get("row") is None:
+            faults.add((), "needs a preset or tables [[scene.row]]")
+        table: Any = faults.attempt((), SceneTable.model_validate, given)
+    base = table.preset
+    row = table.row if base is None else base.row
+    gaps = table.gaps if table.gaps is not None else base.gaps if base else ()
+    own = dict(table.contact or ())
+    if (hertz := own.pop("hertz", None)) is not None:
+        own["hertz_stiffness"] = hertz
+    whole = base.contact if base else ContactProperties()
+    contact = ContactProperties(
+        *(
+            getattr(whole, name) if own.get(name) is None else own[name]
+            for name in ("linear_stiffness", "hertz_stiffness", "restitution")
+        )
+    )
+    with gathering() as faults:
+        scene = faults.attempt(("gaps",) if len(gaps) != len(row) - 1 else (), Scene, row, gaps, contact)
+    return scene
+
+
+def _number(what: str, name: str) -> Any:
+    return PlainValidator(lambda value: number(value, what, finite(name)))
+
+
+def _count(value: Any, info: ValidationInfo) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        msg = f"must be a whole number, not {shown(value)}"
+        raise InputError(msg)
+    if value < 1:
+        msg = f"count = {value}: a sweep of zero scenarios; give at least 1"
+        raise InputError(msg)
+    start, stop = info.data.get("start"), info.data.get("stop")
+    if value == 1 and start != stop:
+        msg = f"1 value can't reach from start {shown(start)} to stop {shown(stop)}; give at least 2"
+        raise InputError(msg)
+    return value
+
+
+def _spacing(value: Any, info: ValidationInfo) -> str:
+    if value not in ("linear", "log"):
+        raise InputError(unknown("spacing", value, ["linear", "log"]))
+    start, stop = info.data.get("start"), info.data.get("stop")
+    if value == "log" and not ((start or 0) > 0 and (stop or 0) > 0):
+        msg = f"log needs start and stop above 0, not {shown(start)} and {shown(stop)}"
+        raise InputError(msg)
+    return str(value)
+
+
+class RangeTable(Table):
+    """An axis as evenly spaced values."""
+
+    start: Annotated[float, _number("first value", "start")] = Field(description="a number, the first value")
+    stop: Annotated[float, _number("last value", "stop")] = Field(description="a number, the last value")
+    count: Annotated[int, PlainValidator(_count)] = Field(description="a whole number, how many values")
+    spacing: Annotated[str, PlainValidator(_spacing)] = Field("linear", description="a text")
+
+
+def read_range(given: Range | dict[str, Any]) -> Range:
+    """Check evenly spaced values, given as a table or as such."""
+    return Range(**dict(RangeTable.model_validate(given if isinstance(given, dict) else vars(given))))
+
+
+class PathRecord(Table):
+    """A record from a file."""
+
+    path: str = Field(description="a text")
+    units: str | None = Field(None, description="a text")
+    dt: float | None = Field(None, description="a number in s")
+    name: str | None = Field(None, description="a text")
+    scale: float = Field(1.0, description="a number")
+    pga: float | None = Field(None, description="a number in m/s2")
+
+    def read(self, folder: Path, _folders: Folders) -> Record:
+        """Read the file."""
+        values = dict(self)
+        return read_record(folder / expanded(values.pop("path"), RecordError), **values)
+
+
+class NamedRecord(Table):
+    """A record found by name, scaled or renamed."""
+
+    record: str = Field(description="a text")
+    name: str | None = Field(None, description="a text")
+    scale: float = Field(1.0, description="a number")
+    pga: float | None = Field(None, description="a number in m/s2")
+
+    def read(self, _folder: Path, folders: Folders) -> Record:
+        """Find the record."""
+        found = find_record(self.record, folders)
+        if self.pga is not None and self.scale != 1.0:
+            msg = "scale and pga exclude each other; give one of them"
+            raise SweepError(msg)
+        found = found.scaled(self.scale) if self.pga is None else found.scaled_to(self.pga)
+        return found if self.name is None else found.renamed(self.name)
+
+
+class SyntheticRecord(Table):
+    """A synthetic earthquake; ``synthetic`` is the seed."""
+
+    synthetic: int = Field(description="a whole number, the seed")
+    duration: float = Field(20.0, description="a number in s")
+    dt: float = Field(0.01, description="a number in s")
+    pga: float = Field(3.0, description="a number in m/s2")
+    ground_frequency: float = Field(15.6, description="a number in rad/s")
+    ground_damping: float = Field(0.6, description="a number")
+    filter_frequency: float = Field(1.5, description="a number in rad/s")
+    filter_damping: float = Field(0.6, description="a number")
+    rise: float = Field(0.1, description="a number")
+    strong: float = Field(0.4, description="a number")
+    end_level: float = Field(0.05, description="a number")
+    name: str | None = Field(None, description="a text")
+
+    def read(self, _folder: Path, _folders: Folders) -> Record:
+        """Make the record."""
+        values = dict(self)
+        return synthetic_record(values.pop("synthetic"), **values)
+
+
+class PulseRecord(Table):
+    """A simple pulse; ``pulse`` is its shape."""
+
+    pulse: str = Field(description="a text")
+    amplitude: float = Field(description="a number in m/s2")
+    period: float = Field(description="a number in s")
+    dt: float = Field(description="a number in s")
+    duration: float | None = Field(None, description="a number in s")
+    name: str | None = Field(None, description="a text")
+
+    def read(self, _folder: Path, _folders: Folders) -> Record:
+        """Make the record."""
+        values = dict(self)
+        return pulse_record(values.pop("pulse"), **values)
+
+
+#: Kinds of record tables, by the key that tells them.
+RECORD_TABLES: dict[str, type[PathRecord | NamedRecord | SyntheticRecord | PulseRecord]] = {
+    "path": PathRecord,
+    "record": NamedRecord,
+    "synthetic": SyntheticRecord,
+    "pulse": PulseRecord,
+}
+
+
+def record_table(given: Any) -> PathRecord | NamedRecord | SyntheticRecord | PulseRecord:
+    """Read a table that describes a record."""
+    kinds = [kind for kind in RECORD_TABLES if isinstance(given, dict) and kind in given]
+    if len(kinds) != 1:
+        what = f"has {' and '.join(kinds)}" if kinds else f"{shown(given)} won't do"
+        msg = f"{what}; give a name, a path, or a table with one of {', '.join(RECORD_TABLES)}"
+        raise InputError(msg)
+    return RECORD_TABLES[kinds[0]].model_validate(given)

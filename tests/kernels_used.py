@@ -1,0 +1,62 @@
+"""The only kernels that the default run compiles, and what of scheme, law, step, precision and outputs they cover.
+
+Compiling one takes some ten seconds; all else is compiled by tests that are marked slow. `conftest` has these ready
+before the tests begin, and fails a test that asks for another.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+from scenes import AXES, EVERY, motions, pair, row
+
+import pounding_sweep as ps
+from pounding_sweep.emit.spec import KernelSpec
+from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.outputs.variables import VARIABLES, reducers_for
+
+#: Laws under which `simulate` runs the pair by default, by scheme. Kinds of laws: a damper whose pull is cut (Kelvin
+#: and Voigt), forces that rise like a power (Hertz), memory (hysteretic), jumps of velocity (stereomechanical). The
+#: other laws differ in their formula, which `test_laws` holds against the twin's, and run under each scheme nightly.
+SIMULATED = {
+    "rk4": frozenset({"kelvin_voigt", "hertz_damped", "hysteretic"}),
+    "newmark": frozenset({"hertz_damped", "stereomechanical"}),
+    "exact": frozenset({"kelvin_voigt", "stereomechanical"}),
+}
+#: A law with a force for each scheme, out of those.
+LAW_OF = {"rk4": "kelvin_voigt", "newmark": "hertz_damped", "exact": "kelvin_voigt"}
+#: The law and scheme that run with steps that are not split at contacts.
+UNLOCATED = ("newmark", "kelvin_voigt")
+#: A row of more floors than one straight line of code holds: its loops are split within and between buildings.
+TALL = ps.Scene(
+    [ps.Building("tower", [100.0] * 12, [4.5e5] * 12), ps.Building("annex", [120.0] * 5, [3.5e5] * 5)], gaps=[0.01]
+)
+
+
+@cache
+def simulated(method: str, law: str, *, located: bool = True, scene: ps.Scene | None = None) -> KernelSpec:
+    """The kernel that `simulate` compiles for the pair, or for another row."""
+    reducers = reducers_for([name for name in VARIABLES if name != "closing_max"])
+    return kernel_shape(scene or pair(), LAWS[law], Numerics(method, 1e-3, located), reducers, history=True)
+
+
+def swept(**sweep) -> list[KernelSpec]:
+    """The kernels of a sweep: one per law, and one without pounding that tells who can touch."""
+    return [kernel.shape for kernel in ps.Sweep(**sweep).plan().kernels().values()]
+
+
+@cache
+def kernels() -> tuple[KernelSpec, ...]:
+    """All of them, those that take longest first."""
+    both = {"scene": pair(), "records": motions()[0], "gaps": [0.001, 0.002, 0.004, 0.006], "outputs": EVERY}
+    single = {"method": "exact", "precision": "float32", "damping_ratios": [0.02, 0.05]}
+    method, law = UNLOCATED
+    return (
+        *(simulated(method, law) for method, laws in SIMULATED.items() for law in sorted(laws)),
+        simulated(method, law, located=False),
+        simulated("rk4", "kelvin_voigt", scene=TALL),
+        *swept(**both, laws="hertz_damped", method="rk4"),
+        *swept(**both, laws="hertz_damped", **single),
+        *swept(scene=row(), records=motions(), **AXES),
+    )

@@ -1,0 +1,98 @@
+"""Ten small faults put into a copy of the package, one at a time: the default tests catch each of them.
+
+``python tests/mutants.py`` runs, for each, only the module that is to catch it; with the name of a file of the package,
+only the faults in that file.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+TESTS = Path(__file__).parent
+#: File, its text, the fault, and the tests of the default run that catch it.
+MUTANTS = (
+    # the damping of a law, a nearby number
+    ("model/laws.py", "0.75 * (1.0 - e * e)", "0.7 * (1.0 - e * e)", "test_laws.py"),
+    # sub-steps of a stiff contact ten times as long
+    ("emit/spec.py", "CONTACT_CAP = 0.25", "CONTACT_CAP = 2.5", "test_kernels.py"),
+    # touches that are over before the step's end are not looked for
+    ("emit/watch.py", "max(d1, min(fma(h, v0, d0), fma(-h, v1, d1)))", "d1", "test_kernels.py"),
+    # the weights of Newmark's average acceleration, the wrong way round
+    ("schemes/newmark.py", "pv = h * (1.0 - ng)", "pv = h * ng * 0.99", "test_analytic.py"),
+    # idle lanes hold the first scenario, not the last
+    (
+        "engine/row_kernel.py",
+        "np.arange(groups * LANES), n - 1)",
+        "np.arange(groups * LANES), 0)",
+        "test_properties.py",
+    ),
+    # a motion answers for scenarios whose gap it closes by a hair
+    ("plan/plan.py", "needed *= 1.0 + CLOSING_MARGIN", "needed *= 0.99", "test_plan.py"),
+    # an error of ten times what was asked passes
+    (
+        "run/refinement.py",
+        "> accuracy / strictness(fine))",
+        "> 10.0 * accuracy / strictness(fine))",
+        "test_refinement.py",
+    ),
+    # scenarios beyond the stability limit are run
+    ("plan/plan.py", "else step > limit", "else step > 2.0 * limit", "test_plan.py"),
+    # a damaged chunk is read
+    ("resume/checkpoint.py", "digest = _sha256(path)", 'digest = entry["sha256"]', "test_store.py"),
+    # shears are of the neighbour's stiffness
+    (
+        "engine/postprocess.py",
+        'raw["drift"] * row.stiffnesses',
+        'raw["drift"] * row.stiffnesses[:, ::-1]',
+        "test_kernels.py",
+    ),
+)
+
+
+def caught_by(name: str, text: str, fault: str, tests: str) -> str:
+    """Return the first test that fails with a fault; "" where none does."""
+    with tempfile.TemporaryDirectory() as folder:
+        package = Path(folder) / "pounding_sweep"
+        shutil.copytree(TESTS.parent / "pounding_sweep", package, ignore=shutil.ignore_patterns("__pycache__"))
+        path = package / name
+        content = path.read_text(encoding="utf-8")
+        if text not in content:
+            msg = f"{name} has no {text!r} any more"
+            raise SystemExit(msg)
+        path.write_text(content.replace(text, fault), encoding="utf-8")
+        known = [folder, *filter(None, [os.environ.get("PYTHONPATH")])]
+        settings = ["-c", TESTS.parent / "pyproject.toml", "--rootdir", TESTS.parent, "-p", "no:cacheprovider"]
+        run = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "--tb=no", *settings, TESTS / tests]
+        done = subprocess.run(
+            run,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(known)},
+            cwd=folder,  # not where the package is: that would come first
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        failed = [line.split()[1] for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        if failed and done.returncode == 1:
+            return failed[0].partition("tests/")[2]
+        return "" if done.returncode == 0 else f"an error: {done.stdout[-500:]}{done.stderr[-500:]}"
+
+
+def main() -> None:
+    """Print what catches each fault; fail where one is not caught."""
+    missed = 0
+    for name, text, fault, tests in MUTANTS:
+        if sys.argv[1:] and name not in sys.argv[1:]:
+            continue
+        found = caught_by(name, text, fault, tests)
+        missed += "::" not in found
+        print(f"{name}: {text} -> {fault}: {found or 'NOT CAUGHT'}", flush=True)
+    sys.exit(f"{missed} not caught" if missed else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,469 @@
+"""Record files of every format and quirk, and the refusal of bad ones, by messages kept word for word."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import tempfile
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from record_files import NGA, OLD, VALUES, at2, fortran, knet, save
+
+from pounding_sweep.base.errors import RecordError
+from pounding_sweep.records import MAX_FILE_BYTES, list_records, read_record, reader, resolve_records
+from pounding_sweep.records import STANDARD_GRAVITY as G
+from pounding_sweep.records.reader import plain_words
+
+#: Every message of a bad file; `python tests/test_record_formats.py` writes them anew.
+MESSAGES = Path(__file__).with_name("golden") / "record_messages.json"
+
+# --- PEER AT2 ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        at2(),
+        at2(header=OLD, dt=".01000"),
+        at2(end="\r\n"),
+        at2(end="\r"),
+        at2(blanks=" " * 20),
+        at2(points="NPTS=      7, DT=   .0100 SEC,                            "),
+        at2(points="NPTS=7,DT=0.010000SEC"),
+        at2(points="NPTS= 7, DT= 1.D-02 SEC"),
+        at2(points="     7   0.0100   NPTS, DT"),
+        at2(points="    7    .0100    NPTS, DT"),
+        at2(points="npts = 7 , dt = 0.01 s"),
+        at2(points="NPTS= 7\nDT= .0100 SEC"),
+        at2(points="DT= .0100 SEC\nNPTS= 7"),
+        at2(per_line=1),
+        at2(per_line=7),
+        at2().rstrip("\n"),
+        at2() + "\n\n   \n",
+        at2() + "\x1a",
+        at2().replace("E", "D").replace("STD", "STE"),
+        at2().replace("E-0", "e-0"),
+        "\n" + at2(),
+        at2(header=NGA.replace("Station", "Stación")),
+        b"\xef\xbb\xbf" + at2().encode(),
+        ("\ufeff" + at2()).encode("utf-16-le"),
+    ],
+)
+def test_at2_quirks(tmp_path, text):
+    record = read_record(save(tmp_path, text))
+    assert record.dt == 0.01
+    np.testing.assert_allclose(record.acceleration, np.array(VALUES) * G, rtol=1e-7)
+    assert record.name == "file"
+    assert record.source.endswith("(file.AT2)")
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor"),
+    [("G", G), ("g.", G), ("CM/S/S", 0.01), ("CM/SEC/SEC", 0.01), ("CM/SEC**2", 0.01), ("M/S^2", 1.0), ("GAL", 0.01)],
+)
+def test_at2_header_units(tmp_path, unit, factor):
+    record = read_record(save(tmp_path, at2(header=NGA.replace("OF G", "OF " + unit))))
+    assert record.pga == pytest.approx(0.5 * factor, rel=1e-7)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    values=st.lists(
+        st.floats(-9.0, 9.0, allow_subnormal=False).map(lambda x: x if abs(x) > 1e-30 else 0.0), min_size=1
+    ),
+    dt=st.integers(1, 4000).map(lambda n: n / 10000),
+    per_line=st.integers(1, 9),
+    end=st.sampled_from(["\n", "\r\n"]),
+)
+def test_at2_round_trip(tmp_path, values, dt, per_line, end):
+    record = read_record(save(tmp_path, at2(values, dt=f"{dt:.5f}", per_line=per_line, end=end)))
+    assert record.dt == dt
+    np.testing.assert_allclose(record.acceleration, np.array(values) * G, rtol=5.1e-7, atol=0)
+
+
+#: What a file holds, how it is read, its step (s) and its acceleration (m/s2).
+READ = [
+    (
+        NGA + "NPTS= 9, DT= .01 SEC\n-.1234E-02-.5678E-03 .1000E+00-.2E0\n-12.345-67.890+1.5 -.1D-1-.2D-1\n",
+        *({}, 0.01),
+        [v * G for v in (-0.1234e-2, -0.5678e-3, 0.1, -0.2, -12.345, -67.89, 1.5, -0.01, -0.02)],
+    ),
+    (at2([0.5], header="Somewhere\n"), {}, 0.01, [0.5 * G]),
+    (at2([0.5], header="Somewhere\n"), {"units": "cm/s2"}, 0.01, [0.005]),
+    (at2([0.5], points="NPTS= 1"), {"dt": 0.02}, 0.02, [0.5 * G]),
+    (at2([0.5]), {"dt": 0.01}, 0.01, [0.5 * G]),
+    ("time,acc_m_s2\n0,0\n0.5,2\n", {}, 0.5, [0, 2]),
+    ("t acc_cm/s2\n0 0\n0.5 2\n", {}, 0.5, [0, 0.02]),
+    ("0.0\n 0.5\n-0.25\n", {"dt": 0.005, "units": "m/s2"}, 0.005, [0, 0.5, -0.25]),
+    ("# dt = 0.02 s, acceleration (cm/s2)\n0.0\n50\n", {}, 0.02, [0, 0.5]),
+    ("3.5\n", {"dt": 0.1, "units": "m/s2"}, 0.1, [3.5]),
+    ("0 0.1\n1 0.2\n", {"dt": 1, "units": "m/s2"}, 1.0, [0.1, 0.2]),
+    ("# dt = 0.02\n# n, acc (g)\n0 0.1\n1 0.2\n", {"units": "g"}, 0.02, [0.1 * G, 0.2 * G]),
+    ("time (s),acc (g)\n0,0.1\n1,0.2\n", {}, 1.0, [0.1 * G, 0.2 * G]),
+    (",acc (g)\n0.00,0.1\n0.01,0.2\n", {}, 0.01, [0.1 * G, 0.2 * G]),  # a time index that lost its name
+    ("0 0.1\n2 0.2\n4 0.3\n", {"units": "m/s2"}, 2.0, [0.1, 0.2, 0.3]),
+    ("acc (g),time (s)\n0.1,0\n0.2,0.01\n0.3,0.02\n", {}, 0.01, [0.1 * G, 0.2 * G, 0.3 * G]),
+    ("acc (g);t\n0,1;0\n0,2;0,01\n0,3;0,02\n", {}, 0.01, [0.1 * G, 0.2 * G, 0.3 * G]),
+    ("# a logger\nacc (g) time (s)\n0.1 0\n0.2 0.01\n0.3 0.02\n", {}, 0.01, [0.1 * G, 0.2 * G, 0.3 * G]),
+    ("accel_g\tTime_s\n0.1\t5.00\n0.2\t5.01\n0.3\t5.02\n", {}, 0.01, [0.1 * G, 0.2 * G, 0.3 * G]),
+    ("0.000000000000 1\n0.009999999776 1\n0.019999999553 1\n0.029999999329 2\n", {"units": "m/s2"}, 0.01, [1, 1, 1, 2]),
+]
+
+
+@pytest.mark.parametrize(("text", "arguments", "dt", "acceleration"), READ)
+def test_read(tmp_path, monkeypatch, text, arguments, dt, acceleration):
+    for size in (reader.BLOCK, 8):  # as arrays, and rows one by one
+        monkeypatch.setattr(reader, "BLOCK", size)
+        record = read_record(save(tmp_path, text), **arguments)
+        assert record.dt == pytest.approx(dt, rel=1e-6)
+        np.testing.assert_allclose(record.acceleration, acceleration, rtol=1e-15)
+
+
+# --- columns ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n",
+        "time,acc (g)\r\n0,0\r\n0.01,0.5\r\n0.02,-2.5E-01\r\n\r\n",
+        "time (s);acc [g]\n0;0\n0,01;0,5\n0,02;-0,25\n",
+        "t\tacc_g\n0\t0\n0.01\t0.5\n0.02\t-0.25\n",
+        "# Station X\n# units: g\n  0.00   0.0\n  0.01   0.5  \n  0.02  -0.25",
+        "% acceleration in g\n0.00 0.0D0\n0.01 5.0D-1\n# remark\n0.02 -0.25",
+        '"time","acc (g)"\n"0.00","0"\n"0.01","0.5"\n"0.02","-0.25"\n',
+        "time,acc (g)\n5.00,0,\n5.01,0.5,\n5.02,-0.25,\n",
+        "units of g\n0.000.0000\n".replace("0.000.0000", "0.00 0.0") + "0.01+.5\n0.02-.25\n",
+        "\ufefftime,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n".encode(),
+        "\ufefftime,acc (g)\n0,0\n0.01,0.5\n0.02,-0.25\n".encode("utf-16-le"),
+        "temps,accél (g)\n0,0\n0.01,0.5\n0.02,-0.25\n",
+    ],
+)
+def test_two_columns(tmp_path, text):
+    for name in ("x.csv", "x.AT2", "x"):
+        record = read_record(save(tmp_path, text, name))
+        assert record.dt == 0.01
+        np.testing.assert_array_equal(record.acceleration, np.array([0, 0.5, -0.25]) * G)
+        assert record.name == "x"
+
+
+@pytest.mark.parametrize(
+    ("units", "factor"),
+    [
+        *[("g", G), (" G ", G), ("m/s2", 1), ("m/s^2", 1), ("m/s**2", 1), ("m/s/s", 1), ("m/s²", 1), ("m s-2", 1)],
+        *[("cm/s2", 0.01), ("cm/s^2", 0.01), ("cm/s/s", 0.01), ("gal", 0.01), ("Gal", 0.01), ("cm/sec2", 0.01)],
+    ],
+)
+def test_units(tmp_path, units, factor):
+    plain = save(tmp_path, "0 0\n0.5 2\n", "x.txt")
+    assert read_record(plain, units=units).acceleration.tolist() == [0, 2 * factor]
+    for header in (f"time (s), acc ({units})", f"time,a [{units}]", f"# units: {units}\nt,a"):
+        headed = save(tmp_path, (header + "\n0,0\n0.5,2\n").encode(), "y.csv")
+        assert read_record(headed).acceleration.tolist() == [0, 2 * factor]
+        assert read_record(headed, units=units).pga == 2 * factor
+
+
+@pytest.mark.parametrize(
+    ("dt", "form"),
+    [
+        *[(0.02, "{:.2f}"), (0.005, "{:.3f}"), (0.005, "{:.5g}"), (0.01, "{:.4E}"), (1 / 128, "{:.3f}")],
+        *[(1 / 256, "{:.4f}"), (0.02, "{:.9f}"), (0.0024, "{:.4f}"), (0.01, "{!r}"), (1 / 3, "{:.2f}"), (2, "{:.0f}")],
+    ],
+)
+@pytest.mark.parametrize("start", [0.0, 3.0])
+def test_rounded_times(tmp_path, dt, form, start):
+    times = start + np.arange(2000) * dt
+    text = "".join(f"{form.format(float(t))},{i % 7}\n" for i, t in enumerate(times))
+    assert read_record(save(tmp_path, text, "x.csv"), units="m/s2").dt == pytest.approx(dt, rel=1e-12)
+
+
+def test_scale_and_pga(tmp_path):
+    path = save(tmp_path, at2())
+    assert read_record(path, scale=2).pga == pytest.approx(G, rel=1e-7)
+    assert read_record(path, scale=2).scale == 2.0
+    assert read_record(path, pga=2.5).pga == pytest.approx(2.5, rel=1e-15)
+
+
+def test_path_kinds(tmp_path, monkeypatch):
+    path = save(tmp_path, at2())
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert read_record(str(path)) == read_record(path) == read_record("~/file.AT2")
+
+
+# --- whose time it is -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("head", ["", "index", "Index", "#", "n", "no.", "Unnamed: 0", "sample", "unknown"])
+@pytest.mark.parametrize("start", [0, 1])
+def test_an_index_is_no_time(tmp_path, head, start):
+    path = save(tmp_path, f"{head},acc (g)\n" + "".join(f"{start + i},{a}\n" for i, a in enumerate((0.1, 0.2, -0.3))))
+    with pytest.raises(RecordError, match=r"counts by ones: points, or seconds\? Give dt= in seconds"):
+        read_record(path)
+    record = read_record(path, dt=0.01)
+    assert record.dt == 0.01
+    np.testing.assert_array_equal(record.acceleration, np.array([0.1, 0.2, -0.3]) * G)
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        *("Time_ms", "t_ms", "time in ms", "Time (millisec)", "time [msec]", "T(ms)", "t/ms", "ms"),
+        *("TIME (milliseconds)", "time (µs)", "time (us)", "Time (min)", "time, acc\ntime ms"),
+    ],
+)
+def test_times_in_other_units_are_refused(tmp_path, head):
+    for path in (
+        save(tmp_path, f"{head},acc (g)\n0,0.1\n10,0.2\n20,0.1\n"),
+        save(tmp_path, f"{head};acc (g)\n0;0,1\n10;0,2\n20;0,1\n"),
+    ):
+        with pytest.raises(RecordError, match=r"times are not in seconds .*; convert them"):
+            read_record(path)
+
+
+@pytest.mark.parametrize("head", ["time", "Time_s", "t (s)", "time in s", "Time (sec)", "t", "seconds", "s", "times"])
+def test_times_in_seconds_are_taken(tmp_path, head):
+    assert read_record(save(tmp_path, f"{head},acc (g)\n0,0.1\n0.5,0.2\n")).dt == 0.5
+
+
+# --- many numbers -----------------------------------------------------------------------------------------------
+
+WRITTEN = st.one_of(
+    st.floats(allow_nan=False, allow_infinity=False).map(repr),
+    st.floats(-1e3, 1e3).map(lambda x: f"{x:+.7E}"),
+    st.floats(-1e3, 1e3).map(lambda x: f"{x:.3f}".replace("0.", ".")),
+    st.from_regex(r"[+-]?([0-9]{1,40}(\.[0-9]{0,40})?|\.[0-9]{1,40})([EeDd][+-]?[0-9]{1,3})?", fullmatch=True),
+)
+
+
+@given(st.lists(WRITTEN, min_size=1, max_size=40), st.sampled_from([" ", "  ", "\n", ", ", "\t"]))
+def test_blocks_are_read_as_word_by_word(words, between):
+    expected = [float(word.replace("D", "E").replace("d", "e")) for word in words]
+    assert plain_words(between.join(words) + "\n").tolist() == expected
+
+
+@pytest.mark.parametrize("odd", ["1-2", "x", "nan", "1_0", "0x1", "# 1", "1;2", "inf", "1e", "١"])
+def test_what_is_not_plain_is_left_to_be_read_by_lines(odd):
+    assert plain_words(f"1,2\n{odd}\n3,4\n") is None
+
+
+def test_blocks_make_no_difference(tmp_path, monkeypatch):
+    """A file is the same in blocks of any size, with remarks and odd rows anywhere; so are the lines of faults."""
+    rng = random.Random(3)
+    rows = [f"{i * 0.02:.2f},{rng.uniform(-1, 1):.4f}" for i in range(200)]
+    rows[50:50] = ["# a remark", ""]
+    rows[120] = rows[120].replace(",", " , ") + ","
+    whole = save(tmp_path, "\n".join(["time (s),acc (g)", *rows]))
+    rows[150] = "oops"
+    broken = save(tmp_path, "\n".join(["time (s),acc (g)", *rows]), "b.csv")
+    rows[150] = "2.955,0.1"
+    uneven = save(tmp_path, "\n".join(["time (s),acc (g)", *rows]), "u.csv")
+    at2 = "PEER NGA\nx\nUNITS OF G\nNPTS= 40, DT= .01 SEC\n" + "0.5 -0.25-.125 1.D-1\n" + "0.5 -0.25 -.125 1.D-1\n" * 9
+    fortran = save(tmp_path, at2, "f.AT2")
+    first = read_record(whole), read_record(fortran)
+    expected = [float(row.split(",")[1]) * G for row in rows[:50] + rows[52:150]]
+    assert first[0].acceleration[:148].tolist() == expected
+    assert first[1].acceleration.tolist() == [0.5 * G, -0.25 * G, -0.125 * G, 0.1 * G] * 10
+    for size in (1, 17, 300):
+        monkeypatch.setattr(reader, "BLOCK", size)
+        assert (read_record(whole), read_record(fortran)) == first
+        with pytest.raises(RecordError, match="line 152: 'oops' is not a number"):
+            read_record(broken)
+        with pytest.raises(RecordError, match=r"line 152: time 2\.955 s does not continue"):
+            read_record(uneven)
+
+
+@pytest.mark.parametrize("text", ["1\n" * 400_000, "PEER NGA\nNPTS= 400000, DT= .01 SEC\n" + "1 2 3 4\n" * 100_000])
+def test_memory_is_that_of_the_numbers(tmp_path, text):
+    path = save(tmp_path, text, "x.AT2")
+    tracemalloc.start()
+    record = read_record(path, units="g") if "NPTS" in text else read_record(path, units="g", dt=0.01)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert record.n_points == 400_000
+    assert peak < 6 * record.acceleration.nbytes  # a list of Python numbers alone takes 4 of these, of lists 11
+
+
+@pytest.mark.parametrize("text", ["1\n" * 200, "0.1 1\n" * 200, "PEER NGA\nNPTS= 200, DT= .01 SEC\n" + "1 2\n" * 100])
+def test_too_many_points_are_refused(tmp_path, monkeypatch, text):
+    monkeypatch.setattr(reader, "MOST_POINTS", 199)
+    with pytest.raises(RecordError, match="has more than 199 points; is it a record"):
+        read_record(save(tmp_path, text), dt=0.01, units="g")
+
+
+# --- K-NET and KiK-net -------------------------------------------------------------------------------------------
+
+
+def test_knet(tmp_path):
+    """The header of NIED's own example; 3920 gal are 6182761 counts, and a mean of 8000 counts is no motion."""
+    counts = [8000 + wave for wave in (9, -9, 100, -100, 5, -5, 0, 0)] * 25
+    path = save(tmp_path, knet(counts), "MYG0020601182325.NS")
+    record = read_record(path)
+    assert (record.dt, record.n_points, record.name) == (0.01, 200, "MYG0020601182325.NS")
+    assert record.source == "MYG002 N-S, earthquake of 2006/01/18 23:25:00 (MYG0020601182325.NS)"
+    np.testing.assert_allclose(record.acceleration, (np.array(counts) - 8000) * 39.2 / 6182761, rtol=1e-12)
+    underground = save(tmp_path, knet(counts, rate=200, seconds=1, direction="3", scale="2000(gal)/8388608"), "T.UD1")
+    assert read_record(underground, name="T", units="gal").dt == 0.005
+    assert read_record(underground).pga == pytest.approx(100 * 20 / 8388608)
+    save(tmp_path, knet(counts), "MYG0020601182325.EW")
+    both = [name for name, _ in list_records(tmp_path)][1:]
+    assert both == ["MYG0020601182325.EW", "MYG0020601182325.NS", "T"]
+    assert [record.name for record in resolve_records(both, tmp_path)] == [*both[:2], "T.UD1"]
+
+
+# --- bad files --------------------------------------------------------------------------------------------------
+
+#: Files that are refused, by what is wrong with them.
+BAD = {
+    "nothing": "",
+    "blanks": " \r\n\t\n",
+    "a mark only": b"\xef\xbb\xbf",
+    "any bytes": bytes(range(256)),
+    "a null byte": b"0.1\n0.2\x00\n",
+    "gzip": b"\x1f\x8b\x08abc",
+    "zip": b"PK\x03\x04abc",
+    "half a UTF-16 character": b"\xff\xfea\x00b",
+    "words": "some words\nand no numbers\n",
+    "many words": "word\n" * 1001,
+    "a long line": "1\n2\n" + "3 " * 700_000,
+    "too few": at2(npts=8),
+    "too many": at2(npts=6),
+    "none": at2([], npts=0),
+    "no step": at2(points="NPTS= 7"),
+    "no step, word": at2(points="NPTS= 7, DT= abc"),
+    "step 0": at2(points="NPTS= 7, DT= 0.0 SEC"),
+    "step below 0": at2(points="NPTS= 7, DT= -.01 SEC"),
+    "step infinite": at2(points="NPTS= 7, DT= 1E999 SEC"),
+    "points in words": at2(points="NPTS= many, DT= .01 SEC"),
+    "points of many digits": at2(points="NPTS= " + "9" * 5000 + ", DT= .01 SEC"),
+    "points beyond bounds": at2(npts=10_000_001),
+    "NaN": at2().replace(fortran(0.5), "            NaN"),
+    "infinite": at2().replace(fortran(0.5), "      -Infinity"),
+    "overflow": at2().replace(fortran(0.5), "  .1234567E+999"),
+    "stars": at2().replace(fortran(0.5), " **************"),
+    "underscore": at2().replace(fortran(0.5), "            1_0"),
+    "a word": at2().replace(fortran(0.5), "           oops"),
+    "touching": NGA + "NPTS= 2, DT= .01 SEC\n-.1234E-02.5678E-03\n",
+    "velocity": at2(header=NGA.replace("ACCELERATION", "VELOCITY").replace("OF G", "OF CM/S")),
+    "displacement": at2(header=NGA.replace("ACCELERATION", "DISPLACEMENT")),
+    "furlongs": at2(header=NGA.replace("OF G", "OF FURLONGS")),
+    "no unit": "0 0\n0.01 1\n",
+    "feet": "time,acc (ft/s2)\n0,0\n0.01,1\n",
+    "milliseconds": "time (ms),acc (g)\n0,0\n10,1\n",
+    "one column, no step": "acc (g)\n0.0\n0.1\n",
+    "uneven": "t,a (g)\n0,0\n0.01,1\n0.02,2\n0.035,3\n0.045,4\n",
+    "a row missing": "t,a (g)\n" + "".join(f"{i / 100},0\n" for i in range(500) if i != 300),
+    "a shift": "t,a (g)\n" + "".join(f"{i / 100 if i < 300 else i / 100 + 0.005},0\n" for i in range(600)),
+    "backwards": "t,a (g)\n0,0\n0.02,1\n0.01,2\n",
+    "the same time": "t,a (g)\n0,0\n# twice\n0.01,1\n0.01,2\n",
+    "time NaN": "t,a (g)\n0,0\nnan,1\n0.02,2\n",
+    "step of ages": "t,a (g)\n0,0\n1e300,2\n",
+    "step of nothing": "t,a (g)\n0,0\n1e-300,2\n",
+    "column NaN": "t,a (g)\n0,0\n0.01,nan\n0.02,2\n",
+    "an empty cell": "t,a (g)\n0,0\n0.01,\n0.02,2\n",
+    "an empty first cell": "t,a (g)\n0,0\n,1\n0.02,2\n",
+    "a third cell": "t,a (g)\n0,0\n0.01,1,2\n",
+    "a word in a cell": "t,a (g)\n0,0\n0.01,x\n",
+    "a word in the first row": "t,a (g)\n0,1.O\n0.01,1\n0.02,1\n",
+    "three columns": "t,a,b (g)\n0,0,1\n0.01,1,2\n",
+    "five columns": ".1 .2 .3 .4 .5\n.1 .2 .3 .4 .5\n",
+    "one row": "t,a (g)\n0,1\n",
+    "index and time": "index,time (s)\n0,0\n1,0.01\n2,0.02\n",
+    "a count": "0 0.1\n1 0.2\n2 0.3\n",
+    "K-NET, cut": knet([8000] * 99),
+    "K-NET, too long": knet([8000] * 301),
+    "K-NET, header cut": knet([8000] * 200).partition("Memo.")[0],
+    "K-NET, no rate": knet([8000] * 200).replace("100Hz", "fast"),
+    "K-NET, rate 0": knet([8000] * 200, rate=0),
+    "K-NET, no scale": knet([8000] * 200).replace("Scale Factor", "Scale"),
+    "K-NET, scale 0": knet([8000] * 200, scale="3920(gal)/0"),
+    "K-NET, for years": knet([8000] * 200, seconds=10**9),
+    "K-NET, a word": knet([8000] * 200 + ["oops"]),
+    "a headed count": "n,acc (g)\n1,0.1\n2,0.2\n3,0.3\n",
+}
+
+
+def messages(folder):
+    """Return the message of each bad file."""
+    found = {}
+    for what, text in BAD.items():
+        with pytest.raises(RecordError) as caught:
+            read_record(save(folder, text, "bad.AT2"))
+        found[what] = str(caught.value).replace(str(folder), "")
+    return found
+
+
+def test_messages_of_bad_files(tmp_path):
+    found = messages(tmp_path)
+    assert found == json.loads(MESSAGES.read_text(encoding="utf-8"))
+    assert all(text.startswith("/bad.AT2: ") and len(text) < 400 for text in found.values())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"units": "furlong"}, "unknown acceleration unit 'furlong'"),
+        ({"units": "cm/s"}, r"did you mean 'cm/s2'\? Valid: .*gal"),
+        ({"units": 9.81}, "unknown acceleration unit 9.81"),
+        ({"units": "m/s2"}, "header says 'g', units='m/s2' was given"),
+        ({"dt": 0.02}, "time step is 0.01 s, dt=0.02 was given"),
+        ({"dt": -1}, r"dt \(s\) must be positive"),
+        ({"dt": "x"}, r"dt \(s\) must be a number"),
+        ({"scale": float("nan")}, "scale factor must be finite"),
+        ({"pga": 0.0}, "PGA to scale to .* must be positive"),
+        ({"scale": 2.0, "pga": 1.0}, r"scale=2\.0 and pga=1\.0 exclude each other"),
+        ({"name": ""}, "name must be a non-empty text"),
+    ],
+)
+@pytest.mark.parametrize("text", [at2(), "t,a (g)\n0,0\n0.01,0.5\n0.02,0.1\n"])
+def test_bad_arguments(tmp_path, arguments, message, text):
+    path = save(tmp_path, text)
+    with pytest.raises(RecordError, match=message):
+        read_record(path, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("none.AT2", r"none\.AT2: no such file"),
+        ("", "is a folder"),
+        ("nul\0byte", "can't be read"),
+        ("x" * 5000, "can't be read"),
+        ("file.AT2/below.AT2", "can't be read"),
+        ("huge.AT2", "more than 64 MiB are refused"),
+        ("pipe.AT2", "not a regular file"),  # opening it would wait for ever
+    ],
+)
+def test_unreadable_places(tmp_path, path, message):
+    save(tmp_path, at2())
+    os.mkfifo(tmp_path / "pipe.AT2")
+    with (tmp_path / "huge.AT2").open("wb") as stream:
+        stream.truncate(MAX_FILE_BYTES + 1)
+    with pytest.raises(RecordError, match=message):
+        read_record(tmp_path / path)
+    with pytest.raises(RecordError, match="must be a text or a path"):
+        read_record(3.5)
+
+
+def test_long_lines_are_linear(tmp_path):
+    for word, times in (
+        ("1", 2_000_000),
+        ("1-", 10**6),
+        ("units ", 300_000),
+        ("(", 500_000),
+        ("NPTS ", 300_000),
+        ("1E", 500_000),
+    ):
+        text = word * times
+        with pytest.raises(RecordError):
+            read_record(save(tmp_path, text), dt=0.1, units="g")
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as folder:
+        MESSAGES.write_text(json.dumps(messages(Path(folder)), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
