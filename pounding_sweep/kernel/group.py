@@ -12,9 +12,10 @@ import numpy as np
 from llvmlite import ir
 
 from pounding_sweep.emit.precision import TOLERANCES
-from pounding_sweep.emit.spec import KernelSpec, LawShape, input_slots, output_slots, property_slots
+from pounding_sweep.emit.spec import KernelSpec, LawShape, input_slots, property_slots
 from pounding_sweep.kernel.lanes import Counts, Real, Rows, Tracer, Vector, maximum, power, sqrt, where, where_count
 from pounding_sweep.model.laws import RESTING_SPEED
+from pounding_sweep.outputs.variables import output_slots
 
 #: Constants that all lanes share even where buildings vary.
 SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma"})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pounding_sweep.emit.spec import output_slots
+from pounding_sweep.outputs.variables import output_slots
 from pounding_sweep.kernel import exact, forces, impulse, located, newmark, rk4
 from pounding_sweep.kernel import implicit as implicit_contact
 from pounding_sweep.kernel.group import Group
