@@ -12,8 +12,8 @@ from benchmarks.c_kernel import WIDTHS, CKernel, find_compiler
 from benchmarks.engine import OUTPUTS
 from benchmarks.timing import medians
 from benchmarks.work import Work, neighbouring_gaps
-from pounding_sweep.emit.spec import LANES
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.outputs.variables import reducers_for
 

@@ -15,9 +15,9 @@ import numpy as np
 
 import pounding_sweep as ps
 from benchmarks.engine import OUTPUTS, run_chunks
-from pounding_sweep.emit.spec import LANES
 from pounding_sweep.engine.cache import CACHE_VARIABLE
 from pounding_sweep.engine.compile import to_json
+from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.plan.plan import Plan
 from pounding_sweep.records import Record
 from pounding_sweep.run.sweep import Sweep

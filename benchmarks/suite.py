@@ -25,7 +25,7 @@ from benchmarks.start import start_seconds
 from benchmarks.throughput import grid_sweep, plan_seconds, run_sweep
 from benchmarks.timing import medians, one_core
 from benchmarks.work import ERROR_GAPS, GAPS, SHORT_SECONDS, Peaks, Work, cut, make_work
-from pounding_sweep.emit.spec import LANES
+from pounding_sweep.kernel.spec import LANES
 
 #: Laws that tools are compared under; the figure shows the first.
 LAWS = ("linear", "hertz_damped", "nonlinear_viscoelastic")

@@ -11,8 +11,8 @@ from functools import cache
 from scenes import AXES, EVERY, motions, pair, row
 
 import pounding_sweep as ps
-from pounding_sweep.emit.spec import KernelSpec
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
+from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import VARIABLES, reducers_for
 

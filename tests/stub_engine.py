@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pounding_sweep.emit.spec import LANES, KernelSpec, Slots, history_slots, input_slots, property_slots
 from pounding_sweep.engine import cache, compile
-from pounding_sweep.engine.loop import FLAG_DIVERGED
+from pounding_sweep.kernel.march import FLAG_DIVERGED
+from pounding_sweep.kernel.spec import LANES, KernelSpec, Slots, history_slots, input_slots, property_slots
 from pounding_sweep.outputs.variables import output_slots
 
 #: Relative error of a step as long as the shortest period.

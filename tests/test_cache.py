@@ -21,13 +21,13 @@ import pytest
 from numba.core import caching
 
 import pounding_sweep as ps
-from pounding_sweep.emit.spec import LANES, input_slots, output_slots
 from pounding_sweep.engine import cache
 from pounding_sweep.engine import kernel as driver
 from pounding_sweep.engine.cache import get_kernel, is_cached, module_name, source_digest, text_sizes
 from pounding_sweep.engine.compile import from_json, prepare, shares, to_json
 from pounding_sweep.engine.kernel import KernelText
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.spec import LANES, input_slots, output_slots
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output.provenance import package_digest

@@ -14,10 +14,10 @@ from scenes import EVERY
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.emit.spec import history_slots
 from pounding_sweep.engine.kernel import kernel_text
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.spec import history_slots
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
 from pounding_sweep.schemes import SCHEMES

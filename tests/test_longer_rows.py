@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pounding_sweep as ps
-from pounding_sweep.emit import spec as shape
 from pounding_sweep.engine.cache import get_kernel
+from pounding_sweep.kernel import spec as shape
 from pounding_sweep.outputs.variables import VARIABLES, Status
 
 OUTPUTS = [name for name in VARIABLES if name not in ("status", "energy_residual", "steps_per_contact")]

@@ -14,10 +14,10 @@ from scenes import EVERY, pair
 from test_kernels import motion, row_kernel, run_lanes, stiffness_of
 
 import pounding_sweep as ps
-from pounding_sweep.emit.precision import TOLERANCES, narrow
-from pounding_sweep.emit.spec import LANES, input_slots
 from pounding_sweep.engine.kernel import ROW_NAME, kernel_text
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.precision import TOLERANCES, narrow
+from pounding_sweep.kernel.spec import LANES, input_slots
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import Status, output_slots
 

@@ -18,11 +18,11 @@ from scipy.linalg import expm
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.tradeoff import find_touching
-from pounding_sweep.emit.spec import LANES, input_slots, property_slots
 from pounding_sweep.engine import cache
 from pounding_sweep.engine.flight import transitions
 from pounding_sweep.engine.resolution import displacement_limit, energy_limit, phase_error
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.spec import LANES, input_slots, property_slots
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.model.variants import Variants, variants_of

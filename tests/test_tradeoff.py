@@ -30,8 +30,8 @@ from pounding_sweep.accuracy.tradeoff import (
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli import main  # noqa: F401  registers the commands
 from pounding_sweep.cli.app import app
-from pounding_sweep.emit.spec import LANES
 from pounding_sweep.figures import plot
+from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.outputs.variables import VARIABLES

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pounding_sweep.emit.spec import LANES
+from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import Record
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.emit.spec import LANES
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.outputs.layout import inner_shape, mask_invalid

@@ -1,11 +1,11 @@
-"""Compiled kernels on disk.
+"""Kernels compiled once and kept on disk.
 
-A kernel's text is complete in itself, so the file that holds it is named by the
-SHA-256 of that text: any edit to a law, a scheme or a reducer that changes the
-generated code gives another file and is compiled afresh, and an edit that does
-not changes nothing. numba's own index beside the file adds the CPU and the numba
-version to the key. numba trusts its files; so that damaged ones are compiled anew,
-the SHA-256 of each file of machine code is kept beside it.
+A kernel is a small module whose one function has the traced kernel for its body. Its
+name is a digest of all that decides its machine code: what it is compiled for, the
+sources that trace it, the versions of numba and llvmlite, the processor. So an edited
+law, scheme or reducer is another file, compiled afresh. numba trusts its files; so that
+damaged ones are compiled anew, the SHA-256 of each file of machine code is kept beside
+it.
 """
 
 from __future__ import annotations
@@ -14,24 +14,26 @@ import atexit
 import gc
 import hashlib
 import importlib.util
+import json
 import os
 import shutil
 import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from threading import RLock
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.paths import expanded
-from pounding_sweep.emit.spec import KernelSpec
-from pounding_sweep.engine.kernel import ROW_NAME, kernel_text
+from pounding_sweep.kernel.spec import KernelSpec, to_json
 
 #: Environment variable that names another folder for compiled kernels.
 CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
@@ -40,8 +42,47 @@ _LOADED: set[KernelSpec] = set()
 #: Folders of which it was said that they are damaged, or can't be used.
 _TOLD: set[Path] = set()
 
-#: One signature per kernel: compiled when loaded, never again for another kind of array.
-SIGNATURE = "void(float64[::1], float64, int64, int64, {real}[::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])"
+#: What decides the code of a kernel beside what it is compiled for: folders and files of the package.
+SOURCES = ("kernel", "schemes", "outputs", "engine/kernel.py", "model/laws.py", "model/rebound.py")
+#: A kernel's module: one signature, compiled when loaded. What traces the body is loaded only then.
+MODULE = '''"""A pounding_sweep kernel, written by the package. Editing it has no effect on the package."""
+
+import json
+
+from numba import njit, types
+from numba.extending import intrinsic
+
+SPEC = {spec!r}
+
+
+@intrinsic
+def body(typing, {names}):
+    def write(context, builder, signature, values):
+        from pounding_sweep.engine.kernel import write_body
+        from pounding_sweep.kernel.spec import from_json
+
+        return write_body(from_json(json.loads(SPEC)), context, builder, signature, values)
+
+    return types.void({names}), write
+
+
+@njit({signature!r}, cache=True, error_model="numpy", nogil=True, boundscheck=False, fastmath=False)
+def run({names}):
+    body({names})
+'''
+#: Parameters of a kernel and their types.
+PARAMETERS = {
+    "motion": "float64[::1]",
+    "length": "float64",
+    "steps": "int64",
+    "substeps": "int64",
+    "constants": "{real}[::1]",
+    "inputs": "float64[:, ::1]",
+    "results": "float64[:, ::1]",
+    "history": "float64[:, ::1]",
+    "track": "{real}[::1]",
+    "state": "{real}[::1]",
+}
 #: Kernels not used for this long (s) are removed when a new one is written.
 KEEP_SECONDS = 90 * 24 * 3600.0
 #: Ending of the file beside machine code that holds its SHA-256.
@@ -69,31 +110,32 @@ def lasting_folder() -> Path | None:
     return Path(base) / "pounding_sweep" / "kernels"
 
 
-def module_name(text: str) -> str:
-    """Name generated code by a digest of its text."""
-    return "pounding_kernel_" + hashlib.sha256(text.encode()).hexdigest()[:24]
+@lru_cache(maxsize=1)
+def _surroundings() -> str:
+    """Digest of the sources that trace kernels, and what compiles them for which processor."""
+    import llvmlite
+    import numba
+    from llvmlite import binding
+
+    package, digest = Path(__file__).parent.parent, hashlib.sha256()
+    for name in SOURCES:
+        path = package / name
+        for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
+            digest.update(f"{file.name} {hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
+    processor = f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
+    return f"{digest.hexdigest()} {numba.__version__} {llvmlite.__version__} {processor}"
 
 
-def _texts(shape: KernelSpec) -> list[tuple[str, str]]:
-    """Name and text of the row module and of the main module, with disk caching switched on."""
-    text = kernel_text(shape)
-    row = text.row.replace("@njit(**OPTIONS)", "@njit(cache=True, **OPTIONS)")
-    row_name = module_name(row)
-    main = text.main.replace(f"from {ROW_NAME} import *", f"from {row_name} import *")
-    signature = SIGNATURE.format(real=shape.precision)
-    main = main.replace("\n@njit(**OPTIONS)\ndef run(", f"\n@njit({signature!r}, cache=True, **ENTRY)\ndef run(")
-    return [(row_name, row), (module_name(main), main)]
+def module_text(shape: KernelSpec) -> str:
+    """Text of a kernel's module."""
+    signature = ", ".join(PARAMETERS.values()).format(real=shape.precision)
+    spec = json.dumps(to_json(shape), sort_keys=True)
+    return MODULE.format(spec=spec, names=", ".join(PARAMETERS), signature=f"void({signature})")
 
 
 def source_digest(shape: KernelSpec) -> str:
-    """Return the name of the kernel's main module, which its whole text decides."""
-    return _texts(shape)[-1][0]
-
-
-def text_sizes(shape: KernelSpec) -> tuple[str, int, int]:
-    """Return the name of the kernel's row module, and the lengths of both texts: what compiling takes goes by them."""
-    (row_name, row), (_, main) = _texts(shape)
-    return row_name, len(row), len(main)
+    """Name of a kernel's module, by a digest of all that decides its code."""
+    return "pounding_kernel_" + hashlib.sha256((_surroundings() + module_text(shape)).encode()).hexdigest()[:24]
 
 
 def is_loaded(shape: KernelSpec) -> bool:
@@ -105,9 +147,8 @@ def is_cached(shape: KernelSpec) -> bool:
     """Whether a compiled form of this kernel is on disk (for some CPU), and not seen to be damaged."""
     name = source_digest(shape)
     try:
-        found = _compiled(cache_folder(), [name])
-        kinds = {path.suffix for path in found if path.name.startswith(f"{name}.run-")}
-        return kinds >= {".nbi", ".nbc"} and not _damaged(found)
+        found = _compiled(cache_folder(), name)
+        return {path.suffix for path in found} >= {".nbi", ".nbc"} and not _damaged(found)
     except OSError:
         return False
 
@@ -152,15 +193,14 @@ def _prune(folder: Path) -> None:
             continue
 
 
-def _compiled(folder: Path, names: Sequence[str]) -> list[Path]:
-    """Return the files that Python and numba keep of modules; not those that they are writing."""
+def _compiled(folder: Path, name: str) -> list[Path]:
+    """Return the files that Python and numba keep of a module; not those that they are writing."""
     kept = folder / "__pycache__"
     try:
         found = os.listdir(kept)
     except FileNotFoundError:
         return []
-    begins = tuple(f"{name}." for name in names)
-    return [kept / name for name in found if name.startswith(begins) and name.endswith((".nbi", ".nbc", ".pyc"))]
+    return [kept / each for each in found if each.startswith(f"{name}.") and each.endswith((".nbi", ".nbc", ".pyc"))]
 
 
 def _digest_file(path: Path) -> Path:
@@ -201,9 +241,9 @@ def _forget(files: Iterable[Path]) -> None:
         _digest_file(path).unlink(missing_ok=True)
 
 
-def _keep_digests(folder: Path, names: Sequence[str]) -> None:
+def _keep_digests(folder: Path, name: str) -> None:
     """Write the digests of machine code that has none, or that of a file before."""
-    for path in _compiled(folder, names):
+    for path in _compiled(folder, name):
         if path.suffix == ".nbc" and _kept_digest(path) != (found := hashlib.sha256(path.read_bytes()).hexdigest()):
             _digest_file(path).unlink(missing_ok=True)  # that of a file before: a full disk takes no other in its place
             _put(_digest_file(path), found)
@@ -217,10 +257,11 @@ def _own_folder() -> Path:
     return Path(folder)
 
 
-def _load(name: str, path: Path) -> ModuleType:
+def _load(folder: Path, name: str, text: str) -> ModuleType:
+    """Return a kernel's module; after a failure it is not loaded."""
     if name in sys.modules:
         return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = importlib.util.spec_from_file_location(name, _write(folder, name, text))
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -246,36 +287,23 @@ def _seldom_collected() -> Iterator[None]:
         gc.set_threshold(*before)
 
 
-def _load_all(folder: Path, texts: Sequence[tuple[str, str]]) -> ModuleType:
-    """Return the last of a kernel's modules; after a failure none of them is loaded."""
-    try:
-        for name, text in texts:
-            module = _load(name, _write(folder, name, text))
-    except Exception:
-        for name, _ in texts:
-            sys.modules.pop(name, None)
-        raise
-    return module
-
-
-def _load_sound(folder: Path, texts: Sequence[tuple[str, str]]) -> ModuleType:
-    """Return the last of a kernel's modules; what is damaged of them is compiled anew."""
-    names = [name for name, _ in texts]
-    damaged = _damaged(_compiled(folder, names))
+def _load_sound(folder: Path, name: str, text: str) -> ModuleType:
+    """Return a kernel's module; what is damaged of it is compiled anew."""
+    damaged = _damaged(_compiled(folder, name))
     _forget(damaged)
     try:
-        module = _load_all(folder, texts)
+        module = _load(folder, name, text)
     except (OSError, MemoryError):
         raise
     except Exception:  # whatever numba makes of a damaged file
-        damaged = _compiled(folder, names)
+        damaged = _compiled(folder, name)
         if not damaged:
             raise
         _forget(damaged)
-        module = _load_all(folder, texts)
+        module = _load(folder, name, text)
     if any(module.run.stats.cache_misses.values()):  # compiled here
         with suppress(OSError):
-            _keep_digests(folder, names)
+            _keep_digests(folder, name)
     if damaged:
         _tell(
             folder,
@@ -293,19 +321,54 @@ def _tell(folder: Path, text: str) -> None:
 
 
 @lru_cache(maxsize=256)
-def get_kernel(shape: KernelSpec) -> Callable[..., Any]:
-    """Return the kernel's compiled ``run`` function, loaded from the disk cache where it is there."""
+def get_kernel(shape: KernelSpec) -> Callable[..., None]:
+    """Return the kernel as a function of motion, length, steps, substeps, constants, inputs, results, history.
+
+    It is compiled, or loaded from the disk cache where it is there; where numba's JIT is disabled, it is the twin.
+    """
+    from numba import config
+
+    compiled: Callable[..., None]
+    if getattr(config, "DISABLE_JIT", False):
+        from pounding_sweep.engine import twin
+
+        compiled = partial(twin.run, shape)
+    else:
+        compiled = _compiled_kernel(shape)
+    _LOADED.add(shape)
+    return partial(_run, shape, compiled)
+
+
+def _compiled_kernel(shape: KernelSpec) -> Callable[..., None]:
+    from pounding_sweep.engine.kernel import state_size
+
     with _LOCK, _seldom_collected():
-        folder, texts = cache_folder(), _texts(shape)
+        folder, name, text = cache_folder(), source_digest(shape), module_text(shape)
         try:
-            module = _load_sound(folder, texts)
+            module = _load_sound(folder, name, text)
         except OSError as error:
-            module = _load_all(_own_folder(), texts)
+            module = _load(_own_folder(), name, text)
             _tell(
                 folder,
                 f"compiled kernels can't be kept in {str(folder)!r} ({error.strerror or error}), so every process "
                 f"compiles its own; mend that, or name another folder in {CACHE_VARIABLE}",
             )
-    _LOADED.add(shape)
-    run: Callable[..., Any] = module.run
+    compiled: Callable[..., None] = module.run
+    size = state_size(shape)
+
+    def run(*arguments: Any) -> None:
+        compiled(*arguments, np.zeros(size, shape.precision))
+
+    run.stats = compiled.stats  # type: ignore[attr-defined]
     return run
+
+
+def _run(
+    shape: KernelSpec, kernel: Callable[..., None], motion: np.ndarray, length: float, steps: int, *more: Any
+) -> None:
+    """Run a kernel, the ground at the ends of all steps given where it needs that."""
+    track = np.zeros(1, shape.precision)
+    if shape.flies_exactly:
+        inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(steps) / steps)
+        track = np.append(inner.ravel(), motion[-1]).astype(shape.precision)
+    kernel(motion, length, steps, *more, track)

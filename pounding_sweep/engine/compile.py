@@ -10,41 +10,32 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from typing import Any
 
-from pounding_sweep.emit.spec import KernelSpec, LawShape
-from pounding_sweep.engine.cache import get_kernel, is_cached, is_loaded, text_sizes
+from pounding_sweep.engine.cache import get_kernel, is_cached, is_loaded
+from pounding_sweep.kernel.spec import KernelSpec, from_json, to_json
 
-
-def to_json(shape: KernelSpec) -> dict[str, Any]:
-    """Return the shape as plain data."""
-    return {**asdict(shape), "reducers": sorted(shape.reducers)}
+#: CPU seconds that a kernel takes to compile: in all, per floor, and per contact and floor or reducer beside it.
+COMPILING = 0.3, 0.05, 0.04
+#: CPU seconds that it costs to begin a process that compiles.
+BEGINNING = 1.0
 
 
-def from_json(data: dict[str, Any]) -> KernelSpec:
-    """Return the shape of `to_json`."""
-    own = {
-        "storeys": tuple(data["storeys"]),
-        "contacts": tuple((int(a), int(b), int(c)) for a, b, c in data["contacts"]),
-        "law": None if data["law"] is None else LawShape(**data["law"]),
-        "reducers": frozenset(data["reducers"]),
-    }
-    return KernelSpec(**{**data, **own})
+def compiling_seconds(shape: KernelSpec) -> float:
+    """Estimate the CPU seconds that a kernel takes to compile."""
+    base, floor, contact = COMPILING
+    touching = 0 if shape.law is None else len(shape.contacts)
+    return base + floor * shape.n_dof + contact * touching * (shape.n_dof + len(shape.reducers))
 
 
 def shares(shapes: Sequence[KernelSpec], n: int) -> list[list[KernelSpec]]:
-    """Cut kernels into at most `n` shares that take about as long to compile; none is empty."""
-    sizes = {shape: text_sizes(shape) for shape in shapes}
-    rows: dict[str, dict[KernelSpec, int]] = {}
-    for shape, (row, row_size, main_size) in sizes.items():
-        here = rows.setdefault(row, {})
-        here[shape] = main_size + (0 if here else row_size)
-    total, done = sum(sum(here.values()) for here in rows.values()), 0.0
-    found: list[list[KernelSpec]] = [[] for _ in range(max(1, n))]
-    for shape, size in (item for here in rows.values() for item in here.items()):
-        found[int((done + size / 2) * len(found) / total)].append(shape)
-        done += size
+    """Cut kernels into at most `n` shares that take about as long to compile, each worth a process of its own."""
+    takes = {shape: compiling_seconds(shape) for shape in shapes}
+    total = sum(takes.values())
+    found: list[list[KernelSpec]] = [[] for _ in range(max(1, min(n, int(total / BEGINNING))))]
+    done = 0.0
+    for shape, seconds in takes.items():
+        found[int((done + seconds / 2) * len(found) / total)].append(shape)
+        done += seconds
     return [share for share in found if share]
 
 

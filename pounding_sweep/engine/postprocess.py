@@ -57,7 +57,7 @@ def _impossible(kernel: RowKernel, raw: Mapping[str, np.ndarray], record: Record
 def _status(
     kernel: RowKernel, raw: Mapping[str, np.ndarray], steps: np.ndarray, record: Record, row: Variants
 ) -> np.ndarray:
-    from pounding_sweep.engine.loop import FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED
+    from pounding_sweep.kernel.march import FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED
 
     flags = raw["flags"][:, 0].astype(int)
     quickening = raw["quickening"][:, 0] if "quickening" in raw else np.ones(len(flags))

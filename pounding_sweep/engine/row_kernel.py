@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.emit.spec import (
+from pounding_sweep.engine.flight import transitions
+from pounding_sweep.kernel.spec import (
     CONTACT_CAP,
     LANES,
     KernelSpec,
@@ -18,7 +19,6 @@ from pounding_sweep.emit.spec import (
     input_slots,
     property_slots,
 )
-from pounding_sweep.engine.flight import transitions
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of

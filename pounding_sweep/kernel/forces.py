@@ -15,12 +15,13 @@ damping ``ce``.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel import yielding
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, power, size, sqrt, when_any, where
-from pounding_sweep.kernel.roots import bisect, coefficients, peak, quartic, rate, root
+from pounding_sweep.kernel.roots import along, bisect, coefficients, peak, quartic, rate, root
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged).
@@ -30,6 +31,31 @@ OPEN, PRESSING, REBOUND, SLACK = 0.0, 1.0, 2.0, 3.0
 NEVER = 2.0
 
 
+@dataclass(frozen=True)
+class Touch:
+    """Onsets of contact `j` in some lanes, at the rates `v`, within a step of length h; which of them are counted."""
+
+    j: int
+    lanes: Any
+    fresh: Any
+    v: Any
+    h: Any
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Contact `j` at the end of an unlocated step: where it is closed, and freshly so; d, its rates, and the time."""
+
+    j: int
+    closed: Any
+    fresh: Any
+    d: Any
+    v: Any
+    speed: Any
+    h: Any
+    time: Any
+
+
 def penetration(group: Group, j: int, name: str = "u") -> Any:
     """Penetration of contact j (m)."""
     return group.between(group.floors(name), j) - group.gap(j)
@@ -37,7 +63,7 @@ def penetration(group: Group, j: int, name: str = "u") -> Any:
 
 def is_capped(group: Group) -> bool:
     """Whether sub-steps are cut to what an explicit scheme can follow of a closed contact."""
-    return group.spec.scheme != "newmark" and not group.spec.impulsive
+    return not group.spec.implicit and not group.spec.impulsive
 
 
 def longest_substep(group: Group, h: Any) -> Any:
@@ -142,7 +168,7 @@ def _event(group: Group, j: int, asks: Any, cap: Cell) -> None:
     closed = mode > OPEN
     early, late = d0 + h * v0, d1 - h * v1
     busy = asks & (closed | (d1 > 0.0) | (minimum(early, late) > 0.0))
-    if group.spec.scheme == "newmark":  # of a stiff contact the mode follows from the end of the sub-step
+    if group.spec.implicit:  # of a stiff contact the mode follows from the end of the sub-step
         busy = busy & ~(closed & (s["stiff"] > 0.0))
     with when_any(busy):
         b = coefficients(h, d0, d1, v0, v1, group.between(group.floors("a0"), j))
@@ -208,10 +234,10 @@ def ends(group: Group, whole: Any) -> None:
     """Take forces and penetrations of the sub-step just taken, at its ends and between them."""
     s, law, r, h = group.state, group.law, group.asked, group.state["h"]
     assert law is not None
-    newmark = group.spec.scheme == "newmark"
-    needs_force = bool(r & {"force", "acceleration", "transfer"}) or (newmark and bool(r & {"work", "impulse"}))
+    implicit = group.spec.implicit
+    needs_force = group.looks("force") or (implicit and bool(r & {"work", "impulse"}))
     follows = None
-    if newmark:  # where contacts are too stiff for a sub-step, it is their end force that counts
+    if implicit:  # where contacts are too stiff for a sub-step, it is their end force that counts
         follows = (s["taken"] > 0.0) & ~(s["stiff"] > 0.0) & is_closed(group)
     for j in range(len(group.contacts)) if needs_force or "penetration" in r else ():
         d0, d1, v0, v1 = s["d0", j], s["d1", j], s["w0", j], s["w1", j]
@@ -226,7 +252,7 @@ def ends(group: Group, whole: Any) -> None:
             deepens = looks & (v0 > 0.0) & (v1 < 0.0)
             with when_any(deepens):
                 x0, xb = rate(b)
-                t = root(group, deepens, 0.0, 1.0, lambda t, x0=x0, xb=xb: -1.0 * quartic(t, x0, xb))
+                t = root(group, deepens, 0.0, 1.0, along(x0, xb, -1.0))
                 s["dmax", j] = maximum(s["dmax", j], where(deepens, quartic(t, d0, b), 0.0))
         if needs_force:
             _force_ends(group, j, looks, whole, (d0, d1, v0, v1, a0), b, follows)
@@ -270,7 +296,7 @@ def _force_ends(group: Group, j: int, looks: Any, whole: Any, at: tuple[Any, ...
         ):
             if reducer in r:
                 s[name, j] = where(presses, s[name, j] + value, s[name, j])
-    if r & {"acceleration", "transfer"}:
+    if group.looks("ends"):
         q0, q1 = where(size(r0) < limit.far, r0, mean), where(size(r1) < limit.far, r1, mean)
         if follows is None:
             s["f0", j], s["f1", j], s["q0", j], s["q1", j] = f0, f1, q0, q1
@@ -291,7 +317,7 @@ def is_due(group: Group, j: int, lands: Any) -> Any:
 
 def apply_events(group: Group, lands: Any, h: Any) -> Any:
     """Switch the contacts whose event ends this sub-step; returns the lanes in which any did."""
-    s, law, r = group.state, group.law, group.asked
+    s, law = group.state, group.law
     assert law is not None
     switched = lands & ~lands
     for j in range(len(group.contacts)):
@@ -307,7 +333,7 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
             s["shortest"] = where(touches, minimum(s["shortest"], lasts), s["shortest"])
             if law.shape.per_speed:
                 c = c / maximum(v, RESTING_SPEED)
-            note_onset(group, j, touches, v, h)
+            note_touch(group, j, touches, touches, v, h)
             s["kl", j], s["cl", j] = where(touches, k, s["kl", j]), where(touches, c, s["cl", j])
             if law.shape.yields:
                 yielding.begin(group, j, touches, k, c, v, mass)
@@ -321,16 +347,11 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
     return switched
 
 
-def note_onset(group: Group, j: int, touches: Any, v: Any, h: Any) -> None:
-    """Count an impact at the rate v, its time and its rate."""
-    s, r = group.state, group.asked
-    if "count" in r:
-        s["count", j] = s["count", j] + where(touches, 1.0, 0.0)
-    if "first_time" in r:
-        time = group.clock(h)
-        s["tfirst", j] = where(touches & (s["tfirst", j] < 0.0), time, s["tfirst", j])
-    if "approach_speed" in r:
-        s["vmax", j] = where(touches, maximum(s["vmax", j], v), s["vmax", j])
+def note_touch(group: Group, j: int, lanes: Any, fresh: Any, v: Any, h: Any) -> None:
+    """Tell reducers of an onset at the rate v; in `fresh` lanes it counts as one of its own."""
+    for reducer in group.reducers:
+        if reducer.touch:
+            reducer.touch(group, Touch(j, lanes, fresh, v, h))
 
 
 def is_closed(group: Group) -> Any:

@@ -11,14 +11,16 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 
-from pounding_sweep.emit.precision import TOLERANCES
-from pounding_sweep.emit.spec import KernelSpec, LawShape, input_slots, property_slots
 from pounding_sweep.kernel.lanes import Counts, Real, Rows, Tracer, Vector, maximum, power, sqrt, where, where_count
+from pounding_sweep.kernel.precision import TOLERANCES
+from pounding_sweep.kernel.spec import KernelSpec, LawShape, input_slots, property_slots, result_slots
 from pounding_sweep.model.laws import RESTING_SPEED
-from pounding_sweep.outputs.variables import output_slots
 
 #: Constants that all lanes share even where buildings vary.
 SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma"})
+#: What a reducer asks of each sub-step of a closed contact, each with those before it: nothing, the penetration at
+#: both ends, the force too, or that forces and their rates at both ends are kept for all floors.
+LOOKS = ("", "depth", "force", "ends")
 #: Share of an elastic contact's duration over which sub-steps grow to a whole step, where they are graded.
 GRADED_SHARE = 0.5
 
@@ -45,7 +47,7 @@ class Law:
 
     def _evaluate(self, text: str, d: Any, **given: Any) -> Any:
         root = sqrt(maximum(d, 0.0)) if "r" in compile(text, "law", "eval").co_names else None
-        return eval(text, {"max": maximum, "math": SimpleNamespace(sqrt=sqrt), "d": d, "r": root, **given})  # noqa: S307
+        return eval(text, {"max": maximum, "math": SimpleNamespace(sqrt=sqrt), "d": d, "r": root, **given})
 
     def elastic(self, k: Any, c: Any, d: Any) -> Any:
         """Elastic force."""
@@ -98,23 +100,37 @@ class Group:
     ----------
     spec : KernelSpec
         What the kernel is for.
+    scheme : object
+        How its steps are taken, a `pounding_sweep.schemes.Scheme`.
+    reducers : sequence
+        What is kept of them, `pounding_sweep.outputs.declare.Reducer`.
     trace : Tracer or None
         None: the NumPy twin.
     lanes : int
         Scenarios side by side.
     constants : LLVM pointer or ndarray
         Constants of the scene, `property_slots`.
+    memory : LLVM pointer, optional
+        Where the state lies; the twin has its own.
     """
 
     def __init__(
-        self, spec: KernelSpec, trace: Tracer | None, lanes: int, constants: Any, memory: Any = None
+        self,
+        spec: KernelSpec,
+        scheme: Any,
+        reducers: Sequence[Any],
+        trace: Tracer | None,
+        lanes: int,
+        constants: Any,
+        memory: Any = None,
     ) -> None:
         self.spec, self.trace, self.lanes, self._constants = spec, trace, lanes, constants
-        self.asked = spec.reducers
+        self.scheme, self.reducers, self.asked = scheme, reducers, spec.reducers
+        #: Whether motions are followed between the ends of steps.
+        self.follows = any(reducer.follows for reducer in reducers)
         self.contacts = spec.contacts if spec.law is not None else ()
         self.touching = len(self.contacts) > 0
-        tolerances = TOLERANCES[spec.precision]
-        self.limit = SimpleNamespace(**{name.lower(): value for name, value in tolerances.items()})
+        self.limit = SimpleNamespace(**TOLERANCES[spec.precision])
         self.law = Law(spec.law, spec.order, self.limit.exact) if spec.law is not None else None
         #: Number of the step that lanes are within: one for all, or one each.
         self.number: Callable[[], Any] = lambda: 0
@@ -126,21 +142,27 @@ class Group:
     def _rows(self) -> dict[str, int]:
         """Name all rows of state: inputs, results, motion, and what the scheme and the contacts need."""
         spec, n, nc, nb = self.spec, self.spec.n_dof, len(self.spec.contacts), self.spec.n_buildings
-        rows = dict(self._inputs.count) | dict(output_slots(spec).count)
+        rows = self._inputs.count | result_slots(spec, self.reducers).count
         rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1, "g0": 1, "g1": 1}
-        if spec.scheme == "newmark" or self.touching:
+        if spec.implicit or self.touching:
             rows |= {"a0": n}
-        if spec.scheme == "newmark" or spec.impulsive:
+        if spec.implicit or spec.impulsive:
             rows |= {"a": n}
         if self.touching:
             rows |= dict.fromkeys(("time_left", "fraction", "ahead", "ga", "gb", "tries", "land", "taken"), 1)
             rows |= dict.fromkeys(("fallback", "unsolved", "stiff"), 1)
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
             rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force"), nc)
-            rows |= {"now": nb, "kinetic0": nb}
+            rows |= {"now": nb}
             if spec.law is not None and spec.law.yields:
                 rows |= {"plastic": nc, "yield": nc}
+        for slot in (slot for reducer in self.reducers for slot in reducer.keeps):
+            rows |= {slot.name: slot.count(spec)}
         return rows
+
+    def looks(self, what: str) -> bool:
+        """Whether a reducer asks `what` (out of `LOOKS`) of each sub-step of a closed contact."""
+        return any(LOOKS.index(reducer.looks) >= LOOKS.index(what) for reducer in self.reducers)
 
     # what the scene gives ------------------------------------------------------------------------------------------
 
@@ -187,7 +209,11 @@ class Group:
         """Return a number in all lanes."""
         if self.trace is None:
             return np.array(np.broadcast_to(x, self.lanes), float)
-        return x if isinstance(x, Vector) else Vector(self.trace, self.trace.spread(x.value if isinstance(x, Real) else self.trace.number(x)))
+        return (
+            x
+            if isinstance(x, Vector)
+            else Vector(self.trace, self.trace.spread(x.value if isinstance(x, Real) else self.trace.number(x)))
+        )
 
     def floors(self, name: str) -> list[Any]:
         """Return a row of each floor."""

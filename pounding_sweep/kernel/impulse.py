@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, is_closed, penetration
+from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, is_closed, note_touch, penetration
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, when_any, where, while_any
-from pounding_sweep.kernel.roots import coefficients, quartic, rate, root
+from pounding_sweep.kernel.roots import along, coefficients, quartic, rate, root
 from pounding_sweep.kernel.row import transferred
 from pounding_sweep.model.laws import RESTING_SPEED
 
@@ -23,9 +23,6 @@ WALL_MASS = 1.0e30
 PARTED = 1.0e-3
 #: Shortest sub-step to the release of floors at rest, in trial sub-steps.
 LEAST_SHARE = 1.0e-3
-#: Penetration (m) that is none, and relative acceleration (m/s2) that does not press, by number format.
-CLEAR = {"float64": 1e-13, "float32": 1e-7}
-RELEASED = {"float64": 1e-9, "float32": 1e-3}
 
 
 def alone(group: Group, u: Sequence[Any], v: Sequence[Any], ground: Any) -> list[Any]:
@@ -60,7 +57,7 @@ def join(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[A
         mass.append(heavy)
     common: list[Any] = [None] * len(contacts)
     force: list[Any] = [None] * len(contacts)
-    for j, (left, right, _) in reversed(list(enumerate(contacts))):
+    for j, (_, right, _) in reversed(list(enumerate(contacts))):
         if right >= 0:
             m = group.prop("m", right)
             mean = (total[j] + m * x[right]) / (mass[j] + m)
@@ -112,7 +109,7 @@ def measure(group: Group) -> Any:
 
 def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact touches, or would pull (1: none), in the lanes that ask."""
-    s, h, clear = group.state, group.state["h"], CLEAR[group.spec.precision]
+    s, h, clear = group.state, group.state["h"], group.limit.clear
     first = Cell(group.full(1.0))
     for j in range(len(group.contacts)):
         mode, d0, d1, v0, v1 = s["mode", j], s["d0", j], s["d1", j], s["w0", j], s["w1", j]
@@ -129,10 +126,10 @@ def first_event(group: Group, asks: Any) -> Any:
             r0, rb = rate(b)
             start = minimum(d0, 0.0)
             turns = busy & ~crosses & (v0 > 0.0) & (v1 < 0.0)
-            top = root(group, turns, 0.0, 1.0, lambda t, r0=r0, rb=rb: -1.0 * quartic(t, r0, rb))
+            top = root(group, turns, 0.0, 1.0, along(r0, rb, -1.0))
             event = busy & (crosses | (turns & (quartic(top, start, b) > clear)))
             last = where(turns, top, 1.0)
-            when = root(group, event, 0.0, last, lambda t, b=b, start=start: quartic(t, start, b))
+            when = root(group, event, 0.0, last, along(start, b))
             s["event", j] = where(event, when, s["event", j])
             s["next", j] = where(event, 1.0, s["next", j])
         first.now = minimum(first.now, s["event", j])
@@ -145,24 +142,21 @@ def ends(group: Group, whole: Any) -> None:
     s, r, h = group.state, group.asked, group.state["h"]
     for j in range(len(group.contacts)):
         f0, f1 = s["f0", j], s["f1", j]
-        if group.spec.scheme == "newmark" and "impulse" in r:
+        if group.spec.implicit and "impulse" in r:
             s["impulse", j] = s["impulse", j] + 0.5 * h * (f0 + f1)
-        if r & {"acceleration", "transfer"}:
+        if group.looks("ends"):
             mean = (f1 - f0) / maximum(h, group.limit.tiny)
             s["q0", j], s["q1", j] = mean, mean
 
 
 def _note_onset(group: Group, j: int, lanes: Any, v: Any, h: Any) -> None:
-    """An impact at the rate v; a mark that force and penetration have no meaning."""
+    """Tell of an impact at the rate v; mark what is told."""
     s, r = group.state, group.asked
+    fast = v > PARTED * RESTING_SPEED
     if "count" in r:
-        counts = lanes & (s["next", j] == 1.0) & ((v > PARTED * RESTING_SPEED) | (s["count", j] == 0.0))
-        s["count", j] = s["count", j] + where(counts, 1.0, 0.0)
+        fast = fast | (s["count", j] == 0.0)
+    note_touch(group, j, lanes, lanes & (s["next", j] == 1.0) & fast, v, h)
     s["next", j] = where(lanes, 2.0, s["next", j])
-    if "first_time" in r:
-        s["tfirst", j] = where(lanes & (s["tfirst", j] < 0.0), group.clock(h), s["tfirst", j])
-    if "approach_speed" in r:
-        s["vmax", j] = where(lanes, maximum(s["vmax", j], v), s["vmax", j])
     for reducer, name in (("force", "fmax"), ("penetration", "dmax")):
         if reducer in r:
             s[name, j] = where(lanes, 1.0, s[name, j])
@@ -239,7 +233,7 @@ def _choose(group: Group, lanes: Any) -> None:
     for _ in while_any(lambda: going.now, group.trace, at_most=len(group.contacts) + 1):
         mine = going.now
         rest(group, mine)
-        least, at = group.full(-RELEASED[group.spec.precision]), group.full(-1.0)
+        least, at = group.full(-group.limit.released), group.full(-1.0)
         for j in every:
             pressed = s["f1", j] / group.prop("reduced", j)
             worse = (s["ke", j] > 0.0) & (pressed < least)
@@ -250,8 +244,8 @@ def _choose(group: Group, lanes: Any) -> None:
 
 
 def apply_events(group: Group, lanes: Any, h: Any) -> Any:
-    """What happens at the instant that ends this sub-step: releases, velocity jumps, floors that come to rest; returns its lanes."""
-    s, released = group.state, RELEASED[group.spec.precision]
+    """Let floors part, jump and come to rest at the instant that ends this sub-step; returns its lanes."""
+    s, released = group.state, group.limit.released
     for j in range(len(group.contacts)):
         due = (s["event", j] < 1.0) & (s["event", j] <= s["fraction"] + group.limit.same_time)
         opened = s["mode", j] == OPEN
@@ -268,5 +262,3 @@ def apply_events(group: Group, lanes: Any, h: Any) -> Any:
             _note_onset(group, j, comes, s["w1", j], h)
         s["mode", j] = where(lanes, mode, s["mode", j])
     return lanes
-
-

@@ -109,7 +109,11 @@ class Mask(Value):
     """One truth per lane."""
 
     def _of(self, other: Any) -> Any:
-        return other.value if isinstance(other, Mask) else ir.Constant(self.trace.mask, [int(bool(other))] * self.trace.lanes)
+        return (
+            other.value
+            if isinstance(other, Mask)
+            else ir.Constant(self.trace.mask, [int(bool(other))] * self.trace.lanes)
+        )
 
     def __and__(self, other: Any) -> Mask:
         return Mask(self.trace, self.trace.builder.and_(self.value, self._of(other)))
@@ -123,6 +127,8 @@ class Mask(Value):
 
 class Count(Value):
     """One whole number for all lanes."""
+
+    __hash__ = None
 
     def _of(self, other: Any) -> Any:
         return other.value if isinstance(other, Count) else ir.Constant(_I64, int(other))
@@ -159,6 +165,8 @@ class Count(Value):
 
 class Counts(Value):
     """One whole number per lane."""
+
+    __hash__ = None
 
     def _of(self, other: Any) -> Any:
         if isinstance(other, Counts):
@@ -253,7 +261,7 @@ def _trace_of(*given: Any) -> Tracer | None:
 
 
 def fma(a: Any, b: Any, c: Any) -> Any:
-    """a b + c, rounded once where it is traced."""
+    """Return a b + c, rounded once where it is traced."""
     trace = _trace_of(a, b, c)
     if trace is None:
         return a * b + c
@@ -359,7 +367,7 @@ def count_to(n: Any, trace: Tracer | None) -> Iterator[Any]:
 
 
 def while_any(asks: Callable[[], Any], trace: Tracer | None, at_most: int = 0) -> Iterator[None]:
-    """Go round while any lane asks for it, `at_most` so often (0: without end); `asks` is evaluated before each round."""
+    """Go round while any lane asks for it, `at_most` so often (0: without end); `asks` is called before each round."""
     if trace is None:
         rounds = 0
         while bool(np.any(asks())) and (not at_most or rounds < at_most):
@@ -527,7 +535,7 @@ def flag(trace: Tracer | None, x: bool) -> Any:
 
 def not_(x: Any) -> Any:
     """Whether a truth does not hold."""
-    return ~x if isinstance(x, Value) else not x
+    return ~x if isinstance(x, Flag) else not x
 
 
 def first_lane(x: Any) -> Any:

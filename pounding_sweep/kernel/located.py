@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from pounding_sweep.kernel import forces, implicit, impulse
+from pounding_sweep.kernel import forces, impulse
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, any_lane, maximum, minimum, when_any, where
+from pounding_sweep.kernel.lanes import Cell, any_lane, fma, maximum, minimum, when_any, where
 from pounding_sweep.kernel.peaks import largest_accelerations, samples, turns
 from pounding_sweep.kernel.row import transferred
 
 
 def kind_of(group: Group) -> ModuleType:
-    """Module of the contacts: those that press by a law, or those whose floors rest on each other."""
+    """Return the module of the contacts: those that press by a law, or those whose floors rest on each other."""
     return impulse if group.spec.impulsive else forces
 
 
@@ -42,7 +41,7 @@ def refuse(group: Group, lanes: Any) -> None:
     s, spec = group.state, group.spec
     s["land"] = s["land"] + where(lanes, 1.0, 0.0)
     s["taken"], s["h"] = where(lanes, 0.0, s["taken"]), where(lanes, 0.0, s["h"])
-    floors = [("u", "u0"), ("v", "v0")] + ([("a", "a0")] if spec.scheme == "newmark" else [])
+    floors = [("u", "u0"), ("v", "v0")] + ([("a", "a0")] if spec.implicit else [])
     contacts = [("d1", "d0"), ("w1", "w0")] + ([("f1", "f0")] if spec.impulsive else [])
     for pairs, n in ((floors, spec.n_dof), (contacts, len(group.contacts))):
         for now, before in pairs:
@@ -57,11 +56,11 @@ def accept(group: Group, look: Any, kind: ModuleType) -> None:
     s["taken"] = where(ongoing, 1.0, 0.0 * h)
     landing = s["land"] > 0.0
     asks = ongoing & ~landing & look & (s["tries"] < forces.MAX_TRIES)
-    if group.spec.scheme == "newmark":
+    if group.spec.implicit:
         # at large steps the quartic misses the touch by enough for a stiff contact to feel; Newton on the step
         lands = ongoing & landing & (s["land"] <= 4.0)
         with when_any(lands):
-            change = implicit.touch_miss(group)
+            change = group.scheme.touch_miss(group)
             again = lands & ~(change == 0.0)
             s["ahead"] = where(again, minimum(maximum(h - change, 0.0), s["time_left"]), s["ahead"])
             with when_any(again):
@@ -76,25 +75,25 @@ def accept(group: Group, look: Any, kind: ModuleType) -> None:
 
 
 def conclude(group: Group, kind: ModuleType, h: Any) -> None:
-    """What a lane does at the end of a sub-step that it takes: energies transferred, modes, velocity jumps."""
+    """Do what a lane does at the end of a sub-step that it takes: energies transferred, modes, velocity jumps."""
     s = group.state
     taken = s["taken"] > 0.0
     if "transfer" in group.asked:
         _transfers(group, taken)
     lands = taken & (s["land"] > 0.0)
-    newmark = group.spec.scheme == "newmark" and not group.spec.impulsive
+    implicit = group.spec.implicit and not group.spec.impulsive
     switched = Cell(lands & ~lands)
-    if newmark:
+    if implicit:
         stiff = taken & (s["stiff"] > 0.0)
         with when_any(stiff):
-            implicit.settle(group, stiff)
+            group.scheme.settle(group, stiff)
             switched.now = stiff
     with when_any(lands):
         s["land"] = where(lands, 0.0, s["land"])
         switched.now = switched.now | kind.apply_events(group, lands, h)
-    if newmark:
+    if implicit:
         with when_any(switched.now):
-            implicit.balance(group, switched.now, s["g1"], pressed=True)
+            group.scheme.balance(group, switched.now)
 
 
 def _transfers(group: Group, taken: Any) -> None:
@@ -123,29 +122,28 @@ def _transfers(group: Group, taken: Any) -> None:
             s["tmin", b] = where(closed, minimum(s["tmin", b], least), s["tmin", b])
 
 
-#: Writes the trial of all lanes into ``u`` and ``v``; returns what adds the step's energies once it is taken.
-Trial = Callable[[Group], Callable[[], None]]
-
-
-def substep(group: Group, trial: Trial, h: Any) -> None:
+def substep(group: Group, h: Any) -> None:
     """One trial sub-step of every lane that has some of its step of length h left."""
     s, kind, r = group.state, kind_of(group), group.asked
     look_ahead(group, h)
     if group.spec.impulsive:
         for j in range(len(group.contacts)):
             s["f0", j] = s["f1", j]
-    elif group.spec.scheme == "newmark":
-        implicit.soften(group)
-    add = trial(group)
+    elif group.spec.implicit:
+        group.scheme.soften(group)
+    add = group.scheme.trial(group)
     look = kind.measure(group)
     accept(group, look, kind)
     kind.ends(group, h)
     turns(group)
-    if group.spec.impulsive and r & {"displacement", "drift", "closing"}:
+    if group.spec.impulsive:
         samples(group)  # a motion may turn in a velocity jump
     add()
     if "acceleration" in r:
         largest_accelerations(group, located=True)
+    for reducer in group.reducers:
+        if reducer.substep:
+            reducer.substep(group)
     if group.law is not None and group.law.graded and not group.spec.impulsive:
         for j in range(len(group.contacts)):
             s["age", j] = s["age", j] + s["h"]
@@ -159,10 +157,10 @@ def substep(group: Group, trial: Trial, h: Any) -> None:
 
 
 def keep_start(group: Group) -> None:
-    """The present state becomes the start of the next step."""
+    """Let the present state be the start of the next step."""
     group.put("u0", group.floors("u"))
     group.put("v0", group.floors("v"))
-    if group.spec.scheme == "newmark":
+    if group.spec.implicit:
         group.put("a0", group.floors("a"))
 
 
@@ -175,9 +173,21 @@ def clear_forces(group: Group, lanes: Any) -> None:
 
 def needs_ends(group: Group) -> bool:
     """Whether contact forces at the ends of a sub-step are asked for."""
-    return bool(group.asked & {"acceleration", "transfer"})
+    return group.looks("ends")
 
 
 def is_any_closed(group: Group) -> Any:
     """Whether any contact of any lane is closed."""
     return any_lane(forces.is_closed(group))
+
+
+def may_touch(group: Group, h: Any) -> Any:
+    """Lanes in which floors may touch in the step just flown, by its ends and their rates."""
+    u0, v0, u, v = (group.floors(name) for name in ("u0", "v0", "u", "v"))
+    hit = group.full(-1.0)
+    for j in range(len(group.contacts)):
+        gap = group.gap(j)
+        d0, d1 = group.between(u0, j) - gap, group.between(u, j) - gap
+        w0, w1 = group.between(v0, j), group.between(v, j)
+        hit = maximum(hit, maximum(d1, minimum(fma(h, w0, d0), fma(-h, w1, d1))))
+    return hit > 0.0

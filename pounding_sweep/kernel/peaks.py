@@ -7,15 +7,14 @@ left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import fma, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.row import total_accelerations, transferred
 
-#: Reducers of the motion.
-MOTION = frozenset({"displacement", "drift", "closing"})
 #: Most that a cubic leaves its ends by, in its rates there times the step.
 REACH = 4.0 / 27.0
 
@@ -27,35 +26,52 @@ def cubic_extreme(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
     return x0 + t * (s0 + t * (b + t * (2.0 * (x0 - x1) + (s0 + s1))))
 
 
-def _followed(group: Group) -> Iterator[tuple[tuple[str, int], tuple[str, int] | None, bool, Any]]:
-    """What is followed: row of the largest value, of the least one, whether its size counts, and how it is read."""
-    spec, s = group.spec, group.state
-    if "displacement" in group.asked:
-        for i in range(spec.n_dof):
-            yield ("umax", i), ("umin", i), False, lambda name, i=i: s[name, i]
-    if "drift" in group.asked:
-        for i in range(spec.n_dof):
-            if spec.bottom[i]:
-                yield ("drift", i), None, True, lambda name, i=i: s[name, i]
-            else:
-                yield ("drift", i), None, True, lambda name, i=i: s[name, i] - s[name, i - 1]
-    if "closing" in group.asked:
-        for j, (left, right, _) in enumerate(spec.contacts):
+@dataclass(frozen=True)
+class Motion:
+    """A motion whose extremes are kept.
 
-            def read(name: str, left: int = left, right: int = right) -> Any:
-                if left < 0:
-                    return -s[name, right]
-                return s[name, left] if right < 0 else s[name, left] - s[name, right]
+    Attributes
+    ----------
+    most, least : (str, int)
+        Rows of its largest and its smallest value; without a `least` one that of the largest.
+    sized : bool
+        It is its absolute value that counts.
+    of : callable
+        Takes it, or its rate, from what there is of each floor.
+    """
 
-            yield ("closing", j), None, False, read
+    most: tuple[str, int]
+    least: tuple[str, int] | None
+    sized: bool
+    of: Callable[[Sequence[Any]], Any]
+
+
+class _Floors(Sequence[Any]):
+    """A row of each floor, loaded where it is used."""
+
+    def __init__(self, group: Group, name: str) -> None:
+        self._group, self._name = group, name
+
+    def __len__(self) -> int:
+        return self._group.spec.n_dof
+
+    def __getitem__(self, i: Any) -> Any:
+        return self._group.state[self._name, i]
+
+
+def _followed(group: Group) -> Iterator[Motion]:
+    for reducer in group.reducers:
+        if reducer.follows:
+            yield from reducer.follows(group)
 
 
 def turns(group: Group) -> None:
     """Take the extremes of the motion that lie inside the step just taken."""
     s = group.state
     h = s["h"]
-    for most, least, sized, read in _followed(group):
-        x0, x1, v0, v1, high = read("u0"), read("u"), read("v0"), read("v"), s[most]
+    for motion in _followed(group):
+        x0, x1, v0, v1 = (motion.of(_Floors(group, name)) for name in ("u0", "u", "v0", "v"))
+        high, sized, least = s[motion.most], motion.sized, motion.least
         reach = REACH * h * (size(v0) + size(v1))
         above = (maximum(size(x0), size(x1)) if sized else maximum(x0, x1)) + reach - high
         if least is not None:
@@ -63,9 +79,9 @@ def turns(group: Group) -> None:
         with when_any((v0 * v1 <= 0.0) & (above > 0.0)):
             p = cubic_extreme(x0, x1, h * v0, h * v1)
             if sized:
-                s[most] = maximum(high, maximum(size(p), maximum(size(x0), size(x1))))
+                s[motion.most] = maximum(high, maximum(size(p), maximum(size(x0), size(x1))))
             else:
-                s[most] = maximum(high, maximum(p, maximum(x0, x1)))
+                s[motion.most] = maximum(high, maximum(p, maximum(x0, x1)))
             if least is not None:
                 s[least] = minimum(s[least], minimum(p, minimum(x0, x1)))
 
@@ -73,28 +89,18 @@ def turns(group: Group) -> None:
 def samples(group: Group) -> None:
     """Take the motion at the present state."""
     s = group.state
-    for most, least, sized, read in _followed(group):
-        x = read("u")
-        s[most] = maximum(s[most], size(x) if sized else x)
-        if least is not None:
-            s[least] = minimum(s[least], x)
+    for motion in _followed(group):
+        x = motion.of(_Floors(group, "u"))
+        s[motion.most] = maximum(s[motion.most], size(x) if motion.sized else x)
+        if motion.least is not None:
+            s[motion.least] = minimum(s[motion.least], x)
 
 
-def turning(group: Group, v0: list[Any], v1: list[Any]) -> Any:
-    """Number that is zero or less where some of the motion that is followed turns in a step, by its rates."""
-    spec, found = group.spec, group.full(1.0)
-    if "displacement" in group.asked:
-        for i in range(spec.n_dof):
-            found = minimum(found, v0[i] * v1[i])
-    if "drift" in group.asked:
-        for i in range(spec.n_dof):
-            if not spec.bottom[i]:
-                found = minimum(found, (v0[i] - v0[i - 1]) * (v1[i] - v1[i - 1]))
-            elif "displacement" not in group.asked:
-                found = minimum(found, v0[i] * v1[i])
-    if "closing" in group.asked:
-        for j in range(len(spec.contacts)):
-            found = minimum(found, group.between(v0, j) * group.between(v1, j))
+def turning(group: Group) -> Any:
+    """Return what is zero or less where some of the motion that is followed turns in the step just taken."""
+    found = group.full(1.0)
+    for motion in _followed(group):
+        found = minimum(found, motion.of(_Floors(group, "v0")) * motion.of(_Floors(group, "v")))
     return found
 
 

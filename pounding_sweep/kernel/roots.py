@@ -17,6 +17,11 @@ def quartic(t: Any, x0: Any, b: Quartic) -> Any:
     return x0 + t * (b[0] + t * (b[1] + t * (b[2] + t * b[3])))
 
 
+def along(x0: Any, b: Quartic, sign: float = 1.0) -> Callable[[Any], Any]:
+    """Return it, or its negative, as a function of t."""
+    return lambda t: sign * quartic(t, x0, b)
+
+
 def rate(b: Quartic) -> tuple[Any, Quartic]:
     """Its derivative: the value at 0 and the coefficients."""
     return b[0], (2.0 * b[1], 3.0 * b[2], 4.0 * b[3], 0.0 * b[0])

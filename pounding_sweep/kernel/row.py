@@ -55,7 +55,9 @@ def powers(group: Group, y: Sequence[Any], ground: Any) -> list[tuple[Any, Any]]
 
 def kinetic(group: Group, b: int) -> Any:
     """v'Mv/2 of building b."""
-    return _sum([0.5 * group.prop("m", i) * group.state["v", i] * group.state["v", i] for i in group.building_floors[b]])
+    return _sum(
+        [0.5 * group.prop("m", i) * group.state["v", i] * group.state["v", i] for i in group.building_floors[b]]
+    )
 
 
 def strain(group: Group, b: int) -> Any:
@@ -81,7 +83,9 @@ def total_accelerations(group: Group, x: Sequence[Any], y: Sequence[Any], forces
     for b, floors in enumerate(group.building_floors):
         w = [x[i] + group.prop("beta", b) * y[i] for i in floors]
         for s, i in enumerate(floors):
-            here = -(group.prop("alpha", b) * y[i]) - group.prop("im", i) * (group.prop("k", i) * (w[s] - w[s - 1] if s else w[s]))
+            here = -(group.prop("alpha", b) * y[i]) - group.prop("im", i) * (
+                group.prop("k", i) * (w[s] - w[s - 1] if s else w[s])
+            )
             if not spec.top[i]:
                 here = here + group.prop("im", i) * (group.prop("k", i + 1) * (w[s + 1] - w[s]))
             found.append(here)

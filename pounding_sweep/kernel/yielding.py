@@ -53,14 +53,14 @@ def set_plastic(group: Group, j: int, lanes: Any, d: Any) -> None:
 
 
 def stick(group: Group, j: int, lanes: Any) -> None:
-    """The plastic part stands still from here on."""
+    """Let the plastic part stand still from here on."""
     s = group.state
     s["ke", j] = where(lanes, s["kl", j] + s["cl", j], s["ke", j])
     s["ce", j] = where(lanes, -s["cl", j] * s["plastic", j], s["ce", j])
 
 
 def slip(group: Group, j: int, lanes: Any, d: Any) -> None:
-    """The yielding part holds the force that it has reached: all of it or none."""
+    """Let the yielding part hold the force that it has reached: all of it or none."""
     s = group.state
     deep = d - s["plastic", j] > 0.5 * s["yield", j]
     s["ke", j] = where(lanes, s["kl", j], s["ke", j])

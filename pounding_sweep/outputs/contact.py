@@ -1,12 +1,14 @@
-"""Outputs of contacts: forces, impacts, penetrations, impulses, times and speeds of touches.
-
-The text of these reducers stands with the law's in the templates, behind switches ``HAS_...``.
-"""
+"""Outputs of contacts: forces, impacts, penetrations, impulses, times and speeds of touches."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from pounding_sweep.kernel.forces import Sample, Touch
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.lanes import maximum, where
 from pounding_sweep.outputs.declare import CONTACT, UNMEASURED, Reducer, Slot, Variable, needs
 from pounding_sweep.outputs.readout import KernelResults, contacts
 
@@ -103,25 +105,59 @@ CONTACTS = (
 )
 
 
-def _of_contacts(name: str, slot: str, first: str = "", looks: str = "") -> Reducer:
-    return Reducer(name, (Slot(slot, "contact", first),), where="touch", looks=looks)
+def _count(group: Group, at: Touch | Sample) -> None:
+    s = group.state
+    s["count", at.j] = s["count", at.j] + where(at.fresh, 1.0, group.full(0.0))
+
+
+def _deepest(group: Group, at: Sample) -> None:
+    group.state["dmax", at.j] = maximum(group.state["dmax", at.j], at.d)
+
+
+def _first(group: Group, j: int, lanes: Any, time: Any) -> None:
+    s = group.state
+    s["tfirst", j] = where(lanes & (s["tfirst", j] < 0.0), time, s["tfirst", j])
+
+
+def _fastest(group: Group, j: int, lanes: Any, v: Any) -> None:
+    s = group.state
+    s["vmax", j] = where(lanes, maximum(s["vmax", j], v), s["vmax", j])
+
+
+def _closed(group: Group, j: int, lanes: Any, h: Any) -> None:
+    s = group.state
+    s["tclosed", j] = s["tclosed", j] + where(lanes, h, group.full(0.0))
+
+
+def _closed_substep(group: Group) -> None:
+    for j in range(len(group.contacts)):
+        _closed(group, j, ~(group.state["mode", j] == 0.0), group.state["h"])
 
 
 REDUCERS = (
-    _of_contacts("force", "fmax", looks="force"),
-    _of_contacts("count", "count"),
-    _of_contacts("penetration", "dmax", looks="depth"),
-    _of_contacts("impulse", "impulse"),
-    _of_contacts("first_time", "tfirst", first="-1.0"),
-    _of_contacts("approach_speed", "vmax"),
+    Reducer("force", (Slot("fmax", "contact"),), where="touch", looks="force"),
+    Reducer("count", (Slot("count", "contact"),), where="touch", touch=_count, plain=_count),
+    Reducer("penetration", (Slot("dmax", "contact"),), where="touch", looks="depth", plain=_deepest),
+    Reducer("impulse", (Slot("impulse", "contact"),), where="touch"),
+    Reducer(
+        "first_time",
+        (Slot("tfirst", "contact", lambda group, j: -1.0),),
+        where="touch",
+        touch=lambda group, at: _first(group, at.j, at.lanes, group.clock(at.h)),
+        plain=lambda group, at: _first(group, at.j, at.fresh, at.time),
+    ),
+    Reducer(
+        "approach_speed",
+        (Slot("vmax", "contact"),),
+        where="touch",
+        touch=lambda group, at: _fastest(group, at.j, at.lanes, at.v),
+        plain=lambda group, at: _fastest(group, at.j, at.fresh, at.speed),
+    ),
     Reducer(
         "time",
         (Slot("tclosed", "contact"),),
         where="touch",
-        substep="""\
-for j in range(NC):
-    for l in range(L):
-        S[TCLOSED + j * L + l] += S[HL + l] if I[MODE + j * L + l] != 0 else 0.0""",
-        plain="S[TCLOSED + {j0} + l] += h if closed else 0.0",
+        substep=_closed_substep,
+        plain=lambda group, at: _closed(group, at.j, at.closed, at.h),
     ),
 )

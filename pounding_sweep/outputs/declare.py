@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
-from pounding_sweep.emit.spec import KernelSpec
-from pounding_sweep.emit.text import Address, Source
+from pounding_sweep.kernel.forces import Sample, Touch
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.peaks import Motion
+from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.outputs.readout import INTEGER_FILL, Readout
 
 #: Dimensions inside a scenario.
@@ -17,9 +21,6 @@ ERROR_CLASSES = ("motions", "contacts", "energies")
 #: The class of an output whose errors were not measured yet: it has no say in the choice of steps, and is compared
 #: with a run at half the step like any other.
 UNMEASURED = "unmeasured"
-#: What a reducer asks of each sub-step of a closed contact, each with those before it: nothing, the penetration at
-#: both ends, the force too, or that forces and their rates at both ends are kept for all floors.
-LOOKS = ("", "depth", "force", "ends")
 
 
 @dataclass(frozen=True)
@@ -98,32 +99,23 @@ def needs(*names: str) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class Slot:
-    """A number that a kernel keeps of each "floor", "contact" or "building", and the text of its first value ("": 0).
-
-    In that text, as in all of a reducer's, ``l`` is the lane and ``i``, ``j`` or ``b`` the floor, contact or building.
-    """
+    """A number that a kernel keeps of each "floor", "contact" or "building", and its first value (else 0)."""
 
     name: str
     per: str
-    first: str = ""
+    first: Callable[[Group, int], Any] | None = None
 
     def count(self, shape: KernelSpec) -> int:
         """How many of it a kernel has."""
         return {"floor": shape.n_dof, "contact": len(shape.contacts), "building": shape.n_buildings}[self.per]
-
-    @property
-    def begin(self) -> str:
-        """The statement that gives it its first value."""
-        index = {"floor": "i", "contact": "j", "building": "b"}[self.per]
-        return f"S[{self.name.upper()} + {index} * L + l] = {self.first}"
 
 
 @dataclass(frozen=True)
 class Reducer:
     """What the compiled loop keeps for outputs, in kernels of those that ask for it only.
 
-    The text of a contact's events and sub-steps stands in fields, and is put into the templates where a line
-    ``# reducers: FIELD`` says so. A reducer of peaks that are looked for within steps is a subclass with text for them.
+    Its functions write rows of the group's state, lane by lane. What presses, moves or heats a row (forces, works,
+    energies, accelerations) is found by the kernel's own parts, where a kernel `asked` for it.
 
     Attributes
     ----------
@@ -136,19 +128,17 @@ class Reducer:
     keeps : tuple of Slot
         What it needs beside.
     looks : str
-        Out of `LOOKS`.
-    peaks : {"", "floors", "contacts"}
-        Whose turning points it looks for.
+        Out of `pounding_sweep.kernel.group.LOOKS`.
     quick : bool
         High modes weigh in it: exact flight takes shorter steps.
-    touch : str
-        Statements at the onset of contact ``j`` of lane ``l`` at the rate ``v``, ``q = j * L + l``.
-    substep : str
-        Statements after each sub-step, of lengths ``S[HL + l]``, in which contacts are in modes ``I[MODE + q]`` (0:
-        open).
-    plain : str
-        Statements about a contact at the end of an unlocated step ``h``: ``closed``, ``fresh`` (it was open before),
-        penetration ``d``, rate ``v``; ``{j0} + l`` instead of ``q``.
+    follows : callable, optional
+        Gives the motions whose extremes it keeps, turning points inside steps included.
+    touch : callable, optional
+        What it does at the onset of a contact.
+    substep : callable, optional
+        What it does after each sub-step beside contacts, of lengths ``h``, in modes ``mode`` (0: open).
+    plain : callable, optional
+        What it does about a contact at the end of an unlocated step.
     """
 
     name: str
@@ -156,26 +146,8 @@ class Reducer:
     where: str = ""
     keeps: tuple[Slot, ...] = ()
     looks: str = ""
-    peaks: str = ""
     quick: bool = False
-    touch: str = ""
-    substep: str = ""
-    plain: str = ""
-
-    def watch_floors(self, src: Source, shape: KernelSpec, at: Address, floors: list[int]) -> None:
-        """Lower ``turn`` to zero or less where what is kept of these floors turns in the step."""
-
-    def watch_contacts(self, src: Source, at: Address, ends: list[tuple[int, int]]) -> None:
-        """Lower ``turn`` to zero or less where what is kept of two floors that can meet turns in the step."""
-
-    def turns(self, src: Source) -> None:
-        """Write the peaks that lie inside the step just taken."""
-
-    def sample_floor(self, src: Source, shape: KernelSpec, at: Address, u: list[str], i: int) -> None:
-        """Write, in a lane loop, the peak at the displacements `u` of the floors, as far as it is of floor `i`."""
-
-    def sample_contacts(self, src: Source, shape: KernelSpec, at: Address, u: list[str]) -> None:
-        """Write, in a lane loop, the peaks at the displacements `u` of the floors, of all contacts."""
-
-    def sample_loops(self, src: Source) -> None:
-        """Write the same for a longer row, in loops over its floors or contacts."""
+    follows: Callable[[Group], Iterable[Motion]] | None = None
+    touch: Callable[[Group, Touch], None] | None = None
+    substep: Callable[[Group], None] | None = None
+    plain: Callable[[Group, Sample], None] | None = None

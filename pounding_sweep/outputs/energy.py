@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pounding_sweep.kernel.row import kinetic
 from pounding_sweep.outputs.declare import Reducer, Slot, Variable, needs
 from pounding_sweep.outputs.readout import KernelResults, buildings
 
@@ -108,7 +109,7 @@ REDUCERS = (
         "transfer",
         (Slot("tmax", "building"), Slot("tmin", "building")),
         where="touch",
-        keeps=(Slot("KIN0", "building", "kinetic(S, l, b, props)"),),
+        keeps=(Slot("kinetic0", "building", kinetic),),
         looks="ends",
     ),
 )

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from pounding_sweep.emit.spec import KernelSpec
-from pounding_sweep.emit.text import Address, Source, relative
+from collections.abc import Iterator, Sequence
+from functools import partial
+from operator import itemgetter
+from typing import Any
+
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.peaks import Motion
 from pounding_sweep.outputs.declare import CONTACT, FLOOR, Reducer, Slot, Variable, needs
 from pounding_sweep.outputs.readout import contacts, floors, scatter_dof
 
@@ -82,111 +87,32 @@ CLOSINGS = (
 )
 
 
-def _turn(src: Source, ends: list[str], most: str, least: str, signed: bool = False) -> None:
-    """Write the update of a largest value (of its size, unless `signed`), or of a largest and a `least` one."""
-    sized = not least and not signed
-    x0, x1, v0, v1 = ends
-    src("turned = 0")
-    with src.block("for l in range(L):"):
-        src(f"x0 = {x0}; x1 = {x1}; v0 = {v0}; v1 = {v1}")
-        src("reach = REACH * S[HL + l] * (abs(v0) + abs(v1))")
-        src(f"above = max({'abs(x0), abs(x1)' if sized else 'x0, x1'}) + reach - {most}")
-        if least:
-            src(f"above = max(above, {least} - min(x0, x1) + reach)")
-        src("turned += 1 if (v0 * v1 <= 0.0) & (above > 0.0) else 0")
-    with src.block("if turned > 0:"), src.block("for l in range(L):"):
-        src(f"x0 = {x0}; x1 = {x1}; v0 = {v0}; v1 = {v1}")
-        src("p = cubic_extreme(x0, x1, S[HL + l] * v0, S[HL + l] * v1)")
-        if sized:
-            src(f"{most} = max({most}, max(abs(p), max(abs(x0), abs(x1))))")
-        else:
-            src(f"{most} = max({most}, max(p, max(x0, x1)))")
-        if least:
-            src(f"{least} = min({least}, min(p, min(x0, x1)))")
+def _displacements(group: Group) -> Iterator[Motion]:
+    for i in range(group.spec.n_dof):
+        yield Motion(("umax", i), ("umin", i), False, itemgetter(i))
 
 
-class _Displacement(Reducer):
-    def watch_floors(self, src: Source, shape: KernelSpec, at: Address, floors: list[int]) -> None:
-        for i in floors:
-            src(f"turn = min(turn, {at('VO', i)} * {at('V', i)})")
-
-    def turns(self, src: Source) -> None:
-        with src.block("for i in range(N):"):
-            ends = [f"S[{slot} + i * L + l]" for slot in ("UO", "U", "VO", "V")]
-            _turn(src, ends, "S[UMAX + i * L + l]", "S[UMIN + i * L + l]")
-
-    def sample_floor(self, src: Source, shape: KernelSpec, at: Address, u: list[str], i: int) -> None:
-        src(f"x = {u[i]}; {at('umax', i)} = max({at('umax', i)}, x)")
-        src(f"{at('umin', i)} = min({at('umin', i)}, x)")
-
-    def sample_loops(self, src: Source) -> None:
-        with src.block("for c in range(N * L):"):
-            src("S[UMAX + c] = max(S[UMAX + c], S[U + c]); S[UMIN + c] = min(S[UMIN + c], S[U + c])")
+def _drifts(group: Group) -> Iterator[Motion]:
+    for i, lowest in enumerate(group.spec.bottom):
+        yield Motion(("drift", i), None, True, itemgetter(i) if lowest else partial(_drift, i))
 
 
-class _Drift(Reducer):
-    def watch_floors(self, src: Source, shape: KernelSpec, at: Address, floors: list[int]) -> None:
-        for i in floors:
-            if not shape.bottom[i]:
-                src(f"turn = min(turn, ({at('VO', i)} - {at('VO', i - 1)}) * ({at('V', i)} - {at('V', i - 1)}))")
-            elif "displacement" not in shape.reducers:  # which looks at the lowest floor already
-                src(f"turn = min(turn, {at('VO', i)} * {at('V', i)})")
-
-    def turns(self, src: Source) -> None:
-        for first in (True, False):
-            floors = "range(FIRST[b], FIRST[b] + 1)" if first else "range(FIRST[b] + 1, FIRST[b + 1])"
-            with src.block("for b in range(NB):"), src.block(f"for i in {floors}:"):
-                ends = []
-                for slot in ("UO", "U", "VO", "V"):
-                    ends.append(f"S[{slot} + i * L + l]" + ("" if first else f" - S[{slot} + (i - 1) * L + l]"))
-                _turn(src, ends, "S[DRIFT + i * L + l]", "")
-
-    def sample_floor(self, src: Source, shape: KernelSpec, at: Address, u: list[str], i: int) -> None:
-        value = u[i] if shape.bottom[i] else f"{u[i]} - {u[i - 1]}"
-        src(f"{at('drift', i)} = max({at('drift', i)}, abs({value}))")
-
-    def sample_loops(self, src: Source) -> None:
-        with src.block("for b in range(NB):"), src.block("for i in range(FIRST[b], FIRST[b + 1]):"):
-            src("low = (i - 1) * L if i > FIRST[b] else i * L; held = 1.0 if i > FIRST[b] else 0.0")
-            with src.block("for l in range(L):"):
-                src("x = abs(S[U + i * L + l] - held * S[U + low + l])")
-                src("S[DRIFT + i * L + l] = max(S[DRIFT + i * L + l], x)")
+def _drift(i: int, x: Sequence[Any]) -> Any:
+    return x[i] - x[i - 1]
 
 
-class _Closing(Reducer):
-    def watch_contacts(self, src: Source, at: Address, ends: list[tuple[int, int]]) -> None:
-        for pair in ends:
-            before, now = (relative(*(at(slot, i) if i >= 0 else None for i in pair)) for slot in ("VO", "V"))
-            src(f"turn = min(turn, {before} * {now})")
-
-    def turns(self, src: Source) -> None:
-        with src.block("for j in range(NC):"):
-            self._sides(src)
-            ends = [f"a * S[{slot} + left + l] - b * S[{slot} + right + l]" for slot in ("UO", "U", "VO", "V")]
-            _turn(src, ends, "S[CLOSING + j * L + l]", "", signed=True)
-
-    def sample_contacts(self, src: Source, shape: KernelSpec, at: Address, u: list[str]) -> None:
-        for j, pair in enumerate(shape.contacts):
-            value = relative(*(u[i] if i >= 0 else None for i in pair[:2]))
-            src(f"{at('closing', j)} = max({at('closing', j)}, {value})")
-
-    def sample_loops(self, src: Source) -> None:
-        with src.block("for j in range(NC):"):
-            self._sides(src)
-            with src.block("for l in range(L):"):
-                src("x = a * S[U + left + l] - b * S[U + right + l]")
-                src("S[CLOSING + j * L + l] = max(S[CLOSING + j * L + l], x)")
-
-    @staticmethod
-    def _sides(src: Source) -> None:
-        src("left = max(LEFT[j], 0) * L; right = max(RIGHT[j], 0) * L")
-        src("a = 1.0 if LEFT[j] >= 0 else 0.0; b = 1.0 if RIGHT[j] >= 0 else 0.0")
+def _closings(group: Group) -> Iterator[Motion]:
+    for j in range(len(group.spec.contacts)):
+        yield Motion(("closing", j), None, False, partial(group.between, j=j))
 
 
-_STILL = "S[U + i * L + l]"
+def _still(group: Group, i: int) -> Any:
+    return group.state["u", i]
+
+
 REDUCERS: tuple[Reducer, ...] = (
-    _Displacement("displacement", (Slot("umax", "floor", _STILL), Slot("umin", "floor", _STILL)), peaks="floors"),
-    _Drift("drift", (Slot("drift", "floor"),), peaks="floors"),
+    Reducer("displacement", (Slot("umax", "floor", _still), Slot("umin", "floor", _still)), follows=_displacements),
+    Reducer("drift", (Slot("drift", "floor"),), follows=_drifts),
     Reducer("acceleration", (Slot("acc", "floor"),), looks="ends", quick=True),
-    _Closing("closing", (Slot("closing", "contact"),), where="neighbours", peaks="contacts"),
+    Reducer("closing", (Slot("closing", "contact"),), where="neighbours", follows=_closings),
 )

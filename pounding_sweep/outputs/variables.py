@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.emit.spec import KernelSpec, Slots
+from pounding_sweep.kernel.spec import KernelSpec, Slots, result_slots
 from pounding_sweep.outputs import contact, energy, motion
-from pounding_sweep.outputs.declare import ERROR_CLASSES, INNER_DIMS, LOOKS, Reducer, Variable
+from pounding_sweep.outputs.declare import ERROR_CLASSES, INNER_DIMS, Reducer, Variable
 from pounding_sweep.outputs.readout import INTEGER_FILL
 from pounding_sweep.outputs.status import OK_CLAIM, RUNS, SETTLED, STATUS, Status
 
@@ -30,7 +30,6 @@ __all__ = [
     "check_outputs",
     "cube_variables",
     "get_variable",
-    "looks",
     "output_slots",
     "reducers_for",
     "reducers_of",
@@ -42,7 +41,7 @@ VARIABLES: dict[str, Variable] = {
     for variable in (*motion.MOTIONS, *contact.CONTACTS, *energy.ENERGIES, *motion.CLOSINGS, *RUNS)
 }
 
-#: Every reducer by name, in the order in which their slots lie and their text is written.
+#: Every reducer by name, in the order in which their slots lie.
 REDUCERS: dict[str, Reducer] = {
     reducer.name: reducer for reducer in (*motion.REDUCERS, *contact.REDUCERS, *energy.REDUCERS)
 }
@@ -91,20 +90,6 @@ def reducers_of(shape: KernelSpec) -> list[Reducer]:
     return [reducer for name, reducer in REDUCERS.items() if name in shape.reducers]
 
 
-def looks(shape: KernelSpec, what: str) -> bool:
-    """Whether a reducer of a kernel asks `what` (out of `LOOKS`) of each sub-step of a closed contact."""
-    return any(LOOKS.index(reducer.looks) >= LOOKS.index(what) for reducer in reducers_of(shape))
-
-
 def output_slots(shape: KernelSpec) -> Slots:
-    """Layout of a scenario's results: those of all kernels, then those of kernels with contacts."""
-    slots = Slots()
-    slots.add("flags")  # 1 not finite, 2 contact fallback, 4 implicit contact not converged
-    for touch in (False, True):
-        if touch and shape.law is not None:
-            slots.add("shortest")  # shortest contact (s), by its elastic duration
-        for reducer in reducers_of(shape):
-            if (reducer.where == "touch") == touch:
-                for slot in reducer.slots:
-                    slots.add(slot.name, slot.count(shape))
-    return slots
+    """Layout of a scenario's results."""
+    return result_slots(shape, reducers_of(shape))

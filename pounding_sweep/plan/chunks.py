@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pounding_sweep.emit.spec import LANES
 from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.plan.scenarios import Scenarios
 

@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.emit.spec import LANES
 from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.labels import row_coordinates
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
 from pounding_sweep.outputs.variables import STATUS, Status

@@ -18,8 +18,8 @@ from distributed import Client, KilledWorker, LocalCluster, WorkerPlugin, as_com
 from distributed.comm import get_address_host
 
 from pounding_sweep.base.errors import ClusterError
-from pounding_sweep.emit.spec import KernelSpec
 from pounding_sweep.engine.row_kernel import RowKernel
+from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.provenance import fingerprint
 from pounding_sweep.plan.chunks import ChunkTask, Receive, Run

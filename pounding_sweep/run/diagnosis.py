@@ -90,7 +90,7 @@ def processor() -> dict[str, Any]:
     """Return name, features, vector width (bits) and cores of the processor."""
     from llvmlite import binding
 
-    from pounding_sweep.emit.spec import LANES
+    from pounding_sweep.kernel.spec import LANES
 
     features = sorted(name for name, present in binding.get_host_cpu_features().items() if present)
     width = next((bits for name, bits in _WIDTHS.items() if name in features), None)

@@ -108,9 +108,9 @@ def simulate(
     >>> round(float(one.impact_force_max.max()) / 1e3, 1)
     3.7
     """
-    from pounding_sweep.emit.spec import history_slots
     from pounding_sweep.engine.postprocess import variables_of
     from pounding_sweep.engine.row_kernel import RowKernel
+    from pounding_sweep.kernel.spec import history_slots
     from pounding_sweep.outputs.variables import VARIABLES, reducers_for
     from pounding_sweep.plan.plan import make_plan
 
@@ -273,7 +273,7 @@ def _below(values: np.ndarray, buildings: Sequence[Building]) -> np.ndarray:
 def _histories(kernel: Any, history: np.ndarray, motion: Record, n_steps: int) -> dict[str, Any]:
     import xarray as xr
 
-    from pounding_sweep.emit.spec import history_slots
+    from pounding_sweep.kernel.spec import history_slots
 
     scene = kernel.scene
     slots = history_slots(kernel.shape)

@@ -1,12 +1,15 @@
-"""What a time-stepping scheme is: its order, limits and costs, and the text of its steps."""
+"""What a time-stepping scheme is: its order, limits and costs, and its steps."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from pounding_sweep.emit.spec import KernelSpec, Slots
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.march import FixedSteps
 
 
 class Scheme(ABC):
@@ -70,23 +73,17 @@ class Scheme(ABC):
         """Relative error of a free vibration's phase and size at steps of `x` rad."""
 
     @abstractmethod
-    def step(self, shape: KernelSpec, slots: Slots, variant: str) -> str:
-        """Text of the function ``flight``, ``trial`` (contacts in frozen modes) or ``plain`` (unlocated contacts)."""
+    def flight(self, group: Group, h: Any) -> Callable[[], None]:
+        """Take a step of all lanes without contact; returns what adds its energies."""
 
-    def flight(self, shape: KernelSpec, slots: Slots) -> str:
-        """Text of the step without contact."""
-        return self.step(shape, slots, "flight")
+    @abstractmethod
+    def trial(self, group: Group) -> Callable[[], None]:
+        """Try a sub-step of every lane's own length, contacts in frozen modes; returns what adds its energies."""
 
-    def stages(self, shape: KernelSpec, slots: Slots) -> str:
-        """Text of what the variants of a longer row's step share."""
-        del shape, slots
-        return ""
+    @abstractmethod
+    def plain(self, group: Group, h: Any) -> Callable[[], None]:
+        """Take a step of all lanes whose contacts follow from the present state alone; returns what adds energies."""
 
-    def motion_slots(self, shape: KernelSpec) -> dict[str, int]:
-        """Slots of the motion beside displacements and velocities."""
-        return {"AO": shape.n_dof} if shape.law is not None and shape.contacts else {}
-
-    def stage_slots(self, shape: KernelSpec) -> tuple[str, ...]:
-        """Slots of each floor that hold the stages of a longer row."""
-        del shape
-        return ()
+    def march(self, group: Group, ground: Any, note: Callable[[Any], None] | None) -> None:
+        """Take a lane group over the record; `note` is told of each row of a history."""
+        FixedSteps(group, ground, note).run()

@@ -14,9 +14,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from pounding_sweep.kernel.lanes import fma
 from pounding_sweep.schemes.explicit import Explicit
 
 
@@ -34,15 +36,15 @@ class CentralDifference(Explicit):
     finest_float32 = 128
     undamped_radius = 2.0
     damped_radius = math.sqrt(3.0)
-    lengths = "hh = 0.5 * h; h2 = hh * h"
-    nodes = (("g0", "3.0"), ("g1", "3.0"))
+    nodes = ((0.0, 3.0), (1.0, 3.0))
 
     def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """Of free vibration, whose size is kept."""
         return x * x / 24.0
 
-    def after(self, stage: int, u: str, v: str, x: str, a: Sequence[str]) -> tuple[str, str]:
+    def after(self, stage: int, u: Any, v: Any, x: Any, a: Sequence[Any], h: Any) -> tuple[Any, Any]:
         """State that each stage leads to."""
+        half = 0.5 * h
         if stage == 1:
-            return f"fma(h2, {a[0]}, fma(h, {v}, {u}))", f"fma(h, {a[0]}, {v})"
-        return x, f"fma(hh, {a[0]} + {a[1]}, {v})"
+            return fma(half * h, a[0], fma(h, v, u)), fma(h, a[0], v)
+        return x, fma(half, a[0] + a[1], v)

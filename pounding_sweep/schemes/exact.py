@@ -1,19 +1,37 @@
-"""Exact flight between contacts, each building by its own transition matrix; beside contacts, Runge-Kutta.
+"""Exact flight between contacts, in which each lane has a clock of its own; beside contacts, Runge-Kutta.
 
-Between impacts a building is linear, and the ground acceleration is linear between
-record points; over a step h its state x = (u, v) then moves by
+Between impacts a building is linear, and the ground acceleration is linear between record
+points; over a step h its state x = (u, v) then moves by
 
     x' = A x + s (p g0 + q g1),    A = exp(F h),  F = [[0, I], [-M^-1 K, -M^-1 C]]
 
-without error at any h (Nigam & Jennings 1969, here for a whole building at once).
-A, p and q are constants of the scene and the step.
+without error at any h (Nigam & Jennings 1969, here for a whole building at once). A, p and
+q are constants of the scene and the step.
 """
 
 from __future__ import annotations
 
-from pounding_sweep.emit.spec import LANES, KernelSpec, Slots
-from pounding_sweep.emit.text import Source
-from pounding_sweep.emit.watch import watch
+from collections.abc import Callable
+from typing import Any
+
+from pounding_sweep.kernel import forces, located
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.lanes import (
+    Cell,
+    any_lane,
+    counts,
+    first_whole,
+    flag,
+    fma,
+    gather,
+    least_lane,
+    not_,
+    when,
+    when_any,
+    where,
+    while_any,
+)
+from pounding_sweep.kernel.peaks import largest_accelerations, turning, turns
 from pounding_sweep.schemes.rk4 import Rk4
 
 
@@ -28,174 +46,185 @@ class Exact(Rk4):
     ladder = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
     finest_float32 = 2.0
 
-    def flight(self, shape: KernelSpec, slots: Slots) -> str:
-        """Text of the exact step."""
-        return emit_flight(shape, slots)
-
-    def motion_slots(self, shape: KernelSpec) -> dict[str, int]:
-        """Also what energies of flight are made from."""
-        energies = {"PASSED": 1, "GIVEN": 1, "GAINED": 1, "PULL": shape.n_dof} if "energy" in shape.reducers else {}
-        return super().motion_slots(shape) | energies
-
-
-#: Constants of one lane loop: as many as a processor's registers hold beside the motion.
-CONSTANTS = 16
-
-
-def emit_flight(shape: KernelSpec, slots: Slots) -> str:
-    """Write ``flight(S, props, h, table)``: an exact step of all buildings, and what it may have met."""
-    src = Source()
-    first = matrix = 0
-    calls = []
-    for b, n in enumerate(shape.storeys):
-        if shape.fused:
-            _straight(src, b, n, first * LANES)
-            calls.append(f"glide{b}(S, props, table + {matrix})")
-        else:
-            calls.append(f"glide_rows(S, {first * LANES} + 0 * table, props, table + {matrix}, {n} + 0 * table)")
-        first += n
-        matrix += 2 * n * (2 * n + 2)
-    if not shape.fused:
-        _by_rows(src)
-    src.function("flight(S, props, h, table)")
-    for call in calls:
-        src(call)
-    if shape.fused:
-        with src.block("for l in range(L):"):
-            watch(src, shape, slots, "S[HL + l] > 0.0")
-    else:
-        src("watch(S, h)")
-    return str(src)
-
-
-def _straight(src: Source, b: int, n: int, at: int) -> None:
-    """Write ``glide<b>``: rows of A, p and q as one line of multiply-adds each, at addresses known to differ."""
-    src.function(f"glide{b}(S, props, a)")
-    width = 2 * n + 2
-    before = [f"S[{home} + {at + i * LANES} + l]" for home in ("UO", "VO") for i in range(n)]
-    now = [f"S[{home} + {at + i * LANES} + l]" for home in ("U", "V") for i in range(n)]
-    together = max(1, CONSTANTS // width)
-    for first in range(0, 2 * n, together):
-        rows = range(first, min(first + together, 2 * n))
-        for row in rows:
-            for column in range(width):
-                src(f"a{row}_{column} = props[a + {row * width + column}]")
-        with src.block("for l in range(L):"):
-            src("g0 = S[G0 + l]; g1 = S[G1 + l]")
-            for column in range(2 * n):
-                src(f"x{column} = {before[column] if first else now[column]}")
-                if not first:
-                    src(f"{before[column]} = x{column}")
-            for row in rows:
-                text = f"fma(a{row}_{2 * n}, g0, a{row}_{2 * n + 1} * g1)"
-                for column in range(2 * n):
-                    text = f"fma(a{row}_{column}, x{column}, {text})"
-                src(f"{now[row]} = {text}")
-
-
-def _by_rows(src: Source) -> None:
-    """Write ``glide_rows``: the same in loops, for longer rows."""
-    src.function("glide_rows(S, at, props, a, n)")
-    with src.block("for i in range(n):"), src.block("for l in range(L):"):
-        src("S[UO + at + i * L + l] = S[U + at + i * L + l]; S[VO + at + i * L + l] = S[V + at + i * L + l]")
-    with src.block("for row in range(2 * n):"):
-        src("here = a + row * (2 * n + 2)")
-        src("home = at + row * L if row < n else at + (row - n) * L")
-        src("now = U + home if row < n else V + home")
-        src("p = props[here + 2 * n]; q = props[here + 2 * n + 1]")
-        with src.block("for l in range(L):"):
-            src("S[now + l] = p * S[G0 + l] + q * S[G1 + l]")
-        with src.block("for i in range(n):"):
-            src("b = props[here + i]; c = props[here + n + i]")
-            with src.block("for l in range(L):"):
-                src("S[now + l] = fma(b, S[UO + at + i * L + l], fma(c, S[VO + at + i * L + l], S[now + l]))")
+    def march(self, group: Group, ground: Any, note: Callable[[Any], None] | None) -> None:
+        """Take every lane over the record in steps of its own."""
+        March(group, ground).run(note)
 
 
 #: Long steps by which lanes may be ahead of one that waits in contact, so that others join it there.
 WINDOW = 8
-#: Lanes in contact below which the others go on.
-LEAVE = 1
-#: What a lane wants to do next (I[KIND + l]).
-KINDS = {"GLIDING": 0, "STEPPING": 1, "TOUCHING": 2, "ENDED": 3}
+#: What a lane wants to do next.
+GLIDING, STEPPING, TOUCHING, ENDED = 0.0, 1.0, 2.0, 3.0
 
 
-def begin_march(src: Source) -> None:
-    """Write what all lane groups share: lengths of steps, and the ground at the ends of all short ones."""
-    src("short = steps // flight_substeps; hg = REAL(dtr / flight_substeps); last = (len(ag) - 1) * steps")
-    src("motion = np.empty(last + 1, REAL)")
-    with src.block("for i in range(len(ag) - 1):"), src.block("for j in range(steps):"):
-        src("motion[i * steps + j] = ag[i] + (ag[i + 1] - ag[i]) * (j / steps)")
-    src("motion[last] = ag[len(ag) - 1]")
-    src("track = pointer(motion)")
+def flight(group: Group, table: Any) -> None:
+    """Take an exact step of all buildings by one of both tables; the present state becomes its start."""
+    s = group.state
+    g0, g1, at = s["g0"], s["g1"], 0
+    for floors in group.building_floors:
+        before = [s["u", i] for i in floors] + [s["v", i] for i in floors]
+        for name, values in (("u0", before[: len(floors)]), ("v0", before[len(floors) :])):
+            for i, x in zip(floors, values, strict=True):
+                s[name, i] = x
+        width = len(before) + 2
+        for row in range(len(before)):
+            a = [group.transition(table, at + row * width + column) for column in range(width)]
+            now = fma(a[-2], g0, a[-1] * g1)
+            for column, x in enumerate(before):
+                now = fma(a[column], x, now)
+            s["u" if row < len(floors) else "v", floors[row % len(floors)]] = now
+        at += len(before) * width
 
 
-def march(src: Source, shape: KernelSpec, contact: bool) -> None:
-    """Write the whole motion of one lane group."""
-    if shape.history:
-        src("row = 0")
-    if contact:
-        src("inside = False")
-        with src.block("for l in range(L):"):
-            src("I[KIND + l] = GLIDING if last > 0 else ENDED  # a record of one point has no motion")
-    with src.block("while True:"):
-        if contact:
-            src("ended = 0; touching = 0; limit = last")
-            with src.block("for l in range(L):"):
-                src("touches = I[KIND + l] == TOUCHING")
-                src("touching += 1 if touches else 0; ended += 1 if I[KIND + l] == ENDED else 0")
-                src("ahead = I[STEP + l] + WINDOW * short; limit = min(limit, ahead if touches else last)")
-            with src.block("if ended == L:"):
-                src("break")
-            src("gliding = 0; stepping = 0")
-            with src.block("for l in range(L):"):
-                for count, kind in (("gliding", "GLIDING"), ("stepping", "STEPPING")):
-                    src(f"{count} += 1 if (I[KIND + l] == {kind}) & (I[STEP + l] < limit) else 0")
-            with src.block("if gliding + stepping == 0 or (inside and touching >= LEAVE):"):
-                with src.block("if not inside:"):
-                    src("copy(S)")
-                src("inside = True")
-                src("contact_pass(S, I, W, props, h)")
-                src("go_on(S, I, track, short, last, h)")
-            with src.block("else:"):
-                src("inside = False")
-                src("kind = STEPPING if stepping > 0 else GLIDING; stride = 1 if stepping > 0 else short")
-                src("hf = h if stepping > 0 else hg; table = P_SHORT if stepping > 0 else P_GLIDE")
-                src("fly(S, I, props, track, kind, stride, short, limit, last, hf, h, table)")
-        else:
-            with src.block("if I[STEP] >= last:"):
-                src("break")
-            src(
-                "kind = GLIDING; table = P_GLIDE; fly(S, I, props, track, kind, short, short, last, last, hg, h, table)"
-            )
-        if shape.history:
-            with src.block("if I[STEP] > row:"):
-                src("row = I[STEP]")
-                src("note(S, H, row)")
+def flight_energies(group: Group, h: Any) -> None:
+    """Add what the ground put in and what damping took over an exact step, without any quadrature."""
+    s = group.state
+    flies = where(s["h"] > 0.0, 1.0, group.full(0.0))
+    g0, g1 = s["g0"], s["g1"]
+    for b, floors in enumerate(group.building_floors):
+        alpha, beta = group.prop("alpha", b), group.prop("beta", b)
+        passed = gained = given = group.full(0.0)
+        pull: dict[int, Any] = {}
+        for i in reversed(floors):  # storey forces, from the top
+            m = group.prop("m", i)
+            dv = s["v", i] - s["v0", i] + alpha * (s["u", i] - s["u0", i])
+            passed = passed - m * (0.5 * h * (g0 + g1) + dv)
+            pull[i] = passed
+            gained = gained + 0.5 * m * ((s["v", i] - s["v0", i]) * (s["v", i] + s["v0", i]))
+        passed = group.full(0.0)
+        for i in floors:
+            m, k, below = group.prop("m", i), group.prop("k", i), i > floors[0]
+            passed = passed + pull[i] / k
+            area = passed - beta * (s["u", i] - s["u0", i])
+            slope = (g1 - g0) / h
+            given = given - m * (g1 * s["u", i] - g0 * s["u0", i] - slope * area)
+            end = s["u", i] - s["u", i - 1] if below else s["u", i]
+            start = s["u0", i] - s["u0", i - 1] if below else s["u0", i]
+            gained = gained + 0.5 * k * ((end - start) * (end + start))
+        s["e_in", b] = s["e_in", b] + flies * given
+        damped = ~((alpha == 0.0) & (beta == 0.0))  # else what is missing is rounding
+        s["e_damp", b] = s["e_damp", b] + where(damped, flies * (given - gained), group.full(0.0))
 
 
-def emit_fly(contact: bool) -> str:
-    """Write ``fly``: an exact step of every lane that wants one of this kind; where it may touch it is taken back."""
-    src = Source()
-    src.function("fly(S, I, props, track, kind, stride, short, limit, last, hf, h, table)")
-    with src.block("for l in range(L):"):
-        src("at = I[STEP + l]; flies = (I[KIND + l] == kind) & (at < limit); scale = S[SCALE + l]")
-        src("S[HL + l] = hf if flies else 0.0")
-        src("to = at + (stride if flies else 0)")
-        src("S[G0 + l] = scale * track[at]; S[G1 + l] = scale * track[to]")
-    src("flight(S, props, hf, table)")
-    if contact:
-        src("touched = 0; waiting = 0")
-        with src.block("for l in range(L):"):
-            src("touched += 1 if S[HIT + l] > 0.0 else 0; waiting += 1 if S[HL + l] == 0.0 else 0")
-        with src.block("if touched > 0:"):
-            src("turn_back(S, I, track, kind, short, h)")
-        with src.block("if touched + waiting > 0:"):
-            src("stay(S)")
-    src("reduce_flight(S, props, hf)")
-    with src.block("for l in range(L):"):
-        src("at = I[STEP + l] + (stride if S[HL + l] > 0.0 else 0); now = I[KIND + l]")
-        src("I[STEP + l] = at; I[KIND + l] = max(now, ENDED if at >= last else 0)")
-    if contact:
-        with src.block("if kind == STEPPING:"), src.block("for l in range(L):"):
-            src("if I[KIND + l] == STEPPING and I[STEP + l] % short == 0: I[KIND + l] = GLIDING")
-    return str(src)
+class March:
+    """A lane group under exact flight: each lane's own step and what it does next.
+
+    Parameters
+    ----------
+    group : Group
+        The lanes.
+    ground : Ground
+        Its acceleration at the ends of all short steps; steps of both lengths.
+    """
+
+    def __init__(self, group: Group, ground: Any) -> None:
+        self.group, self.track, self.h, self.long = group, ground.track, ground.h, ground.long
+        #: Short steps in a long one, and in all.
+        self.short, self.last = ground.steps // ground.substeps, ground.intervals * ground.steps
+        self.at = Cell(counts(group.trace, 0, group.lanes))
+        self.doing = Cell(group.full(GLIDING))
+        group.number = lambda: self.at.now
+
+    def _ground(self, places: Any) -> Any:
+        return self.group.state["scale"] * gather(self.group.trace, self.track, places)
+
+    def _meet(self, lanes: Any) -> None:
+        """Let some lanes begin a short step that their contacts may cut."""
+        at = self.at.now
+        safe = where(at < self.last, at, at + -1)  # a lane that is at its end begins none
+        self.doing.now = where(lanes, TOUCHING, self.doing.now)
+        located.begin(self.group, lanes, self._ground(safe), self._ground(safe + 1), self.h)
+
+    def _go_on(self) -> None:
+        """Lanes whose step is over begin the next: with their contacts, or in flight."""
+        group = self.group
+        over = (self.doing.now == TOUCHING) & ~(group.state["time_left"] > 0.0)
+        with when_any(over):
+            self.at.now = where(over, self.at.now + 1, self.at.now)
+            ends, closed = over & (self.at.now >= self.last), forces.is_closed(group)
+            on = where(self.at.now % self.short == 0, GLIDING, group.full(STEPPING))
+            self.doing.now = where(over, where(ends, ENDED, on), self.doing.now)
+            touching = over & ~ends & closed
+            with when_any(touching):
+                self._meet(touching)
+            if located.needs_ends(group):
+                located.clear_forces(group, over & ~closed)
+
+    def _fly(self, stepping: Any, limit: Any) -> None:
+        """Take an exact step of every lane that wants one of this kind; where it may touch it is taken back."""
+        group, s = self.group, self.group.state
+        kind = where(stepping, group.full(STEPPING), group.full(GLIDING))
+        stride = where(stepping, self.short * 0 + 1, self.short)
+        h = where(stepping, self.h, self.long)
+        at = self.at.now
+        flies = (self.doing.now == kind) & (at < limit)
+        s["h"] = where(flies, h, 0.0)
+        to = where(flies, at + stride, at)
+        s["g0"], s["g1"] = self._ground(at), self._ground(to)
+        flight(group, stepping)
+        turned = turning(group)
+        if group.touching:
+            hit = flies & located.may_touch(group, h)
+            with when_any(hit):
+                s["h"] = where(hit, 0.0, s["h"])
+                shorter = hit & (kind == GLIDING)
+                many = self.short > 1
+                self.doing.now = where(shorter, where(many, group.full(STEPPING), self.doing.now), self.doing.now)
+                meets = hit & ~(
+                    where(many, group.full(1.0), group.full(0.0)) * where(shorter, 1.0, group.full(0.0)) > 0.0
+                )
+                with when_any(meets):
+                    self._meet(meets)
+            waits = ~(s["h"] > 0.0)
+            with when_any(waits):
+                for now, before in (("u", "u0"), ("v", "v0")):
+                    for i in range(group.spec.n_dof):
+                        s[now, i] = where(waits, s[before, i], s[now, i])
+        with when_any(turned <= 0.0):
+            turns(group)
+        if "energy" in group.asked:
+            flight_energies(group, h)
+        if "acceleration" in group.asked:
+            largest_accelerations(group, located=True)
+        at = where(s["h"] > 0.0, self.at.now + stride, self.at.now)
+        self.at.now = at
+        self.doing.now = where(at >= self.last, ENDED, self.doing.now)
+        home = (self.doing.now == STEPPING) & (kind == STEPPING) & (at % self.short == 0)
+        self.doing.now = where(home, GLIDING, self.doing.now)
+
+    def run(self, note: Any = None) -> None:
+        """Go through the whole motion; `note` is told of each row of a history."""
+        group = self.group
+        if not group.touching:
+            for _ in while_any(lambda: self.at.now < self.last, group.trace):
+                self._fly(flag(group.trace, False), self.last)
+                if note is not None:
+                    note(first_whole(self.at.now))
+            return
+        written = Cell(first_whole(self.at.now))
+        inside = Cell(flag(group.trace, False))
+        none = where(self.last > 0, group.full(GLIDING), group.full(ENDED))
+        self.doing.now = none  # a record of one point has no motion
+        for _ in while_any(lambda: ~(self.doing.now == ENDED), group.trace):
+            touches = self.doing.now == TOUCHING
+            ahead = self.at.now + self.short * WINDOW
+            limit = least_lane(where(touches, where(ahead < self.last, ahead, self.last), self.last))
+            free = self.at.now < limit
+            stepping = any_lane((self.doing.now == STEPPING) & free)
+            gliding = any_lane((self.doing.now == GLIDING) & free)
+            stays = inside.now & any_lane(touches) if group.trace is not None else inside.now and any_lane(touches)
+            in_contact = stays | not_(stepping | gliding)
+            for _ in when(in_contact):
+                for _ in when(not_(inside.now)):
+                    located.keep_start(group)
+                inside.now = flag(group.trace, True)
+                located.substep(group, self.h)
+                self._go_on()
+            for _ in when(not_(in_contact)):
+                inside.now = flag(group.trace, False)
+                self._fly(stepping, limit)
+            if note is not None:
+                row = first_whole(self.at.now)
+                for _ in when(row > written.now):
+                    written.now = row
+                    note(row)

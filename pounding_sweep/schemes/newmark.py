@@ -1,4 +1,4 @@
-"""Newmark's method, and the text of its step of a row in lanes; contact is added implicitly lane by lane.
+"""Newmark's method; contact is added implicitly.
 
 Acceleration form: predictors
 
@@ -10,11 +10,17 @@ u' = u~ + beta h^2 a', v' = v~ + gamma h a'. The matrix is tridiagonal per build
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import numpy as np
 
-from pounding_sweep.emit.spec import Floors, KernelSpec, Slots
-from pounding_sweep.emit.text import Source, StepText
-from pounding_sweep.emit.watch import watch
+from pounding_sweep.kernel import impulse
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.lanes import fma, where
+from pounding_sweep.kernel.peaks import add_powers
+from pounding_sweep.kernel.row import powers
+from pounding_sweep.schemes import implicit
 from pounding_sweep.schemes.base import Scheme
 
 
@@ -44,127 +50,112 @@ class Newmark(Scheme):
         """By the first terms."""
         return np.hypot((0.5 * beta - 1.0 / 24.0) * x * x, 0.5 * (gamma - 0.5) * x)
 
-    def step(self, shape: KernelSpec, slots: Slots, variant: str) -> str:
-        """Text of a variant of the step."""
-        return NewmarkStep(shape, slots, variant).emit()
-
-    def motion_slots(self, shape: KernelSpec) -> dict[str, int]:
-        """Accelerations, which are part of the state."""
-        return {"AO": shape.n_dof, "A": shape.n_dof}
-
-
-class NewmarkStep:
-    """Emits the step in the variants ``flight``, ``trial`` and ``plain``."""
-
-    def __init__(self, shape: KernelSpec, slots: Slots, variant: str) -> None:
-        self.shape, self.slots, self.variant = shape, slots, variant
-        self.t = StepText(shape, slots, in_memory=False)
-        self.src = Source()
-
-    def emit(self) -> str:
-        """Return the function's text, after those of buildings of equal height in a longer row."""
-        src, shape, at = self.src, self.shape, self.slots.at
-        trial, energy = self.variant == "trial", "energy" in shape.reducers
-        step, gain = f"{self.variant}_step", f"{self.variant}_gain"
-        if not shape.fused:
-            for kind, members in enumerate(shape.heights):
-                self.t.function(src, f"{step}{kind}(S, props, h", members)
-                self._step([members[0].all()], trial)
-                if energy:
-                    self.t.function(src, f"{gain}{kind}(S, props", members)
-                    self._energy(members[0].all())
-        if trial:
-            src.function("trial(S, I, W, props)")
-        elif self.variant == "plain":
-            src.function("plain(S, I, W, props, h)")
+    def begin(self, group: Group) -> None:
+        """Accelerations at the start, which are part of the state."""
+        if group.spec.impulsive and group.touching:
+            impulse.rest(group, group.state["scale"] == group.state["scale"])
         else:
-            src.function("flight(S, props, h)")
-        buildings = [Floors(shape.home(b), n).all() for b, n in enumerate(shape.storeys)]
-        if shape.fused:
-            self._step(buildings, trial)
+            implicit.balance(group, None, group.state["g1"], pressed=True)
+
+    def flight(self, group: Group, h: Any) -> Callable[[], None]:
+        """Take a step of all lanes without contact."""
+        _whole(group, h)
+        # what is added is that of the state then
+        return lambda: _add(group, gains(group)) if "energy" in group.asked else None
+
+    def plain(self, group: Group, h: Any) -> Callable[[], None]:
+        """Take a step of all lanes whose contacts follow from the present state alone."""
+        _whole(group, h)
+        implicit.correct(group, h)
+        gained = gains(group) if "energy" in group.asked else []
+        return lambda: _add(group, gained)
+
+    def trial(self, group: Group) -> Callable[[], None]:
+        """Try a sub-step of every lane's own length, contacts implicit."""
+        s = group.state
+        h, before = s["h"], group.floors("a0")
+        u, v, a = step(group, group.floors("u0"), group.floors("v0"), before, h, s["g1"])
+        group.put("u", u)
+        group.put("v", v)
+        # a lane that is done waits with h = 0: its acceleration, contact included, stays as it is
+        group.put("a", [where(h > 0.0, x, old) for x, old in zip(a, before, strict=True)])
+        if group.spec.impulsive:
+            implicit.correct_resting(group, h)
         else:
-            src("spread(S)")
-            for kind, members in enumerate(shape.heights):
-                self.t.call(src, f"{step}{kind}(S, props, {'0.0' if trial else 'h'}", members)
-        if self.variant == "flight":
-            if shape.fused:
-                with src.block("for l in range(L):"):
-                    watch(src, shape, self.slots)
-            else:
-                src("watch(S, h)")
-        elif shape.law is not None and shape.contacts:
-            with src.block("for l in range(L):"):
-                src(f"implicit(S, I, W, l, {at('HL') if trial else 'h'}, props)")
-        if energy and shape.fused:
-            for dofs in buildings:
-                self._energy(dofs)
-        elif energy:
-            for kind, members in enumerate(shape.heights):
-                self.t.call(src, f"{gain}{kind}(S, props", members)
-        return str(src)
+            implicit.correct(group, h)
+        gained = gains(group) if "energy" in group.asked else []
+        return lambda: _add(group, gained)
 
-    def _step(self, buildings: list[list[int]], trial: bool) -> None:
-        """Write the step of these buildings without their contacts."""
-        src = self.src
-        src("nb = props[P_NEWMARK_BETA]; ng = props[P_NEWMARK_GAMMA]")
-        self.t.load_constants(src, [i for dofs in buildings for i in dofs])
-        with src.block("for l in range(L):"):
-            self.t.load_own(src, buildings[0])
-            self._lane_values(trial, buildings[0][0])
-            for dofs in buildings:
-                self._building(dofs, trial)
+    def soften(self, group: Group) -> None:
+        """Mark lanes in which a closed contact is too stiff for the next sub-step."""
+        implicit.soften(group)
 
-    def _lane_values(self, trial: bool, home: int) -> None:
-        src = self.src
-        if trial:
-            src(f"h = {self.t.own('OWN_H', home)}")
-        src(f"g1 = {self.t.own('OWN_G1', home)}")
-        src("be = nb * (h * h); gg = ng * h; pu = h * h * (0.5 - nb); pv = h * (1.0 - ng)")
+    def settle(self, group: Group, lanes: Any) -> None:
+        """Work, peaks and modes of the closed contacts of marked lanes at the end of their sub-step."""
+        implicit.settle(group, lanes)
 
-    def _building(self, dofs: list[int], trial: bool) -> None:
-        src, shape, at = self.src, self.shape, self.t.floor
-        b = shape.building_of[dofs[0]]
-        for i in dofs:
-            if trial:
-                src(f"u = {at('UO', i)}; v = {at('VO', i)}; a = {at('AO', i)}")
-            else:
-                src(f"u = {at('U', i)}; v = {at('V', i)}; a = {at('A', i)}")
-                src(f"{at('UO', i)} = u; {at('VO', i)} = v; {at('AO', i)} = a")
-            src(f"x{i} = fma(pu, a, fma(h, v, u)); y{i} = fma(pv, a, v)")
-        src(f"st = fma(gg, be{b}, be)")
-        for i in dofs:
-            src(f"w{i} = fma(be{b}, y{i}, x{i})")
-            src(f"f{i} = k{i} * w{i}" if shape.bottom[i] else f"f{i} = k{i} * (w{i} - w{i - 1})")
-        for i in dofs:
-            net = f"-f{i}" if shape.top[i] else f"(f{i + 1} - f{i})"
-            src(f"r{i} = fma(-m{i}, fma(al{b}, y{i}, g1), {net})")
-            above = "" if shape.top[i] else f" + k{i + 1}"
-            src(f"e{i} = fma(m{i}, gg * al{b}, m{i}) + st * (k{i}{above})")
-            if not shape.bottom[i]:
-                src(f"o{i} = st * k{i}; lo = o{i} / e{i - 1}")
-                src(f"e{i} = fma(-lo, o{i}, e{i}); r{i} = fma(lo, r{i - 1}, r{i})")
-        for i in reversed(dofs):
-            src(f"a{i} = r{i} / e{i}" if shape.top[i] else f"a{i} = fma(o{i + 1}, a{i + 1}, r{i}) / e{i}")
-            # a lane that is done waits with h = 0: its acceleration, contact included, stays as it is
-            end = f"(a{i} if h > 0.0 else {at('AO', i)})" if trial else f"a{i}"
-            src(f"{at('A', i)} = {end}; {at('U', i)} = fma(be, a{i}, x{i}); {at('V', i)} = fma(gg, a{i}, y{i})")
+    def balance(self, group: Group, lanes: Any) -> None:
+        """Accelerations that the equation of motion asks for at the present state."""
+        implicit.balance(group, lanes, group.state["g1"], pressed=True)
 
-    def _energy(self, dofs: list[int]) -> None:
-        """Powers of input and damping at both ends, in the weights of Simpson's h/6 (3 and 3: the trapezoid)."""
-        src, shape, at = self.src, self.shape, self.t.floor
-        b = shape.building_of[dofs[0]]
-        self.t.load_constants(src, dofs)
-        with src.block("for l in range(L):"):
-            self.t.load_own(src, dofs)
-            src(f"g0 = {self.t.own('OWN_G0', dofs[0])}; g1 = {self.t.own('OWN_G1', dofs[0])}")
-            for name, old, ground in (("0", "VO", "g0"), ("1", "V", "g1")):
-                momentum = " + ".join(f"m{i} * {at(old, i)}" for i in dofs)
-                mass = " + ".join(f"m{i} * {at(old, i)} * {at(old, i)}" for i in dofs)
-                stiff = []
-                for i in dofs:
-                    dv = at(old, i) if shape.bottom[i] else f"({at(old, i)} - {at(old, i - 1)})"
-                    stiff.append(f"k{i} * {dv} * {dv}")
-                src(f"pin{name} = -{ground} * ({momentum})")
-                src(f"pd{name} = al{b} * ({mass}) + be{b} * ({' + '.join(stiff)})")
-            given, lost = self.t.building("DIN", b), self.t.building("DDAMP", b)
-            src(f"{given} = 3.0 * (pin0 + pin1); {lost} = 3.0 * (pd0 + pd1)")
+    def touch_miss(self, group: Group) -> Any:
+        """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
+        return implicit.touch_miss(group)
+
+
+def step(
+    group: Group, u: Sequence[Any], v: Sequence[Any], a: Sequence[Any], h: Any, ground: Any
+) -> tuple[list[Any], list[Any], list[Any]]:
+    """Return displacements, velocities and accelerations after a step of length `h`, the ground at its end given."""
+    beta, gamma = group.prop("newmark_beta"), group.prop("newmark_gamma")
+    h = group.full(h)
+    be, gg, pu, pv = beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma)
+    found: tuple[list[Any], list[Any], list[Any]] = ([], [], [])
+    for b, floors in enumerate(group.building_floors):
+        x = [fma(pu, a[i], fma(h, v[i], u[i])) for i in floors]
+        y = [fma(pv, a[i], v[i]) for i in floors]
+        alpha, stiff = group.prop("alpha", b), fma(gg, group.prop("beta", b), be)
+        k = [group.prop("k", i) for i in floors]
+        w = [fma(group.prop("beta", b), y[s], x[s]) for s in range(len(floors))]
+        f = [k[s] * (w[s] - w[s - 1] if s else w[s]) for s in range(len(floors))]
+        right: list[Any] = []
+        diagonal: list[Any] = []
+        off: list[Any] = [None]
+        top = len(floors) - 1
+        for s, i in enumerate(floors):
+            m = group.prop("m", i)
+            net = -f[s] if s == top else f[s + 1] - f[s]
+            r = fma(-m, fma(alpha, y[s], ground), net)
+            e = fma(m, gg * alpha, m) + stiff * (k[s] if s == top else k[s] + k[s + 1])
+            if s:
+                off.append(stiff * k[s])
+                low = off[s] / diagonal[s - 1]
+                e, r = fma(-low, off[s], e), fma(low, right[s - 1], r)
+            diagonal.append(e)
+            right.append(r)
+        ends: list[Any] = [None] * len(floors)
+        for s in range(top, -1, -1):
+            ends[s] = (right[s] if s == top else fma(off[s + 1], ends[s + 1], right[s])) / diagonal[s]
+        found[0].extend(fma(be, ends[s], x[s]) for s in range(len(floors)))
+        found[1].extend(fma(gg, ends[s], y[s]) for s in range(len(floors)))
+        found[2].extend(ends)
+    return found
+
+
+def gains(group: Group) -> list[tuple[Any, Any]]:
+    """Powers of input and damping at both ends, in the weights of Simpson's h/6 (3 and 3: the trapezoid)."""
+    s = group.state
+    early, late = powers(group, group.floors("v0"), s["g0"]), powers(group, group.floors("v"), s["g1"])
+    return [(3.0 * (p[0] + q[0]), 3.0 * (p[1] + q[1])) for p, q in zip(early, late, strict=True)]
+
+
+def _whole(group: Group, h: Any) -> None:
+    u, v, a = group.floors("u"), group.floors("v"), group.floors("a")
+    for name, values in (("u0", u), ("v0", v), ("a0", a)):
+        group.put(name, values)
+    for name, values in zip("uva", step(group, u, v, a, h, group.state["g1"]), strict=True):
+        group.put(name, values)
+
+
+def _add(group: Group, gained: list[tuple[Any, Any]]) -> None:
+    add_powers(group, gained, group.state["h"] * (1.0 / 6.0))

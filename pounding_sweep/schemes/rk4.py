@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from pounding_sweep.kernel.lanes import fma
 from pounding_sweep.schemes.explicit import Explicit
 
 
@@ -29,22 +31,20 @@ class Rk4(Explicit):
     finest_float32: float = 64
     undamped_radius = 2.0 * math.sqrt(2.0)
     damped_radius = 2.615
-    lengths = "hh = 0.5 * h; q = hh * hh; h2 = hh * h; h6 = h * SIXTH; h26 = h * h6"
-    nodes = (("g0", "1.0"), ("gm", "2.0"), ("gm", "2.0"), ("g1", "1.0"))
+    nodes = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
 
     def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """Of the classical method."""
         return np.hypot(x**4 / 120.0, x**5 / 144.0)
 
-    def after(self, stage: int, u: str, v: str, x: str, a: Sequence[str]) -> tuple[str, str]:
+    def after(self, stage: int, u: Any, v: Any, x: Any, a: Sequence[Any], h: Any) -> tuple[Any, Any]:
         """State that each stage leads to."""
+        half = 0.5 * h
         if stage == 1:
-            return f"fma(hh, {v}, {u})", f"fma(hh, {a[0]}, {v})"
+            return fma(half, v, u), fma(half, a[0], v)
         if stage == 2:
-            return f"fma(q, {a[0]}, {x})", f"fma(hh, {a[1]}, {v})"
+            return fma(half * half, a[0], x), fma(half, a[1], v)
         if stage == 3:
-            return f"fma(h2, {a[1]}, fma(h, {v}, {u}))", f"fma(h, {a[2]}, {v})"
-        return (
-            f"fma(h26, {a[0]} + {a[1]} + {a[2]}, fma(h, {v}, {u}))",
-            f"fma(h6, fma(2.0, {a[1]} + {a[2]}, {a[0]} + {a[3]}), {v})",
-        )
+            return fma(half * h, a[1], fma(h, v, u)), fma(h, a[2], v)
+        sixth = h * (1.0 / 6.0)
+        return fma(h * sixth, a[0] + a[1] + a[2], fma(h, v, u)), fma(sixth, fma(2.0, a[1] + a[2], a[0] + a[3]), v)

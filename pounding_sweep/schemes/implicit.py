@@ -1,4 +1,4 @@
-"""Implicit contact for Newmark-beta.
+"""Contacts that are found together with the step that they act on (Newmark-beta).
 
 The contact forces at the end of the step solve the contact law together with the end state
 that they themselves change. Each contact sees the row through one compliance, so each is one
@@ -115,7 +115,10 @@ def _sweep(group: Group, live: Any, h: Any) -> None:
     assert law is not None
     be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
     share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), group.full(1.0))
-    sides = [[(compliance(group, i, h), sign, i) for i, sign in ((left, -1.0), (right, 1.0)) if i >= 0] for left, right, _ in group.contacts]
+    sides = [
+        [(compliance(group, i, h), sign, i) for i, sign in ((left, -1.0), (right, 1.0)) if i >= 0]
+        for left, right, _ in group.contacts
+    ]
 
     def force_of(j: int) -> Callable[[Any, Any], Any]:
         def force(d: Any, v: Any) -> Any:
@@ -161,7 +164,10 @@ def correct_resting(group: Group, h: Any) -> None:
     live = is_closed(group) & (h > 0.0)
     with when_any(live):
         be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
-        sides = [[(compliance(group, i, h), sign, i) for i, sign in ((left, -1.0), (right, 1.0)) if i >= 0] for left, right, _ in group.contacts]
+        sides = [
+            [(compliance(group, i, h), sign, i) for i, sign in ((left, -1.0), (right, 1.0)) if i >= 0]
+            for left, right, _ in group.contacts
+        ]
         for j in range(len(group.contacts)):
             s["force", j] = where(live, 0.0, s["force", j])
         going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
@@ -187,7 +193,7 @@ def correct_resting(group: Group, h: Any) -> None:
 
 
 def balance(group: Group, lanes: Any, ground: Any, pressed: bool) -> None:
-    """Accelerations that the equation of motion asks for at the present state, with the contacts' forces if `pressed`."""
+    """Find the accelerations of the equation of motion at the present state, contacts' forces in it if `pressed`."""
     s, law = group.state, group.law
     a = alone(group, group.floors("u"), group.floors("v"), ground)
     if pressed and group.spec.located and group.touching and law is not None and not group.spec.impulsive:

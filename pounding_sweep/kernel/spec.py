@@ -1,14 +1,15 @@
 """What a kernel is compiled for, and where its numbers lie.
 
 A kernel advances `LANES` scenarios of one scene shape, one law, one scheme and
-one set of reducers side by side. All its numbers live in one flat array
-``S[slot * LANES + lane]``; `Slots` hands the slots out.
+one set of reducers side by side. Their numbers lie in slots of `LANES` numbers each;
+`Slots` says where.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 #: Scenarios side by side in one kernel call. A compile-time constant: with no
 #: remainder loop every lane runs the same instructions whatever its neighbours.
@@ -20,10 +21,6 @@ VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short")
 
 #: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
 CONTACT_CAP = 0.25
-#: Most degrees of freedom emitted as one straight line; longer rows are split.
-FUSED_DOF = 16
-#: Floors (or contacts) of one lane loop in a longer row.
-CHUNK_DOF = 10
 
 
 @dataclass(frozen=True)
@@ -57,40 +54,6 @@ class LawShape:
         spring = 1.0 if self.yields else self.exponent
         damper = [self.damper_exponent] if self.damper else []
         return power([spring, *damper]), power([spring, *([] if self.approach_only else damper)])
-
-
-@dataclass(frozen=True)
-class Floors:
-    """Degrees of freedom of a building in a longer row, from its lowest, `home`."""
-
-    home: int
-    storeys: int
-
-    def all(self) -> list[int]:
-        """All of them."""
-        return list(range(self.home, self.home + self.storeys))
-
-    def chunks(self) -> list[list[int]]:
-        """Degrees of freedom of each lane loop."""
-        parts = -(-self.storeys // CHUNK_DOF)
-        edges = [self.home + (self.storeys * p) // parts for p in range(parts + 1)]
-        return [list(range(a, b)) for a, b in pairwise(edges)]
-
-
-@dataclass(frozen=True)
-class Neighbours:
-    """A pair of neighbours in a longer row: its contacts (number, left, right), and its left building's lowest floor.
-
-    Of a wall on the left, `home` is that of the building beside it.
-    """
-
-    home: int
-    pair: int
-    contacts: tuple[tuple[int, int, int], ...]
-
-    def chunks(self) -> list[tuple[tuple[int, int, int], ...]]:
-        """Contacts of each lane loop."""
-        return [self.contacts[i : i + CHUNK_DOF] for i in range(0, len(self.contacts), CHUNK_DOF)]
 
 
 @dataclass(frozen=True)
@@ -156,35 +119,8 @@ class KernelSpec:
         """Buildings in the row."""
         return len(self.storeys)
 
-    @property
-    def fused(self) -> bool:
-        """Whether one step is one straight line."""
-        return self.n_dof <= FUSED_DOF
-
-    @property
-    def heights(self) -> list[list[Floors]]:
-        """Buildings of equal numbers of storeys, by the first of each kind."""
-        found: dict[int, list[Floors]] = {}
-        for b, n in enumerate(self.storeys):
-            found.setdefault(n, []).append(Floors(self.home(b), n))
-        return list(found.values())
-
-    @property
-    def alike(self) -> list[list[Neighbours]]:
-        """Pairs whose floors meet alike, and whose contacts lie alike, by the first of each kind."""
-        found: dict[object, list[Neighbours]] = {}
-        building = self.building_of
-        for pair in range(self.n_pairs):
-            contacts = tuple((j, left, right) for j, (left, right, p) in enumerate(self.contacts) if p == pair)
-            if contacts:
-                _, left, right = contacts[0]
-                home = self.home(building[left if left >= 0 else right])
-                key = tuple(tuple(x - home if x >= 0 else None for x in contact) for contact in contacts)
-                found.setdefault(key, []).append(Neighbours(home, pair, contacts))
-        return list(found.values())
-
     def home(self, b: int) -> int:
-        """Lowest floor of a building: in a longer row, the slot of a value that each building has one of."""
+        """Lowest floor of a building."""
         return sum(self.storeys[:b])
 
     @property
@@ -203,9 +139,25 @@ class KernelSpec:
         return [s == n - 1 for n in self.storeys for s in range(n)]
 
 
+def to_json(shape: KernelSpec) -> dict[str, Any]:
+    """Return the shape as plain data."""
+    return {**asdict(shape), "reducers": sorted(shape.reducers)}
+
+
+def from_json(data: dict[str, Any]) -> KernelSpec:
+    """Return the shape of `to_json`."""
+    own = {
+        "storeys": tuple(data["storeys"]),
+        "contacts": tuple((int(a), int(b), int(c)) for a, b, c in data["contacts"]),
+        "law": None if data["law"] is None else LawShape(**data["law"]),
+        "reducers": frozenset(data["reducers"]),
+    }
+    return KernelSpec(**{**data, **own})
+
+
 @dataclass
 class Slots:
-    """Named blocks of slots in a flat lane array."""
+    """Named blocks of slots."""
 
     size: int = 0
     first: dict[str, int] = field(default_factory=dict)
@@ -215,13 +167,6 @@ class Slots:
         """Reserve `count` slots under `name`."""
         self.first[name], self.count[name] = self.size, count
         self.size += count
-
-    def at(self, name: str, i: int = 0) -> str:
-        """Text that addresses slot `i` of `name` in lane ``l``."""
-        if not 0 <= i < self.count[name]:
-            msg = f"slot {name}[{i}] of {self.count[name]}"
-            raise IndexError(msg)
-        return f"S[{(self.first[name] + i) * LANES} + l]"
 
 
 def input_slots(shape: KernelSpec) -> Slots:
@@ -272,4 +217,18 @@ def history_slots(shape: KernelSpec) -> Slots:
         slots.add("force", len(shape.contacts))
         if "work" in shape.reducers:
             slots.add("work", len(shape.contacts))
+    return slots
+
+
+def result_slots(shape: KernelSpec, reducers: Sequence[Any]) -> Slots:
+    """Layout of a scenario's results: those of all kernels, then those of kernels with contacts."""
+    slots = Slots()
+    slots.add("flags")  # 1 not finite, 2 contact fallback, 4 implicit contact not converged
+    for touch in (False, True):
+        if touch and shape.law is not None:
+            slots.add("shortest")  # shortest contact (s), by its elastic duration
+        for reducer in reducers:
+            if (reducer.where == "touch") == touch:
+                for slot in reducer.slots:
+                    slots.add(slot.name, slot.count(shape))
     return slots

@@ -1,1 +1,0 @@
-"""The parts of which the text of a kernel is written."""

@@ -1,0 +1,187 @@
+"""A lane group's life: begin, step over the record, finish."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pounding_sweep.kernel import forces, located
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.lanes import (
+    Cell,
+    any_lane,
+    count_to,
+    flag,
+    maximum,
+    minimum,
+    not_,
+    size,
+    when,
+    when_any,
+    where,
+    while_any,
+)
+from pounding_sweep.kernel.peaks import largest_accelerations, samples, transfers, turning, turns
+from pounding_sweep.kernel.row import kinetic, strain
+from pounding_sweep.model.laws import RESTING_SPEED
+
+#: A displacement (m) that only a diverged run reaches.
+DIVERGED = 1.0e5
+#: Bits of the output ``flags``.
+FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
+
+
+def begin(group: Group, start: Any) -> None:
+    """Fill a lane group whose inputs are there; `start` is the first ground acceleration."""
+    s, spec = group.state, group.spec
+    for i in range(spec.n_dof):
+        s["u", i], s["v", i] = group.full(group.prop("u0", i)), group.full(group.prop("v0", i))
+    s["g1"] = s["scale"] * start
+    if spec.law is not None:
+        s["shortest"] = group.limit.far
+    for reducer in group.reducers:
+        for slot in (*reducer.slots, *reducer.keeps):
+            for i in range(slot.count(spec)) if slot.first else ():
+                s[slot.name, i] = slot.first(group, i)
+    if spec.implicit:
+        group.scheme.begin(group)
+
+
+def finish(group: Group) -> None:
+    """Last peaks, energies and flags."""
+    s, spec, r = group.state, group.spec, group.asked
+    if spec.located:
+        samples(group)
+    if "energy" in r:
+        for b in range(spec.n_buildings):
+            s["e_kin", b], s["e_strain", b] = kinetic(group, b), strain(group, b)
+    sound = None
+    for i in range(spec.n_dof):
+        v = s["v", i]
+        here = (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
+        sound = here if sound is None else sound & here
+    flags = where(sound, group.full(0.0), float(FLAG_DIVERGED))
+    if group.touching:
+        flags = flags + where(s["fallback"] > 0.0, float(FLAG_FALLBACK), group.full(0.0))
+        flags = flags + where(s["unsolved"] > 0.0, float(FLAG_UNSOLVED), group.full(0.0))
+    s["flags"] = flags
+
+
+def plain_contacts(group: Group, h: Any, time: Any) -> None:
+    """Onsets and sampled peaks of contacts at the end of a step."""
+    s, law, r = group.state, group.law, group.asked
+    assert law is not None
+    implicit = group.spec.implicit
+    for j in range(len(group.contacts)):
+        d = forces.penetration(group, j)
+        v, before = group.between(group.floors("v"), j), group.between(group.floors("v0"), j)
+        speed = maximum(v, before)
+        closed = d > 0.0
+        fresh = closed & (s["mode", j] == 0.0)
+        s["mode", j] = where(closed, 1.0, group.full(0.0))
+        for reducer in group.reducers:
+            if reducer.plain:
+                reducer.plain(group, forces.Sample(j, closed, fresh, d, v, speed, h, time))
+        fastest = None
+        if law.shape.per_speed:
+            fastest = maximum(where(fresh, speed, s["vrun", j]), v)
+            s["vrun", j] = where(closed, fastest, 0.0)
+        with when_any(fresh):
+            lasts = law.duration(s["k"], speed, group.prop("reduced", j))
+            s["shortest"] = where(fresh, minimum(s["shortest"], lasts), s["shortest"])
+        if not (implicit or group.spec.history or group.looks("force")):
+            continue
+        c = s["c", j]
+        if fastest is not None and law.shape.damper:
+            c = c / maximum(fastest, RESTING_SPEED)
+        pull = maximum(v, 0.0) if law.shape.approach_only else v
+        p = law.elastic(s["k"], c, d)
+        if law.shape.damper:
+            p = p + law.damper(c, d) * pull
+        force, last = where(closed, p if law.shape.tension else maximum(p, 0.0), 0.0), s["f1", j]
+        s["f1", j] = force
+        if "force" in r:
+            s["fmax", j] = maximum(s["fmax", j], force)
+        if implicit:
+            for reducer, value in (("impulse", last + force), ("work", last * before + force * v)):
+                if reducer in r:
+                    s[reducer, j] = s[reducer, j] + 0.5 * h * value
+    if "transfer" in r:
+        transfers(group)
+
+
+def _always(x: Any) -> Callable[[], Any]:
+    return lambda: x
+
+
+class FixedSteps:
+    """All steps of one lane group, of one length."""
+
+    def __init__(self, group: Group, ground: Any, note: Callable[[Any], None] | None) -> None:
+        self.group, self.ground, self.note = group, ground, note
+
+    def run(self) -> None:
+        """Go through the record."""
+        group, s, ground = self.group, self.group.state, self.ground
+        closed = Cell(flag(group.trace, False))
+        for i in count_to(ground.intervals, group.trace):
+            for j in count_to(ground.steps, group.trace):
+                ga, gb = ground.ends(i, j)
+                number = i * ground.steps + j
+                group.number = _always(number)
+                s["h"], s["g0"], s["g1"] = ground.h, s["scale"] * ga, s["scale"] * gb
+                if not group.touching:
+                    self._fly()
+                elif group.spec.located:
+                    self._locate(closed, ga, gb)
+                else:
+                    self._plain(number)
+                if self.note is not None:
+                    self.note(number + 1)
+
+    def _reduce(self, add: Callable[[], None], turned: Any) -> None:
+        group = self.group
+        if group.spec.located and group.follows:
+            with when_any(turned <= 0.0):
+                turns(group)
+        elif group.follows:
+            samples(group)
+        add()
+        if "acceleration" in group.asked:
+            largest_accelerations(group, group.spec.located)
+
+    def _fly(self) -> None:
+        group = self.group
+        add = group.scheme.flight(group, self.ground.h)
+        self._reduce(add, turning(group))
+
+    def _locate(self, closed: Cell, ga: Any, gb: Any) -> None:
+        group, s, h = self.group, self.group.state, self.ground.h
+        touched = Cell(flag(group.trace, True))
+        for _ in when(not_(closed.now)):
+            add = group.scheme.flight(group, h)
+            turned = turning(group)
+            touched.now = any_lane(located.may_touch(group, h))
+            for _ in when(not_(touched.now)):
+                self._reduce(add, turned)
+        for _ in when(closed.now):
+            located.keep_start(group)
+        for _ in when(touched.now):
+            for now, before in (("u", "u0"), ("v", "v0"), *((("a", "a0"),) if group.spec.implicit else ())):
+                group.put(now, group.floors(before))
+            located.begin(group, None, s["scale"] * ga, s["scale"] * gb, h)
+            for _ in while_any(lambda: s["time_left"] > 0.0, group.trace):
+                located.substep(group, h)
+            closed.now = located.is_any_closed(group)
+            if located.needs_ends(group):
+                for _ in when(not_(closed.now)):
+                    located.clear_forces(group, s["scale"] == s["scale"])
+
+    def _plain(self, number: Any) -> None:
+        group, h = self.group, self.ground.h
+        add = group.scheme.plain(group, h)
+        plain_contacts(group, h, self.ground.time(number + 1))
+        samples(group)
+        add()
+        if "acceleration" in group.asked:
+            largest_accelerations(group, located=False)
