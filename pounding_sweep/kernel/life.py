@@ -37,7 +37,7 @@ FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
 def begin(group: Group, start: Any) -> None:
     """Fill a lane group whose inputs are there; `start` is the first ground acceleration."""
     s, spec, r = group.state, group.spec, group.asked
-    for i in range(spec.n_dof):
+    for i in group.each(spec.n_dof):
         s["u", i], s["v", i] = group.full(group.prop("u0", i)), group.full(group.prop("v0", i))
         if "displacement" in r:
             s["umax", i] = s["umin", i] = s["u", i]
@@ -45,10 +45,10 @@ def begin(group: Group, start: Any) -> None:
     if spec.law is not None:
         s["shortest"] = group.limit.far
     if group.touching:
-        for j in range(len(group.contacts)) if "first_time" in r else ():
+        for j in group.each(len(group.contacts)) if "first_time" in r else ():
             s["tfirst", j] = -1.0
-        for b in range(spec.n_buildings) if "transfer" in r else ():
-            s["kinetic0", b] = kinetic(group, b)
+        for b, floors in group.each_building() if "transfer" in r else ():
+            s["kinetic0", b] = kinetic(group, floors)
     if spec.scheme == "newmark":
         if spec.impulsive and group.touching:
             impulse.rest(group, s["scale"] == s["scale"])
@@ -62,18 +62,22 @@ def finish(group: Group, fallback: bool = True) -> None:
     if spec.located and r & MOTION:
         samples(group)
     if "energy" in r:
-        for b in range(spec.n_buildings):
-            s["e_kin", b], s["e_strain", b] = kinetic(group, b), strain(group, b)
-    sound = None
-    for i in range(spec.n_dof):
+        for b, floors in group.each_building():
+            s["e_kin", b], s["e_strain", b] = kinetic(group, floors), strain(group, floors)
+    sound = Cell(group.lanes_where(True))
+    for i in group.each(spec.n_dof):
         v = s["v", i]
-        here = (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
-        sound = here if sound is None else sound & here
-    flags = where(sound, group.full(0.0), float(FLAG_DIVERGED))
+        sound.now = sound.now & (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
+    flags = where(sound.now, group.full(0.0), float(FLAG_DIVERGED))
     if group.touching and fallback:
         flags = flags + where(s["fallback"] > 0.0, float(FLAG_FALLBACK), group.full(0.0))
         flags = flags + where(s["unsolved"] > 0.0, float(FLAG_UNSOLVED), group.full(0.0))
     s["flags"] = flags
+
+
+def whole(group: Group) -> list[tuple[Any, Any]]:
+    """All buildings of a short row, and their floors."""
+    return list(enumerate(group.building_floors))
 
 
 def _record(group: Group, step: rk4.Step) -> Callable[[], None]:
@@ -92,22 +96,52 @@ def _record(group: Group, step: rk4.Step) -> Callable[[], None]:
     return add
 
 
+def _record_long(group: Group) -> None:
+    """Add energies, work and impulse of a Runge-Kutta step of a long row, which left its sums in rows."""
+    s, r = group.state, group.asked
+    h6 = s["h"] * (1.0 / 6.0)
+    for b in group.each(group.spec.n_buildings) if "energy" in r else ():
+        s["e_in", b] = fma(h6, s["din", b], s["e_in", b])
+        s["e_damp", b] = fma(h6, s["ddamp", b], s["e_damp", b])
+
+
+def _record_contacts(group: Group) -> None:
+    s, r = group.state, group.asked
+    h6 = s["h"] * (1.0 / 6.0)
+    _record_long(group)
+    for name in ("work", "impulse"):
+        if name in r and not (name == "work" and group.spec.impulsive):
+            for j in group.each(len(group.contacts)):
+                s[name, j] = fma(h6, s[f"d{name}", j], s[name, j])
+
+
 def rk4_trial(group: Group) -> Callable[[], None]:
     """Try a sub-step of every lane's own length by Runge-Kutta, modes frozen."""
     s, law = group.state, group.law
     assert law is not None
+    if group.long:
+        if group.spec.impulsive:
+            rk4.step_long(group, s["h"], None, lambda name: impulse.join_rows(group, name))
+        else:
+
+            def push(j: Any) -> Any:
+                d = group.between("x", j) - group.gap(j)
+                return law.pressing(s["ke", j], s["ce", j], d, group.between("y", j))
+
+            rk4.step_long(group, s["h"], push, None)
+        return lambda: _record_contacts(group)
     every = range(len(group.contacts))
     u0, v0, ground, h = group.floors("u0"), group.floors("v0"), (s["g0"], s["g1"]), s["h"]
     if group.spec.impulsive:
         rests = impulse.resting(group)
-        step = rk4.step(group, u0, v0, h, ground, join=lambda a: impulse.join(group, a, rests))
+        step = rk4.step(group, whole(group), u0, v0, h, ground, join=lambda a: impulse.join(group, a, rests))
     else:
         k, c, gaps = [s["ke", j] for j in every], [s["ce", j] for j in every], [group.gap(j) for j in every]
 
         def press(x: Any, y: Any) -> list[Any]:
             return [law.pressing(k[j], c[j], group.between(x, j) - gaps[j], group.between(y, j)) for j in every]
 
-        step = rk4.step(group, u0, v0, h, ground, press)
+        step = rk4.step(group, whole(group), u0, v0, h, ground, press)
     group.put("a0", step.a0)
     group.put("u", step.u)
     group.put("v", step.v)
@@ -117,33 +151,51 @@ def rk4_trial(group: Group) -> Callable[[], None]:
 def newmark_trial(group: Group) -> Callable[[], None]:
     """Try a sub-step of every lane's own length by Newmark-beta, contacts implicit."""
     s = group.state
-    h, before = s["h"], group.floors("a0")
-    u, v, a = newmark.step(group, group.floors("u0"), group.floors("v0"), before, h, s["g1"])
-    group.put("u", u)
-    group.put("v", v)
-    # a lane that is done waits with h = 0: its acceleration, contact included, stays as it is
-    group.put("a", [where(h > 0.0, x, old) for x, old in zip(a, before, strict=True)])
+    h = s["h"]
+    for b, floors in group.each_building():
+        u, v, before = ([s[name, i] for i in floors] for name in ("u0", "v0", "a0"))
+        now = newmark.step(group, b, floors, u, v, before, h, s["g1"])
+        for p, i in enumerate(floors):
+            s["u", i], s["v", i] = now[0][p], now[1][p]
+            # a lane that is done waits with h = 0: its acceleration, contact included, stays as it is
+            s["a", i] = where(h > 0.0, now[2][p], before[p])
     if group.spec.impulsive:
         implicit_contact.correct_resting(group, h)
     else:
         implicit_contact.correct(group, h)
-    gained = newmark.gains(group) if "energy" in group.asked else []
-    return lambda: add_powers(group, gained, s["h"] * (1.0 / 6.0))
+    return lambda: newmark.add_gains(group)
+
+
+def _newmark_flight(group: Group, h: Any) -> None:
+    """Take a Newmark step of all lanes, contacts aside."""
+    s = group.state
+    for b, floors in group.each_building():
+        before = [[s[name, i] for i in floors] for name in "uva"]
+        now = newmark.step(group, b, floors, *before, h, s["g1"])
+        for name, old, new in zip("uva", before, now, strict=True):
+            for i, x, y in zip(floors, old, new, strict=True):
+                s[f"{name}0", i], s[name, i] = x, y
 
 
 def flight(group: Group, h: Any) -> Callable[[], None]:
     """Take a step of all lanes without contact."""
     s = group.state
+    if group.spec.scheme == "newmark":
+        _newmark_flight(group, h)
+        return lambda: newmark.add_gains(group)
+    if group.long:
+        for b, floors in group.each_building():
+            u, v = [s["u", i] for i in floors], [s["v", i] for i in floors]
+            step = rk4.step(group, [(b, floors)], u, v, h, (s["g0"], s["g1"]))
+            for p, i in enumerate(floors):
+                s["u0", i], s["v0", i], s["u", i], s["v", i] = u[p], v[p], step.u[p], step.v[p]
+            for gained, lost in step.powers:
+                s["din", b], s["ddamp", b] = gained, lost
+        return lambda: _record_long(group)
     u, v = group.floors("u"), group.floors("v")
     group.put("u0", u)
     group.put("v0", v)
-    if group.spec.scheme == "newmark":
-        a = group.floors("a")
-        group.put("a0", a)
-        for name, values in zip("uva", newmark.step(group, u, v, a, h, s["g1"]), strict=True):
-            group.put(name, values)
-        return lambda: add_powers(group, newmark.gains(group), s["h"] * (1.0 / 6.0)) if "energy" in group.asked else None
-    step = rk4.step(group, u, v, h, (s["g0"], s["g1"]))
+    step = rk4.step(group, whole(group), u, v, h, (s["g0"], s["g1"]))
     group.put("u", step.u)
     group.put("v", step.v)
     return _record(group, step)
@@ -153,24 +205,29 @@ def plain(group: Group, h: Any) -> Callable[[], None]:
     """Take a step of all lanes whose contacts follow from the present state alone."""
     s, law = group.state, group.law
     assert law is not None
+    if group.spec.scheme == "newmark":
+        _newmark_flight(group, h)
+        implicit_contact.correct(group, h)
+        return lambda: newmark.add_gains(group)
+    if group.long:
+        located.keep_start(group)
+
+        def push(j: Any) -> Any:
+            d = group.between("x", j) - group.gap(j)
+            return law.memoryless(s["k"], s["c", j], s["vrun", j], d, group.between("y", j))
+
+        rk4.step_long(group, h, push, None)
+        return lambda: _record_contacts(group)
     every = range(len(group.contacts))
     u, v = group.floors("u"), group.floors("v")
     group.put("u0", u)
     group.put("v0", v)
-    if group.spec.scheme == "newmark":
-        a = group.floors("a")
-        group.put("a0", a)
-        for name, values in zip("uva", newmark.step(group, u, v, a, h, s["g1"]), strict=True):
-            group.put(name, values)
-        implicit_contact.correct(group, h)
-        gained = newmark.gains(group) if "energy" in group.asked else []
-        return lambda: add_powers(group, gained, s["h"] * (1.0 / 6.0))
     k, c, gaps, run = s["k"], [s["c", j] for j in every], [group.gap(j) for j in every], [s["vrun", j] for j in every]
 
     def press(x: Any, y: Any) -> list[Any]:
         return [law.memoryless(k, c[j], run[j], group.between(x, j) - gaps[j], group.between(y, j)) for j in every]
 
-    step = rk4.step(group, u, v, h, (s["g0"], s["g1"]), press)
+    step = rk4.step(group, whole(group), u, v, h, (s["g0"], s["g1"]), press)
     group.put("u", step.u)
     group.put("v", step.v)
     return _record(group, step)
@@ -181,9 +238,9 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
     s, law, r = group.state, group.law, group.asked
     assert law is not None
     newmark_scheme = group.spec.scheme == "newmark"
-    for j in range(len(group.contacts)):
+    for j in group.each_contact():
         d = forces.penetration(group, j)
-        v, before = group.between(group.floors("v"), j), group.between(group.floors("v0"), j)
+        v, before = group.between("v", j), group.between("v0", j)
         speed = maximum(v, before)
         closed = d > 0.0
         fresh = closed & (s["mode", j] == 0.0)
@@ -264,14 +321,14 @@ class FixedSteps:
     def _fly(self) -> None:
         group = self.group
         add = flight(group, self.ground.h)
-        self._reduce(add, turning(group, group.floors("v0"), group.floors("v")))
+        self._reduce(add, turning(group))
 
     def _locate(self, closed: Cell, ga: Any, gb: Any) -> None:
         group, s, h = self.group, self.group.state, self.ground.h
         touched = Cell(flag(group.trace, True))
         for _ in when(not_(closed.now)):
             add = flight(group, h)
-            turned = turning(group, group.floors("v0"), group.floors("v"))
+            turned = turning(group)
             touched.now = any_lane(exact.may_touch(group, h))
             for _ in when(not_(touched.now)):
                 self._reduce(add, turned)
@@ -279,7 +336,8 @@ class FixedSteps:
             located.keep_start(group)
         for _ in when(touched.now):
             for now, before in (("u", "u0"), ("v", "v0"), *((("a", "a0"),) if group.spec.scheme == "newmark" else ())):
-                group.put(now, group.floors(before))
+                for k in group.each(group.spec.n_dof):
+                    s[now, k] = s[before, k]
             located.begin(group, None, s["scale"] * ga, s["scale"] * gb, h)
             for _ in while_any(lambda: s["time_left"] > 0.0, group.trace):
                 located.substep(group, self.trial, h)

@@ -7,12 +7,12 @@ left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import fma, maximum, minimum, size, when_any, where
-from pounding_sweep.kernel.row import total_accelerations, transferred
+from pounding_sweep.kernel.lanes import Cell, Table, count_to, fma, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.row import add_forces, total_accelerations, transferred
 
 #: Reducers of the motion.
 MOTION = frozenset({"displacement", "drift", "closing"})
@@ -27,34 +27,44 @@ def cubic_extreme(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
     return x0 + t * (s0 + t * (b + t * (2.0 * (x0 - x1) + (s0 + s1))))
 
 
-def _followed(group: Group) -> Iterator[tuple[tuple[str, int], tuple[str, int] | None, bool, Any]]:
+def _followed(
+    group: Group, straight: bool
+) -> Iterator[tuple[tuple[str, Any], tuple[str, Any] | None, bool, Callable[[str], Any]]]:
     """What is followed: row of the largest value, of the least one, whether its size counts, and how it is read."""
-    spec, s = group.spec, group.state
+    s = group.state
     if "displacement" in group.asked:
-        for i in range(spec.n_dof):
-            yield ("umax", i), ("umin", i), False, lambda name, i=i: s[name, i]
+        for i in group.each(group.spec.n_dof, straight):
+            yield ("umax", i), ("umin", i), False, lambda name, i=i: s[name, i]  # type: ignore[misc]
     if "drift" in group.asked:
-        for i in range(spec.n_dof):
-            if spec.bottom[i]:
-                yield ("drift", i), None, True, lambda name, i=i: s[name, i]
+        for i, below in _storeys(group):
+            if below is None:
+                yield ("drift", i), None, True, lambda name, i=i: s[name, i]  # type: ignore[misc]
             else:
-                yield ("drift", i), None, True, lambda name, i=i: s[name, i] - s[name, i - 1]
+                yield ("drift", i), None, True, lambda name, i=i, k=below: s[name, i] - s[name, k]  # type: ignore[misc]
     if "closing" in group.asked:
-        for j, (left, right, _) in enumerate(spec.contacts):
+        for j in group.each_closing(straight):
+            yield ("closing", j), None, False, lambda name, j=j: group.between(name, j)  # type: ignore[misc]
 
-            def read(name: str, left: int = left, right: int = right) -> Any:
-                if left < 0:
-                    return -s[name, right]
-                return s[name, left] if right < 0 else s[name, left] - s[name, right]
 
-            yield ("closing", j), None, False, read
+def _storeys(group: Group) -> Iterator[tuple[Any, Any]]:
+    """Go through the floors with those below (None: the ground)."""
+    if not group.long:
+        for i in range(group.spec.n_dof):
+            yield i, None if group.spec.bottom[i] else i - 1
+        return
+    for bottom in (True, False):
+        mine = [i for i in range(group.spec.n_dof) if group.spec.bottom[i] is bottom]
+        table = Table(group.trace, mine or [0])
+        for q in count_to(len(mine), group.trace):
+            i = table[q]
+            yield i, None if bottom else i - 1
 
 
 def turns(group: Group) -> None:
     """Take the extremes of the motion that lie inside the step just taken."""
     s = group.state
     h = s["h"]
-    for most, least, sized, read in _followed(group):
+    for most, least, sized, read in _followed(group, straight=False):
         x0, x1, v0, v1, high = read("u0"), read("u"), read("v0"), read("v"), s[most]
         reach = REACH * h * (size(v0) + size(v1))
         above = (maximum(size(x0), size(x1)) if sized else maximum(x0, x1)) + reach - high
@@ -73,29 +83,29 @@ def turns(group: Group) -> None:
 def samples(group: Group) -> None:
     """Take the motion at the present state."""
     s = group.state
-    for most, least, sized, read in _followed(group):
+    for most, least, sized, read in _followed(group, straight=True):
         x = read("u")
         s[most] = maximum(s[most], size(x) if sized else x)
         if least is not None:
             s[least] = minimum(s[least], x)
 
 
-def turning(group: Group, v0: list[Any], v1: list[Any]) -> Any:
+def turning(group: Group) -> Any:
     """Number that is zero or less where some of the motion that is followed turns in a step, by its rates."""
-    spec, found = group.spec, group.full(1.0)
+    s, found = group.state, Cell(group.full(1.0))
     if "displacement" in group.asked:
-        for i in range(spec.n_dof):
-            found = minimum(found, v0[i] * v1[i])
+        for i in group.each(group.spec.n_dof):
+            found.now = minimum(found.now, s["v0", i] * s["v", i])
     if "drift" in group.asked:
-        for i in range(spec.n_dof):
-            if not spec.bottom[i]:
-                found = minimum(found, (v0[i] - v0[i - 1]) * (v1[i] - v1[i - 1]))
+        for i, below in _storeys(group):
+            if below is not None:
+                found.now = minimum(found.now, (s["v0", i] - s["v0", below]) * (s["v", i] - s["v", below]))
             elif "displacement" not in group.asked:
-                found = minimum(found, v0[i] * v1[i])
+                found.now = minimum(found.now, s["v0", i] * s["v", i])
     if "closing" in group.asked:
-        for j in range(len(spec.contacts)):
-            found = minimum(found, group.between(v0, j) * group.between(v1, j))
-    return found
+        for j in group.each_closing(straight=True):
+            found.now = minimum(found.now, group.between("v0", j) * group.between("v", j))
+    return found.now
 
 
 def add_powers(group: Group, powers: list[tuple[Any, Any]], h6: Any) -> None:
@@ -108,27 +118,33 @@ def add_powers(group: Group, powers: list[tuple[Any, Any]], h6: Any) -> None:
 
 def largest_accelerations(group: Group, located: bool) -> None:
     """Take the total accelerations of all floors over the step just taken."""
-    s, n = group.state, group.spec.n_dof
-    held = range(len(group.contacts)) if group.touching else ()
-
-    def end(u: str, v: str, force: str, slope: str, ground: str) -> tuple[list[Any], list[Any]]:
-        x, y = group.floors(u), group.floors(v)
-        total = total_accelerations(group, x, y, [s[force, j] for j in held])
-        if not located:
-            return total, []
-        relative = [a - s[ground] for a in total]
-        return total, total_accelerations(group, y, relative, [s[slope, j] for j in held])
-
-    late, late_rate = end("u", "v", "f1", "q1", "g1")
+    s = group.state
+    ends = [("1", "u", "v", "g1")] + ([("0", "u0", "v0", "g0")] if located else [])
+    for b, floors in group.each_building():
+        for end, u, v, ground in ends:
+            x, y = [s[u, i] for i in floors], [s[v, i] for i in floors]
+            for i, a in zip(floors, total_accelerations(group, [(b, floors)], x, y), strict=True):
+                s[f"acc{end}", i] = a
+    if group.touching:
+        for end, *_ in ends:
+            add_forces(group, f"acc{end}", f"f{end}")
     if not located:
-        for i in range(n):
-            s["acc", i] = maximum(s["acc", i], size(late[i]))
+        for i in group.each(group.spec.n_dof):
+            s["acc", i] = maximum(s["acc", i], size(s["acc1", i]))
         return
-    early, early_rate = end("u0", "v0", "f0", "q0", "g0")
+    for b, floors in group.each_building():
+        for end, _, v, ground in ends:
+            y, relative = [s[v, i] for i in floors], [s[f"acc{end}", i] - s[ground] for i in floors]
+            for i, a in zip(floors, total_accelerations(group, [(b, floors)], y, relative), strict=True):
+                s[f"rate{end}", i] = a
+    if group.touching:
+        for end, *_ in ends:
+            add_forces(group, f"rate{end}", f"q{end}")
     h = s["h"]
-    for i in range(n):
-        p = cubic_extreme(early[i], late[i], h * early_rate[i], h * late_rate[i])
-        most = maximum(size(p), maximum(size(early[i]), size(late[i])))
+    for i in group.each(group.spec.n_dof):
+        early, late = s["acc0", i], s["acc1", i]
+        p = cubic_extreme(early, late, h * s["rate0", i], h * s["rate1", i])
+        most = maximum(size(p), maximum(size(early), size(late)))
         # of a lane that waits, forces may be of another instant
         s["acc", i] = maximum(s["acc", i], where(h > 0.0, most, 0.0))
 
@@ -136,7 +152,7 @@ def largest_accelerations(group: Group, located: bool) -> None:
 def transfers(group: Group) -> None:
     """Take the transferred energies at the present state."""
     s = group.state
-    for b in range(group.spec.n_buildings):
-        e = transferred(group, b)
+    for b, floors in group.each_building():
+        e = transferred(group, b, floors)
         s["tmax", b] = maximum(s["tmax", b], e)
         s["tmin", b] = minimum(s["tmin", b], e)
