@@ -142,8 +142,9 @@ def _sweep(group: Group, live: Any, h: Any) -> None:
     be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
     share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), group.full(1.0))
     for j in group.each_contact():
-        for first, floor, _ in _sides(group, j):
-            _keep_compliance(group, first, floor, h)
+        with when_any(live & ~(s["ke", j] == 0.0) if spec.located else live):
+            for first, floor, _ in _sides(group, j):
+                _keep_compliance(group, first, floor, h)
 
     def force_of(j: Any) -> Callable[[Any, Any], Any]:
         def force(d: Any, v: Any) -> Any:
@@ -160,19 +161,20 @@ def _sweep(group: Group, live: Any, h: Any) -> None:
         most, change_most = Cell(group.full(0.0)), Cell(group.full(0.0))
         for j in group.each_contact():
             here = mine & ~(s["ke", j] == 0.0) if spec.located else mine
-            unit = _unit(group, j) * share
-            old = s["force", j]
-            d = penetration(group, j) + be * unit * old
-            v = group.between("v", j) + ga * unit * old
-            new = where(here, solve(group, here, d, v, (be * unit, ga * unit), force_of(j)), old)
-            change = new - old
-            most.now = where(here, maximum(most.now, size(new)), most.now)
-            change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
-            moves = here & ~(change == 0.0)
-            with when_any(moves):
-                s["force", j] = where(moves, new, old)
-                for first, floor, sign in _sides(group, j):
-                    _push(group, first, floor, be, ga, (-share if sign < 0.0 else share) * change, moves)
+            with when_any(here):
+                unit = _unit(group, j) * share
+                old = s["force", j]
+                d = penetration(group, j) + be * unit * old
+                v = group.between("v", j) + ga * unit * old
+                new = where(here, solve(group, here, d, v, (be * unit, ga * unit), force_of(j)), old)
+                change = new - old
+                most.now = where(here, maximum(most.now, size(new)), most.now)
+                change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
+                moves = here & ~(change == 0.0)
+                with when_any(moves):
+                    s["force", j] = where(moves, new, old)
+                    for first, floor, sign in _sides(group, j):
+                        _push(group, first, floor, be, ga, (-share if sign < 0.0 else share) * change, moves)
         largest.now, moved.now = where(mine, most.now, largest.now), where(mine, change_most.now, moved.now)
         going.now = mine & ~(change_most.now <= group.limit.swept * most.now)
     failed = going.now & (moved.now > group.limit.unswept * largest.now)
@@ -187,8 +189,9 @@ def correct_resting(group: Group, h: Any) -> None:
     with when_any(live):
         be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
         for j in group.each_contact():
-            for first, floor, _ in _sides(group, j):
-                _keep_compliance(group, first, floor, h)
+            with when_any(live & (s["ke", j] > 0.0)):
+                for first, floor, _ in _sides(group, j):
+                    _keep_compliance(group, first, floor, h)
             s["force", j] = where(live, 0.0, s["force", j])
         going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
         for _ in while_any(lambda: going.now, group.trace, at_most=MAX_SWEEPS):
@@ -196,13 +199,14 @@ def correct_resting(group: Group, h: Any) -> None:
             most, change_most = Cell(group.full(0.0)), Cell(group.full(0.0))
             for j in group.each_contact():
                 here = mine & (s["ke", j] > 0.0)
-                change = group.between("a", j) / _unit(group, j)
-                force = s["force", j] + change
-                s["force", j] = where(here, force, s["force", j])
-                most.now = where(here, maximum(most.now, size(force)), most.now)
-                change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
-                for first, floor, sign in _sides(group, j):
-                    _push(group, first, floor, be, ga, sign * change, here)
+                with when_any(here):
+                    change = group.between("a", j) / _unit(group, j)
+                    force = s["force", j] + change
+                    s["force", j] = where(here, force, s["force", j])
+                    most.now = where(here, maximum(most.now, size(force)), most.now)
+                    change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
+                    for first, floor, sign in _sides(group, j):
+                        _push(group, first, floor, be, ga, sign * change, here)
             largest.now, moved.now = where(mine, most.now, largest.now), where(mine, change_most.now, moved.now)
             going.now = mine & ~(change_most.now <= group.limit.swept * most.now)
         failed = going.now & (moved.now > group.limit.unswept * largest.now)
