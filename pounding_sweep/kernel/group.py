@@ -318,8 +318,9 @@ class Group:
 
     def home_of(self, floor: Any) -> tuple[Any, Any, Any]:
         """Lowest floor, number of storeys, and number of the building of a floor."""
-        at = 3 * floor
-        return self._floors_of[at], self._floors_of[at + 1], self._floors_of[at + 2]
+        at, storeys = 3 * floor, self.spec.storeys
+        high = storeys[0] if len(set(storeys)) == 1 else self._floors_of[at + 1]
+        return self._floors_of[at], high, self._floors_of[at + 2]
 
     def between(self, x: Any, j: Any) -> Any:
         """Left minus right of the floors of contact j, a wall being at rest; x: of all floors, or a row's name."""

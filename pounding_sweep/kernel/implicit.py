@@ -8,7 +8,7 @@ scalar equation, solved within a bracket; the contacts are swept until none chan
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from pounding_sweep.kernel import yielding
@@ -28,6 +28,11 @@ def _sides(group: Group, j: Any) -> list[tuple[Any, Any, float]]:
     most = max(group.spec.storeys)
     sides = zip((0, 1), group.sides(j), (-1.0, 1.0), strict=False)
     return [((j * 2 + side) * most, floor, sign) for side, floor, sign in sides if not is_wall(floor)]
+
+
+def _count(group: Group, n: Any) -> Iterator[Any]:
+    """Count to n storeys, at run time unless a short row's buildings are all equally high."""
+    return iter(range(n)) if isinstance(n, int) and not group.long else count_to(n, group.trace)
 
 
 def _keep_compliance(group: Group, first: Any, floor: Any, h: Any) -> None:
@@ -52,7 +57,7 @@ def _keep_compliance(group: Group, first: Any, floor: Any, h: Any) -> None:
 
     # elimination from the bottom, as in the flight step
     s["diagonal"], s["response", first] = ahead(0, above(0))
-    for q in count_to(storeys - 1, group.trace):
+    for q in _count(group, storeys - 1):
         p = q + 1
         k = group.prop("k", home + p)
         diagonal, right = ahead(p, above(p))
@@ -61,8 +66,8 @@ def _keep_compliance(group: Group, first: Any, floor: Any, h: Any) -> None:
         s["response", first + p] = right - low * s["response", first + q]
     last = storeys - 1
     s["response", first + last] = s["response", first + last] / s["diagonal", last]
-    for q in count_to(last, group.trace):
-        p = last - 1 - q if isinstance(last, int) and isinstance(q, int) else last - (q + 1)
+    for q in _count(group, last):
+        p = last - 1 - q
         found = s["response", first + p] + stiff * group.prop("k", home + p + 1) * s["response", first + p + 1]
         s["response", first + p] = found / s["diagonal", p]
 
@@ -71,7 +76,7 @@ def _push(group: Group, first: Any, floor: Any, be: Any, ga: Any, change: Any, l
     """Add a change (kN) of force to the end state of a building."""
     s = group.state
     home, storeys, _ = group.home_of(floor)
-    for p in count_to(storeys, group.trace):
+    for p in _count(group, storeys):
         i = home + p
         a = change * s["response", first + p]
         s["a", i] = where(lanes, s["a", i] + a, s["a", i])

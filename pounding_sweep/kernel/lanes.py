@@ -133,6 +133,9 @@ class Count(Value):
     def __sub__(self, other: Any) -> Count:
         return Count(self.trace, self.trace.builder.sub(self.value, self._of(other)))
 
+    def __rsub__(self, other: Any) -> Count:
+        return Count(self.trace, self.trace.builder.sub(self._of(other), self.value))
+
     def __mul__(self, other: Any) -> Count:
         return Count(self.trace, self.trace.builder.mul(self.value, self._of(other)))
 
