@@ -17,7 +17,6 @@ from kernels_used import SIMULATED, UNLOCATED, kernels
 from stub_engine import installed
 
 from pounding_sweep.engine import cache, compile
-from pounding_sweep.engine.kernel import kernel_text
 
 # kernels are compiled inside examples, on cores that other tests use too
 settings.register_profile("compiled", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -34,7 +33,7 @@ def pytest_configure(config):
     ask = cache.get_kernel
 
     def get_kernel(shape):
-        if NOW and cache.kernel_text is kernel_text and shape not in kernels():
+        if NOW and shape not in kernels():
             pytest.fail(f"{NOW[0]} asks for a kernel that is not one of `kernels_used`; mark it slow: {shape}")
         return ask(shape)
 
@@ -43,6 +42,8 @@ def pytest_configure(config):
         cache.get_kernel = compile.get_kernel = get_kernel
 
 
+#: Modules whose tests compile kernels of their own, each in a fraction of a second.
+SMALL = ("test_cache", "test_twin")
 #: The test that runs, where it is one of the default run.
 NOW: list[str] = []
 
@@ -50,7 +51,7 @@ NOW: list[str] = []
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
     """Tell `get_kernel` what runs."""
-    if not any(item.get_closest_marker(name) for name in ("slow", "release")):
+    if item.path.stem not in SMALL and not any(item.get_closest_marker(name) for name in ("slow", "release")):
         NOW[:] = [item.nodeid]
     result = yield
     NOW.clear()

@@ -1,6 +1,6 @@
 """The only kernels that the default run compiles, and what of scheme, law, step, precision and outputs they cover.
 
-Compiling one takes some ten seconds; all else is compiled by tests that are marked slow. `conftest` has these ready
+Compiling one takes a second or two; all else is compiled by tests that are marked slow. `conftest` has these ready
 before the tests begin, and fails a test that asks for another.
 """
 

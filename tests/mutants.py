@@ -19,11 +19,11 @@ MUTANTS = (
     # the damping of a law, a nearby number
     ("model/laws.py", "0.75 * (1.0 - e * e)", "0.7 * (1.0 - e * e)", "test_laws.py"),
     # sub-steps of a stiff contact ten times as long
-    ("emit/spec.py", "CONTACT_CAP = 0.25", "CONTACT_CAP = 2.5", "test_kernels.py"),
+    ("kernel/spec.py", "CONTACT_CAP = 0.25", "CONTACT_CAP = 2.5", "test_kernels.py"),
     # touches that are over before the step's end are not looked for
-    ("emit/watch.py", "max(d1, min(fma(h, v0, d0), fma(-h, v1, d1)))", "d1", "test_kernels.py"),
+    ("kernel/located.py", "maximum(d1, minimum(fma(h, w0, d0), fma(-h, w1, d1)))", "d1", "test_kernels.py"),
     # the weights of Newmark's average acceleration, the wrong way round
-    ("schemes/newmark.py", "pv = h * (1.0 - ng)", "pv = h * ng * 0.99", "test_analytic.py"),
+    ("schemes/newmark.py", "h * (1.0 - gamma)", "h * gamma * 0.99", "test_analytic.py"),
     # idle lanes hold the first scenario, not the last
     (
         "engine/row_kernel.py",

@@ -15,24 +15,23 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numba.core import caching
 
 import pounding_sweep as ps
-from pounding_sweep.engine import cache
-from pounding_sweep.engine import kernel as driver
-from pounding_sweep.engine.cache import get_kernel, is_cached, module_name, source_digest, text_sizes
-from pounding_sweep.engine.compile import from_json, prepare, shares, to_json
-from pounding_sweep.engine.kernel import KernelText
+from pounding_sweep.engine import cache, compile
+from pounding_sweep.engine.cache import get_kernel, is_cached, module_text, source_digest
+from pounding_sweep.engine.compile import compiling_seconds, from_json, prepare, shares, to_json
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.kernel.spec import LANES, input_slots, output_slots
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output.provenance import package_digest
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record
+from pounding_sweep.schemes import implicit
 
 LINEAR = get_law("linear")
 DOUBLED = replace(LINEAR, elastic="2.0*k*d", elastic_slope="2.0*k")
@@ -41,48 +40,8 @@ RECORD = Record("shake", 0.02, 3.0 * np.sin(0.14 * np.arange(100)))
 
 
 def kernel_of(law=LINEAR, reducers=("force",), scene=SCENE):
-    """A small kernel that compiles in two seconds."""
+    """A small kernel that compiles at once."""
     return RowKernel(scene, law, Numerics("rk4", 0.005, locate=False), frozenset(reducers))
-
-
-#: A text of two modules as kernels have, compiled in no time.
-TOY = KernelText(
-    driver.PRELUDE + "@njit(**OPTIONS)\ndef most(a, b):\n    return max(a, b)\n",
-    driver.PRELUDE
-    + """from row import *
-
-@njit(**OPTIONS)
-def run(motion, interval, steps, flights, constants, inputs, results, history):
-    for l in range({lanes}):
-        d = 0.0
-        for value in motion:
-            d = most(d, value * inputs[0, l])
-        k, r = inputs[0, {k} + l], d
-        results[0, {force} + l] = ({elastic}) if d > inputs[0, {gap} + l] else 0.0
-""",
-)
-
-
-def toy_text(shape):
-    """Instead of `kernel_text`: a spring of the law between the ground and nothing."""
-    inputs, outputs = (slots(shape).first for slots in (input_slots, output_slots))
-    places = {"k": inputs["k"], "gap": inputs["gap"], "force": outputs.get("fmax", 0)}
-    numbers = {name: slot * LANES for name, slot in places.items()}
-    return replace(TOY, main=TOY.main.format(lanes=LANES, elastic=shape.law.elastic, **numbers))
-
-
-@pytest.fixture(autouse=True, scope="module")
-def toy():
-    """Small texts in place of kernels; the text itself is tested where none is compiled."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cache, "kernel_text", toy_text)
-        yield
-
-
-@pytest.fixture
-def real(monkeypatch):
-    """No small texts."""
-    monkeypatch.setattr(cache, "kernel_text", driver.kernel_text)
 
 
 def peak(law=LINEAR, k=2e5, scale=1.0, gap=0.005):
@@ -153,14 +112,16 @@ def check_digests(folder):
         assert digest == hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def hits_and_misses(run):
-    return sum(run.stats.cache_hits.values()), sum(run.stats.cache_misses.values())
+def hits_and_misses(kernel):
+    stats = kernel.args[1].stats
+    return sum(stats.cache_hits.values()), sum(stats.cache_misses.values())
 
 
 FRESH = """
 import json
 import test_cache as t
-t.cache.kernel_text = t.toy_text
+from pounding_sweep.kernel import lanes
+lanes.Tracer.__init__ = None
 run = t.get_kernel(t.kernel_of().shape)
 print(json.dumps({"hits": t.hits_and_misses(run), "peak": t.peak().hex()}))
 """
@@ -191,13 +152,10 @@ def test_a_warm_cache_compiles_nothing_and_does_not_grow(folder):
     first, value = files(folder), peak()
     assert value > 0
     assert len([name for name in first if name.endswith(".nbi")]) >= 1
-    # named by what is in them
-    texts = list(folder.glob("*.py"))
-    assert len(texts) == 2
-    for path in texts:
-        assert path.stem == module_name(path.read_text(encoding="utf-8"))
-    assert source_digest(shape) in {path.stem for path in texts}
-    # this process, as if fresh; then two that really are
+    (path,) = folder.glob("*.py")
+    assert path.stem == source_digest(shape)
+    assert path.read_text(encoding="utf-8") == module_text(shape)
+    # this process, as if fresh; then two that really are, in which nothing can be traced
     forget()
     assert hits_and_misses(get_kernel(shape)) == (1, 0)
     assert peak() == value
@@ -208,84 +166,44 @@ def test_a_warm_cache_compiles_nothing_and_does_not_grow(folder):
 
 def test_an_edited_law_is_another_kernel(filled):
     before = peak(k=2e5)
-    assert peak(DOUBLED, k=1e5) == before  # 2 k d: another text, the same numbers
+    assert peak(DOUBLED, k=1e5) == before  # 2 k d: another kernel, the same numbers
     assert peak(DOUBLED, k=2e5) > 1.1 * before
     names = [source_digest(kernel_of(law).shape) for law in (LINEAR, DOUBLED)]
     assert names[0] != names[1]
-    assert {p.stem for p in filled.glob("*.py")} > set(names)
-    assert len(list(filled.glob("*.py"))) == 3  # the part that knows no law is shared
-    # what does not change the text changes nothing
+    assert {p.stem for p in filled.glob("*.py")} == set(names)
+    # what does not change the code changes nothing
     renamed = replace(LINEAR, title="Another title", reference="-")
     assert source_digest(kernel_of(renamed).shape) == names[0]
 
 
-def digest_with(monkeypatch, edit, shape):
-    with monkeypatch.context() as patch:
-        edit(patch)
+@pytest.mark.usefixtures("forgetful")
+def test_what_a_kernel_is_made_of_is_in_its_name(monkeypatch, tmp_path):
+    """Sources that trace it, versions, the processor; and nothing else."""
+    shape, package = kernel_of().shape, Path(cache.__file__).parent.parent
+    shutil.copytree(package, tmp_path / "copy", ignore=shutil.ignore_patterns("data", "__pycache__"))
+    monkeypatch.setattr(cache, "__file__", str(tmp_path / "copy" / "engine" / "cache.py"))
+
+    def name():
+        cache._surroundings.cache_clear()
         return source_digest(shape)
 
-
-def commented(template):
-    """An edit of a template."""
-    true_functions = driver._functions
-
-    def functions(name, *which, **more):
-        return true_functions(name, *which, **more) + ("\n# edited\n" if name == template else "")
-
-    return lambda patch: patch.setattr(driver, "_functions", functions)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("real", "folder")
-def test_an_edited_generator_is_another_kernel(monkeypatch):
-    """The edit is in a module that the main one only imports: even then the main one is not a stale one."""
-    before, doubled = peak(), peak(k=4e5, scale=2.0, gap=0.01)
-    digest, true_begin = source_digest(kernel_of().shape), driver.emit_begin
-
-    def begin(*args):
-        text = true_begin(*args)
-        assert "S[c] = X[group, c]" in text
-        return text.replace("S[c] = X[group, c]", "S[c] = 2.0 * X[group, c]")
-
+    before = name()
+    for edited in ("kernel/lanes.py", "schemes/rk4.py", "outputs/contact.py", "engine/kernel.py", "model/laws.py"):
+        path = tmp_path / "copy" / edited
+        text = path.read_text(encoding="utf-8")
+        path.write_text(f"{text}# edited", encoding="utf-8")
+        assert name() != before, edited
+        path.write_text(text, encoding="utf-8")
+    (tmp_path / "copy" / "plan" / "plan.py").write_text("")
+    assert name() == before
+    for owner, part in (("numba", "__version__"), ("llvmlite", "__version__")):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"{owner}.{part}", "another")
+            assert name() != before, owner
     with monkeypatch.context() as patch:
-        patch.setattr(driver, "emit_begin", begin)
-        assert source_digest(kernel_of().shape) != digest
-        forget()
-        assert peak() == doubled != before
-    forget()
-    assert peak() == before  # and back: the first kernel is still there
-    assert hits_and_misses(get_kernel(kernel_of().shape)) == (1, 0)
-
-
-@pytest.mark.usefixtures("real")
-def test_every_part_of_the_text_is_in_the_name(monkeypatch):
-    """An edit of any text that a kernel is made of gives another name, and none gives the same."""
-    scene = Scene([Building("a", [100.0, 90.0], [1e4, 1e4]), Building("b", [80.0], [2e4])], gaps=[0.005])
-    shapes = {
-        method: RowKernel(
-            scene, get_law("kelvin_voigt"), Numerics(method, 0.005), frozenset({"force", "work", "energy"})
-        ).shape
-        for method in ("rk4", "newmark")
-    }
-
-    def wrapped(name):
-        true = getattr(driver, name)
-        return lambda patch: patch.setattr(driver, name, lambda *args: true(*args) + "\n# edited\n")
-
-    edits = {
-        name: wrapped(name) for name in ("_law", "emit_run", "emit_turns", "emit_energy", "emit_fly", "emit_begin")
-    }
-    edits["prelude"] = lambda patch: patch.setattr(driver, "PRELUDE", driver.PRELUDE + "# edited\n")
-    edits["constant"] = lambda patch: patch.setattr(driver, "MAX_TRIES", 999)
-    edits["signature"] = lambda patch: patch.setattr(cache, "SIGNATURE", cache.SIGNATURE + " ")
-    edits |= {f"template {name}": commented(name) for name in ("located", "motion", "energy")}
-    names = [digest_with(monkeypatch, edit, shapes["rk4"]) for edit in edits.values()]
-    names.append(source_digest(shapes["rk4"]))
-    names.append(source_digest(shapes["newmark"]))
-    assert len(set(names)) == len(edits) + 2
-    assert source_digest(shapes["rk4"]) == names[-2]
-    for template in ("implicit", "compliance"):
-        assert digest_with(monkeypatch, commented(template), shapes["newmark"]) != names[-1]
+        patch.setattr("llvmlite.binding.get_host_cpu_name", lambda: "another")
+        assert name() != before
+    assert name() == before
 
 
 @pytest.mark.parametrize("content", [b"def run(*args):\n    pass\n", b"", b"\xff\x00"])
@@ -317,9 +235,8 @@ def test_a_folder_that_cannot_be_written_costs_the_cache_not_the_run(tmp_path, m
     assert peak() > 0  # and that is said once
 
 
-@pytest.mark.parametrize("part", ["row", "main"])
-def test_a_disk_that_is_full_costs_the_cache_not_the_run(filled, tmp_path, monkeypatch, part):
-    """Seen by numba, in the middle of a kernel: of the part that both laws share, or of the law's own."""
+def test_a_disk_that_is_full_costs_the_cache_not_the_run(filled, tmp_path, monkeypatch):
+    """Seen by numba, in the middle of a kernel."""
     true, shape = caching.IndexDataCacheFile._save_data, kernel_of().shape
 
     def full(self, name, data):
@@ -327,10 +244,7 @@ def test_a_disk_that_is_full_costs_the_cache_not_the_run(filled, tmp_path, monke
             raise OSError(errno.ENOSPC, "No space left on device")
         true(self, name, data)
 
-    names = {"main": source_digest(shape), "row": text_sizes(shape)[0]}
-    for path in filled.glob(f"__pycache__/{names[part]}.*"):
-        path.unlink()
-    for path in filled.glob(f"__pycache__/{names['main']}.*"):
+    for path in filled.glob(f"__pycache__/{source_digest(shape)}.*"):
         path.unlink()
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
@@ -395,7 +309,7 @@ def test_a_file_that_finds_no_room_leaves_nothing(folder, monkeypatch):
 
     monkeypatch.setattr(os, "replace", full)
     with pytest.raises(OSError, match="No space"):
-        cache._write(folder, module_name("x = 1\n"), "x = 1\n")
+        cache._write(folder, "pounding_kernel_new", "x = 1\n")
     assert not list(folder.iterdir())
 
 
@@ -437,7 +351,7 @@ def test_what_is_no_damage_is_raised_at_once(compiled, folder, monkeypatch, ther
         shutil.copytree(compiled, folder)
     before, tried = files(folder), []
 
-    def fail(name, path):
+    def fail(folder, name, text):
         tried.append(name)
         raise error
 
@@ -458,11 +372,11 @@ def test_kernels_unused_for_long_are_removed(filled):
     os.utime(filled / f"{name}.used", (long_ago, long_ago))
     os.utime(filled / f"{source_digest(new)}.used", (almost, almost))
     assert is_cached(old)
-    cache._write(filled, module_name("x = 1\n"), "x = 1\n")  # a new kernel is when the folder is tidied
+    cache._write(filled, "pounding_kernel_new", "x = 1\n")  # a new kernel is when the folder is tidied
     assert not is_cached(old)
     assert not list(filled.rglob(f"{name}*"))
     assert is_cached(new)
-    assert len(list(filled.glob("*.py"))) == 3  # the row module that both use, the other main module, and the new one
+    assert {path.stem for path in filled.glob("*.py")} == {source_digest(new), "pounding_kernel_new"}
     # a kernel that is used is marked so
     forget()
     get_kernel(new)
@@ -480,7 +394,7 @@ def test_garbage_is_looked_for_less_often_while_compiling_only(monkeypatch, thre
         seen.append(gc.get_threshold())
         raise RuntimeError("no text")
 
-    monkeypatch.setattr(cache, "_texts", fail)
+    monkeypatch.setattr(cache, "module_text", fail)
     gc.set_threshold(*thresholds)
     try:
         with pytest.raises(RuntimeError, match="no text"):
@@ -514,9 +428,8 @@ def test_shapes_travel_as_plain_data():
                 assert from_json(json.loads(json.dumps(to_json(kernel.shape)))) == kernel.shape
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("real")
-def test_kernels_are_compiled_side_by_side(folder):
+def test_kernels_are_compiled_side_by_side(folder, monkeypatch):
+    monkeypatch.setattr(compile, "BEGINNING", 0.1)
     shapes = [kernel_of().shape, kernel_of(DOUBLED).shape]
     told = []
     assert prepare([*shapes, shapes[0]], workers=2, advance=told.append) == 2
@@ -531,29 +444,24 @@ def test_kernels_are_compiled_side_by_side(folder):
     assert files(folder) == before
 
 
-@pytest.mark.usefixtures("real")
 @pytest.mark.parametrize("n", [1, 2, 3, 7])
-def test_kernels_are_shared_out_by_what_they_take(n):
+def test_kernels_are_shared_out_by_what_they_take(n, monkeypatch):
     sweep = ps.Sweep("mate2015", "el_centro", ["linear", "hertz", "hertz_damped", "none"], method="rk4", gaps=[0.01])
     shapes = list(dict.fromkeys(kernel.shape for kernel in sweep.plan().kernels().values()))
     assert len(shapes) > 2
+    assert all(sum(map(compiling_seconds, share)) > 0.5 * compile.BEGINNING for share in shares(shapes, n))
+    monkeypatch.setattr(compile, "BEGINNING", 0.01)
     found = shares(shapes, n)
     assert all(found)
     assert len(found) <= n
     assert sorted((s for share in found for s in share), key=shapes.index) == shapes
-    sizes = {shape: text_sizes(shape) for shape in shapes}
-    rows = {row: size for row, size, _ in sizes.values()}
-    largest = max(row + main for _, row, main in sizes.values())
-    takes = [
-        sum(rows[name] for name in {sizes[s][0] for s in share}) + sum(sizes[s][2] for s in share) for share in found
-    ]
-    assert max(takes) <= sum(takes) / n + largest
+    takes = [sum(compiling_seconds(shape) for shape in share) for share in found]
+    assert max(takes) <= sum(takes) / n + max(map(compiling_seconds, shapes))
+    assert len(shares(shapes[:1], n)) == 1
     assert shares([], n) == []
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("forgetful", "real")
-def test_an_implicit_solution_that_is_given_up_is_told_by_the_status(monkeypatch):
+def test_an_implicit_solution_that_is_given_up_is_told_by_the_status(folder, monkeypatch):
     """With one sweep over the contacts Gauss-Seidel can't be seen to converge; the values stay, the status tells."""
     scene = ps.Scene(
         [ps.Building(name, [m, m], [k, k]) for name, m, k in (("a", 100.0, 4e4), ("b", 80.0, 9e4))], gaps=[0.001]
@@ -568,5 +476,6 @@ def test_an_implicit_solution_that_is_given_up_is_told_by_the_status(monkeypatch
 
     assert status() == Status.OK
     with monkeypatch.context() as patch:
-        patch.setattr(driver, "MAX_SWEEPS", 1)
+        patch.setattr(implicit, "MAX_SWEEPS", 1)
+        patch.setattr(cache, "_surroundings", lambda: "another source")
         assert status() == Status.NEWTON_NOT_CONVERGED

@@ -16,8 +16,6 @@ PINNED = {"llvmlite": "numba", "pydantic_core": "pydantic"}
 def imported(folder):
     """Top-level names of all modules imported below a folder, wherever in a file."""
     for file in folder.rglob("*.py"):
-        if "templates" in file.parts:  # text of kernels
-            continue
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []

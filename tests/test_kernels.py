@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ast
-import re
 from dataclasses import replace
 from functools import lru_cache
 
@@ -14,7 +12,6 @@ from scenes import EVERY
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.engine.kernel import kernel_text
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import history_slots
@@ -210,24 +207,6 @@ def test_every_other_scheme_equals_the_twin(method, law):
     check("pair", law, 126, 1.5, method, dt, bound, touched=law != "none")
 
 
-def definitions(law, method):
-    """Functions and constants of a kernel by name, as text; slots without their place, which is each scheme's own."""
-    text = re.sub(r"\bS\[\d+ \+ l\]", "S[l]", kernel_text(row_kernel("pair", law, method, 1e-3).shape).main)
-    found = [(part, ast.unparse(part)) for part in ast.parse(text).body]
-    return {getattr(part, "name", text.partition(" = ")[0]): text for part, text in found}
-
-
-def test_contacts_of_exact_flight_are_those_of_rk4():
-    """Whatever differs between the kernels of two laws is the same text in both schemes."""
-    laws = [key for key, law in LAWS.items() if law.has_contact]
-    flight, steps = ({law: definitions(law, method) for law in laws} for method in ("exact", "rk4"))
-    of_law = {name for law in laws for name, text in flight[law].items() if text != flight["linear"].get(name)}
-    assert {"trial", "pressing", "pressing_rate", "jump", "duration", "TOUCH_POWER"} <= of_law
-    for law in laws:
-        for name in of_law - {"run"}:  # its loop is that of the scheme
-            assert flight[law].get(name) == steps[law].get(name), (law, name)
-
-
 OTHER_ROWS = [
     ("tall", "kelvin_voigt", 76, "rk4", 5e-4, 1e-5),
     ("paper", "linear", 251, "rk4", 5e-4, 1e-5),
@@ -303,14 +282,6 @@ def test_a_contact_yields_again_and_again(method, dt, bound):
 def test_what_happens_at_instants_needs_them_located(key):
     with pytest.raises(SweepError, match=f"law '{key}' .* located .*; give locate = true, or leave the law out"):
         simulate("pair", key, 20, locate=False)
-
-
-@pytest.mark.parametrize("method", SCHEMES)
-def test_only_laws_that_yield_have_memory(method):
-    words = re.compile(r"PLASTIC|YIELD|yield|held_force")
-    for key, law in LAWS.items():
-        text = kernel_text(row_kernel("pair", key, method, 1e-3).shape)
-        assert bool(words.search(text.row + text.main)) == law.yields, key
 
 
 def slope(law, method, steps, locate=True):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pounding_sweep as ps
+from pounding_sweep.engine import cache
 from pounding_sweep.engine.cache import get_kernel
 from pounding_sweep.kernel import spec as shape
 from pounding_sweep.outputs.variables import VARIABLES, Status
@@ -34,6 +35,7 @@ def both(monkeypatch, **settings):
     found = []
     for most in (shape.FUSED_DOF, 0):
         monkeypatch.setattr(shape, "FUSED_DOF", most)
+        monkeypatch.setattr(cache, "_surroundings", lambda most=most: f"rows to {most} floors")
         get_kernel.cache_clear()
         found.append(
             ps.Sweep(ROW, SHORT, "kelvin_voigt", outputs=OUTPUTS, audit=0.0, **{"dt": 1e-3, **settings}).run(

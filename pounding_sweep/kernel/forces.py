@@ -35,7 +35,7 @@ NEVER = 2.0
 class Touch:
     """Onsets of contact `j` in some lanes, at the rates `v`, within a step of length h; which of them are counted."""
 
-    j: int
+    j: Any
     lanes: Any
     fresh: Any
     v: Any
@@ -46,7 +46,7 @@ class Touch:
 class Sample:
     """Contact `j` at the end of an unlocated step: where it is closed, and freshly so; d, its rates, and the time."""
 
-    j: int
+    j: Any
     closed: Any
     fresh: Any
     d: Any
@@ -56,9 +56,9 @@ class Sample:
     time: Any
 
 
-def penetration(group: Group, j: int, name: str = "u") -> Any:
+def penetration(group: Group, j: Any, name: str = "u") -> Any:
     """Penetration of contact j (m)."""
-    return group.between(group.floors(name), j) - group.gap(j)
+    return group.between(name, j) - group.gap(j)
 
 
 def is_capped(group: Group) -> bool:
@@ -70,11 +70,12 @@ def longest_substep(group: Group, h: Any) -> Any:
     """How long the next sub-step may be for the contacts that are closed."""
     s, law = group.state, group.law
     assert law is not None
-    longest, fastest, capped = group.full(h), group.full(0.0), is_capped(group)
+    capped = is_capped(group)
     if not capped and not law.graded:
-        return longest
-    for j in range(len(group.contacts)):
-        now, v = penetration(group, j), group.between(group.floors("v"), j)
+        return group.full(h)
+    longest, fastest = Cell(group.full(h)), Cell(group.full(0.0))
+    for j in group.each_contact():
+        now, v = penetration(group, j), group.between("v", j)
         lasts, k, mass = s["lasts", j], s["ke", j], group.prop("reduced", j)
         if capped:
             d = maximum(now + maximum(v, 0.0) * minimum(group.full(h), lasts), 0.0)
@@ -82,21 +83,21 @@ def longest_substep(group: Group, h: Any) -> Any:
             if law.shape.damper:
                 b = law.damper(s["ce", j], d) / mass
                 fastest_here = maximum(fastest_here, b * b)
-            fastest = maximum(fastest, fastest_here)
+            fastest.now = maximum(fastest.now, fastest_here)
         if law.touch_power > 1.0:
             share = maximum(law.touch_share * h / lasts, law.least_share)
             age = s["age", j] / lasts
             x = _root(age, law.touch_power) + share
             grown = lasts * (_raised(x, law.touch_power) - age)
-            longest = minimum(longest, where(k > 0.0, grown, h))
+            longest.now = minimum(longest.now, where(k > 0.0, grown, h))
         if law.release_power > 1.0:
             rest = maximum(now, 0.0) / (-v * lasts)
             share = maximum(law.release_share * h / lasts, law.least_share)
             x = _root(rest, law.release_power) - share
             shrunk = lasts * (rest - _raised(x, law.release_power))
             near = (k > 0.0) & (v < 0.0) & (x > share)  # else the release is within this sub-step
-            longest = minimum(longest, where(near, shrunk, h))
-    return minimum(longest, group.prop("cap") / sqrt(fastest)) if capped else longest
+            longest.now = minimum(longest.now, where(near, shrunk, h))
+    return minimum(longest.now, group.prop("cap") / sqrt(fastest.now)) if capped else longest.now
 
 
 def _root(x: Any, degree: float) -> Any:
@@ -114,10 +115,10 @@ def measure(group: Group) -> Any:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
     s, law = group.state, group.law
     assert law is not None
-    h, look = s["h"], None
-    for j in range(len(group.contacts)):
+    h, look = s["h"], Cell(group.lanes_where(False))
+    for j in group.each_contact():
         mode, k, c = s["mode", j], s["ke", j], s["ce", j]
-        v0, v1 = group.between(group.floors("v0"), j), group.between(group.floors("v"), j)
+        v0, v1 = group.between("v0", j), group.between("v", j)
         d0, d1 = penetration(group, j, "u0"), penetration(group, j)
         s["d0", j], s["d1", j], s["w0", j], s["w1", j] = d0, d1, v0, v1
         early, late = d0 + h * v0, d1 - h * v1
@@ -135,12 +136,11 @@ def measure(group: Group) -> Any:
             if law.shape.damper:
                 parts = parts | (h * law.damper(c, deep) > (2.0 * cap) * mass)
         meets = maximum(d1, minimum(early, late)) > 0.0
-        here = where(mode == OPEN, meets, parts)
-        look = here if look is None else look | here
-    return look
+        look.now = look.now | where(mode == OPEN, meets, parts)
+    return look.now
 
 
-def contact_rate(group: Group, j: int, deepest: Any) -> Any:
+def contact_rate(group: Group, j: Any, deepest: Any) -> Any:
     """Fastest rate (1/s) of contact j down to a penetration: of its spring or of its damper."""
     s, law, mass = group.state, group.law, group.prop("reduced", j)
     assert law is not None
@@ -152,14 +152,14 @@ def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact changes its mode (1: none), in the lanes that ask."""
     s = group.state
     first, cap = Cell(group.full(1.0)), Cell(group.full(1.0))
-    for j in range(len(group.contacts)):
+    for j in group.each_contact():
         _event(group, j, asks, cap)
         event = s["event", j]
         first.now = where(event < first.now, event, first.now)
     return minimum(first.now, cap.now)
 
 
-def _event(group: Group, j: int, asks: Any, cap: Cell) -> None:
+def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
     """Find when contact j changes its mode in the trial, and to which."""
     s, law, h = group.state, group.law, group.state["h"]
     assert law is not None
@@ -171,7 +171,7 @@ def _event(group: Group, j: int, asks: Any, cap: Cell) -> None:
     if group.spec.implicit:  # of a stiff contact the mode follows from the end of the sub-step
         busy = busy & ~(closed & (s["stiff"] > 0.0))
     with when_any(busy):
-        b = coefficients(h, d0, d1, v0, v1, group.between(group.floors("a0"), j))
+        b = coefficients(h, d0, d1, v0, v1, group.between("a0", j))
         r0, rb = rate(b)
         sign = where(closed, -1.0, group.full(1.0))
         start = where(closed, d0, minimum(d0, 0.0))
@@ -206,7 +206,7 @@ def _event(group: Group, j: int, asks: Any, cap: Cell) -> None:
             cap.now = where(deep, minimum(cap.now, maximum(most / fast, 1e-3)), cap.now)
 
 
-def _slack(group: Group, j: int, asks: Any, when: Any, target: Any, start: tuple[Any, Any], b: Any) -> tuple[Any, Any]:
+def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, start: tuple[Any, Any], b: Any) -> tuple[Any, Any]:
     """Look for the instant at which a force that cannot pull ends, or begins again, before any other event."""
     s, law, h = group.state, group.law, group.state["h"]
     assert law is not None
@@ -239,13 +239,13 @@ def ends(group: Group, whole: Any) -> None:
     follows = None
     if implicit:  # where contacts are too stiff for a sub-step, it is their end force that counts
         follows = (s["taken"] > 0.0) & ~(s["stiff"] > 0.0) & is_closed(group)
-    for j in range(len(group.contacts)) if needs_force or "penetration" in r else ():
+    for j in group.each_contact() if needs_force or "penetration" in r else ():
         d0, d1, v0, v1 = s["d0", j], s["d1", j], s["w0", j], s["w1", j]
         closed = s["mode", j] > OPEN
         if follows is not None:
             closed = closed & follows
         looks = closed & (h > 0.0)
-        a0 = group.between(group.floors("a0"), j)
+        a0 = group.between("a0", j)
         b = coefficients(h, d0, d1, v0, v1, a0)
         if "penetration" in r:
             s["dmax", j] = maximum(s["dmax", j], where(closed, maximum(d0, d1), 0.0))
@@ -258,7 +258,7 @@ def ends(group: Group, whole: Any) -> None:
             _force_ends(group, j, looks, whole, (d0, d1, v0, v1, a0), b, follows)
 
 
-def _force_ends(group: Group, j: int, looks: Any, whole: Any, at: tuple[Any, ...], b: Any, follows: Any) -> None:
+def _force_ends(group: Group, j: Any, looks: Any, whole: Any, at: tuple[Any, ...], b: Any, follows: Any) -> None:
     """Take the force of one contact at the ends of a sub-step, its rates there, and its largest value between them."""
     s, law, r, h, limit = group.state, group.law, group.asked, group.state["h"], group.limit
     assert law is not None
@@ -309,7 +309,7 @@ def _force_ends(group: Group, j: int, looks: Any, whole: Any, at: tuple[Any, ...
             s["q1", j] = where(taken, where(follows, q1, 0.0), s["q1", j])
 
 
-def is_due(group: Group, j: int, lands: Any) -> Any:
+def is_due(group: Group, j: Any, lands: Any) -> Any:
     """Lanes in which the event of contact j ends this sub-step."""
     s = group.state
     return lands & (s["event", j] < 1.0) & (s["event", j] <= s["fraction"] + group.limit.same_time)
@@ -319,14 +319,14 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
     """Switch the contacts whose event ends this sub-step; returns the lanes in which any did."""
     s, law = group.state, group.law
     assert law is not None
-    switched = lands & ~lands
-    for j in range(len(group.contacts)):
+    switched = Cell(lands & ~lands)
+    for j in group.each_contact():
         due = is_due(group, j, lands)
-        switched = switched | due
+        switched.now = switched.now | due
         mode, target = s["mode", j], s["next", j]
         touches = due & (mode == OPEN) & (target > OPEN)
         with when_any(touches):
-            v, mass = group.between(group.floors("v"), j), group.prop("reduced", j)
+            v, mass = group.between("v", j), group.prop("reduced", j)
             k, c = s["k"], s["c", j]
             lasts = law.duration(k, v, mass)
             s["lasts", j], s["age", j] = where(touches, lasts, s["lasts", j]), where(touches, 0.0, s["age", j])
@@ -344,10 +344,10 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
             s["ke", j] = where(due, where((target == PRESSING) | (target == REBOUND), k, 0.0), s["ke", j])
             s["ce", j] = where(due, where(target == PRESSING, c, 0.0), s["ce", j])
         s["mode", j] = where(due, target, mode)
-    return switched
+    return switched.now
 
 
-def note_touch(group: Group, j: int, lanes: Any, fresh: Any, v: Any, h: Any) -> None:
+def note_touch(group: Group, j: Any, lanes: Any, fresh: Any, v: Any, h: Any) -> None:
     """Tell reducers of an onset at the rate v; in `fresh` lanes it counts as one of its own."""
     for reducer in group.reducers:
         if reducer.touch:
@@ -356,7 +356,7 @@ def note_touch(group: Group, j: int, lanes: Any, fresh: Any, v: Any, h: Any) -> 
 
 def is_closed(group: Group) -> Any:
     """Lanes in which any contact is closed."""
-    found = group.state["mode", 0] > OPEN
-    for j in range(1, len(group.contacts)):
-        found = found | (group.state["mode", j] > OPEN)
-    return found
+    found = Cell(group.lanes_where(False))
+    for j in group.each_contact(straight=True):
+        found.now = found.now | (group.state["mode", j] > OPEN)
+    return found.now

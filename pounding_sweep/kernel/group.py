@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
+from itertools import groupby
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
-from pounding_sweep.kernel.lanes import Counts, Real, Rows, Tracer, Vector, maximum, power, sqrt, where, where_count
+from pounding_sweep.kernel.lanes import (
+    Contact,
+    Count,
+    Counts,
+    Real,
+    Rows,
+    Table,
+    Tracer,
+    Vector,
+    count_to,
+    mask,
+    maximum,
+    power,
+    sqrt,
+    where,
+    where_count,
+)
 from pounding_sweep.kernel.precision import TOLERANCES
 from pounding_sweep.kernel.spec import KernelSpec, LawShape, input_slots, property_slots, result_slots
 from pounding_sweep.model.laws import RESTING_SPEED
@@ -146,14 +163,25 @@ class Group:
         rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1, "g0": 1, "g1": 1}
         if spec.implicit or self.touching:
             rows |= {"a0": n}
+        if "acceleration" in self.asked:
+            rows |= dict.fromkeys(("acc0", "acc1", "rate0", "rate1"), n)
+        if not spec.fused:  # sums over the stages of a step, and its stages
+            rows |= dict.fromkeys(("din", "ddamp"), nb)
+            if self.touching:
+                rows |= dict.fromkeys(("x", "y", "push", "s0", "s1", "s2", "s3"), n) | dict.fromkeys(
+                    ("dwork", "dimpulse"), nc
+                )
+        if spec.implicit and self.touching:
+            rows |= {"response": 2 * nc * max(spec.storeys), "diagonal": max(spec.storeys)}
         if spec.implicit or spec.impulsive:
-            rows |= {"a": n}
+            rows |= {"a": n, "alone": n}
         if self.touching:
             rows |= dict.fromkeys(("time_left", "fraction", "ahead", "ga", "gb", "tries", "land", "taken"), 1)
+            rows |= {"joining": nc} if spec.impulsive else {}
             rows |= dict.fromkeys(("fallback", "unsolved", "stiff"), 1)
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
             rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force"), nc)
-            rows |= {"now": nb}
+            rows |= {"now": nb, "gained0": nb, "gained1": nb}
             if spec.law is not None and spec.law.yields:
                 rows |= {"plastic": nc, "yield": nc}
         for slot in (slot for reducer in self.reducers for slot in reducer.keeps):
@@ -174,7 +202,8 @@ class Group:
         if self.trace is None:
             return self._constants[at]
         t = self.trace
-        pointer = t.builder.gep(self._constants, [ir.Constant(ir.IntType(64), at)], inbounds=True)
+        place = at.value if isinstance(at, Count) else ir.Constant(ir.IntType(64), at)
+        pointer = t.builder.gep(self._constants, [place], inbounds=True)
         return Real(t, t.load(pointer, t.real, t.size, fixed=True))
 
     def transition(self, stepping: Any, i: int) -> Any:
@@ -215,6 +244,10 @@ class Group:
             else Vector(self.trace, self.trace.spread(x.value if isinstance(x, Real) else self.trace.number(x)))
         )
 
+    def lanes_where(self, x: bool) -> Any:
+        """Return a truth in all lanes."""
+        return np.full(self.lanes, x) if self.trace is None else mask(self.trace, x)
+
     def floors(self, name: str) -> list[Any]:
         """Return a row of each floor."""
         return [self.state[name, i] for i in range(self.spec.n_dof)]
@@ -229,13 +262,107 @@ class Group:
         """Floors of each building."""
         return [list(range(self.spec.home(b), self.spec.home(b) + n)) for b, n in enumerate(self.spec.storeys)]
 
-    def between(self, x: Sequence[Any], j: int) -> Any:
-        """Left minus right of the floors of contact j, a wall being at rest."""
-        left, right, _ = self.spec.contacts[j]
-        if left < 0:
-            return -x[right]
-        return x[left] if right < 0 else x[left] - x[right]
+    @property
+    def long(self) -> bool:
+        """Whether the row has too many floors for one straight line of code: it goes through them at run time."""
+        return self.trace is not None and not self.spec.fused
 
-    def gap(self, j: int) -> Any:
+    @cached_property
+    def _sides(self) -> Table:
+        return Table(self.trace, [i for contact in self.spec.contacts for i in contact])
+
+    @cached_property
+    def _homes(self) -> Table:
+        spec = self.spec
+        return Table(self.trace, [i for b in self._alike_order for i in (b, spec.home(b))])
+
+    @cached_property
+    def _alike_order(self) -> list[int]:
+        return sorted(range(self.spec.n_buildings), key=lambda b: self.spec.storeys[b])
+
+    @cached_property
+    def _floors_of(self) -> Table:
+        """Of each floor: the lowest floor of its building, the number of its storeys, and the building."""
+        spec = self.spec
+        return Table(self.trace, [x for b in spec.building_of for x in (spec.home(b), spec.storeys[b], b)])
+
+    def each_contact(self, straight: bool = False) -> Iterator[Any]:
+        """Go through the contacts, at run time (in a short row, if not `straight`)."""
+        yield from self._each(self.contacts, straight)
+
+    def each_closing(self, straight: bool) -> Iterator[Any]:
+        """Go through the floors of neighbours at one height, whether they can touch or not."""
+        yield from self._each(self.spec.contacts, straight)
+
+    def _each(self, contacts: Sequence[tuple[int, int, int]], straight: bool) -> Iterator[Any]:
+        if self.trace is None or (straight and not self.long):
+            yield from range(len(contacts))
+            return
+        for walls, same in groupby(range(len(contacts)), key=lambda j: tuple(i < 0 for i in contacts[j][:2])):
+            some = list(same)
+            if len(some) == 1:
+                yield some[0]
+                continue
+            for q in count_to(len(some), self.trace):
+                j = q + some[0]
+                sides = [self._sides[3 * j + side] for side in range(3)]
+                left, right = (-1 if wall else side for wall, side in zip(walls, sides, strict=False))
+                yield Contact(j, (left, right, sides[2]))
+
+    def each_building(self) -> Iterator[tuple[Any, list[Any]]]:
+        """Go through the buildings and their floors; those of a long row that are equally high at run time."""
+        if not self.long:
+            yield from enumerate(self.building_floors)
+            return
+        done = 0
+        for n, same in groupby(self._alike_order, key=lambda b: self.spec.storeys[b]):
+            some = list(same)
+            if len(some) == 1:
+                yield some[0], self.building_floors[some[0]]
+            else:
+                for q in count_to(len(some), self.trace):
+                    at = 2 * (q + done)
+                    home = self._homes[at + 1]
+                    yield self._homes[at], [home + s for s in range(n)]
+            done += len(some)
+
+    def each(self, n: int, straight: bool = True) -> Iterator[Any]:
+        """Count to n, at run time in a long row."""
+        if self.long or not straight:
+            yield from count_to(n, self.trace)
+        else:
+            yield from range(n)
+
+    def sides(self, j: Any) -> tuple[Any, Any, Any]:
+        """Left floor, right floor (-1: a wall) and gap of contact j."""
+        found: tuple[Any, Any, Any] = j.sides if isinstance(j, Contact) else self.spec.contacts[j]
+        return found
+
+    @cached_property
+    def table_places(self) -> Table:
+        """Where each building's part of the tables of exact flight begins."""
+        sizes = [2 * n * (2 * n + 2) for n in self.spec.storeys]
+        return Table(self.trace, [sum(sizes[:b]) for b in range(len(sizes))])
+
+    def home_of(self, floor: Any) -> tuple[Any, Any, Any]:
+        """Lowest floor, number of storeys, and number of the building of a floor."""
+        at, storeys = 3 * floor, self.spec.storeys
+        high = storeys[0] if len(set(storeys)) == 1 else self._floors_of[at + 1]
+        return self._floors_of[at], high, self._floors_of[at + 2]
+
+    def between(self, x: Any, j: Any) -> Any:
+        """Left minus right of the floors of contact j, a wall being at rest; x: of all floors, or a row's name."""
+        left, right, _ = self.sides(j)
+        read = (lambda i: self.state[x, i]) if isinstance(x, str) else x.__getitem__
+        if is_wall(left):
+            return -read(right)
+        return read(left) if is_wall(right) else read(left) - read(right)
+
+    def gap(self, j: Any) -> Any:
         """Gap of contact j (m)."""
-        return self.state["gap", self.spec.contacts[j][2]]
+        return self.state["gap", self.sides(j)[2]]
+
+
+def is_wall(floor: Any) -> bool:
+    """Whether a side of a contact is a wall."""
+    return not isinstance(floor, Count) and floor < 0

@@ -7,12 +7,12 @@ from the equation of motion; they part when it would pull.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, is_closed, note_touch, penetration
-from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, maximum, minimum, when_any, where, while_any
+from pounding_sweep.kernel.group import Group, is_wall
+from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, when_any, where, while_any
 from pounding_sweep.kernel.roots import along, coefficients, quartic, rate, root
 from pounding_sweep.kernel.row import transferred
 from pounding_sweep.model.laws import RESTING_SPEED
@@ -25,17 +25,28 @@ PARTED = 1.0e-3
 LEAST_SHARE = 1.0e-3
 
 
-def alone(group: Group, u: Sequence[Any], v: Sequence[Any], ground: Any) -> list[Any]:
-    """Accelerations as if nothing touched."""
-    spec, found = group.spec, []
-    for b, floors in enumerate(group.building_floors):
-        w = [u[i] + group.prop("beta", b) * v[i] for i in floors]
-        for s, i in enumerate(floors):
-            f = -group.prop("k", i) * (w[s] - w[s - 1] if s else w[s])
-            if not spec.top[i]:
-                f = f + group.prop("k", i + 1) * (w[s + 1] - w[s])
-            found.append(f * group.prop("im", i) - group.prop("alpha", b) * v[i] - ground)
-    return found
+def alone(group: Group, ground: Any, put: Callable[[Any, Any], None]) -> None:
+    """Put accelerations as if nothing touched, at the present state."""
+    s = group.state
+    for b, floors in group.each_building():
+        v = [s["v", i] for i in floors]
+        w = [s["u", i] + group.prop("beta", b) * y for i, y in zip(floors, v, strict=True)]
+        for p, i in enumerate(floors):
+            f = -group.prop("k", i) * (w[p] - w[p - 1] if p else w[p])
+            if p < len(floors) - 1:
+                f = f + group.prop("k", floors[p + 1]) * (w[p + 1] - w[p])
+            put(i, f * group.prop("im", i) - group.prop("alpha", b) * v[p] - ground)
+
+
+def join_rows(group: Group, name: str, keeps: str = "force") -> None:
+    """Give resting floors one rate, in rows; keep what it took."""
+    s = group.state
+    values, taken = join(group, group.floors(name), resting(group))
+    touched = {i for left, right, _ in group.contacts for i in (left, right) if i >= 0}
+    for i in touched:
+        s[name, i] = values[i]
+    for j, x in enumerate(taken):
+        s[keeps, j] = x
 
 
 def join(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[Any], list[Any]]:
@@ -83,35 +94,39 @@ def resting(group: Group) -> list[Any]:
 def rest(group: Group, lanes: Any) -> None:
     """Accelerations at the present state, and the forces of resting contacts, in some lanes."""
     s = group.state
-    a, force = join(group, alone(group, group.floors("u"), group.floors("v"), s["g1"]), resting(group))
-    for i, x in enumerate(a):
-        s["a", i] = where(lanes, x, s["a", i])
-    for j, f in enumerate(force):
-        s["f1", j] = where(lanes, f, s["f1", j])
+
+    def put(i: Any, x: Any) -> None:
+        s["alone", i] = x
+
+    alone(group, s["g1"], put)
+    join_rows(group, "alone", "joining")
+    for i in group.each(group.spec.n_dof):
+        s["a", i] = where(lanes, s["alone", i], s["a", i])
+    for j in group.each(len(group.contacts)):
+        s["f1", j] = where(lanes, s["joining", j], s["f1", j])
 
 
 def measure(group: Group) -> Any:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
-    s, look = group.state, None
+    s, look = group.state, Cell(group.lanes_where(False))
     h = s["h"]
     closed = is_closed(group)
     with when_any(closed):
         rest(group, closed)
-    for j in range(len(group.contacts)):
-        v0, v1 = group.between(group.floors("v0"), j), group.between(group.floors("v"), j)
+    for j in group.each_contact():
+        v0, v1 = group.between("v0", j), group.between("v", j)
         d0, d1 = penetration(group, j, "u0"), penetration(group, j)
         s["d0", j], s["d1", j], s["w0", j], s["w1", j] = d0, d1, v0, v1
         meets = maximum(d1, minimum(d0 + h * v0, d1 - h * v1)) > 0.0
-        here = where(s["mode", j] == OPEN, meets, s["f1", j] < 0.0)
-        look = here if look is None else look | here
-    return look
+        look.now = look.now | where(s["mode", j] == OPEN, meets, s["f1", j] < 0.0)
+    return look.now
 
 
 def first_event(group: Group, asks: Any) -> Any:
     """Fraction of the trial at which the first contact touches, or would pull (1: none), in the lanes that ask."""
     s, h, clear = group.state, group.state["h"], group.limit.clear
     first = Cell(group.full(1.0))
-    for j in range(len(group.contacts)):
+    for j in group.each_contact():
         mode, d0, d1, v0, v1 = s["mode", j], s["d0", j], s["d1", j], s["w0", j], s["w1", j]
         closed, late = mode > OPEN, s["f1", j]
         pulls = closed & (late < 0.0)
@@ -122,7 +137,7 @@ def first_event(group: Group, asks: Any) -> Any:
         crosses = d1 > maximum(d0, 0.0) + clear
         busy = asks & ~closed & (crosses | (minimum(d0 + h * v0, d1 - h * v1) > 0.0))
         with when_any(busy):
-            b = coefficients(h, d0, d1, v0, v1, group.between(group.floors("a0"), j))
+            b = coefficients(h, d0, d1, v0, v1, group.between("a0", j))
             r0, rb = rate(b)
             start = minimum(d0, 0.0)
             turns = busy & ~crosses & (v0 > 0.0) & (v1 < 0.0)
@@ -140,7 +155,7 @@ def ends(group: Group, whole: Any) -> None:
     """Take the forces of resting floors over the sub-step just taken."""
     del whole
     s, r, h = group.state, group.asked, group.state["h"]
-    for j in range(len(group.contacts)):
+    for j in group.each_contact():
         f0, f1 = s["f0", j], s["f1", j]
         if group.spec.implicit and "impulse" in r:
             s["impulse", j] = s["impulse", j] + 0.5 * h * (f0 + f1)
@@ -149,7 +164,7 @@ def ends(group: Group, whole: Any) -> None:
             s["q0", j], s["q1", j] = mean, mean
 
 
-def _note_onset(group: Group, j: int, lanes: Any, v: Any, h: Any) -> None:
+def _note_onset(group: Group, j: Any, lanes: Any, v: Any, h: Any) -> None:
     """Tell of an impact at the rate v; mark what is told."""
     s, r = group.state, group.asked
     fast = v > PARTED * RESTING_SPEED
@@ -167,21 +182,21 @@ def _transfer_jumps(group: Group, lanes: Any) -> None:
     s = group.state
     if "transfer" not in group.asked:
         return
-    for b in range(group.spec.n_buildings):
-        x = transferred(group, b)
+    for b, floors in group.each_building():
+        x = transferred(group, b, floors)
         s["now", b] = where(lanes, x, s["now", b])
         s["tmax", b] = where(lanes, maximum(s["tmax", b], x), s["tmax", b])
         s["tmin", b] = where(lanes, minimum(s["tmin", b], x), s["tmin", b])
 
 
-def _jump(group: Group, j: int, lanes: Any, v: Any, e: Any) -> None:
+def _jump(group: Group, j: Any, lanes: Any, v: Any, e: Any) -> None:
     """Velocities of two floors that meet at the rate v jump: v -> -e v, momentum kept (Newton's impact law)."""
     s, r, m = group.state, group.asked, group.prop("reduced", j)
-    left, right, _ = group.contacts[j]
+    left, right, _ = group.sides(j)
     p = (1.0 + e) * m * v
-    if left >= 0:
+    if not is_wall(left):
         s["v", left] = where(lanes, s["v", left] - p * group.prop("im", left), s["v", left])
-    if right >= 0:
+    if not is_wall(right):
         s["v", right] = where(lanes, s["v", right] + p * group.prop("im", right), s["v", right])
     if "impulse" in r:
         s["impulse", j] = s["impulse", j] + where(lanes, p, 0.0)
@@ -195,23 +210,23 @@ def _collide(group: Group, lanes: Any, h: Any) -> None:
     s = group.state
     again = Cell(lanes)
     for _ in while_any(lambda: again.now, group.trace, at_most=MAX_TRIES):
-        mine, more = again.now, again.now & ~again.now
-        for j in range(len(group.contacts)):
-            v, c = group.between(group.floors("v"), j), s["c", j]
+        mine, more = again.now, Cell(again.now & ~again.now)
+        for j in group.each_contact():
+            v, c = group.between("v", j), s["c", j]
             hits = mine & (s["next", j] > 0.0) & (v > PARTED * RESTING_SPEED)
             bounces = where(c * v > RESTING_SPEED, c, 0.0)
             with when_any(hits):
                 _note_onset(group, j, hits & ((s["mode", j] == OPEN) | (bounces > 0.0)), v, h)
                 _jump(group, j, hits, v, bounces)
-            more = more | hits
-        again.now = more
+            more.now = more.now | hits
+        again.now = more.now
 
 
 def _halt(group: Group, lanes: Any) -> None:
     """Floors at this instant that do not part stop to approach: what `_collide` has left of it."""
     s, r = group.state, group.asked
-    for j in range(len(group.contacts)):
-        v = group.between(group.floors("v"), j)
+    for j in group.each_contact():
+        v = group.between("v", j)
         s["w1", j] = where(lanes, v, s["w1", j])
         stays = (s["next", j] > 0.0) & (v >= -PARTED * RESTING_SPEED)
         s["ke", j] = where(lanes, where(stays, 1.0, group.full(0.0)), s["ke", j])
@@ -228,25 +243,25 @@ def _halt(group: Group, lanes: Any) -> None:
 
 def _choose(group: Group, lanes: Any) -> None:
     """Which of the contacts marked in ``ke`` rest from now on: those that are pressed. The others are unmarked."""
-    s, every = group.state, range(len(group.contacts))
+    s = group.state
     going = Cell(lanes)
     for _ in while_any(lambda: going.now, group.trace, at_most=len(group.contacts) + 1):
         mine = going.now
         rest(group, mine)
-        least, at = group.full(-group.limit.released), group.full(-1.0)
-        for j in every:
+        least, at = Cell(group.full(-group.limit.released)), Cell(group.full(-1.0))
+        for j in group.each_contact():
             pressed = s["f1", j] / group.prop("reduced", j)
-            worse = (s["ke", j] > 0.0) & (pressed < least)
-            least, at = where(worse, pressed, least), where(worse, float(j), at)
-        for j in every:
-            s["ke", j] = where(mine & (at == float(j)), 0.0, s["ke", j])
-        going.now = mine & (at >= 0.0)
+            worse = (s["ke", j] > 0.0) & (pressed < least.now)
+            least.now, at.now = where(worse, pressed, least.now), where(worse, real(j), at.now)
+        for j in group.each_contact():
+            s["ke", j] = where(mine & (at.now == real(j)), 0.0, s["ke", j])
+        going.now = mine & (at.now >= 0.0)
 
 
 def apply_events(group: Group, lanes: Any, h: Any) -> Any:
     """Let floors part, jump and come to rest at the instant that ends this sub-step; returns its lanes."""
     s, released = group.state, group.limit.released
-    for j in range(len(group.contacts)):
+    for j in group.each_contact():
         due = (s["event", j] < 1.0) & (s["event", j] <= s["fraction"] + group.limit.same_time)
         opened = s["mode", j] == OPEN
         pressed = ~opened & (s["f1", j] > released * group.prop("reduced", j))
@@ -255,7 +270,7 @@ def apply_events(group: Group, lanes: Any, h: Any) -> Any:
     _collide(group, lanes, h)
     _halt(group, lanes)
     _choose(group, lanes)
-    for j in range(len(group.contacts)):
+    for j in group.each_contact():
         mode = where(s["ke", j] > 0.0, 1.0, group.full(0.0))
         comes = lanes & (mode > s["mode", j])
         with when_any(comes):

@@ -139,6 +139,9 @@ class Count(Value):
     def __sub__(self, other: Any) -> Count:
         return Count(self.trace, self.trace.builder.sub(self.value, self._of(other)))
 
+    def __rsub__(self, other: Any) -> Count:
+        return Count(self.trace, self.trace.builder.sub(self._of(other), self.value))
+
     def __mul__(self, other: Any) -> Count:
         return Count(self.trace, self.trace.builder.mul(self.value, self._of(other)))
 
@@ -523,9 +526,40 @@ def gather(trace: Tracer | None, pointer: Any, places: Any) -> Any:
     return Vector(trace, found)
 
 
+class Table:
+    """Whole numbers that are known beforehand, to be looked up at run time."""
+
+    def __init__(self, trace: Tracer | None, numbers: Sequence[int]) -> None:
+        self._trace, self._numbers = trace, list(numbers)
+        if trace is not None:
+            kind = ir.ArrayType(_I64, len(self._numbers))
+            self._table = ir.GlobalVariable(trace.module, kind, trace.module.get_unique_name("table"))
+            self._table.linkage, self._table.global_constant = "internal", True
+            self._table.initializer = ir.Constant(kind, self._numbers)
+
+    def __getitem__(self, i: Any) -> Any:
+        if not isinstance(i, Count):
+            return self._numbers[i]
+        b = i.trace.builder
+        return Count(i.trace, b.load(b.gep(self._table, [ir.Constant(_I64, 0), i.value], inbounds=True)))
+
+
+class Contact(Count):
+    """Number of a contact that is known at run time, and its sides: left floor, right floor (-1: a wall), gap."""
+
+    def __init__(self, count: Count, sides: tuple[Any, Any, Any]) -> None:
+        super().__init__(count.trace, count.value)
+        self.sides = sides
+
+
 def counts(trace: Tracer | None, x: int, lanes: int) -> Any:
     """Return a whole number in all lanes."""
     return np.full(lanes, x) if trace is None else Counts(trace, trace.spread(ir.Constant(_I64, x)))
+
+
+def mask(trace: Tracer, x: bool) -> Mask:
+    """Return a truth in all lanes."""
+    return Mask(trace, ir.Constant(trace.mask, [int(x)] * trace.lanes))
 
 
 def flag(trace: Tracer | None, x: bool) -> Any:
@@ -536,6 +570,16 @@ def flag(trace: Tracer | None, x: bool) -> Any:
 def not_(x: Any) -> Any:
     """Whether a truth does not hold."""
     return ~x if isinstance(x, Flag) else not x
+
+
+def flagged(trace: Tracer | None, x: Any) -> Any:
+    """Return a truth as a kernel's own, where it is known beforehand."""
+    return Flag(trace, ir.Constant(_I1, int(x))) if trace is not None and isinstance(x, bool) else x
+
+
+def real(x: Any) -> Any:
+    """Return a whole number as a real one."""
+    return Real(x.trace, x.trace.builder.sitofp(x.value, x.trace.real)) if isinstance(x, Count) else float(x)
 
 
 def first_lane(x: Any) -> Any:

@@ -6,7 +6,7 @@ from types import ModuleType
 from typing import Any
 
 from pounding_sweep.kernel import forces, impulse
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, maximum, minimum, when_any, where
 from pounding_sweep.kernel.peaks import largest_accelerations, samples, turns
 from pounding_sweep.kernel.row import transferred
@@ -45,7 +45,7 @@ def refuse(group: Group, lanes: Any) -> None:
     contacts = [("d1", "d0"), ("w1", "w0")] + ([("f1", "f0")] if spec.impulsive else [])
     for pairs, n in ((floors, spec.n_dof), (contacts, len(group.contacts))):
         for now, before in pairs:
-            for i in range(n):
+            for i in group.each(n, straight=False):
                 s[now, i] = where(lanes, s[before, i], s[now, i])
 
 
@@ -100,17 +100,20 @@ def _transfers(group: Group, taken: Any) -> None:
     """Largest and smallest transferred energy of each building over the sub-step just taken."""
     s, h = group.state, group.state["h"]
     closed = taken & forces.is_closed(group)
-    building = group.spec.building_of
-    for b in range(group.spec.n_buildings):
-        e0, e1 = s["now", b], transferred(group, b)
+    with when_any(closed):
+        for b in group.each(group.spec.n_buildings):
+            s["gained0", b] = s["gained1", b] = 0.0
+        for j in group.each_contact():
+            for floor, sign in zip(group.sides(j), (1.0, -1.0), strict=False):
+                if not is_wall(floor):
+                    b = group.home_of(floor)[2]
+                    s["gained0", b] = s["gained0", b] + (sign * s["f0", j]) * s["v0", floor]
+                    s["gained1", b] = s["gained1", b] + (sign * s["f1", j]) * s["v", floor]
+    for b, floors in group.each_building():
+        e0, e1 = s["now", b], transferred(group, b, floors)
         s["now", b] = where(taken, e1, e0)
         with when_any(closed):
-            p0 = p1 = group.full(0.0)
-            for j, (left, right, _) in enumerate(group.contacts):
-                if left >= 0 and building[left] == b:
-                    p0, p1 = p0 + s["f0", j] * s["v0", left], p1 + s["f1", j] * s["v", left]
-                if right >= 0 and building[right] == b:
-                    p0, p1 = p0 - s["f0", j] * s["v0", right], p1 - s["f1", j] * s["v", right]
+            p0, p1 = s["gained0", b], s["gained1", b]
             t = p0 / (p0 - p1)
             a = 2.0 * (e0 - e1) + h * (p0 + p1)
             c = -3.0 * (e0 - e1) - h * (2.0 * p0 + p1)
@@ -127,7 +130,7 @@ def substep(group: Group, h: Any) -> None:
     s, kind, r = group.state, kind_of(group), group.asked
     look_ahead(group, h)
     if group.spec.impulsive:
-        for j in range(len(group.contacts)):
+        for j in group.each(len(group.contacts)):
             s["f0", j] = s["f1", j]
     elif group.spec.implicit:
         group.scheme.soften(group)
@@ -145,7 +148,7 @@ def substep(group: Group, h: Any) -> None:
         if reducer.substep:
             reducer.substep(group)
     if group.law is not None and group.law.graded and not group.spec.impulsive:
-        for j in range(len(group.contacts)):
+        for j in group.each(len(group.contacts)):
             s["age", j] = s["age", j] + s["h"]
     rest = s["time_left"] - s["h"]
     s["time_left"] = where(rest > group.limit.done * h, rest, 0.0)
@@ -158,15 +161,15 @@ def substep(group: Group, h: Any) -> None:
 
 def keep_start(group: Group) -> None:
     """Let the present state be the start of the next step."""
-    group.put("u0", group.floors("u"))
-    group.put("v0", group.floors("v"))
-    if group.spec.implicit:
-        group.put("a0", group.floors("a"))
+    names = ("u", "v", "a") if group.spec.implicit else ("u", "v")
+    for i in group.each(group.spec.n_dof):
+        for name in names:
+            group.state[f"{name}0", i] = group.state[name, i]
 
 
 def clear_forces(group: Group, lanes: Any) -> None:
     """Flight goes on without contact forces, in some lanes."""
-    for j in range(len(group.contacts)):
+    for j in group.each(len(group.contacts)):
         for name in ("f0", "f1", "q0", "q1"):
             group.state[name, j] = where(lanes, 0.0, group.state[name, j])
 
@@ -183,11 +186,11 @@ def is_any_closed(group: Group) -> Any:
 
 def may_touch(group: Group, h: Any) -> Any:
     """Lanes in which floors may touch in the step just flown, by its ends and their rates."""
-    u0, v0, u, v = (group.floors(name) for name in ("u0", "v0", "u", "v"))
-    hit = group.full(-1.0)
-    for j in range(len(group.contacts)):
+    u0, v0, u, v = (name if group.long else group.floors(name) for name in ("u0", "v0", "u", "v"))
+    hit = Cell(group.full(-1.0))
+    for j in group.each_contact(straight=True):
         gap = group.gap(j)
         d0, d1 = group.between(u0, j) - gap, group.between(u, j) - gap
         w0, w1 = group.between(v0, j), group.between(v, j)
-        hit = maximum(hit, maximum(d1, minimum(fma(h, w0, d0), fma(-h, w1, d1))))
-    return hit > 0.0
+        hit.now = maximum(hit.now, maximum(d1, minimum(fma(h, w0, d0), fma(-h, w1, d1))))
+    return hit.now > 0.0

@@ -34,15 +34,19 @@ FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
 def begin(group: Group, start: Any) -> None:
     """Fill a lane group whose inputs are there; `start` is the first ground acceleration."""
     s, spec = group.state, group.spec
-    for i in range(spec.n_dof):
+    for i in group.each(spec.n_dof):
         s["u", i], s["v", i] = group.full(group.prop("u0", i)), group.full(group.prop("v0", i))
     s["g1"] = s["scale"] * start
     if spec.law is not None:
         s["shortest"] = group.limit.far
     for reducer in group.reducers:
-        for slot in (*reducer.slots, *reducer.keeps):
-            for i in range(slot.count(spec)) if slot.first else ():
-                s[slot.name, i] = slot.first(group, i)
+        for slot in (slot for slot in (*reducer.slots, *reducer.keeps) if slot.first):
+            if slot.per == "building":
+                for b, floors in group.each_building():
+                    s[slot.name, b] = slot.first(group, floors)
+            else:
+                for i in group.each(slot.count(spec)):
+                    s[slot.name, i] = slot.first(group, i)
     if spec.implicit:
         group.scheme.begin(group)
 
@@ -53,14 +57,13 @@ def finish(group: Group) -> None:
     if spec.located:
         samples(group)
     if "energy" in r:
-        for b in range(spec.n_buildings):
-            s["e_kin", b], s["e_strain", b] = kinetic(group, b), strain(group, b)
-    sound = None
-    for i in range(spec.n_dof):
+        for b, floors in group.each_building():
+            s["e_kin", b], s["e_strain", b] = kinetic(group, floors), strain(group, floors)
+    sound = Cell(group.lanes_where(True))
+    for i in group.each(spec.n_dof):
         v = s["v", i]
-        here = (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
-        sound = here if sound is None else sound & here
-    flags = where(sound, group.full(0.0), float(FLAG_DIVERGED))
+        sound.now = sound.now & (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
+    flags = where(sound.now, group.full(0.0), float(FLAG_DIVERGED))
     if group.touching:
         flags = flags + where(s["fallback"] > 0.0, float(FLAG_FALLBACK), group.full(0.0))
         flags = flags + where(s["unsolved"] > 0.0, float(FLAG_UNSOLVED), group.full(0.0))
@@ -72,9 +75,9 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
     s, law, r = group.state, group.law, group.asked
     assert law is not None
     implicit = group.spec.implicit
-    for j in range(len(group.contacts)):
+    for j in group.each_contact():
         d = forces.penetration(group, j)
-        v, before = group.between(group.floors("v"), j), group.between(group.floors("v0"), j)
+        v, before = group.between("v", j), group.between("v0", j)
         speed = maximum(v, before)
         closed = d > 0.0
         fresh = closed & (s["mode", j] == 0.0)
@@ -168,7 +171,8 @@ class FixedSteps:
             located.keep_start(group)
         for _ in when(touched.now):
             for now, before in (("u", "u0"), ("v", "v0"), *((("a", "a0"),) if group.spec.implicit else ())):
-                group.put(now, group.floors(before))
+                for k in group.each(group.spec.n_dof):
+                    s[now, k] = s[before, k]
             located.begin(group, None, s["scale"] * ga, s["scale"] * gb, h)
             for _ in while_any(lambda: s["time_left"] > 0.0, group.trace):
                 located.substep(group, h)

@@ -7,13 +7,13 @@ left out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import fma, maximum, minimum, size, when_any, where
-from pounding_sweep.kernel.row import total_accelerations, transferred
+from pounding_sweep.kernel.lanes import Cell, Table, count_to, fma, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.row import add_forces, total_accelerations, transferred
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
 REACH = 4.0 / 27.0
@@ -37,40 +37,41 @@ class Motion:
     sized : bool
         It is its absolute value that counts.
     of : callable
-        Takes it, or its rate, from what there is of each floor.
+        Reads it, or its rate, by the name of the floors' rows.
     """
 
-    most: tuple[str, int]
-    least: tuple[str, int] | None
+    most: tuple[str, Any]
+    least: tuple[str, Any] | None
     sized: bool
-    of: Callable[[Sequence[Any]], Any]
+    of: Callable[[str], Any]
 
 
-class _Floors(Sequence[Any]):
-    """A row of each floor, loaded where it is used."""
-
-    def __init__(self, group: Group, name: str) -> None:
-        self._group, self._name = group, name
-
-    def __len__(self) -> int:
-        return self._group.spec.n_dof
-
-    def __getitem__(self, i: Any) -> Any:
-        return self._group.state[self._name, i]
-
-
-def _followed(group: Group) -> Iterator[Motion]:
+def _followed(group: Group, straight: bool) -> Iterator[Motion]:
     for reducer in group.reducers:
         if reducer.follows:
-            yield from reducer.follows(group)
+            yield from reducer.follows(group, straight)
+
+
+def storeys(group: Group) -> Iterator[tuple[Any, Any]]:
+    """Go through the floors with those below (None: the ground)."""
+    if not group.long:
+        for i in range(group.spec.n_dof):
+            yield i, None if group.spec.bottom[i] else i - 1
+        return
+    for bottom in (True, False):
+        mine = [i for i in range(group.spec.n_dof) if group.spec.bottom[i] is bottom]
+        table = Table(group.trace, mine or [0])
+        for q in count_to(len(mine), group.trace):
+            i = table[q]
+            yield i, None if bottom else i - 1
 
 
 def turns(group: Group) -> None:
     """Take the extremes of the motion that lie inside the step just taken."""
     s = group.state
     h = s["h"]
-    for motion in _followed(group):
-        x0, x1, v0, v1 = (motion.of(_Floors(group, name)) for name in ("u0", "u", "v0", "v"))
+    for motion in _followed(group, straight=False):
+        x0, x1, v0, v1 = (motion.of(name) for name in ("u0", "u", "v0", "v"))
         high, sized, least = s[motion.most], motion.sized, motion.least
         reach = REACH * h * (size(v0) + size(v1))
         above = (maximum(size(x0), size(x1)) if sized else maximum(x0, x1)) + reach - high
@@ -89,8 +90,8 @@ def turns(group: Group) -> None:
 def samples(group: Group) -> None:
     """Take the motion at the present state."""
     s = group.state
-    for motion in _followed(group):
-        x = motion.of(_Floors(group, "u"))
+    for motion in _followed(group, straight=True):
+        x = motion.of("u")
         s[motion.most] = maximum(s[motion.most], size(x) if motion.sized else x)
         if motion.least is not None:
             s[motion.least] = minimum(s[motion.least], x)
@@ -98,10 +99,10 @@ def samples(group: Group) -> None:
 
 def turning(group: Group) -> Any:
     """Return what is zero or less where some of the motion that is followed turns in the step just taken."""
-    found = group.full(1.0)
-    for motion in _followed(group):
-        found = minimum(found, motion.of(_Floors(group, "v0")) * motion.of(_Floors(group, "v")))
-    return found
+    found = Cell(group.full(1.0))
+    for motion in _followed(group, straight=True):
+        found.now = minimum(found.now, motion.of("v0") * motion.of("v"))
+    return found.now
 
 
 def add_powers(group: Group, powers: list[tuple[Any, Any]], h6: Any) -> None:
@@ -114,27 +115,33 @@ def add_powers(group: Group, powers: list[tuple[Any, Any]], h6: Any) -> None:
 
 def largest_accelerations(group: Group, located: bool) -> None:
     """Take the total accelerations of all floors over the step just taken."""
-    s, n = group.state, group.spec.n_dof
-    held = range(len(group.contacts)) if group.touching else ()
-
-    def end(u: str, v: str, force: str, slope: str, ground: str) -> tuple[list[Any], list[Any]]:
-        x, y = group.floors(u), group.floors(v)
-        total = total_accelerations(group, x, y, [s[force, j] for j in held])
-        if not located:
-            return total, []
-        relative = [a - s[ground] for a in total]
-        return total, total_accelerations(group, y, relative, [s[slope, j] for j in held])
-
-    late, late_rate = end("u", "v", "f1", "q1", "g1")
+    s = group.state
+    ends = [("1", "u", "v", "g1")] + ([("0", "u0", "v0", "g0")] if located else [])
+    for b, floors in group.each_building():
+        for end, u, v, _ in ends:
+            x, y = [s[u, i] for i in floors], [s[v, i] for i in floors]
+            for i, a in zip(floors, total_accelerations(group, [(b, floors)], x, y), strict=True):
+                s[f"acc{end}", i] = a
+    if group.touching:
+        for end, *_ in ends:
+            add_forces(group, f"acc{end}", f"f{end}")
     if not located:
-        for i in range(n):
-            s["acc", i] = maximum(s["acc", i], size(late[i]))
+        for i in group.each(group.spec.n_dof):
+            s["acc", i] = maximum(s["acc", i], size(s["acc1", i]))
         return
-    early, early_rate = end("u0", "v0", "f0", "q0", "g0")
+    for b, floors in group.each_building():
+        for end, _, v, ground in ends:
+            y, relative = [s[v, i] for i in floors], [s[f"acc{end}", i] - s[ground] for i in floors]
+            for i, a in zip(floors, total_accelerations(group, [(b, floors)], y, relative), strict=True):
+                s[f"rate{end}", i] = a
+    if group.touching:
+        for end, *_ in ends:
+            add_forces(group, f"rate{end}", f"q{end}")
     h = s["h"]
-    for i in range(n):
-        p = cubic_extreme(early[i], late[i], h * early_rate[i], h * late_rate[i])
-        most = maximum(size(p), maximum(size(early[i]), size(late[i])))
+    for i in group.each(group.spec.n_dof):
+        early, late = s["acc0", i], s["acc1", i]
+        p = cubic_extreme(early, late, h * s["rate0", i], h * s["rate1", i])
+        most = maximum(size(p), maximum(size(early), size(late)))
         # of a lane that waits, forces may be of another instant
         s["acc", i] = maximum(s["acc", i], where(h > 0.0, most, 0.0))
 
@@ -142,7 +149,7 @@ def largest_accelerations(group: Group, located: bool) -> None:
 def transfers(group: Group) -> None:
     """Take the transferred energies at the present state."""
     s = group.state
-    for b in range(group.spec.n_buildings):
-        e = transferred(group, b)
+    for b, floors in group.each_building():
+        e = transferred(group, b, floors)
         s["tmax", b] = maximum(s["tmax", b], e)
         s["tmin", b] = minimum(s["tmin", b], e)

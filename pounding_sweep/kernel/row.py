@@ -5,32 +5,48 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import fma
 
+#: Some buildings, and their floors.
+Part = Sequence[tuple[Any, Sequence[Any]]]
 
-def storey_forces(group: Group, x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
-    """Storey forces f = k (w_i - w_(i-1)), w = x + beta y."""
-    spec, forces = group.spec, []
-    for b, floors in enumerate(group.building_floors):
-        w = [fma(group.prop("beta", b), y[i], x[i]) if len(floors) > 1 else x[i] for i in floors]
+
+def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
+    """Storey forces f = k (w_i - w_(i-1)), w = x + beta y; all values floor by floor of the part."""
+    forces, at = [], 0
+    for b, floors in part:
+        here = range(at, at + len(floors))
+        w = [fma(group.prop("beta", b), y[p], x[p]) if len(floors) > 1 else x[p] for p in here]
         forces += [group.prop("k", i) * (w[s] - w[s - 1] if s else w[s]) for s, i in enumerate(floors)]
-    assert len(forces) == spec.n_dof
+        at += len(floors)
     return forces
 
 
-def accelerations(group: Group, x: Sequence[Any], y: Sequence[Any], ground: Any, push: Sequence[Any]) -> list[Any]:
-    """Accelerations relative to the ground, of displacements x and velocities y, under contact forces `push`."""
-    spec, found, f = group.spec, [], storey_forces(group, x, y)
-    for i, b in enumerate(spec.building_of):
-        net = -f[i] if spec.top[i] else f[i + 1] - f[i]
-        for j, force in enumerate(push):
-            left, right, _ = spec.contacts[j]
-            if i == left:
-                net = net - force
-            elif i == right:
-                net = net + force
-        found.append(fma(group.prop("im", i), net, -fma(group.prop("alpha", b), y[i], ground)))
+def accelerations(
+    group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], ground: Any, push: Sequence[Sequence[tuple[str, Any]]]
+) -> list[Any]:
+    """Accelerations relative to the ground, of displacements x and velocities y, under forces `push` on each floor."""
+    found: list[Any] = []
+    f = storey_forces(group, part, x, y)
+    for b, floors in part:
+        for s, i in enumerate(floors):
+            p = len(found)
+            net = -f[p] if s == len(floors) - 1 else f[p + 1] - f[p]
+            for sign, force in push[p] if push else ():
+                net = net - force if sign == "-" else net + force
+            found.append(fma(group.prop("im", i), net, -fma(group.prop("alpha", b), y[p], ground)))
+    return found
+
+
+def pushes(group: Group, forces: Sequence[Any]) -> list[list[tuple[str, Any]]]:
+    """Contact forces on each floor, with their signs."""
+    found: list[list[tuple[str, Any]]] = [[] for _ in range(group.spec.n_dof)] if forces else []
+    for force, (left, right, _) in zip(forces, group.contacts, strict=False):
+        if left >= 0:
+            found[left].append(("-", force))
+        if right >= 0:
+            found[right].append(("+", force))
     return found
 
 
@@ -41,29 +57,29 @@ def _sum(terms: Sequence[Any]) -> Any:
     return total
 
 
-def powers(group: Group, y: Sequence[Any], ground: Any) -> list[tuple[Any, Any]]:
+def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tuple[Any, Any]]:
     """Powers (kW) of the ground and of damping on each building, at the velocities y."""
-    spec, found = group.spec, []
-    for b, floors in enumerate(group.building_floors):
-        momentum = _sum([group.prop("m", i) * y[i] for i in floors])
-        mass = _sum([group.prop("m", i) * y[i] * y[i] for i in floors])
-        drift = [y[i] if spec.bottom[i] else y[i] - y[i - 1] for i in floors]
+    found, at = [], 0
+    for b, floors in part:
+        v = y[at : at + len(floors)]
+        at += len(floors)
+        momentum = _sum([group.prop("m", i) * w for i, w in zip(floors, v, strict=True)])
+        mass = _sum([group.prop("m", i) * w * w for i, w in zip(floors, v, strict=True)])
+        drift = [v[s] - v[s - 1] if s else v[s] for s in range(len(v))]
         stiff = _sum([group.prop("k", i) * dv * dv for i, dv in zip(floors, drift, strict=True)])
         found.append((-ground * momentum, group.prop("alpha", b) * mass + group.prop("beta", b) * stiff))
     return found
 
 
-def kinetic(group: Group, b: int) -> Any:
-    """v'Mv/2 of building b."""
-    return _sum(
-        [0.5 * group.prop("m", i) * group.state["v", i] * group.state["v", i] for i in group.building_floors[b]]
-    )
+def kinetic(group: Group, floors: Sequence[Any]) -> Any:
+    """v'Mv/2 of a building."""
+    return _sum([0.5 * group.prop("m", i) * group.state["v", i] * group.state["v", i] for i in floors])
 
 
-def strain(group: Group, b: int) -> Any:
-    """u'Ku/2 of building b."""
+def strain(group: Group, floors: Sequence[Any]) -> Any:
+    """u'Ku/2 of a building."""
     terms, below = [], None
-    for i in group.building_floors[b]:
+    for i in floors:
         u = group.state["u", i]
         drift = u if below is None else u - below
         terms.append(0.5 * group.prop("k", i) * drift * drift)
@@ -71,28 +87,35 @@ def strain(group: Group, b: int) -> Any:
     return _sum(terms)
 
 
-def transferred(group: Group, b: int) -> Any:
+def transferred(group: Group, b: Any, floors: Sequence[Any]) -> Any:
     """Input - kinetic - damping - strain of building b since the start: what its contacts took."""
     s = group.state
-    return s["e_in", b] - s["e_damp", b] - (kinetic(group, b) + strain(group, b) - s["kinetic0", b])
+    return s["e_in", b] - s["e_damp", b] - (kinetic(group, floors) + strain(group, floors) - s["kinetic0", b])
 
 
-def total_accelerations(group: Group, x: Sequence[Any], y: Sequence[Any], forces: Sequence[Any] | None) -> list[Any]:
-    """-M^-1 (C y + K x) and what contact forces add: total accelerations, or of rates x, y and forces their rates."""
-    spec, found = group.spec, []
-    for b, floors in enumerate(group.building_floors):
-        w = [x[i] + group.prop("beta", b) * y[i] for i in floors]
+def total_accelerations(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
+    """-M^-1 (C y + K x): total accelerations without contact forces, or of rates x, y their rates."""
+    found: list[Any] = []
+    for b, floors in part:
+        at = len(found)
+        w = [x[at + s] + group.prop("beta", b) * y[at + s] for s in range(len(floors))]
         for s, i in enumerate(floors):
-            here = -(group.prop("alpha", b) * y[i]) - group.prop("im", i) * (
+            here = -(group.prop("alpha", b) * y[at + s]) - group.prop("im", i) * (
                 group.prop("k", i) * (w[s] - w[s - 1] if s else w[s])
             )
-            if not spec.top[i]:
-                here = here + group.prop("im", i) * (group.prop("k", i + 1) * (w[s + 1] - w[s]))
+            if s < len(floors) - 1:
+                here = here + group.prop("im", i) * (group.prop("k", floors[s + 1]) * (w[s + 1] - w[s]))
             found.append(here)
-    for j, force in enumerate(forces or ()):
-        left, right, _ = spec.contacts[j]
-        if left >= 0:
-            found[left] = found[left] - group.prop("im", left) * force
-        if right >= 0:
-            found[right] = found[right] + group.prop("im", right) * force
     return found
+
+
+def add_forces(group: Group, name: str, forces: str) -> None:
+    """Add what contact forces (or their rates) do to accelerations (or theirs); names of rows."""
+    s = group.state
+    for j in group.each_contact():
+        left, right, _ = group.sides(j)
+        force = s[forces, j]
+        if not is_wall(left):
+            s[name, left] = s[name, left] - group.prop("im", left) * force
+        if not is_wall(right):
+            s[name, right] = s[name, right] + group.prop("im", right) * force

@@ -23,6 +23,10 @@ VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short")
 CONTACT_CAP = 0.25
 
 
+#: Most degrees of freedom emitted as one straight line; longer rows run through loops.
+FUSED_DOF = 16
+
+
 @dataclass(frozen=True)
 class LawShape:
     """The part of a contact law that is compiled: expressions and switches."""
@@ -118,6 +122,11 @@ class KernelSpec:
     def n_buildings(self) -> int:
         """Buildings in the row."""
         return len(self.storeys)
+
+    @property
+    def fused(self) -> bool:
+        """Whether one step is one straight line."""
+        return self.n_dof <= FUSED_DOF
 
     def home(self, b: int) -> int:
         """Lowest floor of a building."""

@@ -19,7 +19,7 @@ from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
 
 
-def may_change(group: Group, j: int, mode: Any, d1: Any, early: Any, late: Any, v1: Any) -> Any:
+def may_change(group: Group, j: Any, mode: Any, d1: Any, early: Any, late: Any, v1: Any) -> Any:
     """Lanes in which a closed contact may slip, or stick again."""
     s = group.state
     low = s["plastic", j]
@@ -28,7 +28,7 @@ def may_change(group: Group, j: int, mode: Any, d1: Any, early: Any, late: Any, 
     return ((mode == 1.0) & leaves) | ((mode == 2.0) & ((slips & (v1 < 0.0)) | (~slips & (v1 > 0.0))))
 
 
-def begin(group: Group, j: int, lanes: Any, k: Any, loss: Any, v: Any, mass: Any) -> None:
+def begin(group: Group, j: Any, lanes: Any, k: Any, loss: Any, v: Any, mass: Any) -> None:
     """Properties of a contact that begins at the rate v, meant for the depth of an elastic Hertz contact."""
     s = group.state
     speed = maximum(v, RESTING_SPEED)
@@ -46,20 +46,20 @@ def begin(group: Group, j: int, lanes: Any, k: Any, loss: Any, v: Any, mass: Any
     stick(group, j, lanes)
 
 
-def set_plastic(group: Group, j: int, lanes: Any, d: Any) -> None:
+def set_plastic(group: Group, j: Any, lanes: Any, d: Any) -> None:
     """Plastic part of a contact that has slipped to the penetration d."""
     s = group.state
     s["plastic", j] = where(lanes, where(s["ce", j] > 0.0, d - s["yield", j], d), s["plastic", j])
 
 
-def stick(group: Group, j: int, lanes: Any) -> None:
+def stick(group: Group, j: Any, lanes: Any) -> None:
     """Let the plastic part stand still from here on."""
     s = group.state
     s["ke", j] = where(lanes, s["kl", j] + s["cl", j], s["ke", j])
     s["ce", j] = where(lanes, -s["cl", j] * s["plastic", j], s["ce", j])
 
 
-def slip(group: Group, j: int, lanes: Any, d: Any) -> None:
+def slip(group: Group, j: Any, lanes: Any, d: Any) -> None:
     """Let the yielding part hold the force that it has reached: all of it or none."""
     s = group.state
     deep = d - s["plastic", j] > 0.5 * s["yield", j]
@@ -67,10 +67,10 @@ def slip(group: Group, j: int, lanes: Any, d: Any) -> None:
     s["ce", j] = where(lanes, where(deep, s["cl", j] * s["yield", j], 0.0), s["ce", j])
 
 
-def switch(group: Group, j: int, due: Any, mode: Any, target: Any) -> None:
+def switch(group: Group, j: Any, due: Any, mode: Any, target: Any) -> None:
     """Go over to another mode, in the lanes in which that is due."""
     s = group.state
-    d = group.between(group.floors("u"), j) - group.gap(j)
+    d = group.between("u", j) - group.gap(j)
     opens, sticks, slips = due & (target == 0.0), due & (target == 1.0), due & (target == 2.0)
     for name in ("ke", "ce"):
         s[name, j] = where(opens, 0.0, s[name, j])
@@ -79,14 +79,14 @@ def switch(group: Group, j: int, due: Any, mode: Any, target: Any) -> None:
     slip(group, j, slips, d)
 
 
-def held_force(group: Group, j: int, d: Any) -> Any:
+def held_force(group: Group, j: Any, d: Any) -> Any:
     """Force at penetration d, the plastic part being what it must be there."""
     s = group.state
     stretch = minimum(maximum(d - s["plastic", j], 0.0), s["yield", j])
     return where(d > 0.0, s["kl", j] * d + s["cl", j] * stretch, 0.0)
 
 
-def settle(group: Group, j: int, lanes: Any, d: Any, v: Any) -> Any:
+def settle(group: Group, j: Any, lanes: Any, d: Any, v: Any) -> Any:
     """Mode of a contact that went to the penetration d by `held_force`."""
     s = group.state
     stretch, top = d - s["plastic", j], s["yield", j]
@@ -98,7 +98,7 @@ def settle(group: Group, j: int, lanes: Any, d: Any, v: Any) -> Any:
     return where(slips, 2.0, group.full(1.0))
 
 
-def event(group: Group, j: int, asks: Any, h: Any, ends: tuple[Any, Any, Any, Any], b: Quartic) -> Any:
+def event(group: Group, j: Any, asks: Any, h: Any, ends: tuple[Any, Any, Any, Any], b: Quartic) -> Any:
     """Fraction of the sub-step at which a closed contact begins to slip, or sticks again (2: not in it)."""
     del h
     s, (d0, d1, v0, v1) = group.state, ends

@@ -114,23 +114,23 @@ def _deepest(group: Group, at: Sample) -> None:
     group.state["dmax", at.j] = maximum(group.state["dmax", at.j], at.d)
 
 
-def _first(group: Group, j: int, lanes: Any, time: Any) -> None:
+def _first(group: Group, j: Any, lanes: Any, time: Any) -> None:
     s = group.state
     s["tfirst", j] = where(lanes & (s["tfirst", j] < 0.0), time, s["tfirst", j])
 
 
-def _fastest(group: Group, j: int, lanes: Any, v: Any) -> None:
+def _fastest(group: Group, j: Any, lanes: Any, v: Any) -> None:
     s = group.state
     s["vmax", j] = where(lanes, maximum(s["vmax", j], v), s["vmax", j])
 
 
-def _closed(group: Group, j: int, lanes: Any, h: Any) -> None:
+def _closed(group: Group, j: Any, lanes: Any, h: Any) -> None:
     s = group.state
     s["tclosed", j] = s["tclosed", j] + where(lanes, h, group.full(0.0))
 
 
 def _closed_substep(group: Group) -> None:
-    for j in range(len(group.contacts)):
+    for j in group.each_contact():
         _closed(group, j, ~(group.state["mode", j] == 0.0), group.state["h"])
 
 

@@ -99,11 +99,14 @@ def needs(*names: str) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class Slot:
-    """A number that a kernel keeps of each "floor", "contact" or "building", and its first value (else 0)."""
+    """A number that a kernel keeps of each "floor", "contact" or "building", and its first value (else 0).
+
+    The first value follows from the number of the floor or contact, or from the floors of the building.
+    """
 
     name: str
     per: str
-    first: Callable[[Group, int], Any] | None = None
+    first: Callable[[Group, Any], Any] | None = None
 
     def count(self, shape: KernelSpec) -> int:
         """How many of it a kernel has."""
@@ -132,7 +135,8 @@ class Reducer:
     quick : bool
         High modes weigh in it: exact flight takes shorter steps.
     follows : callable, optional
-        Gives the motions whose extremes it keeps, turning points inside steps included.
+        Gives the motions whose extremes it keeps, turning points inside steps included; in one straight line of code
+        where that is asked for and the row is short.
     touch : callable, optional
         What it does at the onset of a contact.
     substep : callable, optional
@@ -147,7 +151,7 @@ class Reducer:
     keeps: tuple[Slot, ...] = ()
     looks: str = ""
     quick: bool = False
-    follows: Callable[[Group], Iterable[Motion]] | None = None
+    follows: Callable[[Group, bool], Iterable[Motion]] | None = None
     touch: Callable[[Group, Touch], None] | None = None
     substep: Callable[[Group], None] | None = None
     plain: Callable[[Group, Sample], None] | None = None

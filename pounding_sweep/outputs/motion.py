@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
-from operator import itemgetter
 from typing import Any
 
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.peaks import Motion
+from pounding_sweep.kernel.peaks import Motion, storeys
 from pounding_sweep.outputs.declare import CONTACT, FLOOR, Reducer, Slot, Variable, needs
 from pounding_sweep.outputs.readout import contacts, floors, scatter_dof
 
@@ -87,26 +86,28 @@ CLOSINGS = (
 )
 
 
-def _displacements(group: Group) -> Iterator[Motion]:
-    for i in range(group.spec.n_dof):
-        yield Motion(("umax", i), ("umin", i), False, itemgetter(i))
+def _displacements(group: Group, straight: bool) -> Iterator[Motion]:
+    for i in group.each(group.spec.n_dof, straight):
+        yield Motion(("umax", i), ("umin", i), False, partial(_read, group, i))
 
 
-def _drifts(group: Group) -> Iterator[Motion]:
-    for i, lowest in enumerate(group.spec.bottom):
-        yield Motion(("drift", i), None, True, itemgetter(i) if lowest else partial(_drift, i))
+def _drifts(group: Group, straight: bool) -> Iterator[Motion]:
+    del straight
+    for i, below in storeys(group):
+        yield Motion(("drift", i), None, True, partial(_read, group, i, below=below))
 
 
-def _drift(i: int, x: Sequence[Any]) -> Any:
-    return x[i] - x[i - 1]
+def _read(group: Group, i: Any, name: str, below: Any = None) -> Any:
+    x = group.state[name, i]
+    return x if below is None else x - group.state[name, below]
 
 
-def _closings(group: Group) -> Iterator[Motion]:
-    for j in range(len(group.spec.contacts)):
+def _closings(group: Group, straight: bool) -> Iterator[Motion]:
+    for j in group.each_closing(straight):
         yield Motion(("closing", j), None, False, partial(group.between, j=j))
 
 
-def _still(group: Group, i: int) -> Any:
+def _still(group: Group, i: Any) -> Any:
     return group.state["u", i]
 
 

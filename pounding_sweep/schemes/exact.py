@@ -19,6 +19,7 @@ from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
     any_lane,
+    count_to,
     counts,
     first_whole,
     flag,
@@ -55,20 +56,28 @@ class Exact(Rk4):
 WINDOW = 8
 #: What a lane wants to do next.
 GLIDING, STEPPING, TOUCHING, ENDED = 0.0, 1.0, 2.0, 3.0
+#: Storeys up to which the step of a building in a long row is one straight line.
+STRAIGHT = 4
 
 
 def flight(group: Group, table: Any) -> None:
     """Take an exact step of all buildings by one of both tables; the present state becomes its start."""
     s = group.state
-    g0, g1, at = s["g0"], s["g1"], 0
-    for floors in group.building_floors:
+    g0, g1 = s["g0"], s["g1"]
+    places: Any = group.table_places if group.long else []
+    at = 0
+    for b, floors in group.each_building():
         before = [s["u", i] for i in floors] + [s["v", i] for i in floors]
         for name, values in (("u0", before[: len(floors)]), ("v0", before[len(floors) :])):
             for i, x in zip(floors, values, strict=True):
                 s[name, i] = x
         width = len(before) + 2
+        first = places[b] if group.long else at
+        if group.long and len(floors) > STRAIGHT:
+            _rows_of_flight(group, table, first, floors)
+            continue
         for row in range(len(before)):
-            a = [group.transition(table, at + row * width + column) for column in range(width)]
+            a = [group.transition(table, first + (row * width + column)) for column in range(width)]
             now = fma(a[-2], g0, a[-1] * g1)
             for column, x in enumerate(before):
                 now = fma(a[column], x, now)
@@ -76,25 +85,41 @@ def flight(group: Group, table: Any) -> None:
         at += len(before) * width
 
 
+def _rows_of_flight(group: Group, table: Any, first: Any, floors: Any) -> None:
+    """Step of a high building: row by row of its table, the columns in one straight line."""
+    s = group.state
+    g0, g1, n = s["g0"], s["g1"], len(floors)
+    before = [s["u0", i] for i in floors] + [s["v0", i] for i in floors]
+    width = 2 * n + 2
+    for half, name in enumerate("uv"):
+        for p in count_to(n, group.trace):
+            at = first + (p + half * n) * width
+            a = [group.transition(table, at + column) for column in range(width)]
+            now = fma(a[-2], g0, a[-1] * g1)
+            for column, x in enumerate(before):
+                now = fma(a[column], x, now)
+            s[name, floors[0] + p] = now
+
+
 def flight_energies(group: Group, h: Any) -> None:
     """Add what the ground put in and what damping took over an exact step, without any quadrature."""
     s = group.state
     flies = where(s["h"] > 0.0, 1.0, group.full(0.0))
     g0, g1 = s["g0"], s["g1"]
-    for b, floors in enumerate(group.building_floors):
+    for b, floors in group.each_building():
         alpha, beta = group.prop("alpha", b), group.prop("beta", b)
         passed = gained = given = group.full(0.0)
-        pull: dict[int, Any] = {}
+        pull: list[Any] = []
         for i in reversed(floors):  # storey forces, from the top
             m = group.prop("m", i)
             dv = s["v", i] - s["v0", i] + alpha * (s["u", i] - s["u0", i])
             passed = passed - m * (0.5 * h * (g0 + g1) + dv)
-            pull[i] = passed
+            pull.append(passed)
             gained = gained + 0.5 * m * ((s["v", i] - s["v0", i]) * (s["v", i] + s["v0", i]))
         passed = group.full(0.0)
-        for i in floors:
-            m, k, below = group.prop("m", i), group.prop("k", i), i > floors[0]
-            passed = passed + pull[i] / k
+        for p, i in enumerate(floors):
+            m, k, below = group.prop("m", i), group.prop("k", i), p > 0
+            passed = passed + pull.pop() / k
             area = passed - beta * (s["u", i] - s["u0", i])
             slope = (g1 - g0) / h
             given = given - m * (g1 * s["u", i] - g0 * s["u0", i] - slope * area)
@@ -178,7 +203,7 @@ class March:
             waits = ~(s["h"] > 0.0)
             with when_any(waits):
                 for now, before in (("u", "u0"), ("v", "v0")):
-                    for i in range(group.spec.n_dof):
+                    for i in group.each(group.spec.n_dof):
                         s[now, i] = where(waits, s[before, i], s[now, i])
         with when_any(turned <= 0.0):
             turns(group)

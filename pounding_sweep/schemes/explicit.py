@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.kernel import impulse
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import fma
+from pounding_sweep.kernel.located import keep_start
 from pounding_sweep.kernel.peaks import add_powers
-from pounding_sweep.kernel.row import accelerations, powers
+from pounding_sweep.kernel.row import Part, accelerations, powers, pushes
 from pounding_sweep.schemes.base import Scheme
 
 
@@ -66,17 +67,16 @@ class Explicit(Scheme):
     def step(
         self,
         group: Group,
+        part: Part,
         u: Sequence[Any],
         v: Sequence[Any],
         h: Any,
-        ground: tuple[Any, Any],
         forces: Forces | None = None,
         join: Callable[[list[Any]], tuple[list[Any], list[Any]]] | None = None,
     ) -> Step:
-        """Return where a step of length `h` leads, the ground moving from one acceleration to another."""
-        asked, every = group.asked, range(group.spec.n_dof)
-        places = {0.0: ground[0], 0.5: 0.5 * (ground[0] + ground[1]), 1.0: ground[1]}
-        found, x, y, a = Step([], [], []), list(u), list(v), []
+        """Return where a step of length `h` leads a part of the row."""
+        asked, every = group.asked, range(len(u))
+        grounds, found, x, y, a = _grounds(group), Step([], [], []), list(u), list(v), []
 
         def total(sums: Sequence[Any], values: Sequence[Any]) -> list[Any]:
             scaled = [weight * value for value in values]
@@ -84,12 +84,12 @@ class Explicit(Scheme):
 
         for number, (place, weight) in enumerate(self.nodes, 1):
             held: Sequence[Any] = forces(x, y) if forces is not None else ()
-            now = accelerations(group, x, y, places[place], held)
+            now = accelerations(group, part, x, y, grounds[place], pushes(group, held))
             if join is not None:
                 now, held = join(now)
             a.append(now)
             if "energy" in asked:
-                gained, lost = zip(*powers(group, y, places[place]), strict=True)
+                gained, lost = zip(*powers(group, part, y, grounds[place]), strict=True)
                 sums = [total([p[side] for p in found.powers], new) for side, new in enumerate((gained, lost))]
                 found.powers = list(zip(*sums, strict=True))
             if held and "work" in asked and join is None:
@@ -103,21 +103,88 @@ class Explicit(Scheme):
         found.u, found.v, found.a0 = x, y, a[0]
         return found
 
+    def step_long(
+        self, group: Group, h: Any, press: Callable[[Any], Any] | None, join: Callable[[str], None] | None
+    ) -> None:
+        """Step from ``u0`` and ``v0`` to ``u`` and ``v`` in a long row in contact, stage by stage.
+
+        `press` is a contact's force. The sums over the stages are left in ``din``, ``ddamp``, ``dwork`` and
+        ``dimpulse``; where floors rest on each other, `join` makes their accelerations in a row alike and leaves the
+        forces in ``force``.
+        """
+        s, r, n, grounds = group.state, group.asked, group.spec.n_dof, _grounds(group)
+        for i in group.each(n):
+            s["x", i], s["y", i] = s["u0", i], s["v0", i]
+        for number, (place, weight) in enumerate(self.nodes, 1):
+
+            def add(row: str, k: Any, value: Any, weight: float = weight, number: int = number) -> None:
+                s[row, k] = weight * value if number == 1 else s[row, k] + weight * value
+
+            for i in group.each(n):
+                s["push", i] = 0.0
+            for j in group.each_contact() if press is not None else ():
+                assert press is not None
+                force = press(j)
+                left, right, _ = group.sides(j)
+                if not is_wall(left):
+                    s["push", left] = s["push", left] - force
+                if not is_wall(right):
+                    s["push", right] = s["push", right] + force
+                if "work" in r:
+                    add("dwork", j, force * group.between("y", j))
+                if "impulse" in r:
+                    add("dimpulse", j, force)
+            for b, floors in group.each_building():
+                x, y = [s["x", i] for i in floors], [s["y", i] for i in floors]
+                push = [[("+", s["push", i])] for i in floors]
+                now = accelerations(group, [(b, floors)], x, y, grounds[place], push)
+                for i, a in zip(floors, now, strict=True):
+                    s[f"s{number - 1}", i] = a
+                for gained, lost in powers(group, [(b, floors)], y, grounds[place]) if "energy" in r else ():
+                    add("din", b, gained)
+                    add("ddamp", b, lost)
+            if join is not None:
+                join(f"s{number - 1}")
+                for j in group.each_contact() if "impulse" in r else ():
+                    add("dimpulse", j, s["force", j])
+            names = ("x", "y") if number < len(self.nodes) else ("u", "v")
+            for i in group.each(n):
+                a = [s[f"s{k}", i] for k in range(number)]
+                for name, value in zip(names, self.after(number, s["u0", i], s["v0", i], s["x", i], a, h), strict=True):
+                    s[name, i] = value
+        for i in group.each(n):
+            s["a0", i] = s["s0", i]
+
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
-        return self._whole(group, h, None)
+        s = group.state
+        if not group.long:
+            return self._whole(group, h, None)
+        for b, floors in group.each_building():
+            u, v = [s["u", i] for i in floors], [s["v", i] for i in floors]
+            step = self.step(group, [(b, floors)], u, v, h)
+            for p, i in enumerate(floors):
+                s["u0", i], s["v0", i], s["u", i], s["v", i] = u[p], v[p], step.u[p], step.v[p]
+            for gained, lost in step.powers:
+                s["din", b], s["ddamp", b] = gained, lost
+        return lambda: _record_long(group)
 
     def plain(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone."""
         s, law = group.state, group.law
         assert law is not None
+        if group.long:
+            keep_start(group)
+
+            def push(j: Any) -> Any:
+                d = group.between("x", j) - group.gap(j)
+                return law.memoryless(s["k"], s["c", j], s["vrun", j], d, group.between("y", j))
+
+            self.step_long(group, h, push, None)
+            return lambda: _record_contacts(group)
         every = range(len(group.contacts))
-        k, c, gaps, run = (
-            s["k"],
-            [s["c", j] for j in every],
-            [group.gap(j) for j in every],
-            [s["vrun", j] for j in every],
-        )
+        k, c, gaps = s["k"], [s["c", j] for j in every], [group.gap(j) for j in every]
+        run = [s["vrun", j] for j in every]
 
         def press(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
             return [law.memoryless(k, c[j], run[j], group.between(x, j) - gaps[j], group.between(y, j)) for j in every]
@@ -125,11 +192,10 @@ class Explicit(Scheme):
         return self._whole(group, h, press)
 
     def _whole(self, group: Group, h: Any, press: Forces | None) -> Callable[[], None]:
-        s = group.state
         u, v = group.floors("u"), group.floors("v")
         group.put("u0", u)
         group.put("v0", v)
-        step = self.step(group, u, v, h, (s["g0"], s["g1"]), press)
+        step = self.step(group, _row(group), u, v, h, press)
         group.put("u", step.u)
         group.put("v", step.v)
         return _record(group, step)
@@ -138,22 +204,44 @@ class Explicit(Scheme):
         """Try a sub-step of every lane's own length, modes frozen."""
         s, law = group.state, group.law
         assert law is not None
+        if group.long:
+
+            def push(j: Any) -> Any:
+                d = group.between("x", j) - group.gap(j)
+                return law.pressing(s["ke", j], s["ce", j], d, group.between("y", j))
+
+            if group.spec.impulsive:
+                self.step_long(group, s["h"], None, lambda name: impulse.join_rows(group, name))
+            else:
+                self.step_long(group, s["h"], push, None)
+            return lambda: _record_contacts(group)
         every = range(len(group.contacts))
-        u0, v0, ground, h = group.floors("u0"), group.floors("v0"), (s["g0"], s["g1"]), s["h"]
+        u0, v0, h = group.floors("u0"), group.floors("v0"), s["h"]
         if group.spec.impulsive:
             rests = impulse.resting(group)
-            step = self.step(group, u0, v0, h, ground, join=lambda a: impulse.join(group, a, rests))
+            step = self.step(group, _row(group), u0, v0, h, join=lambda a: impulse.join(group, a, rests))
         else:
             k, c, gaps = [s["ke", j] for j in every], [s["ce", j] for j in every], [group.gap(j) for j in every]
 
             def press(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
                 return [law.pressing(k[j], c[j], group.between(x, j) - gaps[j], group.between(y, j)) for j in every]
 
-            step = self.step(group, u0, v0, h, ground, press)
+            step = self.step(group, _row(group), u0, v0, h, press)
         group.put("a0", step.a0)
         group.put("u", step.u)
         group.put("v", step.v)
         return _record(group, step)
+
+
+def _grounds(group: Group) -> dict[float, Any]:
+    """Ground accelerations at the start, middle and end of the step."""
+    g0, g1 = group.state["g0"], group.state["g1"]
+    return {0.0: g0, 0.5: 0.5 * (g0 + g1), 1.0: g1}
+
+
+def _row(group: Group) -> Part:
+    """All buildings of a short row, and their floors."""
+    return list(enumerate(group.building_floors))
 
 
 def _record(group: Group, step: Step) -> Callable[[], None]:
@@ -170,3 +258,23 @@ def _record(group: Group, step: Step) -> Callable[[], None]:
             s["impulse", j] = fma(h6, x, s["impulse", j])
 
     return add
+
+
+def _record_long(group: Group) -> None:
+    """Add energies of a step of a long row, which left its sums in rows."""
+    s = group.state
+    h6 = s["h"] * (1.0 / 6.0)
+    for b in group.each(group.spec.n_buildings) if "energy" in group.asked else ():
+        s["e_in", b] = fma(h6, s["din", b], s["e_in", b])
+        s["e_damp", b] = fma(h6, s["ddamp", b], s["e_damp", b])
+
+
+def _record_contacts(group: Group) -> None:
+    """Add energies, works and impulses of a step of a long row."""
+    s = group.state
+    h6 = s["h"] * (1.0 / 6.0)
+    _record_long(group)
+    for name in ("work", "impulse"):
+        if name in group.asked and not (name == "work" and group.spec.impulsive):
+            for j in group.each(len(group.contacts)):
+                s[name, j] = fma(h6, s[f"d{name}", j], s[name, j])

@@ -8,14 +8,14 @@ scalar equation, solved within a bracket; the contacts are swept until none chan
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from pounding_sweep.kernel import yielding
 from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SLACK, contact_rate, is_closed, penetration
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.impulse import alone
-from pounding_sweep.kernel.lanes import Cell, maximum, minimum, size, when_any, where, while_any
+from pounding_sweep.kernel.lanes import Cell, count_to, flagged, maximum, minimum, size, when_any, where, while_any
 
 #: Sweeps over the contacts before the implicit solution is given up (the lane is flagged).
 MAX_SWEEPS = 500
@@ -23,41 +23,73 @@ MAX_SWEEPS = 500
 STIFF_RATE = 2.0
 
 
-def compliance(group: Group, floor: int, h: Any) -> dict[int, Any]:
-    """Acceleration of every floor of a building for a unit force on one, in a Newmark step of length h."""
-    b = group.spec.building_of[floor]
-    floors = group.building_floors[b]
+def _sides(group: Group, j: Any) -> list[tuple[Any, Any, float]]:
+    """Floors of a contact: where its responses begin, the floor, the sign of the force on it."""
+    most = max(group.spec.storeys)
+    sides = zip((0, 1), group.sides(j), (-1.0, 1.0), strict=False)
+    return [((j * 2 + side) * most, floor, sign) for side, floor, sign in sides if not is_wall(floor)]
+
+
+def _count(group: Group, n: Any) -> Iterator[Any]:
+    """Count to n storeys, at run time unless a short row's buildings are all equally high."""
+    return iter(range(n)) if isinstance(n, int) and not group.long else count_to(n, group.trace)
+
+
+def _keep_compliance(group: Group, first: Any, floor: Any, h: Any) -> None:
+    """Keep the acceleration of every floor of a building for a unit force on one, in a Newmark step of length h."""
+    s = group.state
+    home, storeys, b = group.home_of(floor)
     beta, gamma = group.prop("newmark_beta"), group.prop("newmark_gamma")
     be, ga = beta * h * h, gamma * h
     alpha, stiff = group.prop("alpha", b), be + ga * group.prop("beta", b)
-    right: list[Any] = []
-    diagonals: list[Any] = []
-    k = [group.prop("k", i) for i in floors]
+
+    def ahead(p: Any, above: Any) -> tuple[Any, Any]:
+        i = home + p
+        diagonal = group.prop("m", i) * (1.0 + ga * alpha) + stiff * (group.prop("k", i) + above)
+        return diagonal, where(flagged(group.trace, i == floor), group.full(1.0), group.full(0.0))
+
+    def above(p: Any) -> Any:
+        top = p + 1 == storeys
+        if not isinstance(top, bool):
+            i = where(top, home + p, home + p + 1)
+            return where(top, group.full(0.0), group.full(group.prop("k", i)))
+        return 0.0 if top else group.prop("k", home + p + 1)
+
     # elimination from the bottom, as in the flight step
-    for s, i in enumerate(floors):
-        above = k[s] + k[s + 1] if s + 1 < len(floors) else k[s] + 0.0
-        diagonal = group.prop("m", i) * (1.0 + ga * alpha) + stiff * above
-        r = group.full(1.0 if i == floor else 0.0)
-        if s:
-            low = -stiff * k[s] / diagonals[-1]
-            diagonal = diagonal + low * stiff * k[s]
-            r = r - low * right[-1]
-        right.append(r)
-        diagonals.append(diagonal)
-    found = [right[-1] / diagonals[-1]]
-    for s in range(len(floors) - 2, -1, -1):
-        found.insert(0, (right[s] + stiff * k[s + 1] * found[0]) / diagonals[s])
-    return dict(zip(floors, found, strict=True))
+    s["diagonal"], s["response", first] = ahead(0, above(0))
+    for q in _count(group, storeys - 1):
+        p = q + 1
+        k = group.prop("k", home + p)
+        diagonal, right = ahead(p, above(p))
+        low = -stiff * k / s["diagonal", q]
+        s["diagonal", p] = diagonal + low * stiff * k
+        s["response", first + p] = right - low * s["response", first + q]
+    last = storeys - 1
+    s["response", first + last] = s["response", first + last] / s["diagonal", last]
+    for q in _count(group, last):
+        p = last - 1 - q
+        found = s["response", first + p] + stiff * group.prop("k", home + p + 1) * s["response", first + p + 1]
+        s["response", first + p] = found / s["diagonal", p]
 
 
-def _push(group: Group, response: dict[int, Any], be: Any, ga: Any, change: Any, lanes: Any) -> None:
+def _push(group: Group, first: Any, floor: Any, be: Any, ga: Any, change: Any, lanes: Any) -> None:
     """Add a change (kN) of force to the end state of a building."""
     s = group.state
-    for i, unit in response.items():
-        a = change * unit
+    home, storeys, _ = group.home_of(floor)
+    for p in _count(group, storeys):
+        i = home + p
+        a = change * s["response", first + p]
         s["a", i] = where(lanes, s["a", i] + a, s["a", i])
         s["u", i] = where(lanes, s["u", i] + be * a, s["u", i])
         s["v", i] = where(lanes, s["v", i] + ga * a, s["v", i])
+
+
+def _unit(group: Group, j: Any) -> Any:
+    """Relative acceleration of a contact's floors for a unit force."""
+    unit = group.full(0.0)
+    for first, floor, _ in _sides(group, j):
+        unit = unit + group.state["response", first + (floor - group.home_of(floor)[0])]
+    return unit
 
 
 def solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law: Callable[[Any, Any], Any]) -> Any:
@@ -100,12 +132,11 @@ def correct(group: Group, h: Any) -> None:
     s, spec, law = group.state, group.spec, group.law
     assert law is not None
     h = group.full(h)
-    live = None
-    for j in range(len(group.contacts)):
+    some = Cell(group.lanes_where(False))
+    for j in group.each_contact():
         s["force", j] = 0.0
-        here = ~(s["ke", j] == 0.0) if spec.located else penetration(group, j) > 0.0
-        live = here if live is None else live | here
-    live = live & (h > 0.0)
+        some.now = some.now | (~(s["ke", j] == 0.0) if spec.located else penetration(group, j) > 0.0)
+    live = some.now & (h > 0.0)
     with when_any(live):
         _sweep(group, live, h)
 
@@ -115,12 +146,12 @@ def _sweep(group: Group, live: Any, h: Any) -> None:
     assert law is not None
     be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
     share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), group.full(1.0))
-    sides = [
-        [(compliance(group, i, h), sign, i) for i, sign in ((left, -1.0), (right, 1.0)) if i >= 0]
-        for left, right, _ in group.contacts
-    ]
+    for j in group.each_contact():
+        with when_any(live & ~(s["ke", j] == 0.0) if spec.located else live):
+            for first, floor, _ in _sides(group, j):
+                _keep_compliance(group, first, floor, h)
 
-    def force_of(j: int) -> Callable[[Any, Any], Any]:
+    def force_of(j: Any) -> Callable[[Any, Any], Any]:
         def force(d: Any, v: Any) -> Any:
             if not spec.located:
                 return law.memoryless(s["k"], s["c", j], s["vrun", j], d, v)
@@ -132,27 +163,25 @@ def _sweep(group: Group, live: Any, h: Any) -> None:
     going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
     for _ in while_any(lambda: going.now, group.trace, at_most=MAX_SWEEPS):
         mine = going.now
-        most, change_most = group.full(0.0), group.full(0.0)
-        for j in range(len(group.contacts)):
+        most, change_most = Cell(group.full(0.0)), Cell(group.full(0.0))
+        for j in group.each_contact():
             here = mine & ~(s["ke", j] == 0.0) if spec.located else mine
-            unit = group.full(0.0)
-            for response, _, i in sides[j]:
-                unit = unit + response[i]
-            unit = unit * share
-            old = s["force", j]
-            d = penetration(group, j) + be * unit * old
-            v = group.between(group.floors("v"), j) + ga * unit * old
-            new = where(here, solve(group, here, d, v, (be * unit, ga * unit), force_of(j)), old)
-            change = new - old
-            most = where(here, maximum(most, size(new)), most)
-            change_most = where(here, maximum(change_most, size(change)), change_most)
-            moves = here & ~(change == 0.0)
-            with when_any(moves):
-                s["force", j] = where(moves, new, old)
-                for response, sign, _ in sides[j]:
-                    _push(group, response, be, ga, (-share if sign < 0.0 else share) * change, moves)
-        largest.now, moved.now = where(mine, most, largest.now), where(mine, change_most, moved.now)
-        going.now = mine & ~(change_most <= group.limit.swept * most)
+            with when_any(here):
+                unit = _unit(group, j) * share
+                old = s["force", j]
+                d = penetration(group, j) + be * unit * old
+                v = group.between("v", j) + ga * unit * old
+                new = where(here, solve(group, here, d, v, (be * unit, ga * unit), force_of(j)), old)
+                change = new - old
+                most.now = where(here, maximum(most.now, size(new)), most.now)
+                change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
+                moves = here & ~(change == 0.0)
+                with when_any(moves):
+                    s["force", j] = where(moves, new, old)
+                    for first, floor, sign in _sides(group, j):
+                        _push(group, first, floor, be, ga, (-share if sign < 0.0 else share) * change, moves)
+        largest.now, moved.now = where(mine, most.now, largest.now), where(mine, change_most.now, moved.now)
+        going.now = mine & ~(change_most.now <= group.limit.swept * most.now)
     failed = going.now & (moved.now > group.limit.unswept * largest.now)
     s["unsolved"] = where(failed, 1.0, s["unsolved"])
 
@@ -164,30 +193,27 @@ def correct_resting(group: Group, h: Any) -> None:
     live = is_closed(group) & (h > 0.0)
     with when_any(live):
         be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
-        sides = [
-            [(compliance(group, i, h), sign, i) for i, sign in ((left, -1.0), (right, 1.0)) if i >= 0]
-            for left, right, _ in group.contacts
-        ]
-        for j in range(len(group.contacts)):
+        for j in group.each_contact():
+            with when_any(live & (s["ke", j] > 0.0)):
+                for first, floor, _ in _sides(group, j):
+                    _keep_compliance(group, first, floor, h)
             s["force", j] = where(live, 0.0, s["force", j])
         going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
         for _ in while_any(lambda: going.now, group.trace, at_most=MAX_SWEEPS):
             mine = going.now
-            most, change_most = group.full(0.0), group.full(0.0)
-            for j in range(len(group.contacts)):
+            most, change_most = Cell(group.full(0.0)), Cell(group.full(0.0))
+            for j in group.each_contact():
                 here = mine & (s["ke", j] > 0.0)
-                unit = group.full(0.0)
-                for response, _, i in sides[j]:
-                    unit = unit + response[i]
-                change = group.between(group.floors("a"), j) / unit
-                force = s["force", j] + change
-                s["force", j] = where(here, force, s["force", j])
-                most = where(here, maximum(most, size(force)), most)
-                change_most = where(here, maximum(change_most, size(change)), change_most)
-                for response, sign, _ in sides[j]:
-                    _push(group, response, be, ga, sign * change, here)
-            largest.now, moved.now = where(mine, most, largest.now), where(mine, change_most, moved.now)
-            going.now = mine & ~(change_most <= group.limit.swept * most)
+                with when_any(here):
+                    change = group.between("a", j) / _unit(group, j)
+                    force = s["force", j] + change
+                    s["force", j] = where(here, force, s["force", j])
+                    most.now = where(here, maximum(most.now, size(force)), most.now)
+                    change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
+                    for first, floor, sign in _sides(group, j):
+                        _push(group, first, floor, be, ga, sign * change, here)
+            largest.now, moved.now = where(mine, most.now, largest.now), where(mine, change_most.now, moved.now)
+            going.now = mine & ~(change_most.now <= group.limit.swept * most.now)
         failed = going.now & (moved.now > group.limit.unswept * largest.now)
         s["unsolved"] = where(failed, 1.0, s["unsolved"])
 
@@ -195,18 +221,23 @@ def correct_resting(group: Group, h: Any) -> None:
 def balance(group: Group, lanes: Any, ground: Any, pressed: bool) -> None:
     """Find the accelerations of the equation of motion at the present state, contacts' forces in it if `pressed`."""
     s, law = group.state, group.law
-    a = alone(group, group.floors("u"), group.floors("v"), ground)
+
+    def put(i: Any, x: Any) -> None:
+        s["alone", i] = x
+
+    alone(group, ground, put)
     if pressed and group.spec.located and group.touching and law is not None and not group.spec.impulsive:
-        for j, (left, right, _) in enumerate(group.contacts):
+        for j in group.each_contact():
+            left, right, _ = group.sides(j)
             k = s["ke", j]
-            force = law.pressing(k, s["ce", j], penetration(group, j), group.between(group.floors("v"), j))
+            force = law.pressing(k, s["ce", j], penetration(group, j), group.between("v", j))
             force = where(k == 0.0, 0.0, force)
-            if left >= 0:
-                a[left] = a[left] - force * group.prop("im", left)
-            if right >= 0:
-                a[right] = a[right] + force * group.prop("im", right)
-    for i, x in enumerate(a):
-        s["a", i] = x if lanes is None else where(lanes, x, s["a", i])
+            if not is_wall(left):
+                s["alone", left] = s["alone", left] - force * group.prop("im", left)
+            if not is_wall(right):
+                s["alone", right] = s["alone", right] + force * group.prop("im", right)
+    for i in group.each(group.spec.n_dof):
+        s["a", i] = s["alone", i] if lanes is None else where(lanes, s["alone", i], s["a", i])
 
 
 def soften(group: Group) -> None:
@@ -217,10 +248,10 @@ def soften(group: Group) -> None:
     s["stiff"] = where(mine, 0.0, s["stiff"])
     closed = mine & is_closed(group)
     with when_any(closed):
-        stiff = closed & ~closed
-        for j in range(len(group.contacts)):
+        hard = Cell(closed & ~closed)
+        for j in group.each_contact():
             here = closed & (s["mode", j] > OPEN)
-            d, v = penetration(group, j), group.between(group.floors("v"), j)
+            d, v = penetration(group, j), group.between("v", j)
             if law.shape.yields:
                 yielding.set_plastic(group, j, here & (s["mode", j] == REBOUND), d)
             # the clip and the phase are those of the end, which `closed_force` knows
@@ -228,10 +259,11 @@ def soften(group: Group) -> None:
             if law.shape.yields:
                 yielding.stick(group, j, here)
             ahead = maximum(d + maximum(v, 0.0) * minimum(h, s["lasts", j]), 0.0)
-            stiff = stiff | (here & (h * contact_rate(group, j, ahead) > STIFF_RATE))
+            hard.now = hard.now | (here & (h * contact_rate(group, j, ahead) > STIFF_RATE))
+        stiff = hard.now
         s["stiff"] = where(stiff, 1.0, s["stiff"])
         soft = closed & ~stiff
-        for j in range(len(group.contacts)):
+        for j in group.each_contact():
             slack = soft & (s["mode", j] == SLACK)
             s["ce", j] = where(slack | (soft & (s["mode", j] == REBOUND)), 0.0, s["ce", j])
             s["ke", j] = where(slack, 0.0, s["ke", j])
@@ -239,7 +271,7 @@ def soften(group: Group) -> None:
                 yielding.slip(group, j, soft & (s["mode", j] == REBOUND), penetration(group, j))
         with when_any(stiff):
             balance(group, stiff, s["g0"], pressed=False)
-            for i in range(group.spec.n_dof):
+            for i in group.each(group.spec.n_dof):
                 s["a0", i] = where(stiff, s["a", i], s["a0", i])
 
 
@@ -247,9 +279,9 @@ def settle(group: Group, lanes: Any) -> None:
     """Work, peaks and modes of the closed contacts of marked lanes at the end of their sub-step."""
     s, law, r, h = group.state, group.law, group.asked, group.state["h"]
     assert law is not None
-    for j in range(len(group.contacts)):
+    for j in group.each_contact():
         here = lanes & (s["mode", j] > OPEN)
-        d, v, force = penetration(group, j), group.between(group.floors("v"), j), s["force", j]
+        d, v, force = penetration(group, j), group.between("v", j), s["force", j]
         if "force" in r:
             s["fmax", j] = where(here, maximum(s["fmax", j], force), s["fmax", j])
         if "penetration" in r:
@@ -257,7 +289,7 @@ def settle(group: Group, lanes: Any) -> None:
         if "impulse" in r:
             s["impulse", j] = where(here, s["impulse", j] + h * force, s["impulse", j])
         if "work" in r:
-            w = 0.5 * h * force * (group.between(group.floors("v0"), j) + v)
+            w = 0.5 * h * force * (group.between("v0", j) + v)
             s["work", j] = where(here, s["work", j] + w, s["work", j])
         mode = where(d > 0.0, group.full(PRESSING), OPEN)
         if law.shape.approach_only:
@@ -275,10 +307,10 @@ def settle(group: Group, lanes: Any) -> None:
 
 def touch_miss(group: Group) -> Any:
     """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
-    s, late = group.state, group.full(0.0)
-    for j in range(len(group.contacts)):
-        d, v = penetration(group, j), group.between(group.floors("v"), j)
+    s, late = group.state, Cell(group.full(0.0))
+    for j in group.each_contact():
+        d, v = penetration(group, j), group.between("v", j)
         mine = (s["mode", j] == OPEN) & (s["next", j] == 1.0) & (s["event", j] <= s["fraction"] + group.limit.same_time)
         mine = mine & (v > 0.0) & (size(d) > group.limit.exact)
-        late = where(mine, where(late == 0.0, d / v, maximum(late, d / v)), late)
-    return late
+        late.now = where(mine, where(late.now == 0.0, d / v, maximum(late.now, d / v)), late.now)
+    return late.now

@@ -18,7 +18,6 @@ import numpy as np
 from pounding_sweep.kernel import impulse
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import fma, where
-from pounding_sweep.kernel.peaks import add_powers
 from pounding_sweep.kernel.row import powers
 from pounding_sweep.schemes import implicit
 from pounding_sweep.schemes.base import Scheme
@@ -59,32 +58,37 @@ class Newmark(Scheme):
 
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
-        _whole(group, h)
-        # what is added is that of the state then
-        return lambda: _add(group, gains(group)) if "energy" in group.asked else None
+        s = group.state
+        for b, floors in group.each_building():
+            before = [[s[name, i] for i in floors] for name in "uva"]
+            u, v, a = before
+            for name, old, new in zip("uva", before, step(group, b, floors, u, v, a, h, s["g1"]), strict=True):
+                for i, x, y in zip(floors, old, new, strict=True):
+                    s[f"{name}0", i], s[name, i] = x, y
+        return lambda: add_gains(group)
 
     def plain(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone."""
-        _whole(group, h)
+        add = self.flight(group, h)
         implicit.correct(group, h)
-        gained = gains(group) if "energy" in group.asked else []
-        return lambda: _add(group, gained)
+        return add
 
     def trial(self, group: Group) -> Callable[[], None]:
         """Try a sub-step of every lane's own length, contacts implicit."""
         s = group.state
-        h, before = s["h"], group.floors("a0")
-        u, v, a = step(group, group.floors("u0"), group.floors("v0"), before, h, s["g1"])
-        group.put("u", u)
-        group.put("v", v)
-        # a lane that is done waits with h = 0: its acceleration, contact included, stays as it is
-        group.put("a", [where(h > 0.0, x, old) for x, old in zip(a, before, strict=True)])
+        h = s["h"]
+        for b, floors in group.each_building():
+            u, v, before = ([s[name, i] for i in floors] for name in ("u0", "v0", "a0"))
+            now = step(group, b, floors, u, v, before, h, s["g1"])
+            for p, i in enumerate(floors):
+                s["u", i], s["v", i] = now[0][p], now[1][p]
+                # a lane that is done waits with h = 0: its acceleration, contact included, stays as it is
+                s["a", i] = where(h > 0.0, now[2][p], before[p])
         if group.spec.impulsive:
             implicit.correct_resting(group, h)
         else:
             implicit.correct(group, h)
-        gained = gains(group) if "energy" in group.asked else []
-        return lambda: _add(group, gained)
+        return lambda: add_gains(group)
 
     def soften(self, group: Group) -> None:
         """Mark lanes in which a closed contact is too stiff for the next sub-step."""
@@ -104,58 +108,53 @@ class Newmark(Scheme):
 
 
 def step(
-    group: Group, u: Sequence[Any], v: Sequence[Any], a: Sequence[Any], h: Any, ground: Any
+    group: Group,
+    b: Any,
+    floors: Sequence[Any],
+    u: Sequence[Any],
+    v: Sequence[Any],
+    a: Sequence[Any],
+    h: Any,
+    ground: Any,
 ) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return displacements, velocities and accelerations after a step of length `h`, the ground at its end given."""
+    """Return displacements, velocities and accelerations of a building after a step, the ground at its end given."""
     beta, gamma = group.prop("newmark_beta"), group.prop("newmark_gamma")
     h = group.full(h)
     be, gg, pu, pv = beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma)
-    found: tuple[list[Any], list[Any], list[Any]] = ([], [], [])
-    for b, floors in enumerate(group.building_floors):
-        x = [fma(pu, a[i], fma(h, v[i], u[i])) for i in floors]
-        y = [fma(pv, a[i], v[i]) for i in floors]
-        alpha, stiff = group.prop("alpha", b), fma(gg, group.prop("beta", b), be)
-        k = [group.prop("k", i) for i in floors]
-        w = [fma(group.prop("beta", b), y[s], x[s]) for s in range(len(floors))]
-        f = [k[s] * (w[s] - w[s - 1] if s else w[s]) for s in range(len(floors))]
-        right: list[Any] = []
-        diagonal: list[Any] = []
-        off: list[Any] = [None]
-        top = len(floors) - 1
-        for s, i in enumerate(floors):
-            m = group.prop("m", i)
-            net = -f[s] if s == top else f[s + 1] - f[s]
-            r = fma(-m, fma(alpha, y[s], ground), net)
-            e = fma(m, gg * alpha, m) + stiff * (k[s] if s == top else k[s] + k[s + 1])
-            if s:
-                off.append(stiff * k[s])
-                low = off[s] / diagonal[s - 1]
-                e, r = fma(-low, off[s], e), fma(low, right[s - 1], r)
-            diagonal.append(e)
-            right.append(r)
-        ends: list[Any] = [None] * len(floors)
-        for s in range(top, -1, -1):
-            ends[s] = (right[s] if s == top else fma(off[s + 1], ends[s + 1], right[s])) / diagonal[s]
-        found[0].extend(fma(be, ends[s], x[s]) for s in range(len(floors)))
-        found[1].extend(fma(gg, ends[s], y[s]) for s in range(len(floors)))
-        found[2].extend(ends)
-    return found
+    x = [fma(pu, a[i], fma(h, v[i], u[i])) for i in range(len(floors))]
+    y = [fma(pv, a[i], v[i]) for i in range(len(floors))]
+    alpha, stiff = group.prop("alpha", b), fma(gg, group.prop("beta", b), be)
+    k = [group.prop("k", i) for i in floors]
+    w = [fma(group.prop("beta", b), y[s], x[s]) for s in range(len(floors))]
+    f = [k[s] * (w[s] - w[s - 1] if s else w[s]) for s in range(len(floors))]
+    right: list[Any] = []
+    diagonal: list[Any] = []
+    off: list[Any] = [None]
+    top = len(floors) - 1
+    for s, i in enumerate(floors):
+        m = group.prop("m", i)
+        net = -f[s] if s == top else f[s + 1] - f[s]
+        r = fma(-m, fma(alpha, y[s], ground), net)
+        e = fma(m, gg * alpha, m) + stiff * (k[s] if s == top else k[s] + k[s + 1])
+        if s:
+            off.append(stiff * k[s])
+            low = off[s] / diagonal[s - 1]
+            e, r = fma(-low, off[s], e), fma(low, right[s - 1], r)
+        diagonal.append(e)
+        right.append(r)
+    ends: list[Any] = [None] * len(floors)
+    for s in range(top, -1, -1):
+        ends[s] = (right[s] if s == top else fma(off[s + 1], ends[s + 1], right[s])) / diagonal[s]
+    after = [fma(be, ends[s], x[s]) for s in range(len(floors))]
+    return after, [fma(gg, ends[s], y[s]) for s in range(len(floors))], ends
 
 
-def gains(group: Group) -> list[tuple[Any, Any]]:
-    """Powers of input and damping at both ends, in the weights of Simpson's h/6 (3 and 3: the trapezoid)."""
+def add_gains(group: Group) -> None:
+    """Add the energies of a step: powers of input and damping at both ends, by the trapezoid."""
     s = group.state
-    early, late = powers(group, group.floors("v0"), s["g0"]), powers(group, group.floors("v"), s["g1"])
-    return [(3.0 * (p[0] + q[0]), 3.0 * (p[1] + q[1])) for p, q in zip(early, late, strict=True)]
-
-
-def _whole(group: Group, h: Any) -> None:
-    u, v, a = group.floors("u"), group.floors("v"), group.floors("a")
-    for name, values in (("u0", u), ("v0", v), ("a0", a)):
-        group.put(name, values)
-    for name, values in zip("uva", step(group, u, v, a, h, group.state["g1"]), strict=True):
-        group.put(name, values)
-
-
-def _add(group: Group, gained: list[tuple[Any, Any]]) -> None:
-    add_powers(group, gained, group.state["h"] * (1.0 / 6.0))
+    h6 = s["h"] * (1.0 / 6.0)
+    for b, floors in group.each_building() if "energy" in group.asked else ():
+        (early,) = powers(group, [(b, floors)], [s["v0", i] for i in floors], s["g0"])
+        (late,) = powers(group, [(b, floors)], [s["v", i] for i in floors], s["g1"])
+        s["e_in", b] = fma(h6, 3.0 * (early[0] + late[0]), s["e_in", b])
+        s["e_damp", b] = fma(h6, 3.0 * (early[1] + late[1]), s["e_damp", b])
