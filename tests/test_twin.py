@@ -1,0 +1,53 @@
+"""The kernels' own source, run as plain Python on NumPy arrays, against what numba makes of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numba import config
+from scenes import pair
+
+import pounding_sweep as ps
+from pounding_sweep.engine.cache import get_kernel
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.outputs.variables import REDUCERS
+from pounding_sweep.schemes import SCHEMES
+
+EL_CENTRO = ps.find_record("el_centro")
+SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[70:130])
+WALL = ps.Scene([ps.Wall(), ps.Building("a", [30.0], [2e4])], gaps=[0.002])
+CASES = [
+    *(
+        (method, law, True, WALL)
+        for method, law in zip(SCHEMES, ("hertz_damped", "hysteretic", "linear", "kelvin_voigt"))
+    ),
+    ("newmark", "stereomechanical", True, WALL),
+    ("rk4", "kelvin_voigt", False, WALL),
+    ("newmark", "hertz", False, WALL),
+    ("exact", "kelvin_voigt", True, pair()),
+]
+
+
+@pytest.mark.parametrize(("method", "law", "locate", "scene"), CASES)
+def test_a_kernel_is_what_its_source_says(method, law, locate, scene, monkeypatch):
+    kernel = RowKernel(scene, LAWS[law], Numerics(method, 4e-3, locate=locate), frozenset(REDUCERS), history=True)
+    one = {
+        "scale": np.ones(1),
+        "gaps": np.full((1, 1), 0.002),
+        "stiffness": np.full(1, 2e5 if LAWS[law].exponent == 1.0 else 2e6),
+        "restitution": np.full(1, 0.6),
+    }
+    found = []
+    for disabled in (False, True):
+        monkeypatch.setattr(config, "DISABLE_JIT", disabled)
+        get_kernel.cache_clear()
+        steps = (len(SHORT.acceleration) - 1) * kernel.numerics.steps(SHORT) + 1
+        history = np.zeros((steps, 100))
+        found.append({**kernel.run(SHORT, **one, history=history), "history": history})
+    get_kernel.cache_clear()
+    compiled, twin = found
+    assert compiled["count"].sum() > 0
+    for name, want in compiled.items():
+        size = np.abs(want).max()
+        np.testing.assert_allclose(twin[name], want, rtol=0, atol=1e-9 * max(size, 1e-9), err_msg=name)
