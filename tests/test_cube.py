@@ -21,6 +21,9 @@ from pounding_sweep.base import files
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
+from pounding_sweep.kernel import forces, march
+from pounding_sweep.kernel.lanes import where
+from pounding_sweep.kernel.spec import property_slots
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output import netcdf as writing

@@ -12,17 +12,15 @@ from pounding_sweep.engine.cache import get_kernel
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import REDUCERS
-from pounding_sweep.schemes import SCHEMES
 
 EL_CENTRO = ps.find_record("el_centro")
 SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[70:130])
 WALL = ps.Scene([ps.Wall(), ps.Building("a", [30.0], [2e4])], gaps=[0.002])
 CASES = [
-    *(
-        (method, law, True, WALL)
-        for method, law in zip(SCHEMES, ("hertz_damped", "hysteretic", "linear", "kelvin_voigt"))
-    ),
+    ("rk4", "hertz_damped", True, WALL),
+    ("newmark", "hysteretic", True, WALL),
     ("newmark", "stereomechanical", True, WALL),
+    ("central_difference", "nonlinear_viscoelastic", True, WALL),
     ("rk4", "kelvin_voigt", False, WALL),
     ("newmark", "hertz", False, WALL),
     ("exact", "kelvin_voigt", True, pair()),
@@ -50,4 +48,4 @@ def test_a_kernel_is_what_its_source_says(method, law, locate, scene, monkeypatc
     assert compiled["count"].sum() > 0
     for name, want in compiled.items():
         size = np.abs(want).max()
-        np.testing.assert_allclose(twin[name], want, rtol=0, atol=1e-9 * max(size, 1e-9), err_msg=name)
+        np.testing.assert_allclose(twin[name], want, rtol=0, atol=1e-9 * size + 1e-12, err_msg=name)
