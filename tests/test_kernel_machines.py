@@ -10,7 +10,7 @@ import pytest
 import pounding_sweep as ps
 from pounding_sweep.engine import cache
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.kernel import entry, group
+from pounding_sweep.kernel import spec
 
 pytestmark = pytest.mark.slow
 MACHINES = {
@@ -19,9 +19,6 @@ MACHINES = {
 }
 #: Prints all results of two kernels, bit by bit.
 RUN = """
-from pounding_sweep.engine import cache
-from pounding_sweep.kernel import entry
-cache.get_kernel = entry.compiled
 from test_kernel_machines import results
 for case in (("hertz_damped", "rk4", "float64"), ("linear", "newmark", "float64"), ("linear", "exact", "float32")):
     for name, values in sorted(results(*case).items()):
@@ -49,13 +46,10 @@ def results(law, method, precision="float64", storeys=(2, 3, 2), walls=False):
     return kernel.run(record, scale=scale, gaps=gaps, stiffness=1e5 * scale, restitution=np.full(16, 0.6))
 
 
-@pytest.fixture(autouse=True)
-def traced(monkeypatch):
-    monkeypatch.setattr(cache, "get_kernel", entry.compiled)
-
-
-def _printed(machine):
-    environment = dict(os.environ, PYTHONPATH=os.pathsep.join([os.path.dirname(__file__), *sys.path]))
+def _printed(machine, folder):
+    environment = dict(
+        os.environ, POUNDING_SWEEP_CACHE=str(folder), PYTHONPATH=os.pathsep.join([os.path.dirname(__file__), *sys.path])
+    )
     environment.update(zip(("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"), machine, strict=False))
     done = subprocess.run(
         [sys.executable, "-c", RUN], env=environment, capture_output=True, text=True, timeout=300, check=False
@@ -64,11 +58,11 @@ def _printed(machine):
     return done.stdout
 
 
-def test_bits_are_those_of_any_machine():
-    here = _printed(())
+def test_bits_are_those_of_any_machine(tmp_path):
+    here = _printed((), tmp_path)
     assert "fmax" in here
     for name, machine in MACHINES.items():
-        assert _printed(machine) == here, name
+        assert _printed(machine, tmp_path) == here, name
 
 
 @pytest.mark.parametrize("law", ["linear", "stereomechanical"])
@@ -76,8 +70,11 @@ def test_bits_are_those_of_any_machine():
 def test_a_row_gone_through_at_run_time_moves_as_one_straight_line_does(law, method, monkeypatch):
     scene = {"storeys": (2, 3, 2, 1), "walls": True}
     straight = results(law, method, **scene)
-    monkeypatch.setattr(group, "FUSED_DOF", 0)
+    monkeypatch.setattr(spec, "FUSED_DOF", 0)
+    monkeypatch.setattr(cache, "_surroundings", lambda: "rows in loops")
+    cache.get_kernel.cache_clear()
     looped = results(law, method, **scene)
+    cache.get_kernel.cache_clear()
     assert straight["count"].sum() > 100
     for name, values in straight.items():
         size = max(np.nanmax(np.abs(values)), 1e-9)

@@ -10,7 +10,7 @@ from llvmlite import ir
 from pounding_sweep.kernel import march
 from pounding_sweep.kernel.forces import penetration
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Count, Real, Rows, Tracer, count_to, first_lane
+from pounding_sweep.kernel.lanes import Count, Real, Rows, Tracer, count_to, first_lane, when
 from pounding_sweep.kernel.spec import LANES, KernelSpec, history_slots, input_slots
 from pounding_sweep.outputs.variables import output_slots, reducers_of
 from pounding_sweep.schemes import SCHEMES
@@ -98,10 +98,10 @@ def emit(spec: KernelSpec, builder: Any, arrays: Arrays, length: Any, steps: Any
     group = make_group(spec, trace, trace.lanes, arrays["constants"][0], arrays["state"][0])
     ground = Ground(trace, arrays, length, steps, substeps)
     groups, columns = arrays["inputs"][1]
-    count = Count(trace, groups) * (1 if spec.history else parts)
-    for each in count_to(count, trace):  # of a history, the first lanes alone
-        row = each if spec.history else each // parts
-        half = ((each - row * parts) * trace.lanes).value if not spec.history else ir.Constant(_I64, 0)
+    for each in count_to(Count(trace, groups) * parts, trace):
+        row = each // parts
+        part = each - row * parts
+        half = (part * trace.lanes).value
         for i in count_to(group.state.size * trace.lanes, trace):
             builder.store(trace.number(0.0), builder.gep(group.state.pointer, [i.value], inbounds=True))
         given = list(input_slots(spec).count.items())
@@ -109,7 +109,8 @@ def emit(spec: KernelSpec, builder: Any, arrays: Arrays, length: Any, steps: Any
         inputs = Rows(trace, given, trace.lanes, pointer, LANES, wide=True)
         for name, n in given:
             _copy(trace, inputs, group.state, name, n)
-        run_group(group, ground, noter(group, _putter(trace, arrays["history"])) if spec.history else None)
+        note = noter(group, _putter(trace, arrays["history"]), part == 0) if spec.history else None
+        run_group(group, ground, note)
         results, found = arrays["results"], list(output_slots(spec).count.items())
         pointer = builder.gep(results[0], [builder.add(builder.mul(row.value, results[1][1]), half)])
         kept = Rows(trace, found, trace.lanes, pointer, LANES, wide=True)
@@ -127,12 +128,12 @@ def _copy(trace: Tracer, source: Rows, target: Rows, name: str, n: int) -> None:
         target[name, i] = source[name, i]
 
 
-def noter(group: Group, put: Callable[[Any, int, Any], None]) -> Callable[[Any], None]:
-    """Return what makes the state of lane 0 a row of the history, by `put` of a row's column."""
+def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Callable[[Any], None]:
+    """Return what makes the state of lane 0 a row of the history, by `put` of a row's column, in the `first` lanes."""
     s, place = group.state, history_slots(group.spec)
 
     def note(row: Any) -> None:
-        for name, n in place.count.items():
+        for name, n in (item for _ in when(first) for item in place.count.items()):
             for q in range(n):
                 if name != "force":
                     value = s[name, q]

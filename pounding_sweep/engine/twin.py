@@ -59,7 +59,7 @@ def run(
             group = make_group(spec, None, lanes, constants)
             for name, i, row in _rows(input_slots(spec), given):
                 group.state[name, i] = row[:lanes]
-            run_group(group, ground, noter(group, put) if spec.history else None)
+            run_group(group, ground, noter(group, put, True) if spec.history else None)
             for name, i, row in _rows(output_slots(spec), found):
                 row[:lanes] = group.state[name, i]
 
