@@ -23,7 +23,7 @@ VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short")
 CONTACT_CAP = 0.25
 
 
-#: Most degrees of freedom emitted as one straight line; longer rows run through loops.
+#: Most degrees of freedom written as one straight line; longer rows run through loops.
 FUSED_DOF = 16
 
 
