@@ -21,7 +21,7 @@ import pytest
 from numba.core import caching
 
 import pounding_sweep as ps
-from pounding_sweep.emit.spec import LANES, input_slots, output_slots
+from pounding_sweep.emit.spec import LANES, input_slots
 from pounding_sweep.engine import cache
 from pounding_sweep.engine import kernel as driver
 from pounding_sweep.engine.cache import get_kernel, is_cached, module_name, source_digest, text_sizes
@@ -31,7 +31,7 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output.provenance import package_digest
-from pounding_sweep.outputs.variables import Status
+from pounding_sweep.outputs.variables import Status, output_slots
 from pounding_sweep.records import Record
 
 LINEAR = get_law("linear")
