@@ -45,7 +45,7 @@ def _own_folder(parent: Path) -> Iterator[Path]:
         folder = parent / _temporary_name()
         folder.mkdir()
         lock = FileLock(folder / LOCK)
-        with suppress(FileNotFoundError):
+        with suppress(FileNotFoundError, FileExistsError):
             lock.acquire()
             if folder.exists():
                 break
