@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from scenes import AXES, EVERY, motions, pair, row
+from scenes import AXES, EVERY, OUTPUTS, motions, pair, row
 
 import pounding_sweep as ps
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
@@ -23,9 +23,17 @@ SIMULATED = {
     "rk4": frozenset({"kelvin_voigt", "hertz_damped", "hysteretic"}),
     "newmark": frozenset({"hertz_damped", "stereomechanical"}),
     "exact": frozenset({"kelvin_voigt", "stereomechanical"}),
+    "central_difference": frozenset({"hertz_damped"}),
 }
 #: A law with a force for each scheme, out of those.
-LAW_OF = {"rk4": "kelvin_voigt", "newmark": "hertz_damped", "exact": "kelvin_voigt"}
+LAW_OF = {
+    "rk4": "kelvin_voigt",
+    "exact": "kelvin_voigt",
+    "newmark": "hertz_damped",
+    "central_difference": "hertz_damped",
+}
+#: Laws that a sweep's scenarios are held against one by one, each in a kernel of its own.
+ALONE = ("none", "linear", "hertz")
 #: The law and scheme that run with steps that are not split at contacts.
 UNLOCATED = ("newmark", "kelvin_voigt")
 #: A row of more floors than one straight line of code holds: its loops are split within and between buildings.
@@ -58,5 +66,6 @@ def kernels() -> tuple[KernelSpec, ...]:
         simulated("rk4", "kelvin_voigt", scene=TALL),
         *swept(**both, laws="hertz_damped", method="rk4"),
         *swept(**both, laws="hertz_damped", **single),
-        *swept(scene=row(), records=motions(), **AXES),
+        *swept(scene=row(), records=motions(), **AXES | {"laws": [*AXES["laws"], "hertz"]}),
+        *(kernel_shape(row(), LAWS[law], Numerics("rk4", 1e-3), reducers_for(OUTPUTS)) for law in ALONE),
     )

@@ -161,6 +161,7 @@ class TestRules:
 
 
 class TestExact:
+    @pytest.mark.slow
     def test_closing_displacement_by_another_integrator(self):
         scene = row()
         found = required_gap(scene, motions())
@@ -173,6 +174,7 @@ class TestExact:
             assert mine == pytest.approx(together, rel=2e-4)
         assert (found.ratio.sel(rule="abs") >= 1.0 - 1e-9).all()
 
+    @pytest.mark.slow
     def test_nothing_touches_at_that_gap_and_something_does_below(self):
         scene = row()
         needed = required_gap(scene, motions()).exact
@@ -186,6 +188,7 @@ class TestExact:
                 hits = cube.impact_count.sum("storey").squeeze()
                 assert bool((hits > 0).any()) == (part < 1.0)
 
+    @pytest.mark.slow
     def test_a_cube_that_does_not_tell_is_run_again(self):
         """Scales of both signs, records by their motion alone, and no law 'none' in the cube."""
         scene, scales = row(), [0.5, -1.0, 2.0]
@@ -200,6 +203,7 @@ class TestExact:
         np.testing.assert_allclose(found.exact.sel(scale=0.5), 0.5 * unit, rtol=1e-9)
         np.testing.assert_allclose(found.exact.sel(scale=-1.0), turned, rtol=1e-9)
 
+    @pytest.mark.slow
     def test_listed_cases_and_building_properties_are_run_again(self):
         scene = row()
         cases = [

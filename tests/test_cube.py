@@ -9,6 +9,7 @@ import shutil
 import stat
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import netCDF4
 import numpy as np
@@ -745,3 +746,16 @@ def test_registry_and_description_need_no_netcdf():
 
 def test_get_variable_takes_a_variable():
     assert get_variable(VARIABLES["impulse"]) is get_variable("impulse")
+
+
+def test_files_written_side_by_side_take_nothing_from_one_another(tmp_path):
+    """A folder that is just being made is no leftover of a killed process."""
+
+    def write(writer):
+        for i in range(40):
+            with files.replacing(tmp_path / f"{writer}-{i}.txt") as path:
+                path.write_text("whole", encoding="utf-8")
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(write, range(8)))
+    assert len(list(tmp_path.iterdir())) == 8 * 40

@@ -536,6 +536,10 @@ CHANGES = {
 ALIKE = {"the step", "what each scheme was measured to cost", "the version"}
 
 
+#: The package as it stands in a folder, in a process of its own.
+PROGRAM = ("-m", "pounding_sweep")
+
+
 @pytest.mark.parametrize("what", [pytest.param(k, marks=pytest.mark.slow) if k in ALIKE else k for k in CHANGES])
 def test_what_changed_is_named_and_nothing_stale_is_taken_up(stopped, tmp_path, what):
     folder = tmp_path / "study"
@@ -545,11 +549,11 @@ def test_what_changed_is_named_and_nothing_stale_is_taken_up(stopped, tmp_path, 
     before = {path.name: path.read_bytes() for path in (folder / PARTS).iterdir()}
     env = {"PYTHONPATH": str(folder / "package")}
     if named is None:  # the same chunks are taken up where nothing changed
-        report = json.loads(cli(*CHANGED, "--json", cwd=folder, env=env).stdout)["scenarios"]
+        report = json.loads(cli(*CHANGED, "--json", cwd=folder, env=env, start=PROGRAM).stdout)["scenarios"]
         assert report["run"] == 0
         assert report["reused"] > 0
         return
-    said = cli(*CHANGED, cwd=folder, env=env, code=2).stderr
+    said = cli(*CHANGED, cwd=folder, env=env, code=2, start=PROGRAM).stderr
     assert re.search(rf"belong to another sweep: they differ in {named}", said)
     assert {path.name: path.read_bytes() for path in (folder / PARTS).iterdir()} == before
     assert not (folder / OUT).exists()

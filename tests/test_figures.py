@@ -590,6 +590,7 @@ def command(*words, code=0):
     return done
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("always:records:UserWarning")  # printed, as in a process of its own
 def test_a_scenario_from_its_file_to_its_pictures(tmp_path):
     sweep, one, gif = tmp_path / "s.toml", tmp_path / "one.nc", tmp_path / "row.gif"

@@ -82,6 +82,7 @@ def done(folder):
 # -- signals and locks -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_night(tmp_path, reference):
     """Ended by SIGTERM, begun again, disturbed by a second run, killed, begun again: nothing is lost."""
     write(tmp_path, SWEEP)

@@ -173,6 +173,7 @@ def test_missing_records_are_told_from_faulty_ones(folder):
         ps.read_record(folder / "gone.csv")
 
 
+@pytest.mark.usefixtures("stub_engine")
 @pytest.mark.filterwarnings("always:records:UserWarning")  # printed, as in a process of its own
 def test_plan_and_cube_say_what_was_left_out(tmp_path):
     path = write(tmp_path, asking('"arleta"'))

@@ -256,6 +256,7 @@ def histories():
     return ps.simulate("mate2015", ps.Record("el_centro_start", 0.02, EL_CENTRO.acceleration[:300]), law="linear")
 
 
+@pytest.mark.slow
 def test_floor_spectra_are_those_of_the_floors_motion(histories):
     periods = [0.0, 0.05, 0.3, 1.0]
     found = floor_spectra(histories, periods, [0.02, 0.05])
@@ -270,6 +271,7 @@ def test_floor_spectra_are_those_of_the_floors_motion(histories):
     assert found["absolute_acceleration"].sel(floor).sel(period=0.0).values.tolist() == [np.abs(acceleration).max()] * 2
 
 
+@pytest.mark.slow
 def test_an_oscillator_on_a_floor_equals_one_state_space_of_both():
     """A building of the row without pounding and an oscillator on its roof, in one exact solution by scipy."""
     left = ps.get_preset("mate2015").buildings[0]
@@ -297,6 +299,7 @@ def test_an_oscillator_on_a_floor_equals_one_state_space_of_both():
         assert found == pytest.approx(np.abs(out).max(), rel=2e-3)
 
 
+@pytest.mark.slow
 def test_floors_that_are_not_there_stay_missing(histories):
     cut = histories[["acceleration"]].copy(deep=True)
     cut["acceleration"].loc[{"building": "left", "storey": 3}] = np.nan
@@ -305,6 +308,7 @@ def test_floors_that_are_not_there_stay_missing(histories):
     assert int(np.isfinite(found).sum()) == found.size - 2
 
 
+@pytest.mark.slow
 def test_floor_spectra_need_even_histories(histories):
     with pytest.raises(InputError, match=r"'acceleration' on 'time'.*simulate"):
         floor_spectra(histories.drop_vars("acceleration"))
@@ -317,6 +321,7 @@ def test_floor_spectra_need_even_histories(histories):
 # -- figures -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_spectra_are_drawn_one_line_each(histories):
     found = floor_spectra(histories, np.linspace(0.0, 1.0, 11))
     figure = response_spectra(found)

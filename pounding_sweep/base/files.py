@@ -41,12 +41,19 @@ def sync_folder(folder: Path) -> None:
 @contextmanager
 def _own_folder(parent: Path) -> Iterator[Path]:
     """Make a hidden folder that is locked while the context is open, and remove it with all that is in it."""
-    folder = parent / _temporary_name()
-    folder.mkdir()
+    while True:
+        folder = parent / _temporary_name()
+        folder.mkdir()
+        lock = FileLock(folder / LOCK)
+        with suppress(FileNotFoundError, FileExistsError):
+            lock.acquire()
+            if folder.exists():
+                break
+        lock.release()  # somebody took the folder for a leftover before it was locked
     try:
-        with FileLock(folder / LOCK):
-            yield folder
+        yield folder
     finally:
+        lock.release()
         for pause in (0.0, 0.05, 0.5):  # threads of a library that gave up may still write for a moment
             time.sleep(pause)
             shutil.rmtree(folder, ignore_errors=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import warnings
 from collections.abc import Iterable
@@ -68,6 +69,14 @@ class Sweep:
         self.spec: SweepSpec = build_spec(scene=scene, records=records, laws=laws, **arguments)
         self.last_outcome: Outcome | None = None
         self.last_audit: Audit | None = None
+
+    #: Every argument by its name, for `help` and editors: those of `build_spec`, the first three by place too.
+    __signature__ = inspect.Signature(
+        [
+            each.replace(kind=each.POSITIONAL_OR_KEYWORD if name in ("scene", "records", "laws") else each.kind)
+            for name, each in inspect.signature(build_spec).parameters.items()
+        ]
+    )
 
     @classmethod
     def from_spec(cls, spec: SweepSpec) -> Sweep:

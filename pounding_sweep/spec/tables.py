@@ -16,7 +16,7 @@ from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall,
 from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import Range, finite
-from pounding_sweep.spec.faults import Table, gathering, is_number, number
+from pounding_sweep.spec.faults import Faults, Table, gathering, is_number, number
 
 
 def _positive(values: list[Any], info: ValidationInfo) -> list[Any]:
@@ -26,10 +26,6 @@ def _positive(values: list[Any], info: ValidationInfo) -> list[Any]:
         for index, value in enumerate(values):
             if not (is_number(value) and 0 < value < math.inf):
                 faults.add((index,), f"{shown(value)} is not a positive number ({what})")
-    masses = info.data.get("masses", values)
-    if len(values) != len(masses):
-        msg = f"{len(values)} {info.field_name} for {len(masses)} masses; give one value per storey"
-        raise InputError(msg)
     return values
 
 
@@ -68,6 +64,18 @@ def _wall(given: dict[str, Any]) -> Wall:
     return Wall(WallTable.model_validate(given).name)
 
 
+def _one_per_storey(faults: Faults, index: int, item: dict[str, Any]) -> bool:
+    """Note lists of a building that are not as long as its masses, whatever else is wrong with them."""
+    equal, masses = True, item.get("masses")
+    for name in ("stiffnesses", "storey_heights"):
+        values = item.get(name)
+        if isinstance(masses, list) and isinstance(values, list) and len(values) != len(masses):
+            text = f"{len(values)} {name} for {len(masses)} masses; give one value per storey"
+            faults.add((index, name), text)
+            equal = False
+    return equal
+
+
 def _row(given: list[Any]) -> list[Building | Wall]:
     made: list[Any] = []
     with gathering() as faults:
@@ -77,9 +85,11 @@ def _row(given: list[Any]) -> list[Building | Wall]:
                 continue
             if "wall" in item:
                 made.append(faults.attempt((index,), _wall, item))
-            elif table := faults.attempt((index,), BuildingTable.model_validate, item):
+                continue
+            equal = _one_per_storey(faults, index, item)
+            if table := faults.attempt((index,), BuildingTable.model_validate, item):
                 last = "damping_ratio" if table.name.strip() else "name"  # all that can still be at fault
-                made.append(faults.attempt((index, last), Building, **dict(table)))
+                made.append(faults.attempt((index, last), Building, **dict(table)) if equal else None)
     return made
 
 
