@@ -14,17 +14,16 @@ from collections.abc import Callable, Sequence
 from pounding_sweep.engine.cache import get_kernel, is_cached, is_loaded
 from pounding_sweep.kernel.spec import KernelSpec, from_json, to_json
 
-#: CPU seconds that a kernel takes to compile: in all, per floor, and per contact and floor or reducer beside it.
-COMPILING = 0.3, 0.05, 0.04
+#: CPU seconds that a kernel takes to compile: in all, per floor and reducer, and for its contacts.
+COMPILING = 0.1, 0.012, 0.25
 #: CPU seconds that it costs to begin a process that compiles.
-BEGINNING = 1.0
+BEGINNING = 1.3
 
 
 def compiling_seconds(shape: KernelSpec) -> float:
     """Estimate the CPU seconds that a kernel takes to compile."""
-    base, floor, contact = COMPILING
-    touching = 0 if shape.law is None else len(shape.contacts)
-    return base + floor * shape.n_dof + contact * touching * (shape.n_dof + len(shape.reducers))
+    base, each, contacts = COMPILING
+    return base + each * shape.n_dof * len(shape.reducers) + (contacts if shape.law is not None else 0.0)
 
 
 def shares(shapes: Sequence[KernelSpec], n: int) -> list[list[KernelSpec]]:
