@@ -192,8 +192,11 @@ def test_what_a_kernel_is_made_of_is_in_its_name(monkeypatch, tmp_path):
         path = tmp_path / "copy" / edited
         text = path.read_text(encoding="utf-8")
         path.write_text(f"{text}# edited", encoding="utf-8")
-        assert name() != before, edited
+        os.utime(path, (0, 0))
+        assert name() == name() != before, edited
         path.write_text(text, encoding="utf-8")
+        assert len({name(), name(), before}) == 3  # written since this process began: it may have read another text
+        os.utime(path, (0, 0))
     (tmp_path / "copy" / "plan" / "plan.py").write_text("")
     assert name() == before
     for owner, part in (("numba", "__version__"), ("llvmlite", "__version__")):
@@ -417,6 +420,21 @@ def test_what_editors_leave_beside_the_source_is_passed_over(tmp_path, monkeypat
     assert digest() == before
     (tmp_path / "a.py").write_text("x = 2\n")
     assert digest() != before
+
+
+def test_numbers_of_a_sweep_are_no_part_of_its_kernels():
+    """Another step, gap, stiffness, restitution or record compiles nothing; another law one kernel."""
+    base = {"records": "el_centro", "laws": ["linear", "hertz_damped"], "gaps": [0.01, 0.05], "dt": 1e-3}
+    base |= {"stiffness_factors": [1.0], "restitutions": [0.6], "method": "rk4"}
+
+    def kernels(**change):
+        return {kernel.shape for kernel in ps.Sweep("mate2015", **base | change).plan().kernels().values()}
+
+    before = kernels()
+    numbers = {"dt": 5e-4, "gaps": [0.002, 0.02], "stiffness_factors": [0.5, 2.0], "restitutions": [0.4, 0.9]}
+    for change in ({name: value} for name, value in [*numbers.items(), ("records", RECORD)]):
+        assert kernels(**change) == before, change
+    assert len(kernels(laws=[*base["laws"], "nonlinear_viscoelastic"]) - before) == 1
 
 
 def test_shapes_travel_as_plain_data():

@@ -33,7 +33,8 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.paths import expanded
-from pounding_sweep.kernel.spec import KernelSpec, to_json
+from pounding_sweep.kernel import READ
+from pounding_sweep.kernel.spec import PARAMETERS, KernelSpec, to_json
 
 #: Environment variable that names another folder for compiled kernels.
 CACHE_VARIABLE = "POUNDING_SWEEP_CACHE"
@@ -70,19 +71,6 @@ def body(typing, {names}):
 def run({names}):
     body({names})
 '''
-#: Parameters of a kernel and their types.
-PARAMETERS = {
-    "motion": "float64[::1]",
-    "length": "float64",
-    "steps": "int64",
-    "substeps": "int64",
-    "constants": "{real}[::1]",
-    "inputs": "float64[:, ::1]",
-    "results": "float64[:, ::1]",
-    "history": "float64[:, ::1]",
-    "track": "{real}[::1]",
-    "state": "{real}[::1]",
-}
 #: Kernels not used for this long (s) are removed when a new one is written.
 KEEP_SECONDS = 90 * 24 * 3600.0
 #: Ending of the file beside machine code that holds its SHA-256.
@@ -122,6 +110,8 @@ def _surroundings() -> str:
         path = package / name
         for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
             digest.update(f"{file.name} {hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
+            if file.stat().st_mtime > READ:  # this process may have read another text
+                digest.update(os.urandom(16))
     processor = f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
     return f"{digest.hexdigest()} {numba.__version__} {llvmlite.__version__} {processor}"
 

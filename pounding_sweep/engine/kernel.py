@@ -11,13 +11,11 @@ from pounding_sweep.kernel import march
 from pounding_sweep.kernel.forces import penetration
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Count, Real, Rows, Tracer, count_to, first_lane, when
-from pounding_sweep.kernel.spec import LANES, KernelSpec, history_slots, input_slots
+from pounding_sweep.kernel.spec import LANES, PARAMETERS, KernelSpec, history_slots, input_slots
 from pounding_sweep.outputs.variables import output_slots, reducers_of
 from pounding_sweep.schemes import SCHEMES
 
 _I64, _DOUBLE = ir.IntType(64), ir.DoubleType()
-#: Parameters of a compiled kernel.
-NAMES = ("motion", "length", "steps", "substeps", "constants", "inputs", "results", "history", "track", "state")
 #: Pointer and shape of arrays, by name.
 Arrays = dict[str, tuple[Any, tuple[Any, ...]]]
 
@@ -167,7 +165,7 @@ def write_body(spec: KernelSpec, context: Any, builder: Any, signature: Any, val
     from numba.core import cgutils
 
     found: dict[str, Any] = {}
-    for name, kind, value in zip(NAMES, signature.args, values, strict=True):
+    for name, kind, value in zip(PARAMETERS, signature.args, values, strict=True):
         found[name] = value
         if isinstance(kind, types.Array):
             array = context.make_array(kind)(context, builder, value)

@@ -40,7 +40,6 @@ class Tracer:
         self.real = ir.DoubleType() if precision == "float64" else ir.FloatType()
         self.size = 8 if precision == "float64" else 4
         self.vector, self.mask, self.whole = (ir.VectorType(kind, lanes) for kind in (self.real, _I1, _I64))
-        self.largest = 1e300 if precision == "float64" else 1e38
 
     def number(self, x: float) -> Any:
         """Return a constant, narrowed to what the number format holds."""

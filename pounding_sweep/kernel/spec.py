@@ -19,6 +19,19 @@ LANES = 16
 #: Properties that may differ from lane to lane.
 VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short")
 
+#: Parameters of a compiled kernel and their types.
+PARAMETERS = {
+    "motion": "float64[::1]",
+    "length": "float64",
+    "steps": "int64",
+    "substeps": "int64",
+    "constants": "{real}[::1]",
+    "inputs": "float64[:, ::1]",
+    "results": "float64[:, ::1]",
+    "history": "float64[:, ::1]",
+    "track": "{real}[::1]",
+    "state": "{real}[::1]",
+}
 #: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
 CONTACT_CAP = 0.25
 
