@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import math
+import operator
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from itertools import groupby
@@ -38,8 +40,30 @@ SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma"})
 #: What a reducer asks of each sub-step of a closed contact, each with those before it: nothing, the penetration at
 #: both ends, the force too, or that forces and their rates at both ends are kept for all floors.
 LOOKS = ("", "depth", "force", "ends")
+_OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv}
 #: Share of an elastic contact's duration over which sub-steps grow to a whole step, where they are graded.
 GRADED_SHARE = 0.5
+
+
+def _value(part: ast.expr, given: dict[str, Any]) -> Any:
+    """Value of a formula of a contact law: numbers, names, + - * /, ``max`` and ``math.sqrt``."""
+    match part:
+        case ast.Constant(value=float() | int() as number):
+            return float(number)
+        case ast.Name(id=name):
+            return given[name]
+        case ast.BinOp(left=left, op=op, right=right):
+            return _OPERATORS[type(op)](_value(left, given), _value(right, given))
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return -_value(operand, given)
+        case ast.Call(func=ast.Name(id="max"), args=[a, b]):
+            return maximum(_value(a, given), _value(b, given))
+        case ast.Call(func=ast.Attribute(value=ast.Name(id="math"), attr="sqrt"), args=[a]):
+            return sqrt(_value(a, given))
+    msg = (
+        f"the formula of a contact law holds {ast.unparse(part)!r}; it may hold k, c, d, r, v, + - * /, max, math.sqrt"
+    )
+    raise ValueError(msg)
 
 
 class Law:
@@ -63,8 +87,10 @@ class Law:
         self._duration = factor * (0.5 * (shape.exponent + 1.0)) ** share, share, (1.0 - shape.exponent) * share
 
     def _evaluate(self, text: str, d: Any, **given: Any) -> Any:
-        root = sqrt(maximum(d, 0.0)) if "r" in compile(text, "law", "eval").co_names else None
-        return eval(text, {"max": maximum, "math": SimpleNamespace(sqrt=sqrt), "d": d, "r": root, **given})
+        formula = ast.parse(text, mode="eval").body
+        if any(isinstance(part, ast.Name) and part.id == "r" for part in ast.walk(formula)):
+            given["r"] = sqrt(maximum(d, 0.0))
+        return _value(formula, {"d": d, **given})
 
     def elastic(self, k: Any, c: Any, d: Any) -> Any:
         """Elastic force."""
