@@ -46,9 +46,9 @@ MUTANTS = (
     ("resume/checkpoint.py", "digest = _sha256(path)", 'digest = entry["sha256"]', "test_store.py"),
     # shears are of the neighbour's stiffness
     (
-        "engine/postprocess.py",
-        'raw["drift"] * row.stiffnesses',
-        'raw["drift"] * row.stiffnesses[:, ::-1]',
+        "outputs/motion.py",
+        'kept.slots["drift"] * kept.variants.stiffnesses',
+        'kept.slots["drift"] * kept.variants.stiffnesses[:, ::-1]',
         "test_kernels.py",
     ),
 )

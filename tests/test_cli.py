@@ -253,6 +253,7 @@ def test_plan_of_the_quickstart_runs_nothing(tmp_path):
     done = cli("plan", QUICKSTART, env={"POUNDING_SWEEP_CACHE": str(cache)}, cwd=tmp_path)
     assert "1008 asked, at most 649 to run" in done.stdout
     assert "never touch" in done.stdout
+    assert re.search(r"^kernels +5, 5 to compile: about .* of CPU time$", done.stdout, re.MULTILINE)
     assert "31180 (el_centro)" in done.stdout
     assert done.stderr == ""
     assert list(tmp_path.iterdir()) == []

@@ -113,6 +113,7 @@ def plan_command(
 ) -> None:
     """Say what a sweep would run, and at what cost; nothing is run."""
     with reporting():
+        from pounding_sweep.engine.compile import still_to_compile
         from pounding_sweep.outputs.variables import Status
         from pounding_sweep.run.execute import check_scheduler
 
@@ -120,6 +121,8 @@ def plan_command(
         job = _job(sweep, accuracy, skip_missing, folders)
         plan = job.plan()
         found = {**plan.summary(n_workers), "workers": n_workers, "sweep_sha256": plan.digest}
+        missing, seconds = still_to_compile([kernel.shape for kernel in plan.kernels().values()])
+        found |= {"kernels_to_compile": missing, "compile_seconds": seconds}
         limit = float(plan.limit[plan.refused].min()) if plan.refused.any() else None
         found["largest_stable_step"] = limit
         found["records_left_out"] = list(job.spec.records_left_out)
@@ -133,11 +136,12 @@ def plan_command(
             f"{count if least[name] == count else f'{least[name]} to {count}'} ({name})"
             for name, count in found["steps"].items()
         )
+        compiling = f"{missing} to compile: about {seconds_text(seconds)} of CPU time" if missing else "all compiled"
         rows = [
             ("axes", axes or f"{found['asked']} listed cases"),
             ("scenarios", f"{found['asked']} asked, at most {found['at_most']} to run"),
             ("", "(those that never touch are left out once the run without pounding is known)"),
-            ("kernels", f"{found['kernels']}"),
+            ("kernels", f"{found['kernels']}, {compiling}"),
             ("steps", f"{steps} per scenario"),
             ("time", f"about {seconds_text(found['seconds'])} with {n_workers} workers, compilation of kernels apart"),
             ("cube", f"{bytes_text(found['cube_bytes'])} of values"),

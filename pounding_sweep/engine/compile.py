@@ -26,6 +26,16 @@ def compiling_seconds(shape: KernelSpec) -> float:
     return base + each * shape.n_dof * len(shape.reducers) + (contacts if shape.law is not None else 0.0)
 
 
+def _missing(shapes: Sequence[KernelSpec]) -> list[KernelSpec]:
+    return [shape for shape in shapes if not (is_loaded(shape) or is_cached(shape))]
+
+
+def still_to_compile(shapes: Sequence[KernelSpec]) -> tuple[int, float]:
+    """Count the kernels that are not at hand yet, and estimate the CPU seconds that they take."""
+    missing = _missing(list(dict.fromkeys(shapes)))
+    return len(missing), sum(map(compiling_seconds, missing))
+
+
 def shares(shapes: Sequence[KernelSpec], n: int) -> list[list[KernelSpec]]:
     """Cut kernels into at most `n` shares that take about as long to compile, each worth a process of its own."""
     takes = {shape: compiling_seconds(shape) for shape in shapes}
@@ -41,7 +51,7 @@ def shares(shapes: Sequence[KernelSpec], n: int) -> list[list[KernelSpec]]:
 def prepare(shapes: Sequence[KernelSpec], workers: int = 1, advance: Callable[[int], None] | None = None) -> int:
     """Make kernels ready to run in this process; returns how many had to be compiled."""
     wanted = list(dict.fromkeys(shapes))
-    missing = [shape for shape in wanted if not (is_loaded(shape) or is_cached(shape))]
+    missing = _missing(wanted)
     mine, *others = shares(missing, workers) or [[]]
     children = []
     for theirs in others:
