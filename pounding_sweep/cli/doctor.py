@@ -30,7 +30,7 @@ def doctor_command(
             from pounding_sweep.accuracy.self_check import TOLERANCE, self_check
 
             if not as_json:
-                say("running the self-check; the first time its kernels are compiled, which may take a minute")
+                say("running the self-check; the first time its kernels are compiled, which takes some seconds")
             check = self_check()
             found["self_check"] = {
                 **asdict(check),
