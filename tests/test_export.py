@@ -359,6 +359,7 @@ cli.main()
 """
 
 
+@pytest.mark.slow
 def test_what_a_killed_command_leaves_is_removed_by_the_next(cube, tmp_path):
     pytest.importorskip("zarr")
     folder = tmp_path / "out"

@@ -309,6 +309,7 @@ make(stiffness_factors=[1.0, 1e3]).run(sys.argv[1])
 """
 
 
+@pytest.mark.slow
 def test_killed_while_the_cube_is_written(reference, tmp_path):
     out, parts = tmp_path / "out.nc", tmp_path / "out.nc.parts"
     code = [sys.executable, "-c", KILLED, str(out), os.path.dirname(__file__)]

@@ -65,6 +65,7 @@ def test_a_warning_that_nobody_reads_ends_nothing(stopped, tmp_path, where):
 
 
 @pytest.mark.parametrize("closed", ["<&- >&- 2>&-", pytest.param(">&-", marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_streams_that_are_closed(stopped, tmp_path, closed):
     """What is opened in their place is no file of the run, into which somebody might print."""
     for name in ("sweep.toml", "whole.nc"):
@@ -77,6 +78,7 @@ def test_streams_that_are_closed(stopped, tmp_path, closed):
 
 
 @pytest.mark.parametrize("buffered", ["", pytest.param("1", marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_result_that_cannot_be_printed(stopped, tmp_path, buffered):
     """The cube is complete by then; one line says what failed, and that."""
     for name in ("sweep.toml", "whole.nc"):
@@ -115,6 +117,7 @@ cli.main()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.slow
 def test_a_second_signal_does_not_wait(stopped, tmp_path, number):
     shutil.copy(stopped / "sweep.toml", tmp_path)
     how = {"cwd": tmp_path, "env": environment(), "text": True, "stdin": subprocess.DEVNULL}

@@ -349,7 +349,7 @@ def _compiled_kernel(shape: KernelSpec) -> Callable[..., None]:
     def run(*arguments: Any) -> None:
         compiled(*arguments, np.zeros(size, shape.precision))
 
-    run.stats = compiled.stats  # type: ignore[attr-defined]
+    run.stats, run.inspect_asm = compiled.stats, compiled.inspect_asm  # type: ignore[attr-defined]
     return run
 
 
