@@ -448,3 +448,12 @@ def test_refused_rows_are_those_beyond_the_limit():
     assert 0 < plan.refused.sum() < len(table)
     forced = Sweep(row(), motions(), **{**PRODUCT, "stiffness_factors": [1e4], "force_unstable": True}).plan()
     assert not forced.refused.any()
+
+
+def test_a_gap_that_is_just_closed_is_run():
+    """Only a gap of at least the closing displacement leaves a scenario out, and of that by a rounding error more."""
+    closing = 0.02
+    gaps = [closing * share for share in (0.995, 0.999, 1.0, 1.001)]
+    plan = make_plan(build_spec(scene=row(), records=motions()[0], laws="linear", gaps=gaps, dt=0.005))
+    found = untouched(plan, np.full((len(plan.uncoupled_runs), len(row().contacts)), closing))
+    assert found[np.argsort(plan.unique.gaps[:, 0])].tolist() == [False, False, False, True]
