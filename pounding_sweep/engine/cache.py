@@ -361,4 +361,5 @@ def _run(
     if shape.flies_exactly:
         inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(steps) / steps)
         track = np.append(inner.ravel(), motion[-1]).astype(shape.precision)
-    kernel(motion, length, steps, *more, track)
+    *given, tables, scenarios = more
+    kernel(motion, length, steps, *given, track, tables, scenarios)

@@ -1,7 +1,7 @@
-"""Transition matrices of free flight, of any number of variants of a scene at once.
+"""Tables of free flight, of any number of variants of a scene at once.
 
 Between impacts a building is linear, and the ground acceleration is linear
-between record points; over a step h its state x = (u, v) then moves by
+between record points; over a step h the state x = (q, q') of a mode then moves by
 
     x' = A x + p g0 + q g1
 
@@ -19,66 +19,232 @@ under-, critically and over-damped.
 from __future__ import annotations
 
 import math
-from functools import lru_cache, partial
+from dataclasses import dataclass
 
 import numpy as np
 
-from pounding_sweep.model.scene import Building, Scene
-from pounding_sweep.model.variants import Variants, distinct, variants_of
+from pounding_sweep.kernel.flight import ACCELERATION, WIDE, Layout, quintic_extreme
+from pounding_sweep.kernel.peaks import cubic_extreme
+from pounding_sweep.model.variants import Variants
 
 #: Largest frequency or damping, times the step, for which the series is summed, and its number of terms:
 #: 0.5**16 / 16! is below the last place.
 _SMALL, _TERMS = 0.5, 16
-#: Variants at a time: what they need stays in the cache.
-_BLOCK = 1024
+#: Steps that are taken side by side with those of other parts of a record.
+_BLOCK = 64
+#: Share by which bounds are widened for the rounding of what is compared with them.
+_MARGIN = {"float64": 1e-12, "float32": 4e-6}
 
 #: f0 + f1 Z
 _Function = tuple[np.ndarray, np.ndarray]
 
 
-def transitions(row: Scene | Variants, h: float) -> np.ndarray:
-    """Return the transition matrices of all buildings over a step."""
-    variants = variants_of(row)
-    buildings = variants.scene.buildings
-    edges = np.cumsum([0] + [4 * b.n_storeys * (b.n_storeys + 1) for b in buildings])
-    result = np.empty((edges[-1], len(variants)))
-    for first in range(0, len(variants), _BLOCK):
-        mine = slice(first, first + _BLOCK)
-        some = variants[mine]
-        for index, building in enumerate(buildings):
-            given = np.stack([some.period_factor[:, index], *some.rayleigh(index)])
-            compute = partial(_of_building, building, h)
-            result[edges[index] : edges[index + 1], mine] = distinct(given, compute)
-    return result
+@dataclass(frozen=True)
+class _Modes:
+    """Modes of all buildings, one building after another; each of shape (variants, modes)."""
+
+    w: np.ndarray
+    c: np.ndarray
+    #: Of all masses of the building, as the scene has them: sum of m phi.
+    participation: np.ndarray
+
+    def over(self, times: np.ndarray) -> np.ndarray:
+        """exp(F t) of each mode, row by row, for some times (s), shape (times, 4, variants, modes)."""
+        t = times[:, None, None]
+        square, damping = (self.w * t) ** 2, self.c * t
+        (e0, e1), _, _ = _functions(square, damping)
+        return np.stack([e0, t * e1, -(self.w**2) * t * e1, e0 - damping * e1], axis=1)
+
+    def pushed(self, h: float) -> np.ndarray:
+        """What the ground's acceleration at both ends of a step adds, shape (q, q' by start, q, q' by end; ...)."""
+        damping = self.c * h
+        _, (p0, p1), (q0, q1) = _functions((self.w * h) ** 2, damping)
+        found = []
+        for f0, f1 in ((p0 - q0, p1 - q1), (q0, q1)):
+            found += [-(h**2) * f1, -h * (f0 - damping * f1)]
+        return np.stack(found) * self.participation
 
 
-def _of_building(building: Building, h: float, given: np.ndarray) -> np.ndarray:
-    """Transitions of one building, shape (numbers, n); `given` is period and Rayleigh factors, shape (3, n)."""
-    w = building.frequencies[:, None] / given[0]
-    square, damping = (w * h) ** 2, (given[1] + given[2] * w**2) * h
-    (e0, e1), (p0, p1), (q0, q1) = _functions(square, damping)
-    n, share = building.n_storeys, _shares(building)
-    result = np.empty((2, n, 2 * n + 2, given.shape[1]))
+def flight_tables(layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str) -> np.ndarray:
+    """Return the tables of flight of all variants, shape (variants, numbers); `ground` at all points of the grid."""
+    shape = np.zeros((layout.modes, layout.modes))
+    w, c, taken = [], [], []
+    for index, building in enumerate(row.scene.buildings):
+        w.append(row.frequencies(index))
+        a, b = row.rayleigh(index)
+        c.append(a[:, None] + b[:, None] * w[-1] ** 2)
+        at, n = sum(x.shape[1] for x in w[:-1]), building.n_storeys
+        shapes, masses = building.modes[1], np.asarray(building.masses)
+        shape[at : at + n, at : at + n] = shapes
+        taken.append(masses @ shapes)
+    modes = _Modes(np.concatenate(w, 1), np.concatenate(c, 1), np.concatenate(taken)[None])
+    masses = np.concatenate([b.masses for b in row.scene.buildings])
+    points = len(ground)
+    tables = np.zeros((len(row), int(layout.size(points))), precision)
+    still = _without_pounding(modes, ground, h)
+    for v in range(len(row)):
+        _fill(layout, tables[v], modes, v, shape, masses, (ground, h), still[..., v, :], row)
+    return tables
 
-    def spread(to: int, columns: slice, modal: np.ndarray, share: np.ndarray) -> None:
-        for i in range(n):  # no matrix product: its threads would get into each other's way
-            np.einsum("jm,mn->jn", share[i], modal, out=result[to, i, columns])
 
-    # of each mode: what its displacement and its velocity become, and what the ground adds to either
-    for to, modal in enumerate((e0, h * e1, -square * e1 / h, e0 - damping * e1)):
-        spread(to // 2, slice(n * (to % 2), n * (to % 2 + 1)), modal, share)
-    pushed = share.sum(axis=1, keepdims=True)
-    for at, (f0, f1) in enumerate(((p0 - q0, p1 - q1), (q0, q1)), start=2 * n):
-        spread(0, slice(at, at + 1), -(h**2) * f1, pushed)
-        spread(1, slice(at, at + 1), -h * (f0 - damping * f1), pushed)
-    return result.reshape(-1, given.shape[1])
+def _scan(step: np.ndarray, added: np.ndarray) -> np.ndarray:
+    """All states of x' = A x + f from rest, of shape (2, n + 1, variants, modes) for f of shape (2, n, ...)."""
+    n, rest = added.shape[1], added.shape[2:]
+    blocks = -(-n // _BLOCK)
+    f = np.zeros((2, blocks * _BLOCK, *rest))
+    f[:, :n] = added
+    f = f.reshape(2, blocks, _BLOCK, *rest)
+    a, b, c, d = step
+    local, powers = np.empty_like(f), np.empty((4, _BLOCK, *rest))
+    q, p = np.zeros((2, blocks, *rest))
+    e = np.broadcast_to(np.array([1.0, 0.0, 0.0, 1.0])[:, None, None], (4, *rest))
+    for k in range(_BLOCK):
+        q, p = a * q + b * p + f[0, :, k], c * q + d * p + f[1, :, k]
+        local[0, :, k], local[1, :, k] = q, p
+        e = np.stack([a * e[0] + b * e[2], a * e[1] + b * e[3], c * e[0] + d * e[2], c * e[1] + d * e[3]])
+        powers[:, k] = e
+    starts = np.zeros((2, blocks, *rest))
+    for k in range(1, blocks):
+        q, p = starts[:, k - 1]
+        starts[0, k] = e[0] * q + e[1] * p + local[0, k - 1, -1]
+        starts[1, k] = e[2] * q + e[3] * p + local[1, k - 1, -1]
+    q, p = starts[:, :, None]
+    local[0] += powers[0] * q + powers[1] * p
+    local[1] += powers[2] * q + powers[3] * p
+    states = local.reshape(2, -1, *rest)[:, :n]
+    return np.concatenate([np.zeros((2, 1, *rest)), states], axis=1)
 
 
-@lru_cache(maxsize=64)
-def _shares(building: Building) -> np.ndarray:
-    """Phi_m Phi_m' M of each mode m, shape (n, n, modes)."""
-    shapes = building.modes[1]
-    return np.einsum("im,jm,j->ijm", shapes, shapes, np.asarray(building.masses))
+def _without_pounding(modes: _Modes, ground: np.ndarray, h: float) -> np.ndarray:
+    """q, q' of all modes at all points of the grid, shape (2, points, variants, modes)."""
+    q0, p0, q1, p1 = modes.pushed(h)
+    g0, g1 = ground[:-1, None, None], ground[1:, None, None]
+    return _scan(modes.over(np.array([h]))[0], np.stack([q0 * g0 + q1 * g1, p0 * g0 + p1 * g1]))
+
+
+def _fill(
+    layout: Layout,
+    table: np.ndarray,
+    modes: _Modes,
+    v: int,
+    floors: np.ndarray,
+    masses: np.ndarray,
+    base: tuple[np.ndarray, float],
+    still: np.ndarray,
+    row: Variants,
+) -> None:
+    """Fill the tables of one variant; `floors` are the shapes of the modes, shape (floors, modes)."""
+    (ground, h), precision = base, str(table.dtype)
+    w, c, part = modes.w[v], modes.c[v], modes.participation[0]
+    n, points, lanes, q = layout.modes, len(ground), layout.lanes, len(layout.watched)
+
+    def put(name: str, values: np.ndarray) -> None:
+        """Put in values of shape (..., columns), padded to the width of the table."""
+        at = int(layout.place(name, points))
+        if name in layout.fixed:
+            rows = layout.fixed[name]
+        elif name in layout.timed:
+            rows = layout.timed[name] * points
+        else:
+            rows = layout.series[name] * (points + lanes)
+        where = table[at : at + rows].reshape(*values.shape[:-1], -1)
+        where[..., : values.shape[-1]] = values
+
+    put("inverse", np.array([1.0 / h**2]))
+    put("slowness", 1.0 / w)
+    put("square", (w * h) ** 2)
+    put("damping", c * h)
+    steps = modes.over(h * np.append(np.arange(lanes), WIDE))[:, :, v]
+    put("advance", steps)
+    times = steps[:lanes].transpose(2, 1, 0).copy()
+    times[:, 2:] *= h
+    put("times", times)
+    put("floors", floors.T)
+    put("modal", floors * masses[:, None])
+    kinds = np.array([each.kind for each in layout.watched], int)
+    shape = np.array([each.weights for each in layout.watched]).reshape(q, n) @ floors
+    put("shape", shape if q else np.zeros((1, n)))
+    # what a mode of unit amplitude reaches at most, and its second and fourth rates: see the theory
+    ratio = c / w
+    near = np.sqrt(1.0 + ratio**2)
+    far = np.hypot(near, 1.0 + ratio * near)
+    shakes = (kinds == ACCELERATION)[:, None]
+    size = np.abs(shape)
+    bound = size * np.where(shakes, w**2 * near, 1.0)
+    bulge = size * np.where(shakes, w**4 * near * far, w**2 * near) * (h**2 / 8.0)
+    widened = 1.0 + 10.0 * _MARGIN[precision]
+    put("bound", bound.T * widened)
+    put("bulge", bulge.T * widened)
+    g = ground[:, None]
+    second = -(w**2) * still[0] - c * still[1] - part * g
+    jerk = -(w**2) * still[1] - c * second
+    slope = np.diff(ground, append=ground[-1])[:, None] / h
+    amplitude = np.hypot(second, (jerk - part * slope) / w).max(axis=0)
+    put("bulge0", (size * np.where(shakes, w**2 * near, 1.0) * amplitude).sum(axis=1) * (h**2 / 8.0) * widened)
+    put("remainder", np.where(size > 0.0, (w * h) ** 2 * far / 48.0, 0.0).max(axis=1, initial=0.0))
+    put("sized", np.array([each.sized for each in layout.watched], float))
+    put("u", still[0] @ floors.T)
+    put("v", still[1] @ floors.T)
+    total = second + part * g
+    moves = shape.T * (kinds != ACCELERATION)
+    shaken = shape.T * (kinds == ACCELERATION)
+    x = still[0] @ moves + total @ shaken
+    rate = h * (still[1] @ moves + jerk @ shaken)
+    bend = h**2 * (second @ moves)
+    for name, values in (("x", x), ("rate", rate), ("second", bend)):
+        put(name, np.pad(values.T, ((0, max(0, 1 - q)), (0, lanes)), mode="edge" if q else "constant"))
+    _put_extremes(put, layout, x, rate, bend, precision)
+    if "given" in layout.timed:
+        factors = row.mass_factor[v % len(row.mass_factor)]
+        _put_energies(put, layout, modes, v, base, still, np.asarray(factors), row)
+
+
+def _put_extremes(put, layout, x, rate, bend, precision):  # type: ignore[no-untyped-def]
+    """Extremes of windows from each point on, and of all that went before it."""
+    x0, x1, s0, s1, c0, c1 = x[:-1], x[1:], rate[:-1], rate[1:], bend[:-1], bend[1:]
+    turns = s0 * s1 < 0.0
+    shakes = np.array([each.kind == ACCELERATION for each in layout.watched], bool)
+    with np.errstate(all="ignore"):
+        inner = np.where(shakes, cubic_extreme(x0, x1, s0, s1), quintic_extreme(x0, x1, s0, s1, c0, c1))
+    inner = np.where(turns, inner, x0)
+    above, below = (f(f(x0, x1), inner) for f in (np.maximum, np.minimum))
+    margin = _MARGIN[precision] * np.abs(x).max(axis=0, initial=0.0)
+    for sign, names, values in ((1.0, ("most", "widest", "peak"), above), (-1.0, ("least", "widest_least", "trough"), -below)):
+        ends = sign * x[-1:]
+        for name, length in zip(names, (layout.lanes - 1, WIDE), strict=False):
+            put(name, sign * (_sliding(np.concatenate([values, ends]), length) + margin))
+        put(names[2], sign * np.maximum.accumulate(np.concatenate([sign * x[:1], values]), axis=0))
+
+
+def _sliding(x: np.ndarray, length: int) -> np.ndarray:
+    """Largest of each row and those after it, `length` in all."""
+    x, width = np.concatenate([x, np.full((length, x.shape[1]), -np.inf)]), 1
+    while 2 * width <= length:
+        x[:-width] = np.maximum(x[:-width], x[width:])
+        width *= 2
+    if width < length:
+        x[: width - length] = np.maximum(x[: width - length], x[length - width :])
+    return x[:-length]
+
+
+def _put_energies(put, layout, modes, v, base, still, factors, row):  # type: ignore[no-untyped-def]
+    """Energy that the ground has put in without pounding, and what a free motion will still take from it."""
+    ground, h = base
+    w, c, part = modes.w[v], modes.c[v], modes.participation[0]
+    owner = np.repeat(np.arange(len(row.scene.buildings)), [b.n_storeys for b in row.scene.buildings])
+    weight = -part * factors[owner]
+    g0, dg = ground[:-1, None], np.diff(ground)[:, None]
+    q0, q1, p0, p1 = still[0, :-1], still[0, 1:], still[1, :-1], still[1, 1:]
+    area = -(p1 - p0 + c * (q1 - q0) + part * (h * (g0 + 0.5 * dg))) / w**2
+    given = weight * (g0 * (q1 - q0) + dg * (q1 - area / h))
+    total = np.cumsum(np.concatenate([np.zeros((1, len(w))), given]), axis=0)
+    put("given", np.stack([total[:, owner == b].sum(axis=1) for b in range(len(row.scene.buildings))], axis=1))
+    a = modes.over(np.array([h]))[0, :, v]
+    e, f, end = np.stack([a[0] - 1.0, a[1]]), np.stack([a[2], a[3] - 1.0]), np.stack([a[0], a[1]])
+    local = weight * (g0 * e[:, None] + dg * (end[:, None] + (f + c * e)[:, None] / (h * w**2)))
+    back = _scan(np.stack([a[0], a[2], a[1], a[3]])[:, None], local[:, ::-1, None])[:, ::-1, 0]
+    put("adjoint_q", back[0])
+    put("adjoint_p", back[1])
 
 
 def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Function, _Function]:

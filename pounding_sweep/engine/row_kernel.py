@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import transitions
+from pounding_sweep.engine.flight import flight_tables
+from pounding_sweep.engine.kernel import make_group, width
+from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
     CONTACT_CAP,
     LANES,
@@ -127,9 +129,9 @@ def kernel_shape(
 
 
 @lru_cache(maxsize=64)
-def _transitions(scene: Scene, h: float) -> np.ndarray:
-    """Transition matrices of a scene as given over a step h (s), shape (numbers,)."""
-    return transitions(scene, h)[:, 0]
+def _layout(shape: KernelSpec) -> Layout:
+    """Where a kernel's tables of flight lie."""
+    return Layout(make_group(shape, None, width(shape.precision), None))
 
 
 @dataclass(frozen=True)
@@ -213,16 +215,14 @@ class RowKernel:
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
         return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])
 
-    def constants_for(self, record: Record, flight_substeps: int) -> np.ndarray:
-        """Scene constants, with the transition matrices of this record's steps where all lanes share them."""
-        if not self.numerics.scheme.flies_exactly or self.varied:
-            return self.constants
-        slots = property_slots(self.shape)
-        values = self.constants.copy()
-        for name, parts in (("glide", flight_substeps), ("short", self.numerics.steps(record))):
-            first = slots.first[name]
-            values[first : first + slots.count[name]] = _transitions(self.scene, record.dt / parts)
-        return values
+    def _tables(self, record: Record, flight_substeps: int, row: Variants) -> np.ndarray:
+        """Tables of flight of some rows of buildings, one after another."""
+        if not self.numerics.scheme.flies_exactly:
+            return np.zeros(1, self.numerics.precision)
+        motion, n = np.array(record.acceleration), flight_substeps
+        inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
+        ground = np.append(inner.ravel(), motion[-1])
+        return flight_tables(_layout(self.shape), row, ground, record.dt / n, self.numerics.precision).ravel()
 
     def run(
         self,
@@ -243,7 +243,7 @@ class RowKernel:
         inputs, outputs = input_slots(self.shape), output_slots(self.shape)
         row = variants_of(self.scene) if variants is None else variants
         flight_substeps = int(self.flight_substeps(record, row).max())
-        constants = self.constants_for(record, flight_substeps)
+        tables = self._tables(record, flight_substeps, row)
         results = np.zeros((groups, outputs.size * LANES))
         if history is None:
             history = np.zeros((1, 1))
@@ -260,10 +260,12 @@ class RowKernel:
                 float(record.dt),
                 self.numerics.steps(record),
                 flight_substeps,
-                constants,
+                self.constants,
                 lanes.reshape(len(lanes), -1),
                 results[first : first + slab],
                 history,
+                tables,
+                min(n - first * LANES, slab * LANES),
             )
         by_scenario = results.reshape(groups, outputs.size, LANES).transpose(0, 2, 1).reshape(-1, outputs.size)[:n]
         found = {name: by_scenario[:, i : i + outputs.count[name]] for name, i in outputs.first.items()}
@@ -308,8 +310,7 @@ class RowKernel:
                 if f"p_{name}" in slots.first:
                     put(f"p_{name}", values.T)
             if self.numerics.scheme.flies_exactly:
-                for name, parts in (("p_glide", flight_substeps), ("p_short", self.numerics.steps(record))):
-                    put(name, transitions(row, record.dt / parts))
+                put("tables", np.arange(len(row))[None, :])
         return lanes
 
 

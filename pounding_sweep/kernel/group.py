@@ -232,18 +232,6 @@ class Group:
         pointer = t.builder.gep(self._constants, [place], inbounds=True)
         return Real(t, t.load(pointer, t.real, t.size, fixed=True))
 
-    def transition(self, stepping: Any, i: int) -> Any:
-        """Return number `i` of the table of exact flight over a short step (`stepping`) or a long one."""
-        if self.spec.varied:
-            short, long = (self.state.first[f"p_{name}"] for name in ("short", "glide"))
-            return self.state.row(where_count(self.trace, stepping, short, long) + i)
-        short, long = (self._places.first[name] for name in ("short", "glide"))
-        at = where_count(self.trace, stepping, short, long) + i
-        if self.trace is None:
-            return self._constants[at]
-        t = self.trace
-        return Real(t, t.load(t.builder.gep(self._constants, [at.value], inbounds=True), t.real, t.size, fixed=True))
-
     def clock(self, h: Any) -> Any:
         """Time (s) since the start of the motion, of lanes that are within a step of length h."""
         rest = self.state["time_left"]
@@ -363,12 +351,6 @@ class Group:
         """Left floor, right floor (-1: a wall) and gap of contact j."""
         found: tuple[Any, Any, Any] = j.sides if isinstance(j, Contact) else self.spec.contacts[j]
         return found
-
-    @cached_property
-    def table_places(self) -> Table:
-        """Where each building's part of the tables of exact flight begins."""
-        sizes = [2 * n * (2 * n + 2) for n in self.spec.storeys]
-        return Table(self.trace, [sum(sizes[:b]) for b in range(len(sizes))])
 
     def home_of(self, floor: Any) -> tuple[Any, Any, Any]:
         """Lowest floor, number of storeys, and number of the building of a floor."""

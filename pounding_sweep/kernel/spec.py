@@ -17,7 +17,7 @@ LANES = 16
 
 
 #: Properties that may differ from lane to lane.
-VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short")
+VARIED = ("m", "im", "k", "alpha", "beta", "reduced")
 
 #: Parameters of a compiled kernel and their types.
 PARAMETERS = {
@@ -30,6 +30,8 @@ PARAMETERS = {
     "results": "float64[:, ::1]",
     "history": "float64[:, ::1]",
     "track": "{real}[::1]",
+    "tables": "{real}[::1]",
+    "scenarios": "int64",
     "state": "{real}[::1]",
 }
 #: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
@@ -201,6 +203,8 @@ def input_slots(shape: KernelSpec) -> Slots:
         slots.add("k")
         slots.add("c", len(shape.contacts))
     if shape.varied:
+        if shape.flies_exactly:
+            slots.add("tables")
         shared = property_slots(shape)
         for name in VARIED:
             if shared.count.get(name):
@@ -217,10 +221,6 @@ def property_slots(shape: KernelSpec) -> Slots:
     slots.add("alpha", shape.n_buildings)
     slots.add("beta", shape.n_buildings)
     slots.add("reduced", len(shape.contacts))
-    if shape.flies_exactly:  # flight over a whole step, and over a short one beside a contact
-        size = sum(2 * n * (2 * n + 2) for n in shape.storeys)
-        slots.add("glide", size)
-        slots.add("short", size)
     slots.add("cap")
     slots.add("newmark_beta")
     slots.add("newmark_gamma")
