@@ -19,6 +19,7 @@ under-, critically and over-damped.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -195,24 +196,31 @@ def _fill(
         put(name, np.pad(values.T, ((0, max(0, 1 - q)), (0, lanes)), mode="edge" if q else "constant"))
     _put_extremes(put, layout, x, rate, bend, precision)
     if "given" in layout.timed:
-        factors = row.mass_factor[v % len(row.mass_factor)]
-        _put_energies(put, layout, modes, v, base, still, np.asarray(factors), row)
+        owner = np.repeat(np.arange(len(row.scene.buildings)), [b.n_storeys for b in row.scene.buildings])
+        _put_energies(put, modes, v, base, still, row.mass_factor[v], owner)
 
 
-def _put_extremes(put, layout, x, rate, bend, precision):  # type: ignore[no-untyped-def]
+def _put_extremes(
+    put: Callable[[str, np.ndarray], None],
+    layout: Layout,
+    x: np.ndarray,
+    rate: np.ndarray,
+    bend: np.ndarray,
+    precision: str,
+) -> None:
     """Extremes of windows from each point on, and of all that went before it."""
-    x0, x1, s0, s1, c0, c1 = x[:-1], x[1:], rate[:-1], rate[1:], bend[:-1], bend[1:]
-    turns = s0 * s1 < 0.0
-    shakes = np.array([each.kind == ACCELERATION for each in layout.watched], bool)
+    x0, x1 = x[:-1], x[1:]
+    inner, turns = x0.copy(), rate[:-1] * rate[1:] < 0.0
+    turns, shaken = np.nonzero(turns), np.array([each.kind == ACCELERATION for each in layout.watched], bool)
+    ends = [values[side][turns] for values in (x, rate, bend) for side in (slice(None, -1), slice(1, None))]
     with np.errstate(all="ignore"):
-        inner = np.where(shakes, cubic_extreme(x0, x1, s0, s1), quintic_extreme(x0, x1, s0, s1, c0, c1))
-    inner = np.where(turns, inner, x0)
+        inner[turns] = np.where(shaken[turns[1]], cubic_extreme(*ends[:4]), quintic_extreme(*ends))
     above, below = (f(f(x0, x1), inner) for f in (np.maximum, np.minimum))
     margin = _MARGIN[precision] * np.abs(x).max(axis=0, initial=0.0)
     for sign, names, values in ((1.0, ("most", "widest", "peak"), above), (-1.0, ("least", "widest_least", "trough"), -below)):
-        ends = sign * x[-1:]
+        padded = np.concatenate([values, sign * x[-1:]])
         for name, length in zip(names, (layout.lanes - 1, WIDE), strict=False):
-            put(name, sign * (_sliding(np.concatenate([values, ends]), length) + margin))
+            put(name, sign * (_sliding(padded, length) + margin))
         put(names[2], sign * np.maximum.accumulate(np.concatenate([sign * x[:1], values]), axis=0))
 
 
@@ -227,18 +235,25 @@ def _sliding(x: np.ndarray, length: int) -> np.ndarray:
     return x[:-length]
 
 
-def _put_energies(put, layout, modes, v, base, still, factors, row):  # type: ignore[no-untyped-def]
+def _put_energies(
+    put: Callable[[str, np.ndarray], None],
+    modes: _Modes,
+    v: int,
+    base: tuple[np.ndarray, float],
+    still: np.ndarray,
+    factors: np.ndarray,
+    owner: np.ndarray,
+) -> None:
     """Energy that the ground has put in without pounding, and what a free motion will still take from it."""
     ground, h = base
     w, c, part = modes.w[v], modes.c[v], modes.participation[0]
-    owner = np.repeat(np.arange(len(row.scene.buildings)), [b.n_storeys for b in row.scene.buildings])
     weight = -part * factors[owner]
     g0, dg = ground[:-1, None], np.diff(ground)[:, None]
     q0, q1, p0, p1 = still[0, :-1], still[0, 1:], still[1, :-1], still[1, 1:]
     area = -(p1 - p0 + c * (q1 - q0) + part * (h * (g0 + 0.5 * dg))) / w**2
     given = weight * (g0 * (q1 - q0) + dg * (q1 - area / h))
     total = np.cumsum(np.concatenate([np.zeros((1, len(w))), given]), axis=0)
-    put("given", np.stack([total[:, owner == b].sum(axis=1) for b in range(len(row.scene.buildings))], axis=1))
+    put("given", np.stack([total[:, owner == b].sum(axis=1) for b in range(len(factors))], axis=1))
     a = modes.over(np.array([h]))[0, :, v]
     e, f, end = np.stack([a[0] - 1.0, a[1]]), np.stack([a[2], a[3] - 1.0]), np.stack([a[0], a[1]])
     local = weight * (g0 * e[:, None] + dg * (end[:, None] + (f + c * e)[:, None] / (h * w**2)))

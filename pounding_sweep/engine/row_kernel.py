@@ -35,6 +35,8 @@ GLIDE = (0.3, 0.8, 1.2)
 QUICK_GLIDE = (0.2, 0.3, 0.5)
 #: Inputs handed to a kernel at a time (bytes).
 SLAB_BYTES = 1 << 24
+#: Tables of flight handed to a kernel at a time, where buildings vary (bytes).
+TABLE_BYTES = 1 << 27
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,20 @@ def _layout(shape: KernelSpec) -> Layout:
     return Layout(make_group(shape, None, width(shape.precision), None))
 
 
+def _flight_tables(shape: KernelSpec, row: Variants, record: Record, flight_substeps: int) -> np.ndarray:
+    """Tables of flight of some rows of buildings, one after another."""
+    motion, n = np.array(record.acceleration), flight_substeps
+    inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
+    ground = np.append(inner.ravel(), motion[-1])
+    return flight_tables(_layout(shape), row, ground, record.dt / n, shape.precision).ravel()
+
+
+@lru_cache(maxsize=4)
+def _tables_of_scene(shape: KernelSpec, scene: Scene, record: Record, flight_substeps: int) -> np.ndarray:
+    """Tables of flight of a scene as given: all its runs under a record share them."""
+    return _flight_tables(shape, variants_of(scene), record, flight_substeps)
+
+
 @dataclass(frozen=True)
 class RowKernel:
     """A scene under one law and one scheme, ready to run.
@@ -215,15 +231,6 @@ class RowKernel:
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
         return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])
 
-    def _tables(self, record: Record, flight_substeps: int, row: Variants) -> np.ndarray:
-        """Tables of flight of some rows of buildings, one after another."""
-        if not self.numerics.scheme.flies_exactly:
-            return np.zeros(1, self.numerics.precision)
-        motion, n = np.array(record.acceleration), flight_substeps
-        inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
-        ground = np.append(inner.ravel(), motion[-1])
-        return flight_tables(_layout(self.shape), row, ground, record.dt / n, self.numerics.precision).ravel()
-
     def run(
         self,
         record: Record,
@@ -243,7 +250,6 @@ class RowKernel:
         inputs, outputs = input_slots(self.shape), output_slots(self.shape)
         row = variants_of(self.scene) if variants is None else variants
         flight_substeps = int(self.flight_substeps(record, row).max())
-        tables = self._tables(record, flight_substeps, row)
         results = np.zeros((groups, outputs.size * LANES))
         if history is None:
             history = np.zeros((1, 1))
@@ -251,10 +257,12 @@ class RowKernel:
         e = np.asarray(restitution, float)
         given = {"scale": np.asarray(scale, float), "stiffness": np.asarray(stiffness, float), "restitution": e}
         slab = max(1, SLAB_BYTES // (inputs.size * LANES * 8))
-        for first in range(0, groups, slab):
-            mine = slice(first * LANES, (first + slab) * LANES)
+        first = 0
+        while first < groups:
+            tables, buildings, groups_done = self._tables(record, flight_substeps, row[first * LANES :], slab)
+            mine = slice(first * LANES, (first + groups_done) * LANES)
             part = {name: values[mine] for name, values in given.items()}
-            lanes = self._lanes(record, flight_substeps, gaps=np.asarray(gaps, float)[mine], row=row[mine], **part)
+            lanes = self._lanes(buildings, gaps=np.asarray(gaps, float)[mine], row=row[mine], **part)
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
@@ -262,11 +270,12 @@ class RowKernel:
                 flight_substeps,
                 self.constants,
                 lanes.reshape(len(lanes), -1),
-                results[first : first + slab],
+                results[first : first + groups_done],
                 history,
                 tables,
-                min(n - first * LANES, slab * LANES),
+                len(part["scale"]),
             )
+            first += groups_done
         by_scenario = results.reshape(groups, outputs.size, LANES).transpose(0, 2, 1).reshape(-1, outputs.size)[:n]
         found = {name: by_scenario[:, i : i + outputs.count[name]] for name, i in outputs.first.items()}
         # what the status asks of the scenario beside its results
@@ -275,10 +284,28 @@ class RowKernel:
             found["quickening"] = self.law.quickening(e[:, None], self.basis)
         return found
 
+    def _tables(
+        self, record: Record, flight_substeps: int, row: Variants, slab: int
+    ) -> tuple[np.ndarray, np.ndarray, int]:
+        """Tables of flight, which of them each scenario needs, and the groups of scenarios (up to `slab`) they serve."""
+        if not self.numerics.scheme.flies_exactly:
+            return np.zeros(1, self.numerics.precision), np.zeros(1), slab
+        if not self.varied:
+            return _tables_of_scene(self.shape, self.scene, record, flight_substeps), np.zeros(1), slab
+        new, which = row.flights()
+        most = max(1, TABLE_BYTES // (8 * int(_layout(self.shape).size(len(record.acceleration) * flight_substeps))))
+        groups = slab
+        late = np.flatnonzero(which >= most)
+        if len(late):
+            groups = max(1, min(slab, late[0] // LANES))
+        which = which[: groups * LANES]
+        needed = new[: which.max() + 1]
+        tables = _flight_tables(self.shape, row[needed], record, flight_substeps)
+        return tables, which, groups
+
     def _lanes(
         self,
-        record: Record,
-        flight_substeps: int,
+        buildings: np.ndarray,
         *,
         scale: np.ndarray,
         gaps: np.ndarray,
@@ -310,7 +337,7 @@ class RowKernel:
                 if f"p_{name}" in slots.first:
                     put(f"p_{name}", values.T)
             if self.numerics.scheme.flies_exactly:
-                put("tables", np.arange(len(row))[None, :])
+                put("tables", buildings[None, :])
         return lanes
 
 

@@ -207,6 +207,7 @@ class Flight:
         self.base, self.scale = Cell(points), Cell(one(self.trace, 1.0))
         self.at, self.hits = Cell(points), Cell(flag(self.trace, False))
         self.going, self.steps = Cell(flag(self.trace, True)), Cell(points)
+        self.rated = Cell(flag(self.trace, False))
 
     # tables --------------------------------------------------------------------------------------------------------
 
@@ -489,40 +490,68 @@ class Flight:
 
     def _look(self, t: Any, room: Any) -> None:
         """Look at a window of `room` steps from point t on; ``steps`` becomes those before floors may touch."""
-        w, lanes = self.rows, self.lanes
-        times, square, damping = (self._at(name) for name in ("times", "square", "damping"))
-        moves, shakes = ((each.kind == kind for each in self.layout.watched) for kind in (TURN, ACCELERATION))
-        moves, shakes = any(moves), any(shakes)
-        inverse = self._number(self._at("inverse"))
+        w, times = self.rows, self._at("times")
         for m in self._each(self.layout.modes, 4):
-            q, p = w.number("q", m), w.number("p", m)
-            e = [self._vector(times + ((m * 4 + k) * lanes)) for k in range(4)]
-            y, rate = fma(e[0], q, e[1] * p), fma(e[2], q, e[3] * p)
-            w["y", m], w["rate", m] = y, rate
-            if moves or shakes:
-                stiff, damped = self._number(square + m), self._number(damping + m)
-                second = -fma(stiff, y, damped * rate)
-                w["second", m] = second
-                if shakes:
-                    w["shake", m] = second * inverse
-                    w["jerk", m] = -fma(stiff, rate, damped * second) * inverse
+            w["y", m] = self._decayed(m, times, 0)
+        self.rated.now = flag(self.trace, False)
         self._weigh("bulge", "bulge", "bulge0")
         for q in self._asked(TOUCH):
             self._touch(q, t)
-        for _ in when(self.steps.now > 0):
+        kinds = {each.kind for each in self.layout.watched}
+        for _ in when(self.steps.now > 0) if kinds - {TOUCH} else ():
+            turning = any_lane(self._asking(TURN)) | any_lane(self._asking(ACCELERATION))
+            for _ in when(turning):
+                self._bend(ACCELERATION in kinds)
             for q in self._asked(TURN):
                 self._turn(q, t, "y", "rate", "second")
             for q in self._asked(ACCELERATION):
                 self._turn(q, t, "shake", "jerk", "")
 
+    def _decayed(self, m: Any, times: Any, row: int) -> Any:
+        """Mode m at the lanes' instants (row 0), or its rate times the step (row 2)."""
+        at = times + (m * 4 + row) * self.lanes
+        q, p = self.rows.number("q", m), self.rows.number("p", m)
+        return fma(self._vector(at), q, self._vector(at + self.lanes) * p)
+
+    def _know_rates(self) -> None:
+        """Find the rates of all modes, once in a window."""
+        times = self._at("times")
+        for _ in when(not_(self.rated.now)):
+            for m in self._each(self.layout.modes, 4):
+                self.rows["rate", m] = self._decayed(m, times, 2)
+            self.rated.now = flag(self.trace, True)
+
+    def _bend(self, shakes: bool) -> None:
+        """Find second rates of all modes, and what accelerations ask for."""
+        w, square, damping, inverse = self.rows, *(self._at(name) for name in ("square", "damping", "inverse"))
+        self._know_rates()
+        for m in self._each(self.layout.modes, 4):
+            stiff, damped, rate = self._number(square + m), self._number(damping + m), w["rate", m]
+            second = -fma(stiff, w["y", m], damped * rate)
+            w["second", m] = second
+            if shakes:
+                per = self._number(inverse)
+                w["shake", m], w["jerk", m] = second * per, -fma(stiff, rate, damped * second) * per
+
     def _asked(self, kind: int) -> Iterator[Any]:
         """Go through the watched quantities of a kind that may reach something."""
+        for part, asks in self._asking_parts(kind):
+            for lane in each_lane(asks):
+                yield lane + part * self.lanes
+
+    def _asking_parts(self, kind: int) -> Iterator[tuple[int, Any]]:
+        """Go through the rows of what is watched of a kind: their number, and which may reach something."""
         mine = [q for q, each in enumerate(self.layout.watched) if each.kind == kind]
         for part in range(mine[0] // self.lanes, mine[-1] // self.lanes + 1) if mine else ():
             number = lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
-            asks = (self.rows["asks", part] > 0.5) & (number <= float(mine[-1])) & (number >= float(mine[0]))
-            for lane in each_lane(asks):
-                yield lane + part * self.lanes
+            yield part, (self.rows["asks", part] > 0.5) & (number <= float(mine[-1])) & (number >= float(mine[0]))
+
+    def _asking(self, kind: int) -> Any:
+        """Lanes of what is watched of a kind that may reach something."""
+        found = self.group.lanes_where(False)
+        for _, asks in self._asking_parts(kind):
+            found = found | asks
+        return found
 
     def _sum(self, q: Any, t: Any, series: str, row: str) -> Any:
         """A watched quantity at the lanes' instants: without pounding, by a series, and of the modes, by their rows."""
@@ -545,6 +574,7 @@ class Flight:
         w, number = self.rows, lane_numbers(self.trace, self.lanes)
         x, bulge = self._sum(q, t, "x", "y") - w.number("high", q), w.number("bulge", q)
         for _ in when(any_lane((x + bulge > 0.0) & (number <= real(self.steps.now)))):
+            self._know_rates()
             s0 = self._sum(q, t, "rate", "rate") * (1.0 / 3.0)
             x1, s1 = after(x), after(s0)
             # a cubic keeps within the hull of its ends and of where their tangents are at a third of the step

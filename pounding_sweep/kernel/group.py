@@ -206,7 +206,7 @@ class Group:
             rows |= {"joining": nc} if spec.impulsive else {}
             rows |= dict.fromkeys(("fallback", "unsolved", "stiff"), 1)
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
-            rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force"), nc)
+            rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)
             rows |= {"now": nb, "gained0": nb, "gained1": nb}
             if spec.law is not None and spec.law.yields:
                 rows |= {"plastic": nc, "yield": nc}

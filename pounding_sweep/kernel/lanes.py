@@ -183,9 +183,6 @@ class Counts(Value):
     def __mul__(self, other: Any) -> Counts:
         return Counts(self.trace, self.trace.builder.mul(self.value, self._of(other)))
 
-    def __mod__(self, other: Any) -> Counts:
-        return Counts(self.trace, self.trace.builder.srem(self.value, self._of(other)))
-
     def _compare(self, sign: str, other: Any) -> Mask:
         return Mask(self.trace, self.trace.builder.icmp_signed(sign, self.value, self._of(other)))
 

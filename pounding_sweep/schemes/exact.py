@@ -80,6 +80,8 @@ class Events:
         #: Of each lane: short steps done, the number of its scenario, and whether it has one.
         self.at, self.scenario = Cell(counts(trace, 0, lanes)), Cell(counts(trace, 0, lanes))
         self.busy = Cell(group.full(0.0))
+        #: Short steps that are left of flight's.
+        self.left = Cell(group.full(0.0))
         self.next, self.settled = Cell(whole(trace, 0)), Cell(flag(trace, False))
         self.leaves = Cell(group.lanes_where(True))
         group.number = lambda: self.at.now
@@ -113,10 +115,14 @@ class Events:
         self.leaves.now = over & ~over
         with when_any(over):
             self.at.now = at = where(over, self.at.now + 1, self.at.now)
+            left = self.left.now - 1.0
+            whole_step = over & ~(left > 0.0)
+            self.left.now = where(whole_step, real(self.short), where(over, left, self.left.now))
             closed, ends = forces.is_closed(group), over & (at >= self.last)
-            if self.note is not None:
+            for _ in when(any_lane(over)) if self.note is not None else ():
+                assert self.note is not None
                 self.note(first_whole(at))
-            self.leaves.now = ends | (over & ~closed & (at % self.short == 0))
+            self.leaves.now = ends | (whole_step & ~closed)
             if located.needs_ends(group):
                 located.clear_forces(group, over & ~closed)
             with when_any(ends):
@@ -146,6 +152,7 @@ class Events:
                 flight.enter(lane, flight.at.now)
                 for _ in when(flight.hits.now):
                     put_lane(self.at, lane, flight.at.now * self.short)
+                    put_lane(self.left, lane, real(self.short))
                     self.settled.now = flag(group.trace, True)
                 for _ in when(not_(flight.hits.now)):
                     conclude(group)
