@@ -27,14 +27,14 @@ def llvm(kernel):
     shape = kernel.shape
     module = ir.Module()
     double, real, whole = ir.DoubleType(), ir.FloatType(), ir.IntType(64)
-    kinds = {"length": double, "steps": whole, "substeps": whole}
+    kinds = {"length": double, "steps": whole, "substeps": whole, "scenarios": whole}
     kinds |= dict.fromkeys(("motion", "inputs", "results", "history"), double.as_pointer())
-    kinds |= dict.fromkeys(("constants", "track", "state"), real.as_pointer())
+    kinds |= dict.fromkeys(("constants", "track", "tables", "state"), real.as_pointer())
     function = ir.Function(module, ir.FunctionType(ir.VoidType(), list(kinds.values())), "run")
     builder = ir.IRBuilder(function.append_basic_block())
     found = {name: (value, [ir.Constant(whole, 9)] * 2) for name, value in zip(kinds, function.args, strict=True)}
     found["motion"] = found["motion"][0], [ir.Constant(whole, 9)]
-    emit(shape, builder, found, *(found[name][0] for name in ("length", "steps", "substeps")))
+    emit(shape, builder, found, *(found[name][0] for name in ("length", "steps", "substeps", "scenarios")))
     return str(module)
 
 

@@ -57,7 +57,7 @@ class _Modes:
         return np.stack([e0, t * e1, -(self.w**2) * t * e1, e0 - damping * e1], axis=1)
 
     def pushed(self, h: float) -> np.ndarray:
-        """What the ground's acceleration at both ends of a step adds, shape (q, q' by start, q, q' by end; ...)."""
+        """Return what the ground adds in a step: q, q' by its start, q, q' by its end, shape (4, variants, modes)."""
         damping = self.c * h
         _, (p0, p1), (q0, q1) = _functions((self.w * h) ** 2, damping)
         found = []
@@ -84,7 +84,8 @@ def flight_tables(layout: Layout, row: Variants, ground: np.ndarray, h: float, p
     tables = np.zeros((len(row), int(layout.size(points))), precision)
     still = _without_pounding(modes, ground, h)
     for v in range(len(row)):
-        _fill(layout, tables[v], modes, v, shape, masses, (ground, h), still[..., v, :], row)
+        mine = _Modes(modes.w[v : v + 1], modes.c[v : v + 1], modes.participation)
+        _fill(layout, tables[v], mine, shape, masses, (ground, h), still[..., v, :], row[v : v + 1])
     return tables
 
 
@@ -127,7 +128,6 @@ def _fill(
     layout: Layout,
     table: np.ndarray,
     modes: _Modes,
-    v: int,
     floors: np.ndarray,
     masses: np.ndarray,
     base: tuple[np.ndarray, float],
@@ -136,26 +136,19 @@ def _fill(
 ) -> None:
     """Fill the tables of one variant; `floors` are the shapes of the modes, shape (floors, modes)."""
     (ground, h), precision = base, str(table.dtype)
-    w, c, part = modes.w[v], modes.c[v], modes.participation[0]
+    w, c, part = modes.w[0], modes.c[0], modes.participation[0]
     n, points, lanes, q = layout.modes, len(ground), layout.lanes, len(layout.watched)
 
     def put(name: str, values: np.ndarray) -> None:
         """Put in values of shape (..., columns), padded to the width of the table."""
-        at = int(layout.place(name, points))
-        if name in layout.fixed:
-            rows = layout.fixed[name]
-        elif name in layout.timed:
-            rows = layout.timed[name] * points
-        else:
-            rows = layout.series[name] * (points + lanes)
-        where = table[at : at + rows].reshape(*values.shape[:-1], -1)
+        where = layout.view(table, name, points).reshape(*values.shape[:-1], -1)
         where[..., : values.shape[-1]] = values
 
     put("inverse", np.array([1.0 / h**2]))
     put("slowness", 1.0 / w)
     put("square", (w * h) ** 2)
     put("damping", c * h)
-    steps = modes.over(h * np.append(np.arange(lanes), WIDE))[:, :, v]
+    steps = modes.over(h * np.append(np.arange(lanes), WIDE))[:, :, 0]
     put("advance", steps)
     times = steps[:lanes].transpose(2, 1, 0).copy()
     times[:, 2:] *= h
@@ -197,7 +190,7 @@ def _fill(
     _put_extremes(put, layout, x, rate, bend, precision)
     if "given" in layout.timed:
         owner = np.repeat(np.arange(len(row.scene.buildings)), [b.n_storeys for b in row.scene.buildings])
-        _put_energies(put, modes, v, base, still, row.mass_factor[v], owner)
+        _put_energies(put, modes, base, still, row.mass_factor[0], owner)
 
 
 def _put_extremes(
@@ -217,7 +210,8 @@ def _put_extremes(
         inner[turns] = np.where(shaken[turns[1]], cubic_extreme(*ends[:4]), quintic_extreme(*ends))
     above, below = (f(f(x0, x1), inner) for f in (np.maximum, np.minimum))
     margin = _MARGIN[precision] * np.abs(x).max(axis=0, initial=0.0)
-    for sign, names, values in ((1.0, ("most", "widest", "peak"), above), (-1.0, ("least", "widest_least", "trough"), -below)):
+    up, down = ("most", "widest", "peak"), ("least", "widest_least", "trough")
+    for sign, names, values in ((1.0, up, above), (-1.0, down, -below)):
         padded = np.concatenate([values, sign * x[-1:]])
         for name, length in zip(names, (layout.lanes - 1, WIDE), strict=False):
             put(name, sign * (_sliding(padded, length) + margin))
@@ -238,7 +232,6 @@ def _sliding(x: np.ndarray, length: int) -> np.ndarray:
 def _put_energies(
     put: Callable[[str, np.ndarray], None],
     modes: _Modes,
-    v: int,
     base: tuple[np.ndarray, float],
     still: np.ndarray,
     factors: np.ndarray,
@@ -246,7 +239,7 @@ def _put_energies(
 ) -> None:
     """Energy that the ground has put in without pounding, and what a free motion will still take from it."""
     ground, h = base
-    w, c, part = modes.w[v], modes.c[v], modes.participation[0]
+    w, c, part = modes.w[0], modes.c[0], modes.participation[0]
     weight = -part * factors[owner]
     g0, dg = ground[:-1, None], np.diff(ground)[:, None]
     q0, q1, p0, p1 = still[0, :-1], still[0, 1:], still[1, :-1], still[1, 1:]
@@ -254,7 +247,7 @@ def _put_energies(
     given = weight * (g0 * (q1 - q0) + dg * (q1 - area / h))
     total = np.cumsum(np.concatenate([np.zeros((1, len(w))), given]), axis=0)
     put("given", np.stack([total[:, owner == b].sum(axis=1) for b in range(len(factors))], axis=1))
-    a = modes.over(np.array([h]))[0, :, v]
+    a = modes.over(np.array([h]))[0, :, 0]
     e, f, end = np.stack([a[0] - 1.0, a[1]]), np.stack([a[2], a[3] - 1.0]), np.stack([a[0], a[1]])
     local = weight * (g0 * e[:, None] + dg * (end[:, None] + (f + c * e)[:, None] / (h * w**2)))
     back = _scan(np.stack([a[0], a[2], a[1], a[3]])[:, None], local[:, ::-1, None])[:, ::-1, 0]
@@ -264,8 +257,9 @@ def _put_energies(
 
 def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Function, _Function]:
     """exp, phi1 and phi2 of Z = [[0, 1], [-square, -damping]], elementwise."""
-    largest = max(math.sqrt(float(square.max(initial=0.0))), float(damping.max(initial=0.0)))
-    halvings = max(0, math.ceil(math.log2(max(largest, _SMALL) / _SMALL)))
+    # each by its own number of halvings, so that none depends on those beside it
+    largest = np.maximum(np.maximum(np.sqrt(square), damping), _SMALL)
+    halvings = np.ceil(np.log2(largest / _SMALL)).astype(int)
     scale = 0.5**halvings
     s, c = square * scale**2, damping * scale
 
@@ -280,10 +274,14 @@ def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Fun
     phi2 = f0, f1
     phi1 = 1.0 - s * f1, f0 - c * f1
     grown = 1.0 - s * phi1[1], phi1[0] - c * phi1[1]
-    for _ in range(halvings):
-        squared = times(phi1, phi1)
-        phi2 = 0.25 * (squared[0] + 2.0 * phi2[0]), 0.25 * (squared[1] + 2.0 * phi2[1])
-        more = times(grown, phi1)
-        phi1 = 0.5 * (more[0] + phi1[0]), 0.5 * (more[1] + phi1[1])
-        grown = times(grown, grown)
+    for k in range(int(halvings.max(initial=0))):
+        more = halvings > k
+        (a0, a1), (b0, b1) = times(phi1, phi1), times(grown, phi1)
+        phi2 = _where(more, (0.25 * (a0 + 2.0 * phi2[0]), 0.25 * (a1 + 2.0 * phi2[1])), phi2)
+        phi1 = _where(more, (0.5 * (b0 + phi1[0]), 0.5 * (b1 + phi1[1])), phi1)
+        grown = _where(more, times(grown, grown), grown)
     return (grown[0], grown[1] * scale), (phi1[0], phi1[1] * scale), (phi2[0], phi2[1] * scale)
+
+
+def _where(condition: np.ndarray, a: _Function, b: _Function) -> _Function:
+    return np.where(condition, a[0], b[0]), np.where(condition, a[1], b[1])

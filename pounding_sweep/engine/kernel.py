@@ -173,9 +173,7 @@ class Scenarios:
         return rounded(self._inputs.lane(at, column)) * self._size
 
 
-def make_events(
-    group: Group, ground: Any, arrays: tuple[Any, Any, Any, Any], scenarios: Any, note: Any
-) -> Events:
+def make_events(group: Group, ground: Any, arrays: tuple[Any, Any, Any, Any], scenarios: Any, note: Any) -> Events:
     """Return the scenarios of a call on their way through the lanes; arrays: inputs, results, tables, own rows."""
     trace, (inputs, results, tables, memory) = group.trace, arrays
     points = ground.intervals * ground.substeps + 1

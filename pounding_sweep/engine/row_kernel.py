@@ -287,7 +287,7 @@ class RowKernel:
     def _tables(
         self, record: Record, flight_substeps: int, row: Variants, slab: int
     ) -> tuple[np.ndarray, np.ndarray, int]:
-        """Tables of flight, which of them each scenario needs, and the groups of scenarios (up to `slab`) they serve."""
+        """Tables of flight, which of them each scenario needs, and how many groups (up to `slab`) they serve."""
         if not self.numerics.scheme.flies_exactly:
             return np.zeros(1, self.numerics.precision), np.zeros(1), slab
         if not self.varied:

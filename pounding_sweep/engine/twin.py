@@ -60,7 +60,8 @@ def run(
         group = make_group(spec, None, width(spec.precision), constants)
         note = noter(group, put, True) if spec.history else None
         with np.errstate(all="ignore"):
-            make_events(group, ground, (inputs.reshape(-1, LANES), results.reshape(-1, LANES), tables, None), scenarios, note).run()
+            arrays = inputs.reshape(-1, LANES), results.reshape(-1, LANES), tables, None
+            make_events(group, ground, arrays, scenarios, note).run()
         return
     with np.errstate(all="ignore"):
         for given, found in zip(inputs, results, strict=True):

@@ -182,6 +182,14 @@ class Layout:
             return points * at + fixed
         return points * timed + (points + self.lanes) * at + fixed
 
+    def view(self, table: Any, name: str, points: int) -> Any:
+        """Numbers of a name in the tables of one row of buildings, an array."""
+        at = self.place(name, points)
+        if name in self.fixed:
+            return table[at : at + self.fixed[name]]
+        many = points * self.timed[name] if name in self.timed else (points + self.lanes) * self.series[name]
+        return table[at : at + many]
+
 
 class Flight:
     """Flight of the scenarios of a lane group, one at a time.
@@ -554,7 +562,7 @@ class Flight:
         return found
 
     def _sum(self, q: Any, t: Any, series: str, row: str) -> Any:
-        """A watched quantity at the lanes' instants: without pounding, by a series, and of the modes, by their rows."""
+        """Sum up a watched quantity at the lanes' instants: without pounding, of a series, and of the modes' rows."""
         lows, counts = self._ranges
         low, many = lows[q], counts if isinstance(counts, int) else counts[q]
         shape = self._at("shape") + q * self.layout.modes + low

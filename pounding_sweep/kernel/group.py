@@ -29,7 +29,6 @@ from pounding_sweep.kernel.lanes import (
     power,
     sqrt,
     where,
-    where_count,
 )
 from pounding_sweep.kernel.precision import TOLERANCES
 from pounding_sweep.kernel.spec import KernelSpec, LawShape, input_slots, property_slots, result_slots

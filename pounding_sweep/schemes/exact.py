@@ -147,8 +147,7 @@ class Events:
                     self._begin(lane)
                     has.now = flag(group.trace, True)
             for _ in when(has.now):
-                note = self.note
-                flight.fly(lane, None if note is None else lambda point: note(point * self.short))
+                flight.fly(lane, self._note_point if self.note is not None else None)
                 flight.enter(lane, flight.at.now)
                 for _ in when(flight.hits.now):
                     put_lane(self.at, lane, flight.at.now * self.short)
@@ -158,6 +157,10 @@ class Events:
                     conclude(group)
                     self.scenarios.take(lane_of(self.scenario.now, lane), lane)
                     has.now = flag(group.trace, False)
+
+    def _note_point(self, point: Any) -> None:
+        assert self.note is not None
+        self.note(point * self.short)
 
     def _know(self, lane: Any) -> None:
         """Let flight know whose tables it reads."""
