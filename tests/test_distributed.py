@@ -568,7 +568,6 @@ def test_sent_once_and_few_in_flight():
     assert Counted.sent <= 2 * 5
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("importable")
 def test_a_chunk_that_kills_costs_itself_only(count):
     found, notes = {}, []
