@@ -16,7 +16,7 @@ import stat
 import tempfile
 import threading
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -356,6 +356,7 @@ def write_in_slabs(
 ) -> Path:
     """Write a cube, some variables of which are made while it is written, as `write_cube` would."""
     import netCDF4
+    import xarray as xr
     from xarray.conventions import encode_dataset_coordinates
 
     target = check_output(path, overwrite)
@@ -364,7 +365,9 @@ def write_in_slabs(
     labels = dataset.drop_vars(list(dataset.data_vars))
     encoding = {name: _encoding(name, labels[name], True) for name in labels.variables}
     with _written(path, target, folder) as temporary:
-        labels.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        # to_netcdf would import dask's distributed, which takes longer than a small cube
+        with closing(xr.backends.NetCDF4DataStore.open(temporary, "w", lock=NETCDF_LOCK)) as store:
+            labels.dump_to_store(store, encoding=encoding)
         with netCDF4.Dataset(temporary, "a") as file:
             file.set_fill_off()
             if "coordinates" in file.ncattrs():  # those of no variable, and now there are variables
@@ -437,7 +440,7 @@ def _open_checked(path: str | os.PathLike[str], target: Path) -> xr.Dataset:
 def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
     """Make texts of characters what they were when they were written, for which they are read."""
     texts = [name for name, values in dataset.variables.items() if values.dtype.kind == "O"]
-    found = dataset.assign({name: dataset[name].astype(str) for name in texts})
+    found = dataset.assign({name: dataset.variables[name].astype(str) for name in texts})
     for name in texts:
         found.variables[name].encoding = {**TEXT, **COMPRESSION}  # for who writes it anew with xarray
     found.set_close(dataset.close)
