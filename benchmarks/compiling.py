@@ -1,5 +1,7 @@
 """What kernels take to compile: ``python -m benchmarks.compiling`` prints CPU seconds beside what was estimated.
 
+Of rows of several sizes, or of the one that is given by the storeys of its buildings: ``3,3,3``.
+
 Measured in a process of its own with an empty cache, beside a plain function that numba compiles in the same process,
 as `STATEMENTS` lines of arithmetic: the ratio is the same on other machines, more or less.
 """
@@ -71,8 +73,12 @@ def tell() -> None:
     from numba import njit
 
     shapes = [from_json(item) for item in json.load(sys.stdin)]
-    njit("float64(float64)")(lambda x: x)  # what numba loads at its first use is no part of it
+    njit("float64(float64)")(_same)  # what numba loads at its first use is no part of it
     print(json.dumps([_taken(_compile_plain), *(_taken(lambda shape=shape: get_kernel(shape)) for shape in shapes)]))
+
+
+def _same(x: float) -> float:
+    return x
 
 
 def _taken(job: Callable[[], object]) -> float:
@@ -90,8 +96,8 @@ def _compile_plain() -> None:
     njit("float64(float64[::1], float64)")(names["plain"])
 
 
-def _table() -> Iterator[tuple[str, KernelSpec]]:
-    for storeys in ROWS:
+def _table(rows: Sequence[tuple[int, ...]]) -> Iterator[tuple[str, KernelSpec]]:
+    for storeys in rows:
         for method in ("rk4", "newmark", "exact"):
             yield f"{storeys} {method} none default", kernel(storeys, method, "none", DEFAULT_OUTPUTS)
             for name, outputs in OUTPUTS.items():
@@ -100,11 +106,14 @@ def _table() -> Iterator[tuple[str, KernelSpec]]:
 
 def main() -> None:
     """Print the table, and what `COMPILING` would be by it."""
-    names, shapes = zip(*_table(), strict=True)
+    rows = [tuple(map(int, text.split(","))) for text in sys.argv[1:]] or ROWS
+    names, shapes = zip(*_table(rows), strict=True)
     plain, seconds = measure(shapes)
     print(f"plain function of {STATEMENTS} lines: {plain:.2f} s of CPU time")
     for name, shape, taken in zip(names, shapes, seconds, strict=True):
         print(f"{name:42}{taken:6.2f} s, estimated {compiling_seconds(shape):5.2f} s")
+    if rows != ROWS:
+        return
     parts = np.array([list(compiling_parts(shape).values()) for shape in shapes], float)
     weights = 1.0 / np.array(seconds)
     fitted = np.linalg.lstsq(parts * weights[:, None], np.ones(len(shapes)), rcond=None)[0]
