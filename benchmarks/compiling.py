@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -74,7 +75,7 @@ def tell() -> None:
 
     shapes = [from_json(item) for item in json.load(sys.stdin)]
     njit("float64(float64)")(_same)  # what numba loads at its first use is no part of it
-    print(json.dumps([_taken(_compile_plain), *(_taken(lambda shape=shape: get_kernel(shape)) for shape in shapes)]))
+    print(json.dumps([_taken(_compile_plain), *(_taken(partial(get_kernel, shape)) for shape in shapes)]))
 
 
 def _same(x: float) -> float:
