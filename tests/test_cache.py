@@ -422,16 +422,24 @@ def test_what_editors_leave_beside_the_source_is_passed_over(tmp_path, monkeypat
 
 
 def test_numbers_of_a_sweep_are_no_part_of_its_kernels():
-    """Another step, gap, stiffness, restitution or record compiles nothing; another law one kernel."""
+    """Another step, gap, stiffness, restitution, scale, record or building compiles nothing; another law one kernel.
+
+    What a kernel is compiled for is all that its name, and so its machine code, depends on beside the sources.
+    """
+    scene = ps.get_preset("mate2015")
     base = {"records": "el_centro", "laws": ["linear", "hertz_damped"], "gaps": [0.01, 0.05], "dt": 1e-3}
-    base |= {"stiffness_factors": [1.0], "restitutions": [0.6], "method": "rk4"}
+    base |= {"stiffness_factors": [1.0], "restitutions": [0.6], "method": "rk4", "scene": scene}
 
     def kernels(**change):
-        return {kernel.shape for kernel in ps.Sweep("mate2015", **base | change).plan().kernels().values()}
+        return {source_digest(kernel.shape) for kernel in ps.Sweep(**base | change).plan().kernels().values()}
 
     before = kernels()
     numbers = {"dt": 5e-4, "gaps": [0.002, 0.02], "stiffness_factors": [0.5, 2.0], "restitutions": [0.4, 0.9]}
-    for change in ({name: value} for name, value in [*numbers.items(), ("records", RECORD)]):
+    numbers |= {"scales": [0.5, 2.0], "records": RECORD, "audit": 0.2}
+    b = scene.buildings[0]
+    other = Building("other", [2.0 * m for m in b.masses], [3.0 * k for k in b.stiffnesses], 0.02, b.storey_heights)
+    numbers["scene"] = Scene([other, *scene.buildings[1:]], gaps=[0.02, 0.03], contact=scene.contact)
+    for change in ({name: value} for name, value in numbers.items()):
         assert kernels(**change) == before, change
     assert len(kernels(laws=[*base["laws"], "nonlinear_viscoelastic"]) - before) == 1
 

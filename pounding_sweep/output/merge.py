@@ -20,6 +20,7 @@ import numpy as np
 from pounding_sweep.base.errors import InputError, shown
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, as_read, as_stored, package_version
+from pounding_sweep.output.frame import Frame
 from pounding_sweep.output.integrity import (
     AXES,
     BUILDING_AXES,
@@ -603,7 +604,7 @@ def merge_cubes(
         merge = _Merge(parts, check_parts(parts, mix_sources=mix_sources), tolerance)
         blocks, values = merge.blocks(), merge.slabs()
         check_space(target.parent, merge.n_bytes, f"the cube of {merge.scenarios:,} scenarios")
-        merge.found.path = write_in_slabs(merge.frame(), target, blocks, values, overwrite=overwrite)
+        merge.found.path = write_in_slabs(Frame.of(merge.frame()), target, blocks, values, overwrite=overwrite)
     return merge.found
 
 
