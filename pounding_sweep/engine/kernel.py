@@ -178,11 +178,11 @@ def make_events(group: Group, ground: Any, arrays: tuple[Any, Any, Any, Any], sc
     trace, (inputs, results, tables, memory) = group.trace, arrays
     points = ground.intervals * ground.substeps + 1
     flight = Flight(group, tables, points, memory)
-    rows = [
+    given, found = (
         Rows(trace, list(slots.count.items()), LANES, pointer, wide=True)
         for slots, pointer in ((input_slots(group.spec), inputs), (output_slots(group.spec), results))
-    ]
-    own = Scenarios(group, *rows, scenarios, flight.layout.size(points))
+    )
+    own = Scenarios(group, given, found, scenarios, flight.layout.size(points))
     return Events(group, ground, flight, own, note)
 
 

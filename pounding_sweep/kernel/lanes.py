@@ -552,19 +552,6 @@ class Rows:
         kept.align = 8 if self.wide else t.size
 
 
-def least_lane(x: Any) -> Any:
-    """Smallest of the lanes' whole numbers."""
-    trace = _trace_of(x)
-    if trace is None:
-        return int(np.min(x))
-    b = trace.builder
-    found = b.extract_element(x.value, ir.Constant(_I32, 0))
-    for lane in range(1, trace.lanes):
-        other = b.extract_element(x.value, ir.Constant(_I32, lane))
-        found = b.select(b.icmp_signed("<", other, found), other, found)
-    return Count(trace, found)
-
-
 def lane_numbers(trace: Tracer | None, lanes: int) -> Any:
     """Return the number of each lane."""
     if trace is None:
@@ -767,10 +754,3 @@ def first_whole(x: Any) -> Any:
     """Return the whole number of lane 0."""
     trace = _trace_of(x)
     return int(x[0]) if trace is None else Count(trace, trace.builder.extract_element(x.value, ir.Constant(_I32, 0)))
-
-
-def where_count(trace: Tracer | None, condition: Any, a: int, b: int) -> Any:
-    """Return one of two whole numbers."""
-    if trace is None:
-        return a if condition else b
-    return Count(trace, trace.builder.select(condition.value, ir.Constant(_I64, a), ir.Constant(_I64, b)))
