@@ -67,5 +67,6 @@ def kernels() -> tuple[KernelSpec, ...]:
         *swept(**both, laws="hertz_damped", method="rk4"),
         *swept(**both, laws="hertz_damped", **single),
         *swept(scene=row(), records=motions(), **AXES | {"laws": [*AXES["laws"], "hertz"]}),
+        kernel_shape(pair(), LAWS["kelvin_voigt"], Numerics("exact", 1e-3), reducers_for(EVERY)),
         *(kernel_shape(row(), LAWS[law], Numerics("rk4", 1e-3), reducers_for(OUTPUTS)) for law in ALONE),
     )

@@ -15,9 +15,10 @@ from test_properties import scenes_of, some_variants, tall
 
 import pounding_sweep as ps
 from pounding_sweep.engine.flight import flight_tables
-from pounding_sweep.engine.kernel import make_group, width
+from pounding_sweep.engine.kernel import MARGIN, make_group, width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.kernel.flight import ACCELERATION, TOUCH, TURN, WIDE, Layout
+from pounding_sweep.kernel.flight import ACCELERATION, TOUCH, TURN, WIDE, Flight, Layout
+from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.model.variants import Variants, variants_of
@@ -33,10 +34,21 @@ def layout_of(kernel):
 
 
 def tables_of(scene, ground, h, outputs=EVERY):
-    """Layout and tables of a scene or of variants, in double precision."""
+    """Layout and tables of a scene or of variants, in double precision, before a kernel fills them."""
     variants = variants_of(scene)
     layout = layout_of(kernel_of(variants.scene, outputs))
-    return layout, flight_tables(layout, variants, ground, h, "float64")
+    return layout, flight_tables(layout, variants, ground, h, "float64")[0]
+
+
+def filled(scene, ground, h):
+    """Layout and tables of a scene, filled by the kernels' own source run as Python."""
+    kernel = kernel_of(scene)
+    group = make_group(kernel.shape, None, width("float64"), None)
+    layout = layout_of(kernel)
+    tables, decays = flight_tables(layout, variants_of(scene), ground, h, "float64")
+    with np.errstate(all="ignore"):
+        Tables(Flight(group, tables[0], len(ground)), decays, None, MARGIN["float64"]).fill(1)
+    return layout, tables[0]
 
 
 # -- what moves by itself ----------------------------------------------------------------------------------------------
@@ -96,19 +108,27 @@ def test_critical_damping_is_no_special_case():
 
 
 def test_motions_without_pounding_are_those_of_the_modes():
-    scene, record = tall(), motions()[0]
-    ground = np.array(record.acceleration)
-    layout, tables = tables_of(some_variants(scene, 3), ground, record.dt)
-    for table, other in zip(tables, scenes_of(some_variants(scene, 3)), strict=True):
-        for name, i in (("u", 0), ("v", 1)):
-            found = layout.view(table, name, len(ground)).reshape(len(ground), -1)
-            at = 0
-            for b in other.buildings:
-                alone = NaiveBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh)
-                want = modal_exact(alone, ground, record.dt)[i]
-                got = found[:, at : at + b.n_storeys]
-                np.testing.assert_allclose(got, want, rtol=0, atol=1e-10 * np.abs(want).max())
-                at += b.n_storeys
+    """At the points of the grid, and their extremes in windows and up to each point, against finer points."""
+    scene, record = Scene([*tall().row[:2]], tall().gaps[:1]), motions()[0]
+    ground = np.array(record.acceleration)[:80]
+    points = len(ground)
+    layout, table = filled(scene, ground, record.dt)
+    fine = np.interp(np.arange(32 * (points - 1) + 1) / 32, np.arange(points), ground)
+    alone = [NaiveBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in scene.buildings]
+    u = np.concatenate([modal_exact(b, fine, record.dt / 32)[0] for b in alone], axis=1)
+    floors = layout.view(table, "floors", points).reshape(layout.modes, -1)[:, : layout.modes].T
+    q = layout.view(table, "q", points).reshape(points, -1)[:, : layout.modes]
+    np.testing.assert_allclose(q @ floors.T, u[::32], rtol=0, atol=1e-10 * np.abs(u).max())
+    still = [i for i, each in enumerate(layout.watched) if each.kind != ACCELERATION]
+    x = u @ np.array([layout.watched[i].weights for i in still]).T
+    size = 3e-4 * np.abs(x).max(axis=0)
+    for name, length, best in (("most", 7, np.max), ("widest", WIDE, np.max), ("least", 7, np.min)):
+        found = layout.view(table, name, points).reshape(points, -1)[:, still]
+        want = np.array([best(x[32 * t : 32 * (t + length) + 1], axis=0) for t in range(points)])
+        assert (np.abs(found - want) <= size).all(), name
+    peaks = layout.view(table, "peak", points).reshape(points, -1)[:, still]
+    want = np.array([x[: 32 * t + 1].max(axis=0) for t in range(points)])
+    assert (np.abs(peaks - want) <= size).all()
 
 
 # -- bounds ------------------------------------------------------------------------------------------------------------
@@ -156,6 +176,7 @@ def test_free_decay_keeps_within_its_bounds(seed, ratio, log_turn):
         assert (np.abs(part - chord) <= high + slack).all()
 
 
+@pytest.mark.slow
 def test_a_graze_is_a_touch_and_a_near_miss_is_none():
     """The gap that is just closed, and peaks that nearly equal each other, to all digits but the last few."""
     scene, record = pair(), motions()[1]
@@ -232,11 +253,14 @@ def test_equal_buildings_never_touch():
 
 
 @pytest.mark.slow
-def test_variants_side_by_side_are_those_of_their_own(monkeypatch):
+@pytest.mark.parametrize("windows", [True, False])
+def test_variants_side_by_side_are_those_of_their_own(windows, monkeypatch):
     """Tables of several rows of buildings in one call, and handed over in parts."""
     scene, record = Scene([Building("a", [100.0], [9e4]), Wall("w")], gaps=[0.004]), motions()[0]
     variants = some_variants(scene, 40)
-    kernel = RowKernel(scene, get_law("linear"), Numerics("exact", 1e-3), reducers_for(EVERY), varied=True)
+    kernel = RowKernel(
+        scene, get_law("linear"), Numerics("exact", 1e-3), reducers_for(EVERY), varied=True, windows=windows
+    )
     rows = np.arange(80) % 40
     given = {"scale": np.ones(80), "gaps": np.full((80, 1), 0.004), "stiffness": np.full(80, 2e5)}
     given["restitution"] = np.ones(80)

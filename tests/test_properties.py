@@ -167,8 +167,8 @@ def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
     def kernel_of(shape):
         del shape
 
-        def run(acceleration, dt, steps, flight_substeps, constants, lanes, results, history, tables, scenarios):
-            del acceleration, dt, steps, flight_substeps, results, history, tables, scenarios
+        def run(acceleration, dt, steps, flight_substeps, constants, lanes, *more):
+            del acceleration, dt, steps, flight_substeps, more
             taken["constants"] = constants.copy()
             taken.setdefault("lanes", []).append(lanes.copy())
 

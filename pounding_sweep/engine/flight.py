@@ -19,22 +19,21 @@ under-, critically and over-damped.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import threading
 from dataclasses import dataclass
 
 import numpy as np
 
-from pounding_sweep.kernel.flight import ACCELERATION, WIDE, Layout, quintic_extreme
-from pounding_sweep.kernel.peaks import cubic_extreme
+from pounding_sweep.engine.kernel import MARGIN
+from pounding_sweep.kernel.flight import ACCELERATION, WIDE, Layout
 from pounding_sweep.model.variants import Variants
 
 #: Largest frequency or damping, times the step, for which the series is summed, and its number of terms:
 #: 0.5**16 / 16! is below the last place.
 _SMALL, _TERMS = 0.5, 16
-#: Steps that are taken side by side with those of other parts of a record.
-_BLOCK = 64
-#: Share by which bounds are widened for the rounding of what is compared with them.
-_MARGIN = {"float64": 1e-12, "float32": 4e-6}
+
+#: Memory of each thread.
+_KEPT = threading.local()
 
 #: f0 + f1 Z
 _Function = tuple[np.ndarray, np.ndarray]
@@ -46,8 +45,10 @@ class _Modes:
 
     w: np.ndarray
     c: np.ndarray
-    #: Of all masses of the building, as the scene has them: sum of m phi.
+    #: Sum of m phi over the floors, of the masses as the scene has them.
     participation: np.ndarray
+    #: Mass of the building's first floor (t), as the scene has it.
+    first_mass: np.ndarray
 
     def over(self, times: np.ndarray) -> np.ndarray:
         """exp(F t) of each mode, row by row, for some times (s), shape (times, 4, variants, modes)."""
@@ -66,193 +67,105 @@ class _Modes:
         return np.stack(found) * self.participation
 
 
-def flight_tables(layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str) -> np.ndarray:
-    """Return the tables of flight of all variants, shape (variants, numbers); `ground` at all points of the grid."""
-    shape = np.zeros((layout.modes, layout.modes))
-    w, c, taken = [], [], []
+def flight_tables(
+    layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the tables of flight of all variants but for what a kernel fills in itself, and what it does so from.
+
+    They stand until the thread's next call. `ground` is the acceleration (m/s2) at all points of a grid of step `h` (s).
+    """
+    scene, n, count, q = row.scene, layout.modes, len(row), len(layout.watched)
+    modes, floors = _modes(row)
+    points = len(ground)
+    tables = _room(count * int(layout.size(points)), precision).reshape(count, -1)
+    tables[:, : layout.sizes[0]] = 0.0
+
+    def put(name: str, values: np.ndarray) -> None:
+        """Put in values of shape (variants or 1, ..., columns), padded to the width of the table."""
+        at = int(layout.place(name, points))
+        where = tables[:, at : at + layout.fixed[name]].reshape(count, *values.shape[1:-1], -1)
+        where[..., : values.shape[-1]] = values
+
+    w, c = modes.w, modes.c
+    put("step", np.array([[h]]))
+    put("inverse", np.array([[1.0 / h**2]]))
+    put("slowness", 1.0 / w)
+    put("square", (w * h) ** 2)
+    put("damping", c * h)
+    put("push", modes.participation * h**2)
+    steps = modes.over(h * np.append(np.arange(layout.lanes), WIDE))
+    put("advance", steps.transpose(2, 0, 1, 3))
+    times = steps[: layout.lanes].transpose(2, 3, 1, 0).copy()
+    times[:, :, 2:] *= h
+    put("times", times)
+    masses = np.concatenate([b.masses for b in scene.buildings])
+    put("floors", floors.T[None])
+    put("modal", (floors * masses[:, None])[None])
+    kinds = np.array([each.kind for each in layout.watched], int)
+    shape = np.array([each.weights for each in layout.watched]).reshape(q, n) @ floors
+    if q:
+        put("shape", shape[None])
+        put("across", shape.T[None])
+    # what a mode of unit amplitude reaches at most, and its second and fourth rates: see the theory
+    ratio = (c / w)[:, :, None]
+    near = np.sqrt(1.0 + ratio**2)
+    far = np.hypot(near, 1.0 + ratio * near)
+    shakes, square = kinds == ACCELERATION, w[:, :, None] ** 2
+    widened = np.abs(shape.T)[None] * (1.0 + 10.0 * MARGIN[precision])
+    put("bound", widened * np.where(shakes, square * near, 1.0))
+    put("bulge", widened * np.where(shakes, square**2 * near * far, square * near) * (h**2 / 8.0))
+    missed = np.where(widened > 0.0, square * h**2 * far / 48.0, 0.0)
+    put("remainder", missed.max(axis=1, initial=0.0))
+    put("sized", np.array([[each.sized for each in layout.watched]], float))
+    put("shaken", shakes[None].astype(float))
+    return tables, _decays(layout, modes, ground, h)
+
+
+def _room(numbers: int, precision: str) -> np.ndarray:
+    """Room for tables, the same again for each call of a thread: new memory costs as much as filling it."""
+    kept: np.ndarray | None = getattr(_KEPT, precision, None)
+    if kept is None or len(kept) < numbers:
+        kept = np.empty(numbers, precision)
+        setattr(_KEPT, precision, kept)
+    return kept[:numbers]
+
+
+def _modes(row: Variants) -> tuple[_Modes, np.ndarray]:
+    """Return the modes of all buildings, and their shapes, shape (floors, modes)."""
+    n = sum(b.n_storeys for b in row.scene.buildings)
+    floors = np.zeros((n, n))
+    w, c, taken, first, at = [], [], [], [], 0
     for index, building in enumerate(row.scene.buildings):
         w.append(row.frequencies(index))
         a, b = row.rayleigh(index)
         c.append(a[:, None] + b[:, None] * w[-1] ** 2)
-        at, n = sum(x.shape[1] for x in w[:-1]), building.n_storeys
-        shapes, masses = building.modes[1], np.asarray(building.masses)
-        shape[at : at + n, at : at + n] = shapes
-        taken.append(masses @ shapes)
-    modes = _Modes(np.concatenate(w, 1), np.concatenate(c, 1), np.concatenate(taken)[None])
-    masses = np.concatenate([b.masses for b in row.scene.buildings])
-    points = len(ground)
-    tables = np.zeros((len(row), int(layout.size(points))), precision)
-    still = _without_pounding(modes, ground, h)
-    for v in range(len(row)):
-        mine = _Modes(modes.w[v : v + 1], modes.c[v : v + 1], modes.participation)
-        _fill(layout, tables[v], mine, shape, masses, (ground, h), still[..., v, :], row[v : v + 1])
-    return tables
+        here = slice(at, at := at + building.n_storeys)
+        floors[here, here] = building.modes[1]
+        taken.append(np.asarray(building.masses) @ building.modes[1])
+        first += [building.masses[0]] * building.n_storeys
+    modes = _Modes(np.concatenate(w, 1), np.concatenate(c, 1), np.concatenate(taken)[None], np.array(first)[None])
+    return modes, floors
 
 
-def _scan(step: np.ndarray, added: np.ndarray) -> np.ndarray:
-    """All states of x' = A x + f from rest, of shape (2, n + 1, variants, modes) for f of shape (2, n, ...)."""
-    n, rest = added.shape[1], added.shape[2:]
-    blocks = -(-n // _BLOCK)
-    f = np.zeros((2, blocks * _BLOCK, *rest))
-    f[:, :n] = added
-    f = f.reshape(2, blocks, _BLOCK, *rest)
-    a, b, c, d = step
-    local, powers = np.empty_like(f), np.empty((4, _BLOCK, *rest))
-    q, p = np.zeros((2, blocks, *rest))
-    e = np.broadcast_to(np.array([1.0, 0.0, 0.0, 1.0])[:, None, None], (4, *rest))
-    for k in range(_BLOCK):
-        q, p = a * q + b * p + f[0, :, k], c * q + d * p + f[1, :, k]
-        local[0, :, k], local[1, :, k] = q, p
-        e = np.stack([a * e[0] + b * e[2], a * e[1] + b * e[3], c * e[0] + d * e[2], c * e[1] + d * e[3]])
-        powers[:, k] = e
-    starts = np.zeros((2, blocks, *rest))
-    for k in range(1, blocks):
-        q, p = starts[:, k - 1]
-        starts[0, k] = e[0] * q + e[1] * p + local[0, k - 1, -1]
-        starts[1, k] = e[2] * q + e[3] * p + local[1, k - 1, -1]
-    q, p = starts[:, :, None]
-    local[0] += powers[0] * q + powers[1] * p
-    local[1] += powers[2] * q + powers[3] * p
-    states = local.reshape(2, -1, *rest)[:, :n]
-    return np.concatenate([np.zeros((2, 1, *rest)), states], axis=1)
-
-
-def _without_pounding(modes: _Modes, ground: np.ndarray, h: float) -> np.ndarray:
-    """q, q' of all modes at all points of the grid, shape (2, points, variants, modes)."""
-    q0, p0, q1, p1 = modes.pushed(h)
-    g0, g1 = ground[:-1, None, None], ground[1:, None, None]
-    return _scan(modes.over(np.array([h]))[0], np.stack([q0 * g0 + q1 * g1, p0 * g0 + p1 * g1]))
-
-
-def _fill(
-    layout: Layout,
-    table: np.ndarray,
-    modes: _Modes,
-    floors: np.ndarray,
-    masses: np.ndarray,
-    base: tuple[np.ndarray, float],
-    still: np.ndarray,
-    row: Variants,
-) -> None:
-    """Fill the tables of one variant; `floors` are the shapes of the modes, shape (floors, modes)."""
-    (ground, h), precision = base, str(table.dtype)
-    w, c, part = modes.w[0], modes.c[0], modes.participation[0]
-    n, points, lanes, q = layout.modes, len(ground), layout.lanes, len(layout.watched)
-
-    def put(name: str, values: np.ndarray) -> None:
-        """Put in values of shape (..., columns), padded to the width of the table."""
-        where = layout.view(table, name, points).reshape(*values.shape[:-1], -1)
-        where[..., : values.shape[-1]] = values
-
-    put("inverse", np.array([1.0 / h**2]))
-    put("slowness", 1.0 / w)
-    put("square", (w * h) ** 2)
-    put("damping", c * h)
-    steps = modes.over(h * np.append(np.arange(lanes), WIDE))[:, :, 0]
-    put("advance", steps)
-    times = steps[:lanes].transpose(2, 1, 0).copy()
-    times[:, 2:] *= h
-    put("times", times)
-    put("floors", floors.T)
-    put("modal", floors * masses[:, None])
-    kinds = np.array([each.kind for each in layout.watched], int)
-    shape = np.array([each.weights for each in layout.watched]).reshape(q, n) @ floors
-    put("shape", shape if q else np.zeros((1, n)))
-    # what a mode of unit amplitude reaches at most, and its second and fourth rates: see the theory
-    ratio = c / w
-    near = np.sqrt(1.0 + ratio**2)
-    far = np.hypot(near, 1.0 + ratio * near)
-    shakes = (kinds == ACCELERATION)[:, None]
-    size = np.abs(shape)
-    bound = size * np.where(shakes, w**2 * near, 1.0)
-    bulge = size * np.where(shakes, w**4 * near * far, w**2 * near) * (h**2 / 8.0)
-    widened = 1.0 + 10.0 * _MARGIN[precision]
-    put("bound", bound.T * widened)
-    put("bulge", bulge.T * widened)
-    g = ground[:, None]
-    second = -(w**2) * still[0] - c * still[1] - part * g
-    jerk = -(w**2) * still[1] - c * second
-    slope = np.diff(ground, append=ground[-1])[:, None] / h
-    amplitude = np.hypot(second, (jerk - part * slope) / w).max(axis=0)
-    put("bulge0", (size * np.where(shakes, w**2 * near, 1.0) * amplitude).sum(axis=1) * (h**2 / 8.0) * widened)
-    put("remainder", np.where(size > 0.0, (w * h) ** 2 * far / 48.0, 0.0).max(axis=1, initial=0.0))
-    put("sized", np.array([each.sized for each in layout.watched], float))
-    put("u", still[0] @ floors.T)
-    put("v", still[1] @ floors.T)
-    total = second + part * g
-    moves = shape.T * (kinds != ACCELERATION)
-    shaken = shape.T * (kinds == ACCELERATION)
-    x = still[0] @ moves + total @ shaken
-    rate = h * (still[1] @ moves + jerk @ shaken)
-    bend = h**2 * (second @ moves)
-    for name, values in (("x", x), ("rate", rate), ("second", bend)):
-        put(name, np.pad(values.T, ((0, max(0, 1 - q)), (0, lanes)), mode="edge" if q else "constant"))
-    _put_extremes(put, layout, x, rate, bend, precision)
-    if "given" in layout.timed:
-        owner = np.repeat(np.arange(len(row.scene.buildings)), [b.n_storeys for b in row.scene.buildings])
-        _put_energies(put, modes, base, still, row.mass_factor[0], owner)
-
-
-def _put_extremes(
-    put: Callable[[str, np.ndarray], None],
-    layout: Layout,
-    x: np.ndarray,
-    rate: np.ndarray,
-    bend: np.ndarray,
-    precision: str,
-) -> None:
-    """Extremes of windows from each point on, and of all that went before it."""
-    x0, x1 = x[:-1], x[1:]
-    inner, turns = x0.copy(), rate[:-1] * rate[1:] < 0.0
-    turns, shaken = np.nonzero(turns), np.array([each.kind == ACCELERATION for each in layout.watched], bool)
-    ends = [values[side][turns] for values in (x, rate, bend) for side in (slice(None, -1), slice(1, None))]
-    with np.errstate(all="ignore"):
-        inner[turns] = np.where(shaken[turns[1]], cubic_extreme(*ends[:4]), quintic_extreme(*ends))
-    above, below = (f(f(x0, x1), inner) for f in (np.maximum, np.minimum))
-    margin = _MARGIN[precision] * np.abs(x).max(axis=0, initial=0.0)
-    up, down = ("most", "widest", "peak"), ("least", "widest_least", "trough")
-    for sign, names, values in ((1.0, up, above), (-1.0, down, -below)):
-        padded = np.concatenate([values, sign * x[-1:]])
-        for name, length in zip(names, (layout.lanes - 1, WIDE), strict=False):
-            put(name, sign * (_sliding(padded, length) + margin))
-        put(names[2], sign * np.maximum.accumulate(np.concatenate([sign * x[:1], values]), axis=0))
-
-
-def _sliding(x: np.ndarray, length: int) -> np.ndarray:
-    """Largest of each row and those after it, `length` in all."""
-    x, width = np.concatenate([x, np.full((length, x.shape[1]), -np.inf)]), 1
-    while 2 * width <= length:
-        x[:-width] = np.maximum(x[:-width], x[width:])
-        width *= 2
-    if width < length:
-        x[: width - length] = np.maximum(x[: width - length], x[length - width :])
-    return x[:-length]
-
-
-def _put_energies(
-    put: Callable[[str, np.ndarray], None],
-    modes: _Modes,
-    base: tuple[np.ndarray, float],
-    still: np.ndarray,
-    factors: np.ndarray,
-    owner: np.ndarray,
-) -> None:
-    """Energy that the ground has put in without pounding, and what a free motion will still take from it."""
-    ground, h = base
-    w, c, part = modes.w[0], modes.c[0], modes.participation[0]
-    weight = -part * factors[owner]
-    g0, dg = ground[:-1, None], np.diff(ground)[:, None]
-    q0, q1, p0, p1 = still[0, :-1], still[0, 1:], still[1, :-1], still[1, 1:]
-    area = -(p1 - p0 + c * (q1 - q0) + part * (h * (g0 + 0.5 * dg))) / w**2
-    given = weight * (g0 * (q1 - q0) + dg * (q1 - area / h))
-    total = np.cumsum(np.concatenate([np.zeros((1, len(w))), given]), axis=0)
-    put("given", np.stack([total[:, owner == b].sum(axis=1) for b in range(len(factors))], axis=1))
-    a = modes.over(np.array([h]))[0, :, 0]
-    e, f, end = np.stack([a[0] - 1.0, a[1]]), np.stack([a[2], a[3] - 1.0]), np.stack([a[0], a[1]])
-    local = weight * (g0 * e[:, None] + dg * (end[:, None] + (f + c * e)[:, None] / (h * w**2)))
-    back = _scan(np.stack([a[0], a[2], a[1], a[3]])[:, None], local[:, ::-1, None])[:, ::-1, 0]
-    put("adjoint_q", back[0])
-    put("adjoint_p", back[1])
+def _decays(layout: Layout, modes: _Modes, ground: np.ndarray, h: float) -> np.ndarray:
+    """Rows of modes from which a kernel finds the motion without pounding, after the ground's accelerations."""
+    w, c = modes.w, modes.c
+    a = modes.over(np.array([h]))[0]
+    found = dict(zip(("qq", "qp", "pq", "pp"), a, strict=True))
+    found |= dict(zip(("q0", "p0", "q1", "p1"), modes.pushed(h), strict=True))
+    found |= {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
+    # energies of a unit mass at the first floor
+    weight, area = -modes.participation / modes.first_mass, 1.0 / (h * w**2)
+    found |= {"weight": weight, "area": area}
+    found |= {"adjoint_q": weight * (a[0] - 1.0), "adjoint_p": weight * a[1]}
+    found |= {
+        "adjoint_rise_q": weight * (a[0] + area * (a[2] + c * (a[0] - 1.0))),
+        "adjoint_rise_p": weight * (a[1] + area * (a[3] - 1.0 + c * a[1])),
+    }
+    rows = np.zeros((len(w), len(layout.decays), layout.wide_modes))
+    for k, name in enumerate(layout.decays):
+        rows[:, k, : layout.modes] = found[name]
+    return np.concatenate([[h, 1.0 / h], ground, rows.ravel()])
 
 
 def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Function, _Function]:

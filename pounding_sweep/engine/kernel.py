@@ -9,6 +9,7 @@ from llvmlite import ir
 
 from pounding_sweep.kernel import march
 from pounding_sweep.kernel.flight import Flight, Layout, scratch
+from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.kernel.forces import penetration
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Count, Real, Rows, Tracer, count_to, first_lane, flag, rounded, when
@@ -18,6 +19,10 @@ from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.exact import Events
 
 _I64, _DOUBLE = ir.IntType(64), ir.DoubleType()
+#: Parameters that are no arrays.
+WHOLE = ("length", "steps", "substeps", "scenarios", "rows")
+#: Share of its largest size by which what flight watches is widened in windows, for rounding.
+MARGIN = {"float64": 1e-12, "float32": 4e-6}
 #: Pointer and shape of arrays, by name.
 Arrays = dict[str, tuple[Any, tuple[Any, ...]]]
 
@@ -95,7 +100,7 @@ def run_group(group: Group, ground: Any, note: Callable[[Any], None] | None) -> 
 
 
 def emit(
-    spec: KernelSpec, builder: Any, arrays: Arrays, length: Any, steps: Any, substeps: Any, scenarios: Any
+    spec: KernelSpec, builder: Any, arrays: Arrays, length: Any, steps: Any, substeps: Any, scenarios: Any, rows: Any
 ) -> None:
     """Write the kernel of `spec` where `builder` stands."""
     trace = Tracer(builder, spec.precision, width(spec.precision))
@@ -103,7 +108,7 @@ def emit(
     group = make_group(spec, trace, trace.lanes, arrays["constants"][0], arrays["state"][0])
     ground = Ground(trace, arrays, length, steps, substeps)
     if spec.flies_exactly:
-        _emit_events(group, ground, arrays, scenarios)
+        _emit_events(group, ground, arrays, scenarios, rows)
         return
     groups, columns = arrays["inputs"][1]
     for each in count_to(Count(trace, groups) * parts, trace):
@@ -173,20 +178,25 @@ class Scenarios:
         return rounded(self._inputs.lane(at, column)) * self._size
 
 
-def make_events(group: Group, ground: Any, arrays: tuple[Any, Any, Any, Any], scenarios: Any, note: Any) -> Events:
-    """Return the scenarios of a call on their way through the lanes; arrays: inputs, results, tables, own rows."""
-    trace, (inputs, results, tables, memory) = group.trace, arrays
+def make_events(group: Group, ground: Any, arrays: dict[str, Any], scenarios: Any, rows: Any, note: Any) -> Events:
+    """Return the scenarios of a call on their way through the lanes, the tables of their flight being filled.
+
+    `arrays` are inputs, results, tables, decays and flight's own memory, by name; `rows` counts rows of buildings.
+    """
+    trace = group.trace
     points = ground.intervals * ground.substeps + 1
-    flight = Flight(group, tables, points, memory)
+    flight = Flight(group, arrays["tables"], points, arrays["memory"])
+    wide = None if trace is None else Tracer(trace.builder, "float64", trace.lanes)
+    Tables(flight, arrays["decays"], wide, MARGIN[group.spec.precision]).fill(rows)
     given, found = (
-        Rows(trace, list(slots.count.items()), LANES, pointer, wide=True)
-        for slots, pointer in ((input_slots(group.spec), inputs), (output_slots(group.spec), results))
+        Rows(trace, list(slots.count.items()), LANES, arrays[name], wide=True)
+        for slots, name in ((input_slots(group.spec), "inputs"), (output_slots(group.spec), "results"))
     )
     own = Scenarios(group, given, found, scenarios, flight.layout.size(points))
     return Events(group, ground, flight, own, note)
 
 
-def _emit_events(group: Group, ground: Ground, arrays: Arrays, scenarios: Any) -> None:
+def _emit_events(group: Group, ground: Ground, arrays: Arrays, scenarios: Any, rows: Any) -> None:
     """Write a kernel whose scenarios go through its lanes one after another."""
     trace = group.trace
     assert trace is not None
@@ -195,8 +205,8 @@ def _emit_events(group: Group, ground: Ground, arrays: Arrays, scenarios: Any) -
         b.store(trace.number(0.0), b.gep(group.state.pointer, [i.value], inbounds=True))
     note = noter(group, _putter(trace, arrays["history"]), flag(trace, True)) if group.spec.history else None
     memory = b.gep(group.state.pointer, [ir.Constant(_I64, group.state.size * trace.lanes)], inbounds=True)
-    given = arrays["inputs"][0], arrays["results"][0], arrays["tables"][0], memory
-    make_events(group, ground, given, Count(trace, scenarios), note).run()
+    given = {name: arrays[name][0] for name in ("inputs", "results", "tables", "decays")} | {"memory": memory}
+    make_events(group, ground, given, Count(trace, scenarios), Count(trace, rows), note).run()
 
 
 def _copy(trace: Tracer, source: Rows, target: Rows, name: str, n: int) -> None:
@@ -253,5 +263,5 @@ def write_body(spec: KernelSpec, context: Any, builder: Any, signature: Any, val
         if isinstance(kind, types.Array):
             array = context.make_array(kind)(context, builder, value)
             found[name] = array.data, tuple(cgutils.unpack_tuple(builder, array.shape, kind.ndim))
-    emit(spec, builder, found, *(found[name] for name in ("length", "steps", "substeps", "scenarios")))
+    emit(spec, builder, found, *(found[name] for name in WHOLE))
     return context.get_dummy_value()

@@ -36,7 +36,7 @@ QUICK_GLIDE = (0.2, 0.3, 0.5)
 #: Inputs handed to a kernel at a time (bytes).
 SLAB_BYTES = 1 << 24
 #: Tables of flight handed to a kernel at a time, where buildings vary (bytes).
-TABLE_BYTES = 1 << 27
+TABLE_BYTES = 1 << 25
 
 
 @dataclass(frozen=True)
@@ -89,6 +89,7 @@ def kernel_shape(
     reducers: Iterable[str],
     history: bool = False,
     varied: bool = False,
+    windows: bool = True,
 ) -> KernelSpec:
     """Return what the kernel of a scene under a law is compiled for; no contact code where none can touch."""
     touching = law.has_contact and bool(scene.contacts)
@@ -127,6 +128,7 @@ def kernel_shape(
         history=history,
         precision=numerics.precision,
         varied=varied,
+        windows=windows and not history,
     )
 
 
@@ -136,18 +138,15 @@ def _layout(shape: KernelSpec) -> Layout:
     return Layout(make_group(shape, None, width(shape.precision), None))
 
 
-def _flight_tables(shape: KernelSpec, row: Variants, record: Record, flight_substeps: int) -> np.ndarray:
-    """Tables of flight of some rows of buildings, one after another."""
+def _flight_tables(
+    shape: KernelSpec, row: Variants, record: Record, flight_substeps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tables of flight of some rows of buildings, one after another, and what a kernel fills them from."""
     motion, n = np.array(record.acceleration), flight_substeps
     inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
     ground = np.append(inner.ravel(), motion[-1])
-    return flight_tables(_layout(shape), row, ground, record.dt / n, shape.precision).ravel()
-
-
-@lru_cache(maxsize=4)
-def _tables_of_scene(shape: KernelSpec, scene: Scene, record: Record, flight_substeps: int) -> np.ndarray:
-    """Tables of flight of a scene as given: all its runs under a record share them."""
-    return _flight_tables(shape, variants_of(scene), record, flight_substeps)
+    tables, decays = flight_tables(_layout(shape), row, ground, record.dt / n, shape.precision)
+    return tables.ravel(), decays
 
 
 @dataclass(frozen=True)
@@ -175,6 +174,8 @@ class RowKernel:
         or so that two free masses rebound at exactly it.
     varied : bool
         Building properties differ from scenario to scenario.
+    windows : bool
+        Exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings.
     accuracy : float, optional
         Relative error that each scenario is refined to, from this step on.
     """
@@ -188,13 +189,14 @@ class RowKernel:
     host: Law | None = None
     basis: str = "published"
     varied: bool = False
+    windows: bool = True
     accuracy: float | None = None
 
     @cached_property
     def shape(self) -> KernelSpec:
         """What the kernel is compiled for."""
         law = self.host or self.law
-        return kernel_shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied)
+        return kernel_shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
 
     @cached_property
     def constants(self) -> np.ndarray:
@@ -272,7 +274,7 @@ class RowKernel:
                 lanes.reshape(len(lanes), -1),
                 results[first : first + groups_done],
                 history,
-                tables,
+                *tables,
                 len(part["scale"]),
             )
             first += groups_done
@@ -286,22 +288,18 @@ class RowKernel:
 
     def _tables(
         self, record: Record, flight_substeps: int, row: Variants, slab: int
-    ) -> tuple[np.ndarray, np.ndarray, int]:
+    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int]:
         """Tables of flight, which of them each scenario needs, and how many groups (up to `slab`) they serve."""
         if not self.numerics.scheme.flies_exactly:
-            return np.zeros(1, self.numerics.precision), np.zeros(1), slab
-        if not self.varied:
-            return _tables_of_scene(self.shape, self.scene, record, flight_substeps), np.zeros(1), slab
-        new, which = row.flights()
-        most = max(1, TABLE_BYTES // (8 * int(_layout(self.shape).size(len(record.acceleration) * flight_substeps))))
-        groups = slab
+            return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), slab
+        new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
+        points = (record.n_points - 1) * flight_substeps + 1
+        most = max(1, TABLE_BYTES // (np.dtype(self.numerics.precision).itemsize * _layout(self.shape).size(points)))
         late = np.flatnonzero(which >= most)
-        if len(late):
-            groups = max(1, min(slab, late[0] // LANES))
+        groups = max(1, min(slab, int(late[0]) // LANES)) if len(late) else slab
         which = which[: groups * LANES]
-        needed = new[: which.max() + 1]
-        tables = _flight_tables(self.shape, row[needed], record, flight_substeps)
-        return tables, which, groups
+        needed = new[: int(which.max()) + 1]
+        return (*_flight_tables(self.shape, row[needed], record, flight_substeps), len(needed)), which, groups
 
     def _lanes(
         self,

@@ -47,6 +47,8 @@ def run(
     history: np.ndarray,
     track: np.ndarray,
     tables: np.ndarray,
+    decays: np.ndarray,
+    rows: int,
     scenarios: int,
     lanes: int = LANES,
 ) -> None:
@@ -60,8 +62,8 @@ def run(
         group = make_group(spec, None, width(spec.precision), constants)
         note = noter(group, put, True) if spec.history else None
         with np.errstate(all="ignore"):
-            arrays = inputs.reshape(-1, LANES), results.reshape(-1, LANES), tables, None
-            make_events(group, ground, arrays, scenarios, note).run()
+            arrays = {"inputs": inputs.reshape(-1, LANES), "results": results.reshape(-1, LANES), "memory": None}
+            make_events(group, ground, arrays | {"tables": tables, "decays": decays}, scenarios, rows, note).run()
         return
     with np.errstate(all="ignore"):
         for given, found in zip(inputs, results, strict=True):

@@ -140,26 +140,34 @@ class Layout:
             self.ranges.append((low, high - low))
         q, m, wide = len(self.watched), self.wide_modes, self.wide_watched
         self.fixed = {
+            "step": lanes,
             "inverse": lanes,
             "slowness": m,
             "square": m,
             "damping": m,
+            "push": m,
             "bound": n * wide,
             "bulge": n * wide,
             "bulge0": wide,
             "remainder": wide,
             "sized": wide,
+            "shaken": wide,
             "advance": (lanes + 1) * 4 * m,
             "times": n * 4 * lanes,
             "shape": max(1, q) * n,
+            "across": n * wide,
             "floors": n * m,
             "modal": n * m,
         }
-        self.timed = dict.fromkeys(("most", "least", "widest", "widest_least", "peak", "trough"), wide)
-        self.timed |= {"u": m, "v": m}
+        extremes = ("most", "least", "widest", "widest_least", "peak", "trough") if spec.windows else ()
+        self.timed = dict.fromkeys(extremes, wide) | {"q": m, "p": m}
         if "energy" in spec.reducers:
-            self.timed |= {"given": padded(spec.n_buildings), "adjoint_q": m, "adjoint_p": m}
-        self.series = dict.fromkeys(("x", "rate", "second"), max(1, q))
+            self.timed |= {"given": m, "adjoint_q": m, "adjoint_p": m}
+        self.series = {"x": n, "rate": n, "ground": 1}
+        #: Rows of modes in double precision from which the motion without pounding follows.
+        self.decays = ["qq", "qp", "pq", "pp", "q0", "p0", "q1", "p1", "square", "damping", "slowness", "push"]
+        if "energy" in spec.reducers:
+            self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
         self.first: dict[str, int] = {}
         for block in (self.fixed, self.timed, self.series):
             at = 0
@@ -223,7 +231,8 @@ class Flight:
     def _places(self) -> dict[str, Any]:
         return {name: Cell(self.layout.place(name, self.points)) for name in (*self.layout.timed, *self.layout.series)}
 
-    def _at(self, name: str) -> Any:
+    def place_of(self, name: str) -> Any:
+        """Where the numbers of a name begin."""
         if name in self.layout.fixed:
             return self.base.now + self.layout.place(name, self.points)
         return self.base.now + self._places[name].now
@@ -237,9 +246,9 @@ class Flight:
     def _then(self, name: str, t: Any, part: Any = 0) -> Any:
         """Vector number `part` of a name at point t."""
         width = self.layout.timed[name]
-        return self._vector(self._at(name) + t * width + part * self.lanes)
+        return self._vector(self.place_of(name) + t * width + part * self.lanes)
 
-    def _each(self, n: int, times: int = 1) -> Iterator[Any]:
+    def each(self, n: int, times: int = 1) -> Iterator[Any]:
         """Count to n: in one straight line where that is short."""
         yield from range(n) if n * times <= STRAIGHT else count_to(n, self.trace)
 
@@ -256,33 +265,34 @@ class Flight:
     def leave(self, lane: Any, t: Any) -> None:
         """Take a scenario out of its lane at point t: the decaying modes follow from its motion."""
         s, w, n = self.group.state, self.rows, self.layout.modes
-        at = self._at("modal")
+        at = self.place_of("modal")
         for name, motion in (("q", "u"), ("p", "v")):
             sums = [Cell(self.group.full(0.0)) for _ in self._mode_parts]
-            free = self._at(motion) + t * self.layout.timed[motion]
-            for i in self._each(n, len(sums)):
-                x = s.lane(s.first[motion] + i, lane) - self.scale.now * self._number(free + i)
+            for i in self.each(n, len(sums)):
+                x = s.lane(s.first[motion] + i, lane)
                 for part, total in enumerate(sums):
                     coefficient = self._vector(at + (i * self.layout.wide_modes + part * self.lanes))
                     total.now = fma(coefficient, x, total.now)
             for part, total in enumerate(sums):
-                w[name, part] = total.now
+                w[name, part] = total.now - self.scale.now * self._then(name, t, part)
         self._account(lane, t, 1.0)
 
     def enter(self, lane: Any, t: Any) -> None:
         """Put a scenario into its lane at point t."""
         s, w, n = self.group.state, self.rows, self.layout.modes
-        at, scale = self._at("floors"), self.group.full(self.scale.now)
+        at, scale = self.place_of("floors"), self.group.full(self.scale.now)
         for name, motion in (("q", "u"), ("p", "v")):
-            sums = [Cell(scale * self._then(motion, t, part)) for part in self._mode_parts]
-            for m in self._each(n, len(sums)):
-                x = w.number(name, m)
+            for part in self._mode_parts:
+                w["amplitude", part] = fma(scale, self._then(name, t, part), w[name, part])
+            sums = [Cell(self.group.full(0.0)) for _ in self._mode_parts]
+            for m in self.each(n, len(sums)):
+                x = w.number("amplitude", m)
                 for part, total in enumerate(sums):
                     shape = self._vector(at + (m * self.layout.wide_modes + part * self.lanes))
                     total.now = fma(shape, x, total.now)
             for part, total in enumerate(sums):
                 w["floor", part] = total.now
-            for i in self._each(n):
+            for i in self.each(n):
                 x = w.number("floor", i)
                 s.put_lane(s.first[motion] + i, lane, x)
                 s.put_lane(s.first[motion + "0"] + i, lane, x)
@@ -293,18 +303,18 @@ class Flight:
         group, s, w = self.group, self.group.state, self.rows
         if "energy" not in group.asked:
             return
-        given, late = self._at("given"), {}
+        given, late = self.place_of("given") + t * self.layout.timed["given"], {}
         for name in ("adjoint_q", "adjoint_p"):
-            late[name] = self._at(name) + t * self.layout.timed[name]
+            late[name] = self.place_of(name) + t * self.layout.timed[name]
         scale = self.scale.now
         for b, floors in group.each_building():
             held = lane_of(kinetic(group, floors) + strain(group, floors), lane)
-            still = self._number(given + t * self.layout.timed["given"] + b)
-            gained = -(scale * scale * still)
+            gained = one(self.trace, 0.0)
             for m in floors:
                 q, p = w.number("q", m), w.number("p", m)
                 more = self._number(late["adjoint_q"] + m) * q + self._number(late["adjoint_p"] + m) * p
-                gained = gained + scale * more
+                gained = gained + scale * (more - scale * self._number(given + m))
+            gained = gained * lane_of(group.full(group.prop("m", floors[0])), lane)
             change = sign * gained
             e_in, e_damp = s.first["e_in"] + b, s.first["e_damp"] + b
             s.put_lane(e_in, lane, s.lane(e_in, lane) + change)
@@ -323,15 +333,16 @@ class Flight:
         self._take_thresholds(lane)
         self.hits.now = flag(self.trace, False)
         self.going.now = flag(self.trace, True)
+        leaps = note is None and self.group.spec.windows
         self._bounds()
-        for _ in when(self._undisturbed()) if note is None else ():
+        for _ in when(self._undisturbed()) if leaps else ():
             self._begin()
         for _ in while_any(lambda: self.going.now & (self.at.now < self.last), self.trace):
             t = self.at.now
             self._bounds()
             room = self.last - t
             far = flag(self.trace, False)
-            if note is None:
+            if leaps:
                 far = not_(room < WIDE) & not_(self._near(t, "widest", "widest_least"))
             for _ in when(far):
                 self._advance(self.lanes)
@@ -339,7 +350,7 @@ class Flight:
             for _ in when(not_(far)):
                 room = lesser(room, whole(self.trace, self.lanes - 1 if note is None else 1))
                 self.steps.now = room
-                for _ in when(self._near(t, "most", "least")):
+                for _ in when(self._near(t, "most", "least")) if self.group.spec.windows else self._ask_all():
                     self._look(t, room)
                 steps = self.steps.now
                 self._advance(steps)
@@ -402,7 +413,7 @@ class Flight:
     def _bounds(self) -> None:
         """Amplitudes of the modes, and the most that they add to what is watched."""
         w = self.rows
-        slowness = self._at("slowness")
+        slowness = self.place_of("slowness")
         for part in self._mode_parts:
             q, p = w["q", part], w["p", part] * self._vector(slowness + part * self.lanes)
             w["amplitude", part] = sqrt(fma(q, q, p * p))
@@ -410,14 +421,14 @@ class Flight:
 
     def _weigh(self, table: str, row: str, begin: str | None) -> None:
         """Sum of the amplitudes, weighted for all that is watched."""
-        w, at, wide = self.rows, self._at(table), self.layout.wide_watched
+        w, at, wide = self.rows, self.place_of(table), self.layout.wide_watched
         sums = []
         for part in self._watched_parts:
             start = self.group.full(0.0)
             if begin is not None:
-                start = size(self.group.full(self.scale.now)) * self._vector(self._at(begin) + part * self.lanes)
+                start = size(self.group.full(self.scale.now)) * self._vector(self.place_of(begin) + part * self.lanes)
             sums.append(Cell(start))
-        for m in self._each(self.layout.modes, len(sums)):
+        for m in self.each(self.layout.modes, len(sums)):
             a = w.number("amplitude", m)
             for part, total in enumerate(sums):
                 total.now = fma(self._vector(at + (m * wide + part * self.lanes)), a, total.now)
@@ -461,7 +472,10 @@ class Flight:
             most, least = self._extremes(self.at.now, "peak", "trough", part)
             number = lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
             moves = ~(number < float(touches))
-            largest, sized = maximum(size(most), size(least)), self._vector(self._at("sized") + part * self.lanes) > 0.5
+            largest, sized = (
+                maximum(size(most), size(least)),
+                self._vector(self.place_of("sized") + part * self.lanes) > 0.5,
+            )
             high_now, low_now = w["high", part], w["low", part]
             w["high", part] = where(moves, maximum(high_now, where(sized, largest, most)), high_now)
             w["low", part] = where(moves, minimum(low_now, where(sized, -largest, least)), low_now)
@@ -485,10 +499,16 @@ class Flight:
             found.now = found.now | asks
         return any_lane(found.now)
 
+    def _ask_all(self) -> Iterator[None]:
+        """Let all that is watched be looked at."""
+        for part in self._watched_parts:
+            self.rows["asks", part] = self.group.full(1.0)
+        yield
+
     def _advance(self, steps: Any) -> None:
         """Let the modes decay over steps of the grid; as many as there are lanes stand for a wide window."""
         w, m = self.rows, self.layout.wide_modes
-        at = self._at("advance") + steps * (4 * m)
+        at = self.place_of("advance") + steps * (4 * m)
         for part in self._mode_parts:
             q, p = w["q", part], w["p", part]
             e = [self._vector(at + (k * m + part * self.lanes)) for k in range(4)]
@@ -498,9 +518,9 @@ class Flight:
 
     def _look(self, t: Any, room: Any) -> None:
         """Look at a window of `room` steps from point t on; ``steps`` becomes those before floors may touch."""
-        w, times = self.rows, self._at("times")
-        for m in self._each(self.layout.modes, 4):
-            w["y", m] = self._decayed(m, times, 0)
+        w = self.rows
+        for m in self.each(self.layout.modes, 4):
+            w["y", m] = self._moved(m, t, 0)
         self.rated.now = flag(self.trace, False)
         self._weigh("bulge", "bulge", "bulge0")
         for q in self._asked(TOUCH):
@@ -509,37 +529,40 @@ class Flight:
         for _ in when(self.steps.now > 0) if kinds - {TOUCH} else ():
             turning = any_lane(self._asking(TURN)) | any_lane(self._asking(ACCELERATION))
             for _ in when(turning):
-                self._bend(ACCELERATION in kinds)
+                self._bend(t, ACCELERATION in kinds)
             for q in self._asked(TURN):
-                self._turn(q, t, "y", "rate", "second")
+                self._turn(q, "y", "rate", "second")
             for q in self._asked(ACCELERATION):
-                self._turn(q, t, "shake", "jerk", "")
+                self._turn(q, "shake", "jerk", "")
 
-    def _decayed(self, m: Any, times: Any, row: int) -> Any:
+    def _moved(self, m: Any, t: Any, row: int) -> Any:
         """Mode m at the lanes' instants (row 0), or its rate times the step (row 2)."""
-        at = times + (m * 4 + row) * self.lanes
+        at = self.place_of("times") + (m * 4 + row) * self.lanes
         q, p = self.rows.number("q", m), self.rows.number("p", m)
-        return fma(self._vector(at), q, self._vector(at + self.lanes) * p)
+        free = self._vector(self.place_of("rate" if row else "x") + m * (self.points + self.lanes) + t)
+        return fma(self._vector(at), q, fma(self._vector(at + self.lanes), p, self.scale.now * free))
 
-    def _know_rates(self) -> None:
+    def _know_rates(self, t: Any) -> None:
         """Find the rates of all modes, once in a window."""
-        times = self._at("times")
         for _ in when(not_(self.rated.now)):
-            for m in self._each(self.layout.modes, 4):
-                self.rows["rate", m] = self._decayed(m, times, 2)
+            for m in self.each(self.layout.modes, 4):
+                self.rows["rate", m] = self._moved(m, t, 2)
             self.rated.now = flag(self.trace, True)
 
-    def _bend(self, shakes: bool) -> None:
+    def _bend(self, t: Any, shakes: bool) -> None:
         """Find second rates of all modes, and what accelerations ask for."""
-        w, square, damping, inverse = self.rows, *(self._at(name) for name in ("square", "damping", "inverse"))
-        self._know_rates()
-        for m in self._each(self.layout.modes, 4):
+        w = self.rows
+        square, damping, push, inverse = (self.place_of(name) for name in ("square", "damping", "push", "inverse"))
+        self._know_rates(t)
+        ground = self.scale.now * self._vector(self.place_of("ground") + t)
+        for m in self.each(self.layout.modes, 4):
             stiff, damped, rate = self._number(square + m), self._number(damping + m), w["rate", m]
-            second = -fma(stiff, w["y", m], damped * rate)
+            total = -fma(stiff, w["y", m], damped * rate)
+            second = fma(-self._number(push + m), ground, total)
             w["second", m] = second
             if shakes:
                 per = self._number(inverse)
-                w["shake", m], w["jerk", m] = second * per, -fma(stiff, rate, damped * second) * per
+                w["shake", m], w["jerk", m] = total * per, -fma(stiff, rate, damped * second) * per
 
     def _asked(self, kind: int) -> Iterator[Any]:
         """Go through the watched quantities of a kind that may reach something."""
@@ -561,13 +584,13 @@ class Flight:
             found = found | asks
         return found
 
-    def _sum(self, q: Any, t: Any, series: str, row: str) -> Any:
-        """Sum up a watched quantity at the lanes' instants: without pounding, of a series, and of the modes' rows."""
+    def _sum(self, q: Any, row: str) -> Any:
+        """Sum up a watched quantity at the lanes' instants, of rows of the modes."""
         lows, counts = self._ranges
         low, many = lows[q], counts if isinstance(counts, int) else counts[q]
-        shape = self._at("shape") + q * self.layout.modes + low
-        total = Cell(self.scale.now * self._vector(self._at(series) + q * (self.points + self.lanes) + t))
-        for k in self._each(many) if isinstance(many, int) else count_to(many, self.trace):
+        shape = self.place_of("shape") + q * self.layout.modes + low
+        total = Cell(self.group.full(0.0))
+        for k in self.each(many) if isinstance(many, int) else count_to(many, self.trace):
             total.now = fma(self._number(shape + k), self.rows[row, low + k], total.now)
         return total.now
 
@@ -580,36 +603,36 @@ class Flight:
     def _touch(self, q: Any, t: Any) -> None:
         """End the window before the first step in which a contact may touch."""
         w, number = self.rows, lane_numbers(self.trace, self.lanes)
-        x, bulge = self._sum(q, t, "x", "y") - w.number("high", q), w.number("bulge", q)
+        x, bulge = self._sum(q, "y") - w.number("high", q), w.number("bulge", q)
         for _ in when(any_lane((x + bulge > 0.0) & (number <= real(self.steps.now)))):
-            self._know_rates()
-            s0 = self._sum(q, t, "rate", "rate") * (1.0 / 3.0)
+            self._know_rates(t)
+            s0 = self._sum(q, "rate") * (1.0 / 3.0)
             x1, s1 = after(x), after(s0)
             # a cubic keeps within the hull of its ends and of where their tangents are at a third of the step
             hull = maximum(maximum(x, x1), maximum(x + s0, x1 - s1))
-            may = hull + bulge * self._number(self._at("remainder") + q) > 0.0
+            may = hull + bulge * self._number(self.place_of("remainder") + q) > 0.0
             first = first_true(may & (number < real(self.steps.now)))
             self.steps.now = lesser(first, self.steps.now)
 
-    def _turn(self, q: Any, t: Any, value: str, rate: str, second: str) -> None:
+    def _turn(self, q: Any, value: str, rate: str, second: str) -> None:
         """Take the peaks of a motion in the window."""
         w, far, number = self.rows, self.group.limit.far, lane_numbers(self.trace, self.lanes)
         points, steps = number <= real(self.steps.now), number < real(self.steps.now)
-        x, bulge = self._sum(q, t, "x", value), w.number("bulge", q)
+        x, bulge = self._sum(q, value), w.number("bulge", q)
         high, low = w.number("high", q), w.number("low", q)
         for _ in when(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
-            s0 = self._sum(q, t, "rate", rate)
+            s0 = self._sum(q, rate)
             x1, s1 = after(x), after(s0)
             turns = (s0 * s1 < 0.0) & steps
             if second:
-                c0 = self._sum(q, t, "second", second)
+                c0 = self._sum(q, second)
                 inner = quintic_extreme(x, x1, s0, s1, c0, after(c0))
             else:
                 inner = cubic_extreme(x, x1, s0, s1)
             inner = where(turns, inner, x)
             up = largest_lane(where(points, maximum(x, inner), -far))
             down = -largest_lane(where(points, -minimum(x, inner), -far))
-            sized = self._number(self._at("sized") + q) > 0.5
+            sized = self._number(self.place_of("sized") + q) > 0.5
             for _ in when(sized):
                 most = where(-down > up, -down, up)
                 most = where(most > high, most, high)

@@ -552,6 +552,14 @@ class Rows:
         kept.align = 8 if self.wide else t.size
 
 
+def narrow(trace: Tracer | None, x: Any) -> Any:
+    """Return numbers of double precision in the format of `trace`."""
+    if trace is None or x.trace.size == trace.size:
+        return x if trace is None else type(x)(trace, x.value)
+    kind = trace.vector if isinstance(x, Vector) else trace.real
+    return type(x)(trace, trace.builder.fptrunc(x.value, kind))
+
+
 def lane_numbers(trace: Tracer | None, lanes: int) -> Any:
     """Return the number of each lane."""
     if trace is None:
@@ -650,7 +658,27 @@ def load(trace: Tracer | None, pointer: Any, at: Any, lanes: int) -> Any:
     if trace is None:
         return pointer[at : at + lanes]
     place = at.value if isinstance(at, Count) else ir.Constant(_I64, at)
-    return Vector(trace, trace.load(trace.builder.gep(pointer, [place], inbounds=True), trace.vector, trace.size, True))
+    return Vector(trace, trace.load(trace.builder.gep(pointer, [place], inbounds=True), trace.vector, trace.size))
+
+
+def store(trace: Tracer | None, pointer: Any, at: Any, x: Any) -> None:
+    """Write the numbers of all lanes into a table, in the format of `trace`."""
+    if trace is None:
+        pointer[at : at + len(x)] = x
+        return
+    b, kind = trace.builder, ir.VectorType(trace.real, trace.lanes)
+    value = x.value if x.trace.size == trace.size else b.fptrunc(x.value, kind)
+    place = b.gep(pointer, [at.value if isinstance(at, Count) else ir.Constant(_I64, at)], inbounds=True)
+    b.store(value, b.bitcast(place, kind.as_pointer())).align = trace.size
+
+
+def store_one(trace: Tracer | None, pointer: Any, at: Any, x: Any) -> None:
+    """Write a number into a table."""
+    if trace is None:
+        pointer[at] = x
+        return
+    place = at.value if isinstance(at, Count) else ir.Constant(_I64, at)
+    trace.builder.store(_one(trace, x), trace.builder.gep(pointer, [place], inbounds=True)).align = trace.size
 
 
 def load_one(trace: Tracer | None, pointer: Any, at: Any) -> Any:
@@ -658,7 +686,7 @@ def load_one(trace: Tracer | None, pointer: Any, at: Any) -> Any:
     if trace is None:
         return pointer[at]
     place = at.value if isinstance(at, Count) else ir.Constant(_I64, at)
-    return Real(trace, trace.load(trace.builder.gep(pointer, [place], inbounds=True), trace.real, trace.size, True))
+    return Real(trace, trace.load(trace.builder.gep(pointer, [place], inbounds=True), trace.real, trace.size))
 
 
 def gather(trace: Tracer | None, pointer: Any, places: Any) -> Any:

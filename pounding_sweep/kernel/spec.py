@@ -31,6 +31,8 @@ PARAMETERS = {
     "history": "float64[:, ::1]",
     "track": "{real}[::1]",
     "tables": "{real}[::1]",
+    "decays": "float64[::1]",
+    "rows": "int64",
     "scenarios": "int64",
     "state": "{real}[::1]",
 }
@@ -107,6 +109,8 @@ class KernelSpec:
         Number format of the state and of all arithmetic.
     varied : bool
         Building properties differ from lane to lane: they are inputs, not constants.
+    windows : bool
+        Exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings.
     """
 
     storeys: tuple[int, ...]
@@ -122,6 +126,7 @@ class KernelSpec:
     history: bool = False
     precision: str = "float64"
     varied: bool = False
+    windows: bool = True
 
     @property
     def impulsive(self) -> bool:

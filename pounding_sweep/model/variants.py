@@ -43,7 +43,7 @@ class Variants:
 
     def flights(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows whose motions without pounding differ from those before them, and of each row which of them it has."""
-        given = np.column_stack([self.period_factor, self.mass_factor, np.nan_to_num(self.damping_ratio, nan=-1.0)])
+        given = np.column_stack([self.period_factor, np.nan_to_num(self.damping_ratio, nan=-1.0)])
         _, first, which = np.unique(given, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)
         rank = np.empty(len(order), np.int64)
