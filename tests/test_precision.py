@@ -14,10 +14,10 @@ from test_kernels import motion, row_kernel, run_lanes, stiffness_of
 import pounding_sweep as ps
 from pounding_sweep.engine.kernel import WHOLE, emit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.kernel.lanes import Tracer
 from pounding_sweep.kernel.precision import TOLERANCES
 from pounding_sweep.kernel.spec import LANES
-from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import REDUCERS, Status
 from pounding_sweep.schemes import SCHEMES

@@ -72,7 +72,7 @@ def flight_tables(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the tables of flight of all variants but for what a kernel fills in itself, and what it does so from.
 
-    They stand until the thread's next call. `ground` is the acceleration (m/s2) at all points of a grid of step `h` (s).
+    They stand until the thread's next call. `ground`: accelerations (m/s2) at all points of a grid of step `h` (s).
     """
     scene, n, count, q = row.scene, layout.modes, len(row), len(layout.watched)
     modes, floors = _modes(row)
