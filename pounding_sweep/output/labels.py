@@ -14,7 +14,8 @@ from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import Axis
 from pounding_sweep.output.provenance import library_attribute, library_versions
 from pounding_sweep.spec.axes import AXES, PropertyAxis, plain_name
-from pounding_sweep.spec.spec import to_json
+from pounding_sweep.spec.design import BLOCK, SAMPLE
+from pounding_sweep.spec.spec import SweepSpec, to_json
 
 if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome
@@ -200,7 +201,33 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
         extra["pair_gap"] = (("case", "pair"), gaps, {"units": "m", "long_name": "gap of the pair"})
     if len(plan.variants) > 1:
         extra |= row_coordinates(plan.variants[plan.unique.variant[plan.inverse]], "case")
+    extra = design_coordinates(spec, "case") | extra
     return [Axis("case", np.arange(1, len(cases) + 1), "1", "listed scenario")], extra
+
+
+def design_coordinates(spec: SweepSpec, dimension: str) -> Coordinates:
+    """Return what a design drew for each of its cases, and which point of which block each is."""
+    if spec.design is None or spec.cases is None:
+        return {}
+    found: Coordinates = {}
+    for each in spec.design.inputs:
+        if each.argument == "records":
+            continue  # the record of a case is told anyway
+        axis = AXES[each.argument]
+        if each.building is None:
+            values = [getattr(case, axis.dimension) for case in spec.cases]
+        else:
+            values = [dict(getattr(case, each.argument)).get(each.building, 1.0) for case in spec.cases]
+        of = "" if each.building is None else f" of building {each.building}"
+        found[each.name] = ((dimension,), values, {"units": axis.unit, "long_name": f"{axis.long_name}{of}"})
+    place = np.arange(len(spec.cases)) % len(spec.design)
+    about = {"units": "1", "long_name": "point of the design, from 1"}
+    found[SAMPLE] = ((dimension,), place % spec.design.samples + 1, about)
+    if len(spec.design.blocks) > 1:
+        blocks = np.array(spec.design.blocks)[place // spec.design.samples]
+        text = "block of the design: A, B, or the input that A has of B"
+        found[BLOCK] = ((dimension,), blocks, {"long_name": text})
+    return found
 
 
 def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
