@@ -39,7 +39,8 @@ def index_rows(result: xr.Dataset) -> list[Row]:
         ]
         samples = result[f"{name}_samples"].transpose(*dims).values
         for place in np.ndindex(first.shape[:-1]):
-            at = {dim: result[dim].values[i].item() for dim, i in zip(dims, place, strict=True) if dim != "group"}
+            at: Row = {dim: None for dim in INNER_DIMS if dim in result.dims}
+            at |= {dim: result[dim].values[i].item() for dim, i in zip(dims, place, strict=True) if dim != "group"}
             group = {key: result[key].values[place[0]].item() for key in ("law", "record", "beside") if key in result}
             row = {"variable": name, **group, **at, "samples": int(samples[place])}
             for i in np.argsort(-total[place], kind="stable") if np.isfinite(total[place]).all() else []:
