@@ -23,10 +23,11 @@ from pounding_sweep.base.errors import InputError, OutputError, WriteError
 from pounding_sweep.base.files import is_temporary
 from pounding_sweep.cli.app import app
 from pounding_sweep.output import export as exporting
-from pounding_sweep.output import export as tidy
-from pounding_sweep.output.export import TidyTable, export_cube
+from pounding_sweep.output import tidy
+from pounding_sweep.output.export import export_cube
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
+from pounding_sweep.output.tidy import TidyTable
 
 AXES = {"law": ["none", "linear", "hertz_damped"], "gap": [0.01, 0.1, 1 / 3], "record": ["one", "two"]}
 NAMES = ("drift_max", "impact_force_max", "impact_count", "energy_input")
