@@ -29,6 +29,13 @@ def export_command(
         list[str] | None,
         typer.Option("--at", metavar="AXIS=VALUE", help="Only this value of an axis; repeat for more axes, or values."),
     ] = None,
+    table: Annotated[
+        bool,
+        typer.Option(
+            "--table",
+            help="One row per scenario: inputs, measures of its record, all outputs, status, audited errors.",
+        ),
+    ] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr."""
@@ -38,7 +45,7 @@ def export_command(
         from pounding_sweep.output.select import select
 
         with open_cube(cube) as found:
-            print(export_cube(select(found, axis_values(at or [])), out, names or (), overwrite=overwrite))
+            print(export_cube(select(found, axis_values(at or [])), out, names or (), overwrite=overwrite, table=table))
 
 
 @app.command("merge")

@@ -23,6 +23,7 @@ from pounding_sweep.output.integrity import reading
 from pounding_sweep.output.netcdf import check_output
 from pounding_sweep.output.slabs import BLOCK_BYTES, block_shape
 from pounding_sweep.output.tidy import Cells, TidyTable, scenarios_of
+from pounding_sweep.output.wide import HistoryTable, ScenarioTable, WideTable, has_histories
 from pounding_sweep.outputs.variables import INNER_DIMS
 
 if TYPE_CHECKING:
@@ -30,7 +31,12 @@ if TYPE_CHECKING:
 
 
 def export_cube(
-    cube: xr.Dataset, path: str | os.PathLike[str], names: str | Iterable[str] = (), *, overwrite: bool = False
+    cube: xr.Dataset,
+    path: str | os.PathLike[str],
+    names: str | Iterable[str] = (),
+    *,
+    overwrite: bool = False,
+    table: bool = False,
 ) -> Path:
     """Write a cube, or a selection of it, in another format.
 
@@ -44,6 +50,8 @@ def export_cube(
         Variables; all by default.
     overwrite : bool
         Whether a file that is there may be replaced; a folder never is.
+    table : bool
+        One row for each scenario, with all that is known of it in columns, instead of one for each floor and contact.
 
     Returns
     -------
@@ -61,8 +69,14 @@ def export_cube(
 
     Notes
     -----
-    See `TidyTable` for the rows of the table. Units and long names stand in ``FILE.csv.json``, or in the metadata of
-    the columns of a Parquet file. In Zarr all is as in the cube, without its audit.
+    The table has a row for each floor and each contact of each scenario. With `table` it has one for each scenario: the
+    axes and what else tells scenarios apart, every output at every place (``impact_force_max_left_middle_3``), status,
+    ``ground_pga``, ``ground_pgv``, ``ground_arias_intensity``, ``ground_significant_duration`` and ``ground_duration``
+    of its record as scaled, and ``audited_error_<output>`` where the audit ran it again. Of one scenario with its
+    histories the table has a row for each moment; what has no history is exported alone.
+
+    Units and long names stand in ``FILE.csv.json``, or in the metadata of the columns of a Parquet file. In Zarr all is
+    as in the cube, without its audit.
 
     Examples
     --------
@@ -78,14 +92,24 @@ def export_cube(
     ending = Path(path).suffix.lower()
     if ending not in _WRITERS:
         raise InputError(f"{str(path)!r}: {unknown('format', ending, _WRITERS)}")
-    needs, write = _WRITERS[ending]
+    needs, write_table = _WRITERS[ending]
+    names = [names] if isinstance(names, str) else list(names)
+    kind: type[TidyTable | WideTable] = (
+        ScenarioTable if table else HistoryTable if has_histories(cube, names) else TidyTable
+    )
+    if table and write_table is None:
+        msg = f"{str(path)!r}: Zarr holds cubes, no tables; give .csv or .parquet, or leave out the table"
+        raise InputError(msg)
     if needs:
         _need(needs, ending)
     target = _new_folder(path) if ending == ".zarr" else check_output(path, overwrite, netcdf=False)
     if ending == ".csv":
         check_output(f"{target}.json", overwrite, netcdf=False)
     try:
-        write(cube, target, [names] if isinstance(names, str) else names)
+        if write_table is None:
+            _zarr(cube, target, names)
+        else:
+            write_table(cube, target, kind(cube, names))
     except OutputError:  # what is read, and what is said already
         raise
     except OSError as error:
@@ -100,7 +124,7 @@ def _source(cube: xr.Dataset) -> str:
     return str(next(filter(None, places), "given"))
 
 
-def _parts(cube: xr.Dataset, table: TidyTable) -> Iterator[dict[str, Cells]]:
+def _parts(cube: xr.Dataset, table: TidyTable | WideTable) -> Iterator[dict[str, Cells]]:
     """Read a table part by part; where that fails, the cube is at fault and not what is written."""
     parts = table.parts()
     while True:
@@ -130,10 +154,9 @@ def _new_folder(path: str | os.PathLike[str]) -> Path:
     return check_output(target, netcdf=False)
 
 
-def _csv(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
+def _csv(cube: xr.Dataset, path: Path, table: TidyTable | WideTable) -> None:
     import pandas as pd
 
-    table = TidyTable(cube, names)
     about = {
         "table": path.name,
         "rows": table.n_rows,
@@ -174,11 +197,10 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def _parquet(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
+def _parquet(cube: xr.Dataset, path: Path, table: TidyTable | WideTable) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = TidyTable(cube, names)
     schema = pa.schema(
         [
             pa.field(
@@ -237,9 +259,9 @@ def _count(array: xr.DataArray, dims: Iterable[Any]) -> int:
     return int(np.prod([array.sizes[dim] for dim in dims if dim in array.dims], initial=1))
 
 
-#: Ending -> package that it needs, and what writes it.
-_WRITERS: dict[str, tuple[str, Callable[[xr.Dataset, Path, Iterable[str]], None]]] = {
+#: Ending -> package that it needs, and what writes a table; None: it holds cubes.
+_WRITERS: dict[str, tuple[str, Callable[[xr.Dataset, Path, TidyTable | WideTable], None] | None]] = {
     ".csv": ("", _csv),
     ".parquet": ("pyarrow", _parquet),
-    ".zarr": ("zarr", _zarr),
+    ".zarr": ("zarr", None),
 }

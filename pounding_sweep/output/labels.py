@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import asdict
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import Axis
 from pounding_sweep.output.provenance import library_attribute, library_versions
 from pounding_sweep.outputs.readout import scatter_dof
+from pounding_sweep.records.measures import record_measures
 from pounding_sweep.spec.axes import AXES, PropertyAxis, plain_name
 from pounding_sweep.spec.design import BLOCK, SAMPLE
 from pounding_sweep.spec.spec import SweepSpec, to_json
@@ -288,7 +290,10 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
 
     spec = plan.spec
     records = [
-        {"name": r.name, "pga": r.pga, "dt": r.dt, "points": r.n_points, "sha256": r.sha256, "source": r.source}
+        {
+            **{"name": r.name, "dt": r.dt, "points": r.n_points, "sha256": r.sha256, "source": r.source},
+            **asdict(record_measures(r)),
+        }
         for r in spec.records
     ]
     found: dict[str, Any] = {

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 #: Rows of a table that are made at a time.
 ROWS_AT_A_TIME = 1 << 17
 #: Coordinates that describe a law at length; its key tells it.
-_PROSE = ("law_model", "law_title", "law_formula")
+PROSE = ("law_model", "law_title", "law_formula")
 #: Coordinate that is missing at the places of its dimensions where there is nothing.
 _PLACES: dict[tuple[str, ...], str] = {
     ("building", "storey"): "floor_elevation",
@@ -64,13 +64,13 @@ class TidyTable:
         kinds = [_inner(cube[name]) for name in cube.data_vars]
         whole = [kind for kind in dict.fromkeys(kinds) if not any(set(kind) < set(other) for other in kinds)]
         self._groups = [_Group(cube, kind, self._outer) for kind in whole]
-        coordinates = [str(name) for name in cube.coords if name not in _PROSE]
+        coordinates = [str(name) for name in cube.coords if name not in PROSE]
         axes = [name for name in self._outer if name in coordinates]
         places = [name for name in INNER_DIMS if name in coordinates]
         more = [name for name in coordinates if name not in (*axes, *places)]
         wanted = [*axes, *more, *places, *map(str, cube.data_vars)]
         self.columns = tuple(
-            _column(cube[name]) for name in wanted if any(group.takes(cube[name]) for group in self._groups)
+            column_of(cube[name]) for name in wanted if any(group.takes(cube[name]) for group in self._groups)
         )
         self.n_rows = math.prod(self._sizes) * sum(group.size for group in self._groups)
 
@@ -115,10 +115,7 @@ class _Group:
     @property
     def there(self) -> np.ndarray:
         """Which of the places exist, shape (places,)."""
-        name = _PLACES.get(self.kind, "")
-        if name not in self.cube.coords or set(self.cube[name].dims) != set(self.dims):
-            return np.ones(math.prod(self.cube.sizes[dim] for dim in self.dims), bool)
-        return np.asarray(self.cube[name].transpose(*self.dims).notnull().values).reshape(-1)
+        return exists(self.cube, self.dims, self.kind).reshape(-1)
 
     @property
     def size(self) -> int:
@@ -141,6 +138,14 @@ class _Group:
         return full.reshape(math.prod(sizes), -1)[:, self.there]
 
 
+def exists(cube: xr.Dataset, dims: Sequence[str], kind: Sequence[str] | None = None) -> np.ndarray:
+    """Return which places of a scenario exist, along `dims`, those of a `kind` that a selection has left."""
+    name = _PLACES.get(tuple(dims if kind is None else kind), "")
+    if name not in cube.coords or set(cube[name].dims) != set(dims):
+        return np.ones([cube.sizes[dim] for dim in dims], bool)
+    return np.asarray(cube[name].transpose(*dims).notnull().values)
+
+
 def scenarios_of(cube: xr.Dataset, names: Iterable[str] = ()) -> xr.Dataset:
     """Return the variables `names` of a cube, or all, without its audit."""
     cube = cube.drop_dims([dim for dim in AUDIT_DIMS if dim in cube.dims])
@@ -161,7 +166,8 @@ def _inner(given: xr.DataArray) -> tuple[str, ...]:
     return tuple(str(dim) for dim in given.dims if dim in INNER_DIMS)
 
 
-def _column(given: xr.DataArray) -> Column:
+def column_of(given: xr.DataArray) -> Column:
+    """Return the column of a variable or coordinate."""
     about = {key: given.attrs[key] for key in ("units", "unit_text", "long_name", "comment") if key in given.attrs}
     if "unit_text" in about:
         about["units"] = about.pop("unit_text")
