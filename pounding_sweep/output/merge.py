@@ -70,7 +70,7 @@ def of_one_design(parts: dict[str, xr.Dataset]) -> dict[str, xr.Dataset]:
 def _design(cube: xr.Dataset) -> dict[str, Any]:
     try:
         return dict(json.loads(cube.attrs["sweep"])["design"])
-    except (KeyError, TypeError, ValueError):  # none, or no sweep: said later
+    except (KeyError, TypeError, ValueError, RecursionError):  # none, or no sweep: said later
         return {}
 
 
