@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import xarray as xr
 from scenes import pair
 
 from pounding_sweep import Building, Scene, Sweep, Wall
@@ -80,6 +81,19 @@ def test_buildings_of_listed_cases(tmp_path):
     plain = sweep(laws=None, cases=[{"law": "none"}]).run(workers=1)
     assert plain["floor_mass"].dims == ("building", "storey")
     check(plain, pair().buildings[0], (1.0, 1.0), None)
+
+
+def test_cubes_are_read_in_chunks(tmp_path):
+    """Texts beside the axes are objects to xarray, of which dask can't tell the size: `open_cube` reads them first."""
+    cases = [{"law": "none"}, {"law": "linear"}]
+    sweep(laws=None, cases=cases).run(tmp_path / "a.nc", workers=1).close()
+    with open_cube(tmp_path / "a.nc") as cube:
+        chunked = cube.chunk("auto")
+        assert chunked["drift_max"].chunks == ((2,), (2,), (2,))
+        assert chunked["law"].values.tolist() == ["none", "linear"]
+        np.testing.assert_array_equal(chunked["drift_max"].compute(scheduler="synchronous"), cube["drift_max"])
+    with xr.open_dataset(tmp_path / "a.nc", chunks={}) as plain:
+        assert plain["law"].values.tolist() == ["none", "linear"]
 
 
 def test_storeys_that_meet():

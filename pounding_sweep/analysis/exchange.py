@@ -6,7 +6,7 @@ import csv
 import math
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -83,8 +83,8 @@ def export_nrml(
     Notes
     -----
     One function, with all limit states, for each pair or building and each combination of the cube's axes but records
-    and scales: ``left-middle_linear_gap=0.01``. Intensities are peak ground accelerations in g (9.81 m/s2); `mean` and
-    `stddev` are those of the intensity itself: with median theta and dispersion beta,
+    and scales: ``left-middle_linear_gap=0.01``, without axes of one value. Intensities are peak ground accelerations
+    in g (9.81 m/s2); `mean` and `stddev` are those of the intensity itself: with median theta and dispersion beta,
     mean = theta exp(beta^2 / 2), stddev = mean sqrt(exp(beta^2) - 1). `minIML` and `maxIML` are the weakest and the
     strongest motion tried: OpenQuake gives stronger ones the probability at `maxIML`.
     """
@@ -133,7 +133,7 @@ def _functions(model: ElementTree.Element, found: Mapping[str, xr.Dataset], kind
     written = 0
     for place in np.ndindex(*(first.sizes[dim] for dim in dims)):
         at = dict(zip(dims, place, strict=True))
-        labels = {dim: first[dim].values[i].item() for dim, i in at.items()}
+        labels = {dim: first[dim].values[i].item() for dim, i in at.items() if dim == kind or first.sizes[dim] > 1}
         parts = [str(value) if isinstance(value, str) else f"{dim}={value:g}" for dim, value in labels.items()]
         own = _NO_IDENTIFIER.sub("_", "_".join(parts))
         cells = {name: each.isel(at) for name, each in found.items()}
@@ -143,11 +143,11 @@ def _functions(model: ElementTree.Element, found: Mapping[str, xr.Dataset], kind
             continue
         function = ElementTree.SubElement(model, "fragilityFunction", id=own, format="continuous", shape="logncdf")
         ends = {"minIML": f"{tried.min():.9g}", "maxIML": f"{tried.max():.9g}"}
-        ElementTree.SubElement(function, "imls", imt="PGA", **ends)
+        ElementTree.SubElement(function, "imls", {"imt": "PGA", **ends})
         for name, cell in cells.items():
             mean, deviation = mean_and_deviation(float(cell["median"]) / STANDARD_GRAVITY, float(cell["dispersion"]))
             numbers = {"mean": f"{mean:.9g}", "stddev": f"{deviation:.9g}"}
-            ElementTree.SubElement(function, "params", ls=name, **numbers)
+            ElementTree.SubElement(function, "params", {"ls": name, **numbers})
         written += 1
     return left_out, written
 
@@ -221,7 +221,7 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
 
 
 def _write_rows(
-    path: str | os.PathLike[str], target: Path, columns: Mapping[str, tuple[str, np.ndarray]], samples: Sequence[int]
+    path: str | os.PathLike[str], target: Path, columns: Mapping[str, tuple[str, np.ndarray]], samples: np.ndarray
 ) -> None:
     """Write columns with their units in the second row."""
     try:

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -63,7 +64,10 @@ class WideTable:
             if there[place]:
                 at = dict(zip(inner, place, strict=True))
                 labels = [str(self._cube[dim].values[i]) for dim, i in at.items()]
-                self._add(name, column_of(given), lambda part, at=at: part[name].isel(at), labels)
+                twin = self._cube.coords.get(plain_name("_".join([name, *labels]), ()))
+                if inner and twin is not None and np.array_equal(twin.values, given.isel(at).values):
+                    continue  # an input of a design that is told for all buildings, too
+                self._add(name, column_of(given), partial(_taken, name=name, at=at), labels)
 
     def _add(self, name: str, about: Column, make: Make, labels: Iterable[str] = ()) -> None:
         own = plain_name("_".join([name, *labels]), self._made)
@@ -103,7 +107,7 @@ class HistoryTable(WideTable):
 
 def has_histories(cube: xr.Dataset, names: Iterable[str] = ()) -> bool:
     """Whether what is asked for of a dataset has histories; a table then has a row for each moment."""
-    asked = list(names) or list(cube.data_vars)
+    asked = list(names) or list(map(str, cube.data_vars))
     return any(TIME in cube[name].dims for name in asked if name in cube.data_vars)
 
 
@@ -157,8 +161,11 @@ class ScenarioTable(WideTable):
         for i, output in enumerate(cube["output"].values.tolist()):
             if not asked or output in asked:
                 text = {"units": "1", "long_name": f"relative error of {output}, measured at half the step"}
-                make = lambda part, i=i: errors(part, i)  # noqa: E731
-                self._add(f"audited_error_{output}", Column("", np.dtype(float), text), make)
+                self._add(f"audited_error_{output}", Column("", np.dtype(float), text), partial(errors, at=i))
+
+
+def _taken(part: xr.Dataset, name: str, at: Mapping[str, int]) -> xr.DataArray:
+    return part[name].isel(at)
 
 
 def _coded(values: np.ndarray, texts: dict[str, int]) -> np.ndarray:
