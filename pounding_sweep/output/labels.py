@@ -206,12 +206,10 @@ def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
         np.array([r.pga for r in spec.records]),
         {"units": "m s-2", "long_name": "peak ground acceleration of the record at scale 1"},
     )
-    each = spec.property_axes
-    shape = [len(axis.values) for axis in each]
-    varied = plan.variants[1:] if len(plan.variants) > 1 else plan.variants
-    named = product_coordinates(spec.scene, each)
-    dims = [(axis.dimension, axis.kind) for axis in each] if len(plan.variants) > 1 else []
-    return axes, extra | named | building_coordinates(varied, dims, shape if dims else [], {*named})
+    named = product_coordinates(spec.scene, spec.property_axes)
+    varied, along = (plan.variants[1:], spec.property_axes) if len(plan.variants) > 1 else (plan.variants, ())
+    dims, shape = [(axis.dimension, axis.kind) for axis in along], [len(axis.values) for axis in along]
+    return axes, extra | named | building_coordinates(varied, dims, shape, {*named})
 
 
 def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:

@@ -144,14 +144,16 @@ def sensitivity(
 
 def _groups(cube: xr.Dataset) -> tuple[Design, dict[tuple[tuple[str, str], ...], np.ndarray]]:
     """Return the design of a cube, and for each group its rows, shape (blocks, samples)."""
-    told = stored_sweep(cube).get("design")
-    if told is None or told["kind"] != "saltelli" or BLOCK not in cube.coords or "case" not in cube.dims:
+    sweep = stored_sweep(cube)
+    told = sweep.get("design")
+    placed = BLOCK in cube.coords and cube[BLOCK].dims == ("case",) and cube["case"].dtype.kind in "iu"
+    if told is None or told["kind"] != "saltelli" or not placed:
         msg = (
             f'Sobol indices need a design of kind "saltelli", and this cube is {_what(told)}; run a sweep with '
             '[design] kind = "saltelli", samples = 256 and its inputs'
         )
         raise InputError(msg)
-    design, cases = design_of(told), stored_sweep(cube)["cases"]
+    design, cases = design_of(told), sweep["cases"]
     fixed = [_fixed(case, design) for case in cases]
     places: dict[tuple[tuple[str, str], ...], dict[tuple[str, int], int]] = {}
     numbers = zip(cube["case"].values.tolist(), cube[BLOCK].values.tolist(), cube[SAMPLE].values.tolist(), strict=True)
@@ -172,9 +174,9 @@ def _groups(cube: xr.Dataset) -> tuple[Design, dict[tuple[tuple[str, str], ...],
     ]
     labelled: dict[tuple[tuple[str, str], ...], np.ndarray] = {}
     for group, rows in places.items():
-        told = dict(group)
-        beside = " ".join(f"{key}={told[key]}" for key in several if key in told)
-        label = (("law", told["law"]), ("record", told.get("record", "drawn")), ("beside", beside))
+        own = dict(group)
+        beside = " ".join(f"{key}={own[key]}" for key in several if key in own)
+        label = (("law", own["law"]), ("record", own.get("record", "drawn")), ("beside", beside))
         labelled[label] = np.array([rows[key] for key in whole]).reshape(len(design.blocks), -1)
     return design, labelled
 
