@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict
+from importlib.metadata import version
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -284,8 +285,6 @@ def design_coordinates(spec: SweepSpec, dimension: str) -> Coordinates:
 
 def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
     """Return what the cube says of the sweep as a whole."""
-    import xarray
-
     spec = plan.spec
     records = [
         {
@@ -307,7 +306,7 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "sweep": to_json(spec),
         "sweep_sha256": plan.digest,
         **{library_attribute(name): version for name, version in library_versions().items()},
-        "xarray_version": xarray.__version__,
+        "xarray_version": version("xarray"),
     }
     if spec.accuracy is None:
         found["time_step"] = [r.dt / plan.numerics.steps(r) for r in spec.records]
