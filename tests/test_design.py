@@ -6,10 +6,14 @@ import json
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scenes import motions, row
 from scipy import stats
+from typer.testing import CliRunner
 
 from pounding_sweep import Sweep
+from pounding_sweep.cli.app import app
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.spec.build import build_spec
@@ -129,6 +133,55 @@ def test_files_and_arguments_give_the_same_sweep_in_any_order(tmp_path):
     assert last.restitution == pytest.approx(0.3 + 0.4 * at[4, 1], rel=1e-12)
     assert dict(last.period_factors) == {"left": pytest.approx(np.exp(0.2 * stats.norm.ppf(at[4, 2])))}
     assert found.cases[5].gap == first.gap  # every point at every scale
+
+
+def test_factors_on_other_buildings_stand_beside_those_drawn():
+    found = sweep(told("sobol", 2), laws="kelvin_voigt", period_factors={"c": [0.9, 1.0], "a": 1.1}, gaps=None).spec
+    assert len(found.cases) == 2 * 2 * 2
+    drawn = [dict(case.period_factors)["b"] for case in found.cases]
+    expected = [("a", 1.1), ("b", drawn[0]), ("c", 0.9)]
+    assert found.cases[0].period_factors == tuple(expected)
+    assert found.cases[2].period_factors == (("a", 1.1), ("b", drawn[0]))  # a factor of 1 is left out
+    assert found.cases[0].stiffness_factor == 1.0
+    assert sweep(told("sobol", 2), laws="none").spec.cases[0].stiffness_factor is None
+
+
+NUMBERS = st.floats(-50.0, 50.0).map(lambda value: round(value, 3))
+DISTRIBUTIONS = st.one_of(
+    st.tuples(NUMBERS, NUMBERS).filter(lambda ends: ends[0] < ends[1]).map(
+        lambda ends: Distribution("uniform", low=ends[0], high=ends[1])
+    ),
+    st.tuples(NUMBERS.map(abs), NUMBERS.map(abs)).filter(lambda ends: 0.0 < ends[0] < ends[1]).map(
+        lambda ends: Distribution("log_uniform", low=ends[0], high=ends[1])
+    ),
+    st.builds(
+        lambda mean, std, low: Distribution("normal", mean=mean, std=std, low=mean - low * std),
+        NUMBERS, st.floats(0.01, 9.0), st.floats(-2.0, 3.0),
+    ),
+    st.builds(
+        lambda median, dispersion, high: Distribution(
+            "lognormal", median=median, dispersion=dispersion, high=median * np.exp(high * dispersion)
+        ),
+        st.floats(0.01, 9.0), st.floats(0.01, 2.0), st.floats(-2.0, 3.0),
+    ),
+)  # fmt: skip
+
+
+@given(given_one=DISTRIBUTIONS, shares=st.lists(st.floats(1e-9, 1.0 - 1e-9), min_size=2, max_size=9))
+def test_values_rise_with_their_shares_between_the_ends(given_one, shares):
+    found = given_one.values(np.sort(shares))
+    assert (np.diff(found) >= 0.0).all()
+    assert (found >= (-np.inf if given_one.low is None else given_one.low)).all()
+    assert (found <= (np.inf if given_one.high is None else given_one.high)).all()
+
+
+def test_plan_tells_the_design(tmp_path):
+    (tmp_path / "s.toml").write_text(FILE)
+    result = CliRunner().invoke(app, ["plan", str(tmp_path / "s.toml")])
+    assert result.exit_code == 0, result.output
+    said = " ".join(result.stdout.split())
+    assert "latin_hypercube design, 5 points (seed 7) of gap, restitution, period_factor_left" in said
+    assert "20 asked" in said
 
 
 def test_records_may_be_drawn():

@@ -151,6 +151,10 @@ class Design:
     seed: int
     inputs: tuple[Input, ...]
 
+    def __str__(self) -> str:
+        inputs = ", ".join(each.name for each in self.inputs)
+        return f"{self.kind} design, {len(self)} points (seed {self.seed}) of {inputs}"
+
     @property
     def blocks(self) -> tuple[str, ...]:
         """Blocks of points: "A", "B" and the input of B that A has in each further one; one without a name else."""
