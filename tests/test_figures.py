@@ -11,6 +11,8 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -23,6 +25,8 @@ from pounding_sweep.figures import CONTACT, FIGURES, NO_CONTACT, SOURCES, plot, 
 from pounding_sweep.figures.animation import PERIODS, WATCHED, _Picture, animate
 from pounding_sweep.figures.gallery.row import Stage, _round_down, strongest, walls
 from pounding_sweep.figures.shown import heading, middle, shows_values
+from pounding_sweep.figures.sides import logarithmic
+from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
 from pounding_sweep.plan.scenarios import case_variants
@@ -172,13 +176,10 @@ def test_force_gap_shows_the_largest_of_all_storeys():
     cube = made.cube(restitution=3)
     figure = FIGURES["force-gap"].draw(cube.isel(gap=[2, 0, 3, 1]))
     force, count = figure.axes
-    for ax, name, factor in ((force, "impact_force_max", 1e-3), (count, "impact_count", 1.0)):
-        assert [line.get_label() for line in ax.lines] == ["linear", "kelvin_voigt"]
-        for line in ax.lines:
-            want = [
-                factor * np.nanmax(cube[name].sel(law=line.get_label(), gap=gap, restitution=0.6).values)
-                for gap in cube.gap.values
-            ]
+    for ax, name in ((force, "impact_force_max"), (count, "impact_count")):
+        assert [line.get_label() for line in ax.lines] == [LAWS["linear"].title, LAWS["kelvin_voigt"].title]
+        for line, law in zip(ax.lines, cube.law.values, strict=False):
+            want = [np.nanmax(cube[name].sel(law=law, gap=gap, restitution=0.6).values) for gap in cube.gap.values]
             np.testing.assert_allclose(line.get_xdata(), cube.gap.values * 1e3)
             np.testing.assert_allclose(line.get_ydata(), want)
 
@@ -197,7 +198,7 @@ def test_panels_show_all_of_their_lines(key):
                 there = np.asarray(values, float)[np.isfinite(values)]
                 seen += there.size
                 assert ((low <= there) & (there <= high)).all(), (ax.get_title(), line.get_label())
-    assert seen or key in ("energy-budget", "response-map")  # of bars, of cells
+    assert seen or key in ("energy-budget", "map")  # of bars, of cells
 
 
 def test_fragility_shows_trials_that_the_first_pair_has_not():
@@ -209,28 +210,29 @@ def test_fragility_shows_trials_that_the_first_pair_has_not():
     assert farthest[0] < farthest[1] < second.get_xlim()[1]
 
 
-def test_the_response_map_shows_medians_over_records_and_where_nothing_touches():
+def test_the_map_shows_medians_over_records_and_where_nothing_touches():
     cube = made.cube(record=3, stiffness_factor=3).sel(law=["none", "linear"], gap=[0.004, 0.002, 0.008])
     touches = (cube["gap"] > 0.002).astype(float)
     cube = cube.assign(impact_force_max=cube["impact_force_max"] * touches)
-    (ax, _) = FIGURES["response-map"].draw(cube).axes
+    (ax, _) = FIGURES["map"].draw(cube).axes
     free, peaks = (np.ma.filled(mesh.get_array(), np.nan) for mesh in ax.collections)
-    want = 1e-3 * cube["impact_force_max"].sel(law="linear", pair="a-b", restitution=0.4).max("storey").median("record")
+    want = cube["impact_force_max"].sel(law="linear", pair="a-b", restitution=0.4).max("storey").median("record")
     want = want.squeeze().sortby("gap").transpose("stiffness_factor", "gap").values
     np.testing.assert_allclose(peaks, np.where(want > 0.0, want, np.nan))
     np.testing.assert_array_equal(np.isfinite(free), want == 0.0)
     assert [tick.get_text() for tick in ax.get_xticklabels()] == ["2", "4", "8"]
+    assert [tick.get_text() for tick in ax.get_yticklabels()] == ["1", "2", "4"]
     assert ax.get_yscale() == "log"  # 1, 2, 4
-    assert ax.get_title() == "linear, pair a-b"
-    (lacking,) = FIGURES["response-map"].lacks(cube.isel(gap=[0], restitution=0))
+    assert ax.get_title() == "Linear spring\npair a-b"
+    (lacking,) = FIGURES["map"].lacks(cube.isel(gap=[0], restitution=0))
     assert lacking.startswith("two axes of several numbers")
 
 
 def test_force_gap_of_one_gap_and_of_a_scalar_law():
     cube = made.cube(gap=1, restitution=1).sel(law="linear")
     (force, _) = FIGURES["force-gap"].draw(cube).axes
-    assert [line.get_label() for line in force.lines] == ["linear"]
-    assert force.lines[0].get_ydata() == pytest.approx([1e-3 * float(cube.impact_force_max.max())])
+    assert [line.get_label() for line in force.lines] == ["Linear spring"]
+    assert force.lines[0].get_ydata() == pytest.approx([float(cube.impact_force_max.max())])
 
 
 def test_profiles_show_floors_and_storeys():
@@ -255,7 +257,7 @@ def test_histories_show_floors_and_forces():
     np.testing.assert_allclose(ground.lines[0].get_ydata(), one.ground_acceleration)
     np.testing.assert_allclose(top.lines[1].get_ydata(), 1e3 * one.displacement.sel(building="b", storey=2))
     assert [line.get_label() for line in force.lines] == ["storey 1", "storey 2"]
-    np.testing.assert_allclose(force.lines[1].get_ydata(), 1e-3 * one.contact_force.sel(pair="a-b", storey=2))
+    np.testing.assert_allclose(force.lines[1].get_ydata(), one.contact_force.sel(pair="a-b", storey=2))
     apart = FIGURES["histories"].draw(made.histories(touch=False)).axes[2]
     assert not apart.lines
     assert apart.texts[0].get_text() == "no contact"
@@ -287,8 +289,10 @@ def test_the_middle_of_the_other_axes():
     cube = made.cube(restitution=3, record=3, scale=2)
     found, shown = middle(cube, ("law", "gap"))
     xr.testing.assert_identical(found, cube.isel(stiffness_factor=0, restitution=1, record=1, scale=0))
-    assert shown == "restitution 0.6; record r2; scale 0.5"
-    assert middle(cube.isel(gap=2, scale=1), ("law",))[1].startswith("gap 0.006 m; restitution 0.6; record r2")
+    assert shown == "restitution 0.6 (one of 3); record r2 (one of 3); scale 0.5 (one of 2)"
+    chosen = cube.isel(gap=2, scale=1, storey=1).squeeze("stiffness_factor")
+    told = "gap 6 mm; stiffness factor 1; restitution 0.6 (one of 3); record r2 (one of 3); scale 1; storey 2"
+    assert middle(chosen, ("law",))[1] == told
 
 
 def test_listed_cases_are_drawn_one_by_one():
@@ -297,8 +301,146 @@ def test_listed_cases_are_drawn_one_by_one():
     with pytest.raises(InputError, match="--at case=N"):
         FIGURES["profiles"].draw(cases)
     figure = FIGURES["profiles"].draw(select(cases, {"case": 2}))
-    assert {line.get_label() for line in figure.axes[2].lines} == {"hertz"}
+    assert {line.get_label() for line in figure.axes[2].lines} == {"Hertz"}
     assert figure.get_suptitle() == "case 2"
+
+
+# -- axes that are chosen ----------------------------------------------------------------------------------------------
+
+
+def of_periods(record=1, periods=5):
+    """A cube along the period of building a, with what follows from it, and along the gap."""
+    cube = made.cube(record=record, stiffness_factor=periods, restitution=1)
+    cube = cube.rename(stiffness_factor="period_factor_a").assign_coords(
+        period_factor_a=np.geomspace(0.5, 2.0, periods)
+    )
+    ratio = {"units": "1", "long_name": "period ratio T1/T2 of a and b"}
+    follows = 1.7 / cube["period_factor_a"].values[::-1]
+    return cube.assign_coords(
+        period_ratio_a_b=("period_factor_a", follows[::-1], ratio)
+    )  # falls where the factor rises
+
+
+def test_a_map_over_period_ratio_and_gap():
+    cube = of_periods()
+    ax, below, _ = FIGURES["map"].draw(cube).axes
+    assert below.get_xlabel() == "period ratio T1/T2 of a and b (-)"
+    assert ax.get_ylabel() == "gap (mm)"
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "linear")
+    want = cube["impact_force_max"].isel(law=0).max("storey").squeeze().transpose("gap", "period_factor_a")
+    np.testing.assert_allclose(ax.collections[-1].get_array(), want.values[:, ::-1])
+    swapped = FIGURES["map"].draw(cube.sel(law=["linear"]), x="gap", y="period_factor_a").axes[0]
+    assert swapped.get_xlabel() == "gap (mm)"
+    np.testing.assert_allclose(swapped.collections[-1].get_array(), want.values.T)
+
+
+def test_a_map_of_an_amplification():
+    cube = of_periods()
+    touches = (cube["gap"] > 0.002) & (cube["law"] != "none")
+    cube["impact_count"] = cube["impact_count"].where(touches, 0)
+    figure = FIGURES["map"].draw(cube, value="drift_max_ratio", x="gap", contours=True)
+    drift = cube["drift_max"]
+    ratio = (drift.sel(law="linear") / drift.sel(law="none")).max("storey").squeeze()
+    want = ratio.sel(building="b").sortby("period_ratio_a_b").transpose("period_factor_a", "gap").values
+    meshes = [each for each in figure.axes[1].collections if isinstance(each, QuadMesh)]
+    grey, drawn = (np.ma.filled(mesh.get_array(), np.nan) for mesh in meshes)
+    np.testing.assert_allclose(drawn[:, 1:], want[:, 1:])
+    assert np.isnan(drawn[:, 0]).all()
+    assert (np.isfinite(grey) == np.isnan(drawn)).all()
+    low, high = meshes[1].norm.vmin, meshes[1].norm.vmax
+    assert low * high == pytest.approx(1.0)  # no change has the colour in the middle
+    assert figure.axes[0].get_title() == "Linear spring\nbuilding a"
+    assert figure.axes[-1].get_ylabel() == "amplification of the largest interstorey drift (-)"
+
+
+@pytest.mark.parametrize("key", ["force-gap", "amplification", "law-comparison"])
+def test_any_axis_of_numbers_may_be_drawn_along(key):
+    cube = of_periods(record=2)
+    for x, label, scale in (
+        ("period_ratio", "period ratio T1/T2 of a and b (-)", "log"),
+        ("gap", "gap (mm)", "linear"),
+    ):
+        (ax, *others) = FIGURES[key].draw(cube, x=x).axes
+        assert [each.get_xscale() for each in (ax, *others)] == [scale] * (1 + len(others))
+        assert label in [each.get_xlabel() for each in (ax, *others)]
+        values = ax.lines[-1].get_xdata()
+        assert len(values) == {"gap": 4}.get(x, 5)
+        assert (np.diff(values) > 0).all()
+
+
+def test_axes_that_cannot_be_drawn_along():
+    cube = of_periods()
+    for key, options, text in (
+        ("map", {"x": "gpa"}, "did you mean 'gap'"),
+        ("map", {"x": "gap", "y": "gap"}, "are the same, gap"),
+        ("map", {"x": "record"}, "unknown axis to draw along 'record'; valid: gap, period_factor_a, period_ratio_a_b"),
+        ("map", {"value": "impact_forces"}, "did you mean 'impact_force_max'"),
+        ("force-gap", {"value": "drift_max"}, "valid: impact_count, impact_force_max"),
+        ("amplification", {"value": "impulse_ratio"}, "unknown value to draw"),
+        ("profiles", {"value": "impulse"}, "unknown value to draw"),
+    ):
+        with pytest.raises(InputError, match=text):
+            FIGURES[key].draw(cube, **options)
+    both = cube.assign_coords(period_ratio_a_b=(("period_factor_a", "gap"), np.ones((5, 4))))
+    with pytest.raises(InputError, match="varies with period_factor_a and gap; choose one value of all but one"):
+        FIGURES["map"].draw(both, x="period_ratio_a_b", y="gap")
+    with pytest.raises(InputError, match=r"'force-gap' takes no y; map do"):
+        plot(cube, "force-gap", "x.png", y="gap")
+
+
+def test_when_an_axis_is_logarithmic():
+    for values, log in (
+        ([1.0, 2.0, 4.0], True),
+        ([0.1, 0.3, 1.0, 3.0, 10.0], True),
+        ([0.4, 0.5, 0.6, 0.8], False),  # a narrow range
+        ([2.0, 4.0, 6.0, 8.0], False),
+        ([0.0, 1.0, 2.0, 4.0], False),
+        ([1.0, 10.0], False),
+    ):
+        assert logarithmic(np.array(values)) == log
+
+
+def test_axes_of_a_figure_of_ones_own():
+    cube = of_periods().sel(law=["linear", "none"])
+    for key, options in (
+        ("map", {}),
+        ("map", {"value": "storey_shear_max_ratio"}),
+        ("force-gap", {"value": "impact_force_max"}),
+        ("amplification", {"value": "drift_max_ratio"}),
+    ):
+        own = Figure()
+        ax = own.subplots(1, 2)[1]
+        one = cube.sel(building="b") if options.get("value", "").endswith("ratio") else cube
+        assert FIGURES[key].draw(one, ax=ax, **options) is own
+        assert shows_values(own)
+        assert not own.get_suptitle()
+        assert "gap" in ax.get_title() + ax.get_ylabel() + ax.get_xlabel()
+    with pytest.raises(InputError, match="2 x 1 panels, and axes for one are given"):
+        FIGURES["force-gap"].draw(cube, ax=ax)
+
+
+def test_a_part_of_the_row_that_was_selected():
+    """By xarray itself, which takes the dimension away: titles of panels, or else of the figure, tell it."""
+    cube = made.cube(right_wall=True, restitution=1)
+    figure = FIGURES["force-gap"].draw(cube.sel(pair="a-b", storey=2))
+    assert figure.axes[0].get_title() == "pair a-b"
+    want = cube["impact_force_max"].sel(pair="a-b", storey=2, law="linear").squeeze()
+    np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), want)
+    assert FIGURES["profiles"].draw(cube.sel(building="b")).axes[0].get_title() == "building b"
+
+
+def test_of_many_laws_each_has_its_panels():
+    cube = made.cube()
+    more = [cube.isel(law=[0]).assign_coords(law=[law]) for law in ("hertz", "hertz_damped")]
+    cube = xr.concat([cube, *more], "law", combine_attrs="override").isel(gap=0, restitution=0, storey=slice(0, 2))
+    axes = np.array(FIGURES["profiles"].draw(cube, value="storey_shear_max").axes).reshape(4, 2)
+    for row, law in zip(axes, ("linear", "kelvin_voigt", "hertz", "hertz_damped"), strict=True):
+        *others, still, own = row[1].lines
+        assert len(others) == 3
+        for line, its in ((own, law), (still, "none")):
+            want = cube["storey_shear_max"].sel(building="b", law=its).squeeze().values
+            np.testing.assert_allclose(line.get_xdata(), np.repeat(want, 3))
+    assert axes[-1, 0].get_xlabel() == "storey shear (kN)"
 
 
 # -- the row -----------------------------------------------------------------------------------------------------------

@@ -35,14 +35,14 @@ def histories(one: xr.Dataset) -> Figure:
     _legend(axes[1])
     low, high = 0.0, 0.0
     for ax, pair in zip(axes[2:], pairs, strict=True):
-        forces = one.contact_force.sel(pair=pair).fillna(0.0) * 1e-3
+        forces = one.contact_force.sel(pair=pair).fillna(0.0)
         for number, storey in enumerate(one.storey.values.tolist()):
             if forces.sel(storey=storey).any():
                 ax.plot(time, forces.sel(storey=storey), label=f"storey {storey}", **_line(number))
         if not ax.lines:
             ax.text(0.5, 0.5, "no contact", transform=ax.transAxes, ha="center", va="center", color="0.35")
         low, high = min(low, float(forces.min())), max(high, float(forces.max()))
-        ax.set_ylabel(f"{pair}\nforce (MN)")
+        ax.set_ylabel(f"{pair}\nforce (kN)")
         _legend(ax)
     for ax in axes[2:]:
         ax.set_ylim(1.05 * low, 1.05 * high or 1.0)

@@ -40,7 +40,7 @@ def row(one: xr.Dataset) -> Figure:
     stage.draw(ax)
     forces = forces_of(one)[number]
     stage.show(number, forces / forces.max(initial=0.0) if forces.any() else forces)
-    largest = f", largest force {forces.max() * 1e-3:.3g} MN" if forces.any() else ""
+    largest = f", largest force {forces.max():.0f} kN" if forces.any() else ""
     figure.suptitle(
         f"{heading(one, width=WIDTH)}\n{one.time.values[number]:.3f} s{largest}; displacements and gaps "
         f"drawn {stage.factor:g} times",
