@@ -31,7 +31,8 @@ from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
 from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.records import records_dataset
-from pounding_sweep.run.one_scenario import scenario_of, simulate_one
+from pounding_sweep.run.one_scenario import scenario_of, simulate_one, simulate_shown
+from pounding_sweep.run.simulate import peaks_shown
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec
 
@@ -261,6 +262,80 @@ def test_histories_show_floors_and_forces():
     apart = FIGURES["histories"].draw(made.histories(touch=False)).axes[2]
     assert not apart.lines
     assert apart.texts[0].get_text() == "no contact"
+
+
+def test_histories_mark_the_peaks_that_are_reported():
+    """Between the instants of histories a peak may be higher than they show."""
+    one = made.histories()
+    force = 1.2 * one.contact_force.max("time")
+    top, low = 1.1 * one.displacement.max("time"), 1.05 * one.displacement.min("time")
+    one = one.assign(impact_force_max=force, displacement_max=top, displacement_min=low)
+    _, floors, contact = FIGURES["histories"].draw(one).axes
+    marks = [(line.get_xdata()[0], line.get_ydata()[0]) for line in contact.lines if line.get_marker() == "o"]
+    at = [float(one.contact_force.sel(pair="a-b", storey=s).idxmax("time")) for s in (1, 2)]
+    np.testing.assert_allclose(marks, list(zip(at, force.sel(pair="a-b").values[:2], strict=True)))
+    assert max(height for _, height in marks) < contact.get_ylim()[1]
+    heights = sorted(float(line.get_ydata()[0]) for line in floors.lines if line.get_marker() == "o")
+    ends = [1e3 * values.sel(building=b, storey=s).item() for b, s in (("a", 3), ("b", 2)) for values in (top, low)]
+    np.testing.assert_allclose(heights, sorted(ends))
+    later = FIGURES["histories"].draw(one, start=1.0, end=1.5)  # after the peaks
+    assert not [line for ax in later.axes for line in ax.lines if line.get_marker() == "o"]
+    assert later.axes[-1].get_xlim() == (1.0, 1.5)
+
+
+def test_floors_touch_where_their_relative_displacement_reaches_the_gap():
+    one = made.histories(left_wall=True)
+    wall, pair = FIGURES["closing"].draw(one, end=1.0).axes
+    part = one.sel(time=slice(0.0, 1.0))
+    np.testing.assert_allclose(wall.lines[2].get_ydata(), -1e3 * part.displacement.sel(building="a", storey=3))
+    relative = part.displacement.sel(building="a", storey=2) - part.displacement.sel(building="b", storey=2)
+    np.testing.assert_allclose(pair.lines[1].get_ydata(), 1e3 * relative)
+    for ax, name in ((wall, "w1-a"), (pair, "a-b")):
+        gap = next(line for line in ax.lines if line.get_label() == "gap").get_ydata()[0]
+        assert gap == pytest.approx(1e3 * float(one.pair_gap.sel(pair=name)))
+        highest = max(np.max(line.get_ydata()) for line in ax.lines)
+        touched = bool((part.contact_force.sel(pair=name) > 0).any())
+        assert (highest > gap) == touched
+
+
+def test_loops_of_a_contact_hold_what_it_took():
+    """Of a law that gives back all, loops have no area; of one that keeps half of its force, half of the work."""
+    one = made.histories()
+    elastic = FIGURES["force-penetration"].draw(one).axes[0]
+    for line in elastic.lines:
+        depth, force = (values[np.isfinite(values)] for values in line.get_data())
+        np.testing.assert_allclose(force, 1e3 * depth)
+        assert depth.min() == 0.0  # each loop begins and ends open
+    opening = one.penetration.differentiate("time") < 0
+    lossy = one.assign(contact_force=one.contact_force.where(~opening, 0.5 * one.contact_force))
+    top = FIGURES["force-penetration"].draw(lossy).axes[0].lines[1]
+    depth, force = (np.nan_to_num(values) for values in top.get_data())
+    work = np.trapezoid(force, 1e-3 * depth)
+    put_in = sum(np.maximum(np.diff(0.5e6 * one.penetration.sel(storey=2).values[:, 0] ** 2), 0.0))
+    assert work == pytest.approx(0.5 * put_in, rel=0.05)
+    assert FIGURES["force-penetration"].draw(made.histories(touch=False)).axes[0].texts[0].get_text() == "no contact"
+
+
+def test_phase_plots_tell_contact_from_flight():
+    one = made.histories()
+    a, b = FIGURES["phase"].draw(one).axes
+    for ax, building, storey in ((a, "a", 3), (b, "b", 2)):
+        apart, near = ax.lines
+        here = one.sel(building=building, storey=storey)
+        np.testing.assert_allclose(apart.get_xdata(), 1e3 * here.displacement)
+        np.testing.assert_allclose(apart.get_ydata(), here.velocity)
+        touching = (one.contact_force.sel(pair="a-b") > 0).any("storey").values
+        np.testing.assert_array_equal(np.isfinite(near.get_xdata()), touching)
+
+
+@pytest.mark.parametrize("key", ["histories", "closing", "force-penetration", "phase"])
+def test_a_part_of_the_record_is_drawn(key):
+    one = made.histories()
+    figure = FIGURES[key].draw(one, start=0.2, end=0.6)
+    assert shows_values(figure)
+    for start, end in ((3.0, None), (0.5, 0.4), (None, -1.0), (0.5, 0.5)):
+        with pytest.raises(InputError, match=r"fewer than two instants.*they run from 0 s to 2 s"):
+            FIGURES[key].draw(one, start=start, end=end)
 
 
 @pytest.mark.parametrize("key", ["force-gap", "amplification", "law-comparison", "incremental", "required-gap"])
@@ -692,6 +767,54 @@ def test_a_heading_tells_the_scenario_and_its_lines_end_between_parts():
     assert heading(one, "drawn 10 times", 60).split("\n") == lines
     for key in ("histories", "row"):
         assert "restitution 0.6; damping ratio 0.02" in FIGURES[key].draw(one).get_suptitle()
+
+
+def test_every_axis_may_be_chosen(asked):
+    spec = build_spec(
+        scene=made.scene(right_wall=True),
+        records=pulses("one"),
+        laws="linear",
+        pgas=[1.0, 2.0],
+        period_factors={"b": [1.0, 1.5]},
+        damping_ratios=[0.02, 0.05],
+    )
+    choice = {"pga": 3.0, "period_factor_b": 2.0, "mass_factor_a": 4.0, "damping_ratio": 0.1, "gap": [0.01, 0.03]}
+    one = simulate_one(spec, **choice)
+    (scene, record), _ = asked[0]
+    assert record.pga == pytest.approx(3.0)
+    assert scene.gaps == (0.01, 0.03)
+    case = Case("linear", period_factors={"b": 2.0}, mass_factors={"a": 4.0}, damping_ratio=0.1)
+    want = case_variants(made.scene(right_wall=True), [case])[0]
+    np.testing.assert_allclose(np.concatenate([b.masses for b in scene.buildings]), want.masses[1])
+    np.testing.assert_allclose(np.concatenate([b.stiffnesses for b in scene.buildings]), want.stiffnesses[1])
+    assert one.attrs["scenario"] == "pga 3; period factor of b 2; mass factor of a 4; damping ratio 0.1"
+    assert simulate_one(spec, mass_factor_a=1.0).attrs["scenario"].endswith("mass factor of a 1; damping ratio 0.02")
+    for bad, text in (
+        ({"period_factor_c": 1.0}, "did you mean 'period_factor_b'"),
+        ({"mass_factor_a": -1.0}, r"factor is -1.0; it must be in \[0.001, 1000\]"),
+        ({"damping_ratio": 1.5}, "damping ratio is 1.5"),
+    ):
+        with pytest.raises(InputError, match=text):
+            simulate_one(spec, **bad)
+
+
+def test_histories_are_run_finer_until_they_show_their_peaks(monkeypatch):
+    """By default; a step that is asked for is the one that is taken."""
+    taken = []
+
+    def simulate(*args, output_step=None, **more):
+        taken.append(output_step)
+        step = output_step or 8e-3
+        shown = 100.0 * (1.0 - step**2 / 4e-4)
+        values = {"impact_force_max": ("pair", [100.0]), "contact_force": (("time", "pair"), [[0.0], [shown]])}
+        return xr.Dataset(values, attrs={"time_step": step})
+
+    monkeypatch.setattr("pounding_sweep.run.simulate.simulate", simulate)
+    spec = build_spec(scene=made.scene(), records=pulses("one"), laws="linear")
+    assert peaks_shown(simulate_shown(spec)) == pytest.approx(0.99)
+    assert taken == [None, 4e-3, 2e-3]
+    simulate_shown(spec, 5e-3)
+    assert taken[3:] == [5e-3]
 
 
 def test_choices_are_checked(asked):

@@ -178,6 +178,17 @@ def heading(one: xr.Dataset, more: str = "", width: int | None = None) -> str:
     return text if width is None else wrapped(text, width)
 
 
+def zoomed(one: xr.Dataset, start: float | None, end: float | None) -> xr.Dataset:
+    """Return the part of histories from `start` to `end` (s); the whole where neither is given."""
+    part = one.sel(time=slice(start, end))
+    if part.sizes["time"] < 2:
+        time = one["time"].values
+        asked = f"from {time[0] if start is None else start:g} s to {time[-1] if end is None else end:g} s"
+        msg = f"fewer than two instants of the histories lie {asked}; they run from {time[0]:g} s to {time[-1]:g} s"
+        raise InputError(msg)
+    return part
+
+
 #: Axes against which a comparison is drawn, the first of those that vary.
 _AXES = ("gap", "stiffness_factor", "stiffness", *DIMENSIONS["scale"], "restitution")
 

@@ -150,6 +150,17 @@ def wrapped(text: str, width: int) -> str:
     return fill(whole, width, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
 
 
+def history_look(number: int) -> dict[str, Any]:
+    """Return colour and line style of a history: it has too many points for markers."""
+    return {"color": COLOURS[number % len(COLOURS)], "linestyle": LINES[number % len(LINES)], "linewidth": 1.0}
+
+
+def legend_beside(ax: Any) -> None:
+    """Put the legend of a panel beside it, where it hides nothing."""
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+
+
 def look(number: int) -> dict[str, Any]:
     """Return colour, marker and line style of the `number`-th line."""
     return {
