@@ -165,8 +165,8 @@ def gallery_page() -> str:
         "Every figure of the package, with the commands that drew it. `pounding-sweep plot --list` lists all of them, "
         "`pounding-sweep plot CUBE.nc` says which of them a cube allows. `--at AXIS=VALUE` draws another "
         "value of an axis than the middle one at which floors touch, `--x AXIS` draws along another axis. "
-        "From Python, each is a function of a dataset that returns a matplotlib figure, see "
-        "[`pounding_sweep.figures`](../api).",
+        "From Python, each is a function of a dataset that returns a matplotlib figure, "
+        "`ps.figures.force_gap(cube)` for `force-gap`, see [`pounding_sweep.figures`](../api).",
         "",
         "The commands use [quickstart.toml and period_ratio.toml](../sweep_file), and this `suite.toml`:",
         "",

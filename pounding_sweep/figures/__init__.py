@@ -1,4 +1,4 @@
-"""Figures: each takes a dataset and returns a matplotlib figure.
+"""Figures: each takes a dataset and returns a matplotlib figure; `force_gap` draws ``force-gap``, and so do all others.
 
 Each is defined and registered in a module of `pounding_sweep.figures.gallery` that is named after it. matplotlib is
 imported in this package, by the paper's figures, and nowhere else.
@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import wraps
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
-from pounding_sweep.base.deferred import Registry, key_of
+from pounding_sweep.base.deferred import Registry, attribute, key_of
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.figures.style import in_style
@@ -122,14 +122,14 @@ def figure_of(
 
         @wraps(draw)
         def drawn(dataset: xr.Dataset, **options: Any) -> Figure:
+            from matplotlib.axes import Axes
+
             whole = with_inner_dims(dataset)
             require(whole, key)
             with in_style():
                 found = draw(whole, **options)
-            figure: Figure = (
-                found.get_figure() if hasattr(found, "get_figure") and found is options.get("ax") else found
-            )
-            return figure
+            figure: Any = found.get_figure() if isinstance(found, Axes) else found
+            return cast("Figure", figure)
 
         FIGURES.add(key, Kind(key, title, source, drawn, needs, several, also))
         return drawn
@@ -222,3 +222,16 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
         )
         raise OutputError(msg) from error
     return target
+
+
+#: Public names that are loaded where they are first used, beside the figures.
+_HOME = {"animate": "pounding_sweep.figures.animation"}
+
+
+def __getattr__(name: str) -> Any:
+    key = name.replace("_", "-")
+    return FIGURES[key].draw if key in FIGURES else attribute(__name__, _HOME, name)
+
+
+def __dir__() -> list[str]:
+    return sorted(["FIGURES", "SOURCES", "plot", *_HOME, *(key.replace("-", "_") for key in FIGURES)])

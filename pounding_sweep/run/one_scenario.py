@@ -68,7 +68,8 @@ def _with_properties(spec: SweepSpec, own: Case, given: Mapping[str, Any]) -> Ca
         axis = next((axis for argument, axis in AXES.items() if field in (argument, axis.dimension)), None)
         if axis is not None and axis.of_buildings:
             axis.check(value, (), "")
-            own = replace(own, **{field: value if building is None else {**dict(getattr(own, field)), building: value}})
+            changed: Any = value if building is None else {**dict(getattr(own, field)), building: value}
+            own = replace(own, **{field: changed})
     return own
 
 

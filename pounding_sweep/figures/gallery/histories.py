@@ -60,8 +60,8 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
             if force.sel(time=time).any():
                 ax.plot(time, force.sel(time=time), label=f"storey {storey}", **history_look(number))
                 if "impact_force_max" in whole:
-                    peak = float(whole.impact_force_max.sel(pair=pair, storey=storey))
-                    high = max(high, _mark(ax, force, peak, (time[0], time[-1]), number))
+                    reported = float(whole.impact_force_max.sel(pair=pair, storey=storey))
+                    high = max(high, _mark(ax, force, reported, (time[0], time[-1]), number))
         if not ax.lines:
             ax.text(0.5, 0.5, "no contact", transform=ax.transAxes, ha="center", va="center", color="0.35")
         forces = forces.sel(time=time)

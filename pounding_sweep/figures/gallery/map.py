@@ -94,7 +94,9 @@ def response_map(
     several = [label, "largest of the storeys"] if "storey" in cube.dims else [label]
     cube, shown = middle_over_records(cube, ("law", across.dim, upward.dim), [name])
     cube = cube.sortby([across.name, upward.name])
-    laws = [law for law in labels_with_values(cube, "law", [name]) if per != "pair" or law != "none"][:_LAWS]
+    there = [law for law in labels_with_values(cube, "law", [name]) if per != "pair" or law != "none"]
+    laws = there[:_LAWS]
+    cut = f"{len(laws)} of {len(there)} laws" if len(laws) < len(there) else ""
     ends = cube[per].values.tolist()
     order = ("law", per, upward.dim, across.dim)
     peaks = (cube[name] * factor).transpose(*order).sel(law=laws)
@@ -118,7 +120,7 @@ def response_map(
         ticks: dict[str, Any] = {"ticks": sorted((*_LEVELS, 1.0)), "format": "%g"} if ratio else {}
         bar = axes[0, 0].figure.colorbar(mesh, ax=axes, label=label, **ticks)
         bar.minorticks_off()
-    put_title(figure, shown, *several[1:], "grey: no contact" if bool(apart.any()) else "")
+    put_title(figure, shown, cut, *several[1:], "grey: no contact" if bool(apart.any()) else "")
     return figure
 
 
@@ -150,8 +152,8 @@ def _colours(values: np.ndarray, ratio: bool) -> tuple[dict[str, Any], np.ndarra
     if ratio:
         wide = max(high, 1.0 / low if low > 0.0 else high, 1.05)
         return {"cmap": "PuOr_r", "norm": LogNorm(1.0 / wide, wide)}, np.array(_LEVELS)
-    return {"cmap": "viridis", "vmin": min(low, 0.0), "vmax": max(high, 0.0) or 1.0}, MaxNLocator(_LINES).tick_values(
-        low, high
+    return {"cmap": "viridis", "vmin": min(low, 0.0), "vmax": max(high, 0.0) or 1.0}, np.array(
+        MaxNLocator(_LINES).tick_values(low, high)
     )
 
 
