@@ -490,8 +490,22 @@ def test_axes_of_a_figure_of_ones_own():
         assert shows_values(own)
         assert not own.get_suptitle()
         assert "gap" in ax.get_title() + ax.get_ylabel() + ax.get_xlabel()
+    ax = Figure().subplots()
+    assert FIGURES["row"].draw(made.histories(), ax=ax) is ax.figure
+    assert "displacements and gaps drawn" in ax.get_title()
+    for key in ("closing", "force-penetration"):
+        ax = Figure().subplots()
+        assert FIGURES[key].draw(made.histories(), ax=ax) is ax.figure
+        assert shows_values(ax.figure)
     with pytest.raises(InputError, match="2 x 1 panels, and axes for one are given"):
         FIGURES["force-gap"].draw(cube, ax=ax)
+
+
+def test_notebooks_show_figures():
+    picture = FIGURES["row"].draw(made.histories())._repr_png_()
+    with Image.open(io.BytesIO(picture)) as found:
+        assert found.format == "PNG"
+        assert min(found.size) > 200
 
 
 def test_a_part_of_the_row_that_was_selected():

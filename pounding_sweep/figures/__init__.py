@@ -9,8 +9,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
 from inspect import signature
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -128,8 +129,10 @@ def figure_of(
             require(whole, key)
             with in_style():
                 found = draw(whole, **options)
-            figure: Any = found.get_figure() if isinstance(found, Axes) else found
-            return cast("Figure", figure)
+            if isinstance(found, Axes):
+                return cast("Figure", found.get_figure())
+            found._repr_png_ = partial(_png, found)  # notebooks show it, though pyplot knows nothing of it
+            return cast("Figure", found)
 
         FIGURES.add(key, Kind(key, title, source, drawn, needs, several, also))
         return drawn
@@ -147,6 +150,13 @@ def with_inner_dims(dataset: xr.Dataset) -> xr.Dataset:
             spread = {name: dataset[name].expand_dims(dim, -1) for name in names}
             dataset = dataset.drop_vars([*names, dim]).assign(spread) if names else dataset
     return dataset
+
+
+def _png(figure: Figure) -> bytes:
+    """Return a figure as a PNG."""
+    file = BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
 
 
 #: Dots per inch that a page can be drawn in.
