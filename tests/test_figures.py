@@ -869,6 +869,37 @@ def command(*words, code=0):
     return done
 
 
+def test_options_of_figures_on_the_command_line(tmp_path):
+    cube, one, picture = tmp_path / "cube.nc", tmp_path / "one.nc", tmp_path / "x.png"
+    write_cube(of_periods(), cube)
+    write_cube(made.histories(), one)
+    words = ("plot", cube, "map", "-o", picture, "--dpi", "20")
+    command(*words, "--x", "gap", "--y", "period_ratio", "--value", "drift_max_ratio", "--contours")
+    assert picture.stat().st_size > 1000
+    assert "did you mean 'gap'" in command(*words, "--x", "gpa", code=2).stderr
+    command("plot", one, "phase", "-o", tmp_path / "y.png", "--dpi", "20", "--start", "0.5", "--end", "1")
+    said = command("plot", one, "histories", "-o", picture, "--x", "gap", code=2).stderr
+    assert re.search(r"'histories' takes no x; amplification, force-gap, law-comparison, map do", said)
+
+
+@pytest.mark.parametrize("name", ["simulate", "animate"])
+def test_choices_of_a_scenario_on_the_command_line(tmp_path, name):
+    """What is wrong is said before anything is run."""
+    sweep = tmp_path / "s.toml"
+    sweep.write_text(SWEEP)
+    for words, text in (
+        (["--gap", "0.1", "--at", "gap=0.2"], "gap is given twice, by --gap and by --at"),
+        (["--at", "pga=1", "--at", "pga=2"], "--at gives 2 values of pga"),
+        (["--at", "gap=wide"], "--at gap=wide is no number"),
+        (["--at", "case=1.5"], "--at case=1.5 is no whole number"),
+        (["--at", "period_factor_hgh=2"], "did you mean 'period_factor_high'"),
+        (["--at", "gap=1", "--at", "gap=1", "--at", "gap=1"], "3 gaps for a row of 3; give 2"),
+        (["--output-step", "0"], "output_step is 0.0; it must be a positive number"),
+    ):
+        done = command(name, sweep, "-o", tmp_path / ("x.nc" if name == "simulate" else "x.gif"), *words, code=2)
+        assert text in done.stderr, done.stderr
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("always:records:UserWarning")  # printed, as in a process of its own
 def test_a_scenario_from_its_file_to_its_pictures(tmp_path):

@@ -174,7 +174,7 @@ def _panel(
     mesh = ax.pcolormesh(*edges, values, **look)
     if len(levels) and min(values.shape) >= _CONTOURED and np.isfinite(values).any():
         lines = ax.contour(*at, values, levels, colors="black", linewidths=0.7)
-        ax.clabel(lines, fontsize=7)
+        ax.clabel(lines, fontsize=7, fmt="%g")
     ax.grid(visible=False)
     for axis, side, found in zip((ax.xaxis, ax.yaxis), sides, at, strict=True):
         side.draw(axis, found, marked=True)
