@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pounding_sweep.cli.app import Folders, Overwrite, SweepFile, app
-from pounding_sweep.cli.reporting import reporting, say
+from pounding_sweep.cli.reporting import reporting, say, say_laws
 from pounding_sweep.cli.run import SkipMissing
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Law = Annotated[str | None, typer.Option("--law", metavar="LAW", help="Contact law.")]
+Law = Annotated[str | None, typer.Option("--law", metavar="LAW", help="Contact law, or FILE.py:NAME.")]
 Gap = Annotated[float | None, typer.Option("--gap", metavar="M", help="Gap of every pair (m).")]
 Stiffness = Annotated[
     float | None,
@@ -137,6 +137,8 @@ def _simulate(sweep: Path, folders: list[Path] | None, skip_missing: bool, **cho
     from pounding_sweep.run.one_scenario import simulate_one
     from pounding_sweep.run.sweep import load_sweep
 
-    one = simulate_one(load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec, **choice)
+    spec = load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec
+    say_laws(spec.own_laws)
+    one = simulate_one(spec, **choice)
     say(heading(one))
     return one

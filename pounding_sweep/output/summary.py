@@ -24,7 +24,7 @@ def summary_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     for law, part in _by_law(cube):
         scenarios, found = _impacts(part, len(pairs))
         for pair, impacts in zip(pairs, found, strict=True):
-            rows.append({"law": law, "title": _title(law), "pair": pair, "scenarios": scenarios, **impacts.row()})
+            rows.append({"law": law, "title": _title(part, law), "pair": pair, "scenarios": scenarios, **impacts.row()})
     return rows
 
 
@@ -95,10 +95,13 @@ def status_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     ]
 
 
-def _title(law: str) -> str:
+def _title(part: xr.Dataset, law: str) -> str:
+    """Title of a law, one of the registry or a user's own, of which the cube knows it."""
     from pounding_sweep.model.laws import LAWS
 
-    return LAWS[law].title if law in LAWS else ""
+    if law in LAWS or "law_title" not in part.coords:
+        return LAWS[law].title if law in LAWS else ""
+    return str(np.ravel(part["law_title"].values)[0])
 
 
 def _by_law(cube: xr.Dataset) -> list[tuple[str, xr.Dataset]]:

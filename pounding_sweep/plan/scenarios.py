@@ -146,7 +146,7 @@ def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
     acting, last = _effective_laws(spec, laws), len(laws) - 1
     law_of = np.array([acting[key] for key in spec.laws], np.int16)
     kind, values = spec.needed_axis("stiffness")
-    stiffness = np.array([[kind.value(v, scene=spec.scene, law=key) for v in values] for key in spec.laws])
+    stiffness = np.array([[kind.value(v, scene=spec.scene, law=spec.law(key)) for v in values] for key in spec.laws])
     n_pairs = len(spec.scene.pair_names)
     if spec.gaps is None:
         gaps, gap_ranks = np.array([spec.scene.gaps], dtype=float).reshape(1, n_pairs), np.zeros(1, np.int64)

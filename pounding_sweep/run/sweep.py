@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import os
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from pounding_sweep.spec.spec import SweepSpec
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pounding_sweep.model.laws import Law
     from pounding_sweep.model.scene import Scene
     from pounding_sweep.output.results import Outcome
     from pounding_sweep.plan.plan import Plan
@@ -274,7 +275,13 @@ def _check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
         raise SweepError(msg)
 
 
-def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = False, folders: Folders = None) -> Sweep:
+def load_sweep(
+    path: str | os.PathLike[str],
+    *,
+    skip_missing_records: bool = False,
+    folders: Folders = None,
+    laws: Sequence[str | Law] | None = None,
+) -> Sweep:
     """Read a sweep file (TOML).
 
     Parameters
@@ -286,6 +293,8 @@ def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = Fal
         as one is left; the cube's attribute ``records_left_out`` names them.
     folders : path or several, optional
         Where records are looked for by name; by default in the folders of ``POUNDING_SWEEP_RECORDS``.
+    laws : sequence of str or Law, optional
+        Contact laws, in place of the file's.
 
     Raises
     ------
@@ -294,4 +303,4 @@ def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = Fal
     """
     from pounding_sweep.spec.toml import load_spec
 
-    return Sweep.from_spec(load_spec(path, skip_missing_records=skip_missing_records, folders=folders))
+    return Sweep.from_spec(load_spec(path, skip_missing_records=skip_missing_records, folders=folders, laws=laws))

@@ -154,17 +154,28 @@ def contact_stiffness(
         return 0.0
     if stiffness is not None:
         return stiffness
-    reference = scene.contact.reference(found.exponent)
+    reference = reference_stiffness(scene, found)
     if reference is None:
         raise SweepError(_missing_reference(found.exponent, [found.key]))
     return reference * (1.0 if stiffness_factor is None else stiffness_factor)
 
 
+def reference_stiffness(scene: Scene, law: Law) -> float | None:
+    """Contact stiffness that factors scale: the scene's for that force exponent, else the law's own; or None."""
+    found = None if law.exponent is None else scene.contact.reference(law.exponent)
+    return law.reference_stiffness if found is None else found
+
+
 def _missing_reference(exponent: float, laws: Sequence[str]) -> str:
     """Say which contact property the scene lacks for laws of a force exponent."""
-    what = REFERENCE_PROPERTIES.get(exponent, f"reference stiffness for force ~ d^{exponent:g}")
+    what = REFERENCE_PROPERTIES.get(exponent)
     unit = "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
     plural = len(laws) > 1
+    if what is None:
+        return (
+            f"a reference stiffness for force ~ d^{exponent:g} ({unit}) is missing: stiffness factors of law"
+            f"{'s' * plural} {', '.join(laws)} scale it; give the law's reference_stiffness, or an absolute stiffness"
+        )
     return (
         f"{what} ({unit}) is missing: law{'s' * plural} {', '.join(laws)} need{'s' * (not plural)} it as the "
         f"reference of stiffness factors; give contact=ContactProperties({what}=...), in a file "
@@ -184,8 +195,9 @@ def by_exponent(laws: Iterable[Law]) -> dict[float, list[Law]]:
 def _need_references(scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:
     """Tell each reference stiffness that the scene lacks."""
     for exponent, group in by_exponent(laws).items():
-        if scene.contact.reference(exponent) is None:
-            yield ("scene", "contact"), _missing_reference(exponent, [law.key for law in group])
+        lacking = [law.key for law in group if reference_stiffness(scene, law) is None]
+        if lacking:
+            yield ("scene", "contact"), _missing_reference(exponent, lacking)
 
 
 def _need_one_exponent(_scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:

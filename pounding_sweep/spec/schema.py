@@ -18,7 +18,6 @@ from pydantic_core import ErrorDetails
 
 from pounding_sweep.base.errors import (
     InputError,
-    LawError,
     MissingRecordError,
     PoundingSweepError,
     SceneError,
@@ -26,7 +25,7 @@ from pounding_sweep.base.errors import (
     unknown,
 )
 from pounding_sweep.base.text import LONGEST_TITLE, label_fault
-from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, get_law
+from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene, check_gap
@@ -46,6 +45,7 @@ from pounding_sweep.spec.faults import (
     spell,
     within,
 )
+from pounding_sweep.spec.own_laws import LAW_GROUPS, find_law, names_file
 from pounding_sweep.spec.spec import (
     ACCURACY_RANGE,
     AUDIT_SHARE,
@@ -65,8 +65,6 @@ _MOST_FAULTS = 20
 CHECKED_AXIS = 10_000
 #: Time step (s) where neither a step nor an accuracy is given.
 DEFAULT_STEP = 1e-3
-#: Groups of laws that a sweep may name in place of each law.
-LAW_GROUPS = {"all": tuple(LAWS), "mate2015": MATE2015_MODELS}
 
 
 # --- scene, records, laws -------------------------------------------------------------------------------------------
@@ -129,14 +127,22 @@ def _records(given: Any, info: Any) -> tuple[list[Record], list[str]]:
     return [record for _, record in found.values()], left_out
 
 
-def _law(given: Any, groups: str = "") -> Law:
-    try:
-        return LAWS[get_law(given).key]
-    except KeyError:
-        msg = f"law {given.key!r} is not registered; add it to pounding_sweep.model.laws.LAWS"
-    except LawError:
-        msg = f"{unknown('contact law', given, LAWS)}{groups}"
-    raise InputError(msg)
+def _law(given: Any, info: Any, known: Mapping[str, Law], groups: str = "") -> Law:
+    """Return a law, and see that one of the user's own is the only one of its key; its file is run once."""
+    text = given if isinstance(given, str) else ""
+    if text and not names_file(text) and text not in LAWS:
+        if text in known:  # of a file that was named before
+            return known[text]
+        msg = f"{unknown('contact law', given, LAWS)}{groups}, or a law of your own as FILE.py:NAME"
+        raise InputError(msg)
+    files: dict[str, Law] = info.context["files"]
+    law = files.get(text) or find_law(given, info.data["base"])
+    if text:
+        files[text] = law
+    if known.get(law.key, law) != law:
+        msg = f"law {law.key!r} is another one than that of the same key before; give it another key"
+        raise InputError(msg)
+    return law
 
 
 def _laws(given: Any, info: Any) -> list[Law]:
@@ -158,7 +164,7 @@ def _laws(given: Any, info: Any) -> list[Law]:
         for index, item in enumerate(items):
             place: Place = () if isinstance(given, (str, Law)) else (index,)
             for each in LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,):
-                law = faults.attempt(place, _law, each, " (or the groups all, mate2015)")
+                law = faults.attempt(place, _law, each, info, {}, " (or the groups all, mate2015)")
                 if law is not None and law.key in found:
                     faults.add(place, f"law {law.key!r} is there already; the values of an axis must differ")
                 elif law is not None:
@@ -394,7 +400,9 @@ def _case(faults: Faults, index: int, item: Any, info: Any) -> Case:
     if item.get("law") is None:
         faults.add((*place, "law"), f"is missing; valid: {', '.join(LAWS)}")
     else:
-        law = faults.attempt((*place, "law"), _law, item["law"])
+        own = info.context["own"]
+        law = faults.attempt((*place, "law"), _law, item["law"], info, own)
+        own |= {} if law is None else {law.key: law}
     values: dict[str, Any] = {}
     for axis in AXES.values():
         key, value = axis.dimension, item.get(axis.dimension)
@@ -466,11 +474,11 @@ def _cases(given: Any, info: Any) -> tuple[Case, ...] | None:
                 faults.add((index,), f"is the same scenario as cases[{seen[case]}]")
             else:
                 seen[case] = index
-        info.context["laws"] |= {case.law: get_law(case.law) for case in seen}
+        info.context["laws"] |= {case.law: info.context["own"][case.law] for case in seen}
         if scene := info.data.get("scene"):
             for axis in AXES.values():
                 using = [case for case in seen if (case.axis(axis.column) or [None])[0] is axis]
-                laws = {case.law: get_law(case.law) for case in using}
+                laws = {case.law: info.context["own"][case.law] for case in using}
                 there = {case.record for case in using}
                 records = [record for record in info.data.get("records", ((), ()))[0] if record.name in there]
                 alone = by_exponent(laws.values()).values() if axis.column == "stiffness" else [list(laws.values())]
@@ -674,14 +682,24 @@ ARGUMENTS = (*AXES, *(name for name in SweepInput.model_fields if name != "axes"
 def check_sweep(given: dict[str, Any], *, file: bool = False) -> SweepSpec:
     """Make a sweep of the arguments of `build_spec`; pydantic's error holds every fault, see `Faults.take`."""
     axes = {name: given.pop(name) for name in (*AXES, "building") if name in given}
-    context = {"file": file, "cases": given.get("cases") is not None, "laws": {}}
+    context: dict[str, Any] = {
+        "file": file,
+        "cases": given.get("cases") is not None,
+        "laws": {},
+        "own": {},
+        "files": {},
+    }
     values = dict(SweepInput.model_validate({**given, "axes": axes}, context=context))
     for name in ("folders", "base", "skip_missing_records"):
         del values[name]
     records, left_out = values.pop("records")
-    laws = [law.key for law in values.pop("laws")]
-    if values["cases"] is not None:
-        laws = list(dict.fromkeys(case.law for case in values["cases"]))
+    del values["laws"]
+    laws: dict[str, Law] = context["laws"]
     return SweepSpec(
-        **values.pop("axes"), **values, laws=tuple(laws), records=tuple(records), records_left_out=tuple(left_out)
+        **values.pop("axes"),
+        **values,
+        laws=tuple(laws),
+        own_laws=tuple(law for key, law in laws.items() if key not in LAWS),
+        records=tuple(records),
+        records_left_out=tuple(left_out),
     )

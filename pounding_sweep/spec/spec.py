@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pounding_sweep.base.errors import SweepError
+from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
@@ -86,6 +87,8 @@ class SweepSpec(AxisValues):
         Share of the sweep's cost spent on running a sample again at a finer step; 0: none.
     records_left_out : tuple of str
         Records asked for that are missing, where going on without them was allowed.
+    own_laws : tuple of Law
+        Those laws that are not in the registry.
     """
 
     scene: Scene
@@ -105,6 +108,11 @@ class SweepSpec(AxisValues):
     accuracy: float | None = None
     audit: float = AUDIT_SHARE
     records_left_out: tuple[str, ...] = ()
+    own_laws: tuple[Law, ...] = ()
+
+    def law(self, key: str) -> Law:
+        """Return a law of the sweep by its key."""
+        return next((law for law in self.own_laws if law.key == key), None) or get_law(key)
 
     @property
     def property_axes(self) -> tuple[PropertyAxis, ...]:
@@ -129,7 +137,11 @@ class SweepSpec(AxisValues):
         found = case.axis(column)
         if found is None:
             return 0.0
-        of = {"record": self.record(case.record or self.records[0].name)} if column == "scale" else {"law": case.law}
+        of = (
+            {"record": self.record(case.record or self.records[0].name)}
+            if column == "scale"
+            else {"law": self.law(case.law)}
+        )
         return found[0].value(found[1], scene=self.scene, **of)
 
     def record(self, name: str) -> Record:
@@ -193,6 +205,8 @@ def to_json(spec: SweepSpec) -> str:
     for name in unsaid:
         if not data[name]:
             del data[name]
+    if own := data.pop("own_laws"):
+        data["own_laws"] = {law.key: {**law.described, "sha256": law.sha256} for law in own}
     data["scene"] = scene_data(spec.scene)
     data["records"] = [
         {name: getattr(record, name) for name in ("name", "sha256", "pga", "dt", "n_points", "scale", "source")}
