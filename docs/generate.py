@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.model.rebound import RELATIONS
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, STATUS, VARIABLES
 from pounding_sweep.plan.advice import measured_schemes
+from pounding_sweep.plan.sanity import LIMITS
 from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS
 from pounding_sweep.records.formats import READERS
 from pounding_sweep.schemes import SCHEMES
@@ -210,6 +212,16 @@ def _events() -> str:
     return "\n".join([*lines, ""])
 
 
+def _sanity() -> str:
+    """Return the limits of real buildings as a Markdown table."""
+    lines = ["| quantity | unit | from | to | slips that are named |", "|---|---|---:|---:|---|"]
+    for limit in LIMITS.values():
+        ends = (f"{end:.4g}" if 0.0 < end < math.inf else "-" for end in (limit.low, limit.high))
+        slips = ", ".join(slip for slip, _ in limit.slips) or "-"
+        lines.append(f"| {limit.what} | {limit.unit or '1'} | {' | '.join(ends)} | {slips} |")
+    return "\n".join([*lines, ""])
+
+
 _PAGES = {
     "laws.md": _laws,
     "schemes.md": _schemes,
@@ -225,6 +237,7 @@ _PAGES = {
     "comparisons.txt": _comparisons,
     "separation_rules.txt": _separation_rules,
     "events.txt": _events,
+    "sanity.txt": _sanity,
     "gallery.md": gallery_page,
 }
 

@@ -124,7 +124,7 @@ def plan_command(
     as_json: AsJson = False,
 ) -> None:
     """Say what a sweep would run, and at what cost; nothing is run."""
-    with reporting():
+    with reporting() as said:
         from pounding_sweep.engine.compile import still_to_compile
         from pounding_sweep.outputs.variables import Status
         from pounding_sweep.run.execute import check_scheduler
@@ -137,7 +137,7 @@ def plan_command(
         found |= {"kernels_to_compile": missing, "compile_seconds": seconds}
         limit = float(plan.limit[plan.refused].min()) if plan.refused.any() else None
         found["largest_stable_step"] = limit
-        found["records_left_out"] = list(job.spec.records_left_out)
+        found |= {"records_left_out": list(job.spec.records_left_out), "warnings": said}
         found["own_laws"] = {law.key: law.sha256 for law in job.spec.own_laws}
         if as_json:
             print_json(found)

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.base.errors import OutputError, RunError, SweepError, WriteError
+from pounding_sweep.base.errors import OutputError, RunError, SweepError, UnlikelyWarning, WriteError
 from pounding_sweep.output.provenance import package_digest
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import SweepSpec
@@ -96,13 +96,21 @@ class Sweep:
     def plan(self) -> Plan:
         """Return what would be run; nothing is.
 
+        Warns
+        -----
+        UnlikelyWarning
+            A value is outside any real building; the text names the likely slip of units.
+
         Raises
         ------
         SweepError
             The plan does not fit into the memory that is free.
         """
         from pounding_sweep.plan.plan import PLAN_BYTES, make_plan
+        from pounding_sweep.plan.sanity import doubts
 
+        for text in doubts(self.spec):
+            warnings.warn(text, UnlikelyWarning, stacklevel=2)
         _check_memory(self.spec.n_scenarios, PLAN_BYTES, "planning", "take fewer values on an axis")
         return make_plan(self.spec)
 
@@ -138,6 +146,11 @@ class Sweep:
             running all of them gives. It may be `out` itself, with `overwrite`. The attribute
             ``extended_from`` says how many, and what that cube says of itself.
 
+        Warns
+        -----
+        UnlikelyWarning
+            A value asked for, or a storey drift that came of it, is outside any real building.
+
         Returns
         -------
         xarray.Dataset
@@ -169,6 +182,7 @@ class Sweep:
         """
         from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
         from pounding_sweep.output.netcdf import check_output, open_cube
+        from pounding_sweep.plan.sanity import doubts_of
         from pounding_sweep.resume.checkpoint import ChunkStore, identity_of, parts_folder
         from pounding_sweep.resume.reuse import EarlierCube, extension_attributes
         from pounding_sweep.run.audit import audit
@@ -231,6 +245,8 @@ class Sweep:
                 except OutputError as error:
                     msg = f"the cube {str(target)!r} is complete, but not all of its chunks are removed: {error}"
                     warnings.warn(msg, RuntimeWarning, stacklevel=2)
+        for text in doubts_of(plan.spec.scene, outcome.results.largest_drift):
+            warnings.warn(text, UnlikelyWarning, stacklevel=2)
         return cube
 
 
