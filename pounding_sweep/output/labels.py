@@ -152,11 +152,13 @@ def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
     for column, (name, dim, about) in _COMES_TO.items():
         axis, values = spec.needed_axis(column)
         if axis.dimension != column:
-            each: list[dict[str, Any]] = [{dim: spec.law(key)} for key in spec.laws]
-            each = each if dim == "law" else [{dim: record} for record in spec.records]
-            table = [[axis.value(v, scene=spec.scene, **of) for v in values] for of in each]
-            none = [[dim == "law" and of["law"].exponent is None] for of in each]
-            extra[name] = ((dim, axis.dimension), np.where(none, np.nan, table), about)
+            laws = [spec.law(key) for key in spec.laws]
+            if dim == "law":
+                each = [[axis.value(v, scene=spec.scene, law=law) for v in values] for law in laws]
+                table = np.where([[law.exponent is None] for law in laws], np.nan, each)
+            else:
+                table = np.array([[spec.scale(axis, v, record) for v in values] for record in spec.records])
+            extra[name] = ((dim, axis.dimension), table, about)
     realised = [realised_restitution(spec.law(key), spec.restitutions, spec.restitution_basis) for key in spec.laws]
     extra["restitution_realised"] = (("law", "restitution"), np.array(realised, float), _REALISED)
     extra["record_pga"] = (
@@ -235,6 +237,8 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         found["time_step"] = [r.dt / plan.numerics.steps(r) for r in spec.records]
     else:
         found |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
+    if spec.sa_period is not None:
+        found["sa_period"] = spec.sa_period
     if spec.records_left_out:
         found["records_left_out"] = spec.records_left_out
     if spec.title:

@@ -195,7 +195,7 @@ def _scales(spec: SweepSpec) -> Iterator[tuple[str, float, float]]:
     axis, values = spec.needed_axis("scale")
     for record in spec.records:
         for value in values:
-            yield record.name, axis.value(value, scene=spec.scene, record=record), record.pga
+            yield record.name, spec.scale(axis, value, record), record.pga
 
 
 def _contact_stiffnesses(spec: SweepSpec, exponent: float) -> Iterator[float]:

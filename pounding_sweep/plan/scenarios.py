@@ -155,7 +155,7 @@ def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
         gaps = np.broadcast_to(np.array(spec.gaps, dtype=float)[:, None], (len(spec.gaps), n_pairs))
     restitutions = np.array(spec.restitutions, dtype=float)
     kind, scales = spec.needed_axis("scale")
-    factors = np.array([[kind.value(v, scene=spec.scene, record=record) for v in scales] for record in spec.records])
+    factors = np.array([[spec.scale(kind, v, record) for v in scales] for record in spec.records])
     alike = bool((factors == factors[0]).all())  # whatever the record
     variants = product_variants(spec.scene, spec.property_axes)
     first_variant = len(variants) > 1  # behind the scene as given

@@ -63,6 +63,8 @@ from pounding_sweep.spec.tables import read_range, read_scene, record_table
 _MOST_FAULTS = 20
 #: Axes of at most so many values are checked value by value even in a sweep that is too large.
 CHECKED_AXIS = 10_000
+#: Least and largest period (s) that records can be scaled at.
+SA_PERIODS = (0.01, 20.0)
 #: Time step (s) where neither a step nor an accuracy is given.
 DEFAULT_STEP = 1e-3
 
@@ -170,6 +172,17 @@ def _laws(given: Any, info: Any) -> list[Law]:
                 elif law is not None:
                     found[law.key] = law
     return list(found.values())
+
+
+def _check_parameters(faults: Faults, info: Any, asked: Collection[str]) -> None:
+    """Note parameters of axes that are missing, or given without the axis; `asked`: dimensions that there are."""
+    for name, axis in AXES.items():
+        if axis.parameter and axis.parameter in info.data:
+            there = info.data[axis.parameter] is not None
+            if axis.dimension in asked and not there:
+                faults.add(Root((axis.parameter,)), f"is missing: {name} needs it; give the period in s")
+            elif there and axis.dimension not in asked:
+                faults.add(Root((axis.parameter,)), f"is of no use without {name}; leave it out")
 
 
 def _no_axis(given: Any) -> None:
@@ -325,6 +338,7 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
             product = " x ".join(f"{count} {name}" for name, count in sizes.items())
             text = f"{product} = {size} scenarios ({size:.3g}); at most {MAX_SCENARIOS} in one sweep: split it"
             faults.add(Root(()), text)
+        _check_parameters(faults, info, [axis.dimension for name, axis in AXES.items() if given.get(name) is not None])
         for column in COLUMNS:
             choices = {name: axis for name, axis in AXES.items() if axis.column == column}
             there = [name for name in choices if given.get(name) is not None]
@@ -474,6 +488,8 @@ def _cases(given: Any, info: Any) -> tuple[Case, ...] | None:
                 faults.add((index,), f"is the same scenario as cases[{seen[case]}]")
             else:
                 seen[case] = index
+        chosen = [found[0].dimension for case in seen for column in COLUMNS if (found := case.axis(column))]
+        _check_parameters(faults, info, chosen)
         info.context["laws"] |= {case.law: info.context["own"][case.law] for case in seen}
         if scene := info.data.get("scene"):
             for axis in AXES.values():
@@ -494,6 +510,10 @@ def _record_of(item: Any) -> Any:
 
 
 # --- settings -------------------------------------------------------------------------------------------------------
+
+
+def _sa_period(given: Any) -> float | None:
+    return None if given is None else number(given, "period in s", within("sa_period (s)", *SA_PERIODS))
 
 
 def _automatic(info: Any) -> bool:
@@ -644,6 +664,7 @@ class SweepInput(Table):
     restitution_basis: Annotated[Any, _choice(tuple(RESTITUTION_BASES), None)] = Field(
         "published", description="a text"
     )
+    sa_period: Annotated[Any, PlainValidator(_sa_period)] = Field(None, description="a number in s")
     laws: Annotated[Any, PlainValidator(_laws)] = Field(
         None, description="a name or a list of names", validate_default=True
     )

@@ -20,6 +20,7 @@ from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import (
     AXES,
     REFERENCE_PROPERTIES,
+    Axis,
     AxisValues,
     Case,
     PropertyAxis,
@@ -89,6 +90,8 @@ class SweepSpec(AxisValues):
         Records asked for that are missing, where going on without them was allowed.
     own_laws : tuple of Law
         Those laws that are not in the registry.
+    sa_period : float or None
+        Period (s) of the axis `sas`.
     """
 
     scene: Scene
@@ -109,6 +112,11 @@ class SweepSpec(AxisValues):
     audit: float = AUDIT_SHARE
     records_left_out: tuple[str, ...] = ()
     own_laws: tuple[Law, ...] = ()
+    sa_period: float | None = None
+
+    def scale(self, axis: Axis, value: float, record: Record) -> float:
+        """Return the factor on a record that a value of an axis means."""
+        return axis.value(value, scene=self.scene, record=record, sa_period=self.sa_period)
 
     def law(self, key: str) -> Law:
         """Return a law of the sweep by its key."""
@@ -137,12 +145,9 @@ class SweepSpec(AxisValues):
         found = case.axis(column)
         if found is None:
             return 0.0
-        of = (
-            {"record": self.record(case.record or self.records[0].name)}
-            if column == "scale"
-            else {"law": self.law(case.law)}
-        )
-        return found[0].value(found[1], scene=self.scene, **of)
+        if column == "scale":
+            return self.scale(*found, self.record(case.record or self.records[0].name))
+        return found[0].value(found[1], scene=self.scene, law=self.law(case.law))
 
     def record(self, name: str) -> Record:
         """Return the record of that name; KeyError if the sweep has none."""
@@ -205,6 +210,8 @@ def to_json(spec: SweepSpec) -> str:
     for name in unsaid:
         if not data[name]:
             del data[name]
+    if data["sa_period"] is None:
+        del data["sa_period"]
     if own := data.pop("own_laws"):
         data["own_laws"] = {law.key: {**law.described, "sha256": law.sha256} for law in own}
     data["scene"] = scene_data(spec.scene)

@@ -223,7 +223,7 @@ SECTIONS: dict[str, dict[str, str]] = {
     "sweep": {
         name: name
         for name in (
-            *("records", "laws", "restitution_basis", "cases", "building"),
+            *("records", "laws", "restitution_basis", "cases", "building", "sa_period"),
             *(name for name, axis in AXES.items() if not axis.by_building),
         )
     },
