@@ -20,9 +20,9 @@ source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 #: Pages that are run; what they printed is added in generated/.
 _RUN = ("start.md", "tutorial.md", "reading.md", "own_law.md")
 exclude_patterns = ["_build", *_RUN]
-html_theme = "alabaster"
+html_theme = "furo"
+html_title = "pounding_sweep: parametric sweeps of seismic pounding"
 html_static_path = ["_static"]
-html_theme_options = {"description": "Parametric sweeps of seismic pounding", "page_width": "1000px"}
 numpydoc_show_class_members = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
