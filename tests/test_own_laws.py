@@ -128,7 +128,9 @@ def test_a_law_that_is_complete_stays_as_it_is():
         ({"elastic": "k*d*r"}, r"elastic 'k\*d\*r' begins as d\^1\.5, and the exponent is 1"),
         ({"elastic": "k*d", "elastic_slope": "2*k"}, r"elastic_slope '2\*k' is not the derivative of 'k\*d' by d"),
         ({"elastic": "k*max(d, 0.5*d)"}, "the slope of 'max\\(d, 0.5 \\* d\\)' is not known"),
-        ({"damper": "c"}, "damper, damping and number belong together"),
+        ({"damper": "c"}, "damper and damping belong together"),
+        ({"number": "1 - e"}, "damper and damping belong together"),
+        ({"damper": "c*r", "damping": "viscous"}, "number is missing, and no closed form is known of the rebound"),
         ({"damping": "viscuous"}, "unknown damping 'viscuous'; did you mean 'viscous'"),
         ({"damper": "c", "damping": "viscous", "number": "log(e)"}, "damping number 'log\\(e\\)' at e = 0.05"),
         ({"damper": "c", "damping": "viscous", "number": "1 - x"}, "holds 'x' at column 5; it may hold numbers, e, pi"),
@@ -330,6 +332,25 @@ def test_relations_that_follow_are_those_of_a_solver(given, e):
     mine = law(**given)
     assert solved_restitution(mine, e) == pytest.approx(float(realised_restitution(mine, e)), abs=1e-10)
     assert solved_restitution(mine, e, basis="realised") == pytest.approx(e, abs=1e-10)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"exponent": 2.0, "damper": "c*d**0.5", "damping": "viscous"},
+        {"exponent": 1.25, "damper": "c*d**1.25", "damping": "elastic", "approach_only": True},
+        {"damper": "c", "damping": "viscous", "tension": True},
+    ],
+    ids=["clipped", "approach", "tension"],
+)
+def test_a_number_that_is_left_out_is_solved(given):
+    mine = law(**given)
+    assert mine.number == "solved"
+    assert mine == law_of(json.loads(json.dumps(mine.described)))
+    for e in (0.1, 0.6, 0.95):
+        assert solved_restitution(mine, e) == pytest.approx(e, abs=1e-10)
+        assert float(realised_restitution(mine, e)) == pytest.approx(e, rel=1e-12)
+    assert mine.zero_restitution == bool(mine.tension)
 
 
 def test_a_law_whose_rebound_depends_on_its_speed_has_no_relation():

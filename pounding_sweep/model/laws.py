@@ -57,13 +57,15 @@ from pounding_sweep.model.rebound import RELATIONS, YIELD_SHARE, RelationName, c
 RESTING_SPEED = 1.0e-3
 
 Number = Callable[[np.ndarray], np.ndarray]
+#: Damping number of a law of a user's own that none was published for: the one of the realised restitution.
+SOLVED = "solved"
 
 
 @dataclass(frozen=True)
 class Law:
     """One contact law: expressions, parameters, validity and source.
 
-    A law of one's own needs ``key`` and ``exponent``; with damping ``damper``, ``damping`` and ``number`` too. What
+    A law of one's own needs ``key`` and ``exponent``; with damping ``damper`` and ``damping`` too. What
     else is left out follows from these.
 
     Attributes
@@ -86,7 +88,8 @@ class Law:
     damping : {"none", "viscous", "elastic", "jump", "yield"}
         How the damping number becomes the coefficient ``c``.
     number : callable, str or None
-        Published damping number of e (dimensionless); of a law of one's own a formula such as ``"1.5*(1 - e)"``.
+        Published damping number of e (dimensionless); of a law of one's own a formula such as ``"1.5*(1 - e)"``, or
+        ``"solved"``, as without any: the number with which two free masses rebound at exactly e.
     number_text : str
         The same as text, with its usual symbol.
     relation : str
@@ -307,9 +310,9 @@ def _completed(law: Law) -> dict[str, Any]:
     elastic = law.elastic or ("k*d" if n == 1.0 else f"k*d**{n:g}")
     if law.damping not in ("none", "viscous", "elastic"):
         raise LawError(unknown("damping", law.damping, ("none", "viscous", "elastic")))
-    if bool(law.damper) != (law.damping != "none") or (law.number is None) != (law.damping == "none"):
+    if bool(law.damper) != (law.damping != "none") or (law.number is not None and not law.damper):
         msg = (
-            "damper, damping and number belong together: give all three (damping 'viscous' or 'elastic'), or none of "
+            "damper and damping belong together: give both (damping 'viscous' or 'elastic') and its number, or none of "
             "them for a law without damping"
         )
         raise LawError(msg)
@@ -328,13 +331,14 @@ def _completed(law: Law) -> dict[str, Any]:
         damper, slopes["damper_slope"] = formulas.cut(damper), formulas.cut(slopes["damper_slope"])
     if n > 1.0 and not law.elastic_slope:
         elastic, slopes["elastic_slope"] = formulas.cut(elastic), formulas.cut(slopes["elastic_slope"])
-    if isinstance(law.number, str):
-        formulas.check(law.number, formulas.NUMBER_NAMES)
+    number = SOLVED if damper and law.number is None else law.number
+    if isinstance(number, str) and number != SOLVED:
+        formulas.check(number, formulas.NUMBER_NAMES)
         with np.errstate(all="ignore"):
-            numbers = formulas.on_arrays(law.number, e=_NOMINAL)
+            numbers = formulas.on_arrays(number, e=_NOMINAL)
         if not (np.isfinite(numbers) & (numbers >= 0.0)).all():
             at = _NOMINAL[~(np.isfinite(numbers) & (numbers >= 0.0))][0]
-            msg = f"its damping number {law.number!r} at e = {at:.3g} must be a number >= 0 for every 0 < e <= 1"
+            msg = f"its damping number {number!r} at e = {at:.3g} must be a number >= 0 for every 0 < e <= 1"
             raise LawError(msg)
     spring = _force(elastic, n, "elastic")
     power = float(np.round(np.log2(spring[1] / spring[0]), 6))
@@ -351,6 +355,13 @@ def _completed(law: Law) -> dict[str, Any]:
         relation, factor = _relation(law, spring, dashpot) if damper else ("", 1.0)
     elif relation and relation not in RELATIONS:
         raise LawError(unknown("relation", relation, RELATIONS))
+    if number == SOLVED and not relation:
+        msg = (
+            "number is missing, and no closed form is known of the rebound: it may depend on the approach velocity; "
+            "give the damping number as published, a formula of e"
+        )
+        raise LawError(msg)
+    ends = number == SOLVED and math.isfinite(RELATIONS[relation or ""].at_zero)
     pressing = f"{shape} + {law.damper}*v" if damper else shape
     free = law.approach_only or law.tension or not damper
     text = f"F = {pressing if free else f'max(0, {pressing})'}"
@@ -364,7 +375,10 @@ def _completed(law: Law) -> dict[str, Any]:
         "relation": relation,
         "relation_factor": factor,
         "formula": law.formula or text,
-        "number_text": law.number_text or (law.number if isinstance(law.number, str) else ""),
+        "exponent": float(n),
+        "number": number,
+        "number_text": law.number_text or (number if isinstance(number, str) else ""),
+        "zero_restitution": law.zero_restitution or ends,
     }
 
 
@@ -765,6 +779,8 @@ def damping_number(law: Law, e: Any, basis: str = "published") -> np.ndarray:
 
 def _published(law: Law, e: np.ndarray) -> np.ndarray:
     """Damping number by the published formula."""
+    if law.number == SOLVED:
+        return realised_number(law, e)
     if isinstance(law.number, str):
         return formulas.on_arrays(law.number, e=e) * np.ones(e.shape)
     assert law.number is not None
