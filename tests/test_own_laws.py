@@ -60,8 +60,8 @@ FORMULAS = st.recursive(
         st.builds("({} * {})".format, inner, inner),
         st.builds("({} / (1.5 + {}**2))".format, inner, inner),
         st.builds("sqrt({0} * {0} + d)".format, inner),
-        st.builds("({0} * {0} + d)**{1}".format, inner, st.sampled_from(["2", "0.75", "1.3", "(5/4)", "-0.5", "0"])),
-        st.builds("-{}".format, inner),
+        st.builds("(({0} * {0} + d)**{1})".format, inner, st.sampled_from(["2", "0.75", "1.3", "(5/4)", "-0.5", "0"])),
+        st.builds("(-{})".format, inner),
     ),
     max_leaves=6,
 )
