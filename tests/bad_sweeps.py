@@ -256,6 +256,14 @@ EDITS = [
         "gaps = [0.01, 0.02]", "gaps = 0.01", "", 'preset = "mate2015"', "gaps = ['x']", "gaps = [true]",
         'preset = 3\ngaps = [0.01]', "gasp = [0.01]", "contact = 3\ngaps = [0.01]", "dt = 3\ngaps = [0.01]",
     )),
+    *(("gaps = [0.01]", f"gaps = [0.01]\n{text}") for text in (
+        "tolerance = -1e-3", "tolerance = 'x'", "allow_unmet = 3", "storeys = 3", "storeys = {left = [1]}",
+        "storeys = {'left-moat wall' = 1}", "storeys = {'left-moat wall' = []}", "storeys = {'left-moat wall' = ['x']}",
+        "storeys = {'left-moat wall' = [2, 7]}", "storeys = {'left-moat wall' = [1]}",
+    )),
+    *(("storey_heights = [3.0, 3.5]", f"slab_depths = {text}") for text in (
+        "0.3", "[0.3]", "[0.3, 'x']", "[-0.3, inf]", "[0.3, 3.0]", "[0.0, 0.3]",
+    )),
     *(("wall = true", text) for text in ("wall = false", "", "wall = true\nwidth = 3")),
     *(('"moat wall"', text) for text in ('""', '"left"', "3", '"a\\nb"')),
     *(('"left"', text) for text in ('" "', "3")),

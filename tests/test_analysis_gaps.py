@@ -127,7 +127,9 @@ class TestRules:
             assert float(found.sel(rule=rule, pair="low-wall")) == pytest.approx(highest)
 
     def test_floors_that_never_meet_need_no_gap(self):
-        scene = Scene([Building("a", [1.0], [1.0]), Building("b", [1.0], [1.0], storey_heights=[4.0])], [0.1])
+        scene = Scene(
+            [Building("a", [1.0], [1.0]), Building("b", [1.0], [1.0], storey_heights=[4.0])], [0.1], allow_unmet=True
+        )
         found = required_gap(told(scene))
         assert found.exact.isnull().all()
         assert found.rule_gap.isnull().all()

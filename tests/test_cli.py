@@ -36,6 +36,8 @@ from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.resume.checkpoint import MANIFEST
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.sweep import load_sweep
+from pounding_sweep.spec.overview import overview
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 ROOT = Path(__file__).resolve().parent.parent
@@ -283,7 +285,11 @@ def test_plan_says_what_is_refused(tmp_path):
 
 def test_run_prints_a_summary_and_the_path(tiny):
     folder, done = tiny
-    lines = done.stdout.splitlines()
+    row, *lines = done.stdout.split("\n\n", 1)
+    assert row == "\n".join(
+        f"{name:8}  {text}" for name, text in overview(load_sweep(folder / "sweep.toml").spec.scene)
+    )
+    lines = "".join(lines).splitlines()
     assert lines[0].split() == ["law", "pair", "peak", "force", "kN", "impacts", "median", "touching"]
     assert lines[1].startswith("kelvin_voigt")
     assert lines[1].endswith("4/6")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.rebuild import records_of, scene_of, stored_sweep
+from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.scenarios import (
     NO_POUNDING,
     law_keys,
@@ -26,6 +26,7 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.spec.axes import AXES, DIMENSIONS, PropertyAxis, axes_of, case_of, property_axes
+from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -62,7 +63,7 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
     """Return the runs without pounding that belong to a cube; see `required_gap`."""
     cube = scenarios_only(cube)
     sweep = stored_sweep(cube)
-    scene = scene_of(sweep)
+    scene = scene_of(sweep["scene"])
     _check_pairs(scene)
     whole = {"building", "pair", "storey"} <= set(cube.dims)  # a part of the row is no row
     there = whole and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)

@@ -77,6 +77,7 @@ def run_command(
         outcome = job.last_outcome
         assert outcome is not None
         report = {
+            "row": _row(job),
             **_run_report(job.spec.n_scenarios, outcome),
             "extended_from": json.loads(cube.attrs.get("extended_from", "null")),
             "accuracy_choice": cube.attrs.get("accuracy_choice", ""),
@@ -126,10 +127,12 @@ def plan_command(
         limit = float(plan.limit[plan.refused].min()) if plan.refused.any() else None
         found["largest_stable_step"] = limit
         found["records_left_out"] = list(job.spec.records_left_out)
+        found["row"] = _row(job)
         if as_json:
             print_json(found)
             return
         print(printable(str(job.spec.title or sweep)))
+        _print_row(found["row"])
         axes = " x ".join(f"{len(values)} {name}" for name, values in job.spec.axes.items())
         least = found["steps_least"]
         steps = ", ".join(
@@ -155,6 +158,19 @@ def plan_command(
         print_pairs(rows)
 
 
+def _row(job: Sweep) -> list[dict[str, str]]:
+    """Describe the row of a sweep, one entry per building and pair."""
+    from pounding_sweep.spec.overview import overview
+
+    return [{"name": name, "about": text} for name, text in overview(job.spec.scene)]
+
+
+def _print_row(row: list[dict[str, str]]) -> None:
+    """Print what is to be known of the row, one line per building and pair."""
+    print_pairs([(each["name"], each["about"]) for each in row])
+    print()
+
+
 def _run_report(asked: int, outcome: Outcome) -> dict[str, Any]:
     """Collect the counts and times of a run."""
     unique = len(outcome.results.status)
@@ -177,6 +193,7 @@ def _run_report(asked: int, outcome: Outcome) -> dict[str, Any]:
 
 def _print_run(report: dict[str, Any]) -> None:
     counts = report["scenarios"]
+    _print_row(report["row"])
     rows = [
         [
             row["law"],

@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from pounding_sweep.base.errors import SceneError, shown
+from pounding_sweep.base.errors import SceneError, shown, unknown
 from pounding_sweep.base.text import label_fault
+from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, facing_columns, level_floors
 
-#: Floors of neighbours meet where their elevations agree within this (m).
-FLOOR_TOLERANCE = 1.0e-3
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
 
@@ -75,11 +74,14 @@ class Building:
         building has c = 2 zeta w m.
     storey_heights : sequence of float, optional
         Storey heights (m), 3 m each where not given.
+    slab_depths : sequence of float, optional
+        Depths of the floors' slabs (m), from the floor's elevation down, each less than its
+        storey's height; 0 where not given. Floors of neighbours meet where their slabs overlap.
 
     Raises
     ------
     SceneError
-        A value is not positive, or the lists differ in length.
+        A value is out of range, or the lists differ in length.
 
     Examples
     --------
@@ -93,6 +95,7 @@ class Building:
     stiffnesses: Sequence[float]
     damping_ratio: float | tuple[float, float] = 0.05
     storey_heights: Sequence[float] | None = None
+    slab_depths: Sequence[float] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         _check_name("building", self.name)
@@ -103,6 +106,8 @@ class Building:
         object.__setattr__(self, "stiffnesses", _positive_list(owner, "stiffnesses", "kN/m", self.stiffnesses, n))
         heights = [DEFAULT_STOREY_HEIGHT] * n if self.storey_heights is None else self.storey_heights
         object.__setattr__(self, "storey_heights", _positive_list(owner, "storey_heights", "m", heights, n))
+        if self.slab_depths is not None:
+            object.__setattr__(self, "slab_depths", self._checked_depths(owner))
         given = self.damping_ratio
         ratios = tuple(given) if isinstance(given, (tuple, list)) else (given,)
         if len(ratios) not in (1, 2) or not all(
@@ -122,10 +127,30 @@ class Building:
             )
             raise SceneError(msg)
 
+    def _checked_depths(self, owner: str) -> tuple[float, ...]:
+        depths, heights = _numbers(f"{owner}: slab_depths", "m", self.slab_depths or ()), self.storey_heights
+        assert heights is not None
+        if len(depths) != len(heights):
+            msg = f"{owner}: {len(depths)} slab_depths for {len(heights)} masses; give one value per storey"
+            raise SceneError(msg)
+        for storey, (depth, height) in enumerate(zip(depths, heights, strict=True), start=1):
+            if not 0.0 <= depth < height:
+                msg = (
+                    f"{owner}: slab_depths of storey {storey} is {shown(depth)} m; it must be zero or positive, and "
+                    f"less than the storey's height of {height:g} m"
+                )
+                raise SceneError(msg)
+        return depths
+
     @property
     def n_storeys(self) -> int:
         """Number of storeys."""
         return len(self.masses)
+
+    @property
+    def slabs(self) -> Slabs:
+        """Elevations and depths of the floors' slabs (m), shape (n_storeys,) each."""
+        return self.elevations, np.zeros(self.n_storeys) if self.slab_depths is None else np.array(self.slab_depths)
 
     @cached_property
     def elevations(self) -> np.ndarray:
@@ -177,7 +202,7 @@ def rayleigh_factors(frequencies: np.ndarray, ratios: tuple[float, float]) -> tu
 class Wall:
     """A rigid wall (moat wall, barrier) at an end of the row; it moves with the ground.
 
-    It meets every floor of its neighbour.
+    It meets every floor of its neighbour, unless the scene limits the pair to some storeys.
     """
 
     name: str = "wall"
@@ -256,12 +281,20 @@ class Scene:
         Gap of each pair of neighbours (m), ``len(row) - 1`` of them.
     contact : ContactProperties, optional
         Reference contact stiffnesses and restitution.
+    tolerance : float
+        Floors whose slabs miss each other by no more than this in elevation (m) meet.
+    storeys : mapping of str to sequence of int, optional
+        Pairs, by their names, that meet at these storeys alone, as results number them; the
+        others meet wherever they can. A moat wall may meet an isolated first floor only.
+    allow_unmet : bool
+        Accept pairs with no floors that meet, which pass through each other.
 
     Raises
     ------
     SceneError
         No building, a wall inside the row, names that repeat, a wrong number of
-        gaps or a gap below zero.
+        gaps, a gap below zero, a pair with no floors that meet, a floor that is level with
+        several of a neighbour, or a storey named that meets nothing.
 
     Examples
     --------
@@ -277,6 +310,9 @@ class Scene:
     row: Sequence[Building | Wall]
     gaps: Sequence[float] = ()
     contact: ContactProperties = field(default_factory=ContactProperties)
+    tolerance: float = field(default=FLOOR_TOLERANCE, kw_only=True)
+    storeys: Mapping[str, Sequence[int]] | Sequence[tuple[str, Sequence[int]]] = field(default=(), kw_only=True)
+    allow_unmet: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         if isinstance(self.row, (Building, Wall)) or not isinstance(self.row, Iterable):
@@ -315,6 +351,45 @@ class Scene:
         for name, gap in zip(self.pair_names, gaps, strict=True):
             check_gap(gap, f"gap of pair {name!r}")
         object.__setattr__(self, "gaps", gaps)
+        self._check_meetings()
+
+    def _check_meetings(self) -> None:
+        """Check where floors meet; limits become pairs of a name and storeys, so that scenes are values."""
+        if not (isinstance(self.tolerance, numbers.Real) and 0 <= self.tolerance < math.inf):
+            msg = f"tolerance is {shown(self.tolerance)} m; it must be zero or a positive number"
+            raise SceneError(msg)
+        limits, names = self._checked_limits(), self.pair_names
+        object.__setattr__(self, "storeys", tuple((name, limits[name]) for name in names if name in limits))
+        for pair, name in enumerate(names):
+            there = {contact.storey for contact in self._everywhere if contact.pair == pair}
+            for storey in limits.get(name, ()):
+                if storey not in there:
+                    where = f"those that do: {', '.join(map(str, sorted(there)))}" if there else "none of the pair does"
+                    msg = f"storeys of pair {name!r}: storey {shown(storey)} meets nothing; {where}"
+                    raise SceneError(msg)
+            if not there and not self.allow_unmet:
+                msg = f"pair {name!r} has no floors that meet: {self._elevations_of(pair)}; {_UNMET_REMEDY}"
+                raise SceneError(msg)
+
+    def _checked_limits(self) -> dict[str, tuple[int, ...]]:
+        """Storeys by the names of the pairs that are limited to them."""
+        try:
+            limits = {name: tuple(listed) for name, listed in dict(self.storeys).items()}
+        except (TypeError, ValueError):
+            msg = f"storeys must be lists of storeys by the names of their pairs, not {shown(self.storeys)}"
+            raise SceneError(msg) from None
+        for name, listed in limits.items():
+            if name not in self.pair_names:
+                raise SceneError(unknown("pair in storeys", name, self.pair_names))
+            if not listed:
+                msg = f"storeys of pair {name!r} are none; name those that meet, or leave the pair out"
+                raise SceneError(msg)
+        return limits
+
+    def _elevations_of(self, pair: int) -> str:
+        """Say where the floors of a pair of buildings stand."""
+        both = [item for item in self.row[pair : pair + 2] if isinstance(item, Building)]
+        return ", ".join(f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.elevations)} m" for b in both)
 
     @property
     def buildings(self) -> tuple[Building, ...]:
@@ -341,20 +416,34 @@ class Scene:
         """First degree of freedom of each building, and the total at the end."""
         return tuple(int(i) for i in np.cumsum([0] + [b.n_storeys for b in self.buildings]))
 
+    def faced(self, pair: int) -> tuple[list[Facing], list[Facing]]:
+        """Floors of the left and of the right neighbour of a pair that stand before columns of the other."""
+        left, right = self.row[pair : pair + 2]
+        if isinstance(left, Wall) or isinstance(right, Wall):
+            return [], []
+        level = level_floors(left.slabs, right.slabs, self.tolerance)
+        ours, theirs = [s for s, _ in level], [t for _, t in level]
+        return facing_columns(left.slabs, right.slabs, ours), facing_columns(right.slabs, left.slabs, theirs)
+
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
         """All floors that can meet, pair by pair, bottom first."""
+        limits, names = dict(self.storeys), self.pair_names
+        return tuple(c for c in self._everywhere if c.storey in limits.get(names[c.pair], (c.storey,)))
+
+    @cached_property
+    def _everywhere(self) -> tuple[Contact, ...]:
+        """All floors that could meet, were pairs not limited to storeys."""
         first = 1 if isinstance(self.row[0], Wall) else 0
         found: list[Contact] = []
         for pair, (left, right) in enumerate(zip(self.row[:-1], self.row[1:], strict=True)):
             if isinstance(left, Building) and isinstance(right, Building):
                 i, j = self.offsets[pair - first : pair - first + 2]
-                for s, z in enumerate(left.elevations):
-                    meets = np.flatnonzero(np.abs(right.elevations - z) <= FLOOR_TOLERANCE)
-                    if meets.size:
-                        t = int(meets[0])
-                        m1, m2 = left.masses[s], right.masses[t]
-                        found.append(Contact(pair, s + 1, i + s, j + t, m1 * m2 / (m1 + m2)))
+                level = level_floors(left.slabs, right.slabs, self.tolerance)
+                self._check_single(pair, level)
+                for s, t in level:
+                    m1, m2 = left.masses[s], right.masses[t]
+                    found.append(Contact(pair, s + 1, i + s, j + t, m1 * m2 / (m1 + m2)))
             elif isinstance(left, Building):
                 i = self.offsets[pair - first]
                 found += [Contact(pair, s + 1, i + s, -1, m) for s, m in enumerate(left.masses)]
@@ -364,7 +453,22 @@ class Scene:
 
     def with_gaps(self, gaps: Sequence[float]) -> Scene:
         """Return the same row with other gaps (m)."""
-        return Scene(self.row, gaps, self.contact)
+        return replace(self, gaps=gaps)
+
+    def _check_single(self, pair: int, level: Sequence[tuple[int, int]]) -> None:
+        """Check that a floor meets one of its neighbour's, so that results can be told by storey."""
+        for mine, other, side in ((self.row[pair], self.row[pair + 1], 0), (self.row[pair + 1], self.row[pair], 1)):
+            floors = [ends[side] for ends in level]
+            if several := sorted({s for s in floors if floors.count(s) > 1}):
+                msg = (
+                    f"floor {several[0] + 1} of {mine.name!r} is level with {floors.count(several[0])} floors of "
+                    f"{other.name!r}; give smaller slab_depths or a smaller tolerance, so that it meets one"
+                )
+                raise SceneError(msg)
+
+
+#: What to do about neighbours whose floors don't meet.
+_UNMET_REMEDY = "give slab_depths by which they do, or allow_unmet = true where they are meant to miss each other"
 
 
 def check_gap(gap: float, what: str = "gap") -> None:

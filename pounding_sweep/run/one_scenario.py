@@ -186,12 +186,8 @@ def _varied(scene: Scene, case: Case) -> Scene:
         if isinstance(item, Wall):
             return item
         mass, period = masses.get(item.name, 1.0), periods.get(item.name, 1.0)
-        return Building(
-            item.name,
-            [mass * m for m in item.masses],
-            [mass / period**2 * k for k in item.stiffnesses],
-            item.damping_ratio if case.damping_ratio is None else case.damping_ratio,
-            item.storey_heights,
-        )
+        ratio = item.damping_ratio if case.damping_ratio is None else case.damping_ratio
+        stiffnesses = [mass / period**2 * k for k in item.stiffnesses]
+        return replace(item, masses=[mass * m for m in item.masses], stiffnesses=stiffnesses, damping_ratio=ratio)
 
-    return Scene([varied(item) for item in scene.row], scene.gaps, scene.contact)
+    return replace(scene, row=[varied(item) for item in scene.row])
