@@ -250,6 +250,24 @@ variables = ["displacement_mx"]
 """
 SMALL = '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\nlaws = ["linear"]\n'
 _CASES = '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\n'
+#: A row whose floors are not level.
+_STAGGERED = """
+[scene]
+gaps = [0.01]
+[[scene.row]]
+name = "a"
+masses = [1.0]
+stiffnesses = [9.0]
+[[scene.row]]
+name = "b"
+masses = [1.0]
+stiffnesses = [9.0]
+storey_heights = [4.0]
+[scene.contact]
+hertz_stiffness = 1e6
+[sweep]
+records = ["el_centro"]
+"""
 #: Edits of GOOD: what is replaced, and by what.
 EDITS = [
     *(("gaps = [0.01]", text) for text in (
@@ -261,6 +279,8 @@ EDITS = [
         "storeys = {'left-moat wall' = 1}", "storeys = {'left-moat wall' = []}", "storeys = {'left-moat wall' = ['x']}",
         "storeys = {'left-moat wall' = [2, 7]}", "storeys = {'left-moat wall' = [1]}",
     )),
+    *(("gaps = [0.01]", f"gaps = [0.01]\ncontacts = {text}") for text in ("3", "'columns'", "'floors and columns'")),
+    *(("storey_heights = [3.0, 3.5]", f"column_stiffnesses = {text}") for text in ("[1e4]", "[1e4, 0.0]", "1e4")),
     *(("storey_heights = [3.0, 3.5]", f"slab_depths = {text}") for text in (
         "0.3", "[0.3]", "[0.3, 'x']", "[-0.3, inf]", "[0.3, 3.0]", "[0.0, 0.3]",
     )),
@@ -348,6 +368,11 @@ FILES = [
     SMALL.replace('"el_centro"', "3, [], {}, true"),
     SMALL.replace('["el_centro"]', "[]"),
     f"{SMALL}[[sweep.gaps]]\nstart = 1\n",
+    f"{_STAGGERED}laws = 'hertz'\n",
+    *(
+        _STAGGERED.replace("[scene]", '[scene]\ncontacts = "floors and columns"') + law
+        for law in ("laws = ['linear', 'hertz']\nstiffness_factors = 1.0\n", "[[sweep.cases]]\nlaw = 'hertz'\n")
+    ),
 ]
 
 

@@ -10,12 +10,13 @@ import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from pounding_sweep.base.errors import SceneError, shown, unknown
 from pounding_sweep.base.text import label_fault
-from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, facing_columns, level_floors
+from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
@@ -77,6 +78,9 @@ class Building:
     slab_depths : sequence of float, optional
         Depths of the floors' slabs (m), from the floor's elevation down, each less than its
         storey's height; 0 where not given. Floors of neighbours meet where their slabs overlap.
+    column_stiffnesses : sequence of float, optional
+        Lateral stiffnesses 12 E I / L^3 (kN/m) of those columns of each storey that a
+        neighbour's floor strikes; those of the storeys where not given.
 
     Raises
     ------
@@ -96,6 +100,7 @@ class Building:
     damping_ratio: float | tuple[float, float] = 0.05
     storey_heights: Sequence[float] | None = None
     slab_depths: Sequence[float] | None = field(default=None, kw_only=True)
+    column_stiffnesses: Sequence[float] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         _check_name("building", self.name)
@@ -108,6 +113,9 @@ class Building:
         object.__setattr__(self, "storey_heights", _positive_list(owner, "storey_heights", "m", heights, n))
         if self.slab_depths is not None:
             object.__setattr__(self, "slab_depths", self._checked_depths(owner))
+        if self.column_stiffnesses is not None:
+            columns = _positive_list(owner, "column_stiffnesses", "kN/m", self.column_stiffnesses, n)
+            object.__setattr__(self, "column_stiffnesses", columns)
         given = self.damping_ratio
         ratios = tuple(given) if isinstance(given, (tuple, list)) else (given,)
         if len(ratios) not in (1, 2) or not all(
@@ -245,9 +253,13 @@ class ContactProperties:
         return {1.0: self.linear_stiffness, 1.5: self.hertz_stiffness}.get(exponent)
 
 
+#: What of neighbours can meet: level floors, or beside them floors and the columns that they stand before.
+CONTACTS = ("floors", "floors and columns")
+
+
 @dataclass(frozen=True)
 class Contact:
-    """Two floors that can meet.
+    """Two floors that can meet, or a floor and columns of its neighbour.
 
     Attributes
     ----------
@@ -255,11 +267,21 @@ class Contact:
         Index of the pair of neighbours.
     storey : int
         Storey label (1 at the bottom) in results: the left building's, or the
-        right one's where the left neighbour is a wall.
+        right one's where the left neighbour is a wall; of columns, that of the floor that strikes them.
     left, right : int
-        Degree of freedom of the floor, numbered building by building; -1 for a wall.
+        Degree of freedom of the floor, numbered building by building; -1 for a wall; of columns,
+        the floor above them.
     mass : float
-        Effective mass m1 m2 / (m1 + m2) (t); the floor's own mass at a wall.
+        Effective mass m1 m2 / (m1 + m2) (t); the floor's own mass at a wall. Of a floor and columns,
+        1 / (1 / m + N1^2 / m_below + N2^2 / m_above).
+    place : int
+        Index of its label along ``pair`` in results, see `Scene.pair_labels`.
+    struck : int
+        Side whose columns are struck, 0 the left, 1 the right; -1 where floors meet.
+    xi : float
+        Height of the struck point above the storey's lower floor, over the storey's height.
+    below : int
+        Degree of freedom of that lower floor; -1 for the ground.
     """
 
     pair: int
@@ -267,6 +289,35 @@ class Contact:
     left: int
     right: int
     mass: float
+    place: int = 0
+    struck: int = -1
+    xi: float = 1.0
+    below: int = -1
+
+    @property
+    def ends(self) -> tuple[tuple[int, float], ...]:
+        """Floors that it acts on, walls and the ground left out, and the share of each in the penetration."""
+        found: list[tuple[int, float]] = []
+        for side, floor, sign in ((0, self.left, 1.0), (1, self.right, -1.0)):
+            if side == self.struck:
+                lower, upper = column_shares(self.xi)
+                found += [(self.below, sign * lower)] if self.below >= 0 else []
+                found.append((floor, sign * upper))
+            elif floor >= 0:
+                found.append((floor, sign))
+        return tuple(found)
+
+
+class Contacts(tuple[Contact, ...]):
+    """All contacts of a scene, and which of `CONTACTS` was asked for."""
+
+    asked: str
+
+    def __new__(cls, found: Iterable[Contact] = (), asked: str = CONTACTS[0]) -> Contacts:
+        """Keep what was asked for beside what was found."""
+        self = super().__new__(cls, found)
+        self.asked = asked
+        return self
 
 
 @dataclass(frozen=True)
@@ -283,9 +334,13 @@ class Scene:
         Reference contact stiffnesses and restitution.
     tolerance : float
         Floors whose slabs miss each other by no more than this in elevation (m) meet.
+    contacts : {"floors", "floors and columns"}
+        What can meet: level floors, or also a floor and the columns of the neighbour's storey that it
+        stands before. As an attribute: all contacts, pair by pair, bottom first.
     storeys : mapping of str to sequence of int, optional
         Pairs, by their names, that meet at these storeys alone, as results number them; the
-        others meet wherever they can. A moat wall may meet an isolated first floor only.
+        others meet wherever they can. A moat wall may meet an isolated first floor only. Of
+        columns, the storeys are those of the floors that strike them.
     allow_unmet : bool
         Accept pairs with no floors that meet, which pass through each other.
 
@@ -311,6 +366,7 @@ class Scene:
     gaps: Sequence[float] = ()
     contact: ContactProperties = field(default_factory=ContactProperties)
     tolerance: float = field(default=FLOOR_TOLERANCE, kw_only=True)
+    contacts: Any = field(default=CONTACTS[0], kw_only=True, repr=False)
     storeys: Mapping[str, Sequence[int]] | Sequence[tuple[str, Sequence[int]]] = field(default=(), kw_only=True)
     allow_unmet: bool = field(default=False, kw_only=True)
 
@@ -358,10 +414,16 @@ class Scene:
         if not (isinstance(self.tolerance, numbers.Real) and 0 <= self.tolerance < math.inf):
             msg = f"tolerance is {shown(self.tolerance)} m; it must be zero or a positive number"
             raise SceneError(msg)
+        asked = self.contacts.asked if isinstance(self.contacts, Contacts) else self.contacts
+        if asked not in CONTACTS:
+            raise SceneError(unknown("kind of contacts", asked, CONTACTS))
         limits, names = self._checked_limits(), self.pair_names
         object.__setattr__(self, "storeys", tuple((name, limits[name]) for name in names if name in limits))
+        labels: list[tuple[str, int]] = []
+        contacts: list[Contact] = []
         for pair, name in enumerate(names):
-            there = {contact.storey for contact in self._everywhere if contact.pair == pair}
+            groups = self._meeting(pair, asked == CONTACTS[1])
+            there = {contact.storey for _, group in groups for contact in group}
             for storey in limits.get(name, ()):
                 if storey not in there:
                     where = f"those that do: {', '.join(map(str, sorted(there)))}" if there else "none of the pair does"
@@ -370,6 +432,13 @@ class Scene:
             if not there and not self.allow_unmet:
                 msg = f"pair {name!r} has no floors that meet: {self._elevations_of(pair)}; {_UNMET_REMEDY}"
                 raise SceneError(msg)
+            for label, group in groups:
+                kept = [contact for contact in group if contact.storey in limits.get(name, there)]
+                if kept or label == name:
+                    contacts += [replace(contact, place=len(labels)) for contact in kept]
+                    labels.append((label, pair))
+        object.__setattr__(self, "_labels", tuple(labels))
+        object.__setattr__(self, "contacts", Contacts(contacts, asked))
 
     def _checked_limits(self) -> dict[str, tuple[int, ...]]:
         """Storeys by the names of the pairs that are limited to them."""
@@ -425,39 +494,56 @@ class Scene:
         ours, theirs = [s for s, _ in level], [t for _, t in level]
         return facing_columns(left.slabs, right.slabs, ours), facing_columns(right.slabs, left.slabs, theirs)
 
-    @cached_property
-    def contacts(self) -> tuple[Contact, ...]:
-        """All floors that can meet, pair by pair, bottom first."""
-        limits, names = dict(self.storeys), self.pair_names
-        return tuple(c for c in self._everywhere if c.storey in limits.get(names[c.pair], (c.storey,)))
+    @property
+    def pair_labels(self) -> tuple[str, ...]:
+        """Labels along ``pair`` in results: each pair, and after it the columns of either building that are struck."""
+        return tuple(name for name, _ in self._labels)
 
-    @cached_property
-    def _everywhere(self) -> tuple[Contact, ...]:
-        """All floors that could meet, were pairs not limited to storeys."""
+    @property
+    def pair_of_label(self) -> tuple[int, ...]:
+        """Index of the pair of neighbours of each of the `pair_labels`."""
+        return tuple(pair for _, pair in self._labels)
+
+    def _meeting(self, pair: int, columns: bool) -> list[tuple[str, list[Contact]]]:
+        """Return what of a pair can meet, were it not limited to storeys: by label, bottom first."""
         first = 1 if isinstance(self.row[0], Wall) else 0
-        found: list[Contact] = []
-        for pair, (left, right) in enumerate(zip(self.row[:-1], self.row[1:], strict=True)):
-            if isinstance(left, Building) and isinstance(right, Building):
-                i, j = self.offsets[pair - first : pair - first + 2]
-                level = level_floors(left.slabs, right.slabs, self.tolerance)
-                self._check_single(pair, level)
-                for s, t in level:
-                    m1, m2 = left.masses[s], right.masses[t]
-                    found.append(Contact(pair, s + 1, i + s, j + t, m1 * m2 / (m1 + m2)))
-            elif isinstance(left, Building):
-                i = self.offsets[pair - first]
-                found += [Contact(pair, s + 1, i + s, -1, m) for s, m in enumerate(left.masses)]
-            elif isinstance(right, Building):
-                found += [Contact(pair, s + 1, -1, s, m) for s, m in enumerate(right.masses)]
-        return tuple(found)
+        left, right = self.row[pair : pair + 2]
+        name = self.pair_names[pair]
+        if not isinstance(right, Building):
+            assert isinstance(left, Building)
+            i = self.offsets[pair - first]
+            return [(name, [Contact(pair, s + 1, i + s, -1, m) for s, m in enumerate(left.masses)])]
+        if not isinstance(left, Building):
+            return [(name, [Contact(pair, s + 1, -1, s, m) for s, m in enumerate(right.masses)])]
+        starts = self.offsets[pair - first : pair - first + 2]
+        level = level_floors(left.slabs, right.slabs, self.tolerance)
+        self._check_single(left, right, level)
+        floors = []
+        for s, t in level:
+            m1, m2 = left.masses[s], right.masses[t]
+            floors.append(Contact(pair, s + 1, starts[0] + s, starts[1] + t, m1 * m2 / (m1 + m2)))
+        found = [(name, floors)]
+        for side, facing in enumerate(self.faced(pair) if columns else ()):
+            own, other = (left, right)[:: 1 - 2 * side]
+            struck = []
+            for f in facing:
+                lower, upper = column_shares(f.xi)
+                ends = [starts[side] + f.floor, starts[1 - side] + f.storey][:: 1 - 2 * side]
+                soft = 1.0 / own.masses[f.floor] + upper**2 / other.masses[f.storey]
+                soft += lower**2 / other.masses[f.storey - 1] if f.storey else 0.0
+                below = starts[1 - side] + f.storey - 1 if f.storey else -1
+                struck.append(Contact(pair, f.floor + 1, *ends, 1.0 / soft, struck=1 - side, xi=f.xi, below=below))
+            found.append((f"{name} columns of {other.name}", struck))
+        return found
 
     def with_gaps(self, gaps: Sequence[float]) -> Scene:
         """Return the same row with other gaps (m)."""
         return replace(self, gaps=gaps)
 
-    def _check_single(self, pair: int, level: Sequence[tuple[int, int]]) -> None:
+    @staticmethod
+    def _check_single(left: Building, right: Building, level: Sequence[tuple[int, int]]) -> None:
         """Check that a floor meets one of its neighbour's, so that results can be told by storey."""
-        for mine, other, side in ((self.row[pair], self.row[pair + 1], 0), (self.row[pair + 1], self.row[pair], 1)):
+        for mine, other, side in ((left, right, 0), (right, left, 1)):
             floors = [ends[side] for ends in level]
             if several := sorted({s for s in floors if floors.count(s) > 1}):
                 msg = (
@@ -468,7 +554,10 @@ class Scene:
 
 
 #: What to do about neighbours whose floors don't meet.
-_UNMET_REMEDY = "give slab_depths by which they do, or allow_unmet = true where they are meant to miss each other"
+_UNMET_REMEDY = (
+    'give slab_depths by which they do, contacts = "floors and columns", or allow_unmet = true where they are meant to '
+    "miss each other"
+)
 
 
 def check_gap(gap: float, what: str = "gap") -> None:

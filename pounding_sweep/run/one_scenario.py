@@ -187,7 +187,11 @@ def _varied(scene: Scene, case: Case) -> Scene:
             return item
         mass, period = masses.get(item.name, 1.0), periods.get(item.name, 1.0)
         ratio = item.damping_ratio if case.damping_ratio is None else case.damping_ratio
-        stiffnesses = [mass / period**2 * k for k in item.stiffnesses]
-        return replace(item, masses=[mass * m for m in item.masses], stiffnesses=stiffnesses, damping_ratio=ratio)
+        stiffer = {
+            name: [mass / period**2 * k for k in getattr(item, name)]
+            for name in ("stiffnesses", "column_stiffnesses")
+            if getattr(item, name) is not None
+        }
+        return replace(item, masses=[mass * m for m in item.masses], damping_ratio=ratio, **stiffer)
 
     return replace(scene, row=[varied(item) for item in scene.row])

@@ -65,16 +65,21 @@ def _building(item: Building) -> str:
 def _pair(scene: Scene, pair: int) -> str:
     left, right = scene.row[pair : pair + 2]
     elevations = [z for item in scene.buildings for z in item.elevations]
-    meets = [elevations[max(c.left, c.right) if c.left < 0 else c.left] for c in scene.contacts if c.pair == pair]
+    met = [c for c in scene.contacts if c.pair == pair]
+    meets = [elevations[c.right if c.left < 0 else c.left] for c in met if c.struck < 0]
     limited = " (limited by the scene)" if scene.pair_names[pair] in dict(scene.storeys) else ""
     parts = [f"floors meet at {_metres(meets)}{limited}" if meets else f"no floors meet{limited}"]
     for mine, other, found in zip((left, right), (right, left), scene.faced(pair), strict=True):
-        if found and isinstance(mine, Building):
-            floors = [facing.floor for facing in found]
+        strikes = {c.storey for c in met if c.struck >= 0 and (c.struck == 1) == (mine is left)}
+        for striking in (True, False):
+            floors = [facing.floor for facing in found if (facing.floor + 1 in strikes) is striking]
+            if not floors or not isinstance(mine, Building):
+                continue
             what = f"floor{'s' * (len(floors) > 1)} {_listed([s + 1 for s in floors])} of {mine.name}"
             where = _metres([mine.elevations[s] for s in floors])
-            stand, they = ("stands", "it passes") if len(floors) == 1 else ("stand", "they pass")
-            parts.append(f"{what} ({where}) {stand} before columns of {other.name}, which {they} through")
+            stand, it = ("stands", "it") if len(floors) == 1 else ("stand", "they")
+            does = f"{it} strike{'s' * (it == 'it')}" if striking else f"{it} pass{'es' * (it == 'it')} through"
+            parts.append(f"{what} ({where}) {stand} before columns of {other.name}, which {does}")
     return "; ".join(parts)
 
 

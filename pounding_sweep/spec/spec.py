@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.scene import CONTACTS, Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import (
@@ -165,7 +165,7 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
 
 
 #: What of a building and of a scene is stored only where it is not as usual, so that digests of other sweeps stay.
-_BUILDING_MORE = ("slab_depths",)
+_BUILDING_MORE = ("slab_depths", "column_stiffnesses")
 _SCENE_MORE = ("tolerance", "storeys", "allow_unmet")
 
 
@@ -195,7 +195,10 @@ def scene_data(scene: Scene) -> dict[str, Any]:
             row.append({"wall": True, "name": item.name})
     given = {name: getattr(scene.contact, name) for name in (*REFERENCE_PROPERTIES.values(), "restitution")}
     contact = {name: None if value is None else float(value) for name, value in given.items()}
-    return {"row": row, "gaps": list(scene.gaps), "contact": contact, **_unusual(scene, _SCENE_MORE)}
+    more = _unusual(scene, _SCENE_MORE)
+    if scene.contacts.asked != CONTACTS[0]:
+        more["contacts"] = scene.contacts.asked
+    return {"row": row, "gaps": list(scene.gaps), "contact": contact, **more}
 
 
 def scene_of(data: Mapping[str, Any]) -> Scene:
@@ -216,7 +219,7 @@ def scene_of(data: Mapping[str, Any]) -> Scene:
                 **{name: item[name] for name in _BUILDING_MORE if name in item},
             )
         )
-    more = {name: data[name] for name in _SCENE_MORE if name in data}
+    more = {name: data[name] for name in (*_SCENE_MORE, "contacts") if name in data}
     return Scene(row, data["gaps"], ContactProperties(**data["contact"]), **more)
 
 

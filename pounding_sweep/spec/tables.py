@@ -14,7 +14,7 @@ from pounding_sweep.base.errors import InputError, RecordError, SweepError, show
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.model.hertz import hertz_stiffness
 from pounding_sweep.model.presets import get_preset
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall, check_gap
+from pounding_sweep.model.scene import CONTACTS, Building, ContactProperties, Scene, Wall, check_gap
 from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import Range, finite
@@ -65,6 +65,9 @@ class BuildingTable(Table):
     slab_depths: Annotated[list[Any], AfterValidator(_depths)] | None = Field(
         None, description="a list of numbers, depths of the floors' slabs in m, bottom first"
     )
+    column_stiffnesses: Annotated[list[Any], AfterValidator(_positive)] | None = Field(
+        None, description="a list of numbers, 12 E I / L^3 of the columns that may be struck in kN/m, bottom first"
+    )
 
 
 class WallTable(Table):
@@ -81,7 +84,7 @@ def _wall(given: dict[str, Any]) -> Wall:
 def _one_per_storey(faults: Faults, index: int, item: dict[str, Any]) -> bool:
     """Note lists of a building that are not as long as its masses, whatever else is wrong with them."""
     equal, masses = True, item.get("masses")
-    for name in ("stiffnesses", "storey_heights", "slab_depths"):
+    for name in ("stiffnesses", "storey_heights", "slab_depths", "column_stiffnesses"):
         values = item.get(name)
         if isinstance(masses, list) and isinstance(values, list) and len(values) != len(masses):
             text = f"{len(values)} {name} for {len(masses)} masses; give one value per storey"
@@ -178,6 +181,12 @@ def _tolerance(value: float | None) -> float | None:
     return value
 
 
+def _contacts(value: str | None) -> str | None:
+    if value is not None and value not in CONTACTS:
+        raise InputError(unknown("kind of contacts", value, CONTACTS))
+    return value
+
+
 class SceneTable(Table):
     """[scene]: a preset, or a row of its own."""
 
@@ -189,6 +198,9 @@ class SceneTable(Table):
         None, description="a list of numbers, the gap of each pair in m"
     )
     contact: ContactTable | None = Field(None, description="a table [scene.contact]")
+    contacts: Annotated[str | None, AfterValidator(_contacts)] = Field(
+        None, description='"floors" or "floors and columns", what can meet'
+    )
     tolerance: Annotated[float | None, AfterValidator(_tolerance)] = Field(
         None, description="a number in m, by which slabs that meet may miss each other in elevation"
     )
@@ -199,7 +211,7 @@ class SceneTable(Table):
 
 
 #: Keys of [scene] that are arguments of `Scene` as they stand.
-_SCENE_SETTINGS = ("tolerance", "allow_unmet")
+_SCENE_SETTINGS = ("contacts", "tolerance", "allow_unmet")
 
 
 def read_scene(given: dict[str, Any]) -> Scene:
