@@ -433,7 +433,7 @@ def test_sweeps_equal_scenarios_one_by_one(method):
         one = ps.simulate(
             scene, MOTION, law="kelvin_voigt", stiffness=k, restitution=RESTITUTION, method=method, dt=1e-3
         )
-        got = cube.sel(law="kelvin_voigt", gap=gap, stiffness=k, a_period_factor=period)
+        got = cube.sel(law="kelvin_voigt", gap=gap, stiffness=k, period_factor_a=period)
         for name in outputs:
             tolerance = {"rtol": 2e-3, "atol": 1e-3 * float(abs(one[name]).max())}  # flight looks for peaks otherwise
             np.testing.assert_allclose(got[name], one[name], **tolerance, err_msg=name)

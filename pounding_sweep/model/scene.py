@@ -369,6 +369,7 @@ class Scene:
     contacts: Any = field(default=CONTACTS[0], kw_only=True, repr=False)
     storeys: Mapping[str, Sequence[int]] | Sequence[tuple[str, Sequence[int]]] = field(default=(), kw_only=True)
     allow_unmet: bool = field(default=False, kw_only=True)
+    _labels: tuple[tuple[str, int], ...] = field(default=(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if isinstance(self.row, (Building, Wall)) or not isinstance(self.row, Iterable):
@@ -528,11 +529,11 @@ class Scene:
             struck = []
             for f in facing:
                 lower, upper = column_shares(f.xi)
-                ends = [starts[side] + f.floor, starts[1 - side] + f.storey][:: 1 - 2 * side]
+                i, j = (starts[side] + f.floor, starts[1 - side] + f.storey)[:: 1 - 2 * side]
                 soft = 1.0 / own.masses[f.floor] + upper**2 / other.masses[f.storey]
                 soft += lower**2 / other.masses[f.storey - 1] if f.storey else 0.0
                 below = starts[1 - side] + f.storey - 1 if f.storey else -1
-                struck.append(Contact(pair, f.floor + 1, *ends, 1.0 / soft, struck=1 - side, xi=f.xi, below=below))
+                struck.append(Contact(pair, f.floor + 1, i, j, 1.0 / soft, struck=1 - side, xi=f.xi, below=below))
             found.append((f"{name} columns of {other.name}", struck))
         return found
 
