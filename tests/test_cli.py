@@ -260,6 +260,9 @@ def test_plan_of_the_quickstart_runs_nothing(tmp_path):
     assert done.stderr == ""
     assert list(tmp_path.iterdir()) == []
     found = json.loads(cli("plan", QUICKSTART, "--json", "--workers", 3).stdout)
+    row = [each["name"] for each in found["row"]]
+    assert row == ["left", "middle", "right", "left-middle", "middle-right"]
+    assert found["row"][-1]["about"] == "floors meet at 3, 6, 9 m"
     assert (found["asked"], found["at_most"], found["refused"], found["workers"]) == (1008, 649, 0, 3)
 
 
@@ -332,6 +335,7 @@ def test_run_as_json_equals_the_table(tiny, tmp_path):
     found = json.loads(done.stdout)
     assert found["scenarios"] == {"asked": 12, "run": 5, "reused": 0, "never_touching": 2, "broadcast": 5}
     assert found["cube"] == str(tmp_path / "again.nc")
+    assert [each["name"] for each in found["row"]] == ["high", "low", "high-low"]
     assert (found["failures"], found["warnings"], done.stderr) == ([], [], "")
     assert found["accuracy_choice"] == ""
     assert {item["output"] for item in found["audit"]} >= {"impact_force_max", "displacement_max"}

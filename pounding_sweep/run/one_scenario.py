@@ -187,7 +187,7 @@ def _varied(scene: Scene, case: Case) -> Scene:
             return item
         mass, period = masses.get(item.name, 1.0), periods.get(item.name, 1.0)
         ratio = item.damping_ratio if case.damping_ratio is None else case.damping_ratio
-        stiffer = {
+        stiffer: dict[str, Any] = {
             name: [mass / period**2 * k for k in getattr(item, name)]
             for name in ("stiffnesses", "column_stiffnesses")
             if getattr(item, name) is not None

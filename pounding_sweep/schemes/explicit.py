@@ -186,8 +186,10 @@ class Explicit(Scheme):
         run = [s["vrun", j] for j in every]
 
         def press(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
-            held = zip(k, c, run, gaps, every, strict=True)
-            return [law.memoryless(*own, group.between(x, j) - gap, group.between(y, j)) for *own, gap, j in held]
+            return [
+                law.memoryless(ki, ci, fastest, group.between(x, j) - gap, group.between(y, j))
+                for j, (ki, ci, fastest, gap) in enumerate(zip(k, c, run, gaps, strict=True))
+            ]
 
         return self._whole(group, h, press)
 
