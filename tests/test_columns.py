@@ -7,6 +7,7 @@ import json
 import pickle
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import naive
 import numpy as np
@@ -47,14 +48,19 @@ def twins(scene):
     return rows
 
 
-@lru_cache
-def truth(law):
+def solved(scene, motion, law, stiffness):
     """Results of the independent solver; its wall would meet every floor, and is limited to the lowest here."""
     met = naive.contact_floors
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(naive, "contact_floors", lambda a, b: met(a, b)[:1] if naive.WALL in (a, b) else met(a, b))
-        ground = MOTION.acceleration, MOTION.dt
-        return naive.run(twins(STAGGERED), STAGGERED.gaps, *ground, law, STIFFNESS, RESTITUTION, columns=True)
+        ground = motion.acceleration, motion.dt
+        return naive.run(twins(scene), scene.gaps, *ground, law, stiffness, RESTITUTION, columns=True)
+
+
+@lru_cache
+def truth(law):
+    """Results of the independent solver for the staggered row."""
+    return solved(STAGGERED, MOTION, law, STIFFNESS)
 
 
 def simulate(scene=STAGGERED, law="kelvin_voigt", motion=MOTION, **options):
@@ -413,6 +419,20 @@ def test_rows_without_columns_have_no_shears_of_them(stub_engine):
     cube = ps.Sweep(level, MOTION, "linear", stiffnesses=STIFFNESS, outputs="all").run()
     assert "impact_force_max" in cube
     assert not any(name.startswith("column") for name in cube.data_vars)
+
+
+@pytest.mark.slow
+def test_the_sweep_to_copy_equals_the_twin():
+    """Slabs with depths, columns softer than their storeys."""
+    sweep = ps.load_sweep(Path(__file__).parents[1] / "sweeps" / "columns.toml")
+    scene, (motion,) = sweep.spec.scene.with_gaps([0.01, 0.01]), sweep.spec.records
+    want = solved(scene, motion, "kelvin_voigt", 1e6)
+    got = sweep.run().sel(law="kelvin_voigt", gap=0.01).squeeze(drop=True)
+    for name in ("impact_force_max", "impact_count"):
+        mine = [float(got[name].sel(pair=scene.pair_labels[c.place], storey=c.storey)) for c in scene.contacts]
+        np.testing.assert_allclose(mine, np.concatenate(want[name]), rtol=1e-5, err_msg=name)
+    assert np.count_nonzero(mine) >= 3
+    np.testing.assert_allclose(got.displacement_max, want["displacement_max"][:2], rtol=1e-6)
 
 
 @pytest.mark.slow
