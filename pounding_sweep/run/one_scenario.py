@@ -244,12 +244,12 @@ def _varied(scene: Scene, case: Case) -> Scene:
         if isinstance(item, Wall):
             return item
         mass, period = masses.get(item.name, 1.0), periods.get(item.name, 1.0)
-        return Building(
-            item.name,
-            [mass * m for m in item.masses],
-            [mass / period**2 * k for k in item.stiffnesses],
-            item.damping_ratio if case.damping_ratio is None else case.damping_ratio,
-            item.storey_heights,
-        )
+        ratio = item.damping_ratio if case.damping_ratio is None else case.damping_ratio
+        stiffer: dict[str, Any] = {
+            name: [mass / period**2 * k for k in getattr(item, name)]
+            for name in ("stiffnesses", "column_stiffnesses")
+            if getattr(item, name) is not None
+        }
+        return replace(item, masses=[mass * m for m in item.masses], damping_ratio=ratio, **stiffer)
 
-    return Scene([varied(item) for item in scene.row], scene.gaps, scene.contact)
+    return replace(scene, row=[varied(item) for item in scene.row])
