@@ -22,6 +22,7 @@ from pounding_sweep.kernel.spec import (
     property_slots,
 )
 from pounding_sweep.model.laws import Law
+from pounding_sweep.model.levels import column_shares
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import REDUCERS, output_slots
@@ -129,23 +130,24 @@ def kernel_shape(
         precision=numerics.precision,
         varied=varied,
         windows=windows and not history,
+        struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
     )
 
 
 @lru_cache(maxsize=64)
-def _layout(shape: KernelSpec) -> Layout:
-    """Where a kernel's tables of flight lie."""
-    return Layout(make_group(shape, None, width(shape.precision), None))
+def _layout(shape: KernelSpec, constants: bytes) -> Layout:
+    """Where a kernel's tables of flight lie, and what is watched."""
+    return Layout(make_group(shape, None, width(shape.precision), np.frombuffer(constants, shape.precision)))
 
 
 def _flight_tables(
-    shape: KernelSpec, row: Variants, record: Record, flight_substeps: int
+    layout: Layout, row: Variants, record: Record, flight_substeps: int, precision: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Tables of flight of some rows of buildings, one after another, and what a kernel fills them from."""
     motion, n = np.array(record.acceleration), flight_substeps
     inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
     ground = np.append(inner.ravel(), motion[-1])
-    tables, decays = flight_tables(_layout(shape), row, ground, record.dt / n, shape.precision)
+    tables, decays = flight_tables(layout, row, ground, record.dt / n, precision)
     return tables.ravel(), decays
 
 
@@ -209,7 +211,7 @@ class RowKernel:
             values[slots.first[name] : slots.first[name] + slots.count[name]] = numbers[: slots.count[name]]
 
         for name, numbers in _properties(variants_of(self.scene)).items():
-            if slots.count[name]:
+            if slots.count.get(name):
                 put(name, numbers[0])
         if self.initial_velocity is not None:
             put("v0", self.initial_velocity)
@@ -243,9 +245,10 @@ class RowKernel:
         restitution: np.ndarray,
         variants: Variants | None = None,
         history: np.ndarray | None = None,
+        twin: bool = False,
     ) -> dict[str, np.ndarray]:
-        """Integrate scenarios over a record."""
-        from pounding_sweep.engine.cache import get_kernel
+        """Integrate scenarios over a record, by the compiled kernel or its twin in plain Python."""
+        from pounding_sweep.engine.cache import get_kernel, twin_of
 
         n = len(scale)
         groups = -(-n // LANES)
@@ -255,7 +258,7 @@ class RowKernel:
         results = np.zeros((groups, outputs.size * LANES))
         if history is None:
             history = np.zeros((1, 1))
-        kernel = get_kernel(self.shape)
+        kernel = (twin_of if twin else get_kernel)(self.shape)
         e = np.asarray(restitution, float)
         given = {"scale": np.asarray(scale, float), "stiffness": np.asarray(stiffness, float), "restitution": e}
         slab = max(1, SLAB_BYTES // (inputs.size * LANES * 8))
@@ -293,13 +296,15 @@ class RowKernel:
         if not self.numerics.scheme.flies_exactly:
             return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), slab
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
-        points = (record.n_points - 1) * flight_substeps + 1
-        most = max(1, TABLE_BYTES // (np.dtype(self.numerics.precision).itemsize * _layout(self.shape).size(points)))
+        points, precision = (record.n_points - 1) * flight_substeps + 1, self.numerics.precision
+        layout = _layout(self.shape, self.constants.tobytes())
+        most = max(1, TABLE_BYTES // (np.dtype(precision).itemsize * layout.size(points)))
         late = np.flatnonzero(which >= most)
         groups = max(1, min(slab, int(late[0]) // LANES)) if len(late) else slab
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
-        return (*_flight_tables(self.shape, row[needed], record, flight_substeps), len(needed)), which, groups
+        made = _flight_tables(layout, row[needed], record, flight_substeps, precision)
+        return (*made, len(needed)), which, groups
 
     def _lanes(
         self,
@@ -327,8 +332,9 @@ class RowKernel:
         if "gap" in slots.first:
             put("gap", gaps.T)
         if self.shape.law is not None:
-            put("k", stiffness[None, :])
-            damping = self.law.damping_coefficient(restitution, stiffness, row.contact_masses.T, self.basis)
+            k = row.contact_stiffnesses(stiffness).T if self.shape.struck else stiffness[None, :]
+            put("k", k)
+            damping = self.law.damping_coefficient(restitution, k, row.contact_masses.T, self.basis)
             put("c", damping)
         if self.varied:
             for name, values in _properties(row).items():
@@ -341,6 +347,7 @@ class RowKernel:
 
 def _properties(row: Variants) -> dict[str, np.ndarray]:
     """Return building properties by the name of their slots, shape (n, slots)."""
+    shares = np.array([column_shares(contact.xi) for contact in row.scene.contacts]).reshape(-1, 2)
     alpha, beta = zip(*(row.rayleigh(b) for b in range(len(row.scene.buildings))), strict=True)
     return {
         "m": row.masses,
@@ -349,4 +356,6 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "alpha": np.stack(alpha, axis=1),
         "beta": np.stack(beta, axis=1),
         "reduced": row.contact_masses,
+        "lower": shares[None, :, 0],
+        "upper": shares[None, :, 1],
     }

@@ -56,6 +56,7 @@ from pounding_sweep.kernel.lanes import (
 )
 from pounding_sweep.kernel.peaks import cubic_extreme, followed
 from pounding_sweep.kernel.row import kinetic, strain
+from pounding_sweep.kernel.spec import property_slots
 
 #: Steps of the grid in a wide window.
 WIDE = 60
@@ -93,7 +94,9 @@ class Watched:
 def watched(group: Group) -> list[Watched]:
     """Return what the flight of a lane group watches: contacts first."""
     n = group.spec.n_dof
-    probe = Group(group.spec, group.scheme, group.reducers, None, n, None)
+    # in a kernel that is traced, constants are not known: which floors count does not depend on them
+    known = group.constants if isinstance(group.constants, np.ndarray) else np.ones(property_slots(group.spec).size)
+    probe = Group(group.spec, group.scheme, group.reducers, None, n, known)
     for i in range(n):
         probe.state["u", i] = np.arange(n) == i
     first = probe.state.first
