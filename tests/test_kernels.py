@@ -77,7 +77,15 @@ def twins(scene):
     return [
         WALL
         if isinstance(b, ps.Wall)
-        else NaiveBuilding(list(b.masses), list(b.stiffnesses), b.damping_ratio, storey_heights=list(b.storey_heights))
+        else NaiveBuilding(
+            list(b.masses),
+            list(b.stiffnesses),
+            b.damping_ratio,
+            storey_heights=list(b.storey_heights),
+            yield_strengths=b.yield_strengths,
+            hardening=b.hardening,
+            tangent_damping=b.damping_stiffness == "tangent",
+        )
         for b in scene.row
     ]
 
@@ -111,6 +119,7 @@ BUILDING = {
     "energy_damping": "energy_damping",
     "energy_kinetic": "kinetic_final",
     "energy_strain": "strain_final",
+    "hysteretic_energy": "energy_hysteretic",
     "energy_transfer_max": "energy_transfer_max",
     "energy_transfer_min": "energy_transfer_min",
 }

@@ -8,6 +8,7 @@ the digest agrees.
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
@@ -68,6 +69,10 @@ def scene_of(sweep: Mapping[str, Any]) -> Scene:
             continue
         ratio = item["damping_ratio"]
         heights = item["storey_heights"] or None
+        yielding = {key: item[key] for key in ("hardening", "damping_stiffness") if key in item}
+        if "yield_strengths" in item:
+            strengths = item["yield_strengths"]
+            yielding["yield_strengths"] = [math.inf if strength is None else strength for strength in strengths]
         row.append(
             Building(
                 item["name"],
@@ -75,6 +80,7 @@ def scene_of(sweep: Mapping[str, Any]) -> Scene:
                 item["stiffnesses"],
                 tuple(ratio) if isinstance(ratio, list) else ratio,
                 heights,
+                **yielding,
             )
         )
     return Scene(row, sweep["scene"]["gaps"], ContactProperties(**sweep["scene"]["contact"]))

@@ -31,6 +31,8 @@ from pounding_sweep.schemes import SCHEMES, Scheme
 GLIDE = (0.3, 0.8, 1.2)
 #: The same where outputs are asked for in which high modes weigh more.
 QUICK_GLIDE = (0.2, 0.3, 0.5)
+#: Yield drift (m) of storeys that never yield, in both number formats.
+ELASTIC = 1e30
 #: Inputs handed to a kernel at a time (bytes).
 SLAB_BYTES = 1 << 24
 
@@ -93,6 +95,9 @@ def kernel_shape(
         wanted -= _existing("touch")
     if not scene.contacts:
         wanted -= _existing("neighbours")
+    yields = scene.yields
+    if not any(yields):
+        wanted -= _existing("yields")
     meets = touching or bool(wanted & _existing("neighbours"))
     compiled = None
     if touching:
@@ -123,6 +128,8 @@ def kernel_shape(
         history=history,
         precision=numerics.precision,
         varied=varied,
+        yielding=tuple(i for i, each in enumerate(yields) if each),
+        tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in scene.buildings),
     )
 
 
@@ -189,7 +196,7 @@ class RowKernel:
             values[slots.first[name] : slots.first[name] + slots.count[name]] = numbers[: slots.count[name]]
 
         for name, numbers in _properties(variants_of(self.scene)).items():
-            if slots.count[name]:
+            if slots.count.get(name):
                 put(name, numbers[0])
         if self.initial_velocity is not None:
             put("v0", self.initial_velocity)
@@ -315,7 +322,10 @@ class RowKernel:
 
 def _properties(row: Variants) -> dict[str, np.ndarray]:
     """Return building properties by the name of their slots, shape (n, slots)."""
-    alpha, beta = zip(*(row.rayleigh(b) for b in range(len(row.scene.buildings))), strict=True)
+    buildings = row.scene.buildings
+    alpha, beta = zip(*(row.rayleigh(b) for b in range(len(buildings))), strict=True)
+    tangent = [float(b.damping_stiffness == "tangent") for b in buildings]
+    storeys = [b.n_storeys for b in buildings]
     return {
         "m": row.masses,
         "im": 1.0 / row.masses,
@@ -323,4 +333,7 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "alpha": np.stack(alpha, axis=1),
         "beta": np.stack(beta, axis=1),
         "reduced": row.contact_masses,
+        "hardening": row.hardenings,
+        "yield_drift": np.minimum(row.yield_drifts, ELASTIC),
+        "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
     }

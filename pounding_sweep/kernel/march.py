@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pounding_sweep.kernel import forces, located
+from pounding_sweep.kernel import forces, hysteresis, located
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -37,6 +37,8 @@ def begin(group: Group, start: Any) -> None:
     for i in group.each(spec.n_dof):
         s["u", i], s["v", i] = group.full(group.prop("u0", i)), group.full(group.prop("v0", i))
     s["g1"] = s["scale"] * start
+    if spec.yielding:
+        hysteresis.begin(group)
     if spec.law is not None:
         s["shortest"] = group.limit.far
     for reducer in group.reducers:
@@ -64,7 +66,7 @@ def finish(group: Group) -> None:
         v = s["v", i]
         sound.now = sound.now & (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
     flags = where(sound.now, group.full(0.0), float(FLAG_DIVERGED))
-    if group.touching:
+    if group.eventful:
         flags = flags + where(s["fallback"] > 0.0, float(FLAG_FALLBACK), group.full(0.0))
         flags = flags + where(s["unsolved"] > 0.0, float(FLAG_UNSOLVED), group.full(0.0))
     s["flags"] = flags
@@ -133,7 +135,7 @@ class FixedSteps:
                 number = i * ground.steps + j
                 group.number = _always(number)
                 s["h"], s["g0"], s["g1"] = ground.h, s["scale"] * ga, s["scale"] * gb
-                if not group.touching:
+                if not group.eventful:
                     self._fly()
                 elif group.spec.located:
                     self._locate(closed, ga, gb)
@@ -164,8 +166,10 @@ class FixedSteps:
         for _ in when(not_(closed.now)):
             add = group.scheme.flight(group, h)
             turned = turning(group)
-            touched.now = any_lane(located.may_touch(group, h))
+            touched.now = any_lane(located.may_change(group, h))
             for _ in when(not_(touched.now)):
+                if group.spec.yielding:
+                    hysteresis.follow(group)
                 self._reduce(add, turned)
         for _ in when(closed.now):
             located.keep_start(group)

@@ -17,7 +17,7 @@ LANES = 16
 
 
 #: Properties that may differ from lane to lane.
-VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short")
+VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "glide", "short")
 
 #: Parameters of a compiled kernel and their types.
 PARAMETERS = {
@@ -105,6 +105,10 @@ class KernelSpec:
         Number format of the state and of all arithmetic.
     varied : bool
         Building properties differ from lane to lane: they are inputs, not constants.
+    yielding : tuple of int
+        Degrees of freedom whose storeys may yield.
+    tangent : bool
+        Dampers of some of them follow the tangent stiffness.
     """
 
     storeys: tuple[int, ...]
@@ -120,6 +124,8 @@ class KernelSpec:
     history: bool = False
     precision: str = "float64"
     varied: bool = False
+    yielding: tuple[int, ...] = ()
+    tangent: bool = False
 
     @property
     def impulsive(self) -> bool:
@@ -173,6 +179,7 @@ def from_json(data: dict[str, Any]) -> KernelSpec:
         "contacts": tuple((int(a), int(b), int(c)) for a, b, c in data["contacts"]),
         "law": None if data["law"] is None else LawShape(**data["law"]),
         "reducers": frozenset(data["reducers"]),
+        "yielding": tuple(data["yielding"]),
     }
     return KernelSpec(**{**data, **own})
 
@@ -217,6 +224,8 @@ def property_slots(shape: KernelSpec) -> Slots:
     slots.add("alpha", shape.n_buildings)
     slots.add("beta", shape.n_buildings)
     slots.add("reduced", len(shape.contacts))
+    for name in ("hardening", "yield_drift", *(("tangent",) if shape.tangent else ())) if shape.yielding else ():
+        slots.add(name, n)
     if shape.flies_exactly:  # flight over a whole step, and over a short one beside a contact
         size = sum(2 * n * (2 * n + 2) for n in shape.storeys)
         slots.add("glide", size)
@@ -232,6 +241,10 @@ def history_slots(shape: KernelSpec) -> Slots:
     slots = Slots()
     slots.add("u", shape.n_dof)
     slots.add("v", shape.n_dof)
+    for name in ("slip", *(("kd",) if shape.tangent else ())) if shape.yielding else ():
+        slots.add(name, shape.n_dof)
+    if "hysteretic" in shape.reducers:
+        slots.add("travel", shape.n_dof)
     if "energy" in shape.reducers:
         slots.add("e_in", shape.n_buildings)
         slots.add("e_damp", shape.n_buildings)

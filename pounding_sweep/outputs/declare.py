@@ -126,8 +126,9 @@ class Reducer:
         By which outputs need it.
     slots : tuple of Slot
         What it leaves for the readouts.
-    where : {"", "neighbours", "touch"}
-        Whether it exists in all kernels, where floors of neighbours stand at one height, or where they can touch.
+    where : {"", "yields", "neighbours", "touch"}
+        Whether it exists in all kernels, where storeys yield, where floors of neighbours stand at one height, or where
+        they can touch.
     keeps : tuple of Slot
         What it needs beside.
     looks : str

@@ -43,7 +43,8 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
             if axis.kind == kind and axis.building is not None:
                 factors[argument][axis.building] = middle[axis.dimension]
     ratio = middle.get("damping_ratio")
-    return Case(law=law, record=middle["record"], damping_ratio=ratio, **{**values, **factors})
+    given = {argument: each for argument, each in factors.items() if each}
+    return Case(law=law, record=middle["record"], damping_ratio=ratio, **{**values, **given})
 
 
 def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> xr.Dataset:
@@ -181,17 +182,23 @@ def _varied(scene: Scene, case: Case) -> Scene:
     """Return a scene with the building properties of a scenario (see `pounding_sweep.model.variants`)."""
     periods: Mapping[str, float] = dict(case.period_factors)
     masses: Mapping[str, float] = dict(case.mass_factors)
+    strengths: Mapping[str, float] = dict(case.strength_factors)
+    hardenings: Mapping[str, float] = dict(case.hardenings)
 
     def varied(item: Building | Wall) -> Building | Wall:
         if isinstance(item, Wall):
             return item
         mass, period = masses.get(item.name, 1.0), periods.get(item.name, 1.0)
+        strength, own = mass * strengths.get(item.name, 1.0), item.yield_strengths
         return Building(
             item.name,
             [mass * m for m in item.masses],
             [mass / period**2 * k for k in item.stiffnesses],
             item.damping_ratio if case.damping_ratio is None else case.damping_ratio,
             item.storey_heights,
+            None if own is None else [strength * each for each in own],
+            hardenings.get(item.name, item.hardening),
+            item.damping_stiffness,
         )
 
     return Scene([varied(item) for item in scene.row], scene.gaps, scene.contact)

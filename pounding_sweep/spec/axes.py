@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from pounding_sweep.base.errors import InputError, LawError, SweepError, shown
 from pounding_sweep.model.laws import Law, get_law, realised_validity
-from pounding_sweep.model.scene import Scene, check_gap
+from pounding_sweep.model.scene import Scene, check_gap, check_hardening
 from pounding_sweep.records import Record
 
 #: Factor by name of the building, in the order of the row.
@@ -53,7 +53,7 @@ class Axis:
     default : tuple of float or None
         Values of a column that no axis is given for.
     requires : callable
-        Scene, laws, records -> faults of a sweep that has the axis.
+        Scene, laws (of axes by building: their names), records -> faults of a sweep that has the axis.
     of_buildings : bool
         Whether it changes buildings.
     by_building : bool
@@ -108,6 +108,17 @@ FACTOR_RANGE = (1e-3, 1e3)
 
 def _check_factor(value: float, *_: Any) -> None:
     low, high = FACTOR_RANGE
+    if not low <= value <= high:
+        msg = f"factor is {value!r}; it must be in [{low:g}, {high:g}]"
+        raise InputError(msg)
+
+
+#: Least and largest factor on strengths: from hardly any to one that no earthquake reaches.
+STRENGTH_RANGE = (1e-9, 1e9)
+
+
+def _check_strength_factor(value: float, *_: Any) -> None:
+    low, high = STRENGTH_RANGE
     if not low <= value <= high:
         msg = f"factor is {value!r}; it must be in [{low:g}, {high:g}]"
         raise InputError(msg)
@@ -214,6 +225,13 @@ def _need_motion(_scene: Scene, _laws: Sequence[Law], records: Sequence[Record])
         )
 
 
+def _need_strengths(scene: Scene, names: Sequence[str], _records: Sequence[Record]) -> Iterator[Fault]:
+    """Tell buildings of an axis that have no yield strengths."""
+    for building in scene.buildings:
+        if building.name in names and building.yield_strengths is None:
+            yield (building.name,), f"building {building.name!r} has no yield_strengths; give them, or leave it out"
+
+
 @dataclass(frozen=True, kw_only=True)
 class AxisValues:
     """The axes: one field for each."""
@@ -271,6 +289,17 @@ class AxisValues:
         "damping_ratio", "damping_ratio", "damping ratio", "damping ratios", _check_ratio,
         "Rayleigh damping ratios of the first two modes of all buildings, in [0, 1); by default each building's own.",
         "damping ratio of the first two modes of all buildings", of_buildings=True,
+    )})
+    strength_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
+        "strength_factor", "strength_factor", "factor", "factors", _check_strength_factor,
+        "Factors on all yield strengths of a building, by its name, one axis each; 1 over a strength reduction.",
+        "factor on all yield strengths", requires=_need_strengths, of_buildings=True, by_building=True, unsaid=True,
+    )})
+    hardenings: BuildingValues = field(default=(), metadata={"axis": Axis(
+        "hardening", "hardening", "hardening", "hardenings", lambda value, *_: check_hardening(value),
+        "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each.",
+        "stiffness of yielding storeys over their elastic one", requires=_need_strengths,
+        of_buildings=True, by_building=True, unsaid=True,
     )})
     # fmt: on
 
@@ -362,7 +391,7 @@ class PropertyAxis:
 
     Attributes
     ----------
-    kind : {"period_factor", "mass_factor", "damping_ratio"}
+    kind : {"period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"}
         What it varies.
     building : str or None
         Name of the building; None: all of them.
@@ -444,6 +473,8 @@ class Case:
         Damping ratio of all buildings; their own where not given.
     pga : float, optional
         Peak ground acceleration (m/s2) that the record is scaled to, instead of `scale`.
+    strength_factors, hardenings : mapping of str to float
+        Factors on all yield strengths and hardening of buildings, by name; their own for those not named.
     """
 
     law: str
@@ -457,6 +488,8 @@ class Case:
     mass_factors: Factors | Mapping[str, float] = ()
     damping_ratio: float | None = None
     pga: float | None = None
+    strength_factors: Factors | Mapping[str, float] = ()
+    hardenings: Factors | Mapping[str, float] = ()
 
     def axis(self, column: str) -> tuple[Axis, float] | None:
         """Return the axis that the case has of a column, with its value; None where it has none."""
@@ -470,6 +503,6 @@ class Case:
 
 def case_of(told: Mapping[str, Any]) -> Case:
     """Return a listed case that JSON describes."""
-    factors = {key: tuple((name, factor) for name, factor in told[key]) for key in FACTOR_KINDS}
+    factors = {key: tuple((name, factor) for name, factor in told.get(key, ())) for key in FACTOR_KINDS}
     gap = told["gap"]
     return Case(**{**told, **factors, "gap": tuple(gap) if isinstance(gap, list) else gap})

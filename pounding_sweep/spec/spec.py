@@ -177,6 +177,7 @@ def scene_data(scene: Scene) -> dict[str, Any]:
                     "stiffnesses": list(item.stiffnesses),
                     "damping_ratio": [float(z) for z in ratio] if isinstance(ratio, tuple) else ratio,
                     "storey_heights": list(item.storey_heights or ()),
+                    **_yielding_data(item),
                 }
             )
         else:
@@ -186,10 +187,22 @@ def scene_data(scene: Scene) -> dict[str, Any]:
     return {"row": row, "gaps": list(scene.gaps), "contact": contact}
 
 
+def _yielding_data(building: Building) -> dict[str, Any]:
+    """Return what JSON holds of storeys that yield; strengths of those that never do are null."""
+    if building.yield_strengths is None:
+        return {}
+    strengths = [strength if math.isfinite(strength) else None for strength in building.yield_strengths]
+    return {
+        "yield_strengths": strengths,
+        "hardening": building.hardening,
+        "damping_stiffness": building.damping_stiffness,
+    }
+
+
 def to_json(spec: SweepSpec) -> str:
     """Write a sweep as canonical JSON: the same sweep gives the same text."""
     data = {name: getattr(spec, name) for name in spec.__dataclass_fields__}
-    unsaid = {name: axis.dimension for name, axis in AXES.items() if axis.unsaid}
+    unsaid = {name: name if axis.by_building else axis.dimension for name, axis in AXES.items() if axis.unsaid}
     for name in unsaid:
         if not data[name]:
             del data[name]
@@ -200,7 +213,7 @@ def to_json(spec: SweepSpec) -> str:
     ]
     if spec.cases is not None:
         data["cases"] = [
-            {key: value for key, value in vars(case).items() if value is not None or key not in unsaid.values()}
+            {key: value for key, value in vars(case).items() if value not in (None, ()) or key not in unsaid.values()}
             for case in spec.cases
         ]
     return json.dumps({"format": 1, **data}, sort_keys=True, separators=(",", ":"), allow_nan=False)
