@@ -24,7 +24,10 @@ from pounding_sweep.records import RECORDS_VARIABLE
 DOCS = Path(__file__).parent
 PICTURES = DOCS / "_static" / "gallery"
 #: Sweep files that the commands name.
-SWEEPS = (DOCS.parent / "sweeps" / "quickstart.toml", DOCS / "gallery_sweeps" / "suite.toml")
+SWEEPS = (
+    *(DOCS.parent / "sweeps" / f"{name}.toml" for name in ("quickstart", "yielding")),
+    DOCS / "gallery_sweeps" / "suite.toml",
+)
 
 
 @dataclass(frozen=True)
@@ -65,6 +68,7 @@ class Entry:
 _QUICK = "run quickstart.toml -o quickstart.nc"
 _SUITE = "run suite.toml -o suite.nc"
 _ONE = "simulate quickstart.toml -o one.nc --law hertz_damped --gap 0.006"
+_YIELDING = "simulate yielding.toml -o yielding.nc --law kelvin_voigt --gap 0.01"
 _SPECTRA = """\
 import pounding_sweep as ps
 from pounding_sweep.analysis import response_spectrum
@@ -81,6 +85,7 @@ _RUNS = {"cube": _QUICK, "histories": _ONE}
 _OTHERS = {
     "energy-budget": (_SUITE, " --at record=synthetic-1 --at scale=3"),
     "fragility": (_SUITE, ""),
+    "hysteresis": (_YIELDING, ""),
     "incremental": (_SUITE, ""),
     "profiles": (_QUICK, " --at gap=0.006"),
 }

@@ -471,7 +471,7 @@ def test_cases_in_a_file(write):
     )
 
 
-@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall"])
+@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding"])
 def test_shipped_sweeps(name):
     spec = load_spec(ROOT / "sweeps" / f"{name}.toml")
     if name == "quickstart":
@@ -485,6 +485,10 @@ def test_shipped_sweeps(name):
             restitutions=[0.4, 0.5, 0.6, 0.8],
         )
         assert spec.n_scenarios == 7 * 12 * 3 * 4
+    elif name == "yielding":
+        assert spec.scene.yields == (True,) * 5
+        assert [axis.kind for axis in spec.property_axes] == ["strength_factor"] * 2
+        assert spec.n_scenarios == 2 * 7 * 4 * 4
     else:
         assert spec.scene.pair_names == ("low-high", "high-moat")
         assert [(c.pair, c.storey) for c in spec.scene.contacts] == [(0, 1), (0, 2), (1, 1), (1, 2), (1, 3), (1, 4)]
@@ -568,7 +572,7 @@ def places(value, place=()):
             yield from places(item, (*place, index))
 
 
-@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall"])
+@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding"])
 def test_key_lines_knows_every_place_of_the_shipped_files(name):
     text = (ROOT / "sweeps" / f"{name}.toml").read_text()
     assert set(key_lines(text)) == set(places(tomllib.loads(text)))

@@ -51,12 +51,11 @@ def _positive_list(
     return result
 
 
-def check_hardening(value: float, owner: str = "") -> float:
-    """Return a hardening; raise `SceneError` unless it is in [0, 1)."""
+def check_hardening(value: float, owner: str = "") -> None:
+    """Raise `SceneError` unless a hardening is in [0, 1)."""
     if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and 0 <= value < 1):
         msg = f"{owner}{': ' * bool(owner)}hardening is {shown(value)}; it must be in [0, 1)"
         raise SceneError(msg)
-    return float(value)
 
 
 def _check_name(kind: str, name: str) -> None:
@@ -147,7 +146,8 @@ class Building:
         if self.yield_strengths is not None:
             strengths = _positive_list(owner, "yield_strengths", "kN", self.yield_strengths, n, infinite=True)
             object.__setattr__(self, "yield_strengths", strengths)
-        object.__setattr__(self, "hardening", check_hardening(self.hardening, owner))
+        check_hardening(self.hardening, owner)
+        object.__setattr__(self, "hardening", float(self.hardening))
         if self.damping_stiffness not in DAMPING_STIFFNESSES:
             msg = f"{owner}: {unknown('damping_stiffness', self.damping_stiffness, DAMPING_STIFFNESSES)}"
             raise SceneError(msg)

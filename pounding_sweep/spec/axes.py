@@ -74,7 +74,7 @@ class Axis:
     comment: str = ""
     value: Callable[..., float] = lambda value, **_: value
     default: Values = None
-    requires: Callable[[Scene, Sequence[Law], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
+    requires: Callable[[Scene, Sequence[Any], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
     of_buildings: bool = False
     by_building: bool = False
     unsaid: bool = False
