@@ -130,7 +130,7 @@ def both(got, want, scene):
     rows = twins(scene)
     real = [i for i, b in enumerate(rows) if b is not WALL]
     result = {}
-    for name in FLOOR:
+    for name in (name for name in FLOOR if name in got):
         mine = [got[name].sel(building=scene.row[i].name).values[: len(rows[i].masses)] for i in real]
         result[name] = np.concatenate(mine), np.concatenate([want[name][i] for i in real])
     for name in CONTACT:
@@ -143,7 +143,7 @@ def both(got, want, scene):
             counts = [count for pair in want["impact_count"] for count in pair]
             theirs = [None if count else 0.0 for count in counts]
         result[name] = np.array(mine), np.array([np.nan if x is None else x for x in theirs], dtype=float)
-    for name, other in BUILDING.items():
+    for name, other in ((name, other) for name, other in BUILDING.items() if name in got):
         result[name] = got[name].values, np.asarray(want[other])[real]
     work = [float(np.sum(w)) for w in want["contact_work"]]
     result["contact_work"] = (got["contact_work"].values if "contact_work" in got else np.array([])), np.array(work)

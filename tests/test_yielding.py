@@ -54,6 +54,7 @@ def test_every_variable_equals_the_twins(method, dt, bound):
     got, want = simulate(PAIR, "kelvin_voigt", 151, 1.5, method=method, dt=dt), truth(PAIR, "kelvin_voigt", 151, 1.5)
     assert int(got.status) == Status.OK
     assert sum(int(count) for each in want["impact_count"] for count in each) >= 5
+    assert set(OUTPUTS) <= set(got.data_vars)
     assert np.count_nonzero(got.ductility_max > 1.5) == 3
     found = errors(got, want, PAIR)
     assert max(found.values()) < bound, found

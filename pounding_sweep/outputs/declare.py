@@ -51,6 +51,8 @@ class Variable:
         a difference of larger ones, or one end of a range.
     of_force : bool
         Missing where floors touched under a law without a force (velocities jump).
+    of_yielding : bool
+        It says nothing of a row whose storeys are all elastic.
     dtype : {"f8", "i4", "i1"}
         Stored type.
     default : bool
@@ -73,6 +75,7 @@ class Variable:
     error: str = ""
     relative_to: tuple[str | tuple[str, str], ...] = ()
     of_force: bool = False
+    of_yielding: bool = False
     dtype: str = "f8"
     default: bool = False
     always: bool = False

@@ -84,6 +84,7 @@ ENERGIES = (
         needs("hysteretic"),
         hysteretic,
         error=UNMEASURED,
+        of_yielding=True,
     ),
     Variable(
         "energy_transfer_max",

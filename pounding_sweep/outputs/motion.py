@@ -87,6 +87,7 @@ YIELDS = (
         needs("drift"),
         lambda kept: scatter_dof(_ductility(kept), kept.scene),
         error=UNMEASURED,
+        of_yielding=True,
     ),
     Variable(
         "residual_drift",
@@ -99,6 +100,7 @@ YIELDS = (
         lambda kept: scatter_dof(_residual(kept), kept.scene),
         error=UNMEASURED,
         relative_to=("drift_max",),
+        of_yielding=True,
     ),
 )
 #: Of outputs of neighbours.

@@ -93,7 +93,7 @@ def simulate(
         (kN m) ``input``, ``kinetic``, ``strain``, ``damping`` and ``transfer`` per
         building and ``work`` per pair; where storeys yield ``storey_drift``, ``plastic_drift``
         (m), ``storey_shear`` (kN) and ``hysteretic`` (kN m); beside them every variable of a
-        cube. The attribute
+        cube that the row can have. The attribute
         ``scene`` holds the row as JSON.
 
     Raises
@@ -137,6 +137,7 @@ def simulate(
         outputs=outputs,
     )
     row = spec.scene
+    outputs = tuple(name for name in outputs if any(row.yields) or not VARIABLES[name].of_yielding)
     velocities = _velocities(row, initial_velocity)
     k = contact_stiffness(row, found, stiffness=stiffness)
     e = spec.restitutions[0]
