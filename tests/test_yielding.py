@@ -15,7 +15,7 @@ from test_kernels import errors, motion, twins
 
 import pounding_sweep as ps
 from pounding_sweep.analysis.rebuild import scene_of
-from pounding_sweep.base.errors import SceneError, SweepError
+from pounding_sweep.base.errors import InputError, SceneError, SweepError
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
 from pounding_sweep.model.laws import LAWS
@@ -392,6 +392,50 @@ def test_accuracy_chooses_a_scheme_that_follows_yielding():
     plan = ps.Sweep(PAIR, motions()[0], "kelvin_voigt", gaps=[0.002], accuracy=1e-3).plan()
     assert plan.numerics.scheme.follows_yielding
     assert ps.Sweep(pair(), motions()[0], "kelvin_voigt", gaps=[0.002], accuracy=1e-3).plan().numerics.method == "exact"
+
+
+@pytest.mark.slow
+def test_strengths_of_constant_ductility_by_the_twin():
+    """At the strength that is found, each building alone has the ductility; with a little more, less of it."""
+    targets, record = [1.0, 2.0, 6.0], motion(251, 1.5)
+    found = ps.analysis.constant_ductility(PAIR, record, targets)
+    factors = found.strength_factor.values[0]
+    assert (np.diff(factors, axis=0) < 0.0).all()
+    np.testing.assert_allclose(found.strength_reduction[0, 0], 1.0, rtol=1e-9)
+    for each, target in zip(factors, targets, strict=True):
+        for b, twin in enumerate(twins(PAIR)):
+            for more, sign in ((1.0, 0.0), (1.01, -1.0)):
+                strong = replace(twin, yield_strengths=[each[b] * more * v for v in twin.yield_strengths])
+                mu = np.nanmax(run([strong], [], record.acceleration, record.dt, "none")["ductility_max"][0])
+                if sign == 0.0:
+                    assert mu == pytest.approx(target, rel=1e-5), (b, target)
+                else:
+                    assert mu < target * (1.0 - 1e-4), (b, target)
+
+
+@pytest.mark.slow
+def test_a_long_period_keeps_its_displacement():
+    """Newmark and Hall: where displacements are equal the reduction is the ductility; a stiff building has less than
+    that of equal energies."""
+    masses, w = [1.0], [2.0 * np.pi / period for period in (4.0, 0.06)]
+    row = [ps.Building(n, masses, [x**2], yield_strengths=[1.0]) for n, x in zip(("soft", "stiff"), w, strict=True)]
+    found = ps.analysis.constant_ductility(ps.Scene(row, [1.0]), "el_centro", [2.0])
+    soft, stiff = found.strength_reduction[0, 0].values
+    assert soft == pytest.approx(2.0, rel=0.25)
+    assert 1.0 < stiff < np.sqrt(2.0 * 2.0 - 1.0)
+
+
+@pytest.mark.parametrize(
+    ("scene", "targets", "message"),
+    [
+        (pair(), [2.0], "no storey of this row yields; give its buildings yield_strengths"),
+        (PAIR, [2.0, 0.5], r"ductilities are \[2.0, 0.5\]; give one or several numbers of at least 1"),
+        (PAIR, [], "ductilities are "),
+    ],
+)
+def test_ductilities_that_cannot_be_are_refused(scene, targets, message):
+    with pytest.raises(InputError, match=message):
+        ps.analysis.constant_ductility(scene, motions()[0], targets)
 
 
 # -- refusals ----------------------------------------------------------------------------------------------------------
