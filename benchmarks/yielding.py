@@ -2,7 +2,7 @@
 
 The row of Mate, Bakre & Jaiswal (2015) without pounding under El Centro, its strengths a fourth of the largest elastic
 storey shears, hardening 5 %. In OpenSees, where it can be imported, the same storeys of `Steel01` under Newmark's
-average acceleration. The error is the largest of a storey drift, over the largest drift, against RK4 at a step of 0.1 ms.
+average acceleration. The error is the largest of a storey drift, over the largest drift, against RK4 at 0.1 ms.
 """
 
 from __future__ import annotations
