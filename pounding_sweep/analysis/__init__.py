@@ -16,6 +16,8 @@ _HOME = {
     "BehaviourFactors": "pounding_sweep.analysis.separation_rules",
     "SEPARATION_RULES": "pounding_sweep.analysis.separation_rules",
     "constant_ductility": "pounding_sweep.analysis.strengths",
+    "export_nrml": "pounding_sweep.analysis.exchange",
+    "export_pelicun": "pounding_sweep.analysis.exchange",
     "response_spectrum": "pounding_sweep.analysis.spectra",
     "floor_spectra": "pounding_sweep.analysis.spectra",
 }

@@ -137,7 +137,7 @@ def plan_command(
         )
         compiling = f"{missing} to compile: about {seconds_text(seconds)} of CPU time" if missing else "all compiled"
         rows = [
-            ("axes", axes or f"{found['asked']} listed cases"),
+            ("axes", axes or (str(job.spec.design) if job.spec.design else f"{found['asked']} listed cases")),
             ("scenarios", f"{found['asked']} asked, at most {found['at_most']} to run"),
             ("", "(those that never touch are left out once the run without pounding is known)"),
             ("kernels", f"{found['kernels']}, {compiling}"),
