@@ -50,10 +50,10 @@ def _mass(building: Building) -> float:
     return float(sum(building.masses))
 
 
-#: Kind of axis -> name, value as given, unit and long name of what it multiplies.
-_MULTIPLIES: dict[str, tuple[str, Callable[[Building], float], str, str]] = {
-    "period_factor": ("period", _period, "s", "fundamental period"),
-    "mass_factor": ("mass", _mass, "t", "total mass"),
+#: Kind of axis -> name, symbol, value as given, unit and long name of what it multiplies.
+_MULTIPLIES: dict[str, tuple[str, str, Callable[[Building], float], str, str]] = {
+    "period_factor": ("period", "T", _period, "s", "fundamental period"),
+    "mass_factor": ("mass", "m", _mass, "t", "total mass"),
 }
 
 
@@ -69,11 +69,12 @@ def product_coordinates(scene: Scene, axes: tuple[PropertyAxis, ...]) -> Coordin
     found: Coordinates = {}
     taken = [axis.dimension for axis in axes]
 
-    def add(label: str, dims: tuple[str, ...], values: np.ndarray, units: str, long_name: str) -> None:
+    def add(label: str, dims: tuple[str, ...], values: np.ndarray, units: str, *about: str) -> None:
         name = plain_name(label, (*taken, *found))
-        found[name] = (dims, values, {"units": units, "long_name": long_name})
+        told = dict(zip(("long_name", "comment"), about, strict=False))
+        found[name] = (dims, values, {"units": units, **told})
 
-    for kind, (short, own, units, what) in _MULTIPLIES.items():
+    for kind, (short, symbol, own, units, what) in _MULTIPLIES.items():
         mine = {axis.building: axis for axis in axes if axis.kind == kind}
         for building in scene.buildings:
             if building.name in mine:
@@ -90,6 +91,7 @@ def product_coordinates(scene: Scene, axes: tuple[PropertyAxis, ...]) -> Coordin
                     tuple(axis.dimension for axis in varied),
                     ratio.reshape([len(axis.values) for axis in varied]),
                     "1",
+                    f"{short} ratio {symbol}1/{symbol}2 of {left.name} and {right.name}",
                     f"{what} of building {left.name} over that of building {right.name}",
                 )
     return found
