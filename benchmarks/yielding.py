@@ -34,7 +34,7 @@ def runner(scene: ps.Scene, record: ps.Record, method: str, dt: float, law: str 
     kernel = RowKernel(scene, get_law(law), Numerics(method, dt), reducers_for(DEFAULT_OUTPUTS))
     gaps = np.linspace(0.002, 0.024, BATCH)[:, None] * np.ones(len(scene.pair_names))
     ones = np.ones(BATCH)
-    given = {"scale": ones, "gaps": gaps, "stiffness": 2e6 * ones, "restitution": 0.6 * ones}
+    given: dict[str, Any] = {"scale": ones, "gaps": gaps, "stiffness": 2e6 * ones, "restitution": 0.6 * ones}
     return lambda: kernel.run(record, **given)["drift"]
 
 
@@ -43,7 +43,7 @@ def weakened(scene: ps.Scene, record: ps.Record, reduction: float = REDUCTION) -
     k = np.concatenate([building.stiffnesses for building in scene.buildings])
     parts = np.split(runner(scene, record, "rk4", 1e-3)()[0] * k / reduction, scene.offsets[1:-1])
     pairs = zip(scene.buildings, parts, strict=True)
-    row = [replace(building, yield_strengths=part, hardening=HARDENING) for building, part in pairs]
+    row = [replace(building, yield_strengths=part.tolist(), hardening=HARDENING) for building, part in pairs]
     return ps.Scene(row, scene.gaps, scene.contact)
 
 
@@ -106,8 +106,8 @@ def main() -> None:
             )
     try:
         import openseespy.opensees as ops
-    except (ImportError, RuntimeError) as error:
-        print(f"\nOpenSees is left out: {error}")
+    except (ImportError, RuntimeError) as fault:
+        print(f"\nOpenSees is left out: {fault}")
         return
     for dt in OPENSEES:
         drift = opensees(ops, weak, record, dt)
