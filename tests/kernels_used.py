@@ -6,7 +6,12 @@ before the tests begin, and fails a test that asks for another.
 
 from __future__ import annotations
 
+import atexit
+import re
+import shutil
 from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
 
 from scenes import AXES, EVERY, OUTPUTS, motions, pair, row, yielding_pair
 
@@ -16,6 +21,8 @@ from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import VARIABLES, reducers_for
 
+#: The page about laws of one's own: its example runs.
+OWN_LAW = Path(__file__).parents[1] / "docs" / "own_law.md"
 #: Laws under which `simulate` runs the pair by default, by scheme. Kinds of laws: a damper whose pull is cut (Kelvin
 #: and Voigt), forces that rise like a power (Hertz), memory (hysteretic), jumps of velocity (stereomechanical). The
 #: other laws differ in their formula, which `test_laws` holds against the twin's, and run under each scheme nightly.
@@ -69,6 +76,16 @@ def swept(**sweep) -> list[KernelSpec]:
 
 
 @cache
+def own_law() -> Path:
+    """Return the sweep of the page about laws of one's own, written beside its law file."""
+    folder = Path(mkdtemp())
+    atexit.register(shutil.rmtree, folder)
+    for name, text in re.findall(r"^```\w+\n# (\w+\.(?:py|toml))\n(.*?)^```", OWN_LAW.read_text("utf-8"), re.M | re.S):
+        (folder / name).write_text(text, "utf-8")
+    return folder / "own_law.toml"
+
+
+@cache
 def kernels() -> tuple[KernelSpec, ...]:
     """All of them, those that take longest first."""
     both = {"scene": pair(), "records": motions()[0], "gaps": [0.001, 0.002, 0.004, 0.006], "outputs": EVERY}
@@ -82,6 +99,7 @@ def kernels() -> tuple[KernelSpec, ...]:
         *swept(**YIELDING_SWEEP),
         *swept(**both, laws="hertz_damped", method="rk4"),
         *swept(**both, laws="hertz_damped", **single),
+        *(kernel.shape for kernel in ps.load_sweep(own_law()).plan().kernels().values()),
         *swept(scene=row(), records=motions(), **AXES | {"laws": [*AXES["laws"], "hertz"]}),
         *(kernel_shape(row(), LAWS[law], Numerics("rk4", 1e-3), reducers_for(OUTPUTS)) for law in ALONE),
     )

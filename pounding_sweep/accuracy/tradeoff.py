@@ -107,7 +107,7 @@ def find_touching(plan: Plan) -> np.ndarray:
         rows, motion = np.flatnonzero(motions.record == record), plan.spec.records[record]
         table = motions[rows]
         variants = plan.variants[table.variant]
-        values = {"scale": table.scale, "stiffness": table.stiffness, "restitution": table.restitution}
+        values: dict[str, Any] = {"scale": table.scale, "stiffness": table.stiffness, "restitution": table.restitution}
         raw = kernel.run(motion, gaps=table.gaps, variants=variants, **values)
         found = variables_of(kernel, raw, ("closing_max",), motion, variants)["closing_max"]
         for j, contact in enumerate(contacts):

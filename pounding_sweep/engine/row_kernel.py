@@ -241,9 +241,10 @@ class RowKernel:
         restitution: np.ndarray,
         variants: Variants | None = None,
         history: np.ndarray | None = None,
+        twin: bool = False,
     ) -> dict[str, np.ndarray]:
-        """Integrate scenarios over a record."""
-        from pounding_sweep.engine.cache import get_kernel
+        """Integrate scenarios over a record, by the compiled kernel or its twin in plain Python."""
+        from pounding_sweep.engine.cache import get_kernel, twin_of
 
         n = len(scale)
         groups = -(-n // LANES)
@@ -254,7 +255,7 @@ class RowKernel:
         results = np.zeros((groups, outputs.size * LANES))
         if history is None:
             history = np.zeros((1, 1))
-        kernel = get_kernel(self.shape)
+        kernel = (twin_of if twin else get_kernel)(self.shape)
         e = np.asarray(restitution, float)
         given = {"scale": np.asarray(scale, float), "stiffness": np.asarray(stiffness, float), "restitution": e}
         slab = max(1, SLAB_BYTES // (inputs.size * LANES * 8))

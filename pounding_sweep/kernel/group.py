@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import math
-import operator
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from itertools import groupby
@@ -33,6 +32,7 @@ from pounding_sweep.kernel.lanes import (
 )
 from pounding_sweep.kernel.precision import TOLERANCES
 from pounding_sweep.kernel.spec import KernelSpec, LawShape, input_slots, property_slots, result_slots
+from pounding_sweep.model.formula import read, value
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Constants that all lanes share even where buildings vary.
@@ -40,30 +40,24 @@ SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma"})
 #: What a reducer asks of each sub-step of a closed contact, each with those before it: nothing, the penetration at
 #: both ends, the force too, or that forces and their rates at both ends are kept for all floors.
 LOOKS = ("", "depth", "force", "ends")
-_OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv}
 #: Share of an elastic contact's duration over which sub-steps grow to a whole step, where they are graded.
 GRADED_SHARE = 0.5
 
 
-def _value(part: ast.expr, given: dict[str, Any]) -> Any:
-    """Value of a formula of a contact law: numbers, names, + - * /, ``max`` and ``math.sqrt``."""
-    match part:
-        case ast.Constant(value=float() | int() as number):
-            return float(number)
-        case ast.Name(id=name):
-            return given[name]
-        case ast.BinOp(left=left, op=op, right=right):
-            return _OPERATORS[type(op)](_value(left, given), _value(right, given))
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return -_value(operand, given)
-        case ast.Call(func=ast.Name(id="max"), args=[a, b]):
-            return maximum(_value(a, given), _value(b, given))
-        case ast.Call(func=ast.Attribute(value=ast.Name(id="math"), attr="sqrt"), args=[a]):
-            return sqrt(_value(a, given))
-    msg = (
-        f"the formula of a contact law holds {ast.unparse(part)!r}; it may hold k, c, d, r, v, + - * /, max, math.sqrt"
-    )
-    raise ValueError(msg)
+def _power(x: Any, exponent: float) -> Any:
+    """Return x to a constant power: products and roots where they do, of which lanes have instructions; else x >= 0."""
+    whole, quarters = divmod(4.0 * exponent, 4.0)
+    if not (0.0 <= exponent <= 4.0 and quarters == round(quarters)):
+        return power(maximum(x, 0.0), exponent)
+    factors = [x] * int(whole)
+    if quarters:
+        root = sqrt(maximum(x, 0.0))
+        factors += [root] * (quarters >= 2.0) + ([sqrt(root)] if quarters % 2.0 else [])
+    return math.prod(factors[1:], start=factors[0]) if factors else 1.0
+
+
+#: Functions in the formulas of laws.
+_FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": _power}
 
 
 class Law:
@@ -87,10 +81,10 @@ class Law:
         self._duration = factor * (0.5 * (shape.exponent + 1.0)) ** share, share, (1.0 - shape.exponent) * share
 
     def _evaluate(self, text: str, d: Any, **given: Any) -> Any:
-        formula = ast.parse(text, mode="eval").body
+        formula = read(text)
         if any(isinstance(part, ast.Name) and part.id == "r" for part in ast.walk(formula)):
             given["r"] = sqrt(maximum(d, 0.0))
-        return _value(formula, {"d": d, **given})
+        return value(formula, {"d": d, **given}, _FUNCTIONS)
 
     def elastic(self, k: Any, c: Any, d: Any) -> Any:
         """Elastic force."""

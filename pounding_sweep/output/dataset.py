@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.model.laws import LAWS
+from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.output.frame import Array, Frame
 from pounding_sweep.outputs.layout import inner_shape, mask_invalid
@@ -156,14 +156,16 @@ def _scene_coordinates(scene: Scene) -> dict[str, tuple[tuple[str, ...], Any, di
     return coordinates
 
 
-def _law_coordinates(dims: Sequence[str], laws: Any) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
-    """Return what the registry knows about the laws of a coordinate, as far as it knows them."""
+def law_coordinates(
+    dims: Sequence[str], laws: Any, known: Mapping[str, Law] = LAWS
+) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+    """Return what is known about the laws of a coordinate, as far as it is."""
     keys = [str(key) for key in np.ravel(np.asarray(laws))]
-    if len(dims) != 1 or not any(key in LAWS for key in keys):
+    if len(dims) != 1 or not any(key in known for key in keys):
         return {}
 
     def column(attribute: str) -> list[str]:
-        return [str(getattr(LAWS[key], attribute)) if key in LAWS else "" for key in keys]
+        return [str(getattr(known[key], attribute)) if key in known else "" for key in keys]
 
     where = tuple(dims)
     model = {"law_model": (where, column("model"), {"long_name": "model number in Mate, Bakre & Jaiswal (2015)"})}
@@ -270,7 +272,7 @@ def label(
         coordinates[axis.name] = ((axis.name,), axis.values, details)
     coordinates.update(extra_coords or {})
     if "law" in coordinates:
-        coordinates = {**_law_coordinates(*coordinates["law"][:2]), **coordinates}
+        coordinates = {**law_coordinates(*coordinates["law"][:2]), **coordinates}
     coordinates = {**coordinates, **_scene_coordinates(scene)}
 
     outer = tuple(axis.name for axis in axes)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, StabilityError
-from pounding_sweep.model.laws import Law, get_law, realised_restitution
+from pounding_sweep.model.laws import Law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.output.dataset import assemble
 from pounding_sweep.outputs.differences import comparable
@@ -20,6 +20,7 @@ from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.spec.axes import contact_stiffness
 from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.own_laws import find_law
 from pounding_sweep.spec.spec import scene_data
 
 if TYPE_CHECKING:
@@ -123,12 +124,12 @@ def simulate(
     from pounding_sweep.plan.plan import make_plan
 
     motion = resolve_record(record)
-    found = get_law(law)
+    found = find_law(law)
     outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
     spec = build_spec(
         scene=scene,
         records=motion,
-        laws=found.key,
+        laws=found,
         stiffnesses=stiffness if found.has_contact else None,
         restitutions=restitution if found.takes_restitution else None,
         method=method,

@@ -13,12 +13,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from pounding_sweep.base.errors import SweepError
+from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import (
     AXES,
     REFERENCE_PROPERTIES,
+    Axis,
     AxisValues,
     Case,
     PropertyAxis,
@@ -87,6 +89,10 @@ class SweepSpec(AxisValues):
         Share of the sweep's cost spent on running a sample again at a finer step; 0: none.
     records_left_out : tuple of str
         Records asked for that are missing, where going on without them was allowed.
+    own_laws : tuple of Law
+        Those laws that are not in the registry.
+    sa_period : float or None
+        Period (s) of the axis `sas`.
     design : Design or None
         What the cases were drawn by; the JSON of a sweep without one is silent of it.
     """
@@ -108,7 +114,17 @@ class SweepSpec(AxisValues):
     accuracy: float | None = None
     audit: float = AUDIT_SHARE
     records_left_out: tuple[str, ...] = ()
+    own_laws: tuple[Law, ...] = ()
+    sa_period: float | None = None
     design: Design | None = None
+
+    def scale(self, axis: Axis, value: float, record: Record) -> float:
+        """Return the factor on a record that a value of an axis means."""
+        return axis.value(value, scene=self.scene, record=record, sa_period=self.sa_period)
+
+    def law(self, key: str) -> Law:
+        """Return a law of the sweep by its key."""
+        return next((law for law in self.own_laws if law.key == key), None) or get_law(key)
 
     @property
     def property_axes(self) -> tuple[PropertyAxis, ...]:
@@ -133,8 +149,9 @@ class SweepSpec(AxisValues):
         found = case.axis(column)
         if found is None:
             return 0.0
-        of = {"record": self.record(case.record or self.records[0].name)} if column == "scale" else {"law": case.law}
-        return found[0].value(found[1], scene=self.scene, **of)
+        if column == "scale":
+            return self.scale(*found, self.record(case.record or self.records[0].name))
+        return found[0].value(found[1], scene=self.scene, law=self.law(case.law))
 
     def record(self, name: str) -> Record:
         """Return the record of that name; KeyError if the sweep has none."""
@@ -210,6 +227,10 @@ def to_json(spec: SweepSpec) -> str:
     for name in unsaid:
         if not data[name]:
             del data[name]
+    if data["sa_period"] is None:
+        del data["sa_period"]
+    if own := data.pop("own_laws"):
+        data["own_laws"] = {law.key: {**law.described, "sha256": law.sha256} for law in own}
     del data["design"]
     if spec.design is not None:
         data["design"] = spec.design.told()

@@ -21,7 +21,7 @@ from pounding_sweep.model.scene import (
     check_gap,
     check_hardening,
 )
-from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
+from pounding_sweep.records import Record, find_record, near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import Range, finite
 from pounding_sweep.spec.design import KINDS, NEEDS, POWERS, Distribution
@@ -427,16 +427,35 @@ class PulseRecord(Table):
         return pulse_record(values.pop("pulse"), **values)
 
 
+class NearFaultRecord(Table):
+    """A near-fault pulse; ``near_fault`` is the amplitude of its velocity."""
+
+    near_fault: float = Field(description="a number in m/s")
+    period: float = Field(description="a number in s")
+    cycles: float = Field(description="a number above 1")
+    dt: float = Field(description="a number in s")
+    phase: float = Field(0.0, description="a number in degrees")
+    duration: float | None = Field(None, description="a number in s")
+    name: str | None = Field(None, description="a text")
+
+    def read(self, _folder: Path, _folders: Folders) -> Record:
+        """Make the record."""
+        values = dict(self)
+        return near_fault_record(values.pop("near_fault"), **values)
+
+
+RecordTable = PathRecord | NamedRecord | SyntheticRecord | PulseRecord | NearFaultRecord
 #: Kinds of record tables, by the key that tells them.
-RECORD_TABLES: dict[str, type[PathRecord | NamedRecord | SyntheticRecord | PulseRecord]] = {
+RECORD_TABLES: dict[str, type[RecordTable]] = {
     "path": PathRecord,
     "record": NamedRecord,
     "synthetic": SyntheticRecord,
     "pulse": PulseRecord,
+    "near_fault": NearFaultRecord,
 }
 
 
-def record_table(given: Any) -> PathRecord | NamedRecord | SyntheticRecord | PulseRecord:
+def record_table(given: Any) -> RecordTable:
     """Read a table that describes a record."""
     kinds = [kind for kind in RECORD_TABLES if isinstance(given, dict) and kind in given]
     if len(kinds) != 1:
