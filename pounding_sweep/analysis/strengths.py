@@ -128,7 +128,7 @@ def _demand(scene: Scene, record: Record, dt: float) -> Callable[[np.ndarray], n
         known = np.where(np.isnan(factors), 1.0, factors)
         variants = Variants(scene, ones, ones, np.full(n, np.nan), known)
         gaps = np.full((n, len(scene.pair_names)), math.inf)
-        lanes = {"scale": np.ones(n), "gaps": gaps, "stiffness": np.zeros(n), "restitution": np.ones(n)}
+        lanes: dict[str, Any] = {"scale": np.ones(n), "gaps": gaps, "stiffness": np.zeros(n), "restitution": np.ones(n)}
         drift = kernel.run(record, variants=variants, **lanes)["drift"]
         ductility = drift / np.where(np.isfinite(variants.yield_drifts), variants.yield_drifts, np.inf)
         largest = np.maximum.reduceat(ductility, scene.offsets[:-1], axis=1)
