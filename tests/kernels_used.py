@@ -61,6 +61,27 @@ YIELDING_SWEEP = {
 TALL = ps.Scene(
     [ps.Building("tower", [100.0] * 12, [4.5e5] * 12), ps.Building("annex", [120.0] * 5, [3.5e5] * 5)], gaps=[0.01]
 )
+#: Floors that strike columns, on the ground and above, of either side; a wall that meets one floor of two.
+STAGGERED = ps.Scene(
+    [
+        ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
+        ps.Building("b", [80.0, 110.0], [2.4e5, 2e5], 0.03, [2.0, 3.5], column_stiffnesses=[5e4, 4e4]),
+        ps.Wall(),
+    ],
+    gaps=[0.003, 0.004],
+    contacts="floors and columns",
+    storeys={"b-wall": [1]},
+)
+#: A floor that strikes a column, and nothing else that meets.
+FRAMED = ps.Scene(
+    [
+        ps.Building("a", [60.0, 90.0], [2e5, 1e5], storey_heights=[3.0, 1.0]),
+        ps.Building("b", [80.0, 110.0], [1.4e5, 9e4], 0.0, [3.0, 3.2]),
+    ],
+    gaps=[0.004],
+    contacts="floors and columns",
+    storeys={"a-b": [2]},
+)
 
 
 @cache
@@ -97,6 +118,8 @@ def kernels() -> tuple[KernelSpec, ...]:
         simulated("rk4", "kelvin_voigt", scene=TALL),
         *(simulated(method, "kelvin_voigt", scene=yielding_pair()) for method in YIELDING),
         *swept(**YIELDING_SWEEP),
+        *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),
+        simulated("rk4", "kelvin_voigt", scene=FRAMED),
         *swept(**both, laws="hertz_damped", method="rk4"),
         *swept(**both, laws="hertz_damped", **single),
         *(kernel.shape for kernel in ps.load_sweep(own_law()).plan().kernels().values()),

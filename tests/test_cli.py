@@ -36,6 +36,8 @@ from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.resume.checkpoint import MANIFEST
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.sweep import load_sweep
+from pounding_sweep.spec.overview import overview
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 ROOT = Path(__file__).resolve().parent.parent
@@ -258,6 +260,9 @@ def test_plan_of_the_quickstart_runs_nothing(tmp_path):
     assert done.stderr == ""
     assert list(tmp_path.iterdir()) == []
     found = json.loads(cli("plan", QUICKSTART, "--json", "--workers", 3).stdout)
+    row = [each["name"] for each in found["row"]]
+    assert row == ["left", "middle", "right", "left-middle", "middle-right"]
+    assert found["row"][-1]["about"] == "floors meet at 3, 6, 9 m"
     assert (found["asked"], found["at_most"], found["refused"], found["workers"]) == (1008, 649, 0, 3)
 
 
@@ -283,7 +288,11 @@ def test_plan_says_what_is_refused(tmp_path):
 
 def test_run_prints_a_summary_and_the_path(tiny):
     folder, done = tiny
-    lines = done.stdout.splitlines()
+    row, *lines = done.stdout.split("\n\n", 1)
+    assert row == "\n".join(
+        f"{name:8}  {text}" for name, text in overview(load_sweep(folder / "sweep.toml").spec.scene)
+    )
+    lines = "".join(lines).splitlines()
     assert lines[0].split() == ["law", "pair", "peak", "force", "kN", "impacts", "median", "touching"]
     assert lines[1].startswith("kelvin_voigt")
     assert lines[1].endswith("4/6")
@@ -326,6 +335,7 @@ def test_run_as_json_equals_the_table(tiny, tmp_path):
     found = json.loads(done.stdout)
     assert found["scenarios"] == {"asked": 12, "run": 5, "reused": 0, "never_touching": 2, "broadcast": 5}
     assert found["cube"] == str(tmp_path / "again.nc")
+    assert [each["name"] for each in found["row"]] == ["high", "low", "high-low"]
     assert (found["failures"], found["warnings"], done.stderr) == ([], [], "")
     assert found["accuracy_choice"] == ""
     assert {item["output"] for item in found["audit"]} >= {"impact_force_max", "displacement_max"}

@@ -471,7 +471,7 @@ def test_cases_in_a_file(write):
     )
 
 
-@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding"])
+@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding", "columns"])
 def test_shipped_sweeps(name):
     spec = load_spec(ROOT / "sweeps" / f"{name}.toml")
     if name == "quickstart":
@@ -489,6 +489,12 @@ def test_shipped_sweeps(name):
         assert spec.scene.yields == (True,) * 5
         assert [axis.kind for axis in spec.property_axes] == ["strength_factor"] * 2
         assert spec.n_scenarios == 2 * 7 * 4 * 4
+    elif name == "columns":
+        scene = spec.scene
+        assert scene.pair_labels == ("old-new", "old-new columns of new", "old-new columns of old", "new-moat")
+        assert [c.storey for c in scene.contacts] == [1, 2, 1, 2, 3, 1]
+        assert (scene.row[0].slab_depths, scene.row[0].column_stiffnesses) == ((0.4,) * 3, (4e4, 4e4, 3e4))
+        assert spec.n_scenarios == 6
     else:
         assert spec.scene.pair_names == ("low-high", "high-moat")
         assert [(c.pair, c.storey) for c in spec.scene.contacts] == [(0, 1), (0, 2), (1, 1), (1, 2), (1, 3), (1, 4)]
@@ -572,7 +578,7 @@ def places(value, place=()):
             yield from places(item, (*place, index))
 
 
-@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding"])
+@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding", "columns"])
 def test_key_lines_knows_every_place_of_the_shipped_files(name):
     text = (ROOT / "sweeps" / f"{name}.toml").read_text()
     assert set(key_lines(text)) == set(places(tomllib.loads(text)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kernels_used import FRAMED
 from numba import config
 from scenes import pair
 
@@ -29,6 +30,8 @@ CASES = [
     ("exact", "kelvin_voigt", True, pair()),
     ("rk4", "kelvin_voigt", True, YIELDS),
     ("newmark", "none", True, YIELDS),
+    ("newmark", "kelvin_voigt", True, FRAMED),
+    ("rk4", "linear", False, FRAMED),
 ]
 
 

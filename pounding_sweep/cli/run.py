@@ -86,6 +86,7 @@ def run_command(
         outcome = job.last_outcome
         assert outcome is not None
         report = {
+            "row": _row(job),
             **_run_report(job.spec.n_scenarios, outcome),
             "extended_from": json.loads(cube.frame.attrs.get("extended_from", "null")),
             "accuracy_choice": cube.frame.attrs.get("accuracy_choice", ""),
@@ -137,14 +138,29 @@ def plan_command(
         found["largest_stable_step"] = limit
         found |= {"records_left_out": list(job.spec.records_left_out), "warnings": said}
         found["own_laws"] = {law.key: law.sha256 for law in job.spec.own_laws}
+        found["row"] = _row(job)
         if as_json:
             print_json(found)
             return
         print(printable(str(job.spec.title or sweep)))
+        _print_row(found["row"])
         compiling = f"{missing} to compile: about {seconds_text(seconds)} of CPU time" if missing else "all compiled"
         rows = plan.rows(found, compiling)
         rows += _left_out(found)
         print_pairs(rows)
+
+
+def _row(job: Sweep) -> list[dict[str, str]]:
+    """Describe the row of a sweep, one entry per building and pair."""
+    from pounding_sweep.spec.overview import overview
+
+    return [{"name": name, "about": text} for name, text in overview(job.spec.scene)]
+
+
+def _print_row(row: list[dict[str, str]]) -> None:
+    """Print what is to be known of the row, one line per building and pair."""
+    print_pairs([(each["name"], each["about"]) for each in row])
+    print()
 
 
 def _run_report(asked: int, outcome: Outcome) -> dict[str, Any]:
@@ -169,6 +185,7 @@ def _run_report(asked: int, outcome: Outcome) -> dict[str, Any]:
 
 def _print_run(report: dict[str, Any]) -> None:
     counts = report["scenarios"]
+    _print_row(report["row"])
     rows = [
         [
             row["law"],

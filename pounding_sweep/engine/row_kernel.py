@@ -20,6 +20,7 @@ from pounding_sweep.kernel.spec import (
     property_slots,
 )
 from pounding_sweep.model.laws import Law
+from pounding_sweep.model.levels import column_shares
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import REDUCERS, output_slots
@@ -130,6 +131,7 @@ def kernel_shape(
         varied=varied,
         yielding=tuple(i for i, each in enumerate(yields) if each),
         tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in scene.buildings),
+        struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
     )
 
 
@@ -308,8 +310,9 @@ class RowKernel:
         if "gap" in slots.first:
             put("gap", gaps.T)
         if self.shape.law is not None:
-            put("k", stiffness[None, :])
-            damping = self.law.damping_coefficient(restitution, stiffness, row.contact_masses.T, self.basis)
+            k = row.contact_stiffnesses(stiffness).T if self.shape.struck else stiffness[None, :]
+            put("k", k)
+            damping = self.law.damping_coefficient(restitution, k, row.contact_masses.T, self.basis)
             put("c", damping)
         if self.varied:
             for name, values in _properties(row).items():
@@ -323,6 +326,7 @@ class RowKernel:
 
 def _properties(row: Variants) -> dict[str, np.ndarray]:
     """Return building properties by the name of their slots, shape (n, slots)."""
+    shares = np.array([column_shares(contact.xi) for contact in row.scene.contacts]).reshape(-1, 2)
     buildings = row.scene.buildings
     alpha, beta = zip(*(row.rayleigh(b) for b in range(len(buildings))), strict=True)
     tangent = [float(b.damping_stiffness == "tangent") for b in buildings]
@@ -337,4 +341,6 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "hardening": row.hardenings,
         "yield_drift": np.minimum(row.yield_drifts, ELASTIC),
         "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
+        "lower": shares[None, :, 0],
+        "upper": shares[None, :, 1],
     }

@@ -328,7 +328,7 @@ class Group:
         if self.trace is None or (straight and not self.long):
             yield from range(len(contacts))
             return
-        for walls, same in groupby(range(len(contacts)), key=lambda j: tuple(i < 0 for i in contacts[j][:2])):
+        for (walls, columns), same in groupby(range(len(contacts)), key=self._kind):
             some = list(same)
             if len(some) == 1:
                 yield some[0]
@@ -337,7 +337,18 @@ class Group:
                 j = q + some[0]
                 sides = [self._sides[3 * j + side] for side in range(3)]
                 left, right = (-1 if wall else side for wall, side in zip(walls, sides, strict=False))
-                yield Contact(j, (left, right, sides[2]))
+                yield Contact(j, (left, right, sides[2]), columns)
+
+    def _kind(self, j: int) -> tuple[tuple[bool, ...], tuple[int, bool]]:
+        """Return what contacts that are gone through in one loop have in common: walls, and columns that are struck."""
+        return tuple(i < 0 for i in self.spec.contacts[j][:2]), self._columns(j)
+
+    def _columns(self, j: Any) -> tuple[int, bool]:
+        """Side of contact j whose columns are struck (-1: floors meet), and whether they stand on the ground."""
+        if isinstance(j, Contact):
+            return j.columns
+        side = self.spec.struck[j] if self.spec.struck else -1
+        return side, side >= 0 and self.spec.bottom[self.spec.contacts[j][side]]
 
     def each_building(self) -> Iterator[tuple[Any, list[Any]]]:
         """Go through the buildings and their floors; those of a long row that are equally high at run time."""
@@ -380,17 +391,46 @@ class Group:
         high = storeys[0] if len(set(storeys)) == 1 else self._floors_of[at + 1]
         return self._floors_of[at], high, self._floors_of[at + 2]
 
+    def floors_of(self, j: Any, side: int) -> list[tuple[Any, Any]]:
+        """Floors that contact j acts on at its left (0) or right (1) side, and the share of each (None: all)."""
+        floor, (struck, grounded) = self.sides(j)[side], self._columns(j)
+        if is_wall(floor):
+            return []
+        if side != struck:
+            return [(floor, None)]
+        upper = (floor, self.prop("upper", j))
+        return [upper] if grounded else [(floor - 1, self.prop("lower", j)), upper]
+
+    def ends(self, j: Any) -> list[tuple[Any, str, Any]]:
+        """Floors that contact j pushes: the floor, the sign of the force on it, and its share (None: all)."""
+        return [(floor, sign, share) for side, sign in enumerate("-+") for floor, share in self.floors_of(j, side)]
+
     def between(self, x: Any, j: Any) -> Any:
         """Left minus right of the floors of contact j, a wall being at rest; x: of all floors, or a row's name."""
-        left, right, _ = self.sides(j)
         read = (lambda i: self.state[x, i]) if isinstance(x, str) else x.__getitem__
-        if is_wall(left):
-            return -read(right)
-        return read(left) if is_wall(right) else read(left) - read(right)
+        left, right = (_weighted(self.floors_of(j, side), read) for side in (0, 1))
+        if left is None:
+            return -right
+        return left if right is None else left - right
+
+    def stiffness(self, j: Any) -> Any:
+        """Stiffness of contact j (kN/m**exponent); one for all where no columns are struck."""
+        return self.state["k", j] if self.spec.struck else self.state["k"]
 
     def gap(self, j: Any) -> Any:
         """Gap of contact j (m)."""
         return self.state["gap", self.sides(j)[2]]
+
+
+def _weighted(floors: Sequence[tuple[Any, Any]], read: Callable[[Any], Any]) -> Any:
+    """Sum of what is read of floors by their shares; None of none."""
+    parts = [read(i) if share is None else share * read(i) for i, share in floors]
+    return parts[0] + parts[1] if len(parts) > 1 else parts[0] if parts else None
+
+
+def part_of(force: Any, share: Any) -> Any:
+    """Return the share of a force (None: all of it)."""
+    return force if share is None else share * force
 
 
 def is_wall(floor: Any) -> bool:

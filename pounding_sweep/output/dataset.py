@@ -139,8 +139,10 @@ def _scene_coordinates(scene: Scene) -> dict[str, tuple[tuple[str, ...], Any, di
         ),
     }
     if scene.pair_names:
-        meets = np.array([elevations[c.left if c.left >= 0 else c.right] for c in scene.contacts], dtype=float)
-        coordinates["pair"] = (("pair",), list(scene.pair_names), {"long_name": "pair of neighbours, left-right"})
+        # of a floor that strikes columns, the floor's; columns have the index of the floor above them
+        floors = [c.left if c.left >= 0 and c.struck != 0 else c.right for c in scene.contacts]
+        meets = np.array(elevations)[floors]
+        coordinates["pair"] = (("pair",), list(scene.pair_labels), {"long_name": "pair of neighbours, left-right"})
         coordinates["contact_elevation"] = (
             ("pair", "storey"),
             scatter_contact(meets, scene),
@@ -279,7 +281,7 @@ def label(
     labelled = {
         name: Array((*outer, *variable.dims), data[name], _data_attributes(variable))
         for name, variable in VARIABLES.items()
-        if name in data and not (variable.per_pair and not scene.pair_names)
+        if name in data and variable.exists_in(scene)
     }
     version = package_version()
     found = {

@@ -165,6 +165,7 @@ def building_coordinates(
 
 
 _TEXTS = {"law": "contact law", "record": "ground-motion record"}
+_PAIR_GAP = {"units": "m", "long_name": "gap of the pair"}
 _REALISED = {
     "units": "1",
     "long_name": "realised coefficient of restitution",
@@ -204,8 +205,8 @@ def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
     extra: dict[str, Any] = {}
     n_pairs = len(spec.scene.pair_names)
     if n_pairs:
-        gaps = [spec.scene.gaps] if spec.gaps is None else [[g] * n_pairs for g in spec.gaps]
-        extra["pair_gap"] = (("gap", "pair"), np.array(gaps, float), {"units": "m", "long_name": "gap of the pair"})
+        gaps = np.array([spec.scene.gaps] if spec.gaps is None else [[g] * n_pairs for g in spec.gaps], float)
+        extra["pair_gap"] = (("gap", "pair"), gaps[:, spec.scene.pair_of_label], _PAIR_GAP)
     for column, (name, dim, about) in _COMES_TO.items():
         axis, values = spec.needed_axis(column)
         if axis.dimension != column:
@@ -263,7 +264,7 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
         gaps = np.empty((len(cases), n_pairs))
         for i, case in enumerate(cases):
             gaps[i] = spec.scene.gaps if case.gap is None else case.gap
-        extra["pair_gap"] = (("case", "pair"), gaps, {"units": "m", "long_name": "gap of the pair"})
+        extra["pair_gap"] = (("case", "pair"), gaps[:, spec.scene.pair_of_label], _PAIR_GAP)
     if len(plan.variants) > 1:
         varied = plan.variants[plan.unique.variant[plan.inverse]]
         extra |= row_coordinates(varied, "case")

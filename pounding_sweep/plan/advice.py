@@ -127,7 +127,8 @@ def shortest_contact(
         return result
     variants = variants_of(row)
     for j, contact in enumerate(variants.scene.contacts):
-        lasting = elastic_duration(law.exponent, stiffness, variants.contact_mass(j), speeds[:, contact.pair])
+        own = variants.contact_stiffnesses(stiffness)[:, j] if contact.struck >= 0 else stiffness
+        lasting = elastic_duration(law.exponent, own, variants.contact_mass(j), speeds[:, contact.pair])
         result = np.minimum(result, lasting)
     return result / law.quickening(restitution, basis)
 

@@ -131,11 +131,11 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
 def _check_results(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
     """Raise `InputError` where a cube has not all outputs of a sweep, or not of its buildings, pairs and storeys."""
     scene = spec.scene
-    names = [name for name in cube_variables(spec.outputs) if scene.pair_names or not VARIABLES[name].per_pair]
+    names = [name for name in cube_variables(spec.outputs) if VARIABLES[name].exists_in(scene)]
     check_variables(path, cube, names)
     labels = {
         "building": [building.name for building in scene.buildings],
-        "pair": list(scene.pair_names),
+        "pair": list(scene.pair_labels),
         "storey": list(range(1, scene.n_storeys + 1)),
     }
     for dim in {dim for name in names for dim in VARIABLES[name].dims}:

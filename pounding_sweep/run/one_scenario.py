@@ -247,16 +247,16 @@ def _varied(scene: Scene, case: Case) -> Scene:
         if isinstance(item, Wall):
             return item
         mass, period = masses.get(item.name, 1.0), periods.get(item.name, 1.0)
+        ratio = item.damping_ratio if case.damping_ratio is None else case.damping_ratio
         strength, own = mass * strengths.get(item.name, 1.0), item.yield_strengths
-        return Building(
-            item.name,
-            [mass * m for m in item.masses],
-            [mass / period**2 * k for k in item.stiffnesses],
-            item.damping_ratio if case.damping_ratio is None else case.damping_ratio,
-            item.storey_heights,
-            None if own is None else [strength * each for each in own],
-            hardenings.get(item.name, item.hardening),
-            item.damping_stiffness,
-        )
+        changed: dict[str, Any] = {
+            name: [mass / period**2 * k for k in getattr(item, name)]
+            for name in ("stiffnesses", "column_stiffnesses")
+            if getattr(item, name) is not None
+        }
+        if own is not None:
+            changed["yield_strengths"] = [strength * each for each in own]
+        changed["hardening"] = hardenings.get(item.name, item.hardening)
+        return replace(item, masses=[mass * m for m in item.masses], damping_ratio=ratio, **changed)
 
-    return Scene([varied(item) for item in scene.row], scene.gaps, scene.contact)
+    return replace(scene, row=[varied(item) for item in scene.row])

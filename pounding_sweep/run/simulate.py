@@ -203,7 +203,8 @@ def simulate(
     }
     if spec.accuracy is not None:
         attributes |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
-    extra = {"pair_gap": (("pair",), row.gaps, {"units": "m", "long_name": "gap of the pair"})} if row.gaps else None
+    own = [row.gaps[pair] for pair in row.pair_of_label]
+    extra = {"pair_gap": (("pair",), own, {"units": "m", "long_name": "gap of the pair"})} if own else None
     dataset = assemble(row, [], values, attributes, extra)
     if int(values["status"]) != Status.DIVERGED:
         time = np.linspace(0.0, motion.duration, n_steps + 1)
@@ -309,8 +310,7 @@ def _approach(scene: Scene, velocities: tuple[float, ...] | None) -> float:
     """Largest speed (m/s) at which floors that can meet approach each other at the start."""
     if velocities is None:
         return 0.0
-    at = (*velocities, 0.0)  # a wall has the index -1
-    return max([0.0, *(at[contact.left] - at[contact.right] for contact in scene.contacts)])
+    return max([0.0, *(sum(share * velocities[i] for i, share in contact.ends) for contact in scene.contacts)])
 
 
 def _building_sum(values: np.ndarray, scene: Scene) -> np.ndarray:
@@ -374,12 +374,9 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
         on_floor[:, first : first + b.n_storeys - 1] += storey[:, first + 1 : first + b.n_storeys]
     for j, c in enumerate(scene.contacts):
         closing = np.zeros(len(time))
-        if c.left >= 0:
-            closing += u[:, c.left]
-            on_floor[:, c.left] -= force[:, j]
-        if c.right >= 0:
-            closing -= u[:, c.right]
-            on_floor[:, c.right] += force[:, j]
+        for floor, share in c.ends:
+            closing += share * u[:, floor]
+            on_floor[:, floor] -= share * force[:, j]
         penetration[:, j] = np.maximum(closing - gap[j], 0.0)
     kinetic = _building_sum(0.5 * masses * v**2, scene)
     strain = _building_sum(strains, scene)
@@ -412,10 +409,10 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     if scene.pair_names:
         variables["contact_force"] = (pairs, scatter_contact(force, scene), "kN", "contact force, pressing positive")
         variables["penetration"] = (pairs, scatter_contact(penetration, scene), "m", "penetration, zero while open")
-        work = np.zeros((len(time), len(scene.pair_names)))
+        work = np.zeros((len(time), len(scene.pair_labels)))
         if "work" in slots.first:
             for j, c in enumerate(scene.contacts):
-                work[:, c.pair] += part("work")[:, j]
+                work[:, c.place] += part("work")[:, j]
         variables["work"] = ((*axis, "pair"), work, "kN m", "work of the contacts: what they took in")
     result: dict[str, Any] = {
         "time": xr.DataArray(time, dims=axis, attrs={"units": "s", "long_name": "time", "axis": "T"})

@@ -157,6 +157,17 @@ def _law(given: Any, info: Any, known: Mapping[str, Law], groups: str = "") -> L
     return law
 
 
+def _check_columns(scene: Scene, law: Law) -> None:
+    """Refuse a law that is not linear in d where floors strike columns, whose own flexibility is in series with it."""
+    if law.has_contact and law.exponent != 1.0 and any(contact.struck >= 0 for contact in scene.contacts):
+        usable = ", ".join(key for key, each in LAWS.items() if each.exponent == 1.0)
+        msg = (
+            f"law {law.key!r} has no force linear in d, which floors that strike columns need: the column's own "
+            f'flexibility is in series with it; give one of {usable}, or contacts = "floors"'
+        )
+        raise InputError(msg)
+
+
 def _laws(given: Any, info: Any) -> list[Law]:
     """Return the laws of a sweep, groups expanded."""
     found: dict[str, Law] = {}
@@ -173,10 +184,13 @@ def _laws(given: Any, info: Any) -> list[Law]:
         msg = f"{what}; give laws, valid: {', '.join(LAWS)}, or the groups all, mate2015"
         raise InputError(msg)
     with gathering() as faults:
+        scene = info.data.get("scene")
         for index, item in _looked_at(items, faults):
             place: Place = () if isinstance(given, (str, Law)) else (index,)
             for each in LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,):
                 law = faults.attempt(place, _law, each, info, {}, " (or the groups all, mate2015)")
+                if law is not None and scene is not None:
+                    faults.attempt(place, _check_columns, scene, law)
                 if law is not None and law.key in found:
                     faults.add(place, f"law {law.key!r} is there already; the values of an axis must differ")
                 elif law is not None:
@@ -495,6 +509,8 @@ def _case(faults: Faults, index: int, item: Any, info: Any) -> Case:
         own = info.context["own"]
         law = faults.attempt((*place, "law"), _law, item["law"], info, own)
         own |= {} if law is None else {law.key: law}
+        if law is not None and scene is not None:
+            faults.attempt((*place, "law"), _check_columns, scene, law)
     values: dict[str, Any] = {}
     for axis in AXES.values():
         key, value = axis.dimension, item.get(axis.dimension)

@@ -8,13 +8,13 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.laws import Law, get_law
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import CONTACTS, Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import (
@@ -185,6 +185,17 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
     return SweepError("\n  ".join(lines), problems)
 
 
+#: What of a building and of a scene is stored only where it is not as usual, so that digests of other sweeps stay.
+_BUILDING_MORE = ("slab_depths", "column_stiffnesses")
+_SCENE_MORE = ("tolerance", "storeys", "allow_unmet")
+
+
+def _unusual(item: Building | Scene, names: Sequence[str]) -> dict[str, Any]:
+    """Return those of some fields that are not as they are by default."""
+    usual = {each.name: each.default for each in fields(item)}
+    return {name: getattr(item, name) for name in names if getattr(item, name) != usual[name]}
+
+
 def scene_data(scene: Scene) -> dict[str, Any]:
     """Return a row as JSON holds it, in sweeps and in scenarios with their histories."""
     row: list[dict[str, Any]] = []
@@ -199,13 +210,48 @@ def scene_data(scene: Scene) -> dict[str, Any]:
                     "damping_ratio": [float(z) for z in ratio] if isinstance(ratio, tuple) else ratio,
                     "storey_heights": list(item.storey_heights or ()),
                     **_yielding_data(item),
+                    **_unusual(item, _BUILDING_MORE),
                 }
             )
         else:
             row.append({"wall": True, "name": item.name})
     given = {name: getattr(scene.contact, name) for name in (*REFERENCE_PROPERTIES.values(), "restitution")}
     contact = {name: None if value is None else float(value) for name, value in given.items()}
-    return {"row": row, "gaps": list(scene.gaps), "contact": contact}
+    more = _unusual(scene, _SCENE_MORE)
+    if scene.contacts.asked != CONTACTS[0]:
+        more["contacts"] = scene.contacts.asked
+    return {"row": row, "gaps": list(scene.gaps), "contact": contact, **more}
+
+
+def scene_of(data: Mapping[str, Any]) -> Scene:
+    """Return the row of `scene_data`."""
+    row: list[Building | Wall] = []
+    for item in data["row"]:
+        if item.get("wall"):
+            row.append(Wall(item["name"]))
+            continue
+        ratio = item["damping_ratio"]
+        row.append(
+            Building(
+                item["name"],
+                item["masses"],
+                item["stiffnesses"],
+                tuple(ratio) if isinstance(ratio, list) else ratio,
+                item["storey_heights"] or None,
+                **{name: item[name] for name in _BUILDING_MORE if name in item},
+                **_yielding_of(item),
+            )
+        )
+    more = {name: data[name] for name in (*_SCENE_MORE, "contacts") if name in data}
+    return Scene(row, data["gaps"], ContactProperties(**data["contact"]), **more)
+
+
+def _yielding_of(item: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of a building of `_yielding_data`."""
+    if "yield_strengths" not in item:
+        return {}
+    strengths = [math.inf if strength is None else strength for strength in item["yield_strengths"]]
+    return {**{name: item[name] for name in ("hardening", "damping_stiffness")}, "yield_strengths": strengths}
 
 
 def _yielding_data(building: Building) -> dict[str, Any]:
