@@ -56,7 +56,7 @@ def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
     sweep = Sweep(scene, records, NO_POUNDING, folders=folders, **_settings(scene))
     _check_pairs(sweep.spec.scene)
     if (row := with_columns(sweep.spec.scene)) != sweep.spec.scene:
-        sweep = Sweep(row, sweep.spec.records, NO_POUNDING, **_settings())
+        sweep = Sweep(row, sweep.spec.records, NO_POUNDING, **_settings(row))
     cube = _reduced(sweep.run()).isel(scale=0, drop=True)
     return StillRuns(sweep.spec.scene, cube, *_first_modes(sweep.spec.scene, ()))
 
