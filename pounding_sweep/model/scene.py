@@ -316,22 +316,22 @@ class Scene:
             check_gap(gap, f"gap of pair {name!r}")
         object.__setattr__(self, "gaps", gaps)
 
-    @property
+    @cached_property
     def buildings(self) -> tuple[Building, ...]:
         """The buildings of the row, left to right, without walls."""
         return tuple(item for item in self.row if isinstance(item, Building))
 
-    @property
+    @cached_property
     def pair_names(self) -> tuple[str, ...]:
         """Name of each pair of neighbours, ``"left-middle"``."""
         return tuple(f"{a.name}-{b.name}" for a, b in zip(self.row[:-1], self.row[1:], strict=True))
 
-    @property
+    @cached_property
     def n_storeys(self) -> int:
         """Storeys of the highest building."""
         return max(b.n_storeys for b in self.buildings)
 
-    @property
+    @cached_property
     def n_dof(self) -> int:
         """Number of floors of all buildings."""
         return sum(b.n_storeys for b in self.buildings)
