@@ -18,6 +18,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -83,13 +84,13 @@ def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
 
 def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
     """Largest difference of velocities between neighbours (m/s), shape (pairs, n)."""
-    still = np.zeros((1, len(variants)))
-    moving = [isinstance(item, Building) for item in variants.scene.row]
+    moving = np.array([isinstance(item, Building) for item in variants.scene.row])
     fastest = np.zeros((len(moving) - 1, len(variants)))
-    for velocities in _roof_velocities(variants, record):
-        roofs = iter(velocities)
-        found = [next(roofs)[None, :] if moves else still for moves in moving]
-        fastest = np.maximum(fastest, np.abs(np.diff(np.concatenate(found), axis=0)))
+    points = _roof_velocities(variants, record)
+    while some := list(islice(points, 1 + _BLOCK // len(variants))):
+        velocities = np.zeros((len(some), len(moving), len(variants)))  # walls stand still
+        velocities[:, moving] = some
+        fastest = np.maximum(fastest, np.abs(np.diff(velocities, axis=1)).max(axis=0))
     return fastest
 
 

@@ -152,23 +152,29 @@ def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
     table = plan.unique
     columns = (table.record[rows], table.law[rows], plan.steps[rows])
     kinds = np.ravel_multi_index(columns, [int(column.max()) + 1 for column in columns])
-    groups: list[Sample] = []
-    costs: list[int] = []
+    alike = []
     for kind in np.unique(kinds):
         mine = random.permutation(rows[kinds == kind])
-        record, law, steps = int(table.record[mine[0]]), int(table.law[mine[0]]), int(plan.steps[mine[0]])
-        alike = [Sample(mine[i : i + GROUP], law, record, steps, steps) for i in range(0, len(mine), GROUP)]
-        groups += alike
-        costs += [alike[0].cost(plan)] * len(alike)
-    sizes = np.array([len(group.rows) for group in groups], dtype=float)
-    order = random.choice(len(groups), size=len(groups), replace=False, p=sizes / sizes.sum()).tolist()
+        steps = int(plan.steps[mine[0]])
+        alike.append(Sample(mine, int(table.law[mine[0]]), int(table.record[mine[0]]), steps, steps))
+    # groups by their numbers: there may be millions
+    first = np.cumsum([0, *(-(-len(part.rows) // GROUP) for part in alike)])
+    costs = np.repeat([part.cost(plan) for part in alike], np.diff(first))
+    sizes = np.full(first[-1], float(GROUP))
+    sizes[first[1:] - 1] = [(len(part.rows) - 1) % GROUP + 1 for part in alike]
+    order = random.choice(len(sizes), size=len(sizes), replace=False, p=sizes / sizes.sum())
     left, budget = max(1, len(rows) // 2), plan.spec.audit * sweep_cost(plan, rows)
-    affordable = [index for index in order if costs[index] <= budget] or order[:1]
+    cheapest = costs.min()
+    affordable = order[costs[order] <= budget] if cheapest <= budget else order[:1]
     chosen: list[Sample] = []
     for index in affordable:
-        if left and (not chosen or costs[index] <= budget):
-            group = groups[index]
-            chosen.append(replace(group, rows=np.sort(group.rows[:left])))
+        if chosen and (not left or budget < cheapest):
+            break
+        if not chosen or costs[index] <= budget:
+            kind = int(np.searchsorted(first, index, "right")) - 1
+            begin = GROUP * int(index - first[kind])
+            group = alike[kind].rows[begin : begin + GROUP]
+            chosen.append(replace(alike[kind], rows=np.sort(group[:left])))
             left -= len(chosen[-1].rows)
             budget -= costs[index]
     return chosen
