@@ -279,10 +279,18 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
         largest = max(r.dt / int(n.min()) for r, n in zip(spec.records, still, strict=True))
         numerics = Numerics(advice.method, largest, spec.locate, spec.beta, spec.gamma, advice.precision, advice.finer)
     limit = _limits(spec, laws, unique, variants, numerics)
-    step = np.array([r.dt for r in spec.records])[unique.record] / steps
+    interval = np.array([r.dt for r in spec.records])
+    step = (interval if len(interval) == 1 else interval[unique.record]) / _once(steps)
     refused = np.zeros(len(unique), bool) if spec.force_unstable else step > limit
+    steps, limit = _once(steps), _once(limit)
     choice = advice.sentence if advice else ""
     return Plan(spec, unique, variants, inverse, refused, limit, numerics, steps, still, choice)
+
+
+def _once(column: np.ndarray) -> np.ndarray:
+    """Return a column that takes the memory of one row if all rows agree."""
+    alike = len(column) > 0 and bool((column == column[0]).all())
+    return np.broadcast_to(column[0], column.shape) if alike else column
 
 
 def _limits(

@@ -52,6 +52,8 @@ TOLERANCE = 0.05
 CONVERGED = 0.25
 #: Tasks that the sample is cut into, and most lane groups of one.
 BATCHES, LARGEST_BATCH = 8, 64
+#: Estimated duration (s) of a task below which it is not worth one of its own.
+BATCH_SECONDS = 0.1
 #: How the flags are spelt in a cube.
 FLAGS = {
     "audit_sensitive": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "steady sensitive"},
@@ -211,7 +213,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     share = sum(sample.cost(plan) for sample in samples) / sweep_cost(plan, rows)
     where = np.sort(np.concatenate([sample.rows for sample in samples]))
     own = outcome.results.gather(where)
-    batches = _batches(_by_step(plan, where, own))
+    batches = _batches(plan, _by_step(plan, where, own))
     fine = _run(plan, batches, dispatcher, _halved_task(plan, outputs))
     moved = None if fine is None else _run(plan, batches, dispatcher, _halved_task(plan, outputs, change=True))
     if fine is None or moved is None:
@@ -224,7 +226,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     if len(again):
         some = {name: values[again] for name, values in own.items()}
         settled = _run(
-            plan, _batches(_by_step(plan, where[again], some)), dispatcher, _settling_task(plan, outputs, tolerance)
+            plan, _batches(plan, _by_step(plan, where[again], some)), dispatcher, _settling_task(plan, outputs, tolerance)
         )
         if settled is None:
             return None
@@ -277,13 +279,17 @@ def _run(
     return {name: table[name] for name in table.dtype.names or ()}
 
 
-def _batches(samples: list[Sample]) -> list[list[Sample]]:
+def _batches(plan: Plan, samples: list[Sample]) -> list[list[Sample]]:
     """Put samples of one law, record and step together: enough of them that a task is worth its while."""
     kinds: dict[tuple[int, ...], list[Sample]] = {}
     for sample in samples:
         kinds.setdefault((sample.law, sample.record, sample.steps, sample.begun), []).append(sample)
     size = min(LARGEST_BATCH, math.ceil(len(samples) / BATCHES))
-    return [alike[i : i + size] for alike in kinds.values() for i in range(0, len(alike), size)]
+    batches = []
+    for (_, record, steps, _), alike in kinds.items():
+        most = max(size, int(BATCH_SECONDS / (LANES * plan.scenario_seconds(record, FINER * steps))))
+        batches += [alike[i : i + most] for i in range(0, len(alike), most)]
+    return batches
 
 
 def _halved_task(plan: Plan, outputs: Sequence[str], change: bool = False) -> Callable[[list[Sample], int], ChunkTask]:
