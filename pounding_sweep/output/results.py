@@ -42,7 +42,7 @@ class Results:
         self.scene = scene
         self.status = np.full(n, int(Status.NOT_RUN), np.int8)
         self.touched = np.zeros(n, bool)
-        self._slot = np.full(n, -1, np.int64)
+        self._slot = np.full(n, -1, np.int32 if n < 2**30 else np.int64)
         self._tables: list[np.ndarray | Callable[[], np.ndarray]] = []
         self._first = [0]
 

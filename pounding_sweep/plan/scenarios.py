@@ -89,15 +89,18 @@ def _joined(parts: list[Scenarios]) -> Scenarios:
     """Put tables one below the other; a column in which all rows agree takes the memory of one row again."""
     n = sum(map(len, parts))
 
+    columns = {name: [getattr(part, name) for part in parts] for name in Scenarios.__dataclass_fields__}
+    parts.clear()
+
     def column(name: str) -> np.ndarray:
-        pieces = [getattr(part, name) for part in parts]
+        pieces = columns.pop(name)  # let go of before the next column is joined
         if all(not piece.strides[0] and (piece[0] == pieces[0][0]).all() for piece in pieces):
             return np.broadcast_to(pieces[0][:1], (n, *pieces[0].shape[1:]))
         if name == "gaps" and not any(piece.strides[1] for piece in pieces):
             return np.broadcast_to(np.concatenate([piece[:, :1] for piece in pieces]), (n, pieces[0].shape[1]))
         return np.concatenate(pieces)
 
-    return Scenarios(*(column(name) for name in Scenarios.__dataclass_fields__))
+    return Scenarios(*(column(name) for name in list(columns)))
 
 
 def _distinct(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -222,11 +225,13 @@ def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
             block = block * len(own) + own.reshape([-1 if dim == name else 1 for dim in dims])
         codes[i] = block
 
+    asked_shape = codes.shape
+
     def table(asked: np.ndarray) -> Scenarios:
         at_law, at_gap, at_stiffness, at_restitution, at_record, at_scale, at_variant = np.unravel_index(
-            asked, codes.shape
+            asked, asked_shape
         )
-        law = law_of[at_law]
+        law = _gather(law_of, at_law)
         open_everywhere = law == last
         takes = np.array([item.takes_restitution for item in laws])[law]
         rows = np.broadcast_to(_gather(gaps[:, :1], at_gap), (len(asked), n_pairs)) if equal else _gather(gaps, at_gap)

@@ -32,7 +32,7 @@ from pounding_sweep.outputs.differences import CHANGE, comparable, relative_erro
 from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.plan.plan import REFINED
-from pounding_sweep.plan.scenarios import changed
+from pounding_sweep.plan.scenarios import BLOCK, changed
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import in_double
 
@@ -136,14 +136,15 @@ def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
     valued = np.isin(outcome.results.status, [int(s) for s in STATUS if s.has_values])
     impulsive = np.array([law.impulsive for law in plan.laws])[plan.unique.law]
     touched = impulsive | outcome.results.touched
-    return np.flatnonzero(valued & touched & ~outcome.left_out)
+    return np.flatnonzero(valued & touched & ~outcome.left_out).astype(np.int32)
 
 
 def sweep_cost(plan: Plan, rows: np.ndarray) -> int:
     """Lane-steps of the scenarios `rows` in the sweep."""
     points = np.array([record.n_points - 1 for record in plan.spec.records])
     times = 1 if plan.spec.accuracy is None else REFINED
-    return int((times * plan.steps[rows] * points[plan.unique.record[rows]]).sum())
+    blocks = (rows[first : first + BLOCK] for first in range(0, len(rows), BLOCK))
+    return times * sum(int((plan.steps[some] * points[plan.unique.record[some]]).sum()) for some in blocks)
 
 
 def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
@@ -152,8 +153,12 @@ def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
         return []
     random = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16)))
     table = plan.unique
-    columns = (table.record[rows], table.law[rows], plan.steps[rows])
-    kinds = np.ravel_multi_index(columns, [int(column.max()) + 1 for column in columns])
+    kinds = np.zeros(1, np.int64)
+    for column in (table.record, table.law, plan.steps):
+        if column.strides[0]:  # else one value for all
+            own = column[rows]
+            kinds = kinds * (int(own.max()) + 1) + own
+    kinds = np.broadcast_to(kinds, len(rows))
     alike = []
     for kind in np.unique(kinds):
         mine = random.permutation(rows[kinds == kind])
@@ -226,7 +231,10 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     if len(again):
         some = {name: values[again] for name, values in own.items()}
         settled = _run(
-            plan, _batches(plan, _by_step(plan, where[again], some)), dispatcher, _settling_task(plan, outputs, tolerance)
+            plan,
+            _batches(plan, _by_step(plan, where[again], some)),
+            dispatcher,
+            _settling_task(plan, outputs, tolerance),
         )
         if settled is None:
             return None

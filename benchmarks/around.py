@@ -1,0 +1,165 @@
+"""What a sweep costs around its kernels: ``python -m benchmarks.around [SCENARIOS ...]``.
+
+Plan, chunks, workers, audit and cube of sweeps like ``sweeps/million.toml``, its kernels replaced by ones that hand out
+the results of one real scenario again and again. Prints processor time per scenario, beside that of hashing the bytes of the
+cube and writing them to a file as they are, and beside that of the kernel.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import math
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pounding_sweep as ps
+from pounding_sweep.engine import cache, compile
+from pounding_sweep.kernel.spec import LANES, KernelSpec
+from pounding_sweep.run.sweep import load_sweep
+
+from benchmarks.million import SWEEP
+
+#: Groups of lanes by which the real kernels are timed.
+GROUPS = 64
+#: Scenarios of the sweeps that are timed where none are given.
+SIZES = (20_000, 200_000)
+#: Times that each sweep is run; the least time counts.
+ROUNDS = 5
+
+
+class Replay:
+    """Kernels that hand out the results of a scenario that real ones ran.
+
+    Attributes
+    ----------
+    seconds : float
+        Processor time (s) spent in their place.
+    each : float
+        Processor time (s) of the real kernels for a scenario.
+    """
+
+    def __init__(self) -> None:
+        self.seconds, self.each = 0.0, 0.0
+        self._real, self._lock = cache.get_kernel, threading.Lock()
+        self._known: dict[KernelSpec, np.ndarray] = {}
+
+    def get_kernel(self, shape: KernelSpec) -> Callable[..., None]:
+        """Stand in for `cache.get_kernel`."""
+        real = self._real(shape)
+
+        def run(*arguments: Any) -> None:
+            started = time.thread_time()
+            *how, inputs, results, history = arguments
+            if shape.law is None:  # who touches is found as ever
+                real(*arguments)
+            else:
+                results[:] = self._results(shape, real, how, inputs, results, history)
+            with self._lock:
+                self.seconds += time.thread_time() - started
+
+        return run
+
+    def _results(self, shape: KernelSpec, real: Any, how: Any, inputs: Any, results: Any, history: Any) -> np.ndarray:
+        """Results of one scenario in all lanes: a row in every place of the cube, and nothing for the audit to find."""
+        with self._lock:
+            if shape not in self._known:
+                some = np.ascontiguousarray(inputs[np.linspace(0, len(inputs) - 1, GROUPS).astype(int)])
+                found = np.zeros((GROUPS, results.shape[1]))
+                started = time.thread_time()
+                real(*how, some, found, history)
+                self.each = self.each or (time.thread_time() - started) / (GROUPS * LANES)
+                self._known[shape] = np.repeat(found[0].reshape(-1, LANES)[:, 0], LANES)
+        return self._known[shape]
+
+
+@contextmanager
+def replayed() -> Iterator[Replay]:
+    """Have such kernels in this process for a while."""
+    replay = Replay()
+    for module in (cache, compile):
+        module.get_kernel = replay.get_kernel
+    try:
+        yield replay
+    finally:
+        for module in (cache, compile):
+            module.get_kernel = replay._real
+
+
+@dataclass(frozen=True)
+class Around:
+    """What one size of sweep costs, in processor time (s) per scenario.
+
+    Attributes
+    ----------
+    scenarios : int
+        Scenarios, none like another.
+    outside : float
+        All but the kernels.
+    bytes_alone : float
+        To hash the bytes of the cube, and to write them to a file.
+    kernel : float
+        The real kernel's, at one step.
+    """
+
+    scenarios: int
+    outside: float
+    bytes_alone: float
+    kernel: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.scenarios} scenarios: {1e6 * self.outside:.2f} us each outside of kernels, "
+            f"{self.outside / self.bytes_alone:.1f} times hashing and writing the cube's bytes, "
+            f"{self.outside / self.kernel:.2f} of the kernel at one step"
+        )
+
+
+def around(scenarios: int, rounds: int = ROUNDS) -> Around:
+    """Time a sweep of about so many scenarios on two threads, its kernels replayed; the least of several runs."""
+    spec = load_sweep(SWEEP).spec
+    each = math.ceil(scenarios ** (1.0 / 3.0))
+    sweep = ps.Sweep(
+        spec.scene,
+        spec.records,
+        spec.laws,
+        gaps=np.linspace(0.004, 0.020, each),
+        stiffness_factors=np.geomspace(0.25, 4.0, each),
+        restitutions=np.linspace(0.3, 0.9, max(1, round(scenarios / each**2))),
+        accuracy=spec.accuracy,
+        outputs=spec.outputs,
+    )
+    outside, alone = [], []
+    with tempfile.TemporaryDirectory() as folder, replayed() as replay:
+        path = Path(folder) / "cube.nc"
+        sweep.write(path, workers=2)  # what is loaded once is no cost of a scenario
+        for _ in range(rounds):
+            replay.seconds, started = 0.0, time.process_time()
+            sweep.write(path, workers=2, overwrite=True)
+            outside.append(time.process_time() - started - replay.seconds)
+            content, started = path.read_bytes(), time.process_time()
+            hashlib.sha256(content).digest()
+            (Path(folder) / "copy").write_bytes(content)
+            alone.append(time.process_time() - started)
+        n = sweep.spec.n_scenarios
+        return Around(n, min(outside) / n, min(alone) / n, replay.each)
+
+
+def main() -> None:
+    """Measure, and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.around", description=__doc__)
+    parser.add_argument("scenarios", nargs="*", type=int, default=SIZES)
+    for scenarios in parser.parse_args().scenarios:
+        print(around(scenarios), flush=True)
+
+
+if __name__ == "__main__":
+    main()
