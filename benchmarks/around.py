@@ -1,8 +1,8 @@
 """What a sweep costs around its kernels: ``python -m benchmarks.around [SCENARIOS ...]``.
 
 Plan, chunks, workers, audit and cube of sweeps like ``sweeps/million.toml``, its kernels replaced by ones that hand out
-the results of one real scenario again and again. Prints processor time per scenario, beside that of hashing the bytes of the
-cube and writing them to a file as they are, and beside that of the kernel.
+the results of one real scenario again and again. Prints processor time per scenario, beside that of hashing the bytes
+of the cube and writing them to a file as they are, and beside that of the kernel.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
 import pounding_sweep as ps
+from benchmarks.million import SWEEP
 from pounding_sweep.engine import cache, compile
 from pounding_sweep.kernel.spec import LANES, KernelSpec
 from pounding_sweep.run.sweep import load_sweep
-
-from benchmarks.million import SWEEP
 
 #: Groups of lanes by which the real kernels are timed.
 GROUPS = 64
@@ -85,13 +85,8 @@ class Replay:
 def replayed() -> Iterator[Replay]:
     """Have such kernels in this process for a while."""
     replay = Replay()
-    for module in (cache, compile):
-        module.get_kernel = replay.get_kernel
-    try:
+    with patch.object(cache, "get_kernel", replay.get_kernel), patch.object(compile, "get_kernel", replay.get_kernel):
         yield replay
-    finally:
-        for module in (cache, compile):
-            module.get_kernel = replay._real
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from importlib.metadata import version
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -204,6 +205,12 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
     return [Axis("case", np.arange(1, len(cases) + 1), "1", "listed scenario")], extra
 
 
+@lru_cache(maxsize=1)
+def _xarray_version() -> str:
+    """Return the version of xarray, which is not loaded for it."""
+    return version("xarray")
+
+
 def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
     """Return what the cube says of the sweep as a whole."""
     spec = plan.spec
@@ -224,7 +231,7 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "sweep": to_json(spec),
         "sweep_sha256": plan.digest,
         **{library_attribute(name): version for name, version in library_versions().items()},
-        "xarray_version": version("xarray"),
+        "xarray_version": _xarray_version(),
     }
     if spec.accuracy is None:
         found["time_step"] = [r.dt / plan.numerics.steps(r) for r in spec.records]

@@ -423,7 +423,7 @@ class _Job:
         return steps, np.maximum(still, least).astype(np.int32)
 
     def _wanted(self, method: str, need: dict[str, float], still_need: float, rows: slice) -> np.ndarray:
-        """Steps per second of scenarios: those of modes, contacts, and the stability limit."""
+        """Return the steps per second that scenarios ask for: those of modes, contacts, and the stability limit."""
         table = self.table[rows]
         contact, mode = self.contact[rows], self.mode[table.variant]
         wanted = still_need / mode

@@ -34,7 +34,7 @@ REFINED = 3
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
 CHUNK_SECONDS = 1.0
 #: Largest size (bytes) of the results of one chunk.
-CHUNK_BYTES = 2**23
+CHUNK_BYTES = 2**22
 #: Memory of one scenario while it is planned, by measurement.
 PLAN_BYTES = 300
 #: Scenarios whose largest steps are found at a time.

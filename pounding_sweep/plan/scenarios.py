@@ -16,7 +16,6 @@ from pounding_sweep.outputs.differences import CHANGE
 from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis
 from pounding_sweep.spec.spec import SweepSpec
 
-
 #: Scenarios whose columns are worked out at once.
 BLOCK = 2**18
 

@@ -133,10 +133,15 @@ def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
     """Rows of the unique scenarios that touched and have values."""
     if outcome.left_out is None:
         return np.zeros(0, dtype=int)
-    valued = np.isin(outcome.results.status, [int(s) for s in STATUS if s.has_values])
-    impulsive = np.array([law.impulsive for law in plan.laws])[plan.unique.law]
-    touched = impulsive | outcome.results.touched
-    return np.flatnonzero(valued & touched & ~outcome.left_out).astype(np.int32)
+    # nothing here takes more than a byte for each of what may be many millions
+    found = outcome.results.touched & ~outcome.left_out
+    for index, law in enumerate(plan.laws):
+        if law.impulsive:
+            found |= (plan.unique.law == index) & ~outcome.left_out
+    for status in STATUS:
+        if not status.has_values:
+            found &= outcome.results.status != int(status)
+    return np.flatnonzero(found).astype(np.int32)
 
 
 def sweep_cost(plan: Plan, rows: np.ndarray) -> int:
@@ -158,10 +163,9 @@ def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
         if column.strides[0]:  # else one value for all
             own = column[rows]
             kinds = kinds * (int(own.max()) + 1) + own
-    kinds = np.broadcast_to(kinds, len(rows))
     alike = []
     for kind in np.unique(kinds):
-        mine = random.permutation(rows[kinds == kind])
+        mine = random.permutation(rows if len(kinds) == 1 else rows[kinds == kind])
         steps = int(plan.steps[mine[0]])
         alike.append(Sample(mine, int(table.law[mine[0]]), int(table.record[mine[0]]), steps, steps))
     # groups by their numbers: there may be millions
