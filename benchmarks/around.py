@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import math
+import resource
 import tempfile
 import threading
 import time
@@ -24,6 +25,7 @@ import numpy as np
 
 import pounding_sweep as ps
 from benchmarks.million import SWEEP
+from pounding_sweep.base.tables import bytes_text
 from pounding_sweep.engine import cache, compile
 from pounding_sweep.kernel.spec import LANES, KernelSpec
 from pounding_sweep.run.sweep import load_sweep
@@ -103,26 +105,39 @@ class Around:
         To hash the bytes of the cube, and to write them to a file.
     kernel : float
         The real kernel's, at one step.
+    peak_bytes : int
+        Largest memory of this process so far.
     """
 
     scenarios: int
     outside: float
     bytes_alone: float
     kernel: float
+    peak_bytes: int
 
     def __str__(self) -> str:
         return (
             f"{self.scenarios} scenarios: {1e6 * self.outside:.2f} us each outside of kernels, "
             f"{self.outside / self.bytes_alone:.1f} times hashing and writing the cube's bytes, "
-            f"{self.outside / self.kernel:.2f} of the kernel at one step"
+            f"{self.outside / self.kernel:.2f} of the kernel at one step; at most {bytes_text(self.peak_bytes)} of memory"
         )
 
 
-def around(scenarios: int, rounds: int = ROUNDS) -> Around:
-    """Time a sweep of about so many scenarios on two threads, its kernels replayed; the least of several runs."""
+def _copy(path: Path, to: Path) -> float:
+    """Hash the bytes of a file and write them to another; returns processor time (s)."""
+    digest, started = hashlib.sha256(), time.process_time()
+    with path.open("rb") as source, to.open("wb") as target:
+        while part := source.read(1 << 22):
+            digest.update(part)
+            target.write(part)
+    return time.process_time() - started
+
+
+def _sweep(scenarios: int) -> ps.Sweep:
+    """Return a sweep of about so many scenarios, along the axes of ``sweeps/million.toml``."""
     spec = load_sweep(SWEEP).spec
     each = math.ceil(scenarios ** (1.0 / 3.0))
-    sweep = ps.Sweep(
+    return ps.Sweep(
         spec.scene,
         spec.records,
         spec.laws,
@@ -132,28 +147,33 @@ def around(scenarios: int, rounds: int = ROUNDS) -> Around:
         accuracy=spec.accuracy,
         outputs=spec.outputs,
     )
+
+
+def around(scenarios: int, rounds: int = ROUNDS) -> Around:
+    """Time a sweep of about so many scenarios on two threads, its kernels replayed; the least of several runs."""
+    sweep = _sweep(scenarios)
     outside, alone = [], []
     with tempfile.TemporaryDirectory() as folder, replayed() as replay:
         path = Path(folder) / "cube.nc"
-        sweep.write(path, workers=2)  # what is loaded once is no cost of a scenario
+        _sweep(2000).write(path, workers=2)  # what is loaded once is no cost of a scenario
         for _ in range(rounds):
             replay.seconds, started = 0.0, time.process_time()
             sweep.write(path, workers=2, overwrite=True)
             outside.append(time.process_time() - started - replay.seconds)
-            content, started = path.read_bytes(), time.process_time()
-            hashlib.sha256(content).digest()
-            (Path(folder) / "copy").write_bytes(content)
-            alone.append(time.process_time() - started)
+            alone.append(_copy(path, Path(folder) / "copy"))
         n = sweep.spec.n_scenarios
-        return Around(n, min(outside) / n, min(alone) / n, replay.each)
+        peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return Around(n, min(outside) / n, min(alone) / n, replay.each, peak)
 
 
 def main() -> None:
     """Measure, and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.around", description=__doc__)
     parser.add_argument("scenarios", nargs="*", type=int, default=SIZES)
-    for scenarios in parser.parse_args().scenarios:
-        print(around(scenarios), flush=True)
+    parser.add_argument("--rounds", type=int, default=ROUNDS, help="times that each sweep is run (default %(default)s)")
+    given = parser.parse_args()
+    for scenarios in given.scenarios:
+        print(around(scenarios, given.rounds), flush=True)
 
 
 if __name__ == "__main__":
