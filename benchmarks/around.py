@@ -119,7 +119,8 @@ class Around:
         return (
             f"{self.scenarios} scenarios: {1e6 * self.outside:.2f} us each outside of kernels, "
             f"{self.outside / self.bytes_alone:.1f} times hashing and writing the cube's bytes, "
-            f"{self.outside / self.kernel:.2f} of the kernel at one step; at most {bytes_text(self.peak_bytes)} of memory"
+            f"{self.outside / self.kernel:.2f} of the kernel at one step; "
+            f"at most {bytes_text(self.peak_bytes)} of memory"
         )
 
 

@@ -9,8 +9,8 @@ from numpydoc.docscrape import NumpyDocString
 from pydantic.fields import FieldInfo
 
 from pounding_sweep.model.hertz import hertz_stiffness
-from pounding_sweep.model.scene import Building, ContactProperties, Wall
-from pounding_sweep.records import pulse_record, read_record, synthetic_record
+from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.spec import tables
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, Case, Range
 from pounding_sweep.spec.build import build_spec
@@ -33,12 +33,27 @@ _OWN = {
     ("[[scene.row]], a wall", "name"): "Coordinate label in every result.",
     ("[scene.contact]", "hertz"): "What `hertz_stiffness` follows from, in its place; below.",
     ("[sweep]", "building"): "Axes over a building's properties, below.",
+    ("[design]", "kind"): "How points are chosen; see [designs](designs).",
+    ("[design]", "samples"): "Points; a power of 2 for sobol and saltelli, of which it is the points of one block.",
+    ("[design]", "seed"): "Of the random numbers; the same seed gives the same points.",
+    ("[design]", "inputs"): (
+        "By the dimension of an axis, or under building.NAME, a table of a distribution; record is drawn from those of "
+        'the sweep by `{ distribution = "any" }`.'
+    ),
+    ("A distribution", "distribution"): "Which it is.",
+    ("A distribution", "low"): "Least value; of a normal or lognormal one where it is cut off.",
+    ("A distribution", "high"): "Largest value, likewise.",
+    ("A distribution", "mean"): "Mean of a normal distribution.",
+    ("A distribution", "std"): "Standard deviation of a normal distribution.",
+    ("A distribution", "median"): "Median of a lognormal distribution.",
+    ("A distribution", "dispersion"): "Standard deviation of its logarithm.",
     **{("building.NAME", kind): AXES[argument].meaning for argument, kind in FACTOR_KINDS.items()},
     ("A record by name", "record"): "Name of the record, as `pounding-sweep records` lists it.",
     ("A record by name", "name"): "Label of the record in the cube; its own by default.",
     ("A record by name", "scale"): "Factor on the motion.",
     ("A record by name", "pga"): "Peak ground acceleration to scale to, in m/s2; excludes `scale`.",
     ("A pulse", "pulse"): "Shape: half_sine, sine, ricker, rectangular or triangular.",
+    ("A near-fault pulse", "near_fault"): "Amplitude A of the velocity in m/s, of either sign.",
     ("A synthetic earthquake", "synthetic"): "Seed; the same seed and parameters give the same record.",
 }
 
@@ -51,7 +66,7 @@ def _arguments(section: str) -> dict[str, FieldInfo]:
 
 #: Heading -> (keys, what takes their values).
 _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
-    "[scene]": (tables.SceneTable.model_fields, None),
+    "[scene]": (tables.SceneTable.model_fields, Scene),
     "[[scene.row]], a building": (tables.BuildingTable.model_fields, Building),
     "[[scene.row]], a wall": (tables.WallTable.model_fields, Wall),
     "[scene.contact]": (tables.ContactTable.model_fields, ContactProperties),
@@ -59,10 +74,13 @@ _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
     "[sweep]": (_arguments("sweep"), build_spec),
     "Evenly spaced values": (tables.RangeTable.model_fields, Range),
     "building.NAME": (dict.fromkeys(FACTOR_KINDS.values(), _AXIS), None),
+    "[design]": (tables.DesignTable.model_fields, None),
+    "A distribution": (tables.DistributionTable.model_fields, None),
     "A record from a file": (tables.PathRecord.model_fields, read_record),
     "A record by name": (tables.NamedRecord.model_fields, None),
     "A synthetic earthquake": (tables.SyntheticRecord.model_fields, synthetic_record),
     "A pulse": (tables.PulseRecord.model_fields, pulse_record),
+    "A near-fault pulse": (tables.NearFaultRecord.model_fields, near_fault_record),
     "[solver]": (_arguments("solver"), build_spec),
     "[output]": (_arguments("output"), build_spec),
 }

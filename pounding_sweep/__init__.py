@@ -6,6 +6,7 @@ that importing the package is fast.
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.deferred import attribute
@@ -23,6 +24,7 @@ _HOME = {
     "read_record": "pounding_sweep.records",
     "find_record": "pounding_sweep.records",
     "list_records": "pounding_sweep.records",
+    "near_fault_record": "pounding_sweep.records",
     "pulse_record": "pounding_sweep.records",
     "synthetic_record": "pounding_sweep.records",
     "get_preset": "pounding_sweep.model.presets",
@@ -34,6 +36,9 @@ _HOME = {
     "tradeoff": "pounding_sweep.accuracy.tradeoff",
     "PoundingSweepError": "pounding_sweep.base.errors",
 }
+
+#: Packages that are public as they are.
+_PACKAGES = ("analysis", "figures")
 
 __all__ = [
     "LAWS",
@@ -47,12 +52,15 @@ __all__ = [
     "Sweep",
     "Wall",
     "__version__",
+    "analysis",
+    "figures",
     "find_record",
     "get_law",
     "get_preset",
     "hertz_stiffness",
     "list_records",
     "load_sweep",
+    "near_fault_record",
     "open_cube",
     "pulse_record",
     "read_record",
@@ -62,6 +70,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from pounding_sweep import analysis, figures
     from pounding_sweep.accuracy.tradeoff import tradeoff
     from pounding_sweep.base.errors import PoundingSweepError
     from pounding_sweep.model.hertz import hertz_stiffness
@@ -73,6 +82,7 @@ if TYPE_CHECKING:
         Record,
         find_record,
         list_records,
+        near_fault_record,
         pulse_record,
         read_record,
         synthetic_record,
@@ -87,6 +97,8 @@ def __getattr__(name: str) -> Any:
         from pounding_sweep.output.dataset import package_version
 
         return package_version()
+    if name in _PACKAGES:
+        return import_module(f"{__name__}.{name}")
     return attribute(__name__, _HOME, name)
 
 

@@ -15,6 +15,8 @@ from pounding_sweep.base.deferred import attribute
 _HOME = {
     "BehaviourFactors": "pounding_sweep.analysis.separation_rules",
     "SEPARATION_RULES": "pounding_sweep.analysis.separation_rules",
+    "export_nrml": "pounding_sweep.analysis.exchange",
+    "export_pelicun": "pounding_sweep.analysis.exchange",
     "response_spectrum": "pounding_sweep.analysis.spectra",
     "floor_spectra": "pounding_sweep.analysis.spectra",
 }

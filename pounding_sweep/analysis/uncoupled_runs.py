@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.rebuild import records_of, scene_of, stored_sweep
+from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.scenarios import (
     NO_POUNDING,
     law_keys,
@@ -23,9 +23,10 @@ from pounding_sweep.analysis.scenarios import (
     without_pounding,
 )
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import CONTACTS, Building, Scene
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.spec.axes import AXES, DIMENSIONS, PropertyAxis, axes_of, case_of, property_axes
+from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -54,6 +55,8 @@ def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
 
     sweep = Sweep(scene, records, NO_POUNDING, folders=folders, **_settings())
     _check_pairs(sweep.spec.scene)
+    if (row := with_columns(sweep.spec.scene)) != sweep.spec.scene:
+        sweep = Sweep(row, sweep.spec.records, NO_POUNDING, **_settings())
     cube = _reduced(sweep.run()).isel(scale=0, drop=True)
     return StillRuns(sweep.spec.scene, cube, *_first_modes(sweep.spec.scene, ()))
 
@@ -62,10 +65,11 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
     """Return the runs without pounding that belong to a cube; see `required_gap`."""
     cube = scenarios_only(cube)
     sweep = stored_sweep(cube)
-    scene = scene_of(sweep)
+    own = scene_of(sweep["scene"])
+    scene = with_columns(own)
     _check_pairs(scene)
     whole = {"building", "pair", "storey"} <= set(cube.dims)  # a part of the row is no row
-    there = whole and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
+    there = whole and scene == own and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
     if sweep["cases"] is not None:
         if there and min(still_cases(cube)) >= 0:
             runs = cube.isel(case=np.flatnonzero(cube["law"].values.astype(str) == NO_POUNDING))
@@ -76,6 +80,11 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
     runs = _reduced(cube) if there else _run_product(scene, sweep, records, folders)
     modes = [_where(part, cube if there else runs) for part in _first_modes(scene, axes)]
     return StillRuns(scene, runs, *modes)
+
+
+def with_columns(scene: Scene) -> Scene:
+    """Return a row in which floors meet columns too."""
+    return replace(scene, contacts=CONTACTS[1])
 
 
 def _check_pairs(scene: Scene) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import math
-import operator
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from itertools import groupby
@@ -29,10 +28,10 @@ from pounding_sweep.kernel.lanes import (
     power,
     sqrt,
     where,
-    where_count,
 )
 from pounding_sweep.kernel.precision import TOLERANCES
 from pounding_sweep.kernel.spec import KernelSpec, LawShape, input_slots, property_slots, result_slots
+from pounding_sweep.model.formula import read, value
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Constants that all lanes share even where buildings vary.
@@ -40,30 +39,24 @@ SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma"})
 #: What a reducer asks of each sub-step of a closed contact, each with those before it: nothing, the penetration at
 #: both ends, the force too, or that forces and their rates at both ends are kept for all floors.
 LOOKS = ("", "depth", "force", "ends")
-_OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv}
 #: Share of an elastic contact's duration over which sub-steps grow to a whole step, where they are graded.
 GRADED_SHARE = 0.5
 
 
-def _value(part: ast.expr, given: dict[str, Any]) -> Any:
-    """Value of a formula of a contact law: numbers, names, + - * /, ``max`` and ``math.sqrt``."""
-    match part:
-        case ast.Constant(value=float() | int() as number):
-            return float(number)
-        case ast.Name(id=name):
-            return given[name]
-        case ast.BinOp(left=left, op=op, right=right):
-            return _OPERATORS[type(op)](_value(left, given), _value(right, given))
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return -_value(operand, given)
-        case ast.Call(func=ast.Name(id="max"), args=[a, b]):
-            return maximum(_value(a, given), _value(b, given))
-        case ast.Call(func=ast.Attribute(value=ast.Name(id="math"), attr="sqrt"), args=[a]):
-            return sqrt(_value(a, given))
-    msg = (
-        f"the formula of a contact law holds {ast.unparse(part)!r}; it may hold k, c, d, r, v, + - * /, max, math.sqrt"
-    )
-    raise ValueError(msg)
+def _power(x: Any, exponent: float) -> Any:
+    """Return x to a constant power: products and roots where they do, of which lanes have instructions; else x >= 0."""
+    whole, quarters = divmod(4.0 * exponent, 4.0)
+    if not (0.0 <= exponent <= 4.0 and quarters == round(quarters)):
+        return power(maximum(x, 0.0), exponent)
+    factors = [x] * int(whole)
+    if quarters:
+        root = sqrt(maximum(x, 0.0))
+        factors += [root] * (quarters >= 2.0) + ([sqrt(root)] if quarters % 2.0 else [])
+    return math.prod(factors[1:], start=factors[0]) if factors else 1.0
+
+
+#: Functions in the formulas of laws.
+_FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": _power}
 
 
 class Law:
@@ -87,10 +80,10 @@ class Law:
         self._duration = factor * (0.5 * (shape.exponent + 1.0)) ** share, share, (1.0 - shape.exponent) * share
 
     def _evaluate(self, text: str, d: Any, **given: Any) -> Any:
-        formula = ast.parse(text, mode="eval").body
+        formula = read(text)
         if any(isinstance(part, ast.Name) and part.id == "r" for part in ast.walk(formula)):
             given["r"] = sqrt(maximum(d, 0.0))
-        return _value(formula, {"d": d, **given})
+        return value(formula, {"d": d, **given}, _FUNCTIONS)
 
     def elastic(self, k: Any, c: Any, d: Any) -> Any:
         """Elastic force."""
@@ -167,7 +160,7 @@ class Group:
         constants: Any,
         memory: Any = None,
     ) -> None:
-        self.spec, self.trace, self.lanes, self._constants = spec, trace, lanes, constants
+        self.spec, self.trace, self.lanes, self.constants = spec, trace, lanes, constants
         self.scheme, self.reducers, self.asked = scheme, reducers, spec.reducers
         #: Whether motions are followed between the ends of steps.
         self.follows = any(reducer.follows for reducer in reducers)
@@ -206,7 +199,7 @@ class Group:
             rows |= {"joining": nc} if spec.impulsive else {}
             rows |= dict.fromkeys(("fallback", "unsolved", "stiff"), 1)
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
-            rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force"), nc)
+            rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)
             rows |= {"now": nb, "gained0": nb, "gained1": nb}
             if spec.law is not None and spec.law.yields:
                 rows |= {"plastic": nc, "yield": nc}
@@ -226,23 +219,11 @@ class Group:
             return self.state[f"p_{name}", i]
         at = self._places.first[name] + i
         if self.trace is None:
-            return self._constants[at]
+            return self.constants[at]
         t = self.trace
         place = at.value if isinstance(at, Count) else ir.Constant(ir.IntType(64), at)
-        pointer = t.builder.gep(self._constants, [place], inbounds=True)
+        pointer = t.builder.gep(self.constants, [place], inbounds=True)
         return Real(t, t.load(pointer, t.real, t.size, fixed=True))
-
-    def transition(self, stepping: Any, i: int) -> Any:
-        """Return number `i` of the table of exact flight over a short step (`stepping`) or a long one."""
-        if self.spec.varied:
-            short, long = (self.state.first[f"p_{name}"] for name in ("short", "glide"))
-            return self.state.row(where_count(self.trace, stepping, short, long) + i)
-        short, long = (self._places.first[name] for name in ("short", "glide"))
-        at = where_count(self.trace, stepping, short, long) + i
-        if self.trace is None:
-            return self._constants[at]
-        t = self.trace
-        return Real(t, t.load(t.builder.gep(self._constants, [at.value], inbounds=True), t.real, t.size, fixed=True))
 
     def clock(self, h: Any) -> Any:
         """Time (s) since the start of the motion, of lanes that are within a step of length h."""
@@ -324,7 +305,7 @@ class Group:
         if self.trace is None or (straight and not self.long):
             yield from range(len(contacts))
             return
-        for walls, same in groupby(range(len(contacts)), key=lambda j: tuple(i < 0 for i in contacts[j][:2])):
+        for (walls, columns), same in groupby(range(len(contacts)), key=self._kind):
             some = list(same)
             if len(some) == 1:
                 yield some[0]
@@ -333,7 +314,18 @@ class Group:
                 j = q + some[0]
                 sides = [self._sides[3 * j + side] for side in range(3)]
                 left, right = (-1 if wall else side for wall, side in zip(walls, sides, strict=False))
-                yield Contact(j, (left, right, sides[2]))
+                yield Contact(j, (left, right, sides[2]), columns)
+
+    def _kind(self, j: int) -> tuple[tuple[bool, ...], tuple[int, bool]]:
+        """Return what contacts that are gone through in one loop have in common: walls, and columns that are struck."""
+        return tuple(i < 0 for i in self.spec.contacts[j][:2]), self._columns(j)
+
+    def _columns(self, j: Any) -> tuple[int, bool]:
+        """Side of contact j whose columns are struck (-1: floors meet), and whether they stand on the ground."""
+        if isinstance(j, Contact):
+            return j.columns
+        side = self.spec.struck[j] if self.spec.struck else -1
+        return side, side >= 0 and self.spec.bottom[self.spec.contacts[j][side]]
 
     def each_building(self) -> Iterator[tuple[Any, list[Any]]]:
         """Go through the buildings and their floors; those of a long row that are equally high at run time."""
@@ -364,29 +356,52 @@ class Group:
         found: tuple[Any, Any, Any] = j.sides if isinstance(j, Contact) else self.spec.contacts[j]
         return found
 
-    @cached_property
-    def table_places(self) -> Table:
-        """Where each building's part of the tables of exact flight begins."""
-        sizes = [2 * n * (2 * n + 2) for n in self.spec.storeys]
-        return Table(self.trace, [sum(sizes[:b]) for b in range(len(sizes))])
-
     def home_of(self, floor: Any) -> tuple[Any, Any, Any]:
         """Lowest floor, number of storeys, and number of the building of a floor."""
         at, storeys = 3 * floor, self.spec.storeys
         high = storeys[0] if len(set(storeys)) == 1 else self._floors_of[at + 1]
         return self._floors_of[at], high, self._floors_of[at + 2]
 
+    def floors_of(self, j: Any, side: int) -> list[tuple[Any, Any]]:
+        """Floors that contact j acts on at its left (0) or right (1) side, and the share of each (None: all)."""
+        floor, (struck, grounded) = self.sides(j)[side], self._columns(j)
+        if is_wall(floor):
+            return []
+        if side != struck:
+            return [(floor, None)]
+        upper = (floor, self.prop("upper", j))
+        return [upper] if grounded else [(floor - 1, self.prop("lower", j)), upper]
+
+    def ends(self, j: Any) -> list[tuple[Any, str, Any]]:
+        """Floors that contact j pushes: the floor, the sign of the force on it, and its share (None: all)."""
+        return [(floor, sign, share) for side, sign in enumerate("-+") for floor, share in self.floors_of(j, side)]
+
     def between(self, x: Any, j: Any) -> Any:
         """Left minus right of the floors of contact j, a wall being at rest; x: of all floors, or a row's name."""
-        left, right, _ = self.sides(j)
         read = (lambda i: self.state[x, i]) if isinstance(x, str) else x.__getitem__
-        if is_wall(left):
-            return -read(right)
-        return read(left) if is_wall(right) else read(left) - read(right)
+        left, right = (_weighted(self.floors_of(j, side), read) for side in (0, 1))
+        if left is None:
+            return -right
+        return left if right is None else left - right
+
+    def stiffness(self, j: Any) -> Any:
+        """Stiffness of contact j (kN/m**exponent); one for all where no columns are struck."""
+        return self.state["k", j] if self.spec.struck else self.state["k"]
 
     def gap(self, j: Any) -> Any:
         """Gap of contact j (m)."""
         return self.state["gap", self.sides(j)[2]]
+
+
+def _weighted(floors: Sequence[tuple[Any, Any]], read: Callable[[Any], Any]) -> Any:
+    """Sum of what is read of floors by their shares; None of none."""
+    parts = [read(i) if share is None else share * read(i) for i, share in floors]
+    return parts[0] + parts[1] if len(parts) > 1 else parts[0] if parts else None
+
+
+def part_of(force: Any, share: Any) -> Any:
+    """Return the share of a force (None: all of it)."""
+    return force if share is None else share * force
 
 
 def is_wall(floor: Any) -> bool:

@@ -44,9 +44,9 @@ def scatter_contact(values: Any, scene: Scene) -> np.ndarray:
     """Put values per contact where their pair and storey are."""
     values = np.asarray(values)
     _check_last(values, len(scene.contacts), "contacts")
-    result = _unfilled(values, len(scene.pair_names), scene.n_storeys)
+    result = _unfilled(values, len(scene.pair_labels), scene.n_storeys)
     for i, contact in enumerate(scene.contacts):
-        result[..., contact.pair, contact.storey - 1] = values[..., i]
+        result[..., contact.place, contact.storey - 1] = values[..., i]
     return result
 
 

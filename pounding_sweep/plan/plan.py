@@ -14,16 +14,18 @@ each scenario by what it must resolve.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from pounding_sweep.base.tables import bytes_text, html_table, pairs_text, seconds_text
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import check_outputs, cube_variables, get_variable, reducers_for
+from pounding_sweep.outputs.variables import Status, check_outputs, cube_variables, get_variable, reducers_for
 from pounding_sweep.plan.chunks import Chunk, cut
 from pounding_sweep.plan.scenarios import Scenarios, uncoupled_runs_of, unique_scenarios
 from pounding_sweep.schemes.stability import largest_step
@@ -39,13 +41,15 @@ CHUNK_BYTES = 2**22
 PLAN_BYTES = 300
 #: Scenarios whose largest steps are found at a time.
 LIMIT_BLOCK = 1 << 16
+#: Scenarios that must share a motion without pounding for the extremes of its windows to be worth finding.
+LEAST_SHARING = 6
 #: Scenarios that must share a run without pounding for it to be run: it costs about what one of them does.
 LEAST_SHARED = 4
 #: Margin by which a gap must exceed the closing displacement to be left out.
 CLOSING_MARGIN = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plan:
     """What a sweep will run.
 
@@ -134,8 +138,15 @@ class Plan:
             host=self._host(law),
             basis=self.spec.restitution_basis,
             varied=len(self.variants) > 1,
+            windows=self._shares_flight,
             accuracy=self.spec.accuracy,
         )
+
+    @cached_property
+    def _shares_flight(self) -> bool:
+        """Whether scenarios of a law and a record that share a motion without pounding are enough for its windows."""
+        motions = len(self.variants.flights()[0]) * len(self.laws) * len(self.spec.records)
+        return len(self.variants) == 1 or len(self.unique) >= LEAST_SHARING * motions
 
     def kernels(self) -> dict[tuple[int, bool], RowKernel]:
         """Return the kernels that a run needs by (law, closing); the last law's decides who can touch."""
@@ -253,9 +264,45 @@ class Plan:
             "accuracy_choice": self.choice,
         }
 
+    def rows(self, summary: Mapping[str, Any] | None = None, compiling: str = "") -> list[tuple[str, str]]:
+        """Say what would be run, at what cost, as names with texts; `summary` is that of the plan, with ``workers``."""
+        told = summary or {**self.summary(), "workers": 1}
+        axes = " x ".join(f"{len(values)} {name}" for name, values in self.spec.axes.items())
+        least = told["steps_least"]
+        steps = ", ".join(
+            f"{count if least[name] == count else f'{least[name]} to {count}'} ({name})"
+            for name, count in told["steps"].items()
+        )
+        workers = f"{told['workers']} worker{'s' * (told['workers'] != 1)}"
+        rows = [
+            ("axes", axes or (str(self.spec.design) if self.spec.design else f"{told['asked']} listed cases")),
+            ("scenarios", f"{told['asked']} asked, at most {told['at_most']} to run"),
+            ("", "(those that never touch are left out once the run without pounding is known)"),
+            ("kernels", f"{told['kernels']}{', ' * bool(compiling)}{compiling}"),
+            ("steps", f"{steps} per scenario"),
+            ("time", f"about {seconds_text(told['seconds'])} with {workers}, compilation of kernels apart"),
+            ("cube", f"{bytes_text(told['cube_bytes'])} of values"),
+        ]
+        if self.refused.any():
+            stable = f"every scenario is stable at dt <= {float(self.limit[self.refused].min()):.3g} s"
+            remedy = f"{Status.BEYOND_STABILITY_LIMIT.remedy}; {stable}"
+            rows.insert(3, ("refused", f"{told['refused']}: beyond the stability limit; {remedy}"))
+        if self.choice:
+            rows.insert(-2, ("accuracy", self.choice))
+        return rows
+
+    def __repr__(self) -> str:
+        return f"Plan({self.n_asked} scenarios asked, at most {self.n_unique} to run)"
+
+    def __str__(self) -> str:
+        return pairs_text([("sweep", self.spec.title), *self.rows()] if self.spec.title else self.rows())
+
+    def _repr_html_(self) -> str:
+        return html_table(self.rows(), caption=self.spec.title)
+
 
 def _laws(spec: SweepSpec) -> tuple[Law, ...]:
-    return (*(get_law(key) for key in spec.laws if key != "none"), get_law("none"))
+    return (*(spec.law(key) for key in spec.laws if key != "none"), get_law("none"))
 
 
 def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:

@@ -7,10 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.model.laws import Law, get_law
+from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness
+from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
+from pounding_sweep.spec.own_laws import find_law
 from pounding_sweep.spec.spec import SweepSpec
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
     """Return the scenario in the middle of a sweep, or one of its listed cases."""
     if spec.cases is not None:
         if case is None:
-            return next((c for c in spec.cases if get_law(c.law).has_contact), spec.cases[0])
+            return next((c for c in spec.cases if spec.law(c.law).has_contact), spec.cases[0])
         if not 1 <= case <= len(spec.cases):
             msg = f"case {case} is not listed; the sweep has cases 1 to {len(spec.cases)}"
             raise InputError(msg)
@@ -35,7 +36,7 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
         msg = f"case {case} is not there; the sweep is a product of axes, choose by their values"
         raise InputError(msg)
     middle = {name: values[(len(values) - 1) // 2] for name, values in spec.axes.items() if values}
-    law = next((key for key in spec.laws if get_law(key).has_contact), spec.laws[0])
+    law = next((key for key in spec.laws if spec.law(key).has_contact), spec.laws[0])
     values = {dim: middle[dim] for column in COLUMNS for dim in DIMENSIONS[column] if dim in middle}
     factors: dict[str, dict[str, float]] = {argument: {} for argument in FACTOR_KINDS}
     for argument, kind in FACTOR_KINDS.items():
@@ -46,7 +47,36 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
     return Case(law=law, record=middle["record"], damping_ratio=ratio, **{**values, **factors})
 
 
-def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> xr.Dataset:
+def choices(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
+    """Return what of a scenario may be chosen by name -> field of `Case`, and building of a property that has one."""
+    found: dict[str, tuple[str, str | None]] = {name: (name, None) for name in CHOICES}
+    for argument, axis in AXES.items():
+        if axis.by_building:
+            mine = {each.building: each.dimension for each in spec.property_axes if each.kind == axis.column}
+            for building in spec.scene.buildings:
+                name = mine.get(building.name) or plain_name(f"{axis.dimension}_{building.name}", found)
+                found[name] = (argument, building.name)
+        elif axis.of_buildings:
+            found[axis.dimension] = (axis.dimension, None)
+    return found
+
+
+def _with_properties(spec: SweepSpec, own: Case, given: Mapping[str, Any]) -> Case:
+    """Return a scenario with the building properties that are chosen."""
+    known = choices(spec)
+    for name, value in given.items():
+        field, building = known[name]
+        axis = next((axis for argument, axis in AXES.items() if field in (argument, axis.dimension)), None)
+        if axis is not None and axis.of_buildings:
+            axis.check(value, (), "")
+            changed: Any = value if building is None else {**dict(getattr(own, field)), building: value}
+            own = replace(own, **{field: changed})
+    return own
+
+
+def simulate_one(
+    spec: SweepSpec, *, case: int | None = None, output_step: float | None = None, **choice: Any
+) -> xr.Dataset:
     """Run one scenario of a sweep and return its histories.
 
     Parameters
@@ -55,10 +85,14 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
         A sweep; its scheme, step and number format are used.
     case : int, optional
         Number of a listed case, from 1.
+    output_step : float, optional
+        See `pounding_sweep.simulate`.
     **choice
-        ``law``, ``gap`` (m), ``stiffness`` (kN/m**exponent) or ``stiffness_factor``,
-        ``restitution``, ``record`` (a name of the sweep's), ``scale``: in place of the
-        scenario's own, which is that of `scenario_of`. None leaves it as it is.
+        ``law``, ``gap`` (m; of all pairs, or a sequence of one per pair), ``stiffness``
+        (kN/m**exponent) or ``stiffness_factor``, ``restitution``, ``record`` (a name of the
+        sweep's), ``scale`` or ``pga`` (m/s2), and building properties by the dimension that
+        their axis has in a cube, such as ``period_factor_left`` and ``damping_ratio``: in place
+        of the scenario's own, which is that of `scenario_of`. None leaves it as it is.
 
     Returns
     -------
@@ -84,13 +118,14 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
 
     own = scenario_of(spec, case)
     for name in choice:
-        if name not in CHOICES:
-            raise InputError(unknown("choice", name, CHOICES))
+        if name not in (known := choices(spec)):
+            raise InputError(unknown("choice", name, known))
     given = {name: value for name, value in choice.items() if value is not None}
     for column in COLUMNS:
         if len(both := [dim for dim in DIMENSIONS[column] if dim in given]) > 1:
             msg = f"{' and '.join(both)} exclude each other; give one of them"
             raise InputError(msg)
+    own = _with_properties(spec, own, given)
     names = [record.name for record in spec.records]
     record = given.get("record", own.record or names[0])
     if record not in names:
@@ -99,11 +134,11 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
     gap = given.get("gap", own.gap)
     if gap is not None:
         scene = scene.with_gaps(gap if isinstance(gap, Sequence) else [gap] * len(scene.gaps))
-    law = get_law(given.get("law", own.law))
+    law = _law(spec, given.get("law", own.law))
     absolute, factor = given.get("stiffness"), given.get("stiffness_factor")
     if absolute is None and factor is None:
         absolute, factor = own.stiffness, own.stiffness_factor
-        _check_unit(own, law)
+        _check_unit(spec, own, law)
     stiffness = contact_stiffness(scene, law, stiffness=absolute, stiffness_factor=factor)
     restitution = given.get("restitution", own.restitution)
     scales = {dim: given[dim] if dim in given else getattr(own, dim) for dim in DIMENSIONS["scale"]}
@@ -126,9 +161,31 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
         force_unstable=spec.force_unstable,
         restitution_basis=spec.restitution_basis,
         precision=spec.precision,
+        output_step=output_step,
     )
     details = "; ".join(_details(spec, taken, law, given, case))
     return one.assign_attrs({SCENARIO_ATTRIBUTE: details} if details else {})
+
+
+#: Share of every reported peak that histories show, and how often the step is halved for it at most.
+SHOWN, _HALVINGS = 0.99, 8
+
+
+def simulate_shown(spec: SweepSpec, output_step: float | None = None, **choice: Any) -> xr.Dataset:
+    """Run one scenario as `simulate_one`, by default at steps so short that its histories show the peaks it reports."""
+    from pounding_sweep.run.simulate import peaks_shown
+
+    one = simulate_one(spec, output_step=output_step, **choice)
+    for _ in range(_HALVINGS if output_step is None else 0):
+        if peaks_shown(one) >= SHOWN:
+            break
+        one = simulate_one(spec, output_step=0.5 * one.attrs["time_step"], **choice)
+    return one
+
+
+def _law(spec: SweepSpec, given: str | Law) -> Law:
+    """Return a law of the sweep by its key, or another one."""
+    return next((law for law in spec.own_laws if law.key == given), None) or find_law(given)
 
 
 def _unit(exponent: float) -> str:
@@ -136,9 +193,9 @@ def _unit(exponent: float) -> str:
     return "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
 
 
-def _check_unit(own: Case, law: Law) -> None:
+def _check_unit(spec: SweepSpec, own: Case, law: Law) -> None:
     """Raise `InputError` where a law would take the stiffness of one of another exponent for its own."""
-    meant = get_law(own.law).exponent
+    meant = spec.law(own.law).exponent
     if own.stiffness is None or meant is None or law.exponent is None or meant == law.exponent:
         return
     msg = (
@@ -169,9 +226,10 @@ def _details(spec: SweepSpec, taken: Case, law: Law, given: Mapping[str, Any], n
         if told(dim) and (found := taken.axis("scale")) and found[0].dimension == dim:
             yield f"{dim} {found[1]:g}"
     single = {(axis.kind, axis.building) for axis in spec.property_axes if len(axis.values) == 1}
+    chosen = {place for name, place in choices(spec).items() if name in given}
     for plural, kind in FACTOR_KINDS.items():
         for building, factor in dict(getattr(taken, plural)).items():
-            if (kind, building) not in single:
+            if (kind, building) not in single or (plural, building) in chosen:
                 yield f"{kind.replace('_', ' ')} of {building} {factor:g}"
     if taken.damping_ratio is not None and told("damping_ratio"):
         yield f"damping ratio {taken.damping_ratio:g}"
@@ -186,12 +244,12 @@ def _varied(scene: Scene, case: Case) -> Scene:
         if isinstance(item, Wall):
             return item
         mass, period = masses.get(item.name, 1.0), periods.get(item.name, 1.0)
-        return Building(
-            item.name,
-            [mass * m for m in item.masses],
-            [mass / period**2 * k for k in item.stiffnesses],
-            item.damping_ratio if case.damping_ratio is None else case.damping_ratio,
-            item.storey_heights,
-        )
+        ratio = item.damping_ratio if case.damping_ratio is None else case.damping_ratio
+        stiffer: dict[str, Any] = {
+            name: [mass / period**2 * k for k in getattr(item, name)]
+            for name in ("stiffnesses", "column_stiffnesses")
+            if getattr(item, name) is not None
+        }
+        return replace(item, masses=[mass * m for m in item.masses], damping_ratio=ratio, **stiffer)
 
-    return Scene([varied(item) for item in scene.row], scene.gaps, scene.contact)
+    return replace(scene, row=[varied(item) for item in scene.row])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, StabilityError
-from pounding_sweep.model.laws import Law, get_law, realised_restitution
+from pounding_sweep.model.laws import Law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.output.dataset import assemble
 from pounding_sweep.outputs.differences import comparable
@@ -19,6 +20,7 @@ from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.spec.axes import contact_stiffness
 from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.own_laws import find_law
 from pounding_sweep.spec.spec import scene_data
 
 if TYPE_CHECKING:
@@ -48,6 +50,7 @@ def simulate(
     restitution_basis: str = "published",
     precision: str | None = None,
     accuracy: float | None = None,
+    output_step: float | None = None,
 ) -> xr.Dataset:
     """Run one scenario and return its histories.
 
@@ -83,6 +86,10 @@ def simulate(
         Number format of the kernel; "float64" by default, with `accuracy` the cheaper that reaches it.
     accuracy : float, optional
         Relative error asked for, 1e-6 to 1e-2, instead of a step.
+    output_step : float, optional
+        Largest time (s) from one instant of the histories to the next; by default the step. Where it is shorter
+        than the step, the run takes steps as short. Peaks are located between instants whatever it is: variables
+        of a cube may be larger than what the histories show, see `peaks_shown`.
 
     Returns
     -------
@@ -115,12 +122,12 @@ def simulate(
     from pounding_sweep.plan.plan import make_plan
 
     motion = resolve_record(record)
-    found = get_law(law)
+    found = find_law(law)
     outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
     spec = build_spec(
         scene=scene,
         records=motion,
-        laws=found.key,
+        laws=found,
         stiffnesses=stiffness if found.has_contact else None,
         restitutions=restitution if found.takes_restitution else None,
         method=method,
@@ -139,7 +146,10 @@ def simulate(
     k = contact_stiffness(row, found, stiffness=stiffness)
     e = spec.restitutions[0]
     plan = make_plan(spec, initial_speed=_approach(row, velocities))
-    numerics = replace(plan.numerics, dt=motion.dt / int(plan.steps[0]))
+    steps = int(plan.steps[0])
+    if output_step is not None:
+        steps = max(steps, math.ceil(motion.dt / _checked_step(output_step) * (1.0 - 1e-9)))
+    numerics = replace(plan.numerics, dt=motion.dt / steps)
     limit = float(plan.limit[0])
     step = motion.dt / numerics.steps(motion)
     if step > limit and not force_unstable:
@@ -190,11 +200,56 @@ def simulate(
     }
     if spec.accuracy is not None:
         attributes |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
-    extra = {"pair_gap": (("pair",), row.gaps, {"units": "m", "long_name": "gap of the pair"})} if row.gaps else None
+    own = [row.gaps[pair] for pair in row.pair_of_label]
+    extra = {"pair_gap": (("pair",), own, {"units": "m", "long_name": "gap of the pair"})} if own else None
     dataset = assemble(row, [], values, attributes, extra)
     if int(values["status"]) != Status.DIVERGED:
-        dataset = dataset.assign(_histories(kernel, history, motion, n_steps))
+        time = np.linspace(0.0, motion.duration, n_steps + 1)
+        every = max(1, int(output_step / step * (1.0 + 1e-9))) if output_step is not None else 1
+        dataset = dataset.assign(_histories(kernel, history[::every], motion, time[::every]))
     return dataset
+
+
+#: Peaks that a cube has, the histories in which they are seen, and on which side: 0 for either.
+_SEEN = {
+    "displacement_max": ("displacement", 1),
+    "displacement_min": ("displacement", -1),
+    "acceleration_max": ("acceleration", 0),
+    "impact_force_max": ("contact_force", 0),
+}
+
+
+def peaks_shown(one: xr.Dataset) -> float:
+    """Return the least share of a reported peak that its history shows, of displacements, accelerations and forces.
+
+    Peaks are located between the instants of the histories; the share is that of the largest of all floors or contacts.
+
+    Parameters
+    ----------
+    one : xarray.Dataset
+        What `simulate` returned.
+
+    Returns
+    -------
+    float
+        1 where every peak is shown, or where there are no histories.
+    """
+    shares = [1.0]
+    for peak, (history, sign) in _SEEN.items():
+        if peak in one and history in one:
+            series = one[history]
+            seen, reported = ((abs(each) if sign == 0 else sign * each).max().item() for each in (series, one[peak]))
+            if reported > 0.0:
+                shares.append(seen / reported)
+    return min(shares)
+
+
+def _checked_step(output_step: float) -> float:
+    """Return an output step that is a positive number."""
+    if not (math.isfinite(output_step) and output_step > 0.0):
+        msg = f"output_step is {output_step!r}; it must be a positive number of seconds"
+        raise InputError(msg)
+    return output_step
 
 
 def _refined(
@@ -252,8 +307,7 @@ def _approach(scene: Scene, velocities: tuple[float, ...] | None) -> float:
     """Largest speed (m/s) at which floors that can meet approach each other at the start."""
     if velocities is None:
         return 0.0
-    at = (*velocities, 0.0)  # a wall has the index -1
-    return max([0.0, *(at[contact.left] - at[contact.right] for contact in scene.contacts)])
+    return max([0.0, *(sum(share * velocities[i] for i, share in contact.ends) for contact in scene.contacts)])
 
 
 def _building_sum(values: np.ndarray, scene: Scene) -> np.ndarray:
@@ -270,7 +324,7 @@ def _below(values: np.ndarray, buildings: Sequence[Building]) -> np.ndarray:
     return result
 
 
-def _histories(kernel: Any, history: np.ndarray, motion: Record, n_steps: int) -> dict[str, Any]:
+def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarray) -> dict[str, Any]:
     import xarray as xr
 
     from pounding_sweep.kernel.spec import history_slots
@@ -281,7 +335,6 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, n_steps: int) -
     def part(name: str) -> np.ndarray:
         return history[:, slots.first[name] : slots.first[name] + slots.count[name]]
 
-    time = np.linspace(0.0, motion.duration, n_steps + 1) if n_steps else np.zeros(1)
     ground = np.interp(time, motion.time, motion.acceleration)
     buildings = scene.buildings
     masses = np.concatenate([b.masses for b in buildings])
@@ -291,22 +344,19 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, n_steps: int) -
     beta = np.array([b.rayleigh[1] for b in buildings])[owner]
     u, v = part("u"), part("v")
     n_contacts = len(scene.contacts)
-    force = part("force") if "force" in slots.first else np.zeros((n_steps + 1, n_contacts))
+    force = part("force") if "force" in slots.first else np.zeros((len(time), n_contacts))
     gap = np.array([scene.gaps[c.pair] for c in scene.contacts])
-    penetration = np.zeros((n_steps + 1, n_contacts))
+    penetration = np.zeros((len(time), n_contacts))
     on_floor = -alpha * masses * v
     storey = stiffnesses * (_below(u, buildings) + beta * _below(v, buildings))
     on_floor -= storey
     for b, first in zip(buildings, scene.offsets[:-1], strict=True):
         on_floor[:, first : first + b.n_storeys - 1] += storey[:, first + 1 : first + b.n_storeys]
     for j, c in enumerate(scene.contacts):
-        closing = np.zeros(n_steps + 1)
-        if c.left >= 0:
-            closing += u[:, c.left]
-            on_floor[:, c.left] -= force[:, j]
-        if c.right >= 0:
-            closing -= u[:, c.right]
-            on_floor[:, c.right] += force[:, j]
+        closing = np.zeros(len(time))
+        for floor, share in c.ends:
+            closing += share * u[:, floor]
+            on_floor[:, floor] -= share * force[:, j]
         penetration[:, j] = np.maximum(closing - gap[j], 0.0)
     kinetic = _building_sum(0.5 * masses * v**2, scene)
     strain = _building_sum(0.5 * stiffnesses * _below(u, buildings) ** 2, scene)
@@ -332,10 +382,10 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, n_steps: int) -
     if scene.pair_names:
         variables["contact_force"] = (pairs, scatter_contact(force, scene), "kN", "contact force, pressing positive")
         variables["penetration"] = (pairs, scatter_contact(penetration, scene), "m", "penetration, zero while open")
-        work = np.zeros((n_steps + 1, len(scene.pair_names)))
+        work = np.zeros((len(time), len(scene.pair_labels)))
         if "work" in slots.first:
             for j, c in enumerate(scene.contacts):
-                work[:, c.pair] += part("work")[:, j]
+                work[:, c.place] += part("work")[:, j]
         variables["work"] = ((*axis, "pair"), work, "kN m", "work of the contacts: what they took in")
     result: dict[str, Any] = {
         "time": xr.DataArray(time, dims=axis, attrs={"units": "s", "long_name": "time", "axis": "T"})

@@ -40,9 +40,11 @@ def build_spec(
     restitution_basis: str = "published",
     accuracy: float | None = None,
     audit: float = AUDIT_SHARE,
+    sa_period: float | None = None,
     folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
     base: str | os.PathLike[str] | None = None,
     skip_missing_records: bool = False,
+    design: dict[str, Any] | None = None,
     **axes: Any,
 ) -> SweepSpec:
     """Check everything a user gave and make the sweep's description of it.
@@ -60,6 +62,10 @@ def build_spec(
         AXES
     cases : iterable of Case or dict, optional
         Listed scenarios instead of laws and axes.
+    design : dict, optional
+        Inputs drawn from distributions, instead of axes over them: ``kind`` and ``samples``, ``seed`` (0 by default)
+        and ``inputs``, a table by the name of an axis (see `pounding_sweep.spec.design`). Each point is run with each
+        law, each record and each value of the other axes.
     method : str, optional
         Time-stepping scheme, one of `pounding_sweep.schemes.SCHEMES`; "rk4" by default, with `accuracy` the
         cheapest that reaches it.
@@ -85,6 +91,8 @@ def build_spec(
     audit : float
         Share of the sweep's cost, in [0, 1], spent on running a sample of its own
         scenarios again at a finer step, to measure their error; 0 for none.
+    sa_period : float, optional
+        Period (s) at which the spectral accelerations `sas` are meant; needed with them.
     folders : path or several, optional
         Where to find records by name.
     base : path, optional

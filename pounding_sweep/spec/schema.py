@@ -18,7 +18,6 @@ from pydantic_core import ErrorDetails
 
 from pounding_sweep.base.errors import (
     InputError,
-    LawError,
     MissingRecordError,
     PoundingSweepError,
     SceneError,
@@ -26,13 +25,14 @@ from pounding_sweep.base.errors import (
     unknown,
 )
 from pounding_sweep.base.text import LONGEST_TITLE, label_fault
-from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, get_law
+from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene, check_gap
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, Case, Range, by_exponent, positive
+from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, AxisValues, Case, Range, by_exponent, positive
+from pounding_sweep.spec.design import RECORD, Design, Distribution, named_inputs
 from pounding_sweep.spec.faults import (
     Faults,
     Place,
@@ -46,6 +46,7 @@ from pounding_sweep.spec.faults import (
     spell,
     within,
 )
+from pounding_sweep.spec.own_laws import LAW_GROUPS, find_law, names_file
 from pounding_sweep.spec.spec import (
     ACCURACY_RANGE,
     AUDIT_SHARE,
@@ -57,16 +58,16 @@ from pounding_sweep.spec.spec import (
     outside_accuracy,
     step_fault,
 )
-from pounding_sweep.spec.tables import read_range, read_scene, record_table
+from pounding_sweep.spec.tables import DesignTable, read_distribution, read_range, read_scene, record_table
 
 #: More faults than this on one axis are only counted; of laws, records and cases, no more are looked for.
 _MOST_FAULTS = 20
 #: Axes of at most so many values are checked value by value even in a sweep that is too large.
 CHECKED_AXIS = 10_000
+#: Least and largest period (s) that records can be scaled at.
+SA_PERIODS = (0.01, 20.0)
 #: Time step (s) where neither a step nor an accuracy is given.
 DEFAULT_STEP = 1e-3
-#: Groups of laws that a sweep may name in place of each law.
-LAW_GROUPS = {"all": tuple(LAWS), "mate2015": MATE2015_MODELS}
 
 
 # --- scene, records, laws -------------------------------------------------------------------------------------------
@@ -138,14 +139,33 @@ def _records(given: Any, info: Any) -> tuple[list[Record], list[str]]:
     return [record for _, record in found.values()], left_out
 
 
-def _law(given: Any, groups: str = "") -> Law:
-    try:
-        return LAWS[get_law(given).key]
-    except KeyError:
-        msg = f"law {given.key!r} is not registered; add it to pounding_sweep.model.laws.LAWS"
-    except LawError:
-        msg = f"{unknown('contact law', given, LAWS)}{groups}"
-    raise InputError(msg)
+def _law(given: Any, info: Any, known: Mapping[str, Law], groups: str = "") -> Law:
+    """Return a law, and see that one of the user's own is the only one of its key; its file is run once."""
+    text = given if isinstance(given, str) else ""
+    if text and not names_file(text) and text not in LAWS:
+        if text in known:  # of a file that was named before
+            return known[text]
+        msg = f"{unknown('contact law', given, LAWS)}{groups}, or a law of your own as FILE.py:NAME"
+        raise InputError(msg)
+    files: dict[str, Law] = info.context["files"]
+    law = files.get(text) or find_law(given, info.data["base"])
+    if text:
+        files[text] = law
+    if known.get(law.key, law) != law:
+        msg = f"law {law.key!r} is another one than that of the same key before; give it another key"
+        raise InputError(msg)
+    return law
+
+
+def _check_columns(scene: Scene, law: Law) -> None:
+    """Refuse a law that is not linear in d where floors strike columns, whose own flexibility is in series with it."""
+    if law.has_contact and law.exponent != 1.0 and any(contact.struck >= 0 for contact in scene.contacts):
+        usable = ", ".join(key for key, each in LAWS.items() if each.exponent == 1.0)
+        msg = (
+            f"law {law.key!r} has no force linear in d, which floors that strike columns need: the column's own "
+            f'flexibility is in series with it; give one of {usable}, or contacts = "floors"'
+        )
+        raise InputError(msg)
 
 
 def _laws(given: Any, info: Any) -> list[Law]:
@@ -164,15 +184,29 @@ def _laws(given: Any, info: Any) -> list[Law]:
         msg = f"{what}; give laws, valid: {', '.join(LAWS)}, or the groups all, mate2015"
         raise InputError(msg)
     with gathering() as faults:
+        scene = info.data.get("scene")
         for index, item in _looked_at(items, faults):
             place: Place = () if isinstance(given, (str, Law)) else (index,)
             for each in LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,):
-                law = faults.attempt(place, _law, each, " (or the groups all, mate2015)")
+                law = faults.attempt(place, _law, each, info, {}, " (or the groups all, mate2015)")
+                if law is not None and scene is not None:
+                    faults.attempt(place, _check_columns, scene, law)
                 if law is not None and law.key in found:
                     faults.add(place, f"law {law.key!r} is there already; the values of an axis must differ")
                 elif law is not None:
                     found[law.key] = law
     return list(found.values())
+
+
+def _check_parameters(faults: Faults, info: Any, asked: Collection[str]) -> None:
+    """Note parameters of axes that are missing, or given without the axis; `asked`: dimensions that there are."""
+    for name, axis in AXES.items():
+        if axis.parameter and axis.parameter in info.data:
+            there = info.data[axis.parameter] is not None
+            if axis.dimension in asked and not there:
+                faults.add(Root((axis.parameter,)), f"is missing: {name} needs it; give the period in s")
+            elif there and axis.dimension not in asked:
+                faults.add(Root((axis.parameter,)), f"is of no use without {name}; leave it out")
 
 
 def _no_axis(given: Any) -> None:
@@ -292,6 +326,64 @@ def _by_building(
     }
 
 
+def _design(given: Any, info: Any) -> Design | None:
+    """Check a design: what is drawn, from what, and whether what came of it will do."""
+    if given is None:
+        return None
+    if info.context["cases"]:
+        msg = "a design and listed cases exclude each other; give one of them"
+        raise InputError(msg)
+    by_name = {axis.dimension: name for name, axis in AXES.items() if not axis.by_building}
+    valid = (RECORD, *by_name, *((*FACTOR_KINDS,) if not info.context["file"] else ()), "building")
+    scene, basis = info.data.get("scene"), info.data.get("restitution_basis", "published")
+    laws = list(info.context["laws"].values())
+    drawn: dict[tuple[str, str | None], Distribution | None] = {}
+    with gathering() as faults:
+        table = faults.attempt((), DesignTable.model_validate, given)
+        inputs = given.get("inputs") if isinstance(given, dict) else None
+        inputs = inputs if isinstance(inputs, dict) else {}
+        if table and not inputs:
+            faults.add((), "no inputs: nothing is drawn; give [design.inputs] a distribution for at least one axis")
+        for key in [key for key in inputs if key not in valid]:
+            faults.add(("inputs", str(key)), unknown("input", key, valid))
+        known = {key: value for key, value in inputs.items() if key in valid}
+        items: dict[tuple[str, Any], tuple[Place, Any]] = {
+            ("records" if key == RECORD else by_name[key], None): (("inputs", key), value)
+            for key, value in known.items()
+            if key not in (*FACTOR_KINDS, "building")
+        }
+        items |= {
+            key: (tuple(place[1:]), value)
+            for key, (place, value) in _by_building(faults, known, ("design", "inputs"), scene).items()
+        }
+        for (name, building), (place, value) in items.items():
+            if name == "records":
+                if value != {"distribution": "any"}:
+                    faults.add(
+                        place, f'records have no distribution but {{ distribution = "any" }}, not {shown(value)}'
+                    )
+                drawn[name, building] = None
+            elif not isinstance(value, dict | Distribution):
+                faults.add(place, f"must be a table of a distribution, not {shown(value)}")
+            else:
+                drawn[name, building] = faults.attempt(place, read_distribution, value)
+    design = Design(table.kind, table.samples, table.seed, named_inputs(drawn))
+    if len(design) > MAX_AXIS:
+        msg = f"{len(design)} points are too many; give at most {MAX_AXIS} in one sweep"
+        raise InputError(msg)
+    with gathering() as faults:
+        for i, each in enumerate(design.inputs):
+            if each.distribution is not None:
+                axis, values = AXES[each.argument], design.values(i, ())
+                for end in {min(values), max(values)}:
+                    try:
+                        axis.check(end, laws, basis)
+                    except InputError as error:
+                        text = f"{error}; it was drawn: give low and high, or another distribution"
+                        faults.add(items[each.argument, each.building][0], text)
+    return design
+
+
 def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
     """Check all axes together: the size of the sweep, what excludes each other, what is missing."""
     values: dict[str, Any] = {}
@@ -304,6 +396,10 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
     laws = list(info.context["laws"].values())
     records = info.data.get("records", ((), ()))[0]
     sizes = {"records": len(info.data["records"][0]) if "records" in info.data else 0, "laws": len(laws)}
+    design = info.data.get("design")
+    drawn = {(each.argument, each.building) for each in design.inputs} if design else set()
+    if design:
+        sizes |= {"points": len(design)} | ({"records": 1} if ("records", None) in drawn else {})
     with gathering() as faults:
         items: dict[tuple[str, Any], tuple[Place, Any]] = {
             (name, None): (Root((name,)), given[name])
@@ -315,6 +411,8 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
         huge = math.prod(lengths.values()) * math.prod(sizes.values()) > MAX_SCENARIOS
         for (name, building), (place, each) in items.items():
             length = lengths.get((name, building), 0)
+            if (name, building) in drawn:
+                faults.add(place, "is an input of the design, too; leave one of them out")
             if each is None:
                 faults.add(place, "is empty; give factors or leave the building out")
                 continue
@@ -324,16 +422,19 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
             checked = _axis_values(faults, sizes, place, each, AXES[name], laws, basis)
             if checked is not None:
                 values[name] = checked if building is None else (*values.get(name, ()), (building, checked))
-        if (size := math.prod(sizes.values())) > MAX_SCENARIOS:
+        most = MAX_AXIS if design else MAX_SCENARIOS  # each of a design is listed
+        if (size := math.prod(sizes.values())) > most:
             product = " x ".join(f"{count} {name}" for name, count in sizes.items())
-            text = f"{product} = {size} scenarios ({size:.3g}); at most {MAX_SCENARIOS} in one sweep: split it"
+            text = f"{product} = {size} scenarios ({size:.3g}); at most {most} in one sweep: split it"
             faults.add(Root(()), text)
+        _check_parameters(faults, info, [axis.dimension for name, axis in AXES.items() if given.get(name) is not None])
         for column in COLUMNS:
             choices = {name: axis for name, axis in AXES.items() if axis.column == column}
-            there = [name for name in choices if given.get(name) is not None]
+            there = [name for name in choices if given.get(name) is not None or (name, None) in drawn]
             if len(there) > 1:
                 text = f"{there[0]} and {there[1]} exclude each other; give one of them"
-                faults.add(Root((there[1],)), text)
+                inner = ("design", "inputs", choices[there[1]].dimension)
+                faults.add(Root(inner if (there[1], None) in drawn else (there[1],)), text)
                 continue
             usual = [name for name, axis in choices.items() if axis.default is not None]
             for name in there or usual:
@@ -341,7 +442,7 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
                     for place, text in choices[name].requires(scene, laws, records):
                         faults.add(Root(place), text)
             values |= {name: choices[name].default for name in usual if not there}
-        if given.get("restitutions") is None and scene is not None:
+        if given.get("restitutions") is None and ("restitutions", None) not in drawn and scene is not None:
             taking = [law for law in laws if law.takes_restitution]
             own = _own_restitution(faults, ("restitutions",), scene, taking, basis, "e") if taking else 1.0
             values["restitutions"] = () if own is None else (own,)
@@ -403,7 +504,11 @@ def _case(faults: Faults, index: int, item: Any, info: Any) -> Case:
     if item.get("law") is None:
         faults.add((*place, "law"), f"is missing; valid: {', '.join(LAWS)}")
     else:
-        law = faults.attempt((*place, "law"), _law, item["law"])
+        own = info.context["own"]
+        law = faults.attempt((*place, "law"), _law, item["law"], info, own)
+        own |= {} if law is None else {law.key: law}
+        if law is not None and scene is not None:
+            faults.attempt((*place, "law"), _check_columns, scene, law)
     values: dict[str, Any] = {}
     for axis in AXES.values():
         key, value = axis.dimension, item.get(axis.dimension)
@@ -475,11 +580,13 @@ def _cases(given: Any, info: Any) -> tuple[Case, ...] | None:
                 faults.add((index,), f"is the same scenario as cases[{seen[case]}]")
             else:
                 seen[case] = index
-        info.context["laws"] |= {case.law: get_law(case.law) for case in seen}
+        chosen = [found[0].dimension for case in seen for column in COLUMNS if (found := case.axis(column))]
+        _check_parameters(faults, info, chosen)
+        info.context["laws"] |= {case.law: info.context["own"][case.law] for case in seen}
         if scene := info.data.get("scene"):
             for axis in AXES.values():
                 using = [case for case in seen if (case.axis(axis.column) or [None])[0] is axis]
-                laws = {case.law: get_law(case.law) for case in using}
+                laws = {case.law: info.context["own"][case.law] for case in using}
                 there = {case.record for case in using}
                 records = [record for record in info.data.get("records", ((), ()))[0] if record.name in there]
                 alone = by_exponent(laws.values()).values() if axis.column == "stiffness" else [list(laws.values())]
@@ -495,6 +602,10 @@ def _record_of(item: Any) -> Any:
 
 
 # --- settings -------------------------------------------------------------------------------------------------------
+
+
+def _sa_period(given: Any) -> float | None:
+    return None if given is None else number(given, "period in s", within("sa_period (s)", *SA_PERIODS))
 
 
 def _automatic(info: Any) -> bool:
@@ -645,10 +756,12 @@ class SweepInput(Table):
     restitution_basis: Annotated[Any, _choice(tuple(RESTITUTION_BASES), None)] = Field(
         "published", description="a text"
     )
+    sa_period: Annotated[Any, PlainValidator(_sa_period)] = Field(None, description="a number in s")
     laws: Annotated[Any, PlainValidator(_laws)] = Field(
         None, description="a name or a list of names", validate_default=True
     )
     cases: Annotated[Any, PlainValidator(_cases)] = Field(None, description="tables [[sweep.cases]]")
+    design: Annotated[Any, PlainValidator(_design)] = Field(None, description="a table [design]")
     axes: Annotated[Any, PlainValidator(_axes)]
     accuracy: Annotated[Any, PlainValidator(_accuracy)] = Field(
         None, description="a number, the relative error asked for"
@@ -683,14 +796,28 @@ ARGUMENTS = (*AXES, *(name for name in SweepInput.model_fields if name != "axes"
 def check_sweep(given: dict[str, Any], *, file: bool = False) -> SweepSpec:
     """Make a sweep of the arguments of `build_spec`; pydantic's error holds every fault, see `Faults.take`."""
     axes = {name: given.pop(name) for name in (*AXES, "building") if name in given}
-    context = {"file": file, "cases": given.get("cases") is not None, "laws": {}}
+    context: dict[str, Any] = {
+        "file": file,
+        "cases": given.get("cases") is not None,
+        "laws": {},
+        "own": {},
+        "files": {},
+    }
     values = dict(SweepInput.model_validate({**given, "axes": axes}, context=context))
     for name in ("folders", "base", "skip_missing_records"):
         del values[name]
     records, left_out = values.pop("records")
-    laws = [law.key for law in values.pop("laws")]
-    if values["cases"] is not None:
-        laws = list(dict.fromkeys(case.law for case in values["cases"]))
+    del values["laws"]
+    laws: dict[str, Law] = context["laws"]
+    if (design := values["design"]) is not None:
+        names = [record.name for record in records], [building.name for building in values["scene"].buildings]
+        values["cases"] = design.cases(list(laws), names[0], AxisValues(**values["axes"]), names[1])
+        values["axes"] = {}
     return SweepSpec(
-        **values.pop("axes"), **values, laws=tuple(laws), records=tuple(records), records_left_out=tuple(left_out)
+        **values.pop("axes"),
+        **values,
+        laws=tuple(laws),
+        own_laws=tuple(law for key, law in laws.items() if key not in LAWS),
+        records=tuple(records),
+        records_left_out=tuple(left_out),
     )

@@ -7,18 +7,19 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pounding_sweep.base.errors import SweepError, shown, unknown
 from pounding_sweep.base.paths import expanded
+from pounding_sweep.model.laws import Law
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.faults import Faults, Place, spell
 from pounding_sweep.spec.schema import check_sweep
 from pounding_sweep.spec.spec import SweepSpec, sweep_error
-from pounding_sweep.spec.tables import ContactTable, SceneTable
+from pounding_sweep.spec.tables import ContactTable, DesignTable, SceneTable
 
 #: Larger sweep files are refused: tens of thousands of listed cases have a few MiB.
 MAX_FILE_BYTES = 64 * 2**20
@@ -222,7 +223,7 @@ SECTIONS: dict[str, dict[str, str]] = {
     "sweep": {
         name: name
         for name in (
-            *("records", "laws", "restitution_basis", "cases", "building"),
+            *("records", "laws", "restitution_basis", "cases", "building", "sa_period"),
             *(name for name, axis in AXES.items() if not axis.by_building),
         )
     },
@@ -236,6 +237,7 @@ _HOMES: dict[str, Iterable[str]] = {
     "[scene]": SceneTable.model_fields,
     "[scene.contact]": ContactTable.model_fields,
     **{f"[{section}]": keys for section, keys in SECTIONS.items()},
+    "[design]": DesignTable.model_fields,
 }
 #: Tables of which a key may belong in another one, beside those.
 _TABLES = (("scene",), ("scene", "contact"))
@@ -251,8 +253,8 @@ def belongs(key: str) -> str:
 
 def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `build_spec` that a file gives, its tables and keys checked."""
-    given: dict[str, Any] = {key: data[key] for key in ("title", "scene") if key in data}
-    keys = ("title", "scene", *SECTIONS)
+    given: dict[str, Any] = {key: data[key] for key in ("title", "scene", "design") if key in data}
+    keys = ("title", "scene", "design", *SECTIONS)
     for key in data:
         if key not in keys:
             faults.add((key,), unknown("key", key, keys) + belongs(key))
@@ -287,9 +289,13 @@ def _check_file(faults: Faults, data: dict[str, Any], **more: Any) -> SweepSpec 
 
 
 def load_spec(
-    path: str | os.PathLike[str], *, skip_missing_records: bool = False, folders: Folders = None
+    path: str | os.PathLike[str],
+    *,
+    skip_missing_records: bool = False,
+    folders: Folders = None,
+    laws: Sequence[str | Law] | None = None,
 ) -> SweepSpec:
-    """Read a sweep file."""
+    """Read a sweep file; `laws` take the place of those in it."""
     named = os.fspath(path)
     try:
         file = expanded(path)
@@ -309,7 +315,10 @@ def load_spec(
         msg = f"{named}: no usable TOML: {error}"
         raise SweepError(msg, [msg]) from None
     faults = Faults()
-    spec = _check_file(faults, data, base=file.parent, skip_missing_records=skip_missing_records, folders=folders)
+    more: dict[str, Any] = {} if laws is None else {"laws": laws}
+    spec = _check_file(
+        faults, data, base=file.parent, skip_missing_records=skip_missing_records, folders=folders, **more
+    )
     if spec is not None:
         return spec
     lines = key_lines(text)

@@ -9,8 +9,8 @@ import numpy as np
 
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.shown import WIDTH, heading
-from pounding_sweep.figures.style import COLOURS
+from pounding_sweep.figures.shown import heading
+from pounding_sweep.figures.style import COLOURS, put_title
 from pounding_sweep.model.scene import Wall
 
 if TYPE_CHECKING:
@@ -32,20 +32,25 @@ _BENT = _ALONG**2 * (3.0 - 2.0 * _ALONG)
     "the row at the instant of its strongest impact, from 'simulate'",
     needs=("time", "floor_elevation", "displacement"),
 )
-def row(one: xr.Dataset) -> Figure:
-    """Draw the row at the instant of its strongest impact, or, without impacts, of its largest displacement."""
+def row(one: xr.Dataset, *, ax: Any = None) -> Figure:
+    """Draw the row at the instant of its strongest impact, or, without impacts, of its largest displacement.
+
+    Parameters
+    ----------
+    one : xarray.Dataset
+        What `pounding_sweep.simulate` returned.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw into.
+    """
     number = int(np.searchsorted(one.time.values, strongest(one)))
     stage = Stage(one)
-    figure, ax = stage.figure()
-    stage.draw(ax)
+    figure, panel = stage.figure() if ax is None else (ax, ax)
+    stage.draw(panel)
     forces = forces_of(one)[number]
     stage.show(number, forces / forces.max(initial=0.0) if forces.any() else forces)
-    largest = f", largest force {forces.max() * 1e-3:.3g} MN" if forces.any() else ""
-    figure.suptitle(
-        f"{heading(one, width=WIDTH)}\n{one.time.values[number]:.3f} s{largest}; displacements and gaps "
-        f"drawn {stage.factor:g} times",
-        fontsize=9,
-    )
+    largest = f", largest force {forces.max():.0f} kN" if forces.any() else ""
+    when = f"{one.time.values[number]:.3f} s{largest}"
+    put_title(figure, heading(one), when, f"displacements and gaps drawn {stage.factor:g} times")
     return figure
 
 
@@ -65,12 +70,6 @@ def strongest(one: xr.Dataset) -> float:
     return float(one.time.values[np.argmax(forces)])
 
 
-def walls(one: xr.Dataset) -> tuple[bool, bool]:
-    """Whether a wall stands at the left and at the right end of the row."""
-    ends = stored_scene(one).row
-    return isinstance(ends[0], Wall), isinstance(ends[-1], Wall)
-
-
 class Stage:
     """Where everything of a row stands in a drawing."""
 
@@ -80,13 +79,13 @@ class Stage:
         self.motion = one.displacement.transpose("time", "building", "storey").values
         self.top = max(z[-1] for z in self.heights)
         self.width = _WIDTH * self.top
-        n_pairs = one.sizes.get("pair", 0)
-        gaps = one.pair_gap.values if n_pairs else np.zeros(0)
+        scene = stored_scene(one)
+        gaps = np.array(scene.gaps)
         moved = float(np.nanmax(np.abs(self.motion), initial=0.0))
         limits = [_SWAY * self.top / moved] if moved > 0 else []
         limits += [_GAP * self.width / gaps.max()] if gaps.any() else []
         self.factor = _round_down(min(limits, default=1.0))
-        self.walls = walls(one)
+        self.walls = isinstance(scene.row[0], Wall), isinstance(scene.row[-1], Wall)
         first = 1 if self.walls[0] else 0
         self.left = np.zeros(len(self.names))  # left faces at rest, the first building's at 0
         for i in range(1, len(self.names)):
@@ -103,7 +102,9 @@ class Stage:
         if self.wall_faces[1] is not None:
             high = max(high, self.wall_faces[1] + 0.2 * self.width)
         self.limits = (low, high)
-        self.contact_height = one.contact_elevation.values if n_pairs else np.zeros((0, one.sizes["storey"]))
+        none = np.zeros((0, one.sizes["storey"]))
+        self.contact_height = one.contact_elevation.values if "contact_elevation" in one.coords else none
+        self.contacts = {(contact.place, contact.storey - 1): contact for contact in scene.contacts}
         self.first = first
 
     def figure(self, below: int = 0) -> tuple[Figure, Any]:
@@ -157,11 +158,17 @@ class Stage:
         self._marks.set_sizes([60.0 + 400.0 * impacts[where] for where in marked])
 
     def _face(self, pair: int, storey: int, sway: np.ndarray) -> float:
-        """Place of a contact: the face of the left building's floor, or of the wall that stands there."""
-        building = pair - self.first
+        """Place of a contact: the face of the left building's floor, or of the wall that stands there.
+
+        Where columns of the left building are struck, the face of the floor that strikes them.
+        """
+        contact = self.contacts[pair, storey]
+        building = contact.pair - self.first
         if building < 0:
             assert self.wall_faces[0] is not None
             return float(self.wall_faces[0])
+        if contact.struck == 0:
+            return float(self.left[building + 1] + sway[building + 1, storey])
         return float(self.left[building] + self.width + sway[building, storey])
 
 
