@@ -27,9 +27,11 @@ import pounding_sweep as ps
 from benchmarks.million import SWEEP
 from pounding_sweep.base.tables import bytes_text
 from pounding_sweep.engine import cache, compile
-from pounding_sweep.kernel.spec import LANES, KernelSpec
+from pounding_sweep.kernel.spec import LANES, PARAMETERS, KernelSpec
 from pounding_sweep.run.sweep import load_sweep
 
+#: Where inputs and results stand among what a kernel is given.
+INPUTS, RESULTS = (list(PARAMETERS).index(name) for name in ("inputs", "results"))
 #: Groups of lanes by which the real kernels are timed.
 GROUPS = 64
 #: Scenarios of the sweeps that are timed where none are given.
@@ -60,24 +62,25 @@ class Replay:
 
         def run(*arguments: Any) -> None:
             started = time.thread_time()
-            *how, inputs, results, history = arguments
             if shape.law is None:  # who touches is found as ever
                 real(*arguments)
             else:
-                results[:] = self._results(shape, real, how, inputs, results, history)
+                arguments[RESULTS][:] = self._results(shape, real, list(arguments))
             with self._lock:
                 self.seconds += time.thread_time() - started
 
         return run
 
-    def _results(self, shape: KernelSpec, real: Any, how: Any, inputs: Any, results: Any, history: Any) -> np.ndarray:
+    def _results(self, shape: KernelSpec, real: Callable[..., None], given: list[Any]) -> np.ndarray:
         """Results of one scenario in all lanes: a row in every place of the cube, and nothing for the audit to find."""
         with self._lock:
             if shape not in self._known:
-                some = np.ascontiguousarray(inputs[np.linspace(0, len(inputs) - 1, GROUPS).astype(int)])
-                found = np.zeros((GROUPS, results.shape[1]))
+                inputs, results = given[INPUTS], given[RESULTS]
+                given[INPUTS] = np.ascontiguousarray(inputs[np.linspace(0, len(inputs) - 1, GROUPS).astype(int)])
+                given[RESULTS] = found = np.zeros((GROUPS, results.shape[1]))
+                given[-1] = GROUPS * LANES  # scenarios
                 started = time.thread_time()
-                real(*how, some, found, history)
+                real(*given)
                 self.each = self.each or (time.thread_time() - started) / (GROUPS * LANES)
                 self._known[shape] = np.repeat(found[0].reshape(-1, LANES)[:, 0], LANES)
         return self._known[shape]
