@@ -15,6 +15,7 @@ from pounding_sweep.base.deferred import attribute
 _HOME = {
     "BehaviourFactors": "pounding_sweep.analysis.separation_rules",
     "SEPARATION_RULES": "pounding_sweep.analysis.separation_rules",
+    "constant_ductility": "pounding_sweep.analysis.strengths",
     "export_nrml": "pounding_sweep.analysis.exchange",
     "export_pelicun": "pounding_sweep.analysis.exchange",
     "response_spectrum": "pounding_sweep.analysis.spectra",

@@ -20,7 +20,7 @@ NO_POUNDING = "none"
 #: Attribute by which the result of a comparison is known.
 COMPARISON = "comparison"
 #: What tells listed cases apart that a run without pounding does not ignore.
-_CASE_KEYS = ("record", "scale", "period_factor", "mass_factor", "damping_ratio")
+_CASE_KEYS = ("record", "scale", "period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
 #: What tells that floors touched, the surest first; above zero in a scenario that did.
 TOUCH_VARIABLES = ("impact_count", "impact_force_max", "penetration_max", "approach_speed_max", "impulse")
 
