@@ -43,7 +43,12 @@ MUTANTS = (
     # scenarios beyond the stability limit are run
     ("plan/plan.py", "else step > limit", "else step > 2.0 * limit", "test_plan.py"),
     # a damaged chunk is read
-    ("resume/checkpoint.py", "digest = _sha256(path)", 'digest = entry["sha256"]', "test_store.py"),
+    (
+        "resume/checkpoint.py",
+        "digest = hashlib.sha256(content).hexdigest()",
+        'digest = entry["sha256"]',
+        "test_store.py",
+    ),
     # shears are of the neighbour's stiffness
     (
         "outputs/motion.py",

@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import OUTPUTS, motions, row
 
+import pounding_sweep as ps
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import get_law
@@ -459,6 +460,52 @@ def test_a_gap_that_is_just_closed_is_run():
     plan = make_plan(build_spec(scene=row(), records=motions()[0], laws="linear", gaps=gaps, dt=0.005))
     found = untouched(plan, np.full((len(plan.uncoupled_runs), len(row().contacts)), closing))
     assert found[np.argsort(plan.unique.gaps[:, 0])].tolist() == [False, False, False, True]
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        {"laws": "linear", "gaps": ps.Range(0.0, 0.05, 23), "restitutions": [0.3, 0.6]},
+        {"laws": ["none", "linear", "kelvin_voigt"], "gaps": ps.Range(0.0, 0.05, 11), "restitutions": [0.6, 0.3]},
+        {"laws": "hertz_damped", "scales": [0.5, 1.0], "stiffness_factors": ps.Range(0.5, 2.0, 9)},
+        {"laws": "linear", "gaps": ps.Range(0.0, 0.05, 5), "damping_ratios": [0.02, 0.05, 0.07]},
+        {
+            "cases": [
+                {"law": law, "gap": gap, "record": record}
+                for law in ("linear", "hertz")
+                for gap in (0.01, 0.02, 0.03, 0.04)
+                for record in ("two", "one")
+            ]
+        },
+    ],
+    ids=["product", "laws that ignore axes", "one gap", "properties", "cases"],
+)
+def test_a_plan_made_in_parts_is_the_whole(axes, monkeypatch):
+    """Large plans are worked out in parts: the same scenarios, steps and chunks, in no more memory."""
+    spec = build_spec(scene=row(), records=motions(), **axes, accuracy=1e-3)
+    whole = make_plan(spec)
+    monkeypatch.setattr("pounding_sweep.plan.scenarios.BLOCK", 7)
+    monkeypatch.setattr("pounding_sweep.plan.advice.BLOCK", 7)
+    parts = make_plan(spec)
+    assert len(whole.unique) > 7
+    for name in whole.unique.__dataclass_fields__:
+        one, other = getattr(whole.unique, name), getattr(parts.unique, name)
+        np.testing.assert_array_equal(one, other, err_msg=name)
+        assert (one.dtype, one.strides[0] == 0) == (other.dtype, other.strides[0] == 0)
+    for name in ("inverse", "refused", "limit", "steps", "uncoupled_of"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(parts, name), err_msg=name)
+    rows = np.arange(len(whole.unique))
+    assert [chunk.key for chunk in whole.chunks(rows)] == [chunk.key for chunk in parts.chunks(rows)]
+
+
+def test_what_is_one_for_all_takes_the_memory_of_one():
+    """So that ten million scenarios are planned in less than a gigabyte."""
+    plan = make_plan(
+        build_spec(scene="mate2015", records="el_centro", laws="linear", gaps=ps.Range(0.001, 0.02, 50), accuracy=1e-3)
+    )
+    one = [getattr(plan.unique, name) for name in ("law", "record", "scale", "variant")]
+    assert all(column.strides[0] == 0 for column in (*one, plan.limit, plan.steps, plan.uncoupled_of))
+    assert plan.unique.gaps.strides == (8, 0)
 
 
 def test_a_plan_is_printed_as_the_command_prints_it():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mmap
 import os
 import subprocess
 import sys
@@ -90,7 +91,7 @@ def test_a_chunk_is_a_plain_table(store):
     """Read without this package, and no more of it than is used."""
     store.write("k", TABLE)
     same(np.load(store.path("k"), allow_pickle=False), TABLE)
-    assert isinstance(store.read("k"), np.memmap)
+    assert isinstance(store.read("k").base.obj, mmap.mmap)
 
 
 def test_written_again_the_last_one_counts(store):
@@ -345,7 +346,7 @@ store.write("first", np.zeros(3, [("a", "f8")]))
 die = lambda *a, **k: os.kill(os.getpid(), 9)
 where = sys.argv[2]
 if where == "in the file":
-    storing._sha256 = die
+    storing._save = lambda path, table: (path.write_bytes(b"half"), die())
 elif where == "before the manifest":
     store._append = die
 elif where == "in the manifest":

@@ -26,6 +26,7 @@ def variables_of(
 ) -> dict[str, Any]:
     """Turn a kernel's outputs into the variables of the cube."""
     row = variants_of(kernel.scene) if variants is None else variants
+    raw = {name: np.asfortranarray(values) for name, values in raw.items()}  # scenarios side by side: see `readout`
     step = record.dt / kernel.numerics.steps(record)
     kept = KernelResults(kernel.scene, raw, row, step, kernel.initial_velocity)
     result: dict[str, Any] = {}
@@ -48,10 +49,11 @@ def _impossible(kernel: RowKernel, raw: Mapping[str, np.ndarray], record: Record
     """Whether floors went farther than the energy that the ground can bring in allows, where that was kept."""
     if "umax" not in raw:
         return np.zeros(len(raw["flags"]), dtype=bool)
-    energy = energy_limit(row, record, raw["scale"][:, 0], kernel.initial_velocity)
-    limit = displacement_limit(row, MAX_ENERGY * energy)
-    far = np.maximum(raw["umax"], -raw["umin"])
-    return np.asarray(np.any(~(far <= limit), axis=1))
+    scale = raw["scale"][:, 0]
+    if len(row) == 1 and (scale == scale[0]).all():  # one limit for all
+        scale = scale[:1]
+    limit = displacement_limit(row, MAX_ENERGY * energy_limit(row, record, scale, kernel.initial_velocity))
+    return ~np.all((raw["umax"] <= limit) & (-raw["umin"] <= limit), axis=1)
 
 
 def _status(

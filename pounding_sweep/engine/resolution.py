@@ -9,7 +9,6 @@ however finite it is: `energy_limit` tells.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -104,5 +103,5 @@ def resolution_status(
     status = np.full(len(steps_per_contact), Status.OK, dtype=np.int8)
     status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
     need = numerics.scheme.min_steps_per_contact(numerics.locate)
-    status[np.nan_to_num(steps_per_contact / quickening, nan=math.inf) < need] = Status.UNDER_RESOLVED_CONTACT
+    status[steps_per_contact / quickening < need] = Status.UNDER_RESOLVED_CONTACT
     return status

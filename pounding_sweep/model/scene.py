@@ -509,22 +509,22 @@ class Scene:
         both = [item for item in self.row[pair : pair + 2] if isinstance(item, Building)]
         return ", ".join(f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.elevations)} m" for b in both)
 
-    @property
+    @cached_property
     def buildings(self) -> tuple[Building, ...]:
         """The buildings of the row, left to right, without walls."""
         return tuple(item for item in self.row if isinstance(item, Building))
 
-    @property
+    @cached_property
     def pair_names(self) -> tuple[str, ...]:
         """Name of each pair of neighbours, ``"left-middle"``."""
         return tuple(f"{a.name}-{b.name}" for a, b in zip(self.row[:-1], self.row[1:], strict=True))
 
-    @property
+    @cached_property
     def n_storeys(self) -> int:
         """Storeys of the highest building."""
         return max(b.n_storeys for b in self.buildings)
 
-    @property
+    @cached_property
     def n_dof(self) -> int:
         """Number of floors of all buildings."""
         return sum(b.n_storeys for b in self.buildings)
@@ -548,12 +548,12 @@ class Scene:
         ours, theirs = [s for s, _ in level], [t for _, t in level]
         return facing_columns(left.slabs, right.slabs, ours), facing_columns(right.slabs, left.slabs, theirs)
 
-    @property
+    @cached_property
     def pair_labels(self) -> tuple[str, ...]:
         """Labels along ``pair`` in results: each pair, and after it the columns of either building that are struck."""
         return tuple(name for name, _ in self._labels)
 
-    @property
+    @cached_property
     def pair_of_label(self) -> tuple[int, ...]:
         """Index of the pair of neighbours of each of the `pair_labels`."""
         return tuple(pair for _, pair in self._labels)

@@ -110,10 +110,21 @@ class Variants:
 
     def frequencies(self, building: int) -> np.ndarray:
         """Natural circular frequencies of a building (rad/s), rising, shape (n, storeys)."""
-        return np.asarray(self.scene.buildings[building].frequencies / self.period_factor[:, building, None])
+        return self._frequencies[building]
+
+    @cached_property
+    def _frequencies(self) -> list[np.ndarray]:
+        return [b.frequencies / self.period_factor[:, i, None] for i, b in enumerate(self.scene.buildings)]
 
     def rayleigh(self, building: int) -> tuple[np.ndarray, np.ndarray]:
         """Factors (a, b) of C = a M + b K of a building (1/s, s), shape (n,) each."""
+        return self._rayleigh[building]
+
+    @cached_property
+    def _rayleigh(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [self._rayleigh_of(building) for building in range(len(self.scene.buildings))]
+
+    def _rayleigh_of(self, building: int) -> tuple[np.ndarray, np.ndarray]:
         item, period = self.scene.buildings[building], self.period_factor[:, building]
         own, unit = item.rayleigh, rayleigh_factors(item.frequencies, (1.0, 1.0))
         given = np.isnan(self.damping_ratio)

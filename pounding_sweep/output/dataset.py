@@ -10,6 +10,7 @@ import re
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,6 +69,7 @@ class Axis:
         return len(self.values)
 
 
+@lru_cache(maxsize=1)
 def package_version() -> str:
     """Return the installed version of this package, or "unknown"."""
     from importlib.metadata import PackageNotFoundError, version

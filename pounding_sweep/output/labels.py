@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict
+from functools import lru_cache
 from importlib.metadata import version
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -300,6 +301,12 @@ def design_coordinates(spec: SweepSpec, dimension: str) -> Coordinates:
     return found
 
 
+@lru_cache(maxsize=1)
+def _xarray_version() -> str:
+    """Return the version of xarray, which is not loaded for it."""
+    return version("xarray")
+
+
 def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
     """Return what the cube says of the sweep as a whole."""
     spec = plan.spec
@@ -323,7 +330,7 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "sweep": to_json(spec),
         "sweep_sha256": plan.digest,
         **{library_attribute(name): version for name, version in library_versions().items()},
-        "xarray_version": version("xarray"),
+        "xarray_version": _xarray_version(),
     }
     if spec.accuracy is None:
         found["time_step"] = [r.dt / plan.numerics.steps(r) for r in spec.records]

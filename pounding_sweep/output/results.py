@@ -34,27 +34,6 @@ def to_table(found: Mapping[str, np.ndarray], names: Iterable[str], scene: Scene
     return table
 
 
-class _Filed:
-    """A table in a file: checked when it is first needed, then mapped as it was found."""
-
-    def __init__(self, read: Callable[[], np.ndarray]) -> None:
-        self._read = read
-        self._mapped: tuple[str, np.dtype, int, int] | None = None
-
-    def open(self) -> np.ndarray:
-        """Map the table; nothing of it stays in memory."""
-        if self._mapped is not None:
-            name, kind, offset, n = self._mapped
-            return np.memmap(name, kind, mode="r", offset=offset, shape=(n,))
-        try:
-            table = self._read()
-        except OutputError as error:
-            raise WriteError(f"{error}; what is missing or damaged is made anew by the next run") from error
-        assert isinstance(table, np.memmap)
-        self._mapped = (str(table.filename), table.dtype, table.offset, len(table))
-        return table
-
-
 class Results:
     """Where the results of scenarios stand."""
 
@@ -65,22 +44,22 @@ class Results:
         self.touched = np.zeros(n, bool)
         #: Largest storey drift (m) of all scenarios that are ok, shape (building, storey); 0 where none was kept.
         self.largest_drift = np.zeros(inner_shape("drift_max", scene))
-        self._slot = np.full(n, -1, np.int64)
-        self._tables: list[np.ndarray | _Filed] = []
+        self._slot = np.full(n, -1, np.int32 if n < 2**30 else np.int64)
+        self._tables: list[np.ndarray | Callable[[], np.ndarray]] = []
         self._first = [0]
 
     def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> tuple[int, np.ndarray]:
         """Take up a table."""
         if "drift_max" in self.names:
             drifts = table["drift_max"][table["status"] == Status.OK]
-            self.largest_drift = np.fmax.reduce([self.largest_drift, *drifts])
-        self._tables.append(table if read is None else _Filed(read))
+            self.largest_drift = np.fmax(self.largest_drift, np.fmax.reduce(drifts, axis=0, initial=0.0))
+        self._tables.append(table if read is None else read)
         self._first.append(self._first[-1] + len(table))
         return len(self._tables) - 1, np.arange(self._first[-2], self._first[-1])
 
     def move(self, index: int, read: Callable[[], np.ndarray]) -> None:
         """Let go of a table that is now in a file, from which it is to be read."""
-        self._tables[index] = _Filed(read)
+        self._tables[index] = read
 
     def answer(self, rows: np.ndarray, slots: np.ndarray, status: np.ndarray, touched: np.ndarray | bool) -> None:
         """Say which rows of tables answer the scenarios `rows`, how they ended and whether they touched."""
@@ -101,12 +80,20 @@ class Results:
             values[nowhere] = self.status[rows[nowhere]] if name == "status" else get_variable(name).fill
         for index in np.flatnonzero(np.diff(edges)).tolist():
             here = slice(edges[index], edges[index + 1])
-            table = self._tables[index]
-            whole = table if isinstance(table, np.ndarray) else table.open()
-            part = np.asarray(whole).take(slots[here] - self._first[index])
+            part = self._table(index).take(slots[here] - self._first[index])
             for name, values in found.items():
                 values[order[here]] = part[name]
         return found
+
+    def _table(self, index: int) -> np.ndarray:
+        """Return a table; of one in a file nothing stays in memory."""
+        table = self._tables[index]
+        if isinstance(table, np.ndarray):
+            return table
+        try:
+            return table()
+        except OutputError as error:
+            raise WriteError(f"{error}; what is missing or damaged is made anew by the next run") from error
 
     def let_go(self) -> None:
         """Let go of all tables; status and touched remain."""

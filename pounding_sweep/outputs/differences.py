@@ -28,7 +28,7 @@ def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: 
     if not x.shape[1]:
         return np.zeros(len(x))
     differs = (np.isnan(x) != np.isnan(y)).any(axis=1)
-    off = np.nan_to_num(np.abs(x - y), nan=0.0, posinf=np.inf).max(axis=1)
+    off = np.fmax.reduce(np.abs(x - y), axis=1, initial=0.0)
     size = _largest(y) if scale is None else np.maximum(_largest(y), scale)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.where(off == 0.0, 0.0, np.where(size > 0.0, off / size, np.inf))
@@ -47,8 +47,9 @@ def relative_errors(
 
 def _largest(values: np.ndarray) -> np.ndarray:
     """Largest absolute value of each scenario."""
-    found = np.abs(np.asarray(values, dtype=float).reshape(len(values), -1))
-    return np.asarray(np.nan_to_num(found, nan=0.0, posinf=np.inf).max(axis=1, initial=0.0))
+    found = np.asarray(values, dtype=float).reshape(len(values), -1)
+    low, high = (reduce.reduce(found, axis=1, initial=0.0) for reduce in (np.fmin, np.fmax))
+    return np.asarray(np.maximum(high, -low))
 
 
 def _scale(name: str, reference: Mapping[str, np.ndarray]) -> np.ndarray | None:

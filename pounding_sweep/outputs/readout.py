@@ -17,8 +17,11 @@ from pounding_sweep.model.variants import Variants
 INTEGER_FILL = -1
 
 
-def _missing(dtype: np.dtype[Any]) -> Any:
-    return INTEGER_FILL if np.issubdtype(dtype, np.integer) else np.nan
+def _unfilled(values: np.ndarray, *inner: int) -> np.ndarray:
+    """Return an array without values; in memory scenarios lie side by side, so that what goes over all is fast."""
+    missing = INTEGER_FILL if np.issubdtype(values.dtype, np.integer) else np.nan
+    lying = np.full((*inner, *values.shape[:-1]), missing, values.dtype)
+    return np.moveaxis(lying, range(len(inner)), range(-len(inner), 0))
 
 
 def _check_last(values: np.ndarray, size: int, what: str) -> None:
@@ -31,8 +34,7 @@ def scatter_dof(values: Any, scene: Scene) -> np.ndarray:
     """Put values per degree of freedom where their building and storey are."""
     values = np.asarray(values)
     _check_last(values, scene.n_dof, "degrees of freedom")
-    shape = (*values.shape[:-1], len(scene.buildings), scene.n_storeys)
-    result = np.full(shape, _missing(values.dtype), dtype=values.dtype)
+    result = _unfilled(values, len(scene.buildings), scene.n_storeys)
     for i, (start, stop) in enumerate(zip(scene.offsets[:-1], scene.offsets[1:], strict=True)):
         result[..., i, : stop - start] = values[..., start:stop]
     return result
@@ -42,8 +44,7 @@ def scatter_contact(values: Any, scene: Scene) -> np.ndarray:
     """Put values per contact where their pair and storey are."""
     values = np.asarray(values)
     _check_last(values, len(scene.contacts), "contacts")
-    shape = (*values.shape[:-1], len(scene.pair_labels), scene.n_storeys)
-    result = np.full(shape, _missing(values.dtype), dtype=values.dtype)
+    result = _unfilled(values, len(scene.pair_labels), scene.n_storeys)
     for i, contact in enumerate(scene.contacts):
         result[..., contact.place, contact.storey - 1] = values[..., i]
     return result

@@ -18,6 +18,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +33,7 @@ from pounding_sweep.outputs.variables import CLASSES, check_outputs, reducers_fo
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
-from pounding_sweep.spec.spec import step_fault
+from pounding_sweep.spec.spec import MAX_STEPS, step_fault
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -83,13 +84,13 @@ def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
 
 def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
     """Largest difference of velocities between neighbours (m/s), shape (pairs, n)."""
-    still = np.zeros((1, len(variants)))
-    moving = [isinstance(item, Building) for item in variants.scene.row]
+    moving = np.array([isinstance(item, Building) for item in variants.scene.row])
     fastest = np.zeros((len(moving) - 1, len(variants)))
-    for velocities in _roof_velocities(variants, record):
-        roofs = iter(velocities)
-        found = [next(roofs)[None, :] if moves else still for moves in moving]
-        fastest = np.maximum(fastest, np.abs(np.diff(np.concatenate(found), axis=0)))
+    points = _roof_velocities(variants, record)
+    while some := list(islice(points, 1 + _BLOCK // len(variants))):
+        velocities = np.zeros((len(some), len(moving), len(variants)))  # walls stand still
+        velocities[:, moving] = some
+        fastest = np.maximum(fastest, np.abs(np.diff(velocities, axis=1)).max(axis=0))
     return fastest
 
 
@@ -301,7 +302,8 @@ def advise(
     assert spec.accuracy is not None
     known = load_measured() if measured is None else measured
     job = _Job(spec, laws, table, variants, initial_speed)
-    found: dict[Scheme, tuple[float, np.ndarray, np.ndarray, dict[str, float]]] = {}
+    costs: dict[Scheme, float] = {}
+    best: tuple[Scheme, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
     reached: dict[Scheme, tuple[float, str]] = {}
     yields = any(spec.scene.yields)
     schemes = [
@@ -316,22 +318,24 @@ def advise(
         )
         raise SweepError(msg)
     for scheme in schemes:
-        need, best = _needed(known, spec, scheme, laws)
+        need, error = _needed(known, spec, scheme, laws)
         if max(need.values()) < math.inf:
             steps, still = job.steps(scheme[0], need)
-            found[scheme] = job.cost(scheme[0], known.cost[scheme], steps, need), steps, still, need
+            costs[scheme] = job.cost(scheme[0], known.cost[scheme], steps, need)
+            if best is None or costs[scheme] < costs[best[0]]:
+                best = scheme, steps, still, need
         else:
-            reached[scheme] = best
-    if not found:
+            reached[scheme] = error
+    if best is None:
         listed = ", ".join(f"{' '.join(s)} reaches {value:.2g} with law {law}" for s, (value, law) in reached.items())
         msg = (
             f"accuracy {spec.accuracy:g} was not reached when errors were measured "
             f"({listed}); ask for less, for other laws or another method, or give dt and see the cube's audit"
         )
         raise SweepError(msg)
-    scheme = min(found, key=lambda name: found[name][0])
-    cost, steps, still, need = found[scheme]
-    others = {name: values[0] / cost for name, values in found.items() if name != scheme and cost > 0}
+    scheme, steps, still, need = best
+    cost = costs[scheme]
+    others = {name: each / cost for name, each in costs.items() if name != scheme and cost > 0}
     return Advice(
         *scheme, _finer(scheme[0], need), steps, still, job.sentence(known, scheme, need, steps, still, others)
     )
@@ -404,32 +408,42 @@ class _Job:
         """Return steps per record interval of each scenario, and of the run without pounding by record and variant."""
         spec, table = self.spec, self.table
         interval = np.array([record.dt for record in spec.records])
-        mode = self.mode[table.variant]
         alone = np.ones(len(self.variants))
-        if SCHEMES[method].flies_exactly:  # contacts have sub-steps of their own
-            still_need = EXACT_STEPS * _finer(method, need)
-            wanted = still_need / mode
-        else:
-            still_need = need["none"]
-            wanted = np.array([need[law.key] for law in self.laws])[table.law] / np.minimum(self.contact, mode)
-            wanted = np.maximum(wanted, still_need / mode)  # where contacts are followed with sub-steps, modes decide
-        wanted = np.maximum(wanted, CONTACT_MARGIN * SCHEMES[method].min_steps_located / self.contact)
-        for i, law in enumerate(self.laws):
-            for rows in _blocks(np.flatnonzero(table.law == i)):
-                limit = self._limit(
-                    self.variants[table.variant[rows]], method, law, table.stiffness[rows], table.restitution[rows]
-                )
-                wanted[rows] = np.maximum(wanted[rows], 1.0 / limit)
-        for r, record in enumerate(spec.records):
-            most = max(float(np.max(part, initial=0.0)) for part in (wanted[table.record == r], still_need / self.mode))
-            if fault := step_fault(record, most * record.dt):
-                msg = f"accuracy {spec.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it"
-                raise SweepError(msg)
+        # of exact flight contacts have sub-steps of their own
+        still_need = EXACT_STEPS * _finer(method, need) if SCHEMES[method].flies_exactly else need["none"]
         least = np.stack([self._motion_steps(method, record) for record in spec.records])
         open_limit = self._limit(self.variants, method, self.laws[-1], 0.0 * alone, alone)
         still = whole_steps(np.maximum(still_need / self.mode, 1.0 / open_limit) * interval[:, None])
-        steps = np.maximum(whole_steps(wanted * interval[table.record]), least[table.record, table.variant])
-        return steps.astype(np.int32), np.maximum(still, least).astype(np.int32)
+        most = np.full(len(spec.records), np.max(still_need / self.mode))
+        steps = np.empty(len(table), np.int32)
+        for first in range(0, len(table), BLOCK):
+            rows = slice(first, first + BLOCK)
+            record, variant = table.record[rows], table.variant[rows]
+            wanted = self._wanted(method, need, still_need, rows)
+            np.maximum.at(most, record, wanted) if len(most) > 1 else np.maximum(most, wanted.max(), out=most)
+            counts = whole_steps(np.minimum(wanted * interval[record], MAX_STEPS))
+            steps[rows] = np.maximum(counts, least[record, variant])
+        for r, motion in enumerate(spec.records):
+            if fault := step_fault(motion, float(most[r]) * motion.dt):
+                msg = f"accuracy {spec.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it"
+                raise SweepError(msg)
+        return steps, np.maximum(still, least).astype(np.int32)
+
+    def _wanted(self, method: str, need: dict[str, float], still_need: float, rows: slice) -> np.ndarray:
+        """Return the steps per second that scenarios ask for: those of modes, contacts, and the stability limit."""
+        table = self.table[rows]
+        contact, mode = self.contact[rows], self.mode[table.variant]
+        wanted = still_need / mode
+        if not SCHEMES[method].flies_exactly:
+            own = np.array([need[law.key] for law in self.laws])[table.law] / np.minimum(contact, mode)
+            wanted = np.maximum(own, wanted)  # where contacts are followed with sub-steps, modes decide
+        wanted = np.maximum(wanted, CONTACT_MARGIN * SCHEMES[method].min_steps_located / contact)
+        for i in np.unique(table.law).tolist():
+            mine = np.flatnonzero(table.law == i)
+            some = self.variants[table.variant[mine]]
+            limit = self._limit(some, method, self.laws[i], table.stiffness[mine], table.restitution[mine])
+            wanted[mine] = np.maximum(wanted[mine], 1.0 / limit)
+        return np.asarray(wanted)
 
     def _motion_steps(self, method: str, record: Record) -> np.ndarray:
         """Least steps per interval at which the buildings of each variant keep their phase over so long a record."""

@@ -54,10 +54,13 @@ def cut(
     seconds: Callable[[int, int], float],
 ) -> list[Chunk]:
     """Cut scenarios into chunks, the dearest first; depends on nothing but the arguments."""
-    order = rows[np.lexsort((flights[rows], steps[rows], table.law[rows], table.record[rows]))]
+    differing = [column for column in (flights, steps, table.law, table.record) if column.strides[0]]
+    differing = [column for column in differing if len(rows) and (column[rows] != column[rows[0]]).any()]
+    order = rows[np.lexsort([column[rows] for column in differing])] if differing else rows
     ends = np.zeros(max(0, len(order) - 1), bool)
-    for column in (table.record, table.law, steps, flights):
-        ends |= np.diff(column[order]) != 0
+    for column in differing:
+        values = column[order]
+        ends |= values[1:] != values[:-1]
     parts = np.split(order, np.flatnonzero(ends) + 1) if len(order) else []
     found = []
     for part in parts:

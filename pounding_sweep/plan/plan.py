@@ -34,9 +34,9 @@ from pounding_sweep.spec.spec import SweepSpec, digest
 #: Steps that most scenarios take in all, over those that they begin with.
 REFINED = 3
 #: Wanted duration of one chunk (s) by that estimate; never depends on the machine or the workers.
-CHUNK_SECONDS = 0.25
+CHUNK_SECONDS = 1.0
 #: Largest size (bytes) of the results of one chunk.
-CHUNK_BYTES = 2**23
+CHUNK_BYTES = 2**22
 #: Memory of one scenario while it is planned, by measurement.
 PLAN_BYTES = 300
 #: Scenarios whose largest steps are found at a time.
@@ -326,10 +326,18 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
         largest = max(r.dt / int(n.min()) for r, n in zip(spec.records, still, strict=True))
         numerics = Numerics(advice.method, largest, spec.locate, spec.beta, spec.gamma, advice.precision, advice.finer)
     limit = _limits(spec, laws, unique, variants, numerics)
-    step = np.array([r.dt for r in spec.records])[unique.record] / steps
+    interval = np.array([r.dt for r in spec.records])
+    step = (interval if len(interval) == 1 else interval[unique.record]) / _once(steps)
     refused = np.zeros(len(unique), bool) if spec.force_unstable else step > limit
+    steps, limit = _once(steps), _once(limit)
     choice = advice.sentence if advice else ""
     return Plan(spec, unique, variants, inverse, refused, limit, numerics, steps, still, choice)
+
+
+def _once(column: np.ndarray) -> np.ndarray:
+    """Return a column that takes the memory of one row if all rows agree."""
+    alike = len(column) > 0 and bool((column == column[0]).all())
+    return np.broadcast_to(column[0], column.shape) if alike else column
 
 
 def _limits(

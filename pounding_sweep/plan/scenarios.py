@@ -16,6 +16,9 @@ from pounding_sweep.outputs.differences import CHANGE
 from pounding_sweep.spec.axes import FACTOR_KINDS, Case, PropertyAxis
 from pounding_sweep.spec.spec import SweepSpec
 
+#: Scenarios whose columns are worked out at once.
+BLOCK = 2**18
+
 
 @dataclass(frozen=True)
 class Scenarios:
@@ -72,14 +75,52 @@ class _Asked:
 def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, Variants, np.ndarray]:
     """Reduce what a sweep asks for to what can matter."""
     asked = _asked_product(spec, laws) if spec.cases is None else _asked_cases(spec, laws)
-    _, first, inverse = np.unique(asked.codes, return_index=True, return_inverse=True)
-    return asked.table(first), asked.variants, inverse.reshape(-1).astype(np.int32)
+    first, inverse = _distinct(asked.codes)
+    variants, table_of = asked.variants, asked.table
+    del asked  # and its codes
+    if len(first) <= BLOCK:
+        return table_of(first), variants, inverse
+    starts = range(0, len(first), BLOCK)
+    return _joined([table_of(first[start : start + BLOCK]) for start in starts]), variants, inverse
+
+
+def _joined(parts: list[Scenarios]) -> Scenarios:
+    """Put tables one below the other; a column in which all rows agree takes the memory of one row again."""
+    n = sum(map(len, parts))
+
+    columns = {name: [getattr(part, name) for part in parts] for name in Scenarios.__dataclass_fields__}
+    parts.clear()
+
+    def column(name: str) -> np.ndarray:
+        pieces = columns.pop(name)  # let go of before the next column is joined
+        if all(not piece.strides[0] and (piece[0] == pieces[0][0]).all() for piece in pieces):
+            return np.broadcast_to(pieces[0][:1], (n, *pieces[0].shape[1:]))
+        if name == "gaps" and not any(piece.strides[1] for piece in pieces):
+            return np.broadcast_to(np.concatenate([piece[:, :1] for piece in pieces]), (n, pieces[0].shape[1]))
+        return np.concatenate(pieces)
+
+    return Scenarios(*(column(name) for name in list(columns)))
+
+
+def _distinct(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where each code is first, by rising codes, and which of them each place has."""
+    order = np.argsort(codes, kind="stable")
+    new = np.ones(len(order), bool)
+    rising = codes[order]
+    np.not_equal(rising[1:], rising[:-1], out=new[1:])
+    del rising
+    inverse = np.empty(len(order), np.int32)
+    inverse[order] = np.cumsum(new, dtype=np.int32) - np.int32(1)
+    return order if new.all() else order[new], inverse
 
 
 def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np.ndarray]:
     """Return the distinct runs without pounding of a table of scenarios."""
-    codes = _combine([_factors(table.record), _factors(table.variant), _factors(table.scale)])
-    _, first, inverse = np.unique(codes, return_index=True, return_inverse=True)
+    columns = (table.record, table.variant, table.scale)
+    if len(table) and not any(column.strides[0] for column in columns):  # one run for all
+        first, inverse = np.zeros(1, np.int64), np.broadcast_to(np.int32(0), len(table))
+    else:
+        first, inverse = _distinct(_combine([_factors(column) for column in columns]))
     n = len(first)
     uncoupled = Scenarios(
         law=np.full(n, no_pounding, np.int16),
@@ -90,7 +131,7 @@ def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np
         gaps=np.full((n, table.gaps.shape[1]), np.inf),
         variant=table.variant[first],
     )
-    return uncoupled, inverse.reshape(-1).astype(np.int32)
+    return uncoupled, inverse
 
 
 def _factors(column: np.ndarray) -> tuple[np.ndarray, int]:
@@ -153,6 +194,7 @@ def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
     else:
         gap_ranks = _ranks(spec.gaps)
         gaps = np.broadcast_to(np.array(spec.gaps, dtype=float)[:, None], (len(spec.gaps), n_pairs))
+    equal = bool((gaps == gaps[:, :1]).all())  # at all pairs
     restitutions = np.array(spec.restitutions, dtype=float)
     kind, scales = spec.needed_axis("scale")
     factors = np.array([[spec.scale(kind, v, record) for v in scales] for record in spec.records])
@@ -182,14 +224,16 @@ def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
             block = block * len(own) + own.reshape([-1 if dim == name else 1 for dim in dims])
         codes[i] = block
 
+    asked_shape = codes.shape
+
     def table(asked: np.ndarray) -> Scenarios:
         at_law, at_gap, at_stiffness, at_restitution, at_record, at_scale, at_variant = np.unravel_index(
-            asked, codes.shape
+            asked, asked_shape
         )
-        law = law_of[at_law]
+        law = _gather(law_of, at_law)
         open_everywhere = law == last
         takes = np.array([item.takes_restitution for item in laws])[law]
-        rows = _gather(gaps, at_gap)
+        rows = np.broadcast_to(_gather(gaps[:, :1], at_gap), (len(asked), n_pairs)) if equal else _gather(gaps, at_gap)
         return Scenarios(
             law=law,
             record=_gather(np.arange(len(spec.records), dtype=np.int32), at_record),

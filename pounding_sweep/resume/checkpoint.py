@@ -15,7 +15,9 @@ without the others.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import mmap
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -109,14 +111,26 @@ def _own(name: str) -> bool:
     return name in (EXPECTED, MANIFEST) or any(kind.fullmatch(name) for kind in kinds) or is_temporary(name)
 
 
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _save(path: Path, table: np.ndarray) -> None:
+def _save(path: Path, table: np.ndarray) -> tuple[str, int]:
+    """Write a table to a file; returns its SHA-256 and where in it the rows begin."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, np.lib.format.header_data_from_array_1_0(table))
+    digest, rows = hashlib.sha256(header.getvalue()), table.view(np.uint8).data
+    digest.update(rows)
     with path.open("wb") as file:
-        np.lib.format.write_array(file, table, allow_pickle=False)
+        file.write(header.getvalue())
+        file.write(rows)
+    return digest.hexdigest(), len(header.getvalue())
+
+
+def _form(content: mmap.mmap) -> tuple[np.dtype, int, int]:
+    """Return type and number of rows of a table in a file, and where they begin."""
+    version = np.lib.format.read_magic(content)
+    if version != (1, 0):
+        msg = f"it is of version {version} of its format"
+        raise ValueError(msg)
+    shape, _, kind = np.lib.format.read_array_header_1_0(content)
+    return kind, shape[0] if len(shape) == 1 else 0, content.tell()
 
 
 def _is_table(table: np.ndarray) -> bool:
@@ -140,6 +154,9 @@ class ChunkStore:
         self.identity = identity
         self.details = {str(key): str(value) for key, value in (details or {}).items()}
         self._entries: dict[str, dict[str, Any]] = {}
+        #: Of chunks that were written or read: type and number of rows, and where they begin in their file.
+        self._forms: dict[str, tuple[np.dtype, int, int]] = {}
+        self._checked: set[str] = set()
 
     @property
     def _manifest(self) -> Path:
@@ -253,12 +270,15 @@ class ChunkStore:
             raise OutputError(msg)
         try:
             with replacing(path, self.folder) as temporary:
-                _save(temporary, table)
-                digest, size = _sha256(temporary), temporary.stat().st_size
+                table = np.ascontiguousarray(table)
+                digest, begin = _save(temporary, table)
+            size = begin + table.nbytes
             line = {**more, "key": key, "file": path.name, "sha256": digest, "bytes": size, "rows": len(table)}
             self._append(json.dumps(line, sort_keys=True))
         except OSError as error:
             raise WriteError(failure(f"writing chunk {key!r} to {str(self.folder)!r}", error)) from error
+        self._forms[key] = (table.dtype, len(table), begin)
+        self._checked.discard(key)
         self._entries[key] = line
 
     def expect(self, chunks: Mapping[str, Any]) -> None:
@@ -308,24 +328,33 @@ class ChunkStore:
         return {key for key in entries if self.path(key).is_file()}
 
     def read(self, key: str, expected: np.dtype | None = None, rows: int | None = None) -> np.ndarray:
-        """Return a chunk, after a check that it is what was written."""
+        """Return a chunk, mapped; when it is first read, after a check that it is what was written."""
         path = self.path(key)
         entry = self._entries.get(key)
-        if entry is None or not path.is_file():
-            what = "is not complete in" if entry is None else "was removed from"
-            raise OutputError(f"chunk {key!r} {what} {str(self.folder)!r}")
         damaged = f"chunk {key!r} in {str(self.folder)!r} is damaged: "
         try:
-            digest = _sha256(path)
-            if digest != entry["sha256"]:
-                msg = f"{damaged}its SHA-256 is {digest[:12]}..., it was written as {entry['sha256'][:12]}..."
-                raise ChunkCorrupt(msg)
-            table: np.ndarray = np.lib.format.open_memmap(path, mode="r")
+            if entry is None:
+                raise OutputError(f"chunk {key!r} is not complete in {str(self.folder)!r}")
+            with path.open("rb") as file:
+                empty = not os.fstat(file.fileno()).st_size  # can't be mapped
+                content: Any = b"" if empty else mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            if key not in self._checked:
+                digest = hashlib.sha256(content).hexdigest()
+                if digest != entry["sha256"]:
+                    msg = f"{damaged}its SHA-256 is {digest[:12]}..., it was written as {entry['sha256'][:12]}..."
+                    raise ChunkCorrupt(msg)
+            if key not in self._forms:
+                self._forms[key] = _form(content)
+            kind, n, begin = self._forms[key]
+            table = np.frombuffer(content, kind, count=n, offset=begin) if n > 0 else np.empty(0, kind)
             if not _is_table(table) or rows not in (None, len(table)) or not _has_fields(table, expected):
                 raise ChunkCorrupt(f"{damaged}it is another table than it should be")
+            self._checked.add(key)
             return table
+        except FileNotFoundError:
+            raise OutputError(f"chunk {key!r} was removed from {str(self.folder)!r}") from None
         except (OSError, ValueError) as error:
-            if isinstance(error, ChunkCorrupt):
+            if isinstance(error, OutputError):
                 raise
             raise ChunkCorrupt(f"{damaged}{error}") from error
 

@@ -32,7 +32,7 @@ from pounding_sweep.outputs.differences import CHANGE, comparable, relative_erro
 from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.plan.plan import REFINED
-from pounding_sweep.plan.scenarios import changed
+from pounding_sweep.plan.scenarios import BLOCK, changed
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import in_double
 
@@ -52,6 +52,8 @@ TOLERANCE = 0.05
 CONVERGED = 0.25
 #: Tasks that the sample is cut into, and most lane groups of one.
 BATCHES, LARGEST_BATCH = 8, 64
+#: Estimated duration (s) of a task below which it is not worth one of its own.
+BATCH_SECONDS = 0.1
 #: How the flags are spelt in a cube.
 FLAGS = {
     "audit_sensitive": {"flag_values": np.array([0, 1], np.int8), "flag_meanings": "steady sensitive"},
@@ -131,17 +133,23 @@ def candidates(plan: Plan, outcome: Outcome) -> np.ndarray:
     """Rows of the unique scenarios that touched and have values."""
     if outcome.left_out is None:
         return np.zeros(0, dtype=int)
-    valued = np.isin(outcome.results.status, [int(s) for s in STATUS if s.has_values])
-    impulsive = np.array([law.impulsive for law in plan.laws])[plan.unique.law]
-    touched = impulsive | outcome.results.touched
-    return np.flatnonzero(valued & touched & ~outcome.left_out)
+    # nothing here takes more than a byte for each of what may be many millions
+    found = outcome.results.touched & ~outcome.left_out
+    for index, law in enumerate(plan.laws):
+        if law.impulsive:
+            found |= (plan.unique.law == index) & ~outcome.left_out
+    for status in STATUS:
+        if not status.has_values:
+            found &= outcome.results.status != int(status)
+    return np.flatnonzero(found).astype(np.int32)
 
 
 def sweep_cost(plan: Plan, rows: np.ndarray) -> int:
     """Lane-steps of the scenarios `rows` in the sweep."""
     points = np.array([record.n_points - 1 for record in plan.spec.records])
     times = 1 if plan.spec.accuracy is None else REFINED
-    return int((times * plan.steps[rows] * points[plan.unique.record[rows]]).sum())
+    blocks = (rows[first : first + BLOCK] for first in range(0, len(rows), BLOCK))
+    return times * sum(int((plan.steps[some] * points[plan.unique.record[some]]).sum()) for some in blocks)
 
 
 def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
@@ -150,25 +158,34 @@ def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
         return []
     random = np.random.Generator(np.random.PCG64(int(plan.digest[:16], 16)))
     table = plan.unique
-    columns = (table.record[rows], table.law[rows], plan.steps[rows])
-    kinds = np.ravel_multi_index(columns, [int(column.max()) + 1 for column in columns])
-    groups: list[Sample] = []
-    costs: list[int] = []
+    kinds = np.zeros(1, np.int64)
+    for column in (table.record, table.law, plan.steps):
+        if column.strides[0]:  # else one value for all
+            own = column[rows]
+            kinds = kinds * (int(own.max()) + 1) + own
+    alike = []
     for kind in np.unique(kinds):
-        mine = random.permutation(rows[kinds == kind])
-        record, law, steps = int(table.record[mine[0]]), int(table.law[mine[0]]), int(plan.steps[mine[0]])
-        alike = [Sample(mine[i : i + GROUP], law, record, steps, steps) for i in range(0, len(mine), GROUP)]
-        groups += alike
-        costs += [alike[0].cost(plan)] * len(alike)
-    sizes = np.array([len(group.rows) for group in groups], dtype=float)
-    order = random.choice(len(groups), size=len(groups), replace=False, p=sizes / sizes.sum()).tolist()
+        mine = random.permutation(rows if len(kinds) == 1 else rows[kinds == kind])
+        steps = int(plan.steps[mine[0]])
+        alike.append(Sample(mine, int(table.law[mine[0]]), int(table.record[mine[0]]), steps, steps))
+    # groups by their numbers: there may be millions
+    first = np.cumsum([0, *(-(-len(part.rows) // GROUP) for part in alike)])
+    costs = np.repeat([part.cost(plan) for part in alike], np.diff(first))
+    sizes = np.full(first[-1], float(GROUP))
+    sizes[first[1:] - 1] = [(len(part.rows) - 1) % GROUP + 1 for part in alike]
+    order = random.choice(len(sizes), size=len(sizes), replace=False, p=sizes / sizes.sum())
     left, budget = max(1, len(rows) // 2), plan.spec.audit * sweep_cost(plan, rows)
-    affordable = [index for index in order if costs[index] <= budget] or order[:1]
+    cheapest = costs.min()
+    affordable = order[costs[order] <= budget] if cheapest <= budget else order[:1]
     chosen: list[Sample] = []
     for index in affordable:
-        if left and (not chosen or costs[index] <= budget):
-            group = groups[index]
-            chosen.append(replace(group, rows=np.sort(group.rows[:left])))
+        if chosen and (not left or budget < cheapest):
+            break
+        if not chosen or costs[index] <= budget:
+            kind = int(np.searchsorted(first, index, "right")) - 1
+            begin = GROUP * int(index - first[kind])
+            group = alike[kind].rows[begin : begin + GROUP]
+            chosen.append(replace(alike[kind], rows=np.sort(group[:left])))
             left -= len(chosen[-1].rows)
             budget -= costs[index]
     return chosen
@@ -205,7 +222,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     share = sum(sample.cost(plan) for sample in samples) / sweep_cost(plan, rows)
     where = np.sort(np.concatenate([sample.rows for sample in samples]))
     own = outcome.results.gather(where)
-    batches = _batches(_by_step(plan, where, own))
+    batches = _batches(plan, _by_step(plan, where, own))
     fine = _run(plan, batches, dispatcher, _halved_task(plan, outputs))
     moved = None if fine is None else _run(plan, batches, dispatcher, _halved_task(plan, outputs, change=True))
     if fine is None or moved is None:
@@ -218,7 +235,10 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     if len(again):
         some = {name: values[again] for name, values in own.items()}
         settled = _run(
-            plan, _batches(_by_step(plan, where[again], some)), dispatcher, _settling_task(plan, outputs, tolerance)
+            plan,
+            _batches(plan, _by_step(plan, where[again], some)),
+            dispatcher,
+            _settling_task(plan, outputs, tolerance),
         )
         if settled is None:
             return None
@@ -271,13 +291,17 @@ def _run(
     return {name: table[name] for name in table.dtype.names or ()}
 
 
-def _batches(samples: list[Sample]) -> list[list[Sample]]:
+def _batches(plan: Plan, samples: list[Sample]) -> list[list[Sample]]:
     """Put samples of one law, record and step together: enough of them that a task is worth its while."""
     kinds: dict[tuple[int, ...], list[Sample]] = {}
     for sample in samples:
         kinds.setdefault((sample.law, sample.record, sample.steps, sample.begun), []).append(sample)
     size = min(LARGEST_BATCH, math.ceil(len(samples) / BATCHES))
-    return [alike[i : i + size] for alike in kinds.values() for i in range(0, len(alike), size)]
+    batches = []
+    for (_, record, steps, _), alike in kinds.items():
+        most = max(size, int(BATCH_SECONDS / (LANES * plan.scenario_seconds(record, FINER * steps))))
+        batches += [alike[i : i + most] for i in range(0, len(alike), most)]
+    return batches
 
 
 def _halved_task(plan: Plan, outputs: Sequence[str], change: bool = False) -> Callable[[list[Sample], int], ChunkTask]:

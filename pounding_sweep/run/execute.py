@@ -183,7 +183,8 @@ class _Stages:
         def keep(rows: np.ndarray, table: np.ndarray, slots: np.ndarray) -> None:
             results.answer(rows, slots, table["status"], np.isfinite(table["steps_per_contact"]))
 
-        self._run("scenarios", plan.chunks(np.flatnonzero(~left_out & ~plan.refused)), plan.unique, plan.outputs, keep)
+        rows = np.flatnonzero(~left_out & ~plan.refused).astype(np.int32)
+        self._run("scenarios", plan.chunks(rows), plan.unique, plan.outputs, keep)
 
     def _run(
         self,

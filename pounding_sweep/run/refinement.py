@@ -102,21 +102,23 @@ def run_refined(
     """Run scenarios until half the step changes no output by more than `accuracy`."""
     judged = comparable(outputs)
     rows = np.arange(len(table))
-    coarse = _run_alike(kernel, record, table, variants, outputs)
-    result = {name: values.copy() for name, values in coarse.items()}
+    result = coarse = _run_alike(kernel, record, table, variants, outputs)
     estimate, halvings = np.full(len(table), np.inf), 0
     while len(rows) and halvings < MOST_HALVINGS and not step_fault(record, 2.0 * kernel.numerics.steps(record)):
         kernel, halvings = halved(kernel, record), halvings + 1
         if halvings > SINGLE_HALVINGS:
             kernel = in_double(kernel)
-        fine = _run_alike(kernel, record, table[rows], variants[rows], outputs)
-        estimate[rows] = differences(judged, coarse, fine)
-        for name, values in fine.items():
-            result[name][rows] = values
+        mine, own = (table, variants) if halvings == 1 else (table[rows], variants[rows])
+        fine = _run_alike(kernel, record, mine, own, outputs)
         if "amplification" in outputs:
-            moves = amplification(kernel, record, table[rows], variants[rows], outputs, fine)
-            result["amplification"][rows] = moves
+            fine["amplification"] = amplification(kernel, record, mine, own, outputs, fine)
+        estimate[rows] = differences(judged, coarse, fine)
         rest = (estimate[rows] > accuracy / strictness(fine)) | (fine["status"] != Status.OK)
+        if halvings == 1:
+            result = fine
+        else:
+            for name, values in fine.items():
+                result[name][rows] = values
         coarse, rows = {name: values[rest] for name, values in fine.items()}, rows[rest]
     result["status"][(result["status"] == Status.OK) & ~(estimate <= accuracy)] = Status.UNSETTLED
     result["error_estimate"] = estimate

@@ -25,10 +25,13 @@ def largest_step(
     scheme = SCHEMES[method]
     stiffness = np.asarray(stiffness, dtype=float)
     variants = variants_of(row)
-    scene = variants.scene
+    scene, shape = variants.scene, stiffness.shape
+    decides = law.exponent == 1.0 and bool(scene.contacts) and not scheme.flies_exactly
+    if not decides and len(variants) == 1:  # one limit for all
+        stiffness = stiffness[:1]
     contact_k = np.zeros_like(stiffness)
     contact_c = np.zeros_like(stiffness)
-    if law.exponent == 1.0 and scene.contacts and not scheme.flies_exactly:
+    if decides:
         contact_k = stiffness
         if law.damping == "viscous":
             largest = variants.contact_mass(0)
@@ -47,7 +50,7 @@ def largest_step(
             contact = weight / variants.mass_factor[:, index]
             w2 = np.maximum(w2, stiff + contact_k * contact)
             rate = np.maximum(rate, a + b * stiff + contact_c * contact)
-    return scheme.stability_limit(w2, rate, beta, gamma)
+    return np.broadcast_to(scheme.stability_limit(w2, rate, beta, gamma), shape)
 
 
 def _contact_weights(scene: Scene) -> np.ndarray:
