@@ -14,7 +14,7 @@ from scipy.linalg import expm
 from test_properties import scenes_of, some_variants, tall
 
 import pounding_sweep as ps
-from pounding_sweep.engine.flight import flight_tables
+from pounding_sweep.engine.flight import fixed_tables, flight_tables
 from pounding_sweep.engine.kernel import MARGIN, make_group, width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.flight import ACCELERATION, TOUCH, TURN, WIDE, Flight, Layout
@@ -37,7 +37,9 @@ def tables_of(scene, ground, h, outputs=EVERY):
     """Layout and tables of a scene or of variants, in double precision, before a kernel fills them."""
     variants = variants_of(scene)
     layout = layout_of(kernel_of(variants.scene, outputs))
-    return layout, flight_tables(layout, variants, ground, h, "float64")[0]
+    return layout, flight_tables(layout, len(ground), fixed_tables(layout, variants, ground, h, "float64")[0]).reshape(
+        len(variants), -1
+    )
 
 
 def filled(scene, ground, h):
@@ -45,10 +47,11 @@ def filled(scene, ground, h):
     kernel = kernel_of(scene)
     group = make_group(kernel.shape, None, width("float64"), None)
     layout = layout_of(kernel)
-    tables, decays = flight_tables(layout, variants_of(scene), ground, h, "float64")
+    fixed, decays = fixed_tables(layout, variants_of(scene), ground, h, "float64")
+    table = flight_tables(layout, len(ground), fixed)
     with np.errstate(all="ignore"):
-        Tables(Flight(group, tables[0], len(ground)), decays, None, MARGIN["float64"]).fill(1)
-    return layout, tables[0]
+        Tables(Flight(group, table, len(ground)), decays, None, MARGIN["float64"]).fill(1)
+    return layout, table
 
 
 # -- what moves by itself ----------------------------------------------------------------------------------------------

@@ -67,22 +67,30 @@ class _Modes:
         return np.stack(found) * self.participation
 
 
-def flight_tables(
+def flight_tables(layout: Layout, points: int, fixed: np.ndarray) -> np.ndarray:
+    """Return tables of flight over so many points with all that a kernel does not fill in itself, one after another.
+
+    They stand until the thread's next call.
+    """
+    tables = _room(len(fixed) * int(layout.size(points)), str(fixed.dtype))
+    tables.reshape(len(fixed), -1)[:, : layout.sizes[0]] = fixed
+    return tables
+
+
+def fixed_tables(
     layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the tables of flight of all variants but for what a kernel fills in itself, and what it does so from.
+    """Return what of the tables of all variants holds at any time, and what a kernel fills the others from.
 
-    They stand until the thread's next call. `ground`: accelerations (m/s2) at all points of a grid of step `h` (s).
+    `ground`: accelerations (m/s2) at all points of a grid of step `h` (s).
     """
     scene, n, count, q = row.scene, layout.modes, len(row), len(layout.watched)
     modes, floors = _modes(row)
-    points = len(ground)
-    tables = _room(count * int(layout.size(points)), precision).reshape(count, -1)
-    tables[:, : layout.sizes[0]] = 0.0
+    tables = np.zeros((count, layout.sizes[0]), precision)
 
     def put(name: str, values: np.ndarray) -> None:
         """Put in values of shape (variants or 1, ..., columns), padded to the width of the table."""
-        at = int(layout.place(name, points))
+        at = layout.first[name]
         where = tables[:, at : at + layout.fixed[name]].reshape(count, *values.shape[1:-1], -1)
         where[..., : values.shape[-1]] = values
 

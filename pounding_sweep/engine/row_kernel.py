@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import flight_tables
+from pounding_sweep.engine.flight import fixed_tables, flight_tables
 from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
@@ -147,15 +147,22 @@ def _layout(shape: KernelSpec, constants: bytes) -> Layout:
     return Layout(make_group(shape, None, width(shape.precision), np.frombuffer(constants, shape.precision)))
 
 
-def _flight_tables(
-    layout: Layout, row: Variants, record: Record, flight_substeps: int, precision: str
+def _fixed_tables(
+    shape: KernelSpec, constants: bytes, row: Variants, record: Record, flight_substeps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Tables of flight of some rows of buildings, one after another, and what a kernel fills them from."""
+    """Tables of flight of some rows of buildings that hold at any time, and what a kernel fills the others from."""
     motion, n = np.array(record.acceleration), flight_substeps
     inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
     ground = np.append(inner.ravel(), motion[-1])
-    tables, decays = flight_tables(layout, row, ground, record.dt / n, precision)
-    return tables.ravel(), decays
+    return fixed_tables(_layout(shape, constants), row, ground, record.dt / n, shape.precision)
+
+
+@lru_cache(maxsize=8)
+def _fixed_tables_of_scene(
+    shape: KernelSpec, constants: bytes, scene: Scene, record: Record, flight_substeps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Those of a scene as given: all its runs under a record share them."""
+    return _fixed_tables(shape, constants, variants_of(scene), record, flight_substeps)
 
 
 @dataclass(frozen=True)
@@ -310,8 +317,12 @@ class RowKernel:
         groups = max(1, min(slab, int(late[0]) // LANES)) if len(late) else slab
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
-        made = _flight_tables(layout, row[needed], record, flight_substeps, precision)
-        return (*made, len(needed)), which, groups
+        given = self.shape, self.constants.tobytes()
+        if self.varied:
+            fixed, decays = _fixed_tables(*given, row[needed], record, flight_substeps)
+        else:
+            fixed, decays = _fixed_tables_of_scene(*given, self.scene, record, flight_substeps)
+        return (flight_tables(layout, points, fixed), decays, len(needed)), which, groups
 
     def _lanes(
         self,
