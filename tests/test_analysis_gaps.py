@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scenes import AXES, motions, row
 
 from pounding_sweep import Sweep
-from pounding_sweep.analysis import SEPARATION_RULES, BehaviourFactors, required_gap, separation
+from pounding_sweep.analysis import SEPARATION_RULES, BehaviourFactors, gap_for_probability, required_gap
 from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.separation_rules import FROM_MEMORY, cqc_correlation
 from pounding_sweep.base.errors import InputError
@@ -264,7 +264,7 @@ class TestMissing:
             required_gap(cube)
 
 
-class TestSeparation:
+class TestGapForProbability:
     @staticmethod
     def gaps(exact):
         """Required gaps of one pair, the last dimension that of the records."""
@@ -276,14 +276,14 @@ class TestSeparation:
         from scipy.stats import norm
 
         exact = np.exp(np.log(0.02) + 0.4 * np.random.default_rng(5).standard_normal((2000, 12)))
-        found = separation(self.gaps(exact), [0.5, 0.1, 0.02], confidence=0.9).squeeze("pair")
-        for p, part in zip([0.5, 0.1, 0.02], found.transpose("probability", "suite").gap, strict=True):
+        found = gap_for_probability(self.gaps(exact), [0.5, 0.1, 0.02], confidence=0.9).squeeze("pair")
+        for p, part in zip([0.5, 0.1, 0.02], found.gap.transpose("probability", "suite"), strict=True):
             true, at = 0.02 * np.exp(0.4 * norm.isf(p)), found.sel(probability=p)
             assert float(part.median()) == pytest.approx(true, rel=0.05)
             assert float(((at.gap_lower <= true) & (true <= at.gap_upper)).mean()) == pytest.approx(0.9, abs=0.02)
 
     def test_what_records_cannot_tell_is_missing(self):
-        found = separation(
+        found = gap_for_probability(
             self.gaps([[0.01, 0.02, 0.04, np.nan], [0.01, *[np.nan] * 3], [0.0, 0.1, 0.2, 0.3]]), [0.5, 0.3]
         )
         found = found.squeeze("pair")
@@ -296,11 +296,11 @@ class TestSeparation:
 
     def test_of_a_cube(self):
         cube = told(row(), records=motions())
-        found, gaps = separation(cube, [0.5]), required_gap(cube)
+        found, gaps = gap_for_probability(cube, [0.5]), required_gap(cube)
         np.testing.assert_allclose(found.gap_observed.squeeze("probability"), gaps.exact.median("record"))
         np.testing.assert_allclose(found["median"].squeeze(), np.exp(np.log(gaps.exact).mean("record")).squeeze())
         for wrong in ({"probabilities": []}, {"probabilities": [1.0]}, {"confidence": 0.0}):
             with pytest.raises(InputError, match="must be between 0 and 1"):
-                separation(cube, **wrong)
+                gap_for_probability(cube, **wrong)
         with pytest.raises(InputError, match="needs several values of 'record', and this cube has one"):
-            separation(cube.isel(record=[0]))
+            gap_for_probability(cube.isel(record=[0]))

@@ -52,8 +52,8 @@ def test_summary_lists_what_is_possible_and_why_the_rest_is_not(cube_file):
     for key in ("amplification", "laws", "impacts", "fractiles", "incremental", "fragility"):
         assert f"  {key}" in possible
         assert f"\n{key}: {COMPARISONS[key].title}" in result.stdout
-    assert "required-gap  2 of the 2 records" in impossible
-    assert "energy        the energy budget needs the outputs 'energy_input'" in impossible
+    assert "  required-gap         2 of the 2 records" in impossible
+    assert "  energy               the energy budget needs the outputs 'energy_input'" in impossible
 
 
 def test_what_one_record_does_not_allow(tmp_path):
@@ -88,7 +88,8 @@ def test_one_comparison_prints_the_rows_of_its_result(cube_file, key):
     told = json.loads(result.stdout)
     assert list(told) == [key]
     with open_cube(cube_file) as cube:
-        rows = table_rows(COMPARISONS[key].make(cube), COMPARISONS[key])
+        apart = {"over": ["gap", "restitution"]} if key == "impacts" else {}
+        rows = table_rows(COMPARISONS[key].make(cube, **apart), COMPARISONS[key])
     assert told[key]["rows"] == json.loads(json.dumps(rows))
     text = run(cube_file, "--what", key).stdout
     assert text.startswith(f"{key}: ")
@@ -112,7 +113,9 @@ def test_files(cube_file, tmp_path):
         rows = list(csv.DictReader(file))
     first = rows[0]
     assert first["variable"] == "displacement_max_ratio"
-    touching = expected.displacement_max_ratio.where(expected.touches == 1.0).sel(law="linear", building="a")
+    assert (first["record"], first["scale"], first["over"]) == ("one", "0.1", "2 gaps, 2 restitutions, 2 storeys")
+    touching = expected.displacement_max_ratio.where(expected.touches == 1.0)
+    touching = touching.sel(law="linear", building="a", record="one", scale=0.1)
     assert float(first["largest"]) == float(touching.max())
     assert float(first["median"]) == pytest.approx(float(touching.median()))
 
@@ -190,7 +193,16 @@ def test_options_that_would_do_nothing_are_refused(cube_file, tmp_path):
         (("--what", "impacts", "--event", "touch"), "--event is for the comparison 'fragility'; leave it out, or add"),
         (("--what", "laws", "--level", "3"), "--level is for the comparison 'fragility'"),
         (("--what", "impacts", "--reference", "linear"), "--reference is for the comparison 'laws'"),
-        (("--what", "laws", "--records", tmp_path), "--records is for the comparisons 'required-gap' and 'separation'"),
+        (("--what", "laws", "--records", tmp_path), "--records is for the comparisons 'fragility', 'gap-for-prob"),
+        (("--what", "laws", "--probability", "0.1"), "--probability is for the comparison 'gap-for-probability'"),
+        (("--probability", "1.5"), "probabilities are [1.5], confidence is 0.95; all must be between 0 and 1"),
+        (("--intensity", "sv"), "unknown intensity 'sv'; valid: pga, pgv, sa(PERIOD in s)"),
+        (("--quantile", "2"), "quantiles are [2.0]; give one or more numbers in [0, 1]"),
+        (("--years", "50"), "--years are those of a hazard; add --hazard"),
+        (("--hazard", "k0=1e-3"), "hazard 'k0=1e-3' won't do; give a CSV file, or k0=RATE,kappa=SLOPE"),
+        (("--over", "gap"), "unknown axis to take together 'gap'; did you mean 'pga'? Valid: pga, record, scale"),
+        (("--at", "gap=0.003"), "gap '0.003' is not on the axis; it has 0.002, 0.01"),
+        (("--at", "building=c"), "unknown building 'c'; valid: a, b"),
     ):
         refused = run(cube_file, *arguments, "-o", tmp_path / "out")
         assert refused.exit_code == 2

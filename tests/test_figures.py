@@ -93,9 +93,9 @@ def test_one_of_several_names_is_enough():
 def test_comparisons_need_something_to_compare():
     for key, sizes, words in (
         ("law-comparison", {"law": 3}, "several laws with contact"),
-        ("incremental", {"scale": 3}, "several scales"),
-        ("fragility", {"record": 3}, "several records or scales"),
-        ("fragility", {"scale": 3}, "several records or scales"),
+        ("incremental", {"scale": 3}, "several scales or PGAs"),
+        ("fragility", {"record": 3}, "several records or scales or PGAs"),
+        ("fragility", {"scale": 3}, "several records or scales or PGAs"),
     ):
         assert FIGURES[key].lacks(made.cube(**sizes)) == ()
         assert words in FIGURES[key].lacks(made.cube(**dict.fromkeys(sizes, 1)))

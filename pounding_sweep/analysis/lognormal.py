@@ -81,7 +81,7 @@ class LognormalFit:
 def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
     """Fit a lognormal to trials."""
     used = intensity > 0.0
-    x, y = _merged(intensity[used]), np.asarray(happened, dtype=bool)[used]
+    x, y = merged(intensity[used]), np.asarray(happened, dtype=bool)[used]
     if not x.size:
         return LognormalFit(FitStatus.NO_DATA)
     if not y.any():
@@ -97,7 +97,7 @@ def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
     return _maximum(np.log(x), y)
 
 
-def _merged(x: np.ndarray) -> np.ndarray:
+def merged(x: np.ndarray) -> np.ndarray:
     """Return values of which those that differ by rounding alone are equal: records scaled to one intensity."""
     order = np.argsort(x)
     ordered = x[order]

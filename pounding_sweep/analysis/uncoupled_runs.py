@@ -24,6 +24,7 @@ from pounding_sweep.analysis.scenarios import (
 )
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.spec.axes import AXES, DIMENSIONS, PropertyAxis, axes_of, case_of, property_axes
 
@@ -64,7 +65,8 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
     sweep = stored_sweep(cube)
     scene = scene_of(sweep)
     _check_pairs(scene)
-    whole = {"building", "pair", "storey"} <= set(cube.dims)  # a part of the row is no row
+    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_names), "storey": scene.n_storeys}
+    whole = all(cube.sizes.get(dim) == size for dim, size in sizes.items())  # a part of the row is no row
     there = whole and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
     if sweep["cases"] is not None:
         if there and min(still_cases(cube)) >= 0:
@@ -73,7 +75,7 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
             runs = _run_cases(scene, sweep, records, folders)
         return StillRuns(scene, runs, *_first_modes_of_cases(scene, runs))
     axes = property_axes(axes_of(sweep))
-    runs = _reduced(cube) if there else _run_product(scene, sweep, records, folders)
+    runs = _reduced(cube) if there else _selected(_run_product(scene, sweep, records, folders), cube)
     modes = [_where(part, cube if there else runs) for part in _first_modes(scene, axes)]
     return StillRuns(scene, runs, *modes)
 
@@ -126,6 +128,12 @@ def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any
     unit = unit.sel(scale=signs).assign_coords(scale=scales)
     grown = {name: (values(unit, name) * abs(unit["scale"])).assign_attrs(unit[name].attrs) for name in OUTPUTS}
     return unit.assign(grown)
+
+
+def _selected(runs: xr.Dataset, cube: xr.Dataset) -> xr.Dataset:
+    """Return the runs that belong to a cube, which may be a selection from what its sweep has."""
+    kept = {dim: cube[dim].values for dim in runs.dims if dim in cube.coords and dim not in INNER_DIMS}
+    return runs.sel(kept)
 
 
 def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) -> xr.Dataset:

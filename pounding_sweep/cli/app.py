@@ -20,6 +20,10 @@ app = typer.Typer(
 
 SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Sweep file.", show_default=False)]
 CubeFile = Annotated[Path, typer.Argument(metavar="CUBE.nc", help="Cube made by 'run'.", show_default=False)]
+At = Annotated[
+    list[str] | None,
+    typer.Option("--at", metavar="AXIS=VALUE", help="Only this value of an axis; repeat for more axes, or values."),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON value instead of text.")]
 Folders = Annotated[
     list[Path] | None,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pounding_sweep.base.tables import print_pairs
-from pounding_sweep.cli.app import CubeFile, Overwrite, app
+from pounding_sweep.cli.app import At, CubeFile, Overwrite, app
 from pounding_sweep.cli.cubes import axis_values
 from pounding_sweep.cli.reporting import reporting
 
@@ -25,10 +25,7 @@ def export_command(
     names: Annotated[
         list[str] | None, typer.Option("--var", metavar="NAME", help="Only this variable; repeat for several.")
     ] = None,
-    at: Annotated[
-        list[str] | None,
-        typer.Option("--at", metavar="AXIS=VALUE", help="Only this value of an axis; repeat for more axes, or values."),
-    ] = None,
+    at: At = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr."""

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 #: Characters in a line of a figure's title, of figures 7.2 inches wide.
 WIDTH = 100
 
+#: Attribute of an axis of which several values were asked for: a figure that draws one of them says so.
+SEVERAL = "several_asked"
+
 #: Responses that are drawn, the first that is there, with their label and factor.
 RESPONSES = (
     ("impact_force_max", "peak impact force (MN)", 1e-3),
@@ -38,6 +41,8 @@ def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | Non
     """Take the middle value of every scenario axis that a figure does not draw."""
     inner = {*INNER_DIMS, *AUDIT_DIMS}
     varied = {str(dim): size for dim, size in cube.sizes.items() if dim not in inner and dim not in keep}
+    for dim in varied:
+        draws_one(cube, dim)
     cube = cube.isel(_place(cube, {dim: (size - 1) // 2 for dim, size in varied.items()}, drawn))
     names = ["law", *(dim for column in COLUMNS[:-1] for dim in DIMENSIONS[column])]
     names += ["record", *DIMENSIONS["scale"], "damping_ratio", "case"]
@@ -52,6 +57,15 @@ def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | Non
             text = value if isinstance(value, str) else f"{value:g}"
             said.append(f"{name.replace('_', ' ')} {text} {unit_text(cube[name].attrs)}".rstrip())
     return cube, "; ".join(said)
+
+
+def draws_one(dataset: xr.Dataset, axis: str, most: int = 1) -> None:
+    """Raise `InputError` where more values of an axis were asked for than the figure draws."""
+    if axis in dataset.coords and SEVERAL in dataset[axis].attrs and dataset.sizes.get(axis, 1) > most:
+        shows = "takes one value of that axis" if most == 1 else f"shows {most} of them at most"
+        asked = f"{dataset.sizes[axis]} values of {axis} are asked for"
+        msg = f"{asked}, and this figure {shows}; give fewer --at {axis}=VALUE"
+        raise InputError(msg)
 
 
 def _place(cube: xr.Dataset, centre: dict[str, int], drawn: Collection[str] | None) -> dict[str, int]:

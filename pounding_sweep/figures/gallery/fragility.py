@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.comparisons.fragility import sentence
+from pounding_sweep.analysis.comparisons.fragility import TRIALS, sentence
 from pounding_sweep.analysis.events import EVENTS
-from pounding_sweep.analysis.lognormal import FitStatus
+from pounding_sweep.analysis.lognormal import FitStatus, merged
 from pounding_sweep.figures import CONTACT, figure_of
-from pounding_sweep.figures.shown import along, first_varied, middle, result_of
+from pounding_sweep.figures.shown import SEVERAL, along, draws_one, first_varied, middle, result_of
 from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, axis_label, put_title, subplots, unit_text
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-#: Trials are put together into so many classes of about equal size to show their shares.
+#: Trials of many intensities are put together into so many classes of about equal size to show their shares.
 _CLASSES = 6
-#: Lines in a panel at most.
+#: Lines in a panel at most, where nobody asked for more.
 _LINES_SHOWN = 5
 
 
@@ -28,7 +28,7 @@ _LINES_SHOWN = 5
     "cube",
     "probability that a pair touches, against intensity, with its confidence",
     needs=("pair", CONTACT),
-    several=("record|scale",),
+    several=("record|scale|pga",),
 )
 def fragility(cube: xr.Dataset) -> Figure:
     """Draw the probability of an event against intensity.
@@ -36,21 +36,25 @@ def fragility(cube: xr.Dataset) -> Figure:
     One panel per pair or building. Lines are the values of the first axis that varies
     (gap, stiffness, ...), five at most, evenly chosen, or else the laws; of the other axes
     the middle value is shown, of the laws the first. Bands are confidence
-    intervals; marks are the shares observed in classes of about equal numbers of trials.
+    intervals; marks are the shares observed at each intensity where trials share them (stripes),
+    else in classes of about equal numbers of trials.
     Where there is no fit, the legend says why.
     """
     result = result_of(cube, "fragility")
-    own = ("record", "scale", "bound", "intensity")
+    own = (*TRIALS, "bound", "intensity", "quantile")
     event = EVENTS[result.attrs["event"]]
     per, words = event.per, _spelt(result.attrs["event_in_words"], event.units)
     for dim in ("law", per):
         result = along(result, dim) if dim in result.coords else result
     axis = first_varied(result, but=own) or "law"
     if axis != "law" and "law" in result.dims:
+        draws_one(result, "law")
         result = result.isel(law=0)
     result, shown = middle(result, (*own, axis), ["happened"])
     result = result if axis in result.dims else result.expand_dims({axis: [""]})
-    chosen = np.unique(np.linspace(0, result.sizes[axis] - 1, _LINES_SHOWN).round().astype(int))
+    draws_one(result, axis, len(COLOURS))
+    most = len(COLOURS) if SEVERAL in result[axis].attrs else _LINES_SHOWN
+    chosen = np.unique(np.linspace(0, result.sizes[axis] - 1, most).round().astype(int))
     ends = result[per].values.tolist()
     figure, axes = subplots(1, len(ends), (1.4 + 3.4 * len(ends), 4.6))
     for ax, end in zip(axes[0], ends, strict=True):
@@ -93,7 +97,14 @@ def _line(ax: Any, part: xr.Dataset, number: int, label: str) -> None:
         ax.plot([], [], color=colour, marker=MARKERS[number], linestyle="none", label=f"{label}: {why}")
     x, happened = part["trial_intensity"].values.ravel(), part["happened"].values.ravel()
     there = np.isfinite(happened)
-    order = np.argsort(x[there], kind="stable")
-    for group in np.array_split(order, min(_CLASSES, max(1, order.size))):
-        if group.size:
-            ax.plot(x[there][group].mean(), happened[there][group].mean(), color=colour, marker=MARKERS[number])
+    for group in _groups(x[there]):
+        ax.plot(x[there][group].mean(), happened[there][group].mean(), color=colour, marker=MARKERS[number])
+
+
+def _groups(x: np.ndarray) -> list[np.ndarray]:
+    """Return the trials of each mark: those of one intensity, where that is shared by several each, else of a class."""
+    order = np.argsort(x, kind="stable")
+    stripes = np.split(order, np.flatnonzero(np.diff(merged(x)[order])) + 1) if x.size else []
+    if stripes and min(map(len, stripes)) > 1:
+        return stripes
+    return [group for group in np.array_split(order, _CLASSES) if group.size]

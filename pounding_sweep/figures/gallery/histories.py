@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.figures import figure_of
+from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import WIDTH, heading
 from pounding_sweep.figures.style import COLOURS, LINES, put_title
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     "histories",
     "ground acceleration, floor displacements and contact forces against time, from 'simulate'",
     needs=("time", "ground_acceleration", "displacement"),
+    also=one_instant,
 )
 def histories(one: xr.Dataset) -> Figure:
     """Draw the histories of one scenario: ground acceleration, top floors, contact forces."""
