@@ -30,8 +30,8 @@ _UNITS = {name: (factor, "m s-2") for name, factor in UNITS.items()} | {"m/s": (
 _SHARP = 1e-9
 #: Points of a hazard file at most.
 _MOST_POINTS = 10_000
-#: Halvings by which a median is looked for; of an interval of e^30, one part in 10^13 is left.
-_HALVINGS = 50
+#: Newton's steps towards a rate at most, and the last of them.
+_STEPS, _CLOSE = 200, 1e-12
 
 
 @dataclass(frozen=True)
@@ -106,11 +106,8 @@ class Hazard:
 
     def exceeded(self, intensity: np.ndarray | float) -> np.ndarray:
         """Return the annual rate at which intensities above zero are exceeded."""
-        return self._exceeded(np.log(np.asarray(intensity, dtype=float)))
-
-    def _exceeded(self, at: np.ndarray) -> np.ndarray:
-        """Return the rate at logarithms of intensities."""
         x, rates, slopes = self._lines()
+        at = np.log(np.asarray(intensity, dtype=float))
         piece = np.clip(np.searchsorted(x, at) - 1, 0, len(slopes) - 1)
         return np.asarray(np.exp(rates[piece] - slopes[piece] * (at - x[piece])))
 
@@ -127,28 +124,41 @@ class Hazard:
 
     def median_at(self, rate: float, dispersion: np.ndarray) -> np.ndarray:
         """Return the median of the lognormal of that dispersion that is met at an annual rate."""
-        return np.exp(self._solve(lambda mu: self._pieces(mu, dispersion).sum(axis=0), rate, np.shape(dispersion)))
+
+        def rates(mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            pieces = self._pieces(mu, dispersion)
+            slopes = self._lines()[2]
+            slopes = np.concatenate([slopes[:1], slopes, slopes[-1:]])
+            return pieces.sum(axis=0), np.tensordot(slopes, pieces, axes=1)
+
+        return np.exp(self._solve(rates, rate, np.shape(dispersion)))
 
     def factor_at(self, rate: float, capacities: np.ndarray) -> float:
         """Return the factor on capacities whose mean rate is this one."""
-        logs = np.log(capacities)
-        return float(np.exp(self._solve(lambda x: self._exceeded(x[..., None] + logs).mean(axis=-1), rate, ())))
+        logs = np.log(capacities[np.isfinite(capacities)])
+        x, points, slopes = self._lines()
 
-    def _solve(self, rate_of: Callable[[np.ndarray], Any], rate: float, shape: tuple[int, ...]) -> np.ndarray:
-        """Return ln x at which a falling function of it is that rate."""
-        x, _, _ = self._lines()
-        low, high = np.full(shape, x[0]), np.full(shape, x[-1])
-        for end, sign, wrong in ((low, -1.0, np.less), (high, 1.0, np.greater)):
-            for step in 1.5 ** np.arange(_HALVINGS):
-                out = wrong(rate_of(end), rate)
-                if not out.any():
-                    break
-                end[...] += np.where(out, sign * step, 0.0)
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            above = rate_of(middle) > rate
-            low, high = np.where(above, middle, low), np.where(above, high, middle)
-        return 0.5 * (low + high)
+        def rates(factor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            at = factor + logs
+            piece = np.clip(np.searchsorted(x, at) - 1, 0, len(slopes) - 1)
+            each = np.exp(points[piece] - slopes[piece] * (at - x[piece]))
+            return each.sum() / capacities.size, (slopes[piece] * each).sum() / capacities.size
+
+        return float(np.exp(self._solve(rates, rate, ())))
+
+    def _solve(self, rates: Callable[[np.ndarray], Any], rate: float, shape: tuple[int, ...]) -> np.ndarray:
+        """Return ln x at which a rate is that one, by Newton's steps; `rates` gives its fall as well."""
+        x = np.full(shape, np.log(self.intensity).mean())
+        low, high = np.full(shape, -np.inf), np.full(shape, np.inf)
+        for _ in range(_STEPS):
+            found, fall = rates(x)
+            low, high = np.where(found >= rate, x, low), np.where(found <= rate, x, high)
+            new = x + np.log(found / rate) * found / fall
+            new = np.where((new >= low) & (new <= high), new, 0.5 * (low + high))
+            moved, x = np.abs(new - x).max(initial=0.0), new
+            if moved < _CLOSE:
+                break
+        return x
 
     def _lines(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return logarithms of the points, and the powers between them."""

@@ -92,6 +92,7 @@ def gap_for_probability(
     hazard: Hazard | str | os.PathLike[str] | None = None,
     years: float = YEARS,
     confidence: float = 0.95,
+    curve: Sequence[float] = CURVE,
     records: Any = None,
     folders: Any = None,
 ) -> xr.Dataset:
@@ -115,6 +116,8 @@ def gap_for_probability(
         Years in which the pair may touch with those probabilities, under that hazard.
     confidence : float
         Of the intervals, in (0, 1).
+    curve : sequence of float
+        Probabilities of the curves in a figure.
     records, folders : optional
         As for `pounding_sweep.analysis.required_gap`.
 
@@ -177,20 +180,20 @@ def gap_for_probability(
         msg = "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"
         raise InputError(msg)
     at = labelled("probability", probabilities, "probability that the pair touches", "1")
-    curve = labelled("curve", CURVE, "probability that the pair touches", "1")
+    along = labelled("curve", curve, "probability that the pair touches", "1")
     fit = _Lognormal(exact, confidence)
     level: Any = 1.0
     if strength is not None:
         level = labelled("intensity", _levels(levels, strength), strength.attrs["long_name"], strength.attrs["units"])
     found = {f"gap{end}": part * level for end, part in fit.gaps(at).items()}
-    found |= {f"curve_gap{end}": part * level for end, part in fit.gaps(curve).items() if end != "_observed"}
+    found |= {f"curve_gap{end}": part * level for end, part in fit.gaps(along).items() if end != "_observed"}
     found |= {"trial_gap": exact * level, "median": np.exp(fit.middle) * level}
     if site is not None and strength is not None:
         if site.units not in ("", strength.attrs["units"]):
             units = strength.attrs["units"]
             msg = f"the hazard {site.source} is of {site.units}, the intensity in {units}; give one of that intensity"
             raise InputError(msg)
-        for name, index in (("gap_in_years", at), ("curve_gap_in_years", curve)):
+        for name, index in (("gap_in_years", at), ("curve_gap_in_years", along)):
             found |= {f"{name}{end}": part for end, part in fit.gaps_of_rate(site, index, years).items()}
         about |= {"hazard": site.source, "years": years}
     import xarray as xr
@@ -205,7 +208,7 @@ def gap_for_probability(
             "records": described(fit.count, "1", "records that count"),
             "never": described((exact <= 0.0).sum("record"), "1", "records under which the pair never touches"),
         },
-        coords={str(index.dims[0]): index for index in (at, curve, level) if np.ndim(index)},
+        coords={str(index.dims[0]): index for index in (at, along, level) if np.ndim(index)},
     )
     if site is not None and "row_gap" in gaps.coords:
         rates = fit.rates(site, gaps["row_gap"])

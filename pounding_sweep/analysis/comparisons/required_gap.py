@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.comparisons import comparison
-from pounding_sweep.analysis.scenarios import described, finished, labelled, peak_displacement, values
+from pounding_sweep.analysis.scenarios import ROUND_OFF, described, finished, labelled, peak_displacement, values
 from pounding_sweep.analysis.separation_rules import SEPARATION_RULES, BehaviourFactors, Neighbours, cqc_correlation
 from pounding_sweep.analysis.uncoupled_runs import StillRuns, runs_of_cube, runs_of_row
 from pounding_sweep.base.errors import InputError
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from pounding_sweep.records import Record
-
-
-#: A closing displacement below this share of what the two floors move is rounding: they never touch.
-ROUND_OFF = 1e-9
 
 
 @comparison(
@@ -71,7 +67,7 @@ def required_gap(
         On ``record``, and on ``scale``, building properties or ``case`` where the cube
         has them: ``closing`` (pair, storey; m), the largest closing displacement of the
         floors; ``exact`` (pair; m), its largest value over storeys and the exact required
-        gap, 0 where it is below `ROUND_OFF` of the sum of the floors' displacements; ``never``
+        gap, 0 where it is below 1e-9 of the sum of the floors' displacements; ``never``
         (pair) is 1 there, else 0; ``rule_gap`` (rule, pair; m) and ``ratio`` (rule, pair), its ratio to the
         exact one, missing where that is 0; ``correlation`` (pair) of the first modes. Missing where no floors
         meet. Beside ``rule`` stand its title, formula, clause, edition and note, beside
