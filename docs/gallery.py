@@ -23,8 +23,8 @@ from pounding_sweep.records import RECORDS_VARIABLE
 
 DOCS = Path(__file__).parent
 PICTURES = DOCS / "_static" / "gallery"
-#: Sweep files that the commands name.
-SWEEPS = (DOCS.parent / "sweeps" / "quickstart.toml", DOCS / "gallery_sweeps" / "suite.toml")
+#: Sweep files and other input that the commands name.
+SWEEPS = (DOCS.parent / "sweeps" / "quickstart.toml", *sorted((DOCS / "gallery_sweeps").iterdir()))
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,15 @@ _OWN = (
         "work_precision.png",
         elsewhere=True,
     ),
+    Entry(
+        "gap-for-probability",
+        (
+            "run gaps.toml -o gaps.nc",
+            "compare gaps.nc --what gap-for-probability --intensity pga --given 2 --given 4 --hazard site.csv -o gaps",
+            "plot gaps/gap-for-probability.nc gap-for-probability -o gap_for_probability.png",
+        ),
+        "gap_for_probability.png",
+    ),
     Entry("stability-map", ("extremes --plot stability_map.png",), "stability_map.png", elsewhere=True),
 )
 
@@ -160,7 +169,8 @@ def gallery_page() -> str:
         "value of an axis than the middle one. From Python, each is a function of a dataset that returns a matplotlib "
         "figure, see [`pounding_sweep.figures`](../api).",
         "",
-        "The commands use [quickstart.toml](../sweep_file) and this `suite.toml`:",
+        "The commands use [quickstart.toml](../sweep_file), `gaps.toml` and `site.csv` of "
+        "[gaps for a probability](../comparisons), and this `suite.toml`:",
         "",
         "```{literalinclude} ../gallery_sweeps/suite.toml",
         ":language: toml",

@@ -58,7 +58,8 @@ def gap_rows(result: xr.Dataset) -> list[Row]:
             if kind == "gap_in_years":
                 told["rate"] = -math.log1p(-row["probability"]) / float(result.attrs["years"])
             rows.append(told | row)
-    for row in _plain(result[[f"rate{ending}" for ending in _NUMBERS]].assign(counts)) if "rate" in result else []:
+    own = [f"rate{ending}" for ending in _NUMBERS] + ["beyond"]
+    for row in _plain(result[own].assign(counts)) if "rate" in result else []:
         chance = row["rate"] and -math.expm1(-row["rate"] * float(result.attrs["years"]))
         rows.append({"given": "the row's gap", "probability": chance, "gap": row.pop("row_gap"), **row})
     others = [str(dim) for dim in result["median"].dims if dim not in ("pair", "intensity")]
