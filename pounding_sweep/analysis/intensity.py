@@ -85,9 +85,7 @@ def _measured(cube: xr.Dataset, name: str, records: Any, folders: Any) -> xr.Dat
     sweep = stored_sweep(cube)
     wanted = {str(one) for one in np.atleast_1d(cube["record"].values)}
     sweep |= {"records": [entry for entry in sweep["records"] if entry["name"] in wanted]}
-    scene, periods, told = scene_of(sweep), [], ""
-    if spectral:
-        periods, told = _periods(scene, spectral[1])
+    periods, told = _periods(scene_of(sweep), spectral[1]) if spectral else ([], "")
     found = records_of(sweep, [] if records is None else resolve_records(records, folders), folders)
     names = {"record": [one.name for one in found]}
     if not spectral:
@@ -95,7 +93,8 @@ def _measured(cube: xr.Dataset, name: str, records: Any, folders: Any) -> xr.Dat
         return xr.DataArray([record_measures(one).pgv for one in found], names, ("record",), attrs=about)
     ordinates = response_spectrum(found, periods, DAMPING)["pseudo_acceleration"]
     about = {"units": "m s-2", "long_name": f"spectral acceleration, {DAMPING:.0%} damping, {told}"}
-    return np.exp(np.log(ordinates).mean("period")).assign_attrs(about).reset_coords(drop=True)
+    logs: Any = np.log(ordinates)
+    return np.exp(logs.mean("period")).assign_attrs(about).reset_coords(drop=True)
 
 
 def _periods(scene: Scene, asked: str | None) -> tuple[list[float], str]:

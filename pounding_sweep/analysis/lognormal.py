@@ -179,10 +179,11 @@ def jackknife(
         level = np.sqrt(max(own * other - both**2, 0.0) / (wide**2 * other - 1.0))
         low, high = np.minimum(away, (level - both) / other), np.maximum(away, -(level + both) / other)
     bounds = np.stack([low, high])
+    variance = np.maximum(own + 2.0 * both * bounds + other * bounds**2, 0.0)  # of two records it may round below
     return Intervals(
         np.exp(log_median + ends * np.sqrt(covariance[0, 0])),
         dispersion * np.exp(ends * np.sqrt(other)),
-        ndtr(bounds + ends[:, None] * np.sqrt(own + 2.0 * both * bounds + other * bounds**2)),
+        ndtr(bounds + ends[:, None] * np.sqrt(variance)),
     )
 
 

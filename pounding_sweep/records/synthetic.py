@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -179,7 +180,7 @@ def remade(source: str) -> Record | None:
     if found is None:
         return None
     numbers = re.findall(r"(?<![\w.])\d[\d.]*(?:e[-+]\d+)?(?![\w.])", found[2])
-    told = dict(zip(_TOLD, map(float, numbers), strict=False))
+    told: dict[str, Any] = dict(zip(_TOLD, map(float, numbers), strict=False))
     try:
         return synthetic_record(int(found[1]), **told) if len(numbers) == len(_TOLD) else None
     except RecordError:  # a text that this package did not write

@@ -54,7 +54,7 @@ def gap_rows(result: xr.Dataset) -> list[Row]:
         part = part.rename({f"{kind}{ending}": f"gap{ending}" for ending in _NUMBERS}).assign(counts)
         for row in _plain(part.drop_vars("row_gap", errors="ignore")):
             level = row.pop("intensity", None)
-            told = {"given": given if level is None else f"{given} {level:.4g}"}
+            told: Row = {"given": given if level is None else f"{given} {level:.4g}"}
             if kind == "gap_in_years":
                 told["rate"] = -math.log1p(-row["probability"]) / float(result.attrs["years"])
             rows.append(told | row)
