@@ -153,7 +153,8 @@ def spread_rows(
     if lead:
         first = [name for name in comparison.lead if name in names]
         names = first or names[:2]
-    apart = [dim for dim in (*comparison.columns, *(() if lead else MOTION_DIMS)) if dim not in over]
+    motions = () if lead else (dim for dim in MOTION_DIMS if result.sizes.get(dim, 1) > 1)
+    apart = [dim for dim in (*comparison.columns, *motions) if dim not in over]
     shares = {"smallest": 0.0, "median": 0.5, "largest": 1.0}
     if quantiles is not None:
         shares = {f"{q:g} fractile": q for q in quantiles}
