@@ -60,6 +60,22 @@ except SystemExit:
     assert loaded_by(helped) == []
 
 
+def test_a_run_loads_no_more_than_it_takes(tmp_path):
+    """Neither xarray, whose import alone takes longer than the quickstart's scenarios, nor what that one loads."""
+    (tmp_path / "tiny.toml").write_text(_TINY)
+    run = f"""
+from pounding_sweep.cli import main
+sys.argv = ["pounding-sweep", "run", "{tmp_path}/tiny.toml", "-o", "{tmp_path}/tiny.nc", "--quiet"]
+sys.stdout, shown = sys.stderr, sys.stdout
+try:
+    main()
+except SystemExit:
+    pass
+sys.stdout = shown
+"""
+    assert loaded_by(run) == ["numba", "scipy", "netCDF4"]
+
+
 def test_start_is_a_few_times_that_of_python(benchmark):
     seconds = benchmark.pedantic(start_seconds, rounds=1)
     ratios = {name: seconds[name] / seconds["python"] for name in COMMANDS}
@@ -67,6 +83,23 @@ def test_start_is_a_few_times_that_of_python(benchmark):
     assert ratios["import"] < 5.0
     assert ratios["--help"] < 15.0
 
+
+_TINY = """
+[scene]
+preset = "mate2015"
+
+[sweep]
+records = ["el_centro"]
+laws = ["linear"]
+gaps = [0.01]
+
+[solver]
+dt = 0.01
+locate = false
+
+[output]
+variables = ["displacement_max"]
+"""
 
 _SWEEP = """
 import json, sys, time

@@ -76,6 +76,7 @@ ARGUMENTS = [
     "gaps=np.linspace(0.001, 0.1, 20_000), period_factors={'left': Range(0.5, 2.0, 1_000_000)}",
     "gaps=Range(0.5, 0.9, 10**6), scales=Range(0.5, 0.9, 10**6)",
     "period_factors=3",
+    "laws=['nonsense'] * 30, records=[1] * 30",
     "laws='nonsense', gaps=-1.0, period_factors={'x': [1.0], 'left': [0.0]}, damping_ratios=[2.0], scales='y'",
     "gaps=Range(0.0, 1.0, 10_000), period_factors={'left': Range(0.5, 2.0, 200_001)}",
     "laws=None, cases=[{'law': 'linear'}], mass_factors={'left': 1.0}, damping_ratios=0.1",

@@ -17,6 +17,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from numba.core import caching
@@ -264,21 +265,19 @@ DAMAGE = {
     "zeros": lambda content: bytes(len(content)),
     "cut": lambda content: content[: len(content) // 2],
     "byte flipped": lambda content: content[:-99] + bytes([content[-99] ^ 1]) + content[-98:],
-    "another": lambda content: pickle.dumps(0),
+    "another": lambda content: pickle.dumps(numba.__version__) + b"\x80.",
 }
 
 
 @pytest.mark.parametrize(
     ("kind", "ending"),
-    [("empty", "nbi"), ("zeros", "nbc"), ("cut", "nbc"), ("byte flipped", "nbc"), ("another", "nbc")],
+    [("empty", "nbi"), ("zeros", "nbc"), ("cut", "nbc"), ("byte flipped", "nbc"), ("another", "nbi")],
 )
 def test_a_damaged_kernel_is_compiled_anew(filled, kind, ending):
     shapes = [kernel_of(law).shape for law in (LINEAR, DOUBLED)]
     before, names = files(filled), [source_digest(shape) for shape in shapes]
     (path,) = filled.glob(f"__pycache__/{names[0]}.run-*.{ending}")
     path.write_bytes(DAMAGE[kind](path.read_bytes()))
-    if kind == "another":
-        path.with_name(path.name + cache.DIGEST).unlink()
     assert [is_cached(shape) for shape in shapes] == [kind == "another", True]  # only numba sees that one
     with pytest.warns(RuntimeWarning, match=r"kernels in '.*kernels' were damaged") as said:
         assert prepare(shapes) == (kind != "another")
@@ -316,20 +315,20 @@ def test_a_file_that_finds_no_room_leaves_nothing(folder, monkeypatch):
     assert not list(folder.iterdir())
 
 
-def test_machine_code_without_a_digest_is_taken_as_it_is(filled):
-    """Its writer may be just about to write it; and digests are of one file each, not of all of a kernel."""
+def test_machine_code_without_a_digest_is_compiled_anew(filled):
     shape = kernel_of().shape
-    name = source_digest(shape)
-    (path,) = filled.glob(f"__pycache__/{name}.run-*.nbc")
+    (path,) = filled.glob(f"__pycache__/{source_digest(shape)}.run-*.nbc")
     path.with_name(path.name + cache.DIGEST).unlink()
+    assert not is_cached(shape)
+    with pytest.warns(RuntimeWarning, match="half written"):
+        assert hits_and_misses(get_kernel(shape)) == (0, 1)
+    check_digests(filled)
+
+
+def test_digests_are_of_one_file_each(filled):
+    shape = kernel_of().shape
+    (path,) = filled.glob(f"__pycache__/{source_digest(shape)}.run-*.nbc")
     other = path.with_name(path.name.replace(".1.nbc", ".2.nbc"))  # that of a machine with another processor
-    shutil.copy(path, other)
-    other.with_name(other.name + cache.DIGEST).write_text(hashlib.sha256(other.read_bytes()).hexdigest())
-    before = files(filled)
-    assert is_cached(shape)
-    assert hits_and_misses(get_kernel(shape)) == (1, 0)
-    assert files(filled) == before
-    forget()
     other.write_bytes(b"")
     with pytest.warns(RuntimeWarning, match="were damaged"):
         assert hits_and_misses(get_kernel(shape)) == (1, 0)
@@ -423,16 +422,24 @@ def test_what_editors_leave_beside_the_source_is_passed_over(tmp_path, monkeypat
 
 
 def test_numbers_of_a_sweep_are_no_part_of_its_kernels():
-    """Another step, gap, stiffness, restitution or record compiles nothing; another law one kernel."""
+    """Another step, gap, stiffness, restitution, scale, record or building compiles nothing; another law one kernel.
+
+    What a kernel is compiled for is all that its name, and so its machine code, depends on beside the sources.
+    """
+    scene = ps.get_preset("mate2015")
     base = {"records": "el_centro", "laws": ["linear", "hertz_damped"], "gaps": [0.01, 0.05], "dt": 1e-3}
-    base |= {"stiffness_factors": [1.0], "restitutions": [0.6], "method": "rk4"}
+    base |= {"stiffness_factors": [1.0], "restitutions": [0.6], "method": "rk4", "scene": scene}
 
     def kernels(**change):
-        return {kernel.shape for kernel in ps.Sweep("mate2015", **base | change).plan().kernels().values()}
+        return {source_digest(kernel.shape) for kernel in ps.Sweep(**base | change).plan().kernels().values()}
 
     before = kernels()
     numbers = {"dt": 5e-4, "gaps": [0.002, 0.02], "stiffness_factors": [0.5, 2.0], "restitutions": [0.4, 0.9]}
-    for change in ({name: value} for name, value in [*numbers.items(), ("records", RECORD)]):
+    numbers |= {"scales": [0.5, 2.0], "records": RECORD, "audit": 0.2}
+    b = scene.buildings[0]
+    other = Building("other", [2.0 * m for m in b.masses], [3.0 * k for k in b.stiffnesses], 0.02, b.storey_heights)
+    numbers["scene"] = Scene([other, *scene.buildings[1:]], gaps=[0.02, 0.03], contact=scene.contact)
+    for change in ({name: value} for name, value in numbers.items()):
         assert kernels(**change) == before, change
     assert len(kernels(laws=[*base["laws"], "nonlinear_viscoelastic"]) - before) == 1
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Modules of distributions that others pin to one version.
-PINNED = {"llvmlite": "numba", "pydantic_core": "pydantic"}
+PINNED = {"pydantic_core": "pydantic"}
 
 
 def imported(folder):

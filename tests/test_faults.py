@@ -224,11 +224,10 @@ def begun(folder):
     return folder
 
 
-#: How many states are tried by default, by the slow tests, and before a release.
-SOME = [pytest.param(8, id="some"), pytest.param(100, id="many", marks=pytest.mark.slow)]
-
-
-@pytest.mark.parametrize("most", [*SOME, pytest.param(None, id="all", marks=pytest.mark.release)])
+@pytest.mark.parametrize(
+    "most",
+    [pytest.param(100, id="some", marks=pytest.mark.slow), pytest.param(None, id="all", marks=pytest.mark.release)],
+)
 def test_power_cuts(tmp_path, cut_off, most):
     """At every moment of a run, while its cube is written and while its chunks are removed."""
     tally = Tally()
@@ -239,15 +238,15 @@ def test_power_cuts(tmp_path, cut_off, most):
     assert (tally.lost, tally.damaged, tally.refused, tally.wrong) == (0, 0, 0, 0)
 
 
-@pytest.mark.parametrize("most", SOME)
-def test_power_cuts_while_a_cube_is_replaced(tmp_path, cut_off, most):
+@pytest.mark.slow
+def test_power_cuts_while_a_cube_is_replaced(tmp_path, cut_off):
     """The old cube is there until the new one is."""
     tally, folder = Tally(), begun(tmp_path / "run")
     make(gaps=[0.001, 0.002]).run(folder / OUT).close()
     earlier = (folder / OUT).read_bytes()
     states = left(record(folder, overwrite=True), tally, damages=5)
     assert all(state[OUT] for state, _ in states)
-    cut_off("power cuts, replacing a cube", random.Random(2).sample(states, most), tally, earlier)
+    cut_off("power cuts, replacing a cube", random.Random(2).sample(states, 100), tally, earlier)
     assert tally.promised > 0
     assert (tally.lost, tally.damaged, tally.refused, tally.wrong) == (0, 0, 0, 0)
 
@@ -259,12 +258,12 @@ def not_lasting(cut):
     return set(cut.promised) - chunks_by_manifest(cut.lasting)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_chunks")
-@pytest.mark.parametrize("every", [pytest.param(6, id="some"), pytest.param(1, id="many", marks=pytest.mark.slow)])
-def test_power_cuts_after_a_kill(tmp_path, counts, every):
+def test_power_cuts_after_a_kill(tmp_path, counts):
     """What a killed run left is there for the next one to see, and not all of it is lasting."""
     cuts = record(begun(tmp_path / "run"))
-    kills = [cut for cut in cuts[::every] if OUT not in cut.after(cut.pending)]
+    kills = [cut for cut in cuts if OUT not in cut.after(cut.pending)]
     checked = promised = lost = 0
     for number, cut in enumerate(kills):
         for later in record(begun(tmp_path / f"run-{number}"), before=cut):

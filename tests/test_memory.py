@@ -23,16 +23,18 @@ from pounding_sweep.base.errors import OutputError, SweepError
 from pounding_sweep.base.memory import FreeMemory
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output import slabs as slabbing
+from pounding_sweep.output.audited import audit_sentence, audit_table
 from pounding_sweep.output.describe import describe
-from pounding_sweep.output.netcdf import write_cube
+from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.results import Results, table_type, to_table
 from pounding_sweep.output.slabs import block_shape, cuts, slab_shape, slabs
-from pounding_sweep.output.summary import summary_table
+from pounding_sweep.output.summary import status_table, summary_table
 from pounding_sweep.outputs.variables import Status, cube_variables
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer as filling
 from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.spec.axes import Case
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 
@@ -191,6 +193,32 @@ def test_slabs_change_no_bit(reference, tmp_path):
         for name in cube_variables(OUTPUTS):
             assert file[name].chunking() == [1, 1, 1, 2, 2, 1, *file[name].shape[6:]], name
             assert not file[name].filters()["zlib"]
+
+
+LISTED = {"cases": [Case(law, gap=g, record="one") for g in (0.0005, 0.5, 0.01) for law in ("linear", "hertz")]}
+
+
+@pytest.mark.usefixtures("small_slabs")
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"stiffness_factors": [1.0, 1e3]},
+        {"outputs": ["impact_count"]},
+        {"outputs": ["drift_max"]},
+        LISTED,
+    ],
+    ids=["all", "some refused", "counts", "no impacts", "listed"],
+)
+def test_what_a_run_tells_is_what_its_file_holds(changes, tmp_path):
+    """Whoever runs a sweep for its file need not read it for a summary."""
+    axes = {"dt": AXES["dt"], "outputs": OUTPUTS} if "cases" in changes else AXES
+    told = Sweep(**{"scene": row(), "records": motions(), **axes, **changes}).write(tmp_path / "out.nc")
+    with open_cube(tmp_path / "out.nc") as cube:
+        assert told.tally.summary() == summary_table(cube)
+        assert told.tally.statuses() == status_table(cube)
+        assert audit_table(told.frame) == audit_table(cube)
+        assert audit_sentence(told.frame) == audit_sentence(cube)
 
 
 @pytest.mark.usefixtures("small_slabs")

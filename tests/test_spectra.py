@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -199,13 +200,15 @@ def test_each_period_is_independent_of_its_neighbours():
 @pytest.mark.slow
 def test_a_damaged_cache_costs_itself_only(tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    program = [sys.executable, "-c", "import pounding_sweep.engine.spectrum"]
-    subprocess.run(program, env=environment, check=True, timeout=300)
+    peaks = "print(oscillator_peaks(np.sin(np.arange(50.0)), 0.02, np.array([0.1, 0.4]), 0.05))"
+    text = f"import numpy as np; from pounding_sweep.engine.spectrum import oscillator_peaks; {peaks}"
+    run = partial(subprocess.run, [sys.executable, "-c", text], env=environment, check=True, timeout=300)
+    first = run(capture_output=True).stdout
     found = [path for path in tmp_path.rglob("*.nb?") if path.is_file()]
     assert found
     for path in found:
         path.write_bytes(bytes(path.stat().st_size))
-    subprocess.run(program, env=environment, check=True, timeout=300)
+    assert run(capture_output=True).stdout == first
 
 
 def test_where_no_cache_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):

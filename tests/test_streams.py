@@ -13,7 +13,7 @@ import pytest
 from test_cli import TINY, cli, environment, same_data, write
 
 from pounding_sweep.cli.reporting import reporting
-from pounding_sweep.output import summary
+from pounding_sweep.output import audited
 from pounding_sweep.resume.checkpoint import MANIFEST, ChunkStore
 from pounding_sweep.run import cube_writer
 
@@ -257,7 +257,7 @@ def terminate():
             "the cube out.nc is complete; {parts} is left: remove it, or run again with --overwrite where scenarios "
             "have no result",
         ),
-        ((summary, "summary_table"), True, "the cube out.nc is complete"),
+        ((audited, "audit_table"), True, "the cube out.nc is complete"),
         (
             (cube_writer, "write_cube_of"),
             True,

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pounding_sweep.run.sweep import Sweep
+
 #: Step (s) of the check: RK4 with located contacts, as sweeps have it where nothing is said.
 STEP = 1e-3
 #: Largest difference to a converged value, relative to the largest value of the same output in the scenario. At this
@@ -63,13 +65,12 @@ def converged() -> dict[str, Any]:
     return json.loads(files("pounding_sweep").joinpath("data", "converged.json").read_text("utf-8"))
 
 
-def self_check() -> SelfCheck:
-    """Run the stored scenarios and compare; kernels that are not at hand are compiled first."""
+def _sweep(stored: dict[str, Any]) -> Sweep:
+    """Return the sweep that runs the stored scenarios."""
     from pounding_sweep.run.sweep import Sweep
 
-    stored = converged()
     listed = stored["scenarios"]
-    sweep = Sweep(
+    return Sweep(
         stored["preset"],
         stored["record"],
         list(dict.fromkeys(item["law"] for item in listed)),
@@ -77,6 +78,19 @@ def self_check() -> SelfCheck:
         dt=STEP,
         audit=0.0,
     )
+
+
+def to_compile() -> tuple[int, float]:
+    """Count the kernels that the self-check compiles first, and estimate the CPU seconds that they take."""
+    from pounding_sweep.engine.compile import still_to_compile
+
+    return still_to_compile([kernel.shape for kernel in _sweep(converged()).plan().kernels().values()])
+
+
+def self_check() -> SelfCheck:
+    """Run the stored scenarios and compare; kernels that are not at hand are compiled first."""
+    stored = converged()
+    listed, sweep = stored["scenarios"], _sweep(stored)
     cube = sweep.run(scheduler="threads").squeeze(["stiffness_factor", "restitution", "record", "scale"])
     outcome = sweep.last_outcome
     assert outcome is not None

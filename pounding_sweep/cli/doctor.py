@@ -27,10 +27,12 @@ def doctor_command(
         if not as_json:
             _print_state(found)
         if not no_check:
-            from pounding_sweep.accuracy.self_check import TOLERANCE, self_check
+            from pounding_sweep.accuracy.self_check import TOLERANCE, self_check, to_compile
 
             if not as_json:
-                say("running the self-check; the first time its kernels are compiled, which takes some seconds")
+                missing, seconds = to_compile()
+                first = f"; {missing} kernels are compiled first: about {seconds_text(seconds)} of CPU time"
+                say(f"running the self-check{first if missing else ''}")
             check = self_check()
             found["self_check"] = {
                 **asdict(check),
@@ -79,7 +81,9 @@ def _print_state(found: dict[str, Any]) -> None:
     print_pairs([("free", f"{bytes_text(memory['free_bytes'])} ({memory['limit']})" if known else "unknown")], indent=2)
     print("Kernel cache")
     kernels = f"{cache['kernels']}, {bytes_text(cache['bytes'])}"
-    print_pairs([("folder", cache["folder"] or "none"), ("kernels", kernels)], indent=2)
+    usual, every = (seconds_text(found["compile_seconds"][name]) for name in ("default", "all"))
+    compiling = f"about {usual} of CPU time each for three 3-storey buildings, {every} with all outputs (estimated)"
+    print_pairs([("folder", cache["folder"] or "none"), ("kernels", kernels), ("compiling", compiling)], indent=2)
     print("Record folders")
     print_pairs([(item["folder"], f"{item['files']} record files") for item in folders], indent=2)
     if not folders:

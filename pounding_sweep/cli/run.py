@@ -64,12 +64,11 @@ def run_command(
     with reporting(out) as said:
         from pounding_sweep.cli.progress import make_progress
         from pounding_sweep.output.audited import audit_sentence, audit_table
-        from pounding_sweep.output.summary import status_table, summary_table
 
         job = _job(sweep, accuracy, skip_missing, folders)
         progress = make_progress(quiet)
         try:
-            cube = job.run(
+            cube = job.write(
                 out, scheduler=scheduler, workers=workers, overwrite=overwrite, progress=progress, extend=extend
             )
         finally:
@@ -78,13 +77,13 @@ def run_command(
         assert outcome is not None
         report = {
             **_run_report(job.spec.n_scenarios, outcome),
-            "extended_from": json.loads(cube.attrs.get("extended_from", "null")),
-            "accuracy_choice": cube.attrs.get("accuracy_choice", ""),
+            "extended_from": json.loads(cube.frame.attrs.get("extended_from", "null")),
+            "accuracy_choice": cube.frame.attrs.get("accuracy_choice", ""),
             "records_left_out": list(job.spec.records_left_out),
-            "audit": audit_table(cube),
-            "audit_sentence": audit_sentence(cube),
-            "statuses": status_table(cube),
-            "summary": summary_table(cube),
+            "audit": audit_table(cube.frame),
+            "audit_sentence": audit_sentence(cube.frame),
+            "statuses": cube.tally.statuses(),
+            "summary": cube.tally.summary(),
             "warnings": said,
             "cube": str(out),
         }

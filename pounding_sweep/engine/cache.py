@@ -75,8 +75,8 @@ def run({names}):
 KEEP_SECONDS = 90 * 24 * 3600.0
 #: Ending of the file beside machine code that holds its SHA-256.
 DIGEST = ".sha256"
-#: Seconds in which a process that replaced machine code replaces its digest too.
-SETTLE_SECONDS = 0.2
+#: Seconds in which a process that wrote machine code writes its digest too.
+SETTLE_SECONDS = 0.5
 
 
 def cache_folder() -> Path:
@@ -206,15 +206,14 @@ def _kept_digest(path: Path) -> str | None:
 
 
 def _is_damaged(path: Path) -> bool:
-    """Whether a file is seen not to be what numba wrote: a whole pickle, and of its digest where that is kept."""
+    """Whether a file is seen not to be what numba wrote: an index that is a whole pickle, code of the digest kept."""
     try:
         content = path.read_bytes()
     except FileNotFoundError:  # another process has just forgotten it
         return False
-    if not (content.startswith(b"\x80") and content.endswith(b".")):
-        return True
-    kept = _kept_digest(path)
-    return kept is not None and kept != hashlib.sha256(content).hexdigest()
+    if path.suffix == ".nbi":
+        return not (content.startswith(b"\x80") and content.endswith(b"."))
+    return _kept_digest(path) != hashlib.sha256(content).hexdigest()
 
 
 def _damaged(files: Iterable[Path]) -> list[Path]:

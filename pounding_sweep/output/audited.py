@@ -10,21 +10,23 @@ import numpy as np
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pounding_sweep.output.frame import Frame
+
 #: Dimensions of an audit; no scenario axes.
 AUDIT_DIMS = ("audit", "output")
 
 
-def has_audit(cube: xr.Dataset) -> bool:
+def has_audit(cube: xr.Dataset | Frame) -> bool:
     """Whether a cube carries the measured errors of a sample of its scenarios."""
     return "audit_error" in cube.data_vars
 
 
-def audit_table(cube: xr.Dataset) -> list[dict[str, Any]]:
+def audit_table(cube: xr.Dataset | Frame) -> list[dict[str, Any]]:
     """Summarise an audit, one row per output.
 
     Parameters
     ----------
-    cube : xarray.Dataset
+    cube : xarray.Dataset or Frame
         A cube.
 
     Returns
@@ -38,7 +40,9 @@ def audit_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     """
     if not has_audit(cube):
         return []
-    error = cube["audit_error"].transpose("audit", "output").values
+    error = np.asarray(cube["audit_error"].values)
+    if cube["audit_error"].dims != AUDIT_DIMS:
+        error = error.T
     sensitive = cube["audit_sensitive"].values.astype(bool)
     apart = cube["audit_undecided"].values.astype(bool)
     return [
@@ -55,7 +59,7 @@ def audit_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     ]
 
 
-def audit_sentence(cube: xr.Dataset) -> str:
+def audit_sentence(cube: xr.Dataset | Frame) -> str:
     """Say in one line what was audited, how much of it is sensitive, and what is set apart; "" without an audit."""
     if not has_audit(cube):
         return ""

@@ -17,6 +17,7 @@ import numpy as np
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.scene import Scene
+from pounding_sweep.output.frame import Array, Frame
 from pounding_sweep.outputs.layout import inner_shape, mask_invalid
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Variable
@@ -229,7 +230,7 @@ def assemble(
         msg = f"status {strange.tolist()} has no meaning; valid: {', '.join(f'{int(s)} {s.label}' for s in STATUS)}"
         raise InputError(msg)
     data = {name: as_read(name, values) for name, values in mask_invalid(arrays).items()}
-    return label(scene, axes, data, attributes, extra_coords)
+    return label(scene, axes, data, attributes, extra_coords).to_dataset()
 
 
 def frame(
@@ -238,8 +239,8 @@ def frame(
     names: Iterable[str],
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,
-) -> xr.Dataset:
-    """Make the dataset of results that are still to come: like `assemble`, its values zeros that take no memory."""
+) -> Frame:
+    """Make the frame of results that are still to come: like `assemble`, its values zeros that take no memory."""
     lengths = tuple(axis.size for axis in axes)
     data = {
         name: np.broadcast_to(as_read(name, np.zeros((), VARIABLES[name].dtype)), (*lengths, *inner_shape(name, scene)))
@@ -254,10 +255,8 @@ def label(
     data: Mapping[str, np.ndarray],
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,
-) -> xr.Dataset:
+) -> Frame:
     """Label values that are as they are to be read (see `as_read`); arguments as for `assemble`, nothing is checked."""
-    import xarray as xr
-
     coordinates: dict[str, Any] = {}
     for axis in axes:
         details = {"units": axis.units, "long_name": axis.long_name or axis.name, "comment": axis.comment or None}
@@ -267,8 +266,9 @@ def label(
         coordinates = {**_law_coordinates(*coordinates["law"][:2]), **coordinates}
     coordinates = {**coordinates, **_scene_coordinates(scene)}
 
+    outer = tuple(axis.name for axis in axes)
     labelled = {
-        name: ((*(axis.name for axis in axes), *variable.dims), data[name], _data_attributes(variable))
+        name: Array((*outer, *variable.dims), data[name], _data_attributes(variable))
         for name, variable in VARIABLES.items()
         if name in data and not (variable.per_pair and not scene.pair_names)
     }
@@ -281,21 +281,21 @@ def label(
         VERSION_ATTRIBUTE: version,
         **(attributes or {}),
     }
-    coords = {k: (tuple(dims), _labels(v), _attributes(more)) for k, (dims, v, more) in coordinates.items()}
-    dataset = xr.Dataset(labelled, coords=coords, attrs=_attributes(found))
-    for key, stored in dataset.variables.items():
-        stored.encoding = stored_as(key, stored, key in dataset.coords)
-    return dataset
+    coords = {k: Array(tuple(dims), _labels(v), _attributes(more)) for k, (dims, v, more) in coordinates.items()}
+    for part in (labelled, coords):
+        for key, stored in part.items():
+            stored.encoding = stored_as(key, stored, part is coords)
+    return Frame(labelled, coords, _attributes(found))
 
 
-def stored_as(name: Hashable, values: xr.Variable, is_coordinate: bool) -> dict[str, Any]:
+def stored_as(name: Hashable, values: xr.Variable | Array, is_coordinate: bool) -> dict[str, Any]:
     """Return how a variable stands in a netCDF file: text as characters, coordinates without missing values."""
     if values.dtype.kind in "OSUT":
         return dict(TEXT)
     return {"_FillValue": None} if is_coordinate else encoding_of(name, values)
 
 
-def encoding_of(name: Hashable, values: xr.Variable) -> dict[str, Any]:
+def encoding_of(name: Hashable, values: xr.Variable | Array) -> dict[str, Any]:
     """Return how a variable of numbers is stored: its type and what stands for a missing value."""
     if name in VARIABLES:
         variable = VARIABLES[str(name)]

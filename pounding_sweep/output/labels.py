@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.metadata import version
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -205,8 +206,6 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
 
 def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
     """Return what the cube says of the sweep as a whole."""
-    import xarray
-
     spec = plan.spec
     records = [
         {"name": r.name, "pga": r.pga, "dt": r.dt, "points": r.n_points, "sha256": r.sha256, "source": r.source}
@@ -225,7 +224,7 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         "sweep": to_json(spec),
         "sweep_sha256": plan.digest,
         **{library_attribute(name): version for name, version in library_versions().items()},
-        "xarray_version": xarray.__version__,
+        "xarray_version": version("xarray"),
     }
     if spec.accuracy is None:
         found["time_step"] = [r.dt / plan.numerics.steps(r) for r in spec.records]

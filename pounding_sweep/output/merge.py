@@ -20,6 +20,7 @@ import numpy as np
 from pounding_sweep.base.errors import InputError, shown
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, as_read, as_stored, package_version
+from pounding_sweep.output.frame import Frame
 from pounding_sweep.output.integrity import (
     AXES,
     BUILDING_AXES,
@@ -603,7 +604,7 @@ def merge_cubes(
         merge = _Merge(parts, check_parts(parts, mix_sources=mix_sources), tolerance)
         blocks, values = merge.blocks(), merge.slabs()
         check_space(target.parent, merge.n_bytes, f"the cube of {merge.scenarios:,} scenarios")
-        merge.found.path = write_in_slabs(merge.frame(), target, blocks, values, overwrite=overwrite)
+        merge.found.path = write_in_slabs(Frame.of(merge.frame()), target, blocks, values, overwrite=overwrite)
     return merge.found
 
 
@@ -727,18 +728,20 @@ class _Merge:
     def _read(self, cube: xr.Dataset, mine: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         """Return the values of a part at rising places on its axes, as they are stored."""
         if CASE not in mine:
-            return self._values(cube.isel(mine))
+            return self._values(cube, mine)
         pieces = []  # cases may lie anywhere, and would be read one by one: what is between them is read, too
         cuts = np.flatnonzero(np.diff(mine[CASE] // self.slab[0])) + 1
         for some in np.split(mine[CASE], cuts):
             first, last = some[0], some[-1]
-            whole = self._values(cube.isel(case=slice(first, last + 1)))
+            whole = self._values(cube, {CASE: slice(first, last + 1)})
             pieces.append({name: array[some - first] for name, array in whole.items()})
         return {name: np.concatenate([piece[name] for piece in pieces]) for name in self.names}
 
-    def _values(self, part: xr.Dataset) -> dict[str, np.ndarray]:
+    def _values(self, cube: xr.Dataset, part: Mapping[str, np.ndarray | slice]) -> dict[str, np.ndarray]:
+        read = {name: cube.variables[name].isel(part) for name in self.names}
         return {
-            name: as_stored(name, part[name].transpose(*self.axes, *VARIABLES[name].dims).values) for name in self.names
+            name: as_stored(name, values.transpose(*self.axes, *VARIABLES[name].dims).values)
+            for name, values in read.items()
         }
 
     def _compare(

@@ -28,6 +28,7 @@ from pounding_sweep.base.paths import absolute
 from pounding_sweep.base.tables import bytes_text
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.dataset import TEXT, VERSION_ATTRIBUTE, encoding_of, stored_as
+from pounding_sweep.output.frame import Array, Frame
 from pounding_sweep.output.slabs import cuts
 from pounding_sweep.outputs.variables import VARIABLES
 
@@ -289,16 +290,16 @@ def _encoding(name: Hashable, array: xr.DataArray, is_coordinate: bool) -> dict[
     return encoding
 
 
+def _plain(attributes: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Encode text beyond ASCII: else it becomes a string of any length, which not every reader knows."""
+    beyond = {key: text for key, text in attributes.items() if isinstance(text, str) and not text.isascii()}
+    return {**attributes, **{key: text.encode() for key, text in beyond.items()}}
+
+
 def _with_plain_attributes(dataset: xr.Dataset) -> xr.Dataset:
-    """Encode attributes beyond ASCII: as text they become strings of any length, which not every reader knows."""
-
-    def plain(attributes: Mapping[Any, Any]) -> dict[Any, Any]:
-        beyond = {key: text for key, text in attributes.items() if isinstance(text, str) and not text.isascii()}
-        return {**attributes, **{key: text.encode() for key, text in beyond.items()}}
-
-    found = dataset.assign_attrs(plain(dataset.attrs))
+    found = dataset.assign_attrs(_plain(dataset.attrs))
     for variable in found.variables.values():  # of a copy
-        variable.attrs = plain(variable.attrs)
+        variable.attrs = _plain(variable.attrs)
     return found
 
 
@@ -346,7 +347,7 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
 
 
 def write_in_slabs(
-    dataset: xr.Dataset,
+    cube: Frame,
     path: str | os.PathLike[str],
     blocks: Mapping[str, Sequence[int]],
     slabs: Iterable[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]],
@@ -356,50 +357,67 @@ def write_in_slabs(
 ) -> Path:
     """Write a cube, some variables of which are made while it is written, as `write_cube` would."""
     import netCDF4
-    from xarray.conventions import encode_dataset_coordinates
 
     target = check_output(path, overwrite)
-    dataset = _with_plain_attributes(dataset)
-    variables, attributes = encode_dataset_coordinates(dataset)
-    labels = dataset.drop_vars(list(dataset.data_vars))
-    encoding = {name: _encoding(name, labels[name], True) for name in labels.variables}
-    with _written(path, target, folder) as temporary:
-        labels.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding)
-        with netCDF4.Dataset(temporary, "a") as file:
-            file.set_fill_off()
-            if "coordinates" in file.ncattrs():  # those of no variable, and now there are variables
-                file.delncattr("coordinates")
-            file.setncatts({key: value for key, value in attributes.items() if key == "coordinates"})
-            for name in map(str, dataset.data_vars):
-                _declare(file, name, variables[name], blocks.get(name))
-                if name not in blocks:
-                    file[name][...] = dataset[name].values
-            for slab, values in slabs:
-                for name in blocks:
-                    file[name][slab] = values[name]
+    beside, beyond = _coordinates_of(cube)
+    with _written(path, target, folder) as temporary, netCDF4.Dataset(temporary, "w") as file:
+        file.setncatts(_plain(cube.attrs) | ({"coordinates": beyond} if beyond else {}))
+        file.set_fill_off()
+        for name, label in cube.coords.items():
+            _write_label(file, name, label)
+        for name, variable in cube.data_vars.items():
+            stored = _declare(file, name, variable, encoding_of(name, variable), chunksizes=blocks.get(name))
+            if name in blocks:
+                stored.set_var_chunk_cache(size=1)  # none: whole blocks are written (0 stands for the default)
+            stored.setncatts(_plain(variable.attrs) | ({"coordinates": beside[name]} if beside[name] else {}))
+            if name not in blocks:
+                stored[...] = variable.values
+        for slab, values in slabs:
+            for name in blocks:
+                file[name][slab] = values[name]
     return target
 
 
-def _declare(file: netCDF4.Dataset, name: str, variable: xr.Variable, block: Sequence[int] | None) -> None:
-    """Make a variable of numbers in an open file, stored in blocks of that shape or in one piece."""
-    dims = tuple(str(dim) for dim in variable.dims)
-    for dim, size in zip(dims, variable.shape, strict=True):
+def _coordinates_of(cube: Frame) -> tuple[dict[str, str], str]:
+    """Return the attribute ``coordinates`` of each variable, as CF asks for it, and that of the whole file.
+
+    As xarray writes and reads it: the file's names those that belong to no variable.
+    """
+    beside = {name: set(label.dims) for name, label in cube.coords.items() if name not in label.dims}
+    found = {
+        name: sorted(label for label, dims in beside.items() if dims <= set(variable.dims))
+        for name, variable in cube.data_vars.items()
+    }
+    beyond = set(beside).difference(*found.values())
+    return {name: " ".join(labels) for name, labels in found.items()}, " ".join(sorted(beyond))
+
+
+def _write_label(file: netCDF4.Dataset, name: str, label: Array) -> None:
+    """Write a coordinate, text as characters."""
+    values, dims, attributes = label.values, label.dims, _plain(label.attrs)
+    if values.dtype.kind in "OSUT":
+        texts = np.array([str(text).encode(ENCODING) for text in values.ravel()], bytes)
+        values = texts.reshape(*values.shape, 1).view("S1")
+        dims, attributes = (*dims, f"string{values.shape[-1]}"), {**attributes, "_Encoding": ENCODING}
+    stored = _declare(file, name, Array(dims, values, {}), {"_FillValue": None}, **(COMPRESSION if dims else {}))
+    stored.setncatts(attributes)
+    stored[...] = values
+
+
+def _declare(
+    file: netCDF4.Dataset, name: str, array: Array, encoding: Mapping[str, Any], **how: Any
+) -> netCDF4.Variable:
+    """Make a variable in an open file."""
+    for dim, size in zip(array.dims, array.values.shape, strict=True):
         if dim not in file.dimensions:
             file.createDimension(dim, size)
-    encoding = encoding_of(name, variable)
     fill = encoding["_FillValue"]
-    stored = file.createVariable(
-        name,
-        encoding.get("dtype", variable.dtype),
-        dims,
-        chunksizes=block,
-        fletcher32=bool(dims),  # damage is found when it is read; it costs next to nothing
-        fill_value=False if fill is None else fill,
-    )
+    # checksums: damage is found when it is read; they cost next to nothing
+    how = {"fletcher32": bool(array.dims), "fill_value": False if fill is None else fill, **how}
+    stored = file.createVariable(name, encoding.get("dtype", array.dtype), array.dims, **how)
     stored.set_auto_maskandscale(False)
-    if block is not None:
-        stored.set_var_chunk_cache(size=1)  # none: whole blocks are written (0 stands for the default)
-    stored.setncatts(variable.attrs)
+    stored.set_auto_chartostring(False)
+    return stored
 
 
 @contextmanager
@@ -437,7 +455,7 @@ def _open_checked(path: str | os.PathLike[str], target: Path) -> xr.Dataset:
 def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
     """Make texts of characters what they were when they were written, for which they are read."""
     texts = [name for name, values in dataset.variables.items() if values.dtype.kind == "O"]
-    found = dataset.assign({name: dataset[name].astype(str) for name in texts})
+    found = dataset.assign({name: dataset.variables[name].astype(str) for name in texts})
     for name in texts:
         found.variables[name].encoding = {**TEXT, **COMPRESSION}  # for who writes it anew with xarray
     found.set_close(dataset.close)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.output.dataset import as_read
 from pounding_sweep.output.slabs import cuts, status_counts
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from pounding_sweep.output.frame import Frame
 
 
 def summary_table(cube: xr.Dataset) -> list[dict[str, Any]]:
@@ -20,12 +24,51 @@ def summary_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     if "pair" not in cube.coords:
         return []
     pairs = [str(name) for name in np.atleast_1d(cube["pair"].values)]
-    rows = []
-    for law, part in _by_law(cube):
-        scenarios, found = _impacts(part, len(pairs))
-        for pair, impacts in zip(pairs, found, strict=True):
-            rows.append({"law": law, "title": _title(law), "pair": pair, "scenarios": scenarios, **impacts.row()})
-    return rows
+    return [row for law, part in _by_law(cube) for row in _rows(law, pairs, *_impacts(part, len(pairs)))]
+
+
+class Tally:
+    """`summary_table` and `status_table` of a cube that is being made, of which it is shown one slab after another."""
+
+    def __init__(self, cube: Frame, outer: Sequence[str]) -> None:
+        law = cube.coords["law"]
+        self._along, self._laws = outer.index(law.dims[0]), law.values
+        self._pairs = [str(name) for name in cube.coords["pair"].values] if "pair" in cube.coords else []
+        self._present = [name for name in ("impact_force_max", "impact_count") if name in cube.data_vars]
+        self._found = {str(key): self._nothing() for key in self._laws}
+        self._scenarios: Counter[str] = Counter()
+        self._statuses: Counter[int] = Counter()
+
+    def _nothing(self) -> list[_Impacts]:
+        return [_Impacts("impact_force_max" in self._present, "impact_count" in self._present) for _ in self._pairs]
+
+    def add(self, slab: Sequence[slice], values: Mapping[str, np.ndarray]) -> None:
+        """Take up the values of a slab, as they are stored."""
+        codes, counts = np.unique(values["status"], return_counts=True)
+        self._statuses.update(dict(zip(codes.tolist(), counts.tolist(), strict=True)))
+        laws = self._laws[slab[self._along]]
+        status = np.moveaxis(values["status"], self._along, 0)
+        floors = {name: np.moveaxis(as_read(name, values[name]), self._along, 0) for name in self._present}
+        for law in dict.fromkeys(laws.tolist()):
+            mine = laws == law
+            ok = status[mine] == Status.OK
+            self._scenarios[law] += int(ok.sum())
+            # scenarios without a value have none at any floor, others none where no floors meet
+            force, count = (
+                np.nan_to_num(floors[name][mine][ok], nan=-np.inf) if name in floors else None
+                for name in ("impact_force_max", "impact_count")
+            )
+            for p, impacts in enumerate(self._found[law]):
+                impacts.add(None if force is None else force[:, p], None if count is None else count[:, p])
+
+    def summary(self) -> list[dict[str, Any]]:
+        """Return the rows of `summary_table`."""
+        found = self._found.items()
+        return [row for law, impacts in found for row in _rows(law, self._pairs, self._scenarios[law], impacts)]
+
+    def statuses(self) -> list[dict[str, Any]]:
+        """Return the rows of `status_table`."""
+        return _status_rows(self._statuses)
 
 
 @dataclass
@@ -87,7 +130,18 @@ def _median(times: dict[float, int]) -> float:
 
 def status_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     """Count the scenarios of a cube by status."""
-    found = status_counts(cube["status"])
+    return _status_rows(status_counts(cube["status"]))
+
+
+def _rows(law: str, pairs: Sequence[str], scenarios: int, found: Sequence[_Impacts]) -> list[dict[str, Any]]:
+    about = {"law": law, "title": _title(law)}
+    return [
+        {**about, "pair": pair, "scenarios": scenarios, **impacts.row()}
+        for pair, impacts in zip(pairs, found, strict=True)
+    ]
+
+
+def _status_rows(found: Mapping[int, int]) -> list[dict[str, Any]]:
     return [
         {"status": int(s), "label": s.label, "count": found[int(s)], "meaning": s.meaning, "remedy": s.remedy}
         for s in STATUS

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.output.dataset import as_read, frame, label
+from pounding_sweep.output.frame import Frame
 from pounding_sweep.output.labels import global_attributes, scenario_axes
 from pounding_sweep.output.results import table_type
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
+from pounding_sweep.output.summary import Tally
 from pounding_sweep.outputs.layout import inner_shape, mask_invalid
 
 if TYPE_CHECKING:
@@ -38,7 +41,23 @@ def cube_in_memory(
         for name, array in data.items():
             array[slab] = as_read(name, values[name])
     attributes = {**global_attributes(plan, outcome), **more}
-    return _with_audit(label(plan.spec.scene, axes, data, attributes, extra), plan, found)
+    return _with_audit(label(plan.spec.scene, axes, data, attributes, extra), plan, found).to_dataset()
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a run tells of the cube that it wrote, which need not be read for it.
+
+    Attributes
+    ----------
+    frame : Frame
+        Labels, attributes and audit; no values of scenarios.
+    tally : Tally
+        Impacts and statuses.
+    """
+
+    frame: Frame
+    tally: Tally
 
 
 def write_cube_of(
@@ -51,7 +70,7 @@ def write_cube_of(
     *,
     overwrite: bool,
     folder: Path,
-) -> None:
+) -> Written:
     """Write the cube of a sweep and its audit, if there is one; no more than a slab of it is ever in memory."""
     from pounding_sweep.output.netcdf import write_in_slabs
 
@@ -59,15 +78,22 @@ def write_cube_of(
     axes, extra = scenario_axes(plan)
     cube = frame(scene, axes, names, {**global_attributes(plan, outcome), **more}, extra)
     sizes = tuple(axis.size for axis in axes)
-    kept = [name for name in names if name in cube]
+    kept = [name for name in names if name in cube.data_vars]
     largest = max(table_type([name], scene).itemsize for name in kept)
     block = block_shape(sizes, BLOCK_BYTES // largest)
     blocks = {name: (*block, *inner_shape(name, scene)) for name in kept}
-    values = _slabs(plan, outcome, sizes, block, progress)
-    write_in_slabs(_with_audit(cube, plan, found), path, blocks, values, overwrite=overwrite, folder=folder)
+    written = Written(_with_audit(cube, plan, found), Tally(cube, [axis.name for axis in axes]))
+
+    def values() -> Iterator[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]]:
+        for slab, each in _slabs(plan, outcome, sizes, block, progress):
+            written.tally.add(slab, each)
+            yield slab, each
+
+    write_in_slabs(written.frame, path, blocks, values(), overwrite=overwrite, folder=folder)
+    return written
 
 
-def _with_audit(cube: xr.Dataset, plan: Plan, found: Audit | None) -> xr.Dataset:
+def _with_audit(cube: Frame, plan: Plan, found: Audit | None) -> Frame:
     from pounding_sweep.run.audit import add_to_cube
 
     return cube if found is None else add_to_cube(cube, plan, found)

@@ -43,6 +43,7 @@ def diagnose() -> dict[str, Any]:
         "threads": _threads(),
         "memory": _memory(),
         "kernel_cache": cache,
+        "compile_seconds": _compiling(),
         "record_folders": _record_folders(problems),
         "output": _output(problems),
         "problems": problems,
@@ -158,6 +159,21 @@ def _cache(problems: list[str]) -> dict[str, Any]:
             f"name another folder in {CACHE_VARIABLE}"
         )
     return {"folder": str(folder), "kernels": len(kernels), "bytes": sum(path.stat().st_size for path in files)}
+
+
+def _compiling() -> dict[str, float]:
+    """Estimate the CPU seconds that a kernel of the paper's row takes to compile, by what is asked for."""
+    from pounding_sweep.engine.compile import compiling_seconds
+    from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
+    from pounding_sweep.model.laws import LAWS
+    from pounding_sweep.model.presets import get_preset
+    from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, reducers_for
+
+    row, law, numerics = get_preset("mate2015"), LAWS["linear"], Numerics("rk4", 1e-3)
+    return {
+        name: compiling_seconds(kernel_shape(row, law, numerics, reducers_for(outputs)))
+        for name, outputs in (("default", DEFAULT_OUTPUTS), ("all", tuple(VARIABLES)))
+    }
 
 
 def _record_folders(problems: list[str]) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from pounding_sweep.base.errors import OutputError, RunError, SweepError, WriteError
 from pounding_sweep.output.provenance import package_digest
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pounding_sweep.records.catalogue import Folders
     from pounding_sweep.resume.checkpoint import ChunkStore
     from pounding_sweep.run.audit import Audit
+    from pounding_sweep.run.cube_writer import Written
     from pounding_sweep.run.execute import Progress
 
 
@@ -166,8 +167,56 @@ class Sweep:
         ``pounding_sweep.output.netcdf.NETCDF_LOCK``, else the process may crash. Nothing that dask computes in threads
         may be waited for meanwhile: they would wait for the lock.
         """
+        found = self._run(out, scheduler, workers, overwrite, progress, extend)
+        if out is None:
+            return cast("xr.Dataset", found)
+        from pounding_sweep.output.netcdf import open_cube
+
+        return open_cube(out)
+
+    def write(
+        self,
+        out: str | os.PathLike[str],
+        *,
+        scheduler: str = "threads",
+        workers: int | None = None,
+        overwrite: bool = False,
+        progress: Progress | None = None,
+        extend: str | os.PathLike[str] | None = None,
+    ) -> Written:
+        """Run the sweep and write its cube as `run` does, which is not opened: xarray is never loaded.
+
+        Parameters
+        ----------
+        out : path
+            netCDF file for the cube.
+        scheduler, workers, overwrite, progress, extend
+            As for `run`.
+
+        Returns
+        -------
+        Written
+            Labels and audit of the cube, a summary of its impacts and statuses.
+
+        Raises
+        ------
+        PoundingSweepError
+            What `run` raises.
+        """
+        return cast("Written", self._run(out, scheduler, workers, overwrite, progress, extend))
+
+    def _run(
+        self,
+        out: str | os.PathLike[str] | None,
+        scheduler: str,
+        workers: int | None,
+        overwrite: bool,
+        progress: Progress | None,
+        extend: str | os.PathLike[str] | None,
+    ) -> xr.Dataset | Written:
+        """Run the sweep; its cube in memory, or what is told of the file."""
         from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
-        from pounding_sweep.output.netcdf import check_output, open_cube
+        from pounding_sweep.output.netcdf import check_output
         from pounding_sweep.resume.checkpoint import ChunkStore, identity_of, parts_folder
         from pounding_sweep.resume.reuse import EarlierCube, extension_attributes
         from pounding_sweep.run.audit import audit
@@ -208,12 +257,11 @@ class Sweep:
                     self.last_audit = audit(plan, outcome, dispatcher)
                 progress.stage("cube", plan.n_asked)
                 if target is None or store is None:
-                    cube = cube_in_memory(plan, outcome, self.last_audit, progress, more)
+                    cube: Any = cube_in_memory(plan, outcome, self.last_audit, progress, more)
                 else:
-                    write_cube_of(
+                    cube = write_cube_of(
                         plan, outcome, self.last_audit, target, progress, more, overwrite=overwrite, folder=store.folder
                     )
-                    cube = open_cube(target)
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
@@ -230,7 +278,7 @@ class Sweep:
                 except OutputError as error:
                     msg = f"the cube {str(target)!r} is complete, but not all of its chunks are removed: {error}"
                     warnings.warn(msg, RuntimeWarning, stacklevel=2)
-        return cube
+        return cast("xr.Dataset | Written", cube)
 
 
 def _check_disks(plan: Plan, target: Path, store: ChunkStore) -> None:

@@ -128,7 +128,7 @@ def step(
     w = [fma(group.prop("beta", b), y[s], x[s]) for s in range(len(floors))]
     f = [k[s] * (w[s] - w[s - 1] if s else w[s]) for s in range(len(floors))]
     right: list[Any] = []
-    diagonal: list[Any] = []
+    inverse: list[Any] = []  # in flight the same in all steps: divided once
     off: list[Any] = [None]
     top = len(floors) - 1
     for s, i in enumerate(floors):
@@ -138,13 +138,13 @@ def step(
         e = fma(m, gg * alpha, m) + stiff * (k[s] if s == top else k[s] + k[s + 1])
         if s:
             off.append(stiff * k[s])
-            low = off[s] / diagonal[s - 1]
+            low = off[s] * inverse[s - 1]
             e, r = fma(-low, off[s], e), fma(low, right[s - 1], r)
-        diagonal.append(e)
+        inverse.append(1.0 / e)
         right.append(r)
     ends: list[Any] = [None] * len(floors)
     for s in range(top, -1, -1):
-        ends[s] = (right[s] if s == top else fma(off[s + 1], ends[s + 1], right[s])) / diagonal[s]
+        ends[s] = (right[s] if s == top else fma(off[s + 1], ends[s + 1], right[s])) * inverse[s]
     after = [fma(be, ends[s], x[s]) for s in range(len(floors))]
     return after, [fma(gg, ends[s], y[s]) for s in range(len(floors))], ends
 

@@ -7,7 +7,7 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Collection, Iterable, Mapping, Sequence, Sized
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -59,7 +59,7 @@ from pounding_sweep.spec.spec import (
 )
 from pounding_sweep.spec.tables import read_range, read_scene, record_table
 
-#: More faults than this on one axis are only counted.
+#: More faults than this on one axis are only counted; of laws, records and cases, no more are looked for.
 _MOST_FAULTS = 20
 #: Axes of at most so many values are checked value by value even in a sweep that is too large.
 CHECKED_AXIS = 10_000
@@ -70,6 +70,15 @@ LAW_GROUPS = {"all": tuple(LAWS), "mate2015": MATE2015_MODELS}
 
 
 # --- scene, records, laws -------------------------------------------------------------------------------------------
+
+
+def _looked_at(items: Sequence[Any], faults: Faults) -> Iterator[tuple[int, Any]]:
+    """Go through a list with the places of its items, up to so many faults that the others don't matter."""
+    for index, item in enumerate(items):
+        if len(faults.found) >= _MOST_FAULTS:
+            faults.add((), f"the values from [{index}] on are not looked at, as {_MOST_FAULTS} before are at fault")
+            return
+        yield index, item
 
 
 def _scene(given: Any) -> Scene:
@@ -104,7 +113,7 @@ def _records(given: Any, info: Any) -> tuple[list[Record], list[str]]:
             raise MissingRecordError(str(error), table.name or error.record) from None
 
     with gathering() as faults:
-        for index, item in enumerate(items):
+        for index, item in _looked_at(items, faults):
             try:
                 records = resolved(item)
             except MissingRecordError as error:
@@ -155,7 +164,7 @@ def _laws(given: Any, info: Any) -> list[Law]:
         msg = f"{what}; give laws, valid: {', '.join(LAWS)}, or the groups all, mate2015"
         raise InputError(msg)
     with gathering() as faults:
-        for index, item in enumerate(items):
+        for index, item in _looked_at(items, faults):
             place: Place = () if isinstance(given, (str, Law)) else (index,)
             for each in LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,):
                 law = faults.attempt(place, _law, each, " (or the groups all, mate2015)")
@@ -611,7 +620,7 @@ def _outputs(given: Any) -> tuple[str, ...]:
         raise InputError(msg)
     found: list[str] = []
     with gathering() as faults:
-        for index, item in enumerate(items):
+        for index, item in _looked_at(items, faults):
             place: Place = () if isinstance(given, str) else (index,)
             try:
                 check_outputs([item])
