@@ -28,7 +28,7 @@ _ROWS: tuple[tuple[tuple[str, ...], str, float, str], ...] = (
     "cube",
     "peak displacement, drift, storey shear and acceleration over the height, law by law",
     needs=("law", "floor_elevation", "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max"),
-    also=lambda cube: "" if 1 in np.atleast_1d(cube["storey"]) else "the storeys from the first on",
+    also=lambda cube: "the storeys from the first on" if 1 not in np.atleast_1d(cube.get("storey", 1)) else "",
 )
 def profiles(cube: xr.Dataset) -> Figure:
     """Draw peak displacement, drift, storey shear and total acceleration over the height."""
