@@ -24,7 +24,11 @@ from pounding_sweep.records import RECORDS_VARIABLE
 DOCS = Path(__file__).parent
 PICTURES = DOCS / "_static" / "gallery"
 #: Sweep files and other input that the commands name.
-SWEEPS = (DOCS.parent / "sweeps" / "quickstart.toml", *sorted((DOCS / "gallery_sweeps").iterdir()))
+SWEEPS = (
+    DOCS.parent / "sweeps" / "quickstart.toml",
+    DOCS.parent / "sweeps" / "period_ratio.toml",
+    *sorted((DOCS / "gallery_sweeps").iterdir()),
+)
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,7 @@ class Entry:
 
 
 _QUICK = "run quickstart.toml -o quickstart.nc"
+_PERIODS = "run period_ratio.toml -o period_ratio.nc"
 _SUITE = "run suite.toml -o suite.nc"
 _ONE = "simulate quickstart.toml -o one.nc --law hertz_damped --gap 0.006"
 _SPECTRA = """\
@@ -82,7 +87,9 @@ _OTHERS = {
     "energy-budget": (_SUITE, " --at record=synthetic-1 --at scale=3"),
     "fragility": (_SUITE, ""),
     "incremental": (_SUITE, ""),
+    "map": (_PERIODS, " --value drift_max_ratio"),
     "profiles": (_QUICK, " --at gap=0.006"),
+    **dict.fromkeys(("closing", "force-penetration", "phase"), (_ONE, " --start 2 --end 5")),
 }
 #: Figures that other commands draw.
 _OWN = (
@@ -166,10 +173,11 @@ def gallery_page() -> str:
         "",
         "Every figure of the package, with the commands that drew it. `pounding-sweep plot --list` lists all of them, "
         "`pounding-sweep plot CUBE.nc` says which of them a cube allows. `--at AXIS=VALUE` draws another "
-        "value of an axis than the middle one. From Python, each is a function of a dataset that returns a matplotlib "
-        "figure, see [`pounding_sweep.figures`](../api).",
+        "value of an axis than the middle one at which floors touch, `--x AXIS` draws along another axis. "
+        "From Python, each is a function of a dataset that returns a matplotlib figure, "
+        "`ps.figures.force_gap(cube)` for `force-gap`, see [`pounding_sweep.figures`](../api).",
         "",
-        "The commands use [quickstart.toml](../sweep_file), `gaps.toml` and `site.csv` of "
+        "The commands use [quickstart.toml and period_ratio.toml](../sweep_file), `gaps.toml` and `site.csv` of "
         "[gaps for a probability](../comparisons), and this `suite.toml`:",
         "",
         "```{literalinclude} ../gallery_sweeps/suite.toml",

@@ -6,6 +6,7 @@ that importing the package is fast.
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.deferred import attribute
@@ -35,6 +36,9 @@ _HOME = {
     "PoundingSweepError": "pounding_sweep.base.errors",
 }
 
+#: Packages that are public as they are.
+_PACKAGES = ("analysis", "figures")
+
 __all__ = [
     "LAWS",
     "Building",
@@ -47,6 +51,8 @@ __all__ = [
     "Sweep",
     "Wall",
     "__version__",
+    "analysis",
+    "figures",
     "find_record",
     "get_law",
     "get_preset",
@@ -62,6 +68,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from pounding_sweep import analysis, figures
     from pounding_sweep.accuracy.tradeoff import tradeoff
     from pounding_sweep.base.errors import PoundingSweepError
     from pounding_sweep.model.hertz import hertz_stiffness
@@ -87,6 +94,8 @@ def __getattr__(name: str) -> Any:
         from pounding_sweep.output.dataset import package_version
 
         return package_version()
+    if name in _PACKAGES:
+        return import_module(f"{__name__}.{name}")
     return attribute(__name__, _HOME, name)
 
 

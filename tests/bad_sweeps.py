@@ -141,6 +141,32 @@ ARGUMENTS = [
     "laws=None, cases=3",
     "laws=None, cases=Case('none')",
     "cases=[Case('linear')], gaps=[0.1], scales=[], period_factors={}",
+    *(f"design={text}" for text in (
+        "3", "{}", "{'kind': 'lhs', 'samples': 0, 'seed': -1, 'inputs': 3}",
+        "{'kind': 'halton', 'samples': 4, 'inputs': {}}", "{'kind': 'sobol', 'samples': 6, 'seeds': 1, 'inputs': {}}",
+        "{'kind': 'halton', 'samples': 2.0, 'seed': True, 'inputs': {'gap': 3}}",
+        "{'kind': 'saltelli', 'samples': 2**40, 'inputs': {'gap': {'distribution': 'uniform', 'low': 0, 'high': 1}}}",
+    )),
+    *(f"design={{'kind': 'halton', 'samples': 16, 'inputs': {text}}}" for text in (
+        "{'gpa': 3, 'gaps': 3, 'record': {'distribution': 'uniform'}, 'building': {'lf': 3, 'left': {'x': 1}}}",
+        "{'gap': {'distribution': 'cauchy'}, 'scale': {'low': 1}, 'restitution': {'distribution': 'normal', 'mu': 3}}",
+        "{'gap': {'distribution': 'uniform', 'low': 0.1}, 'scale': {'distribution': 'normal', 'mean': 1.0, 'std': -1}}",
+        "{'gap': {'distribution': 'uniform', 'low': 0.1, 'high': nan, 'mean': 'x'}}",
+        "{'gap': {'distribution': 'uniform', 'low': 0.1, 'high': 0.1, 'mean': 3.0}}",
+        "{'gap': {'distribution': 'log_uniform', 'low': 0.0, 'high': 0.1}}",
+        "{'gap': {'distribution': 'lognormal', 'median': 0.0, 'dispersion': 0.5, 'low': -1.0}}",
+        "{'gap': {'distribution': 'lognormal', 'median': 0.01, 'dispersion': 0.1, 'low': 0.1, 'high': 0.2}}",
+        "{'gap': {'distribution': 'normal', 'mean': 0.01, 'std': 0.01}}",
+        "{'restitution': {'distribution': 'uniform', 'low': 0.5, 'high': 1.5}}",
+        "{'period_factors': {'left': {'distribution': 'normal', 'mean': 1.0, 'std': 1.0}, 'lft': 3}}",
+    )),
+    *("design={'kind': 'halton', 'samples': 4, "
+      f"'inputs': {{{name!r}: {{'distribution': 'uniform', 'low': 0.5, 'high': 0.9}}}}}}, {more}" for name, more in (
+        ("gap", "gaps=0.1"), ("scale", "pgas=1.0"), ("pga", "scales=1.0"), ("damping_ratio", "damping_ratios=0.1"),
+        ("stiffness", "laws=['linear', 'hertz']"), ("stiffness_factor", "scene=bare"), ("gap", "cases=[Case('none')]"),
+        ("gap", "scales=Range(0.5, 0.9, 10**6), restitutions=Range(0.1, 0.2, 10**6)"),
+        ("restitution", "laws='gonthier', scene=bare"),
+    )),
 ]  # fmt: skip
 
 GOOD = """\
@@ -341,6 +367,12 @@ FILES = [
     SMALL.replace('"el_centro"', "3, [], {}, true"),
     SMALL.replace('["el_centro"]', "[]"),
     f"{SMALL}[[sweep.gaps]]\nstart = 1\n",
+    f"{SMALL}[design]\nkind = 'sobol'\nsamples = 5\n[design.inputs]\ngap = {{ distribution = 'uniform', low = 1 }}\n"
+    "building.left.mass_factor = { distribution = 'normal', mean = 1.0, std = 0.0 }\nperiod_factors = 3\n",
+    f"{SMALL}design = 3\n",
+    f"design = 3\n{SMALL}",
+    f"{SMALL}[design]\nkind = 'halton'\nsamples = 64\n[design.inputs]\ngap.distribution = 'normal'\n"
+    "gap.mean = 0.01\ngap.std = 0.01\nrecord.distribution = 'uniform'\n",
 ]
 
 

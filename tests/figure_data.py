@@ -78,6 +78,7 @@ def histories(left_wall=False, right_wall=False, touch=True, **more):
         "acceleration": (("time", "building", "storey"), -160.0 * displacement, {"units": "m s-2"}),
         "ground_acceleration": (("time",), np.cos(9.0 * time), {"units": "m s-2"}),
         "contact_force": (("time", "pair", "storey"), 1e6 * np.maximum(closing, 0.0), {"units": "kN"}),
+        "penetration": (("time", "pair", "storey"), np.maximum(closing, 0.0), {"units": "m"}),
     }
     about = {"title": "by hand", "scene": json.dumps(scene_data(row))}
     base = assemble(row, [], {"status": np.int8(0), "steps_per_contact": np.float64(9.0)}, about)

@@ -11,6 +11,8 @@ import pytest
 import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.collections import QuadMesh
+from matplotlib.figure import Figure
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -23,12 +25,15 @@ from pounding_sweep.figures import CONTACT, FIGURES, NO_CONTACT, SOURCES, plot, 
 from pounding_sweep.figures.animation import PERIODS, WATCHED, _Picture, animate
 from pounding_sweep.figures.gallery.row import Stage, _round_down, strongest, walls
 from pounding_sweep.figures.shown import heading, middle, shows_values
+from pounding_sweep.figures.sides import logarithmic
+from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
 from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.records import records_dataset
-from pounding_sweep.run.one_scenario import scenario_of, simulate_one
+from pounding_sweep.run.one_scenario import scenario_of, simulate_one, simulate_shown
+from pounding_sweep.run.simulate import peaks_shown
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec
 
@@ -173,13 +178,10 @@ def test_force_gap_shows_the_largest_of_all_storeys():
     cube = made.cube(restitution=3)
     figure = FIGURES["force-gap"].draw(cube.isel(gap=[2, 0, 3, 1]))
     force, count = figure.axes
-    for ax, name, factor in ((force, "impact_force_max", 1e-3), (count, "impact_count", 1.0)):
-        assert [line.get_label() for line in ax.lines] == ["linear", "kelvin_voigt"]
-        for line in ax.lines:
-            want = [
-                factor * np.nanmax(cube[name].sel(law=line.get_label(), gap=gap, restitution=0.6).values)
-                for gap in cube.gap.values
-            ]
+    for ax, name in ((force, "impact_force_max"), (count, "impact_count")):
+        assert [line.get_label() for line in ax.lines] == [LAWS["linear"].title, LAWS["kelvin_voigt"].title]
+        for line, law in zip(ax.lines, cube.law.values, strict=False):
+            want = [np.nanmax(cube[name].sel(law=law, gap=gap, restitution=0.6).values) for gap in cube.gap.values]
             np.testing.assert_allclose(line.get_xdata(), cube.gap.values * 1e3)
             np.testing.assert_allclose(line.get_ydata(), want)
 
@@ -198,7 +200,7 @@ def test_panels_show_all_of_their_lines(key):
                 there = np.asarray(values, float)[np.isfinite(values)]
                 seen += there.size
                 assert ((low <= there) & (there <= high)).all(), (ax.get_title(), line.get_label())
-    assert seen or key in ("energy-budget", "response-map")  # of bars, of cells
+    assert seen or key in ("energy-budget", "map")  # of bars, of cells
 
 
 def test_fragility_shows_trials_that_the_first_pair_has_not():
@@ -210,28 +212,29 @@ def test_fragility_shows_trials_that_the_first_pair_has_not():
     assert farthest[0] < farthest[1] < second.get_xlim()[1]
 
 
-def test_the_response_map_shows_medians_over_records_and_where_nothing_touches():
+def test_the_map_shows_medians_over_records_and_where_nothing_touches():
     cube = made.cube(record=3, stiffness_factor=3).sel(law=["none", "linear"], gap=[0.004, 0.002, 0.008])
     touches = (cube["gap"] > 0.002).astype(float)
     cube = cube.assign(impact_force_max=cube["impact_force_max"] * touches)
-    (ax, _) = FIGURES["response-map"].draw(cube).axes
+    (ax, _) = FIGURES["map"].draw(cube).axes
     free, peaks = (np.ma.filled(mesh.get_array(), np.nan) for mesh in ax.collections)
-    want = 1e-3 * cube["impact_force_max"].sel(law="linear", pair="a-b", restitution=0.4).max("storey").median("record")
+    want = cube["impact_force_max"].sel(law="linear", pair="a-b", restitution=0.4).max("storey").median("record")
     want = want.squeeze().sortby("gap").transpose("stiffness_factor", "gap").values
     np.testing.assert_allclose(peaks, np.where(want > 0.0, want, np.nan))
     np.testing.assert_array_equal(np.isfinite(free), want == 0.0)
     assert [tick.get_text() for tick in ax.get_xticklabels()] == ["2", "4", "8"]
+    assert [tick.get_text() for tick in ax.get_yticklabels()] == ["1", "2", "4"]
     assert ax.get_yscale() == "log"  # 1, 2, 4
-    assert ax.get_title() == "linear, pair a-b"
-    (lacking,) = FIGURES["response-map"].lacks(cube.isel(gap=[0], restitution=0))
+    assert ax.get_title() == "Linear spring\npair a-b"
+    (lacking,) = FIGURES["map"].lacks(cube.isel(gap=[0], restitution=0))
     assert lacking.startswith("two axes of several numbers")
 
 
 def test_force_gap_of_one_gap_and_of_a_scalar_law():
     cube = made.cube(gap=1, restitution=1).sel(law="linear")
     (force, _) = FIGURES["force-gap"].draw(cube).axes
-    assert [line.get_label() for line in force.lines] == ["linear"]
-    assert force.lines[0].get_ydata() == pytest.approx([1e-3 * float(cube.impact_force_max.max())])
+    assert [line.get_label() for line in force.lines] == ["Linear spring"]
+    assert force.lines[0].get_ydata() == pytest.approx([float(cube.impact_force_max.max())])
 
 
 def test_profiles_show_floors_and_storeys():
@@ -256,10 +259,84 @@ def test_histories_show_floors_and_forces():
     np.testing.assert_allclose(ground.lines[0].get_ydata(), one.ground_acceleration)
     np.testing.assert_allclose(top.lines[1].get_ydata(), 1e3 * one.displacement.sel(building="b", storey=2))
     assert [line.get_label() for line in force.lines] == ["storey 1", "storey 2"]
-    np.testing.assert_allclose(force.lines[1].get_ydata(), 1e-3 * one.contact_force.sel(pair="a-b", storey=2))
+    np.testing.assert_allclose(force.lines[1].get_ydata(), one.contact_force.sel(pair="a-b", storey=2))
     apart = FIGURES["histories"].draw(made.histories(touch=False)).axes[2]
     assert not apart.lines
     assert apart.texts[0].get_text() == "no contact"
+
+
+def test_histories_mark_the_peaks_that_are_reported():
+    """Between the instants of histories a peak may be higher than they show."""
+    one = made.histories()
+    force = 1.2 * one.contact_force.max("time")
+    top, low = 1.1 * one.displacement.max("time"), 1.05 * one.displacement.min("time")
+    one = one.assign(impact_force_max=force, displacement_max=top, displacement_min=low)
+    _, floors, contact = FIGURES["histories"].draw(one).axes
+    marks = [(line.get_xdata()[0], line.get_ydata()[0]) for line in contact.lines if line.get_marker() == "o"]
+    at = [float(one.contact_force.sel(pair="a-b", storey=s).idxmax("time")) for s in (1, 2)]
+    np.testing.assert_allclose(marks, list(zip(at, force.sel(pair="a-b").values[:2], strict=True)))
+    assert max(height for _, height in marks) < contact.get_ylim()[1]
+    heights = sorted(float(line.get_ydata()[0]) for line in floors.lines if line.get_marker() == "o")
+    ends = [1e3 * values.sel(building=b, storey=s).item() for b, s in (("a", 3), ("b", 2)) for values in (top, low)]
+    np.testing.assert_allclose(heights, sorted(ends))
+    later = FIGURES["histories"].draw(one, start=1.0, end=1.5)  # after the peaks
+    assert not [line for ax in later.axes for line in ax.lines if line.get_marker() == "o"]
+    assert later.axes[-1].get_xlim() == (1.0, 1.5)
+
+
+def test_floors_touch_where_their_relative_displacement_reaches_the_gap():
+    one = made.histories(left_wall=True)
+    wall, pair = FIGURES["closing"].draw(one, end=1.0).axes
+    part = one.sel(time=slice(0.0, 1.0))
+    np.testing.assert_allclose(wall.lines[2].get_ydata(), -1e3 * part.displacement.sel(building="a", storey=3))
+    relative = part.displacement.sel(building="a", storey=2) - part.displacement.sel(building="b", storey=2)
+    np.testing.assert_allclose(pair.lines[1].get_ydata(), 1e3 * relative)
+    for ax, name in ((wall, "w1-a"), (pair, "a-b")):
+        gap = next(line for line in ax.lines if line.get_label() == "gap").get_ydata()[0]
+        assert gap == pytest.approx(1e3 * float(one.pair_gap.sel(pair=name)))
+        highest = max(np.max(line.get_ydata()) for line in ax.lines)
+        touched = bool((part.contact_force.sel(pair=name) > 0).any())
+        assert (highest > gap) == touched
+
+
+def test_loops_of_a_contact_hold_what_it_took():
+    """Of a law that gives back all, loops have no area; of one that keeps half of its force, half of the work."""
+    one = made.histories()
+    elastic = FIGURES["force-penetration"].draw(one).axes[0]
+    for line in elastic.lines:
+        depth, force = (values[np.isfinite(values)] for values in line.get_data())
+        np.testing.assert_allclose(force, 1e3 * depth)
+        assert depth.min() == 0.0  # each loop begins and ends open
+    opening = one.penetration.differentiate("time") < 0
+    lossy = one.assign(contact_force=one.contact_force.where(~opening, 0.5 * one.contact_force))
+    top = FIGURES["force-penetration"].draw(lossy).axes[0].lines[1]
+    depth, force = (np.nan_to_num(values) for values in top.get_data())
+    work = np.trapezoid(force, 1e-3 * depth)
+    put_in = sum(np.maximum(np.diff(0.5e6 * one.penetration.sel(storey=2).values[:, 0] ** 2), 0.0))
+    assert work == pytest.approx(0.5 * put_in, rel=0.05)
+    assert FIGURES["force-penetration"].draw(made.histories(touch=False)).axes[0].texts[0].get_text() == "no contact"
+
+
+def test_phase_plots_tell_contact_from_flight():
+    one = made.histories()
+    a, b = FIGURES["phase"].draw(one).axes
+    for ax, building, storey in ((a, "a", 3), (b, "b", 2)):
+        apart, near = ax.lines
+        here = one.sel(building=building, storey=storey)
+        np.testing.assert_allclose(apart.get_xdata(), 1e3 * here.displacement)
+        np.testing.assert_allclose(apart.get_ydata(), here.velocity)
+        touching = (one.contact_force.sel(pair="a-b") > 0).any("storey").values
+        np.testing.assert_array_equal(np.isfinite(near.get_xdata()), touching)
+
+
+@pytest.mark.parametrize("key", ["histories", "closing", "force-penetration", "phase"])
+def test_a_part_of_the_record_is_drawn(key):
+    one = made.histories()
+    figure = FIGURES[key].draw(one, start=0.2, end=0.6)
+    assert shows_values(figure)
+    for start, end in ((3.0, None), (0.5, 0.4), (None, -1.0), (0.5, 0.5)):
+        with pytest.raises(InputError, match=r"fewer than two instants.*they run from 0 s to 2 s"):
+            FIGURES[key].draw(one, start=start, end=end)
 
 
 @pytest.mark.parametrize("key", ["force-gap", "amplification", "law-comparison", "incremental", "required-gap"])
@@ -288,8 +365,10 @@ def test_the_middle_of_the_other_axes():
     cube = made.cube(restitution=3, record=3, scale=2)
     found, shown = middle(cube, ("law", "gap"))
     xr.testing.assert_identical(found, cube.isel(stiffness_factor=0, restitution=1, record=1, scale=0))
-    assert shown == "restitution 0.6; record r2; scale 0.5"
-    assert middle(cube.isel(gap=2, scale=1), ("law",))[1].startswith("gap 0.006 m; restitution 0.6; record r2")
+    assert shown == "restitution 0.6 (one of 3); record r2 (one of 3); scale 0.5 (one of 2)"
+    chosen = cube.isel(gap=2, scale=1, storey=1).squeeze("stiffness_factor")
+    told = "gap 6 mm; stiffness factor 1; restitution 0.6 (one of 3); record r2 (one of 3); scale 1; storey 2"
+    assert middle(chosen, ("law",))[1] == told
 
 
 def test_listed_cases_are_drawn_one_by_one():
@@ -298,8 +377,160 @@ def test_listed_cases_are_drawn_one_by_one():
     with pytest.raises(InputError, match="--at case=N"):
         FIGURES["profiles"].draw(cases)
     figure = FIGURES["profiles"].draw(select(cases, {"case": 2}))
-    assert {line.get_label() for line in figure.axes[2].lines} == {"hertz"}
+    assert {line.get_label() for line in figure.axes[2].lines} == {"Hertz"}
     assert figure.get_suptitle() == "case 2"
+
+
+# -- axes that are chosen ----------------------------------------------------------------------------------------------
+
+
+def of_periods(record=1, periods=5):
+    """A cube along the period of building a, with what follows from it, and along the gap."""
+    cube = made.cube(record=record, stiffness_factor=periods, restitution=1)
+    cube = cube.rename(stiffness_factor="period_factor_a").assign_coords(
+        period_factor_a=np.geomspace(0.5, 2.0, periods)
+    )
+    ratio = {"units": "1", "long_name": "period ratio T1/T2 of a and b"}
+    follows = 1.7 / cube["period_factor_a"].values[::-1]
+    return cube.assign_coords(
+        period_ratio_a_b=("period_factor_a", follows[::-1], ratio)
+    )  # falls where the factor rises
+
+
+def test_a_map_over_period_ratio_and_gap():
+    cube = of_periods()
+    ax, below, _ = FIGURES["map"].draw(cube).axes
+    assert below.get_xlabel() == "period ratio T1/T2 of a and b (-)"
+    assert ax.get_ylabel() == "gap (mm)"
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "linear")
+    want = cube["impact_force_max"].isel(law=0).max("storey").squeeze().transpose("gap", "period_factor_a")
+    np.testing.assert_allclose(ax.collections[-1].get_array(), want.values[:, ::-1])
+    swapped = FIGURES["map"].draw(cube.sel(law=["linear"]), x="gap", y="period_factor_a").axes[0]
+    assert swapped.get_xlabel() == "gap (mm)"
+    np.testing.assert_allclose(swapped.collections[-1].get_array(), want.values.T)
+
+
+def test_a_map_of_an_amplification():
+    cube = of_periods()
+    touches = (cube["gap"] > 0.002) & (cube["law"] != "none")
+    cube["impact_count"] = cube["impact_count"].where(touches, 0)
+    figure = FIGURES["map"].draw(cube, value="drift_max_ratio", x="gap", contours=True)
+    drift = cube["drift_max"]
+    ratio = (drift.sel(law="linear") / drift.sel(law="none")).max("storey").squeeze()
+    want = ratio.sel(building="b").sortby("period_ratio_a_b").transpose("period_factor_a", "gap").values
+    meshes = [each for each in figure.axes[1].collections if isinstance(each, QuadMesh)]
+    grey, drawn = (np.ma.filled(mesh.get_array(), np.nan) for mesh in meshes)
+    np.testing.assert_allclose(drawn[:, 1:], want[:, 1:])
+    assert np.isnan(drawn[:, 0]).all()
+    assert (np.isfinite(grey) == np.isnan(drawn)).all()
+    low, high = meshes[1].norm.vmin, meshes[1].norm.vmax
+    assert low * high == pytest.approx(1.0)  # no change has the colour in the middle
+    assert figure.axes[0].get_title() == "Linear spring\nbuilding a"
+    assert figure.axes[-1].get_ylabel() == "amplification of the largest interstorey drift (-)"
+
+
+@pytest.mark.parametrize("key", ["force-gap", "amplification", "law-comparison"])
+def test_any_axis_of_numbers_may_be_drawn_along(key):
+    cube = of_periods(record=2)
+    for x, label, scale in (
+        ("period_ratio", "period ratio T1/T2 of a and b (-)", "log"),
+        ("gap", "gap (mm)", "linear"),
+    ):
+        (ax, *others) = FIGURES[key].draw(cube, x=x).axes
+        assert [each.get_xscale() for each in (ax, *others)] == [scale] * (1 + len(others))
+        assert label in [each.get_xlabel() for each in (ax, *others)]
+        values = ax.lines[-1].get_xdata()
+        assert len(values) == {"gap": 4}.get(x, 5)
+        assert (np.diff(values) > 0).all()
+
+
+def test_axes_that_cannot_be_drawn_along():
+    cube = of_periods()
+    for key, options, text in (
+        ("map", {"x": "gpa"}, "did you mean 'gap'"),
+        ("map", {"x": "gap", "y": "gap"}, "are the same, gap"),
+        ("map", {"x": "record"}, "unknown axis to draw along 'record'; valid: gap, period_factor_a, period_ratio_a_b"),
+        ("map", {"value": "impact_forces"}, "did you mean 'impact_force_max'"),
+        ("force-gap", {"value": "drift_max"}, "valid: impact_count, impact_force_max"),
+        ("amplification", {"value": "impulse_ratio"}, "unknown value to draw"),
+        ("profiles", {"value": "impulse"}, "unknown value to draw"),
+    ):
+        with pytest.raises(InputError, match=text):
+            FIGURES[key].draw(cube, **options)
+    both = cube.assign_coords(period_ratio_a_b=(("period_factor_a", "gap"), np.ones((5, 4))))
+    with pytest.raises(InputError, match="varies with period_factor_a and gap; choose one value of all but one"):
+        FIGURES["map"].draw(both, x="period_ratio_a_b", y="gap")
+    with pytest.raises(InputError, match=r"'force-gap' takes no y; map do"):
+        plot(cube, "force-gap", "x.png", y="gap")
+
+
+def test_when_an_axis_is_logarithmic():
+    for values, log in (
+        ([1.0, 2.0, 4.0], True),
+        ([0.1, 0.3, 1.0, 3.0, 10.0], True),
+        ([0.4, 0.5, 0.6, 0.8], False),  # a narrow range
+        ([2.0, 4.0, 6.0, 8.0], False),
+        ([0.0, 1.0, 2.0, 4.0], False),
+        ([1.0, 10.0], False),
+    ):
+        assert logarithmic(np.array(values)) == log
+
+
+def test_axes_of_a_figure_of_ones_own():
+    cube = of_periods().sel(law=["linear", "none"])
+    for key, options in (
+        ("map", {}),
+        ("map", {"value": "storey_shear_max_ratio"}),
+        ("force-gap", {"value": "impact_force_max"}),
+        ("amplification", {"value": "drift_max_ratio"}),
+    ):
+        own = Figure()
+        ax = own.subplots(1, 2)[1]
+        one = cube.sel(building="b") if options.get("value", "").endswith("ratio") else cube
+        assert FIGURES[key].draw(one, ax=ax, **options) is own
+        assert shows_values(own)
+        assert not own.get_suptitle()
+        assert "gap" in ax.get_title() + ax.get_ylabel() + ax.get_xlabel()
+    ax = Figure().subplots()
+    assert FIGURES["row"].draw(made.histories(), ax=ax) is ax.figure
+    assert "displacements and gaps drawn" in ax.get_title()
+    for key in ("closing", "force-penetration"):
+        ax = Figure().subplots()
+        assert FIGURES[key].draw(made.histories(), ax=ax) is ax.figure
+        assert shows_values(ax.figure)
+    with pytest.raises(InputError, match="2 x 1 panels, and axes for one are given"):
+        FIGURES["force-gap"].draw(cube, ax=ax)
+
+
+def test_notebooks_show_figures():
+    picture = FIGURES["row"].draw(made.histories())._repr_png_()
+    with Image.open(io.BytesIO(picture)) as found:
+        assert found.format == "PNG"
+        assert min(found.size) > 200
+
+
+def test_a_part_of_the_row_that_was_selected():
+    """By xarray itself, which takes the dimension away: titles of panels, or else of the figure, tell it."""
+    cube = made.cube(right_wall=True, restitution=1)
+    figure = FIGURES["force-gap"].draw(cube.sel(pair="a-b", storey=2))
+    assert figure.axes[0].get_title() == "pair a-b"
+    want = cube["impact_force_max"].sel(pair="a-b", storey=2, law="linear").squeeze()
+    np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), want)
+    assert FIGURES["profiles"].draw(cube.sel(building="b")).axes[0].get_title() == "building b"
+
+
+def test_of_many_laws_each_has_its_panels():
+    cube = made.cube()
+    more = [cube.isel(law=[0]).assign_coords(law=[law]) for law in ("hertz", "hertz_damped")]
+    cube = xr.concat([cube, *more], "law", combine_attrs="override").isel(gap=0, restitution=0, storey=slice(0, 2))
+    axes = np.array(FIGURES["profiles"].draw(cube, value="storey_shear_max").axes).reshape(4, 2)
+    for row, law in zip(axes, ("linear", "kelvin_voigt", "hertz", "hertz_damped"), strict=True):
+        *others, still, own = row[1].lines
+        assert len(others) == 3
+        for line, its in ((own, law), (still, "none")):
+            want = cube["storey_shear_max"].sel(building="b", law=its).squeeze().values
+            np.testing.assert_allclose(line.get_xdata(), np.repeat(want, 3))
+    assert axes[-1, 0].get_xlabel() == "storey shear (kN)"
 
 
 # -- the row -----------------------------------------------------------------------------------------------------------
@@ -553,6 +784,54 @@ def test_a_heading_tells_the_scenario_and_its_lines_end_between_parts():
         assert "restitution 0.6; damping ratio 0.02" in FIGURES[key].draw(one).get_suptitle()
 
 
+def test_every_axis_may_be_chosen(asked):
+    spec = build_spec(
+        scene=made.scene(right_wall=True),
+        records=pulses("one"),
+        laws="linear",
+        pgas=[1.0, 2.0],
+        period_factors={"b": [1.0, 1.5]},
+        damping_ratios=[0.02, 0.05],
+    )
+    choice = {"pga": 3.0, "period_factor_b": 2.0, "mass_factor_a": 4.0, "damping_ratio": 0.1, "gap": [0.01, 0.03]}
+    one = simulate_one(spec, **choice)
+    (scene, record), _ = asked[0]
+    assert record.pga == pytest.approx(3.0)
+    assert scene.gaps == (0.01, 0.03)
+    case = Case("linear", period_factors={"b": 2.0}, mass_factors={"a": 4.0}, damping_ratio=0.1)
+    want = case_variants(made.scene(right_wall=True), [case])[0]
+    np.testing.assert_allclose(np.concatenate([b.masses for b in scene.buildings]), want.masses[1])
+    np.testing.assert_allclose(np.concatenate([b.stiffnesses for b in scene.buildings]), want.stiffnesses[1])
+    assert one.attrs["scenario"] == "pga 3; period factor of b 2; mass factor of a 4; damping ratio 0.1"
+    assert simulate_one(spec, mass_factor_a=1.0).attrs["scenario"].endswith("mass factor of a 1; damping ratio 0.02")
+    for bad, text in (
+        ({"period_factor_c": 1.0}, "did you mean 'period_factor_b'"),
+        ({"mass_factor_a": -1.0}, r"factor is -1.0; it must be in \[0.001, 1000\]"),
+        ({"damping_ratio": 1.5}, "damping ratio is 1.5"),
+    ):
+        with pytest.raises(InputError, match=text):
+            simulate_one(spec, **bad)
+
+
+def test_histories_are_run_finer_until_they_show_their_peaks(monkeypatch):
+    """By default; a step that is asked for is the one that is taken."""
+    taken = []
+
+    def simulate(*args, output_step=None, **more):
+        taken.append(output_step)
+        step = output_step or 8e-3
+        shown = 100.0 * (1.0 - step**2 / 4e-4)
+        values = {"impact_force_max": ("pair", [100.0]), "contact_force": (("time", "pair"), [[0.0], [shown]])}
+        return xr.Dataset(values, attrs={"time_step": step})
+
+    monkeypatch.setattr("pounding_sweep.run.simulate.simulate", simulate)
+    spec = build_spec(scene=made.scene(), records=pulses("one"), laws="linear")
+    assert peaks_shown(simulate_shown(spec)) == pytest.approx(0.99)
+    assert taken == [None, 4e-3, 2e-3]
+    simulate_shown(spec, 5e-3)
+    assert taken[3:] == [5e-3]
+
+
 def test_choices_are_checked(asked):
     spec = build_spec(scene=made.scene(), records=pulses("one"), laws="linear")
     for choice, text in (
@@ -589,6 +868,37 @@ def command(*words, code=0):
     done = CliRunner().invoke(app, list(map(str, words)))
     assert done.exit_code == code, done.output
     return done
+
+
+def test_options_of_figures_on_the_command_line(tmp_path):
+    cube, one, picture = tmp_path / "cube.nc", tmp_path / "one.nc", tmp_path / "x.png"
+    write_cube(of_periods(), cube)
+    write_cube(made.histories(), one)
+    words = ("plot", cube, "map", "-o", picture, "--dpi", "20")
+    command(*words, "--x", "gap", "--y", "period_ratio", "--value", "drift_max_ratio", "--contours")
+    assert picture.stat().st_size > 1000
+    assert "did you mean 'gap'" in command(*words, "--x", "gpa", code=2).stderr
+    command("plot", one, "phase", "-o", tmp_path / "y.png", "--dpi", "20", "--start", "0.5", "--end", "1")
+    said = command("plot", one, "histories", "-o", picture, "--x", "gap", code=2).stderr
+    assert re.search(r"'histories' takes no x; amplification, force-gap, law-comparison, map do", said)
+
+
+@pytest.mark.parametrize("name", ["simulate", "animate"])
+def test_choices_of_a_scenario_on_the_command_line(tmp_path, name):
+    """What is wrong is said before anything is run."""
+    sweep = tmp_path / "s.toml"
+    sweep.write_text(SWEEP)
+    for words, text in (
+        (["--gap", "0.1", "--at", "gap=0.2"], "gap is given twice, by --gap and by --at"),
+        (["--at", "pga=1", "--at", "pga=2"], "--at gives 2 values of pga"),
+        (["--at", "gap=wide"], "--at gap=wide is no number"),
+        (["--at", "case=1.5"], "--at case=1.5 is no whole number"),
+        (["--at", "period_factor_hgh=2"], "did you mean 'period_factor_high'"),
+        (["--at", "gap=1", "--at", "gap=1", "--at", "gap=1"], "3 gaps for a row of 3; give 2"),
+        (["--output-step", "0"], "output_step is 0.0; it must be a positive number"),
+    ):
+        done = command(name, sweep, "-o", tmp_path / ("x.nc" if name == "simulate" else "x.gif"), *words, code=2)
+        assert text in done.stderr, done.stderr
 
 
 @pytest.mark.slow
@@ -690,8 +1000,20 @@ def test_several_values_are_not_drawn_as_one(tmp_path):
 
 
 def test_histories_of_one_instant_are_refused():
-    for key in ("histories", "row"):
+    for key in ("histories", "row", "closing", "force-penetration", "phase"):
         assert FIGURES[key].lacks(made.histories().isel(time=3)) == ("several times",)
+
+
+@pytest.mark.parametrize("key", ["fragility", "incremental"])
+def test_figures_of_suites_name_laws_and_records_and_take_the_spacing_of_scales(key):
+    cube = made.cube(record=2, scale=4, law=2).isel(gap=[0])
+    for scales, spacing in (([0.5, 1.0, 1.5, 2.0], "linear"), ([0.25, 0.5, 1.0, 2.0], "log")):
+        figure = FIGURES[key].draw(cube.assign_coords(scale=scales))
+        assert {ax.get_xscale() for ax in figure.axes} == {spacing}
+        assert "2 records" in figure.get_suptitle()
+        assert "Linear spring" in figure.get_suptitle() + figure.axes[0].get_title()
+    alone = cube.isel(record=[0]).assign_coords(record=["el_centro"])
+    assert "record Imperial Valley 1940" in FIGURES[key].draw(alone).get_suptitle()
 
 
 def test_marks_of_a_fragility_are_those_of_its_stripes():

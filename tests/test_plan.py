@@ -9,6 +9,7 @@ import math
 import os
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -457,3 +458,31 @@ def test_a_gap_that_is_just_closed_is_run():
     plan = make_plan(build_spec(scene=row(), records=motions()[0], laws="linear", gaps=gaps, dt=0.005))
     found = untouched(plan, np.full((len(plan.uncoupled_runs), len(row().contacts)), closing))
     assert found[np.argsort(plan.unique.gaps[:, 0])].tolist() == [False, False, False, True]
+
+
+def test_a_plan_is_printed_as_the_command_prints_it():
+    sweep = Sweep(row(), motions(), **PRODUCT, title="A <plan>")
+    plan = sweep.plan()
+    lines = str(plan).splitlines()
+    assert lines[0] == "sweep      A <plan>"
+    assert "axes       4 law x 5 gap x 2 stiffness_factor x 2 restitution x 2 record x 2 scale" in lines
+    assert f"scenarios  {plan.n_asked} asked, at most {plan.n_unique} to run" in lines
+    assert repr(plan) == f"Plan({plan.n_asked} scenarios asked, at most {plan.n_unique} to run)"
+    shown = ElementTree.fromstring(plan._repr_html_())
+    assert shown.findtext("caption") == "A <plan>"
+    cells = [[cell.text for cell in line] for line in shown.iter("tr")]
+    assert [f"{name or '':9}  {text}" for name, text in cells] == lines[1:]
+
+
+def test_scenes_and_sweeps_in_notebooks():
+    scene = Scene([Building("a <b>", [100.0, 50.0], [1e5, 1e5]), Building("c", [80.0], [2e5]), Wall()], [0.01, 0.02])
+    table = [[cell.text for cell in line] for line in ElementTree.fromstring(scene._repr_html_()).iter("tr")]
+    period = f"{scene.buildings[0].periods[0]:.4g}"
+    assert table[1] == ["a <b>", "2", "150", period, "10"]
+    assert table[3] == ["wall", "wall", None, None, None]
+    sweep = Sweep(row(), motions()[0], ["linear", "none"], gaps=[0.001 * i for i in range(1, 13)])
+    table = [[cell.text for cell in line] for line in ElementTree.fromstring(sweep._repr_html_()).iter("tr")]
+    assert table[1] == ["law", "2", "linear, none"]
+    assert table[2] == ["gap", "12", "0.001, 0.002, 0.003, 0.004, ..., 0.012"]
+    cases = Sweep(row(), motions()[0], cases=[{"law": "none", "scale": s} for s in (1.0, 2.0)])
+    assert "listed scenarios" in cases._repr_html_()

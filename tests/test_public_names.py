@@ -29,7 +29,7 @@ CALLS = {
     "synthetic_record": "(seed, *, duration=20.0, dt=0.01, pga=3.0, name=None)",
     "Range": "(start, stop, count, spacing='linear')",
     "simulate": "(scene, record, *, law='none', stiffness=None, restitution=None, method=None, dt=None, locate=True, "
-    "initial_velocity=None, precision=None, accuracy=None)",
+    "initial_velocity=None, precision=None, accuracy=None, output_step=None)",
     "Sweep": "(scene, records, laws=None, *, gaps=None, stiffnesses=None, stiffness_factors=None, restitutions=None, "
     "scales=None, period_factors=None, mass_factors=None, damping_ratios=None)",
     "Sweep.plan": "(self)",
@@ -44,11 +44,12 @@ COMMANDS = {
     "run": "sweep -o --output --scheduler --workers --accuracy --records --skip-missing-records --overwrite --extend",
     "plan": "sweep --workers --accuracy --records --json",
     "info": "cube --json",
-    "plot": "cube kind -o --output --at --dpi --list",
+    "plot": "cube kind -o --output --at --x --y --value --contours --start --end --dpi --list",
     "export": "cube -o --output --var --at --overwrite",
     "merge": "cubes -o --output --tolerance --overwrite",
     "compare": "cube --what -o --output --reference --event --level --records --json",
-    "simulate": "sweep -o --output --law --gap --stiffness --stiffness-factor --restitution --record --scale --case",
+    "simulate": "sweep -o --output --law --gap --stiffness --stiffness-factor --restitution --record --scale --case "
+    "--at --output-step",
     "animate": "sweep -o --output --start --end --frames --speed",
     "tradeoff": "sweep -o --output --steps --scenarios --seed --plot --workers --json",
     "extremes": "--scenes --seed --law --family --precision --map --plot --workers --json",
@@ -78,7 +79,14 @@ MEANINGS = (
 
 
 def test_names():
-    known = {name.partition(".")[0] for name in CALLS} | {"LAWS", "Law", "PoundingSweepError", "__version__"}
+    known = {name.partition(".")[0] for name in CALLS} | {
+        "LAWS",
+        "Law",
+        "PoundingSweepError",
+        "__version__",
+        "analysis",
+        "figures",
+    }
     assert known <= set(ps.__all__) == set(dir(ps))
     assert all(hasattr(ps, name) for name in ps.__all__)
 

@@ -74,15 +74,15 @@ def test_plot_draws_the_records_at_hand(folder):
     out = folder / "motions.svg"
     assert call("records", "plot", "--records", folder, "-o", out).stdout.strip() == str(out)
     text = out.read_text()
-    assert all(name in text for name in ("el_centro", "arleta", "damping ratio 0.05", "pseudo-acceleration"))
+    assert all(name in text for name in ("El Centro", "Arleta", "damping ratio 0.05", "pseudo-acceleration"))
 
 
 def test_plot_draws_the_records_named(folder):
     out = folder / "one.svg"
     call("records", "--records", folder, "plot", "arleta", "--damping", "0.02", "-o", out)
     text = out.read_text()
-    assert "arleta" in text
-    assert "el_centro" not in text
+    assert "Arleta" in text
+    assert "El Centro" not in text
     assert "damping ratio 0.02" in text
 
 

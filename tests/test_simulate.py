@@ -6,17 +6,18 @@ import re
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from kernels_used import LAW_OF, SIMULATED
 from naive import NaiveBuilding, run
 
 import pounding_sweep as ps
-from pounding_sweep.base.errors import PoundingSweepError, StabilityError
+from pounding_sweep.base.errors import InputError, PoundingSweepError, StabilityError
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import INTEGER_FILL, VARIABLES, Status
 from pounding_sweep.run.one_scenario import simulate_one
-from pounding_sweep.run.simulate import NOT_OF_ONE
+from pounding_sweep.run.simulate import NOT_OF_ONE, peaks_shown
 from pounding_sweep.spec.spec import METHODS
 
 pytestmark = pytest.mark.usefixtures("pair_kernels")
@@ -101,6 +102,19 @@ def test_peaks_are_those_of_the_histories():
     late = first - got.first_impact_time.values[0]
     assert np.all(late[first > 0] >= 0)
     assert np.all(late[first > 0] <= 5e-4)
+
+
+def test_an_output_step_is_the_time_between_instants():
+    """Longer than the step it leaves instants out, and changes nothing; shorter, the run takes steps as short."""
+    whole, thin, fine = (shake("hertz_damped", dt=1e-3, output_step=s) for s in (None, 4.5e-3, 2.5e-4))
+    xr.testing.assert_identical(thin.isel(time=slice(1, None)), whole.isel(time=slice(4, None, 4)))
+    np.testing.assert_allclose(np.diff(fine.time), 2.5e-4)
+    assert fine.attrs["time_step"] == pytest.approx(2.5e-4)
+    xr.testing.assert_identical(fine, shake("hertz_damped", dt=2.5e-4).assign_attrs(fine.attrs))
+    assert peaks_shown(thin) < peaks_shown(whole) < peaks_shown(fine) <= 1.0 + 1e-9
+    for bad in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(InputError, match=r"output_step is .*; it must be a positive number of seconds"):
+            shake("linear", output_step=bad)
 
 
 @pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped"])

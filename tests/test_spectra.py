@@ -337,7 +337,7 @@ def test_spectra_are_drawn_one_line_each(histories):
         expected = found["pseudo_acceleration"].sel(building=building, storey=3).values
         assert np.array_equal(lines[2].get_ydata(), expected)
         assert figure.axes[column].get_ylim()[1] >= found["pseudo_acceleration"].max().item()
-    assert figure._suptitle.get_text() == "Floor spectra, el_centro_start, linear, damping ratio 0.05"
+    assert figure._suptitle.get_text() == "Floor spectra; el_centro_start; Linear spring; damping ratio 0.05"
 
 
 def suite(count):

@@ -7,6 +7,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Sequence
+from html import escape
 from typing import Any
 
 from pounding_sweep.base.text import printable
@@ -29,6 +30,24 @@ def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0) -> None:
             print(textwrap.fill(text, columns, initial_indent=lead, subsequent_indent=" " * len(lead)))
         else:
             print(lead + text)
+
+
+def pairs_text(rows: Sequence[tuple[str, str]]) -> str:
+    """Return names with their texts, aligned, a line each."""
+    width = max((len(name) for name, _ in rows), default=0)
+    return "\n".join(f"{printable(name):{width}}  {printable(text)}" for name, text in rows)
+
+
+def html_table(rows: Sequence[Sequence[str]], headings: Sequence[str] = (), caption: str = "") -> str:
+    """Return a table as notebooks show it."""
+
+    def cells(tag: str, row: Sequence[str]) -> str:
+        style = ' style="text-align: left"'
+        return "<tr>" + "".join(f"<{tag}{style}>{escape(printable(cell))}</{tag}>" for cell in row) + "</tr>"
+
+    head = f"<thead>{cells('th', headings)}</thead>" if headings else ""
+    above = f"<caption>{escape(printable(caption))}</caption>" if caption else ""
+    return f"<table>{above}{head}<tbody>{''.join(cells('td', row) for row in rows)}</tbody></table>"
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None:

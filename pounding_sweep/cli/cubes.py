@@ -114,6 +114,19 @@ def plot_command(
         Path | None, typer.Option("-o", "--output", metavar="FILE", help=FIGURE_FILE, show_default=False)
     ] = None,
     at: At = None,
+    x: Annotated[
+        str | None, typer.Option("--x", metavar="AXIS", help="Axis of numbers to draw along, such as period_ratio.")
+    ] = None,
+    y: Annotated[str | None, typer.Option("--y", metavar="AXIS", help="Of a map, the other axis.")] = None,
+    value: Annotated[
+        str | None,
+        typer.Option("--value", metavar="NAME", help="What to draw: a variable, or its amplification NAME_ratio."),
+    ] = None,
+    start: Annotated[
+        float | None, typer.Option("--start", metavar="S", help="Of histories, the first instant drawn (s).")
+    ] = None,
+    end: Annotated[float | None, typer.Option("--end", metavar="S", help="Of histories, the last instant (s).")] = None,
+    contours: Annotated[bool, typer.Option("--contours", help="Of a map, lines of equal value as well.")] = False,
     dpi: Annotated[float, typer.Option(metavar="N", help="Dots per inch of a PNG.")] = 150.0,
     only_list: Annotated[
         bool, typer.Option("--list", help="List the figures, and what of them CUBE.nc allows.")
@@ -140,7 +153,8 @@ def plot_command(
                 msg = f"-o is missing; give the file to draw into, such as -o {kind}.png"
                 raise InputError(msg)
             else:
-                print(plot(chosen, kind, out, dpi=dpi))
+                more = {"x": x, "y": y, "value": value, "contours": contours or None, "start": start, "end": end}
+                print(plot(chosen, kind, out, dpi=dpi, **more))
 
 
 def _drawn(dataset: xr.Dataset, values: dict[str, list[str]], kind: str | None) -> xr.Dataset:

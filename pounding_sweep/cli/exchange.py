@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pounding_sweep.base.tables import print_pairs
 from pounding_sweep.cli.app import At, CubeFile, Overwrite, app
 from pounding_sweep.cli.cubes import axis_values
-from pounding_sweep.cli.reporting import reporting
+from pounding_sweep.cli.reporting import reporting, say
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @app.command("export")
@@ -26,16 +29,76 @@ def export_command(
         list[str] | None, typer.Option("--var", metavar="NAME", help="Only this variable; repeat for several.")
     ] = None,
     at: At = None,
+    table: Annotated[
+        bool,
+        typer.Option(
+            "--table",
+            help="One row per scenario: inputs, measures of its record, all outputs, status, audited errors.",
+        ),
+    ] = False,
+    limit_states: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--limit-state",
+            metavar="NAME=EVENT[:LEVEL]",
+            help="Of a fragility (.xml, OpenQuake NRML): touch=touch, severe=drift:0.03; repeat, the mildest first.",
+        ),
+    ] = None,
+    pelicun: Annotated[
+        str | None,
+        typer.Option(
+            "--pelicun", metavar="BUILDING", help="Demands of this building, as Pelicun (FEMA P-58) reads CSV."
+        ),
+    ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr."""
+    """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr, or for OpenQuake or Pelicun."""
     with reporting():
+        from pounding_sweep.base.errors import InputError
         from pounding_sweep.output.export import export_cube
         from pounding_sweep.output.netcdf import open_cube
         from pounding_sweep.output.select import select
 
+        if limit_states and out.suffix.lower() != ".xml":
+            msg = f"--limit-state is for a fragility, and {str(out)!r} is none; give -o FILE.xml, or leave it out"
+            raise InputError(msg)
+        other = out.suffix.lower() == ".xml" or pelicun is not None
+        if other and (names or table):
+            msg = f"--{'var' if names else 'table'} is for tables of the cube itself; leave it out"
+            raise InputError(msg)
         with open_cube(cube) as found:
-            print(export_cube(select(found, axis_values(at or [])), out, names or (), overwrite=overwrite))
+            if other:
+                _other_tools(
+                    select(found, axis_values(at or [])), out, limit_states or [], pelicun, overwrite=overwrite
+                )
+                return
+            print(export_cube(select(found, axis_values(at or [])), out, names or (), overwrite=overwrite, table=table))
+
+
+def _other_tools(part: xr.Dataset, out: Path, limit_states: list[str], pelicun: str | None, *, overwrite: bool) -> None:
+    """Write what OpenQuake or Pelicun reads."""
+    from pounding_sweep.analysis.exchange import export_nrml, export_pelicun
+
+    if pelicun is not None:
+        say(f"{export_pelicun(part, out, pelicun, overwrite=overwrite)} samples of building {pelicun}")
+    else:
+        given = dict(map(_limit_state, limit_states or ["touch=touch"]))
+        for name, why in export_nrml(part, out, given, overwrite=overwrite).items():
+            say(f"warning: {name} is left out: {why}")
+    print(out)
+
+
+def _limit_state(text: str) -> tuple[str, tuple[str, float | None]]:
+    """Read NAME=EVENT[:LEVEL]."""
+    from pounding_sweep.base.errors import InputError
+
+    name, _, rest = text.partition("=")
+    event, _, level = rest.partition(":")
+    try:
+        return name, (event, float(level) if level else None)
+    except ValueError:
+        msg = f"--limit-state {text!r}: {level!r} is no level; give NAME=EVENT or NAME=EVENT:LEVEL, severe=drift:0.03"
+        raise InputError(msg) from None
 
 
 @app.command("merge")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import Folders, Overwrite, SweepFile, app
 from pounding_sweep.cli.reporting import reporting, say
 from pounding_sweep.cli.run import SkipMissing
@@ -30,6 +31,23 @@ Restitution = Annotated[float | None, typer.Option("--restitution", metavar="E",
 RecordName = Annotated[str | None, typer.Option("--record", metavar="NAME", help="One of the sweep's records.")]
 Scale = Annotated[float | None, typer.Option("--scale", metavar="X", help="Factor on the record.")]
 CaseNumber = Annotated[int | None, typer.Option("--case", metavar="N", help="Listed case, from 1.")]
+Chosen = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--at",
+        metavar="AXIS=VALUE",
+        help="This value of any axis, such as period_factor_left, damping_ratio or pga; gap once per pair, or once.",
+    ),
+]
+OutputStep = Annotated[
+    float | None,
+    typer.Option(
+        "--output-step",
+        metavar="S",
+        help="Largest time (s) between instants of the histories; by default the sweep's step, or as short as it takes "
+        "to show every peak that is reported.",
+    ),
+]
 
 
 @app.command("simulate")
@@ -44,6 +62,8 @@ def simulate_command(
     record: RecordName = None,
     scale: Scale = None,
     case: CaseNumber = None,
+    at: Chosen = None,
+    output_step: OutputStep = None,
     folders: Folders = None,
     skip_missing: SkipMissing = False,
     overwrite: Overwrite = False,
@@ -57,6 +77,8 @@ def simulate_command(
             sweep,
             folders,
             skip_missing,
+            at or [],
+            output_step=output_step,
             case=case,
             law=law,
             gap=gap,
@@ -87,6 +109,8 @@ def animate_command(
     record: RecordName = None,
     scale: Scale = None,
     case: CaseNumber = None,
+    at: Chosen = None,
+    output_step: OutputStep = None,
     folders: Folders = None,
     skip_missing: SkipMissing = False,
     start: Annotated[
@@ -119,6 +143,8 @@ def animate_command(
             sweep,
             folders,
             skip_missing,
+            at or [],
+            output_step=output_step,
             case=case,
             law=law,
             gap=gap,
@@ -131,12 +157,47 @@ def animate_command(
         print(animate(one, out, start=start, end=end, frames=frames, speed=speed))
 
 
-def _simulate(sweep: Path, folders: list[Path] | None, skip_missing: bool, **choice: Any) -> xr.Dataset:
-    """Run the scenario that is chosen as for `simulate_one`; say which it is."""
+def _simulate(
+    sweep: Path,
+    folders: list[Path] | None,
+    skip_missing: bool,
+    at: list[str],
+    *,
+    output_step: float | None,
+    **choice: Any,
+) -> xr.Dataset:
+    """Run the scenario that is chosen as for `simulate_one`; say which it is, and how fine its histories are."""
+    from pounding_sweep.cli.cubes import axis_values
     from pounding_sweep.figures.shown import heading
-    from pounding_sweep.run.one_scenario import simulate_one
+    from pounding_sweep.run.one_scenario import simulate_shown
+    from pounding_sweep.run.simulate import peaks_shown
     from pounding_sweep.run.sweep import load_sweep
 
-    one = simulate_one(load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec, **choice)
+    for name, values in axis_values(at).items():
+        if choice.get(name) is not None:
+            msg = f"{name} is given twice, by --{name.replace('_', '-')} and by --at; leave one out"
+            raise InputError(msg)
+        choice[name] = _value(name, values)
+    spec = load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec
+    one = simulate_shown(spec, output_step, **choice)
     say(heading(one))
+    if "time" in one.sizes and one.sizes["time"] > 1:
+        step = 1e3 * float(one["time"][1] - one["time"][0])
+        say(f"histories at steps of {step:.4g} ms show at least {peaks_shown(one):.1%} of every peak")
     return one
+
+
+def _value(name: str, values: list[str]) -> Any:
+    """Return a value given by --at: a text, a number, or, of gaps, one number per pair."""
+    if name in ("law", "record"):
+        found: list[Any] = list(values)
+    else:
+        try:
+            found = [int(value) if name == "case" else float(value) for value in values]
+        except ValueError:
+            msg = f"--at {name}={values[0]} is no {'whole ' * (name == 'case')}number"
+            raise InputError(msg) from None
+    if len(found) > 1 and name != "gap":
+        msg = f"--at gives {len(found)} values of {name}, and one scenario has one; give one"
+        raise InputError(msg)
+    return found if len(found) > 1 else found[0]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.base.tables import bytes_text, number_text, print_json, print_pairs, print_table, seconds_text
+from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table, seconds_text
 from pounding_sweep.base.text import printable
 from pounding_sweep.cli.app import AsJson, Folders, SweepFile, Workers, app
 from pounding_sweep.cli.reporting import FAILED, reporting, say
@@ -113,7 +113,6 @@ def plan_command(
     """Say what a sweep would run, and at what cost; nothing is run."""
     with reporting():
         from pounding_sweep.engine.compile import still_to_compile
-        from pounding_sweep.outputs.variables import Status
         from pounding_sweep.run.execute import check_scheduler
 
         n_workers = check_scheduler("threads", workers)
@@ -129,27 +128,8 @@ def plan_command(
             print_json(found)
             return
         print(printable(str(job.spec.title or sweep)))
-        axes = " x ".join(f"{len(values)} {name}" for name, values in job.spec.axes.items())
-        least = found["steps_least"]
-        steps = ", ".join(
-            f"{count if least[name] == count else f'{least[name]} to {count}'} ({name})"
-            for name, count in found["steps"].items()
-        )
         compiling = f"{missing} to compile: about {seconds_text(seconds)} of CPU time" if missing else "all compiled"
-        rows = [
-            ("axes", axes or f"{found['asked']} listed cases"),
-            ("scenarios", f"{found['asked']} asked, at most {found['at_most']} to run"),
-            ("", "(those that never touch are left out once the run without pounding is known)"),
-            ("kernels", f"{found['kernels']}, {compiling}"),
-            ("steps", f"{steps} per scenario"),
-            ("time", f"about {seconds_text(found['seconds'])} with {n_workers} workers, compilation of kernels apart"),
-            ("cube", f"{bytes_text(found['cube_bytes'])} of values"),
-        ]
-        if limit is not None:
-            remedy = f"{Status.BEYOND_STABILITY_LIMIT.remedy}; every scenario is stable at dt <= {limit:.3g} s"
-            rows.insert(3, ("refused", f"{found['refused']}: beyond the stability limit; {remedy}"))
-        if found["accuracy_choice"]:
-            rows.insert(-2, ("accuracy", found["accuracy_choice"]))
+        rows = plan.rows(found, compiling)
         rows += _left_out(found)
         print_pairs(rows)
 

@@ -1,4 +1,4 @@
-"""Figures: each takes a dataset and returns a matplotlib figure.
+"""Figures: each takes a dataset and returns a matplotlib figure; `force_gap` draws ``force-gap``, and so do all others.
 
 Each is defined and registered in a module of `pounding_sweep.figures.gallery` that is named after it. matplotlib is
 imported in this package, by the paper's figures, and nowhere else.
@@ -9,11 +9,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
+from inspect import signature
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
-from pounding_sweep.base.deferred import Registry, key_of
+from pounding_sweep.base.deferred import Registry, attribute, key_of
 from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.figures.style import in_style
@@ -39,10 +41,16 @@ class Kind:
     key: str
     title: str
     source: str
-    draw: Callable[[xr.Dataset], Figure]
+    draw: Callable[..., Figure]
     needs: tuple[str, ...]
     several: tuple[str, ...]
     also: Callable[[xr.Dataset], str]
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """What of the figure may be chosen: the arguments of its function that are given by name."""
+        parameters = signature(self.draw).parameters.values()
+        return tuple(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)
 
     def lacks(self, dataset: xr.Dataset) -> tuple[str, ...]:
         """Return in words what a dataset has not of what it needs."""
@@ -93,8 +101,11 @@ def figure_of(
     needs: tuple[str, ...] = (),
     several: tuple[str, ...] = (),
     also: Callable[[xr.Dataset], str] = lambda dataset: "",
-) -> Callable[[Callable[[Any], Figure]], Callable[[Any], Figure]]:
+) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
     """Register a function of a dataset as the figure of its module; it draws in the package's style.
+
+    Its arguments after the dataset, by name only, are options of the figure. With ``ax`` among them, it may return
+    the axes it was given.
 
     Parameters
     ----------
@@ -112,19 +123,45 @@ def figure_of(
         Says in words what else a dataset lacks; "" where that is nothing.
     """
 
-    def register(draw: Callable[[Any], Figure]) -> Callable[[Any], Figure]:
+    def register(draw: Callable[..., Any]) -> Callable[..., Figure]:
         key = key_of(draw.__module__)
 
         @wraps(draw)
-        def drawn(dataset: xr.Dataset) -> Figure:
-            require(dataset, key)
+        def drawn(dataset: xr.Dataset, **options: Any) -> Figure:
+            from matplotlib.axes import Axes
+
+            whole = with_inner_dims(dataset)
+            require(whole, key)
             with in_style():
-                return draw(dataset)
+                found = draw(whole, **options)
+            if isinstance(found, Axes):
+                return cast("Figure", found.get_figure())
+            found._repr_png_ = partial(_png, found)  # notebooks show it, though pyplot knows nothing of it
+            return cast("Figure", found)
 
         FIGURES.add(key, Kind(key, title, source, drawn, needs, several, also))
         return drawn
 
     return register
+
+
+def with_inner_dims(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a cube whose variables have the dimensions again of a building, pair or storey that was selected."""
+    from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
+
+    for dim in INNER_DIMS:
+        if dim in dataset.coords and not dataset[dim].ndim:
+            names = [name for name in map(str, dataset.data_vars) if name in VARIABLES and dim in VARIABLES[name].dims]
+            spread = {name: dataset[name].expand_dims(dim, -1) for name in names}
+            dataset = dataset.drop_vars([*names, dim]).assign(spread) if names else dataset
+    return dataset
+
+
+def _png(figure: Figure) -> bytes:
+    """Return a figure as a PNG."""
+    file = BytesIO()
+    figure.savefig(file, format="png")
+    return file.getvalue()
 
 
 #: Dots per inch that a page can be drawn in.
@@ -145,7 +182,7 @@ def require(dataset: xr.Dataset, key: str) -> None:
         raise InputError(msg)
 
 
-def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: float = 150.0) -> Path:
+def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: float = 150.0, **options: Any) -> Path:
     """Draw a figure of a dataset into a file (PNG, SVG, PDF by its suffix).
 
     Parameters
@@ -158,6 +195,8 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
         File to write.
     dpi : float
         Dots per inch of a PNG, 10 to 1200.
+    **options
+        Options of the figure, such as ``x``, ``y`` and ``value``; None leaves one out.
 
     Returns
     -------
@@ -167,8 +206,8 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
     Raises
     ------
     InputError
-        The figure is unknown, the dataset lacks what it needs or has no value to be drawn,
-        or `dpi` is out of range.
+        The figure is unknown or has no such option, the dataset lacks what it needs or has no value
+        to be drawn, or `dpi` is out of range.
     OutputError
         The file can't be written.
     """
@@ -181,7 +220,13 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
         msg = f"dpi is {dpi:g}; it must be from {low} to {high}"
         raise InputError(msg)
     target = expanded(path)
-    figure = FIGURES[kind].draw(dataset)
+    given = {name: value for name, value in options.items() if value is not None}
+    for name in given:
+        if name not in FIGURES[kind].options:
+            takers = ", ".join(key for key, each in FIGURES.items() if name in each.options)
+            msg = f"figure {kind!r} takes no {name}; " + (f"{takers} do" if takers else "nor does any other")
+            raise InputError(msg)
+    figure = FIGURES[kind].draw(dataset, **given)
     if not shows_values(figure):
         raise InputError(nothing_to_draw(dataset, kind))
     try:
@@ -192,3 +237,16 @@ def plot(dataset: xr.Dataset, kind: str, path: str | os.PathLike[str], *, dpi: f
         )
         raise OutputError(msg) from error
     return target
+
+
+#: Public names that are loaded where they are first used, beside the figures.
+_HOME = {"animate": "pounding_sweep.figures.animation"}
+
+
+def __getattr__(name: str) -> Any:
+    key = name.replace("_", "-")
+    return FIGURES[key].draw if key in FIGURES else attribute(__name__, _HOME, name)
+
+
+def __dir__() -> list[str]:
+    return sorted(["FIGURES", "SOURCES", "plot", *_HOME, *(key.replace("-", "_") for key in FIGURES)])

@@ -156,10 +156,10 @@ class _Picture:
         ground.plot(self.time[inside], one.ground_acceleration.values[inside], color="black", linewidth=0.8)
         ground.set_ylabel("ground\n(m/s²)")
         for number, pair in enumerate(pairs):
-            largest = self.forces[inside, number].max(axis=1) * 1e-3
+            largest = self.forces[inside, number].max(axis=1)
             colour, line = COLOURS[number % len(COLOURS)], LINES[number % len(LINES)]
             force[0].plot(self.time[inside], largest, color=colour, linestyle=line, linewidth=1.0, label=pair)
-            force[0].set_ylabel("force\n(MN)")
+            force[0].set_ylabel("force\n(kN)")
             force[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
         below = [ground, *force]
         for strip in below:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from textwrap import fill
+from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.analysis.comparisons import COMPARISONS
-from pounding_sweep.analysis.scenarios import COMPARISON, scenario_dims
+from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, scenario_dims
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.style import axis_label, joined, unit_text
+from pounding_sweep.figures.style import COLOURS, joined, unit_text, wrapped
+from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Status
+from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.run.one_scenario import SCENARIO_ATTRIBUTE
-from pounding_sweep.spec.axes import COLUMNS, DIMENSIONS
+from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,37 +27,50 @@ WIDTH = 100
 
 #: Attribute of an axis of which several values were asked for: a figure that draws one of them says so.
 SEVERAL = "several_asked"
+#: Lines in a panel at most, where nobody asked for more.
+_LINES_SHOWN = 5
 
-#: Responses that are drawn, the first that is there, with their label and factor.
-RESPONSES = (
-    ("impact_force_max", "peak impact force (MN)", 1e-3),
-    ("drift_max", "peak drift (mm)", 1e3),
-    ("displacement_max", "peak displacement (mm)", 1e3),
-    ("acceleration_max", "peak acceleration (m/s²)", 1.0),
-    ("storey_shear_max", "peak storey shear (MN)", 1e-3),
+#: Responses that are drawn, the first that is there, and what they are called.
+RESPONSES = {
+    "impact_force_max": "peak impact force",
+    "drift_max": "peak drift",
+    "displacement_max": "peak displacement",
+    "acceleration_max": "peak acceleration",
+    "storey_shear_max": "peak storey shear",
+}
+#: Axes that titles tell, as far as a dataset has one value of them; those by building follow, then parts of the row.
+_TOLD = (
+    "law",
+    *(dim for column in COLUMNS[:-1] for dim in DIMENSIONS[column]),
+    "record",
+    *reversed(DIMENSIONS["scale"]),
 )
+_BY_BUILDING = tuple(f"{axis.dimension}_" for axis in AXES.values() if axis.by_building)
 
 
 def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | None = None) -> tuple[xr.Dataset, str]:
-    """Take the middle value of every scenario axis that a figure does not draw."""
+    """Take one value of every scenario axis that a figure does not draw: the middle one at which floors touch.
+
+    Where nothing touches it is the middle one that has values. The text tells what was taken, and of how many.
+    """
     inner = {*INNER_DIMS, *AUDIT_DIMS}
     varied = {str(dim): size for dim, size in cube.sizes.items() if dim not in inner and dim not in keep}
     for dim in varied:
         draws_one(cube, dim)
-    cube = cube.isel(_place(cube, {dim: (size - 1) // 2 for dim, size in varied.items()}, drawn))
-    names = ["law", *(dim for column in COLUMNS[:-1] for dim in DIMENSIONS[column])]
-    names += ["record", *DIMENSIONS["scale"], "damping_ratio", "case"]
-    names += [dim for dim in varied if dim not in names]
+    cube = cube.isel(_place(cube, varied, drawn))
+    single = [str(name) for name in cube.coords if not cube[name].ndim and str(name) not in keep]
+    names = [*_TOLD, "damping_ratio", *(name for name in single if name.startswith(_BY_BUILDING)), "case", *varied]
     said = []
-    for name in names:
-        if name in keep or name not in cube.coords or cube[name].ndim:
+    for name in dict.fromkeys([*names, *INNER_DIMS]):
+        if name not in single or (name == "scale" and "pga" in single):
             continue
-        value, alone = cube[name].item(), varied.get(name, 0) == 1
-        silent = alone or cube[name].isnull().item() or (name == "scale" and value == 1.0)
-        if name in ("law", "record") or not silent:
-            text = value if isinstance(value, str) else f"{value:g}"
-            said.append(f"{name.replace('_', ' ')} {text} {unit_text(cube[name].attrs)}".rstrip())
-    return cube, "; ".join(said)
+        value, size = cube[name].item(), varied.get(name)
+        usual = size == 1 and value == 1.0
+        if name in ("law", "record") or not (usual or cube[name].isnull().item()):
+            said.append(told(cube, name, value) + (f" (one of {size})" if size and size > 1 else ""))
+    if cube.sizes.get("storey") == 1 and "storey" not in keep and "storey" in cube.coords:
+        said.append(f"storey {cube['storey'].item():g}")
+    return cube, joined(*said)
 
 
 def draws_one(dataset: xr.Dataset, axis: str, most: int = 1) -> None:
@@ -68,20 +82,70 @@ def draws_one(dataset: xr.Dataset, axis: str, most: int = 1) -> None:
         raise InputError(msg)
 
 
-def _place(cube: xr.Dataset, centre: dict[str, int], drawn: Collection[str] | None) -> dict[str, int]:
-    """Return the place next to `centre` at which anything has values; `centre` where nothing has."""
-    if not centre or _valued(cube.isel(centre), (), drawn).any():  # else all of a large cube would be read
-        return centre
-    there = _valued(cube, tuple(centre), drawn)
-    places = np.argwhere(there.values)
-    if not len(places):
-        return centre
-    steps = np.abs(places - [centre[str(dim)] for dim in there.dims]).sum(axis=1)
-    return centre | {str(dim): int(i) for dim, i in zip(there.dims, places[steps.argmin()], strict=True)}
+def told(cube: xr.Dataset, name: str, value: Any) -> str:
+    """Say that a coordinate has a value, as titles do."""
+    if name == "law":
+        return law_name(cube, value) if value else ""
+    if name == "record":
+        return f"record {record_name(value)}"
+    if isinstance(value, str):
+        return f"{name.replace('_', ' ')} {value}"
+    unit, factor = drawn_unit(cube[name].attrs)
+    return f"{name.replace('_', ' ')} {factor * value:.6g} {unit}".rstrip()
 
 
-def _valued(cube: xr.Dataset, dims: Collection[str], names: Collection[str] | None) -> xr.DataArray:
-    """Whether there are values at each place along those of `dims` that the cube's values have."""
+def records_of(result: xr.Dataset) -> str:
+    """Say which record, or how many, a result is of."""
+    if result.sizes.get("record", 1) > 1:
+        return f"{result.sizes['record']} records"
+    return told(result, "record", result["record"].values.item()) if "record" in result.coords else ""
+
+
+def lines_of(result: xr.Dataset, axis: str) -> list[int]:
+    """Return the places on an axis of which each has a line: all that were asked for, else five, evenly chosen."""
+    draws_one(result, axis, len(COLOURS))
+    most = len(COLOURS) if axis in result.coords and SEVERAL in result[axis].attrs else _LINES_SHOWN
+    return [int(place) for place in np.unique(np.linspace(0, result.sizes[axis] - 1, most).round())]
+
+
+def drawn_unit(attributes: Mapping[str, Any]) -> tuple[str, float]:
+    """Return the unit in which figures show a variable, and the factor that brings it there: mm for m, else its own."""
+    return ("mm", 1e3) if attributes.get("units") == "m" else (unit_text(attributes), 1.0)
+
+
+def law_name(cube: xr.Dataset, law: str) -> str:
+    """Return what a contact law is called: by the registry, else by the cube, else its key."""
+    if law in LAWS:
+        return LAWS[law].title
+    if {"law", "law_title"} <= set(cube.coords) and cube["law_title"].dims == cube["law"].dims:
+        keys, titles = (np.atleast_1d(cube[name].values).astype(str) for name in ("law", "law_title"))
+        return next(iter(titles[keys == law].tolist()), law)
+    return law
+
+
+def record_name(key: str) -> str:
+    """Return what a record is called: event, station and component of a known one, else its own name."""
+    return KNOWN_RECORDS[key].description if key in KNOWN_RECORDS else key
+
+
+def _place(cube: xr.Dataset, varied: Mapping[str, int], drawn: Collection[str] | None) -> dict[str, int]:
+    """Return the place next to the middle at which floors touch, else at which anything has values, else the middle."""
+    centre = {dim: (size - 1) // 2 for dim, size in varied.items()}
+    if not any(centre.values()) and max(varied.values(), default=1) == 1:
+        return centre
+    for touching in (True, False):
+        if _valued(cube.isel(centre), (), drawn, touching).any():  # else all of a large cube would be read
+            return centre
+        there = _valued(cube, tuple(centre), drawn, touching)
+        places = np.argwhere(there.values)
+        if len(places):
+            steps = np.abs(places - [centre[str(dim)] for dim in there.dims]).sum(axis=1)
+            return centre | {str(dim): int(i) for dim, i in zip(there.dims, places[steps.argmin()], strict=True)}
+    return centre
+
+
+def _valued(cube: xr.Dataset, dims: Collection[str], names: Collection[str] | None, touching: bool) -> xr.DataArray:
+    """Whether there are values, of rows whose floors touch, at each place along those of `dims` that the cube has."""
     import xarray as xr
 
     if "status" in cube.data_vars:
@@ -89,8 +153,13 @@ def _valued(cube: xr.Dataset, dims: Collection[str], names: Collection[str] | No
     else:
         of = [cube[name] for name in cube.data_vars if names is None or name in names]
         parts = [part.notnull() for part in of if part.dtype.kind == "f"]
+    touch = xr.DataArray(True)
+    if touching:
+        name = next((name for name in ("touches", *TOUCH_VARIABLES) if name in cube.data_vars), None)
+        touch = xr.DataArray(False) if name is None else cube[name] > 0
+        touch = touch.any([dim for dim in INNER_DIMS if dim in touch.dims])
     found = xr.DataArray(False)
-    for part in parts:
+    for part in (part & touch for part in parts):
         found = found | part.any([dim for dim in part.dims if str(dim) not in dims])
     return found
 
@@ -132,18 +201,26 @@ def heading(one: xr.Dataset, more: str = "", width: int | None = None) -> str:
     gaps = [f"{1e3 * gap:.4g}" for gap in one.pair_gap.values] if "pair_gap" in one.coords else []
     said = f"; gap{'s' * (len(set(gaps)) > 1)} {', '.join(gaps if len(set(gaps)) > 1 else gaps[:1])} mm" if gaps else ""
     details = one.attrs.get(SCENARIO_ATTRIBUTE, "")
-    text = joined(f"{one.attrs.get('title', 'one scenario')}{said}", details, more)
-    if width is None:
-        return text
-    whole = text.replace(" ", "\xa0").replace(";\xa0", "; ")  # lines end between parts only
-    return fill(whole, width, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
+    title = one.attrs.get("title", "one scenario")
+    if {"record", "law"} <= one.attrs.keys():
+        title = f"{record_name(one.attrs['record'])}: {law_name(one, one.attrs['law'])}"
+    text = joined(f"{title}{said}", details, more)
+    return text if width is None else wrapped(text, width)
+
+
+def zoomed(one: xr.Dataset, start: float | None, end: float | None) -> xr.Dataset:
+    """Return the part of histories from `start` to `end` (s); the whole where neither is given."""
+    part = one.sel(time=slice(start, end))
+    if part.sizes["time"] < 2:
+        time = one["time"].values
+        asked = f"from {time[0] if start is None else start:g} s to {time[-1] if end is None else end:g} s"
+        msg = f"fewer than two instants of the histories lie {asked}; they run from {time[0]:g} s to {time[-1]:g} s"
+        raise InputError(msg)
+    return part
 
 
 #: Axes against which a comparison is drawn, the first of those that vary.
 _AXES = ("gap", "stiffness_factor", "stiffness", *DIMENSIONS["scale"], "restitution")
-
-#: Characters in a line of an axis label.
-_LABEL = 36
 
 
 def result_of(dataset: xr.Dataset, key: str) -> xr.Dataset:
@@ -154,11 +231,12 @@ def result_of(dataset: xr.Dataset, key: str) -> xr.Dataset:
 def drawn_response(result: xr.Dataset, key: str) -> tuple[str, str, float, str]:
     """Return name, label, factor and place ("pair" or "building") of the first of `RESPONSES` that can be drawn."""
     touching = "law" not in result.coords or bool((result["law"] != "none").any())
-    for name, label, factor in RESPONSES:
+    for name, words in RESPONSES.items():
         per = VARIABLES[name].dims[0]
         if name in result and (touching or per == "building"):
-            return name, label, factor, per
-    names = ", ".join(name for name, *_ in RESPONSES)
+            unit, factor = drawn_unit({"units": VARIABLES[name].units})
+            return name, f"{words} ({unit})", factor, per
+    names = ", ".join(RESPONSES)
     msg = f"figure {key!r} needs one of {names}, the first of a law with contact, which this cube lacks"
     raise InputError(msg)
 
@@ -173,18 +251,11 @@ def first_varied(result: xr.Dataset, but: Iterable[str] = ()) -> str | None:
 
 
 def over_storeys(part: xr.DataArray) -> xr.DataArray:
-    """Return the largest value over storeys, or the value itself of a single one."""
-    return part.max("storey") if "storey" in part.dims else part
-
-
-def drawn_axis(result: xr.Dataset, axis: str) -> tuple[np.ndarray, str]:
-    """Return the values of an axis to draw along, and its label with the unit."""
-    if axis == "gap":
-        return np.asarray(result[axis].values) * 1e3, "gap (mm)"
-    ratios = [str(name) for name in result.coords if "_ratio_" in str(name) and result[name].dims == (axis,)]
-    drawn = result[ratios[0] if ratios else axis]
-    name = str(drawn.attrs.get("long_name", axis.replace("_", " ")))
-    return np.asarray(drawn.values), fill(axis_label(name, drawn.attrs), _LABEL)
+    """Return the largest value over storeys, of minima and first times the smallest; a single value as it is."""
+    if "storey" not in part.dims:
+        return part
+    least = str(part.name).endswith("_min") or part.name == "first_impact_time"
+    return part.min("storey") if least else part.max("storey")
 
 
 def shows_values(figure: Figure) -> bool:

@@ -6,7 +6,10 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import wraps
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
+
+from pounding_sweep.base.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,6 +20,8 @@ COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#5
 #: Drawn beside the colours, so that lines are told apart without them.
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 LINES = ("-", "--", "-.", ":")
+#: Characters of a title in an inch.
+_CHARACTERS = 14
 
 _SETTINGS: dict[str, Any] = {
     "font.size": 9,
@@ -54,10 +59,22 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     return drawn
 
 
-def subplots(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
-    """Return a figure and its axes, always a 2-D array; `size` in inches."""
+def subplots(rows: int, columns: int, size: tuple[float, float], ax: Any = None) -> tuple[Any, Any]:
+    """Return a figure and its axes, always a 2-D array; `size` in inches.
+
+    With `ax`, the one panel is drawn into these axes, which stand for the figure too: titles and legends go there.
+    """
+    import numpy as np
     from matplotlib.figure import Figure
 
+    if ax is not None:
+        if rows * columns != 1:
+            msg = (
+                f"the figure has {rows} x {columns} panels, and axes for one are given; choose one value of what they "
+            )
+            msg += "are for (pair, building, law or response), or leave ax out"
+            raise InputError(msg)
+        return ax, np.array([[ax]], dtype=object)
     figure = Figure(figsize=size, layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, sharex=True, sharey="row")
 
@@ -92,10 +109,12 @@ def axis_label(name: str, attributes: Mapping[str, Any]) -> str:
     return f"{name} ({unit_text(attributes) or '-'})"
 
 
-def legend_below(figure: Figure, ax: Any, most: int = 3) -> None:
+def legend_below(figure: Any, ax: Any, most: int = 3) -> None:
     """Put a legend of the lines of one panel below all, in so many columns at most as the figure is wide enough for."""
     handles, labels = ax.get_legend_handles_labels()
-    if labels:
+    if figure is ax and labels:
+        ax.legend(handles, labels)
+    elif labels:
         each = 0.6 + 0.07 * max(map(len, labels))  # width of an entry (inches): line, name, space
         columns = max(1, min(most, len(labels), int(figure.get_figwidth() / each)))
         figure.legend(handles, labels, loc="outside lower center", ncols=columns)
@@ -116,9 +135,30 @@ def joined(*parts: str) -> str:
     return "; ".join(filter(None, parts))
 
 
-def put_title(figure: Figure, *parts: str) -> None:
-    """Write above a figure what it shows."""
-    figure.suptitle(joined(*parts), fontsize=9)
+def put_title(figure: Any, *parts: str) -> None:
+    """Write above a figure, or above axes given for it, what it shows; lines end between parts."""
+    text = joined(*parts)
+    if hasattr(figure, "suptitle"):
+        figure.suptitle(wrapped(text, int(_CHARACTERS * figure.get_figwidth())), fontsize=9)
+    else:
+        figure.set_title("\n".join(filter(None, (figure.get_title(), text))), fontsize=9)
+
+
+def wrapped(text: str, width: int) -> str:
+    """Break a title into lines of so many characters, between its parts only."""
+    whole = text.replace(" ", "\xa0").replace(";\xa0", "; ")
+    return fill(whole, width, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
+
+
+def history_look(number: int) -> dict[str, Any]:
+    """Return colour and line style of a history: it has too many points for markers."""
+    return {"color": COLOURS[number % len(COLOURS)], "linestyle": LINES[number % len(LINES)], "linewidth": 1.0}
+
+
+def legend_beside(ax: Any) -> None:
+    """Put the legend of a panel beside it, where it hides nothing."""
+    if ax.get_legend_handles_labels()[1]:
+        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
 
 
 def look(number: int) -> dict[str, Any]:

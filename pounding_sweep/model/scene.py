@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from pounding_sweep.base.errors import SceneError, shown
+from pounding_sweep.base.tables import html_table
 from pounding_sweep.base.text import label_fault
 
 #: Floors of neighbours meet where their elevations agree within this (m).
@@ -361,6 +362,16 @@ class Scene:
             elif isinstance(right, Building):
                 found += [Contact(pair, s + 1, -1, s, m) for s, m in enumerate(right.masses)]
         return tuple(found)
+
+    def _repr_html_(self) -> str:
+        rows, gaps = [], [f"{1e3 * gap:.4g}" for gap in self.gaps] + [""]
+        for item, gap in zip(self.row, gaps, strict=True):
+            if isinstance(item, Wall):
+                rows.append((item.name, "wall", "", "", gap))
+            else:
+                about = str(item.n_storeys), f"{sum(item.masses):.4g}", f"{item.periods[0]:.4g}"
+                rows.append((item.name, *about, gap))
+        return html_table(rows, ("", "storeys", "mass (t)", "first period (s)", "gap to the right (mm)"))
 
     def with_gaps(self, gaps: Sequence[float]) -> Scene:
         """Return the same row with other gaps (m)."""

@@ -146,6 +146,13 @@ def _scene_coordinates(scene: Scene) -> dict[str, tuple[tuple[str, ...], Any, di
             scatter_contact(meets, scene),
             {"units": "m", "long_name": "elevation at which the floors of the pair meet"},
         )
+        for side in ("left", "right"):
+            floors = [getattr(contact, side) for contact in scene.contacts]
+            storeys = [at - max(first for first in scene.offsets if first <= at) + 1.0 for at in floors if at >= 0]
+            own = np.full(len(floors), np.nan)  # a wall has none
+            own[np.array(floors, int) >= 0] = storeys
+            about = {"units": "1", "long_name": f"storey of the {side} building that meets there"}
+            coordinates[f"{side}_storey"] = (("pair", "storey"), scatter_contact(own, scene), about)
     return coordinates
 
 

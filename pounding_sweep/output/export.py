@@ -7,10 +7,8 @@ exported, and appear under their name only when they are complete.
 from __future__ import annotations
 
 import json
-import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,177 +18,25 @@ import numpy as np
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, unknown
 from pounding_sweep.base.files import failure, replacing, sync_folder
 from pounding_sweep.base.paths import expanded
-from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.dataset import encoding_of
 from pounding_sweep.output.integrity import reading
 from pounding_sweep.output.netcdf import check_output
-from pounding_sweep.output.slabs import BLOCK_BYTES, block_shape, slabs
-from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
+from pounding_sweep.output.slabs import BLOCK_BYTES, block_shape
+from pounding_sweep.output.tidy import Cells, TidyTable, scenarios_of
+from pounding_sweep.output.wide import HistoryTable, ScenarioTable, WideTable, has_histories
+from pounding_sweep.outputs.variables import INNER_DIMS
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-#: Rows of a table that are made at a time.
-ROWS_AT_A_TIME = 1 << 17
-#: Coordinates that describe a law at length; its key tells it.
-_PROSE = ("law_model", "law_title", "law_formula")
-#: Coordinate that is missing at the places of its dimensions where there is nothing.
-_PLACES: dict[tuple[str, ...], str] = {
-    ("building", "storey"): "floor_elevation",
-    ("pair", "storey"): "contact_elevation",
-}
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column of the table.
-
-    Attributes
-    ----------
-    name : str
-        Name of the variable or coordinate.
-    dtype : numpy.dtype
-        Type of its values; text is of kind "U".
-    attributes : dict of str to str
-        ``units``, ``long_name`` and ``comment``, as far as the cube has them.
-    """
-
-    name: str
-    dtype: np.dtype[Any]
-    attributes: dict[str, str]
-
-
-#: Values of a column, and where it has none
-Cells = tuple[np.ndarray, np.ndarray]
-
-
-class TidyTable:
-    """The long table of a cube."""
-
-    def __init__(self, cube: xr.Dataset, names: Iterable[str] = ()) -> None:
-        cube = scenarios_of(cube, names)
-        self._cube = cube
-        self._outer = [str(dim) for dim in cube.dims if dim not in INNER_DIMS]
-        self._sizes = [cube.sizes[dim] for dim in self._outer]
-        kinds = [_inner(cube[name]) for name in cube.data_vars]
-        whole = [kind for kind in dict.fromkeys(kinds) if not any(set(kind) < set(other) for other in kinds)]
-        self._groups = [_Group(cube, kind, self._outer) for kind in whole]
-        coordinates = [str(name) for name in cube.coords if name not in _PROSE]
-        axes = [name for name in self._outer if name in coordinates]
-        places = [name for name in INNER_DIMS if name in coordinates]
-        more = [name for name in coordinates if name not in (*axes, *places)]
-        wanted = [*axes, *more, *places, *map(str, cube.data_vars)]
-        self.columns = tuple(
-            _column(cube[name]) for name in wanted if any(group.takes(cube[name]) for group in self._groups)
-        )
-        self.n_rows = math.prod(self._sizes) * sum(group.size for group in self._groups)
-
-    def parts(self) -> Iterator[dict[str, Cells]]:
-        """Make the table part by part."""
-        each = sum(group.size for group in self._groups)
-        shape = block_shape(self._sizes, max(1, ROWS_AT_A_TIME // max(1, each)))
-        for slab in slabs(self._sizes, shape):
-            part = self._cube.isel(dict(zip(self._outer, slab, strict=True))).load()
-            sizes = [part.sizes[dim] for dim in self._outer]
-            yield {column.name: self._cells(part[column.name], column, sizes) for column in self.columns}
-
-    def _cells(self, given: xr.DataArray, column: Column, sizes: Sequence[int]) -> Cells:
-        values, missing = [], []
-        for group in self._groups:
-            if group.takes(given):
-                found = group.spread(given, sizes)
-                gone = np.isnan(found) if found.dtype.kind == "f" else np.zeros(found.shape, bool)
-                if column.dtype.kind in "iu" and found.dtype.kind == "f":
-                    found = np.where(gone, 0, found)
-                values.append(found.astype(column.dtype))
-                missing.append(gone)
-            else:
-                values.append(np.zeros((math.prod(sizes), group.size), column.dtype))
-                missing.append(np.ones(values[-1].shape, bool))
-        return np.concatenate(values, axis=1).ravel(), np.concatenate(missing, axis=1).ravel()
-
-
-@dataclass(frozen=True)
-class _Group:
-    """Places of one kind in a scenario: floors, contacts, buildings, pairs, or the scenario as a whole."""
-
-    cube: xr.Dataset
-    kind: tuple[str, ...]
-    outer: list[str]
-
-    @property
-    def dims(self) -> list[str]:
-        """Dimensions of the places, without those that a selection took away."""
-        return [dim for dim in self.kind if dim in self.cube.dims]
-
-    @property
-    def there(self) -> np.ndarray:
-        """Which of the places exist, shape (places,)."""
-        name = _PLACES.get(self.kind, "")
-        if name not in self.cube.coords or set(self.cube[name].dims) != set(self.dims):
-            return np.ones(math.prod(self.cube.sizes[dim] for dim in self.dims), bool)
-        return np.asarray(self.cube[name].transpose(*self.dims).notnull().values).reshape(-1)
-
-    @property
-    def size(self) -> int:
-        """Rows of one scenario."""
-        return int(self.there.sum())
-
-    def takes(self, given: xr.DataArray) -> bool:
-        """Whether a variable or coordinate has a value at such a place."""
-        name = str(given.name)
-        inner = (name,) if name in INNER_DIMS else _inner(given)
-        return set(inner) <= set(self.kind)
-
-    def spread(self, given: xr.DataArray, sizes: Sequence[int]) -> np.ndarray:
-        """Values at each place of each scenario, shape (scenarios, places that exist)."""
-        dims = [*self.outer, *self.dims]
-        lengths = [*sizes, *(self.cube.sizes[dim] for dim in self.dims)]
-        own = given.transpose(*(dim for dim in dims if dim in given.dims))
-        shape = [length if dim in given.dims else 1 for dim, length in zip(dims, lengths, strict=True)]
-        full = np.broadcast_to(own.values.reshape(shape), lengths)
-        return full.reshape(math.prod(sizes), -1)[:, self.there]
-
-
-def scenarios_of(cube: xr.Dataset, names: Iterable[str] = ()) -> xr.Dataset:
-    """Return the variables `names` of a cube, or all, without its audit."""
-    cube = cube.drop_dims([dim for dim in AUDIT_DIMS if dim in cube.dims])
-    asked = list(dict.fromkeys(names))
-    for name in asked:
-        if name not in cube.data_vars:
-            raise InputError(unknown("variable", name, map(str, cube.data_vars)))
-    if not cube.data_vars:
-        msg = "the cube has no variables; give one made by 'pounding-sweep run'"
-        raise InputError(msg)
-    return cube[asked] if asked else cube
-
-
-def _inner(given: xr.DataArray) -> tuple[str, ...]:
-    """Dimensions inside a scenario that something belongs to, whether or not a selection took them away."""
-    if given.name in VARIABLES:
-        return VARIABLES[str(given.name)].dims
-    return tuple(str(dim) for dim in given.dims if dim in INNER_DIMS)
-
-
-def _column(given: xr.DataArray) -> Column:
-    about = {key: given.attrs[key] for key in ("units", "unit_text", "long_name", "comment") if key in given.attrs}
-    if "unit_text" in about:
-        about["units"] = about.pop("unit_text")
-    for key in ("flag_values", "flag_meanings"):
-        if key in given.attrs:
-            about[key] = " ".join(map(str, np.ravel(given.attrs[key]).tolist()))
-    dtype = given.dtype
-    if dtype.kind == "f":  # a whole number that may be missing is read as a float
-        stored = np.dtype(encoding_of(str(given.name), given.variable).get("dtype", dtype))
-        dtype = stored if stored.kind in "iu" else dtype
-    elif dtype.kind not in "iu":
-        dtype = np.dtype(np.str_)
-    return Column(str(given.name), dtype, about)
-
-
 def export_cube(
-    cube: xr.Dataset, path: str | os.PathLike[str], names: str | Iterable[str] = (), *, overwrite: bool = False
+    cube: xr.Dataset,
+    path: str | os.PathLike[str],
+    names: str | Iterable[str] = (),
+    *,
+    overwrite: bool = False,
+    table: bool = False,
 ) -> Path:
     """Write a cube, or a selection of it, in another format.
 
@@ -204,6 +50,8 @@ def export_cube(
         Variables; all by default.
     overwrite : bool
         Whether a file that is there may be replaced; a folder never is.
+    table : bool
+        One row for each scenario, with all that is known of it in columns, instead of one for each floor and contact.
 
     Returns
     -------
@@ -221,8 +69,14 @@ def export_cube(
 
     Notes
     -----
-    See `TidyTable` for the rows of the table. Units and long names stand in ``FILE.csv.json``, or in the metadata of
-    the columns of a Parquet file. In Zarr all is as in the cube, without its audit.
+    The table has a row for each floor and each contact of each scenario. With `table` it has one for each scenario: the
+    axes and what else tells scenarios apart, every output at every place (``impact_force_max_left_middle_3``), status,
+    ``ground_pga``, ``ground_pgv``, ``ground_arias_intensity``, ``ground_significant_duration`` and ``ground_duration``
+    of its record as scaled, and ``audited_error_<output>`` where the audit ran it again. Of one scenario with its
+    histories the table has a row for each moment; what has no history is exported alone.
+
+    Units and long names stand in ``FILE.csv.json``, or in the metadata of the columns of a Parquet file. In Zarr all is
+    as in the cube, without its audit.
 
     Examples
     --------
@@ -238,14 +92,24 @@ def export_cube(
     ending = Path(path).suffix.lower()
     if ending not in _WRITERS:
         raise InputError(f"{str(path)!r}: {unknown('format', ending, _WRITERS)}")
-    needs, write = _WRITERS[ending]
+    needs, write_table = _WRITERS[ending]
+    names = [names] if isinstance(names, str) else list(names)
+    kind: type[TidyTable | WideTable] = (
+        ScenarioTable if table else HistoryTable if has_histories(cube, names) else TidyTable
+    )
+    if table and write_table is None:
+        msg = f"{str(path)!r}: Zarr holds cubes, no tables; give .csv or .parquet, or leave out the table"
+        raise InputError(msg)
     if needs:
         _need(needs, ending)
     target = _new_folder(path) if ending == ".zarr" else check_output(path, overwrite, netcdf=False)
     if ending == ".csv":
         check_output(f"{target}.json", overwrite, netcdf=False)
     try:
-        write(cube, target, [names] if isinstance(names, str) else names)
+        if write_table is None:
+            _zarr(cube, target, names)
+        else:
+            write_table(cube, target, kind(cube, names))
     except OutputError:  # what is read, and what is said already
         raise
     except OSError as error:
@@ -260,7 +124,7 @@ def _source(cube: xr.Dataset) -> str:
     return str(next(filter(None, places), "given"))
 
 
-def _parts(cube: xr.Dataset, table: TidyTable) -> Iterator[dict[str, Cells]]:
+def _parts(cube: xr.Dataset, table: TidyTable | WideTable) -> Iterator[dict[str, Cells]]:
     """Read a table part by part; where that fails, the cube is at fault and not what is written."""
     parts = table.parts()
     while True:
@@ -290,10 +154,9 @@ def _new_folder(path: str | os.PathLike[str]) -> Path:
     return check_output(target, netcdf=False)
 
 
-def _csv(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
+def _csv(cube: xr.Dataset, path: Path, table: TidyTable | WideTable) -> None:
     import pandas as pd
 
-    table = TidyTable(cube, names)
     about = {
         "table": path.name,
         "rows": table.n_rows,
@@ -334,11 +197,10 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def _parquet(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
+def _parquet(cube: xr.Dataset, path: Path, table: TidyTable | WideTable) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = TidyTable(cube, names)
     schema = pa.schema(
         [
             pa.field(
@@ -397,9 +259,9 @@ def _count(array: xr.DataArray, dims: Iterable[Any]) -> int:
     return int(np.prod([array.sizes[dim] for dim in dims if dim in array.dims], initial=1))
 
 
-#: Ending -> package that it needs, and what writes it.
-_WRITERS: dict[str, tuple[str, Callable[[xr.Dataset, Path, Iterable[str]], None]]] = {
+#: Ending -> package that it needs, and what writes a table; None: it holds cubes.
+_WRITERS: dict[str, tuple[str, Callable[[xr.Dataset, Path, TidyTable | WideTable], None] | None]] = {
     ".csv": ("", _csv),
     ".parquet": ("pyarrow", _parquet),
-    ".zarr": ("zarr", _zarr),
+    ".zarr": ("zarr", None),
 }

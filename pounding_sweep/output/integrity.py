@@ -31,7 +31,7 @@ AXES = frozenset({"laws", *(name for name, axis in axes.AXES.items() if not axis
 #: Axes there that are given for some buildings: [name, values].
 BUILDING_AXES = frozenset(axes.FACTOR_KINDS)
 #: What else sweeps of one study may differ in: no result of a scenario depends on it.
-FREE = frozenset({"cases", "records", "records_left_out", "title", "audit"})
+FREE = frozenset({"cases", "design", "records", "records_left_out", "title", "audit"})
 #: What helps where a cube is not as it was made.
 REMEDY = "give the cube as it was made, not a part of it"
 
@@ -80,7 +80,8 @@ def _well_formed(told: Mapping[str, Any]) -> bool:
     axes.axes_of(told)  # an error where one lacks
     records = all(record.keys() >= {"name", *MOTION} for record in told["records"])
     cases = all(case.keys() >= {"law", "record"} for case in told["cases"] or ())
-    return told.keys() >= {*FREE, "accuracy"} and all(isinstance(each, list) for each in lists) and records and cases
+    keys = told.keys() >= {*FREE, "accuracy"} - {"design"}
+    return keys and all(isinstance(each, list) for each in lists) and records and cases
 
 
 def check_axes(path: str, cube: xr.Dataset, wanted: Mapping[str, Sequence[Any] | int]) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -14,8 +15,11 @@ from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import Axis
 from pounding_sweep.output.provenance import library_attribute, library_versions
+from pounding_sweep.outputs.readout import scatter_dof
+from pounding_sweep.records.measures import record_measures
 from pounding_sweep.spec.axes import AXES, PropertyAxis, plain_name
-from pounding_sweep.spec.spec import to_json
+from pounding_sweep.spec.design import BLOCK, SAMPLE
+from pounding_sweep.spec.spec import SweepSpec, to_json
 
 if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome
@@ -46,10 +50,10 @@ def _mass(building: Building) -> float:
     return float(sum(building.masses))
 
 
-#: Kind of axis -> name, value as given, unit and long name of what it multiplies.
-_MULTIPLIES: dict[str, tuple[str, Callable[[Building], float], str, str]] = {
-    "period_factor": ("period", _period, "s", "fundamental period"),
-    "mass_factor": ("mass", _mass, "t", "total mass"),
+#: Kind of axis -> name, symbol, value as given, unit and long name of what it multiplies.
+_MULTIPLIES: dict[str, tuple[str, str, Callable[[Building], float], str, str]] = {
+    "period_factor": ("period", "T", _period, "s", "fundamental period"),
+    "mass_factor": ("mass", "m", _mass, "t", "total mass"),
 }
 
 
@@ -65,11 +69,12 @@ def product_coordinates(scene: Scene, axes: tuple[PropertyAxis, ...]) -> Coordin
     found: Coordinates = {}
     taken = [axis.dimension for axis in axes]
 
-    def add(label: str, dims: tuple[str, ...], values: np.ndarray, units: str, long_name: str) -> None:
+    def add(label: str, dims: tuple[str, ...], values: np.ndarray, units: str, *about: str) -> None:
         name = plain_name(label, (*taken, *found))
-        found[name] = (dims, values, {"units": units, "long_name": long_name})
+        told = dict(zip(("long_name", "comment"), about, strict=False))
+        found[name] = (dims, values, {"units": units, **told})
 
-    for kind, (short, own, units, what) in _MULTIPLIES.items():
+    for kind, (short, symbol, own, units, what) in _MULTIPLIES.items():
         mine = {axis.building: axis for axis in axes if axis.kind == kind}
         for building in scene.buildings:
             if building.name in mine:
@@ -86,6 +91,7 @@ def product_coordinates(scene: Scene, axes: tuple[PropertyAxis, ...]) -> Coordin
                     tuple(axis.dimension for axis in varied),
                     ratio.reshape([len(axis.values) for axis in varied]),
                     "1",
+                    f"{short} ratio {symbol}1/{symbol}2 of {left.name} and {right.name}",
                     f"{what} of building {left.name} over that of building {right.name}",
                 )
     return found
@@ -106,6 +112,48 @@ def row_coordinates(variants: Variants, dimension: str, prefix: str = "") -> Coo
         f"{prefix}fundamental_period": (each, periods, {"units": "s", "long_name": "fundamental period"}),
         f"{prefix}damping_ratio": ((dimension,), variants.damping_ratio, about["damping_ratio"]),
     }
+
+
+def building_coordinates(
+    variants: Variants, dims: Sequence[tuple[str, str]], shape: Sequence[int], taken: Collection[str]
+) -> Coordinates:
+    """Return masses, stiffnesses, periods and damping of all buildings, along the dimensions that change them.
+
+    `dims` are names of the dimensions of `variants`, of that shape, with the kind of property that they vary; "": any.
+    """
+    scene, n = variants.scene, range(len(variants.scene.buildings))
+    modes = [[variants.frequencies(b)[:, mode : mode + 1] for b in n] for mode in (0, 1)]
+
+    def periods(mode: int) -> np.ndarray:
+        own = [w if w.shape[1] else np.full((len(w), 1), np.nan) for w in modes[mode]]
+        return np.asarray(2.0 * np.pi / np.concatenate(own, axis=1))
+
+    def ratios(mode: int) -> np.ndarray:
+        own = []
+        for b in n:
+            (alpha, beta), w = variants.rayleigh(b), 2.0 * np.pi / periods(mode)[:, b]
+            own.append(0.5 * (alpha / w + beta * w))
+        return np.stack(own, axis=1)
+
+    floors, each = ("building", "storey"), ("building",)
+    found: Coordinates = {}
+    for name, inner, values, kinds, units, text in (
+        ("floor_mass", floors, scatter_dof(variants.masses, scene), ("mass_factor",), "t", "mass of the floor"),
+        (
+            *("storey_stiffness", floors, scatter_dof(variants.stiffnesses, scene)),
+            *(("mass_factor", "period_factor"), "kN m-1", "stiffness of the storey"),
+        ),
+        ("fundamental_period", each, periods(0), ("period_factor",), "s", "fundamental period"),
+        ("second_period", each, periods(1), ("period_factor",), "s", "second natural period"),
+        ("first_damping_ratio", each, ratios(0), ("damping_ratio",), "1", "damping ratio of the first mode"),
+        ("second_damping_ratio", each, ratios(1), ("damping_ratio",), "1", "damping ratio of the second mode"),
+    ):
+        whole = values.reshape(*shape, *values.shape[1:])
+        kept = [name for name, kind in dims if kind in ("", *kinds)]
+        at = tuple(slice(None) if dim in kept else 0 for dim, _ in dims)
+        if name not in taken:
+            found[name] = ((*kept, *inner), whole[at], {"units": units, "long_name": text})
+    return found
 
 
 _TEXTS = {"law": "contact law", "record": "ground-motion record"}
@@ -161,7 +209,10 @@ def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
         np.array([r.pga for r in spec.records]),
         {"units": "m s-2", "long_name": "peak ground acceleration of the record at scale 1"},
     )
-    return axes, extra | product_coordinates(spec.scene, spec.property_axes)
+    named = product_coordinates(spec.scene, spec.property_axes)
+    varied, along = (plan.variants[1:], spec.property_axes) if len(plan.variants) > 1 else (plan.variants, ())
+    dims, shape = [(axis.dimension, axis.kind) for axis in along], [len(axis.values) for axis in along]
+    return axes, extra | named | building_coordinates(varied, dims, shape, {*named})
 
 
 def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
@@ -200,15 +251,48 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
             gaps[i] = spec.scene.gaps if case.gap is None else case.gap
         extra["pair_gap"] = (("case", "pair"), gaps, {"units": "m", "long_name": "gap of the pair"})
     if len(plan.variants) > 1:
-        extra |= row_coordinates(plan.variants[plan.unique.variant[plan.inverse]], "case")
+        varied = plan.variants[plan.unique.variant[plan.inverse]]
+        extra |= row_coordinates(varied, "case")
+        extra |= building_coordinates(varied, [("case", "")], [len(cases)], {*extra})
+    else:
+        extra |= building_coordinates(plan.variants, [], [], {*extra})
+    extra = design_coordinates(spec, "case") | extra
     return [Axis("case", np.arange(1, len(cases) + 1), "1", "listed scenario")], extra
+
+
+def design_coordinates(spec: SweepSpec, dimension: str) -> Coordinates:
+    """Return what a design drew for each of its cases, and which point of which block each is."""
+    if spec.design is None or spec.cases is None:
+        return {}
+    found: Coordinates = {}
+    for each in spec.design.inputs:
+        if each.argument == "records":
+            continue  # the record of a case is told anyway
+        axis = AXES[each.argument]
+        if each.building is None:
+            values = [getattr(case, axis.dimension) for case in spec.cases]
+        else:
+            values = [dict(getattr(case, each.argument)).get(each.building, 1.0) for case in spec.cases]
+        of = "" if each.building is None else f" of building {each.building}"
+        found[each.name] = ((dimension,), values, {"units": axis.unit, "long_name": f"{axis.long_name}{of}"})
+    place = np.arange(len(spec.cases)) % len(spec.design)
+    about = {"units": "1", "long_name": "point of the design, from 1"}
+    found[SAMPLE] = ((dimension,), place % spec.design.samples + 1, about)
+    if len(spec.design.blocks) > 1:
+        blocks = np.array(spec.design.blocks)[place // spec.design.samples]
+        text = "block of the design: A, B, or the input that A has of B"
+        found[BLOCK] = ((dimension,), blocks, {"long_name": text})
+    return found
 
 
 def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
     """Return what the cube says of the sweep as a whole."""
     spec = plan.spec
     records = [
-        {"name": r.name, "pga": r.pga, "dt": r.dt, "points": r.n_points, "sha256": r.sha256, "source": r.source}
+        {
+            **{"name": r.name, "dt": r.dt, "points": r.n_points, "sha256": r.sha256, "source": r.source},
+            **asdict(record_measures(r)),
+        }
         for r in spec.records
     ]
     found: dict[str, Any] = {

@@ -42,6 +42,7 @@ from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, ORIGINS, Maker, m
 from pounding_sweep.output.scenario_key import KNOWN_BY, motion_of, scenario_keys
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
+from pounding_sweep.spec.design import BLOCK, SAMPLE
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -56,6 +57,22 @@ CASE = "case"
 def lists_cases(cube: xr.Dataset) -> bool:
     """Whether the scenarios of a cube are listed ones."""
     return CASE in cube.dims
+
+
+def of_one_design(parts: dict[str, xr.Dataset]) -> dict[str, xr.Dataset]:
+    """Return cubes without what designs say of their cases, where these were not drawn by one design."""
+    designs = [_design(cube) for cube in parts.values()]
+    if all(each == designs[0] for each in designs):
+        return parts
+    names = {SAMPLE, BLOCK, *(each["name"] for design in designs for each in design.get("inputs", ()))} - {*KNOWN_BY}
+    return {file: cube.drop_vars([name for name in names if name in cube.coords]) for file, cube in parts.items()}
+
+
+def _design(cube: xr.Dataset) -> dict[str, Any]:
+    try:
+        return dict(json.loads(cube.attrs["sweep"])["design"])
+    except (KeyError, TypeError, ValueError, RecursionError):  # none, or no sweep: said later
+        return {}
 
 
 def check_cases(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> None:
@@ -401,6 +418,8 @@ def attributes(
     """Return what a cube says of its parts: what they share, the sweep of all, where each is from."""
     cubes = list(parts.values())
     whole = {**described[0], "cases": cases}
+    if any(each.get("design") != described[0].get("design") for each in described):
+        whole.pop("design", None)
     for key in AXES:
         if whole.get(key) is not None:
             whole[key] = together(key, [each[key] for each in described])
@@ -600,7 +619,7 @@ def merge_cubes(
     _check_distinct(paths)
     target = check_output(out, overwrite)
     with ExitStack() as files:
-        parts = {os.fspath(path): files.enter_context(open_cube(path)) for path in paths}
+        parts = of_one_design({os.fspath(path): files.enter_context(open_cube(path)) for path in paths})
         merge = _Merge(parts, check_parts(parts, mix_sources=mix_sources), tolerance)
         blocks, values = merge.blocks(), merge.slabs()
         check_space(target.parent, merge.n_bytes, f"the cube of {merge.scenarios:,} scenarios")

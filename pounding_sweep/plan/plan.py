@@ -14,16 +14,18 @@ each scenario by what it must resolve.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from pounding_sweep.base.tables import bytes_text, html_table, pairs_text, seconds_text
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import check_outputs, cube_variables, get_variable, reducers_for
+from pounding_sweep.outputs.variables import Status, check_outputs, cube_variables, get_variable, reducers_for
 from pounding_sweep.plan.chunks import Chunk, cut
 from pounding_sweep.plan.scenarios import Scenarios, uncoupled_runs_of, unique_scenarios
 from pounding_sweep.schemes.stability import largest_step
@@ -45,7 +47,7 @@ LEAST_SHARED = 4
 CLOSING_MARGIN = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plan:
     """What a sweep will run.
 
@@ -252,6 +254,42 @@ class Plan:
             "chunks": len(self.chunks(rows)),
             "accuracy_choice": self.choice,
         }
+
+    def rows(self, summary: Mapping[str, Any] | None = None, compiling: str = "") -> list[tuple[str, str]]:
+        """Say what would be run, at what cost, as names with texts; `summary` is that of the plan, with ``workers``."""
+        told = summary or {**self.summary(), "workers": 1}
+        axes = " x ".join(f"{len(values)} {name}" for name, values in self.spec.axes.items())
+        least = told["steps_least"]
+        steps = ", ".join(
+            f"{count if least[name] == count else f'{least[name]} to {count}'} ({name})"
+            for name, count in told["steps"].items()
+        )
+        workers = f"{told['workers']} worker{'s' * (told['workers'] != 1)}"
+        rows = [
+            ("axes", axes or (str(self.spec.design) if self.spec.design else f"{told['asked']} listed cases")),
+            ("scenarios", f"{told['asked']} asked, at most {told['at_most']} to run"),
+            ("", "(those that never touch are left out once the run without pounding is known)"),
+            ("kernels", f"{told['kernels']}{', ' * bool(compiling)}{compiling}"),
+            ("steps", f"{steps} per scenario"),
+            ("time", f"about {seconds_text(told['seconds'])} with {workers}, compilation of kernels apart"),
+            ("cube", f"{bytes_text(told['cube_bytes'])} of values"),
+        ]
+        if self.refused.any():
+            stable = f"every scenario is stable at dt <= {float(self.limit[self.refused].min()):.3g} s"
+            remedy = f"{Status.BEYOND_STABILITY_LIMIT.remedy}; {stable}"
+            rows.insert(3, ("refused", f"{told['refused']}: beyond the stability limit; {remedy}"))
+        if self.choice:
+            rows.insert(-2, ("accuracy", self.choice))
+        return rows
+
+    def __repr__(self) -> str:
+        return f"Plan({self.n_asked} scenarios asked, at most {self.n_unique} to run)"
+
+    def __str__(self) -> str:
+        return pairs_text([("sweep", self.spec.title), *self.rows()] if self.spec.title else self.rows())
+
+    def _repr_html_(self) -> str:
+        return html_table(self.rows(), caption=self.spec.title)
 
 
 def _laws(spec: SweepSpec) -> tuple[Law, ...]:

@@ -99,7 +99,7 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     told = recorded_sweep(path, cube)
     given: dict[str, Any] = {"laws": tuple(told["laws"]), **vars(axes_of(told))}
     given |= {key: told[key] for key in ("title", "audit", "force_unstable")}
-    given["records_left_out"] = tuple(told["records_left_out"])
+    given |= {"records_left_out": tuple(told["records_left_out"]), "design": None}  # of the cases, not of all of them
     try:
         given["cases"] = None if told["cases"] is None else tuple(map(case_of, told["cases"]))
     except (TypeError, ValueError, KeyError):

@@ -10,7 +10,7 @@ from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness
+from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
 from pounding_sweep.spec.spec import SweepSpec
 
 if TYPE_CHECKING:
@@ -46,7 +46,36 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
     return Case(law=law, record=middle["record"], damping_ratio=ratio, **{**values, **factors})
 
 
-def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> xr.Dataset:
+def choices(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
+    """Return what of a scenario may be chosen by name -> field of `Case`, and building of a property that has one."""
+    found: dict[str, tuple[str, str | None]] = {name: (name, None) for name in CHOICES}
+    for argument, axis in AXES.items():
+        if axis.by_building:
+            mine = {each.building: each.dimension for each in spec.property_axes if each.kind == axis.column}
+            for building in spec.scene.buildings:
+                name = mine.get(building.name) or plain_name(f"{axis.dimension}_{building.name}", found)
+                found[name] = (argument, building.name)
+        elif axis.of_buildings:
+            found[axis.dimension] = (axis.dimension, None)
+    return found
+
+
+def _with_properties(spec: SweepSpec, own: Case, given: Mapping[str, Any]) -> Case:
+    """Return a scenario with the building properties that are chosen."""
+    known = choices(spec)
+    for name, value in given.items():
+        field, building = known[name]
+        axis = next((axis for argument, axis in AXES.items() if field in (argument, axis.dimension)), None)
+        if axis is not None and axis.of_buildings:
+            axis.check(value, (), "")
+            changed: Any = value if building is None else {**dict(getattr(own, field)), building: value}
+            own = replace(own, **{field: changed})
+    return own
+
+
+def simulate_one(
+    spec: SweepSpec, *, case: int | None = None, output_step: float | None = None, **choice: Any
+) -> xr.Dataset:
     """Run one scenario of a sweep and return its histories.
 
     Parameters
@@ -55,10 +84,14 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
         A sweep; its scheme, step and number format are used.
     case : int, optional
         Number of a listed case, from 1.
+    output_step : float, optional
+        See `pounding_sweep.simulate`.
     **choice
-        ``law``, ``gap`` (m), ``stiffness`` (kN/m**exponent) or ``stiffness_factor``,
-        ``restitution``, ``record`` (a name of the sweep's), ``scale``: in place of the
-        scenario's own, which is that of `scenario_of`. None leaves it as it is.
+        ``law``, ``gap`` (m; of all pairs, or a sequence of one per pair), ``stiffness``
+        (kN/m**exponent) or ``stiffness_factor``, ``restitution``, ``record`` (a name of the
+        sweep's), ``scale`` or ``pga`` (m/s2), and building properties by the dimension that
+        their axis has in a cube, such as ``period_factor_left`` and ``damping_ratio``: in place
+        of the scenario's own, which is that of `scenario_of`. None leaves it as it is.
 
     Returns
     -------
@@ -84,13 +117,14 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
 
     own = scenario_of(spec, case)
     for name in choice:
-        if name not in CHOICES:
-            raise InputError(unknown("choice", name, CHOICES))
+        if name not in (known := choices(spec)):
+            raise InputError(unknown("choice", name, known))
     given = {name: value for name, value in choice.items() if value is not None}
     for column in COLUMNS:
         if len(both := [dim for dim in DIMENSIONS[column] if dim in given]) > 1:
             msg = f"{' and '.join(both)} exclude each other; give one of them"
             raise InputError(msg)
+    own = _with_properties(spec, own, given)
     names = [record.name for record in spec.records]
     record = given.get("record", own.record or names[0])
     if record not in names:
@@ -126,9 +160,26 @@ def simulate_one(spec: SweepSpec, *, case: int | None = None, **choice: Any) -> 
         force_unstable=spec.force_unstable,
         restitution_basis=spec.restitution_basis,
         precision=spec.precision,
+        output_step=output_step,
     )
     details = "; ".join(_details(spec, taken, law, given, case))
     return one.assign_attrs({SCENARIO_ATTRIBUTE: details} if details else {})
+
+
+#: Share of every reported peak that histories show, and how often the step is halved for it at most.
+SHOWN, _HALVINGS = 0.99, 8
+
+
+def simulate_shown(spec: SweepSpec, output_step: float | None = None, **choice: Any) -> xr.Dataset:
+    """Run one scenario as `simulate_one`, by default at steps so short that its histories show the peaks it reports."""
+    from pounding_sweep.run.simulate import peaks_shown
+
+    one = simulate_one(spec, output_step=output_step, **choice)
+    for _ in range(_HALVINGS if output_step is None else 0):
+        if peaks_shown(one) >= SHOWN:
+            break
+        one = simulate_one(spec, output_step=0.5 * one.attrs["time_step"], **choice)
+    return one
 
 
 def _unit(exponent: float) -> str:
@@ -169,9 +220,10 @@ def _details(spec: SweepSpec, taken: Case, law: Law, given: Mapping[str, Any], n
         if told(dim) and (found := taken.axis("scale")) and found[0].dimension == dim:
             yield f"{dim} {found[1]:g}"
     single = {(axis.kind, axis.building) for axis in spec.property_axes if len(axis.values) == 1}
+    chosen = {place for name, place in choices(spec).items() if name in given}
     for plural, kind in FACTOR_KINDS.items():
         for building, factor in dict(getattr(taken, plural)).items():
-            if (kind, building) not in single:
+            if (kind, building) not in single or (plural, building) in chosen:
                 yield f"{kind.replace('_', ' ')} of {building} {factor:g}"
     if taken.damping_ratio is not None and told("damping_ratio"):
         yield f"damping ratio {taken.damping_ratio:g}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -48,6 +49,7 @@ def simulate(
     restitution_basis: str = "published",
     precision: str | None = None,
     accuracy: float | None = None,
+    output_step: float | None = None,
 ) -> xr.Dataset:
     """Run one scenario and return its histories.
 
@@ -83,6 +85,10 @@ def simulate(
         Number format of the kernel; "float64" by default, with `accuracy` the cheaper that reaches it.
     accuracy : float, optional
         Relative error asked for, 1e-6 to 1e-2, instead of a step.
+    output_step : float, optional
+        Largest time (s) from one instant of the histories to the next; by default the step. Where it is shorter
+        than the step, the run takes steps as short. Peaks are located between instants whatever it is: variables
+        of a cube may be larger than what the histories show, see `peaks_shown`.
 
     Returns
     -------
@@ -139,7 +145,10 @@ def simulate(
     k = contact_stiffness(row, found, stiffness=stiffness)
     e = spec.restitutions[0]
     plan = make_plan(spec, initial_speed=_approach(row, velocities))
-    numerics = replace(plan.numerics, dt=motion.dt / int(plan.steps[0]))
+    steps = int(plan.steps[0])
+    if output_step is not None:
+        steps = max(steps, math.ceil(motion.dt / _checked_step(output_step) * (1.0 - 1e-9)))
+    numerics = replace(plan.numerics, dt=motion.dt / steps)
     limit = float(plan.limit[0])
     step = motion.dt / numerics.steps(motion)
     if step > limit and not force_unstable:
@@ -193,8 +202,52 @@ def simulate(
     extra = {"pair_gap": (("pair",), row.gaps, {"units": "m", "long_name": "gap of the pair"})} if row.gaps else None
     dataset = assemble(row, [], values, attributes, extra)
     if int(values["status"]) != Status.DIVERGED:
-        dataset = dataset.assign(_histories(kernel, history, motion, n_steps))
+        time = np.linspace(0.0, motion.duration, n_steps + 1)
+        every = max(1, int(output_step / step * (1.0 + 1e-9))) if output_step is not None else 1
+        dataset = dataset.assign(_histories(kernel, history[::every], motion, time[::every]))
     return dataset
+
+
+#: Peaks that a cube has, the histories in which they are seen, and on which side: 0 for either.
+_SEEN = {
+    "displacement_max": ("displacement", 1),
+    "displacement_min": ("displacement", -1),
+    "acceleration_max": ("acceleration", 0),
+    "impact_force_max": ("contact_force", 0),
+}
+
+
+def peaks_shown(one: xr.Dataset) -> float:
+    """Return the least share of a reported peak that its history shows, of displacements, accelerations and forces.
+
+    Peaks are located between the instants of the histories; the share is that of the largest of all floors or contacts.
+
+    Parameters
+    ----------
+    one : xarray.Dataset
+        What `simulate` returned.
+
+    Returns
+    -------
+    float
+        1 where every peak is shown, or where there are no histories.
+    """
+    shares = [1.0]
+    for peak, (history, sign) in _SEEN.items():
+        if peak in one and history in one:
+            series = one[history]
+            seen, reported = ((abs(each) if sign == 0 else sign * each).max().item() for each in (series, one[peak]))
+            if reported > 0.0:
+                shares.append(seen / reported)
+    return min(shares)
+
+
+def _checked_step(output_step: float) -> float:
+    """Return an output step that is a positive number."""
+    if not (math.isfinite(output_step) and output_step > 0.0):
+        msg = f"output_step is {output_step!r}; it must be a positive number of seconds"
+        raise InputError(msg)
+    return output_step
 
 
 def _refined(
@@ -270,7 +323,7 @@ def _below(values: np.ndarray, buildings: Sequence[Building]) -> np.ndarray:
     return result
 
 
-def _histories(kernel: Any, history: np.ndarray, motion: Record, n_steps: int) -> dict[str, Any]:
+def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarray) -> dict[str, Any]:
     import xarray as xr
 
     from pounding_sweep.kernel.spec import history_slots
@@ -281,7 +334,6 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, n_steps: int) -
     def part(name: str) -> np.ndarray:
         return history[:, slots.first[name] : slots.first[name] + slots.count[name]]
 
-    time = np.linspace(0.0, motion.duration, n_steps + 1) if n_steps else np.zeros(1)
     ground = np.interp(time, motion.time, motion.acceleration)
     buildings = scene.buildings
     masses = np.concatenate([b.masses for b in buildings])
@@ -291,16 +343,16 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, n_steps: int) -
     beta = np.array([b.rayleigh[1] for b in buildings])[owner]
     u, v = part("u"), part("v")
     n_contacts = len(scene.contacts)
-    force = part("force") if "force" in slots.first else np.zeros((n_steps + 1, n_contacts))
+    force = part("force") if "force" in slots.first else np.zeros((len(time), n_contacts))
     gap = np.array([scene.gaps[c.pair] for c in scene.contacts])
-    penetration = np.zeros((n_steps + 1, n_contacts))
+    penetration = np.zeros((len(time), n_contacts))
     on_floor = -alpha * masses * v
     storey = stiffnesses * (_below(u, buildings) + beta * _below(v, buildings))
     on_floor -= storey
     for b, first in zip(buildings, scene.offsets[:-1], strict=True):
         on_floor[:, first : first + b.n_storeys - 1] += storey[:, first + 1 : first + b.n_storeys]
     for j, c in enumerate(scene.contacts):
-        closing = np.zeros(n_steps + 1)
+        closing = np.zeros(len(time))
         if c.left >= 0:
             closing += u[:, c.left]
             on_floor[:, c.left] -= force[:, j]
@@ -332,7 +384,7 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, n_steps: int) -
     if scene.pair_names:
         variables["contact_force"] = (pairs, scatter_contact(force, scene), "kN", "contact force, pressing positive")
         variables["penetration"] = (pairs, scatter_contact(penetration, scene), "m", "penetration, zero while open")
-        work = np.zeros((n_steps + 1, len(scene.pair_names)))
+        work = np.zeros((len(time), len(scene.pair_names)))
         if "work" in slots.first:
             for j, c in enumerate(scene.contacts):
                 work[:, c.pair] += part("work")[:, j]

@@ -5,12 +5,13 @@ from __future__ import annotations
 import inspect
 import os
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from pounding_sweep.base.errors import OutputError, RunError, SweepError, WriteError
+from pounding_sweep.base.tables import html_table
 from pounding_sweep.output.provenance import package_digest
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import SweepSpec
@@ -27,6 +28,10 @@ if TYPE_CHECKING:
     from pounding_sweep.run.audit import Audit
     from pounding_sweep.run.cube_writer import Written
     from pounding_sweep.run.execute import Progress
+
+
+#: Values of an axis that a notebook shows.
+_FEW = 8
 
 
 class Sweep:
@@ -92,6 +97,15 @@ class Sweep:
         names = " x ".join(f"{len(v)} {k}" for k, v in self.spec.axes.items()) or f"{self.spec.n_scenarios} cases"
         how = f"dt = {self.spec.dt} s" if self.spec.accuracy is None else f"accuracy {self.spec.accuracy:g}"
         return f"Sweep({names}: {self.spec.n_scenarios} scenarios, {self.spec.method or 'any method'}, {how})"
+
+    def _repr_html_(self) -> str:
+        def told(values: Sequence[Any]) -> str:
+            few = values if len(values) <= _FEW else [*values[: _FEW // 2], "...", values[-1]]
+            return ", ".join(each if isinstance(each, str) else f"{each:g}" for each in few if each is not None)
+
+        rows = [(name, str(len(values)), told(values)) for name, values in self.spec.axes.items()]
+        rows = rows or [("case", str(self.spec.n_scenarios), "listed scenarios")]
+        return html_table(rows, ("axis", "values", ""), self.spec.title or repr(self))
 
     def plan(self) -> Plan:
         """Return what would be run; nothing is.

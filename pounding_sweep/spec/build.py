@@ -43,6 +43,7 @@ def build_spec(
     folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
     base: str | os.PathLike[str] | None = None,
     skip_missing_records: bool = False,
+    design: dict[str, Any] | None = None,
     **axes: Any,
 ) -> SweepSpec:
     """Check everything a user gave and make the sweep's description of it.
@@ -60,6 +61,10 @@ def build_spec(
         AXES
     cases : iterable of Case or dict, optional
         Listed scenarios instead of laws and axes.
+    design : dict, optional
+        Inputs drawn from distributions, instead of axes over them: ``kind`` and ``samples``, ``seed`` (0 by default)
+        and ``inputs``, a table by the name of an axis (see `pounding_sweep.spec.design`). Each point is run with each
+        law, each record and each value of the other axes.
     method : str, optional
         Time-stepping scheme, one of `pounding_sweep.schemes.SCHEMES`; "rk4" by default, with `accuracy` the
         cheapest that reaches it.

@@ -32,7 +32,8 @@ from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene, check_gap
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, Case, Range, by_exponent, positive
+from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, AxisValues, Case, Range, by_exponent, positive
+from pounding_sweep.spec.design import RECORD, Design, Distribution, named_inputs
 from pounding_sweep.spec.faults import (
     Faults,
     Place,
@@ -57,7 +58,7 @@ from pounding_sweep.spec.spec import (
     outside_accuracy,
     step_fault,
 )
-from pounding_sweep.spec.tables import read_range, read_scene, record_table
+from pounding_sweep.spec.tables import DesignTable, read_distribution, read_range, read_scene, record_table
 
 #: More faults than this on one axis are only counted; of laws, records and cases, no more are looked for.
 _MOST_FAULTS = 20
@@ -292,6 +293,64 @@ def _by_building(
     }
 
 
+def _design(given: Any, info: Any) -> Design | None:
+    """Check a design: what is drawn, from what, and whether what came of it will do."""
+    if given is None:
+        return None
+    if info.context["cases"]:
+        msg = "a design and listed cases exclude each other; give one of them"
+        raise InputError(msg)
+    by_name = {axis.dimension: name for name, axis in AXES.items() if not axis.by_building}
+    valid = (RECORD, *by_name, *((*FACTOR_KINDS,) if not info.context["file"] else ()), "building")
+    scene, basis = info.data.get("scene"), info.data.get("restitution_basis", "published")
+    laws = list(info.context["laws"].values())
+    drawn: dict[tuple[str, str | None], Distribution | None] = {}
+    with gathering() as faults:
+        table = faults.attempt((), DesignTable.model_validate, given)
+        inputs = given.get("inputs") if isinstance(given, dict) else None
+        inputs = inputs if isinstance(inputs, dict) else {}
+        if table and not inputs:
+            faults.add((), "no inputs: nothing is drawn; give [design.inputs] a distribution for at least one axis")
+        for key in [key for key in inputs if key not in valid]:
+            faults.add(("inputs", str(key)), unknown("input", key, valid))
+        known = {key: value for key, value in inputs.items() if key in valid}
+        items: dict[tuple[str, Any], tuple[Place, Any]] = {
+            ("records" if key == RECORD else by_name[key], None): (("inputs", key), value)
+            for key, value in known.items()
+            if key not in (*FACTOR_KINDS, "building")
+        }
+        items |= {
+            key: (tuple(place[1:]), value)
+            for key, (place, value) in _by_building(faults, known, ("design", "inputs"), scene).items()
+        }
+        for (name, building), (place, value) in items.items():
+            if name == "records":
+                if value != {"distribution": "any"}:
+                    faults.add(
+                        place, f'records have no distribution but {{ distribution = "any" }}, not {shown(value)}'
+                    )
+                drawn[name, building] = None
+            elif not isinstance(value, dict | Distribution):
+                faults.add(place, f"must be a table of a distribution, not {shown(value)}")
+            else:
+                drawn[name, building] = faults.attempt(place, read_distribution, value)
+    design = Design(table.kind, table.samples, table.seed, named_inputs(drawn))
+    if len(design) > MAX_AXIS:
+        msg = f"{len(design)} points are too many; give at most {MAX_AXIS} in one sweep"
+        raise InputError(msg)
+    with gathering() as faults:
+        for i, each in enumerate(design.inputs):
+            if each.distribution is not None:
+                axis, values = AXES[each.argument], design.values(i, ())
+                for end in {min(values), max(values)}:
+                    try:
+                        axis.check(end, laws, basis)
+                    except InputError as error:
+                        text = f"{error}; it was drawn: give low and high, or another distribution"
+                        faults.add(items[each.argument, each.building][0], text)
+    return design
+
+
 def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
     """Check all axes together: the size of the sweep, what excludes each other, what is missing."""
     values: dict[str, Any] = {}
@@ -304,6 +363,10 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
     laws = list(info.context["laws"].values())
     records = info.data.get("records", ((), ()))[0]
     sizes = {"records": len(info.data["records"][0]) if "records" in info.data else 0, "laws": len(laws)}
+    design = info.data.get("design")
+    drawn = {(each.argument, each.building) for each in design.inputs} if design else set()
+    if design:
+        sizes |= {"points": len(design)} | ({"records": 1} if ("records", None) in drawn else {})
     with gathering() as faults:
         items: dict[tuple[str, Any], tuple[Place, Any]] = {
             (name, None): (Root((name,)), given[name])
@@ -315,6 +378,8 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
         huge = math.prod(lengths.values()) * math.prod(sizes.values()) > MAX_SCENARIOS
         for (name, building), (place, each) in items.items():
             length = lengths.get((name, building), 0)
+            if (name, building) in drawn:
+                faults.add(place, "is an input of the design, too; leave one of them out")
             if each is None:
                 faults.add(place, "is empty; give factors or leave the building out")
                 continue
@@ -324,16 +389,18 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
             checked = _axis_values(faults, sizes, place, each, AXES[name], laws, basis)
             if checked is not None:
                 values[name] = checked if building is None else (*values.get(name, ()), (building, checked))
-        if (size := math.prod(sizes.values())) > MAX_SCENARIOS:
+        most = MAX_AXIS if design else MAX_SCENARIOS  # each of a design is listed
+        if (size := math.prod(sizes.values())) > most:
             product = " x ".join(f"{count} {name}" for name, count in sizes.items())
-            text = f"{product} = {size} scenarios ({size:.3g}); at most {MAX_SCENARIOS} in one sweep: split it"
+            text = f"{product} = {size} scenarios ({size:.3g}); at most {most} in one sweep: split it"
             faults.add(Root(()), text)
         for column in COLUMNS:
             choices = {name: axis for name, axis in AXES.items() if axis.column == column}
-            there = [name for name in choices if given.get(name) is not None]
+            there = [name for name in choices if given.get(name) is not None or (name, None) in drawn]
             if len(there) > 1:
                 text = f"{there[0]} and {there[1]} exclude each other; give one of them"
-                faults.add(Root((there[1],)), text)
+                inner = ("design", "inputs", choices[there[1]].dimension)
+                faults.add(Root(inner if (there[1], None) in drawn else (there[1],)), text)
                 continue
             usual = [name for name, axis in choices.items() if axis.default is not None]
             for name in there or usual:
@@ -341,7 +408,7 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
                     for place, text in choices[name].requires(scene, laws, records):
                         faults.add(Root(place), text)
             values |= {name: choices[name].default for name in usual if not there}
-        if given.get("restitutions") is None and scene is not None:
+        if given.get("restitutions") is None and ("restitutions", None) not in drawn and scene is not None:
             taking = [law for law in laws if law.takes_restitution]
             own = _own_restitution(faults, ("restitutions",), scene, taking, basis, "e") if taking else 1.0
             values["restitutions"] = () if own is None else (own,)
@@ -649,6 +716,7 @@ class SweepInput(Table):
         None, description="a name or a list of names", validate_default=True
     )
     cases: Annotated[Any, PlainValidator(_cases)] = Field(None, description="tables [[sweep.cases]]")
+    design: Annotated[Any, PlainValidator(_design)] = Field(None, description="a table [design]")
     axes: Annotated[Any, PlainValidator(_axes)]
     accuracy: Annotated[Any, PlainValidator(_accuracy)] = Field(
         None, description="a number, the relative error asked for"
@@ -689,7 +757,11 @@ def check_sweep(given: dict[str, Any], *, file: bool = False) -> SweepSpec:
         del values[name]
     records, left_out = values.pop("records")
     laws = [law.key for law in values.pop("laws")]
-    if values["cases"] is not None:
+    if (design := values["design"]) is not None:
+        names = [record.name for record in records], [building.name for building in values["scene"].buildings]
+        values["cases"] = design.cases(laws, names[0], AxisValues(**values["axes"]), names[1])
+        values["axes"] = {}
+    elif values["cases"] is not None:
         laws = list(dict.fromkeys(case.law for case in values["cases"]))
     return SweepSpec(
         **values.pop("axes"), **values, laws=tuple(laws), records=tuple(records), records_left_out=tuple(left_out)

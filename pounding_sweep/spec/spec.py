@@ -24,6 +24,7 @@ from pounding_sweep.spec.axes import (
     PropertyAxis,
     property_axes,
 )
+from pounding_sweep.spec.design import Design
 
 #: Time-stepping schemes by name.
 METHODS = tuple(SCHEMES)
@@ -86,6 +87,8 @@ class SweepSpec(AxisValues):
         Share of the sweep's cost spent on running a sample again at a finer step; 0: none.
     records_left_out : tuple of str
         Records asked for that are missing, where going on without them was allowed.
+    design : Design or None
+        What the cases were drawn by; the JSON of a sweep without one is silent of it.
     """
 
     scene: Scene
@@ -105,6 +108,7 @@ class SweepSpec(AxisValues):
     accuracy: float | None = None
     audit: float = AUDIT_SHARE
     records_left_out: tuple[str, ...] = ()
+    design: Design | None = None
 
     @property
     def property_axes(self) -> tuple[PropertyAxis, ...]:
@@ -193,6 +197,9 @@ def to_json(spec: SweepSpec) -> str:
     for name in unsaid:
         if not data[name]:
             del data[name]
+    del data["design"]
+    if spec.design is not None:
+        data["design"] = spec.design.told()
     data["scene"] = scene_data(spec.scene)
     data["records"] = [
         {name: getattr(record, name) for name in ("name", "sha256", "pga", "dt", "n_points", "scale", "source")}

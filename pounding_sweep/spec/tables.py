@@ -16,6 +16,7 @@ from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall,
 from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import Range, finite
+from pounding_sweep.spec.design import KINDS, NEEDS, POWERS, Distribution
 from pounding_sweep.spec.faults import Faults, Table, gathering, is_number, number
 
 
@@ -231,6 +232,92 @@ class RangeTable(Table):
 def read_range(given: Range | dict[str, Any]) -> Range:
     """Check evenly spaced values, given as a table or as such."""
     return Range(**dict(RangeTable.model_validate(given if isinstance(given, dict) else vars(given))))
+
+
+#: Share of a distribution that must lie between its ends.
+_LEAST_WITHIN = 1e-6
+_LIMITS = ("low", "high")
+
+
+def _distribution(value: Any) -> str:
+    if not isinstance(value, str) or value not in NEEDS:
+        raise InputError(unknown("distribution", value, NEEDS))
+    return value
+
+
+def _end(value: Any, info: ValidationInfo) -> float | None:
+    return None if value is None else number(value, str(info.field_name), finite(str(info.field_name)))
+
+
+class DistributionTable(Table):
+    """What an input of a design is drawn from."""
+
+    distribution: Annotated[Any, PlainValidator(_distribution)] = Field(description=f"one of {', '.join(NEEDS)}")
+    low: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
+    high: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
+    mean: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
+    std: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
+    median: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
+    dispersion: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
+
+
+def read_distribution(given: Distribution | dict[str, Any]) -> Distribution:
+    """Check a distribution, given as a table or as such."""
+    table = DistributionTable.model_validate(given if isinstance(given, dict) else vars(given))
+    found, kind = Distribution(**dict(table)), table.distribution
+    values = {name: value for name, value in dict(table).items() if name != "distribution" and value is not None}
+    optional = _LIMITS if "low" not in NEEDS[kind] else ()
+    with gathering() as faults:
+        for name in (*NEEDS[kind], *values):
+            if name not in values:
+                faults.add((name,), f"is missing; {kind} needs {' and '.join(NEEDS[kind])}")
+            elif name not in (*NEEDS[kind], *optional):
+                more = f", and may have {' and '.join(optional)}" if optional else ""
+                faults.add((name,), f"{kind} has {' and '.join(NEEDS[kind])}{more}; leave {name} out")
+        for name in ("std", "median", "dispersion", *(_LIMITS if kind == "log_uniform" else ())):
+            if values.get(name, 1.0) <= 0.0:
+                faults.add((name,), f"is {shown(values[name])}; it must be above 0")
+        if kind == "lognormal" and values.get("low", 0.0) < 0.0:
+            faults.add(("low",), f"is {shown(values['low'])}; a lognormal value is above 0, leave it out")
+        if "low" in values and "high" in values and values["low"] >= values["high"]:
+            faults.add(("high",), f"is {shown(values['high'])}; it must be above low = {shown(values['low'])}")
+        if not faults.found and optional and found.within[1] - found.within[0] < _LEAST_WITHIN:
+            faults.add((), f"has less than {_LEAST_WITHIN:g} of itself between low and high; give wider ends")
+    return found
+
+
+def _kind(value: Any) -> str:
+    if not isinstance(value, str) or value not in KINDS:
+        raise InputError(unknown("kind of design", value, KINDS))
+    return value
+
+
+def _samples(value: Any, info: ValidationInfo) -> int:
+    kind = info.data.get("kind", "")
+    if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+        msg = f"must be a whole number of points, at least 1, not {shown(value)}"
+        raise InputError(msg)
+    if kind in POWERS and value & (value - 1):
+        below = 1 << (value.bit_length() - 1)
+        msg = f"{kind} points are balanced at powers of 2 only, and {value} is none; give {below} or {2 * below}"
+        raise InputError(msg)
+    return value
+
+
+def _seed(value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        msg = f"must be a whole number, at least 0, not {shown(value)}"
+        raise InputError(msg)
+    return value
+
+
+class DesignTable(Table):
+    """[design]: inputs that are drawn."""
+
+    kind: Annotated[Any, PlainValidator(_kind)] = Field(description=f"one of {', '.join(KINDS)}")
+    samples: Annotated[Any, PlainValidator(_samples)] = Field(description="a whole number of points")
+    seed: Annotated[Any, PlainValidator(_seed)] = Field(0, description="a whole number")
+    inputs: dict[str, Any] = Field(description="tables [design.inputs] of distributions by the name of an axis")
 
 
 class PathRecord(Table):

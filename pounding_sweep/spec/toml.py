@@ -18,7 +18,7 @@ from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.faults import Faults, Place, spell
 from pounding_sweep.spec.schema import check_sweep
 from pounding_sweep.spec.spec import SweepSpec, sweep_error
-from pounding_sweep.spec.tables import ContactTable, SceneTable
+from pounding_sweep.spec.tables import ContactTable, DesignTable, SceneTable
 
 #: Larger sweep files are refused: tens of thousands of listed cases have a few MiB.
 MAX_FILE_BYTES = 64 * 2**20
@@ -236,6 +236,7 @@ _HOMES: dict[str, Iterable[str]] = {
     "[scene]": SceneTable.model_fields,
     "[scene.contact]": ContactTable.model_fields,
     **{f"[{section}]": keys for section, keys in SECTIONS.items()},
+    "[design]": DesignTable.model_fields,
 }
 #: Tables of which a key may belong in another one, beside those.
 _TABLES = (("scene",), ("scene", "contact"))
@@ -251,8 +252,8 @@ def belongs(key: str) -> str:
 
 def _arguments(faults: Faults, data: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `build_spec` that a file gives, its tables and keys checked."""
-    given: dict[str, Any] = {key: data[key] for key in ("title", "scene") if key in data}
-    keys = ("title", "scene", *SECTIONS)
+    given: dict[str, Any] = {key: data[key] for key in ("title", "scene", "design") if key in data}
+    keys = ("title", "scene", "design", *SECTIONS)
     for key in data:
         if key not in keys:
             faults.add((key,), unknown("key", key, keys) + belongs(key))

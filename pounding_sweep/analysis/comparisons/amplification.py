@@ -43,7 +43,7 @@ PEAK = "displacement_peak"
 
 
 @comparison(
-    "responses with pounding over responses without, by building and storey",
+    "responses with pounding over responses without, by building",
     needs="the law 'none' among the laws, and displacements, drifts, shears, accelerations or energies",
     columns=("law", "building"),
     variables=("_ratio",),

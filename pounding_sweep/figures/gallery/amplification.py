@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import CONTACT, NO_CONTACT, figure_of
-from pounding_sweep.figures.shown import (
-    along,
-    drawn_axis,
-    first_varied,
-    labels_with_values,
-    middle_over_records,
-    result_of,
-)
+from pounding_sweep.figures.shown import along, labels_with_values, law_name, middle_over_records, result_of
+from pounding_sweep.figures.sides import drawn_side, side_of
 from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, subplots
 
 if TYPE_CHECKING:
@@ -21,14 +15,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: Responses, the first three of which that are there are drawn.
-_ROWS = (
-    ("displacement_peak_ratio", "displacement"),
-    ("drift_max_ratio", "drift"),
-    ("acceleration_max_ratio", "acceleration"),
-    ("storey_shear_max_ratio", "storey shear"),
-    ("displacement_max_ratio", "displacement to the right"),
-    ("displacement_min_ratio", "displacement to the left"),
-)
+_ROWS = {
+    "displacement_peak_ratio": "displacement",
+    "drift_max_ratio": "drift",
+    "acceleration_max_ratio": "acceleration",
+    "storey_shear_max_ratio": "storey shear",
+    "displacement_max_ratio": "displacement to the right",
+    "displacement_min_ratio": "displacement to the left",
+}
 
 
 #: Of which a cube must have one, and what the comparison makes of them.
@@ -46,13 +40,25 @@ _RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
         f"{NO_CONTACT}|{_RATIOS}",
     ),
 )
-def amplification(cube: xr.Dataset) -> Figure:
-    """Draw the amplification by pounding against gap, stiffness, scale, restitution or a building property.
+def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
+    """Draw the amplification of each building's responses by pounding.
 
     One column per building, one row per response, one line per law that has values: the
     largest over storeys; over the storeys themselves where no axis varies. Of several
-    records the median is shown, of the other axes the middle value, which the title
-    names. The thin line at 1 is no change.
+    records the median is shown, of the other axes the middle value at which floors touch,
+    which the title names. The thin line at 1 is no change.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with the law "none" among its laws, or what `pounding_sweep.analysis.amplification` made of one.
+    x : str, optional
+        Axis of several numbers, or a coordinate along one, to draw along; by default the first of gap, stiffness,
+        scale, restitution and building properties that varies.
+    value : str, optional
+        One response only, such as ``drift_max_ratio``; by default the first three that are there.
+    ax : matplotlib.axes.Axes, optional
+        Axes for a figure of one panel: of one building and one response.
     """
     result = result_of(cube, "amplification")
     if "case" in result.dims:
@@ -61,31 +67,37 @@ def amplification(cube: xr.Dataset) -> Figure:
         )
         raise InputError(msg)
     result = along(along(along(result, "law"), "building"), "storey")
-    rows = [row for row in _ROWS if row[0] in result][:3]
+    rows = [name for name in _ROWS if name in result]
     if not rows:
         msg = (
             "figure 'amplification' shows displacements, drifts, accelerations and shears, none of which this cube has"
         )
         raise InputError(msg)
-    names = [name for name, _ in rows]
-    axis = first_varied(result)
-    result, shown = middle_over_records(result, ("law", axis or "storey"), names)
-    result = result.sortby(axis or "storey")
-    buildings, laws = result["building"].values.tolist(), labels_with_values(result, "law", names)
-    figure, axes = subplots(len(rows), len(buildings), (1.6 + 2.4 * len(buildings), 1.3 + 1.7 * len(rows)))
-    x, label = drawn_axis(result, axis) if axis else (result["storey"].values, "storey (-)")
-    for row, (name, _) in enumerate(rows):
+    if value not in (None, *rows):
+        raise InputError(unknown("value to draw", value, rows))
+    rows = [value] if value else rows[:3]
+    side = drawn_side(result, x) or side_of(result, "storey")
+    over = "" if side.dim == "storey" or result.sizes["storey"] < 2 else "largest of the storeys"
+    result, shown = middle_over_records(result, ("law", side.dim), rows)
+    result = result.sortby(side.name)
+    buildings, laws = result["building"].values.tolist(), labels_with_values(result, "law", rows)
+    size = (1.6 + 2.4 * len(buildings), 1.3 + 1.7 * len(rows)) if len(buildings) * len(rows) > 1 else (5.6, 4.2)
+    figure, axes = subplots(len(rows), len(buildings), size, ax)
+    at = side.values(result)
+    for row, name in enumerate(rows):
         for column, building in enumerate(buildings):
-            ax = axes[row, column]
-            ax.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
+            panel = axes[row, column]
+            panel.axhline(1.0, color="0.6", linewidth=0.8, zorder=0)
             for number, law in enumerate(laws):
                 values = result[name].sel(law=law, building=building)
-                ax.plot(x, values.max("storey") if axis else values, label=law, **look(number))
-            if axis is None:
-                ax.set_xticks(x)
+                values = values if side.dim == "storey" else values.max("storey")
+                panel.plot(at, values, label=law_name(result, law), **look(number))
+            side.draw(panel.xaxis, at)
+            if side.dim == "storey":
+                panel.set_xticks(at)
             if row == 0:
-                ax.set_title(f"building {building}")
-    label_edges(axes, label, [f"{text}\nover no pounding (-)" for _, text in rows])
+                panel.set_title(f"building {building}")
+    label_edges(axes, side.label, [f"{_ROWS[name]}\nover no pounding (-)" for name in rows])
     legend_below(figure, axes[0, 0])
-    put_title(figure, shown)
+    put_title(figure, shown, over)
     return figure

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.shown import along, labels_with_values, middle, nothing_to_draw, result_of
+from pounding_sweep.figures.shown import along, labels_with_values, law_name, middle, nothing_to_draw, result_of
 from pounding_sweep.figures.style import COLOURS, legend_below, put_title
 
 if TYPE_CHECKING:
@@ -46,9 +47,11 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     if not laws:
         raise InputError(nothing_to_draw(cube, "energy-budget"))
     result = result.sel(law=laws)
+    names = [fill(law_name(result, law), 16) for law in laws]
     result["stored"] = result["energy_kinetic"] + result["energy_strain"]
     panels = len(buildings) + ("contact_work" in result)
-    figure = Figure(figsize=(1.0 + 1.9 * panels, 3.6 + 0.09 * max(map(len, laws))), layout="constrained")
+    longest = max(len(line) for name in names for line in name.split("\n"))
+    figure = Figure(figsize=(1.0 + 1.9 * panels, 3.6 + 0.09 * longest), layout="constrained")
     axes = figure.subplots(1, panels, squeeze=False)[0]
     for ax in axes[1 : len(buildings)]:  # the contacts' work has a scale of its own
         ax.sharey(axes[0])
@@ -74,7 +77,7 @@ def energy_budget(cube: xr.Dataset) -> Figure:
         _work(axes[-1], result, x)
     for ax in axes:
         ax.axhline(0.0, color="black", linewidth=0.8)
-        ax.set_xticks(x, laws, rotation=60, ha="right", rotation_mode="anchor")
+        ax.set_xticks(x, names, rotation=60, ha="right", rotation_mode="anchor")
         ax.grid(visible=False, axis="x")
         ax.set_axisbelow(True)
     low, high = min(lowest), max(highest)

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.gallery.response_spectra import response_spectra
+from pounding_sweep.figures.shown import heading
+from pounding_sweep.figures.style import put_title
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,4 +23,6 @@ def floor_response(histories: xr.Dataset) -> Figure:
     """Draw the 5 % spectra of the total acceleration of every floor."""
     from pounding_sweep.analysis.spectra import floor_spectra
 
-    return response_spectra(floor_spectra(histories))
+    figure = response_spectra(floor_spectra(histories))
+    put_title(figure, heading(histories), "floor spectra, damping ratio 0.05")
+    return figure

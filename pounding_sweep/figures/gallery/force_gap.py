@@ -2,43 +2,67 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.analysis.scenarios import pounding_only
+from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import CONTACT, figure_of
-from pounding_sweep.figures.shown import along, labels_with_values, middle
+from pounding_sweep.figures.shown import along, labels_with_values, law_name, middle
+from pounding_sweep.figures.sides import drawn_side, side_of
 from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, start_at_zero, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-_ROWS = (("impact_force_max", "peak impact force (MN)", 1e-3), ("impact_count", "impacts of one floor", 1.0))
+#: Rows of panels: variable and label.
+_ROWS = {"impact_force_max": "peak impact force (kN)", "impact_count": "impacts of one floor"}
 
 
 @figure_of(
     "cube",
-    "peak impact force and impacts of each pair against the gap, law by law",
+    "peak impact force and impacts of each pair against the gap, or another axis, law by law",
     needs=("law", "gap", "pair", "impact_force_max", "impact_count", CONTACT),
 )
-def force_gap(cube: xr.Dataset) -> Figure:
-    """Draw peak impact force and impacts of each pair against the gap."""
-    cube, shown = middle(pounding_only(along(along(cube, "law"), "gap")), ("law", "gap"))
-    cube = cube.sortby("gap")
-    laws = labels_with_values(cube, "law", [name for name, *_ in _ROWS])
+def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
+    """Draw peak impact force and impacts of each pair, of its storeys the largest, law by law.
+
+    Of all other axes the middle value is shown at which floors touch; the title names it.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube.
+    x : str, optional
+        Axis of several numbers, or a coordinate along one, to draw along; by default the gap, or, where
+        there is one gap, the first axis that varies.
+    value : {"impact_force_max", "impact_count"}, optional
+        One of both; both by default.
+    ax : matplotlib.axes.Axes, optional
+        Axes for a figure of one panel: of one pair and one value.
+    """
+    if value not in (None, *_ROWS):
+        raise InputError(unknown("value to draw", value, _ROWS))
+    rows = [value] if value else list(_ROWS)
+    cube = pounding_only(along(along(cube, "law"), "gap"))
+    side = drawn_side(cube, x or ("gap" if cube.sizes["gap"] > 1 else None)) or side_of(cube, "gap")
+    cube, shown = middle(cube, ("law", side.dim))
+    cube = cube.sortby(side.name)
+    laws = labels_with_values(cube, "law", list(_ROWS))
     pairs = cube.pair.values.tolist()
-    figure, axes = subplots(len(_ROWS), len(pairs), (2.0 + 3.2 * len(pairs), 5.2))
-    gaps = cube.gap.values * 1e3
-    for row, (name, _, factor) in enumerate(_ROWS):
+    figure, axes = subplots(len(rows), len(pairs), (2.0 + 3.2 * len(pairs), 0.8 + 2.2 * len(rows)), ax)
+    at = side.values(cube)
+    for row, shows in enumerate(rows):
         for column, pair in enumerate(pairs):
-            ax = axes[row, column]
+            panel = axes[row, column]
             for number, law in enumerate(laws):
-                values = cube[name].sel(law=law, pair=pair).max("storey") * factor
-                ax.plot(gaps, values, label=law, **look(number))
+                values = cube[shows].sel(law=law, pair=pair).max("storey")
+                panel.plot(at, values, label=law_name(cube, law), **look(number))
             if row == 0:
-                ax.set_title(f"pair {pair}")
+                panel.set_title(f"pair {pair}")
+            side.draw(panel.xaxis, at)
         start_at_zero(axes[row, 0])
-    label_edges(axes, "gap (mm)", [label for _, label, _ in _ROWS])
+    label_edges(axes, side.label, [_ROWS[shows] for shows in rows])
     legend_below(figure, axes[0, 0])
     put_title(figure, shown)
     return figure

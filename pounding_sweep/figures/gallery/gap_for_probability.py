@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.shown import SEVERAL, along, draws_one, middle, result_of
-from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, label_edges, put_title, subplots, unit_text
+from pounding_sweep.figures.shown import along, lines_of, middle, result_of, told
+from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, label_edges, put_title, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
-
-#: Lines in a panel at most, where nobody asked for more.
-_LINES_SHOWN = 5
 
 
 @figure_of(
@@ -40,15 +37,13 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     figure, axes = subplots(size, len(pairs), (1.6 + 3.0 * len(pairs), 0.9 + 2.7 * size))
     result = result if axis else result.expand_dims("suite")
     axis = axis or "suite"
-    draws_one(result, axis, len(COLOURS))
-    most = len(COLOURS) if axis in result.coords and SEVERAL in result[axis].attrs else _LINES_SHOWN
-    chosen = np.unique(np.linspace(0, result.sizes[axis] - 1, most).round().astype(int))
     for column, pair in enumerate(pairs):
         ax, whole = axes[0, column], result.sel(pair=pair)
-        for number, place in enumerate(chosen):
-            part = whole.isel({axis: int(place)})
+        for number, place in enumerate(lines_of(result, axis)):
+            part = whole.isel({axis: place})
             look = {"color": COLOURS[number % len(COLOURS)], "linestyle": LINES[number % len(LINES)]}
-            _curve(ax, part, "curve_gap", part["curve"].values, look, _value(part, axis))
+            label = told(part, axis, part[axis].item()) if axis in part.coords else "lognormal"
+            _curve(ax, part, "curve_gap", part["curve"].values, look, label)
             _steps(ax, part["trial_gap"].values, look["color"])
         ax.set(title=f"pair {pair}", yscale="log", ylim=(1e-3, 1.0))
         if hazard:
@@ -61,13 +56,6 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     said = f"{result.attrs['confidence']:.0%} intervals; dots: shares of the {result.attrs['suite']} records"
     put_title(figure, f"lognormal with {said}", shown)
     return figure
-
-
-def _value(part: xr.Dataset, axis: str) -> str:
-    """Return what a line is of."""
-    if axis == "suite":
-        return "lognormal"
-    return f"{axis.replace('_', ' ')} {float(part[axis]):.3g} {unit_text(part[axis].attrs)}".rstrip()
 
 
 def _curve(ax: Any, part: xr.Dataset, name: str, y: np.ndarray, look: dict[str, Any], label: str) -> None:

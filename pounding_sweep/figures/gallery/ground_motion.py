@@ -10,6 +10,7 @@ import numpy as np
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.gallery.response_spectra import MOST_LINES, draw_spectra
+from pounding_sweep.figures.shown import record_name
 from pounding_sweep.figures.style import COLOURS
 
 if TYPE_CHECKING:
@@ -68,4 +69,6 @@ def _history(ax: Any, motion: xr.Dataset, colour: str) -> None:
     peak = int(np.nanargmax(np.abs(acceleration)))
     ax.plot(time, acceleration, color=colour, linewidth=0.7)
     ax.plot(time[peak], acceleration[peak], "o", color=colour, markersize=3.5)
-    ax.set_title(f"{motion['record'].item()}: {abs(acceleration[peak]):.3g} m/s²", loc="left", fontsize=7, pad=2)
+    ax.set_title(
+        f"{record_name(motion['record'].item())}: {abs(acceleration[peak]):.3g} m/s²", loc="left", fontsize=7, pad=2
+    )

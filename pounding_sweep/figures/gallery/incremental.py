@@ -11,7 +11,17 @@ import numpy as np
 from pounding_sweep.analysis.comparisons import MOTION_DIMS
 from pounding_sweep.analysis.comparisons.incremental import NO_FRACTILES, directions
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.shown import along, drawn_response, draws_one, labels_with_values, middle, result_of
+from pounding_sweep.figures.shown import (
+    along,
+    drawn_response,
+    draws_one,
+    labels_with_values,
+    law_name,
+    middle,
+    records_of,
+    result_of,
+)
+from pounding_sweep.figures.sides import draw_intensities
 from pounding_sweep.figures.style import (
     COLOURS,
     axis_label,
@@ -83,15 +93,16 @@ def incremental(cube: xr.Dataset) -> Figure:
                     linewidth=1.8,
                     label="median" if q == 0.5 else f"{q:.0%} fractile",
                 )
-            ax.set_title(f"{law + ', ' if law else ''}{per} {end}, storey {part['storey'].item()}")
+            place = f"{per} {end}, storey {part['storey'].item()}"
+            ax.set_title("\n".join(filter(None, (law_name(result, law), place))))
         start_at_zero(axes[row, 0])
-    axes[0, 0].set_xlim(left=0.0)  # shared by all, as y is by a row
+    draw_intensities(axes[0, 0], result)  # shared by all, as y is by a row
     label_edges(axes, intensity, [label] * len(laws))
     legend_below(figure, axes[0, 0], most=4)
-    put_title(figure, shown)
+    put_title(figure, records_of(result), shown)
     if NO_FRACTILES in result.attrs:
         units = result["intensity"].attrs
         why = result.attrs[NO_FRACTILES].replace(units["units"], unit_text(units))
-        told = fill(f"No fractiles: {why}.", int(_CHARACTERS * figure.get_figwidth()))
-        figure.suptitle("\n".join(filter(None, (shown, told))), fontsize=9)
+        words = fill(f"No fractiles: {why}.", int(_CHARACTERS * figure.get_figwidth()))
+        figure.suptitle("\n".join(filter(None, (figure.get_suptitle(), words))), fontsize=9)
     return figure

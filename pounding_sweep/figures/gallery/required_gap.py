@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.shown import middle, result_of
+from pounding_sweep.figures.shown import middle, record_name, result_of
 from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, put_title
 
 if TYPE_CHECKING:
@@ -63,7 +64,8 @@ def _gaps(ax: Any, part: xr.Dataset, trials: str, rules: list[str]) -> None:
             **_mark(number),
         )
     if len(x) <= _NAMED and trials == "record":
-        names = np.atleast_1d(part["record"].values).tolist() if "record" in part.coords else ["-"]
+        keys = np.atleast_1d(part["record"].values).tolist() if "record" in part.coords else ["-"]
+        names = [fill(record_name(key), 22) for key in keys]
         ax.set_xticks(x, names, rotation=30, ha="right", rotation_mode="anchor")
     else:
         ax.set_xlabel(f"{trials}s, by rising required gap")

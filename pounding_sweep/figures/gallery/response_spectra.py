@@ -8,6 +8,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
+from pounding_sweep.figures.shown import law_name, record_name
 from pounding_sweep.figures.style import COLOURS, LINES, put_title, subplots
 
 if TYPE_CHECKING:
@@ -51,10 +52,11 @@ def _title(spectra: xr.Dataset) -> str:
     parts = [str(spectra.attrs.get("title", "Response spectra"))]
     for name in ("record", "law"):
         if name not in spectra.dims and (name in spectra.coords or name in spectra.attrs):
-            parts.append(str(spectra[name].item() if name in spectra.coords else spectra.attrs[name]))
+            key = str(spectra[name].item() if name in spectra.coords else spectra.attrs[name])
+            parts.append(record_name(key) if name == "record" else law_name(spectra, key))
     if "damping_ratio" in spectra.coords and not spectra["damping_ratio"].ndim:
         parts.append(f"damping ratio {spectra['damping_ratio'].item():g}")
-    return ", ".join(parts)
+    return "; ".join(parts)
 
 
 def draw_spectra(ax: Any, values: xr.DataArray, label: str) -> None:
@@ -106,5 +108,6 @@ def _name(values: xr.DataArray, place: tuple[int, ...]) -> str:
     for dim, index in zip(values.dims, place, strict=False):
         if values.sizes[dim] > 1 or len(place) == 1:
             label = values[dim].values[index]
-            parts.append(str(label) if isinstance(label, str) else f"{str(dim).replace('_', ' ')} {label:g}")
+            text = record_name(label) if dim == "record" else label
+            parts.append(text if isinstance(text, str) else f"{str(dim).replace('_', ' ')} {text:g}")
     return ", ".join(parts)

@@ -9,8 +9,8 @@ import numpy as np
 
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import figure_of, one_instant
-from pounding_sweep.figures.shown import WIDTH, heading
-from pounding_sweep.figures.style import COLOURS
+from pounding_sweep.figures.shown import heading
+from pounding_sweep.figures.style import COLOURS, put_title
 from pounding_sweep.model.scene import Wall
 
 if TYPE_CHECKING:
@@ -33,20 +33,25 @@ _BENT = _ALONG**2 * (3.0 - 2.0 * _ALONG)
     needs=("time", "floor_elevation", "displacement"),
     also=one_instant,
 )
-def row(one: xr.Dataset) -> Figure:
-    """Draw the row at the instant of its strongest impact, or, without impacts, of its largest displacement."""
+def row(one: xr.Dataset, *, ax: Any = None) -> Figure:
+    """Draw the row at the instant of its strongest impact, or, without impacts, of its largest displacement.
+
+    Parameters
+    ----------
+    one : xarray.Dataset
+        What `pounding_sweep.simulate` returned.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw into.
+    """
     number = int(np.searchsorted(one.time.values, strongest(one)))
     stage = Stage(one)
-    figure, ax = stage.figure()
-    stage.draw(ax)
+    figure, panel = stage.figure() if ax is None else (ax, ax)
+    stage.draw(panel)
     forces = forces_of(one)[number]
     stage.show(number, forces / forces.max(initial=0.0) if forces.any() else forces)
-    largest = f", largest force {forces.max() * 1e-3:.3g} MN" if forces.any() else ""
-    figure.suptitle(
-        f"{heading(one, width=WIDTH)}\n{one.time.values[number]:.3f} s{largest}; displacements and gaps "
-        f"drawn {stage.factor:g} times",
-        fontsize=9,
-    )
+    largest = f", largest force {forces.max():.0f} kN" if forces.any() else ""
+    when = f"{one.time.values[number]:.3f} s{largest}"
+    put_title(figure, heading(one), when, f"displacements and gaps drawn {stage.factor:g} times")
     return figure
 
 

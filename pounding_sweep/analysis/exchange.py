@@ -1,0 +1,236 @@
+"""Results in the formats of other tools: fragility for OpenQuake, demands for FEMA P-58 assessments with Pelicun."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+import numpy as np
+
+from pounding_sweep.analysis.comparisons.fragility import TRIALS, fragility, sentence
+from pounding_sweep.analysis.events import get_event
+from pounding_sweep.analysis.intensity import intensity_of
+from pounding_sweep.analysis.lognormal import FitStatus
+from pounding_sweep.analysis.scenarios import law_keys, need_variables, scenario_dims, scenarios_only, trusted, values
+from pounding_sweep.base.errors import InputError, OutputError, unknown
+from pounding_sweep.base.files import failure, replacing
+from pounding_sweep.output.netcdf import check_output
+from pounding_sweep.records.record import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Namespace of NRML.
+NRML = "http://openquake.org/xmlns/nrml/0.5"
+#: What names of functions, and those of limit states, may not have in OpenQuake.
+_NO_IDENTIFIER, _NO_NAME = re.compile(r"[^\w\-=.+]", re.ASCII), re.compile(r"[^\w-]", re.ASCII)
+#: Demands of Pelicun: type, the output it is made of, unit.
+_DEMANDS = (("PID", "drift_max", "rad"), ("PFA", "acceleration_max", "g"))
+
+
+def mean_and_deviation(median: float, dispersion: float) -> tuple[float, float]:
+    """Return mean and standard deviation of a lognormal variable itself, not of its logarithm.
+
+    Examples
+    --------
+    >>> mean, deviation = mean_and_deviation(0.2, 0.5)
+    >>> round(mean, 4), round(deviation, 4)
+    (0.2266, 0.1208)
+    """
+    mean = median * math.exp(0.5 * dispersion**2)
+    return mean, mean * math.sqrt(math.expm1(dispersion**2))
+
+
+def export_nrml(
+    cube: xr.Dataset,
+    path: str | os.PathLike[str],
+    limit_states: Mapping[str, tuple[str, float | None]],
+    *,
+    overwrite: bool = False,
+) -> dict[str, str]:
+    """Write the fragility of every pair or building as NRML 0.5 of OpenQuake.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with records or scales of several intensities; see `pounding_sweep.analysis.fragility`.
+    path : path-like
+        The file, ``.xml``.
+    limit_states : mapping of str to (str, float or None)
+        Name of a limit state -> event and level, the mildest first: ``{"touch": ("touch", None)}``,
+        ``{"slight": ("drift", 0.01), "severe": ("drift", 0.03)}``. All are of pairs, or all of buildings.
+    overwrite : bool
+        Whether a file that is there may be replaced.
+
+    Returns
+    -------
+    dict of str to str
+        Functions that were left out, as a limit state has no fit: their identifier, and why.
+
+    Raises
+    ------
+    InputError
+        A limit state is not valid, the cube lacks what it needs, or no function has all its fits.
+    OutputError
+        The file can't be written.
+
+    Notes
+    -----
+    One function, with all limit states, for each pair or building and each combination of the cube's axes but records
+    and scales: ``left-middle_linear_gap=0.01``, without axes of one value. Intensities are peak ground accelerations
+    in g (9.81 m/s2); `mean` and `stddev` are those of the intensity itself: with median theta and dispersion beta,
+    mean = theta exp(beta^2 / 2), stddev = mean sqrt(exp(beta^2) - 1). `minIML` and `maxIML` are the weakest and the
+    strongest motion tried: OpenQuake gives stronger ones the probability at `maxIML`.
+    """
+    if not limit_states:
+        msg = 'no limit states: give at least one, {"touch": ("touch", None)} for instance'
+        raise InputError(msg)
+    for name in limit_states:
+        if not name or _NO_NAME.search(name):
+            msg = f"limit state {name!r} is no name that NRML takes; give letters, digits, '_' and '-'"
+            raise InputError(msg)
+    events = {name: get_event(event, level) for name, (event, level) in limit_states.items()}
+    kinds = sorted({event.per for event in events.values()})
+    if len(kinds) > 1:
+        msg = f"limit states are of one kind in a file, and these are of {' and '.join(kinds)}; write two files"
+        raise InputError(msg)
+    target = check_output(path, overwrite, netcdf=False)
+    found = {name: fragility(cube, event, level, confidence=None) for name, (event, level) in limit_states.items()}
+    model = ElementTree.Element("fragilityModel", id="pounding", assetCategory="buildings", lossCategory="structural")
+    words = "; ".join(f"{name}: {each.attrs['event_in_words']}" for name, each in found.items())
+    ElementTree.SubElement(model, "description").text = f"{cube.attrs.get('title', 'pounding_sweep')}. {words}"
+    ElementTree.SubElement(model, "limitStates").text = " ".join(limit_states)
+    left_out, written = _functions(model, found, kinds[0])
+    if not written:
+        reasons = "; ".join(f"{key}: {why}" for key, why in list(left_out.items())[:5])
+        msg = f"no fragility has a fit in all its limit states ({reasons}); run more intensities, or other levels"
+        raise InputError(msg)
+    root = ElementTree.Element("nrml", xmlns=NRML)
+    root.append(model)
+    ElementTree.indent(root, "    ")
+    try:
+        with replacing(target) as temporary:
+            ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
+    except OSError as error:
+        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
+        raise OutputError(msg) from error
+    return left_out
+
+
+def _functions(model: ElementTree.Element, found: Mapping[str, xr.Dataset], kind: str) -> tuple[dict[str, str], int]:
+    """Add a function for each cell in which all limit states have a fit; return the others, and how many it has."""
+    first = next(iter(found.values()))
+    tried = first["trial_intensity"].values
+    tried = np.abs(tried[np.isfinite(tried) & (tried != 0.0)]) / STANDARD_GRAVITY
+    dims = [kind, *(dim for dim in scenario_dims(first["fit_status"]) if dim != kind)]
+    left_out: dict[str, str] = {}
+    written = 0
+    for place in np.ndindex(*(first.sizes[dim] for dim in dims)):
+        at = dict(zip(dims, place, strict=True))
+        labels = {dim: first[dim].values[i].item() for dim, i in at.items() if dim == kind or first.sizes[dim] > 1}
+        parts = [str(value) if isinstance(value, str) else f"{dim}={value:g}" for dim, value in labels.items()]
+        own = _NO_IDENTIFIER.sub("_", "_".join(parts))
+        cells = {name: each.isel(at) for name, each in found.items()}
+        without = [n for n, cell in cells.items() if int(cell["fit_status"]) != FitStatus.FITTED]
+        if without:
+            left_out[own] = "; ".join(f"{name} {sentence(cells[name])}" for name in without)
+            continue
+        function = ElementTree.SubElement(model, "fragilityFunction", id=own, format="continuous", shape="logncdf")
+        ends = {"minIML": f"{tried.min():.9g}", "maxIML": f"{tried.max():.9g}"}
+        ElementTree.SubElement(function, "imls", {"imt": "PGA", **ends})
+        for name, cell in cells.items():
+            mean, deviation = mean_and_deviation(float(cell["median"]) / STANDARD_GRAVITY, float(cell["dispersion"]))
+            numbers = {"mean": f"{mean:.9g}", "stddev": f"{deviation:.9g}"}
+            ElementTree.SubElement(function, "params", {"ls": name, **numbers})
+        written += 1
+    return left_out, written
+
+
+def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str, *, overwrite: bool = False) -> int:
+    """Write the demands of a building as Pelicun and other tools of FEMA P-58 read them.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with ``drift_max`` or ``acceleration_max``, of one law and one value of every axis but records and
+        scales, or of cases of one law: each scenario that is ok is a sample.
+    path : path-like
+        The file, ``.csv``.
+    building : str
+        Name of the building.
+    overwrite : bool
+        Whether a file that is there may be replaced.
+
+    Returns
+    -------
+    int
+        Number of samples.
+
+    Raises
+    ------
+    InputError
+        The building is unknown, the outputs are missing, or samples of several laws or axes would be mixed.
+    OutputError
+        The file can't be written.
+
+    Notes
+    -----
+    Columns are EVENT-TYPE-LOCATION-DIRECTION: ``1-PID-2-1`` is the peak drift ratio of storey 2 (``drift_max`` over
+    its height, rad), ``1-PFA-3-1`` the peak total acceleration of floor 3 and ``1-PFA-0-1`` that of the ground (g of
+    9.81 m/s2). The first row has the units.
+    """
+    cube = scenarios_only(cube)
+    there = need_variables(cube, "a file of demands", [output for _, output, _ in _DEMANDS], one=True)
+    if building not in cube["building"].values.tolist():
+        raise InputError(unknown("building", building, cube["building"].values.tolist()))
+    mixed = [dim for dim in scenario_dims(cube) if cube.sizes[dim] > 1 and dim not in (*TRIALS, "case")]
+    mixed += ["law"] if "law" not in mixed and len(law_keys(cube)) > 1 else []
+    if mixed:
+        msg = (
+            f"samples of several values of {', '.join(mixed)} would be mixed; choose one of each (--at {mixed[0]}=...)"
+        )
+        raise InputError(msg)
+    target = check_output(path, overwrite, netcdf=False)
+    own = cube.sel(building=building)
+    elevations = own["floor_elevation"].values
+    elevations = elevations[np.isfinite(elevations)]
+    heights = np.diff(elevations, prepend=0.0)
+    dims = scenario_dims(own)
+    shape = own[there[0]].isel(storey=0)
+    ok = trusted(own).broadcast_like(shape).transpose(*dims).values.ravel()
+    columns: dict[str, tuple[str, np.ndarray]] = {}
+    for kind, output, unit in _DEMANDS:
+        if kind == "PFA" and "record" in own.coords:
+            ground = intensity_of(own).broadcast_like(shape).transpose(*dims).values.ravel()
+            columns["1-PFA-0-1"] = unit, np.abs(ground) / STANDARD_GRAVITY
+        for storey, height in enumerate(heights if output in there else (), start=1):
+            found = values(own, output).isel(storey=storey - 1).transpose(*dims).values.ravel()
+            columns[f"1-{kind}-{storey}-1"] = unit, found / (height if kind == "PID" else STANDARD_GRAVITY)
+    samples = np.flatnonzero(ok & np.isfinite([column for _, column in columns.values()]).all(axis=0))
+    if not len(samples):
+        msg = f"no scenario of building {building!r} is ok; see the statuses of the cube ('pounding-sweep info')"
+        raise InputError(msg)
+    _write_rows(path, target, columns, samples)
+    return len(samples)
+
+
+def _write_rows(
+    path: str | os.PathLike[str], target: Path, columns: Mapping[str, tuple[str, np.ndarray]], samples: np.ndarray
+) -> None:
+    """Write columns with their units in the second row."""
+    try:
+        with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["", *columns])
+            writer.writerow(["Units", *(unit for unit, _ in columns.values())])
+            for number, sample in enumerate(samples):
+                writer.writerow([number, *(repr(float(column[sample])) for _, column in columns.values())])
+    except OSError as error:
+        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
+        raise OutputError(msg) from error

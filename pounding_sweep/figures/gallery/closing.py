@@ -1,0 +1,57 @@
+"""How far floors came towards each other, against the gap between them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.analysis.rebuild import stored_scene
+from pounding_sweep.figures import figure_of, one_instant
+from pounding_sweep.figures.shown import WIDTH, heading, zoomed
+from pounding_sweep.figures.style import history_look, legend_beside, put_title, subplots
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+
+@figure_of(
+    "histories",
+    "relative displacement of the floors that can meet against time, beside their gap, from 'simulate'",
+    needs=("time", "pair", "displacement"),
+    also=one_instant,
+)
+def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
+    """Draw the displacement of each left floor less that of the right one: they touch where it reaches the gap.
+
+    Parameters
+    ----------
+    one : xarray.Dataset
+        What `pounding_sweep.simulate` returned.
+    start, end : float, optional
+        Part of the record that is drawn (s); all of it by default.
+    ax : matplotlib.axes.Axes, optional
+        Axes for a row of one pair.
+    """
+    whole, one = one, zoomed(one, start, end)
+    scene, time = stored_scene(one), one.time.values
+    moved = one.displacement.transpose("time", "building", "storey").values
+    floors = [moved[:, b, : building.n_storeys] for b, building in enumerate(scene.buildings)]
+    u = np.column_stack([*floors, np.zeros(len(time))])  # a wall, at -1, stands still
+    pairs = scene.pair_names
+    figure, axes = subplots(len(pairs), 1, (7.2, 1.2 + 2.0 * len(pairs)), ax)
+    for number, (pair, gap) in enumerate(zip(pairs, scene.gaps, strict=True)):
+        panel = axes[number, 0]
+        mine = [contact for contact in scene.contacts if contact.pair == number]
+        for line, contact in enumerate(mine):
+            relative = 1e3 * (u[:, contact.left] - u[:, contact.right])
+            panel.plot(time, relative, label=f"storey {contact.storey}", **history_look(line))
+        panel.axhline(1e3 * gap, color="0.4", linewidth=1.6, label="gap")
+        panel.axhspan(1e3 * gap, max(1e3 * gap, panel.get_ylim()[1]), color="0.9", linewidth=0.0, zorder=0)
+        panel.set_ylabel(f"{pair}\nrelative displacement (mm)")
+        panel.set_xlim(time[0], time[-1])
+        legend_beside(panel)
+    axes[-1, 0].set_xlabel("time (s)")
+    put_title(figure, heading(whole, width=WIDTH))
+    return figure

@@ -1,0 +1,234 @@
+"""Designs: inputs of a sweep drawn from distributions.
+
+A design becomes listed cases: each of its points with each law, each record and each value of other axes.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from pounding_sweep.model.laws import get_law
+from pounding_sweep.spec.axes import AXES, AxisValues, Case, plain_name
+
+#: Kind of design -> what it is.
+KINDS = {
+    "latin_hypercube": "one point in each of as many equal shares of every input (McKay, Beckman & Conover 1979)",
+    "sobol": "Sobol' sequence, scrambled; as many points as a power of 2",
+    "halton": "Halton sequence, scrambled",
+    "saltelli": "for Sobol indices: blocks A and B of a Sobol' sequence, and A with each input of B (Saltelli 2010)",
+}
+#: Kinds whose numbers of points are balanced at powers of 2 only.
+POWERS = ("sobol", "saltelli")
+#: Distribution -> what it needs.
+NEEDS = {
+    "uniform": ("low", "high"),
+    "log_uniform": ("low", "high"),
+    "normal": ("mean", "std"),
+    "lognormal": ("median", "dispersion"),
+}
+#: Shares are kept so far from 0 and 1, where a normal distribution is infinite.
+_EDGE = 2.0**-53
+#: What of a design stands beside its inputs along the cases of a cube.
+SAMPLE, BLOCK = "design_sample", "design_block"
+#: The input that no distribution is given for: each record is as likely.
+RECORD = "record"
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """What an input is drawn from; `NEEDS` says which of its numbers a distribution has."""
+
+    distribution: str
+    low: float | None = None
+    high: float | None = None
+    mean: float | None = None
+    std: float | None = None
+    median: float | None = None
+    dispersion: float | None = None
+
+    @property
+    def within(self) -> tuple[float, float]:
+        """Shares of a normal or lognormal distribution below `low` and below `high`."""
+        from scipy.special import ndtr
+
+        middle, width = self._normal
+        ends = [
+            default if end is None else float(ndtr((self._scaled(end) - middle) / width))
+            for end, default in ((self.low, 0.0), (self.high, 1.0))
+        ]
+        return ends[0], ends[1]
+
+    @property
+    def _normal(self) -> tuple[float, float]:
+        if self.distribution == "lognormal":
+            return float(np.log(self.median or np.nan)), self.dispersion or np.nan
+        return self.mean or 0.0, self.std or np.nan
+
+    def _scaled(self, value: float) -> float:
+        with np.errstate(divide="ignore"):
+            return float(np.log(value)) if self.distribution == "lognormal" else value
+
+    def values(self, shares: np.ndarray) -> np.ndarray:
+        """Return the values below which the distribution has those shares."""
+        from scipy.special import ndtri
+
+        low, high = self.low, self.high
+        if self.distribution == "uniform":
+            found = low + shares * (high - low)  # type: ignore[operator]
+        elif self.distribution == "log_uniform":
+            found = low * (high / low) ** shares  # type: ignore[operator]
+        else:
+            (middle, width), (first, last) = self._normal, self.within
+            found = middle + width * ndtri(first + shares * (last - first))
+            found = np.exp(found) if self.distribution == "lognormal" else found
+        return np.clip(found, low, high)  # within rounding
+
+
+@dataclass(frozen=True)
+class Input:
+    """What a design draws.
+
+    Attributes
+    ----------
+    name : str
+        Its coordinate in the cube.
+    argument : str
+        The axis, by its argument of `build_spec`; "records" for the record.
+    building : str or None
+        Name of the building that it belongs to.
+    distribution : Distribution or None
+        None for the record: each is as likely.
+    """
+
+    name: str
+    argument: str
+    building: str | None
+    distribution: Distribution | None
+
+    def told(self) -> dict[str, Any]:
+        """Return it as JSON holds it."""
+        given = {} if self.distribution is None else asdict(self.distribution)
+        own = {"name": self.name, "argument": self.argument, "building": self.building, **given}
+        return {key: value for key, value in own.items() if value is not None}
+
+
+def named_inputs(drawn: dict[tuple[str, str | None], Distribution | None]) -> tuple[Input, ...]:
+    """Return inputs by (argument, building), in the order of the axes and the row, named as axes are."""
+    found: dict[str, Input] = {}
+    for argument in ("records", *AXES):
+        for (name, building), distribution in drawn.items():
+            if name == argument:
+                stem = RECORD if name == "records" else AXES[name].dimension
+                own = stem if building is None else plain_name(f"{stem}_{building}", found)
+                found[own] = Input(own, name, building, distribution)
+    return tuple(found.values())
+
+
+@dataclass(frozen=True)
+class Design:
+    """Points of a sweep's inputs.
+
+    Attributes
+    ----------
+    kind : str
+        One of `KINDS`.
+    samples : int
+        Points; of "saltelli" those of one block.
+    seed : int
+        Of the random numbers: the same seed gives the same points.
+    inputs : tuple of Input
+        What is drawn.
+    """
+
+    kind: str
+    samples: int
+    seed: int
+    inputs: tuple[Input, ...]
+
+    def __str__(self) -> str:
+        inputs = ", ".join(each.name for each in self.inputs)
+        return f"{self.kind} design, {len(self)} points (seed {self.seed}) of {inputs}"
+
+    @property
+    def blocks(self) -> tuple[str, ...]:
+        """Blocks of points: "A", "B" and the input of B that A has in each further one; one without a name else."""
+        return ("A", "B", *(each.name for each in self.inputs)) if self.kind == "saltelli" else ("",)
+
+    def __len__(self) -> int:
+        return self.samples * len(self.blocks)
+
+    @cached_property
+    def shares(self) -> np.ndarray:
+        """Points in the unit cube, shape (points, inputs), block by block."""
+        from scipy.stats import qmc
+
+        d, engines = len(self.inputs), {"latin_hypercube": qmc.LatinHypercube, "halton": qmc.Halton}
+        if self.kind == "saltelli":
+            both = qmc.Sobol(2 * d, rng=self.seed).random(self.samples)
+            a, b = both[:, :d], both[:, d:]
+            points = np.concatenate([a, b, *(np.where(np.arange(d) == i, b, a) for i in range(d))])
+        else:
+            points = engines.get(self.kind, qmc.Sobol)(d, rng=self.seed).random(self.samples)
+        return np.clip(points, _EDGE, 1.0 - _EDGE)
+
+    def values(self, at: int, records: Sequence[str]) -> list[Any]:
+        """Return the values of an input at all points: numbers, or names of records."""
+        distribution, shares = self.inputs[at].distribution, self.shares[:, at]
+        if distribution is None:
+            return [records[int(share * len(records))] for share in shares]
+        return distribution.values(shares).tolist()
+
+    def told(self) -> dict[str, Any]:
+        """Return it as JSON holds it."""
+        inputs = [each.told() for each in self.inputs]
+        return {"kind": self.kind, "samples": self.samples, "seed": self.seed, "inputs": inputs}
+
+    def cases(
+        self, laws: Sequence[str], records: Sequence[str], given: AxisValues, buildings: Sequence[str]
+    ) -> tuple[Case, ...]:
+        """Return every point with every law, record and value of the axes that are given, points innermost."""
+        columns = [self.values(i, records) for i in range(len(self.inputs))]
+        points = [tuple(zip(self.inputs, row, strict=True)) for row in zip(*columns, strict=True)]
+        beside: list[list[tuple[Input, Any]]] = []
+        for name, axis in AXES.items():
+            values = getattr(given, name)
+            for building, each in values if axis.by_building else [(None, values)] if values else []:
+                beside.append([(Input(axis.dimension, name, building, None), value) for value in each])
+        drawn = {each.argument for each in self.inputs}
+        found = []
+        for key in laws:
+            law = get_law(key)
+            ignored = {"stiffness_factors": not law.has_contact, "restitutions": not law.takes_restitution}
+            kept = [choices for choices in beside if not ignored.get(choices[0][0].argument)]
+            for record in [None] if "records" in drawn else records:
+                for place in itertools.product(*kept):
+                    found += [_case(key, record, (*place, *point), buildings) for point in points]
+        return tuple(found)
+
+
+def _case(law: str, record: str | None, given: Iterable[tuple[Input, Any]], buildings: Sequence[str]) -> Case:
+    """Return the listed case of values of inputs; factors of 1 are left out, as they are of other cases."""
+    found: dict[str, Any] = {RECORD: record}
+    for each, value in given:
+        if each.building is None:
+            found[RECORD if each.argument == "records" else AXES[each.argument].dimension] = value
+        elif value != 1.0:
+            factors = (*found.get(each.argument, ()), (each.building, value))
+            found[each.argument] = tuple(sorted(factors, key=lambda factor: buildings.index(factor[0])))
+    return Case(law, **found)
+
+
+def design_of(told: dict[str, Any]) -> Design:
+    """Return a design that JSON describes."""
+    inputs = []
+    for each in told["inputs"]:
+        own = {key: value for key, value in each.items() if key not in ("name", "argument", "building")}
+        distribution = Distribution(**own) if own else None
+        inputs.append(Input(each["name"], each["argument"], each.get("building"), distribution))
+    return Design(told["kind"], told["samples"], told["seed"], tuple(inputs))

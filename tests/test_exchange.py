@@ -1,0 +1,229 @@
+"""Fragility for OpenQuake and demands for Pelicun: read back by their own packages where these are, else by hand.
+
+They are looked for in this Python, or in that of ``POUNDING_SWEEP_TOOLS_PYTHON``: their requirements exclude some of
+ours.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from analysis_cubes import hand_cube
+from scipy import stats
+from typer.testing import CliRunner
+
+from pounding_sweep.analysis import export_nrml, export_pelicun, fragility
+from pounding_sweep.analysis.exchange import mean_and_deviation
+from pounding_sweep.base.errors import InputError, OutputError
+from pounding_sweep.cli.app import app
+from pounding_sweep.output.netcdf import write_cube
+
+TOOLS = os.environ.get("POUNDING_SWEEP_TOOLS_PYTHON", sys.executable)
+G = 9.81
+SCALES = np.linspace(0.2, 4.0, 12).tolist()
+NAME = "{http://openquake.org/xmlns/nrml/0.5}"
+
+
+def ask(code, package):
+    """Run code in the Python that has the tools; skip where it has not that one."""
+    done = subprocess.run([TOOLS, "-c", code], capture_output=True, text=True, check=False)
+    if done.returncode and (f"No module named '{package}" in done.stderr or "ImportError" in done.stderr):
+        pytest.skip(f"{package} is not installed in {TOOLS}")
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+@pytest.fixture(scope="module")
+def cube():
+    """Records of random strength at rising scales: floors touch, drift and accelerate the more the stronger."""
+    random = np.random.default_rng(0)
+    records = [f"r{i}" for i in range(8)]
+    shape = (2, 8, len(SCALES))
+    strength = np.array(SCALES) * random.lognormal(0.0, 0.8, (1, 8, 1)) * np.ones(shape)
+
+    def fill(name, whole):
+        base = strength.reshape(*shape, *(1,) * (len(whole) - 3))
+        law = np.array([1.0, 2.0]).reshape(2, *(1,) * (len(whole) - 1))
+        made = {
+            "impact_force_max": np.where(base * law > 2.0, 100.0 * base, 0.0),
+            "drift_max": 0.004 * base * law,
+            "acceleration_max": 3.0 * base * law,
+        }[name]
+        return np.broadcast_to(made, whole)
+
+    status = np.zeros(shape)
+    status[1, 2, 3] = 1
+    names = ("impact_force_max", "drift_max", "acceleration_max")
+    axes = {"law": ["linear", "hertz"], "record": records, "scale": SCALES}
+    return hand_cube(axes, {name: (lambda whole, name=name: fill(name, whole)) for name in names}, status=status)
+
+
+def test_mean_and_deviation_are_those_of_the_intensity():
+    mean, deviation = mean_and_deviation(0.3, 0.6)
+    exact = stats.lognorm(0.6, scale=0.3)
+    assert (mean, deviation) == pytest.approx((exact.mean(), exact.std()), rel=1e-12)
+
+
+STATES = {"slight": ("drift", 0.004), "severe": ("drift", 0.008)}
+
+
+def functions(path):
+    root = ElementTree.parse(path).getroot()
+    assert root.tag == f"{NAME}nrml"
+    return root.find(f"{NAME}fragilityModel"), {each.get("id"): each for each in root.iter(f"{NAME}fragilityFunction")}
+
+
+def test_nrml_by_hand(cube, tmp_path):
+    assert export_nrml(cube, tmp_path / "f.xml", STATES) == {}
+    model, found = functions(tmp_path / "f.xml")
+    assert model.find(f"{NAME}limitStates").text == "slight severe"
+    assert set(found) == {f"{b}_{law}" for b in "ab" for law in ("linear", "hertz")}
+    fitted = fragility(cube, "drift", 0.008, confidence=None).sel(building="a", law="hertz")
+    params = found["a_hertz"].findall(f"{NAME}params")
+    assert [each.get("ls") for each in params] == ["slight", "severe"]
+    mean, deviation = (float(params[1].get(name)) for name in ("mean", "stddev"))
+    beta = np.sqrt(np.log1p((deviation / mean) ** 2))
+    assert beta == pytest.approx(float(fitted["dispersion"]), rel=1e-6)
+    assert mean / np.exp(0.5 * beta**2) * G == pytest.approx(float(fitted["median"]), rel=1e-6)
+    imls = found["a_hertz"].find(f"{NAME}imls")
+    pga = np.outer(cube["record_pga"], SCALES) / G
+    assert imls.get("imt") == "PGA"
+    assert [float(imls.get(name)) for name in ("minIML", "maxIML")] == pytest.approx([pga.min(), pga.max()])
+
+
+def test_nrml_by_openquake(cube, tmp_path):
+    """Its own probabilities at intensities between, against ours."""
+    export_nrml(cube, tmp_path / "f.xml", STATES)
+    ours = fragility(cube, "drift", 0.008, confidence=None, levels=[0.5, 1.5, 4.0]).sel(building="b", law="linear")
+    code = f"""
+import json, numpy
+from openquake.hazardlib import nrml
+from openquake.risklib import read_nrml
+model = nrml.to_python({str(tmp_path / "f.xml")!r})
+own = model["PGA", "b_linear"]
+own = own.build(model.limitStates, 1, 1) if hasattr(own, "build") else own
+gmvs = numpy.array([0.5, 1.5, 4.0]) / {G}
+print(json.dumps([model.limitStates, own[1](gmvs).tolist()]))
+"""
+    states, theirs = ask(code, "openquake")
+    assert states == ["slight", "severe"]
+    assert theirs == pytest.approx(ours["probability"].values.tolist(), abs=1e-6)
+
+
+def test_functions_without_fit_are_named(cube, tmp_path):
+    states = {"slight": ("drift", 0.004), "never": ("drift", 10.0)}
+    with pytest.raises(InputError, match=r"no fragility has a fit .*a_linear: never never happened"):
+        export_nrml(cube, tmp_path / "f.xml", states)
+    assert not (tmp_path / "f.xml").exists()
+    some = {"slight": ("drift", 0.004), "severe": ("drift", 0.5 * float(cube["drift_max"].max()) * 1.01)}
+    left_out = export_nrml(cube, tmp_path / "f.xml", some)
+    assert list(left_out) == ["a_linear", "b_linear"]
+    assert set(functions(tmp_path / "f.xml")[1]) == {"a_hertz", "b_hertz"}
+
+
+@pytest.mark.parametrize(
+    ("states", "says"),
+    [
+        ({}, "no limit states"),
+        ({"a b": ("touch", None)}, "limit state 'a b' is no name"),
+        ({"a": ("touch", None), "b": ("drift", 0.1)}, "these are of building and pair; write two files"),
+        ({"a": ("fall", None)}, "unknown event 'fall'"),
+        ({"a": ("drift", None)}, "needs a level"),
+    ],
+)
+def test_limit_states_that_will_not_do(cube, tmp_path, states, says):
+    with pytest.raises(InputError, match=says):
+        export_nrml(cube, tmp_path / "f.xml", states)
+
+
+def read(path):
+    with path.open(newline="") as file:
+        return list(csv.reader(file))
+
+
+def test_demands_by_hand(cube, tmp_path):
+    part = cube.sel(law="hertz")
+    n = export_pelicun(part, tmp_path / "d.csv", "a")
+    header, units, *rows = read(tmp_path / "d.csv")
+    assert header == ["", "1-PID-1-1", "1-PID-2-1", "1-PFA-0-1", "1-PFA-1-1", "1-PFA-2-1"]
+    assert units == ["Units", "rad", "rad", "g", "g", "g"]
+    assert n == len(rows) == 8 * 12 - 1  # without the one that diverged
+    found = np.array(rows, float)
+    assert found[:, 0].tolist() == list(range(n))
+    ok = (part["status"] == 0).values
+    heights = np.diff(part["floor_elevation"].sel(building="a").values, prepend=0.0)
+    for storey in (1, 2):
+        own = part.sel(building="a", storey=storey)
+        assert found[:, storey] == pytest.approx(own["drift_max"].values[ok] / heights[storey - 1])
+        assert found[:, 3 + storey] == pytest.approx(own["acceleration_max"].values[ok] / G)
+    assert found[:, 3] == pytest.approx((part["record_pga"] * part["scale"]).values[ok] / G)
+
+
+def test_demands_by_pelicun(cube, tmp_path):
+    export_pelicun(cube.sel(law="linear"), tmp_path / "d.csv", "a")
+    code = f"""
+import json
+from pelicun.assessment import Assessment
+own = Assessment({{"PrintLog": False, "Seed": 1}})
+own.demand.load_sample({str(tmp_path / "d.csv")!r})
+names = [list(map(str, name)) for name in own.demand.sample.columns]
+print(json.dumps([names, own.demand.sample.iloc[5].tolist(), len(own.demand.sample)]))
+"""
+    names, row, n = ask(code, "pelicun")
+    header, _, *rows = read(tmp_path / "d.csv")
+    assert n == len(rows)
+    assert sorted("-".join(["1", *name]) for name in names) == sorted(header[1:])
+    for name, value in zip(names, row, strict=True):
+        written = float(rows[5][header.index("-".join(["1", *name]))])
+        unit = 1.0 if name[0] == "PID" else 9.80665  # its base unit of acceleration is m/s2, by its own g
+        assert value == pytest.approx(written * unit, rel=1e-4)
+
+
+def test_what_would_be_mixed_is_refused(cube, tmp_path):
+    with pytest.raises(
+        InputError, match=r"several values of law would be mixed; choose one of each \(--at law=\.\.\.\)"
+    ):
+        export_pelicun(cube, tmp_path / "d.csv", "a")
+    with pytest.raises(InputError, match="unknown building 'c'; valid: a, b"):
+        export_pelicun(cube, tmp_path / "d.csv", "c")
+    with pytest.raises(InputError, match=r"needs one of the outputs 'drift_max' or"):
+        export_pelicun(cube[["impact_force_max", "status"]].sel(law="linear"), tmp_path / "d.csv", "a")
+
+
+def test_commands(cube, tmp_path):
+    path = str(write_cube(cube, tmp_path / "c.nc"))
+
+    def run(*arguments):
+        return CliRunner().invoke(app, ["export", path, *arguments])
+
+    xml, demands = str(tmp_path / "f.xml"), str(tmp_path / "d.csv")
+    result = run("-o", xml, "--limit-state", "slight=drift:0.004", "--limit-state", "severe=drift:0.008")
+    assert (result.exit_code, result.stdout) == (0, f"{xml}\n"), result.output
+    assert len(functions(xml)[1]) == 4
+    assert run("-o", xml).exit_code == 2  # it is there
+    result = run("-o", xml, "--overwrite", "--at", "law=hertz")
+    assert result.exit_code == 0, result.output
+    assert {*functions(xml)[1]} <= {"a-b", "b-wall"}
+    assert run("-o", demands, "--pelicun", "a", "--at", "law=hertz").exit_code == 0
+    for more, says in (
+        (["-o", demands, "--limit-state", "a=touch"], "give -o FILE.xml"),
+        (["-o", xml, "--limit-state", "a=drift:x"], "'x' is no level"),
+        (["-o", xml, "--table"], "--table is for tables"),
+    ):
+        result = run(*more, "--overwrite")
+        assert result.exit_code == 2
+        assert says in " ".join(result.output.split())
+
+
+def test_files_that_are_there_stay(cube, tmp_path):
+    (tmp_path / "f.xml").write_text("mine")
+    with pytest.raises(OutputError, match="exists"):
+        export_nrml(cube, tmp_path / "f.xml", STATES)
+    assert (tmp_path / "f.xml").read_text() == "mine"

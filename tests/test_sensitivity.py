@@ -1,0 +1,241 @@
+"""Sobol indices: the estimators against models with known ones and against scipy, and of a small sweep."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from scenes import pair
+from scipy import stats
+from typer.testing import CliRunner
+
+from pounding_sweep import Sweep, pulse_record
+from pounding_sweep.analysis import sensitivity
+from pounding_sweep.analysis.comparisons.sensitivity import index_rows
+from pounding_sweep.analysis.sobol_indices import bootstrap_intervals, sobol_indices
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.cli.app import app
+from pounding_sweep.output.merge import merge_cubes
+from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.spec.build import build_spec
+
+UNIFORM = {"distribution": "uniform", "low": 0.0, "high": 1.0}
+NAMES = ("gap", "scale", "damping_ratio")
+
+
+def blocks(samples, seed=0, d=3):
+    """Return the points of a Saltelli design of the package, shape (blocks, samples, inputs)."""
+    inputs = dict.fromkeys(NAMES[:d], UNIFORM)
+    design = {"kind": "saltelli", "samples": samples, "seed": seed, "inputs": inputs}
+    found = build_spec(scene="mate2015", records="el_centro", laws="linear", design=design).design
+    return found.shares.reshape(d + 2, samples, d)
+
+
+def evaluated(model, samples, seed=0):
+    a, b, *mixed = (model(block) for block in blocks(samples, seed))
+    return a, b, np.stack(mixed)
+
+
+def ishigami(x):
+    """sin x1 + a sin^2 x2 + b x3^4 sin x1, each x uniform in -pi..pi (Ishigami & Homma 1990)."""
+    x = np.pi * (2.0 * x - 1.0)
+    return np.sin(x[..., 0]) + 7.0 * np.sin(x[..., 1]) ** 2 + 0.1 * x[..., 2] ** 4 * np.sin(x[..., 0])
+
+
+def ishigami_indices(a=7.0, b=0.1):
+    one = 0.5 * (1.0 + b * np.pi**4 / 5.0) ** 2
+    two = a**2 / 8.0
+    both = b**2 * np.pi**8 * (1.0 / 18.0 - 1.0 / 50.0)
+    return np.array([one, two, 0.0]) / (one + two + both), np.array([one + both, two, both]) / (one + two + both)
+
+
+WEIGHTS = np.array([0.0, 1.0, 4.5])
+
+
+def g_function(x):
+    """Product of (|4 x_i - 2| + a_i) / (1 + a_i) (Sobol' 1993)."""
+    return np.prod((np.abs(4.0 * x - 2.0) + WEIGHTS) / (1.0 + WEIGHTS), axis=-1)
+
+
+def g_function_indices():
+    own = 1.0 / (3.0 * (1.0 + WEIGHTS) ** 2)
+    whole = np.prod(1.0 + own) - 1.0
+    return own / whole, own * np.prod(1.0 + own) / (1.0 + own) / whole
+
+
+@pytest.mark.parametrize(
+    ("model", "exact"), [(ishigami, ishigami_indices()), (g_function, g_function_indices())], ids=["ishigami", "g"]
+)
+def test_models_with_known_indices(model, exact):
+    first, total = sobol_indices(*evaluated(model, 1 << 14))
+    assert first == pytest.approx(exact[0], abs=5e-3)
+    assert total == pytest.approx(exact[1], abs=5e-3)
+    few = [np.abs(sobol_indices(*evaluated(model, 1 << 8))[i] - exact[i]).max() for i in (0, 1)]
+    many = [np.abs(index - known).max() for index, known in zip((first, total), exact, strict=True)]
+    assert max(many) < 0.2 * max(few)  # they go on getting better
+
+
+@pytest.mark.parametrize("model", [ishigami, g_function])
+def test_those_of_scipy(model):
+    a, b, mixed = evaluated(model, 512)
+    theirs = stats.sobol_indices(func={"f_A": a[None], "f_B": b[None], "f_AB": mixed[:, None]}, n=512)
+    first, total = sobol_indices(a, b, mixed)
+    assert first == pytest.approx(theirs.first_order, abs=0.02)  # they take the mean off each block apart
+    assert total == pytest.approx(theirs.total_order, rel=0.02)
+
+
+def test_a_mean_far_from_zero_changes_nothing():
+    a, b, mixed = evaluated(ishigami, 256)
+    for one, other in zip(sobol_indices(a, b, mixed), sobol_indices(a + 1e6, b + 1e6, mixed + 1e6), strict=True):
+        assert one == pytest.approx(other, abs=1e-7)
+
+
+def test_intervals_hold_the_known_indices_as_often_as_they_say():
+    exact = np.stack(ishigami_indices())
+    inside = []
+    for seed in range(60):
+        low, high = np.moveaxis(bootstrap_intervals(*evaluated(ishigami, 128, seed), 0.9, 300, seed), 1, 0)
+        inside.append((low <= exact) & (exact <= high))
+    share = np.mean(inside)
+    assert (
+        0.85 < share <= 1.0
+    )  # scrambled Sobol' points are better than random ones, which the bootstrap takes them for
+
+
+def test_intervals_narrow_with_the_root_of_the_points():
+    widths = [np.diff(bootstrap_intervals(*evaluated(g_function, n), 0.95, 400), axis=1).max() for n in (256, 4096)]
+    assert widths[0] / widths[1] == pytest.approx(4.0, rel=0.3)
+
+
+def test_what_does_not_vary_has_no_indices():
+    a, b, mixed = evaluated(lambda x: 1.0 + 1e-12 * x[..., 0], 64)
+    for found in (*sobol_indices(a, b, mixed), bootstrap_intervals(a, b, mixed, 0.9, 20)):
+        assert np.isnan(found).all()
+    two = [np.stack([x, y], axis=-2) for x, y in zip(evaluated(ishigami, 64), (a, b, mixed), strict=True)]
+    assert np.isfinite(sobol_indices(*two)[0]).tolist() == [[True, False]] * 3  # the one beside is not touched by it
+
+
+# --- of a sweep -----------------------------------------------------------------------------------------------------
+
+PULSE = pulse_record("sine", amplitude=2.0, period=0.6, dt=0.02, name="pulse")
+INPUTS = {
+    "gap": {"distribution": "uniform", "low": 0.002, "high": 0.02},
+    "scale": {"distribution": "uniform", "low": 0.8, "high": 1.2},
+    "damping_ratio": {"distribution": "uniform", "low": 0.02, "high": 0.08},
+}
+
+
+def sweep(**changes):
+    settings = {"laws": ["linear", "none"], "records": "el_centro", "dt": 0.005, "audit": 0.0, "method": "rk4"}
+    settings |= {"outputs": ["displacement_max", "impact_force_max", "first_impact_time"]}
+    settings |= {"design": {"kind": "saltelli", "samples": 32, "seed": 2, "inputs": INPUTS}}
+    return Sweep(**{"scene": "mate2015", **settings, **changes})
+
+
+@pytest.fixture(scope="module")
+def cube(stub_module):
+    return sweep().run(workers=1)
+
+
+def test_indices_of_a_sweep(cube):
+    """As by hand, from the rows of the cube; without pounding the gap is nothing and the scale almost all."""
+    found = sensitivity(cube, resamples=50)
+    assert found["law"].values.tolist() == ["linear", "none"]
+    assert found["record"].values.tolist() == ["el_centro", "el_centro"]
+    assert found["input"].values.tolist() == [*NAMES]
+    assert "first_impact_time_first" not in found
+    table = cube["displacement_max"].values.reshape(2, 5, 32, 3, 3)
+    for law in range(2):
+        a, b, *mixed = table[law].transpose(0, 2, 3, 1)
+        first, total = sobol_indices(a, b, np.stack(mixed))
+        np.testing.assert_allclose(found["displacement_max_first"].values[law], first, atol=1e-12)
+        np.testing.assert_allclose(found["displacement_max_total"].values[law], total, atol=1e-12)
+    still = found["displacement_max_total"].isel(group=1)
+    assert (still.sel(input="gap") == 0.0).all()
+    assert (still.sel(input="scale") + still.sel(input="damping_ratio") == pytest.approx(1.0, abs=0.25)).all()
+    assert (found["displacement_max_samples"] == 32).all()
+    low, high = (found["displacement_max_total_interval"].sel(bound=end) for end in ("lower", "upper"))
+    assert bool((low <= high).all())
+
+
+def test_its_table(cube):
+    result = sensitivity(cube, ["displacement_max"], resamples=20)
+    rows = index_rows(result)
+    assert len(rows) == 2 * 9 * 3
+    assert rows[0].keys() >= {"variable", "law", "record", "building", "storey", "input", "first", "total_lower"}
+    assert [row["total"] for row in rows[:3]] == sorted((row["total"] for row in rows[:3]), reverse=True)
+
+
+def test_failed_scenarios_take_their_point_along(cube):
+    status = cube["status"].copy(deep=True)
+    status[{"case": [3, 32 * 2 + 7]}] = 1
+    found = sensitivity(cube.assign(status=status), ["displacement_max"], resamples=10)
+    assert (found["displacement_max_samples"].isel(group=0) == 30).all()
+    assert (found["displacement_max_samples"].isel(group=1) == 32).all()
+
+
+def test_rows_may_stand_in_any_order(cube):
+    mixed = cube.isel(case=np.random.default_rng(0).permutation(cube.sizes["case"]))
+    one, two = (sensitivity(each, ["displacement_max"], resamples=10) for each in (cube, mixed))
+    xr.testing.assert_equal(one, two.isel(group=np.argsort(two["law"].values)).assign_coords(group=one["group"]))
+
+
+def test_other_axes_are_told_apart_and_records_may_be_drawn(stub_engine):
+    inputs = {**INPUTS, "record": {"distribution": "any"}}
+    design = {"kind": "saltelli", "samples": 16, "inputs": inputs}
+    other = sweep(design=design, records=["el_centro", PULSE], stiffness_factors=[1.0, 2.0])
+    found = sensitivity(other.run(workers=1), ["displacement_max"], resamples=10)
+    assert found["record"].values.tolist() == ["drawn"] * 3
+    assert found["beside"].values.tolist() == ["stiffness_factor=1.0", "stiffness_factor=2.0", ""]
+    assert float(found["displacement_max_total"].sel(input="record").min()) > 0.1
+
+
+def test_laws_run_apart_are_merged(cube, stub_engine, tmp_path):
+    for law in ("linear", "none"):
+        sweep(laws=law).run(tmp_path / f"{law}.nc", workers=1).close()
+    merge_cubes([tmp_path / "linear.nc", tmp_path / "none.nc"], tmp_path / "both.nc")
+    with open_cube(tmp_path / "both.nc") as both:
+        one, two = (sensitivity(each, ["displacement_max"], resamples=10) for each in (cube, both))
+    np.testing.assert_array_equal(one["displacement_max_total"], two["displacement_max_total"])
+
+
+def test_what_can_not_be_done(cube, stub_engine):
+    other = sweep(design={"kind": "sobol", "samples": 4, "inputs": INPUTS}).run(workers=1)
+    with pytest.raises(InputError, match='kind "saltelli", and this cube is a part of one of kind "sobol"'):
+        sensitivity(other)
+    with pytest.raises(InputError, match='kind "saltelli", and this cube is of none'):
+        sensitivity(sweep(design=None, gaps=[0.01]).run(workers=1))
+    with pytest.raises(InputError, match="1 of the 160 points of the design with linear are not in this part"):
+        sensitivity(cube.isel(case=slice(1, None)))
+    with pytest.raises(InputError, match="unknown output 'impuls'"):
+        sensitivity(cube, ["impuls"])
+    with pytest.raises(InputError, match=r"confidence is 2\.0"):
+        sensitivity(cube, confidence=2.0)
+
+
+def test_command(cube, tmp_path):
+    path = write_cube(cube, tmp_path / "a.nc")
+    asked = ["compare", str(path), "--what", "sensitivity"]
+    result = CliRunner().invoke(app, [*asked, "-o", str(tmp_path / "out"), "--json"])
+    assert result.exit_code == 0, result.output
+    rows = json.loads(result.stdout)["sensitivity"]["rows"]
+    assert {row["variable"] for row in rows} == {"displacement_max", "impact_force_max"}
+    assert (tmp_path / "out" / "sensitivity.csv").exists()
+
+
+def test_a_small_sweep_of_real_kernels():
+    """Without pounding, peaks are the scale times one number, and the gap is nothing."""
+    inputs = {"scale": {"distribution": "uniform", "low": 0.5, "high": 1.5}, "gap": INPUTS["gap"]}
+    job = Sweep(
+        pair(), records="el_centro", laws=["none"], dt=0.002, audit=0.0, outputs=["displacement_max"],
+        design={"kind": "saltelli", "samples": 16, "inputs": inputs},
+    )  # fmt: skip
+    found = sensitivity(job.run(workers=1), resamples=20)
+    scale = np.array([case.scale for case in job.spec.cases]).reshape(4, 16)
+    first, total = sobol_indices(scale[0], scale[1], scale[2:])
+    for floor in found["displacement_max_first"].values[0].reshape(2, -1).T:
+        assert floor == pytest.approx(first, abs=1e-6)
+    for floor in found["displacement_max_total"].values[0].reshape(2, -1).T:
+        assert floor == pytest.approx(total, abs=1e-6)

@@ -1,0 +1,196 @@
+"""Wide tables: every number where a slow loop over scenarios, moments and places puts it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+from scenes import motions, pair
+from typer.testing import CliRunner
+
+from pounding_sweep import Sweep, simulate
+from pounding_sweep.base.errors import InputError
+from pounding_sweep.cli.app import app
+from pounding_sweep.output import tidy
+from pounding_sweep.output.export import export_cube
+from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.output.select import select
+from pounding_sweep.records.measures import record_measures
+
+pytestmark = pytest.mark.usefixtures("stub_module")
+OUTPUTS = ["displacement_max", "impact_force_max", "impact_count"]
+DESIGN = {
+    "kind": "halton",
+    "samples": 6,
+    "inputs": {
+        "gap": {"distribution": "uniform", "low": 0.001, "high": 0.01},
+        "damping_ratio": {"distribution": "uniform", "low": 0.02, "high": 0.08},
+        "period_factors": {"b": {"distribution": "lognormal", "median": 1.0, "dispersion": 0.3}},
+    },
+}
+SWEEPS = {
+    "axes": {"gaps": [0.0002, 0.001], "restitutions": [0.4, 0.6], "scales": [1.0, -2.0]},
+    "pgas": {"gaps": [0.001], "pgas": [2.0, 3.0]},
+    "buildings": {"period_factors": {"b": [1.0, 1.3]}, "mass_factors": {"a": [0.7]}, "damping_ratios": [0.02, 0.05]},
+    "cases": {"laws": None, "cases": [
+        {"law": "linear", "record": "one"}, {"law": "stereomechanical", "record": "two", "scale": 2.0, "gap": 0.001},
+        {"law": "kelvin_voigt", "record": "two", "gap": 0.0003, "damping_ratio": 0.02, "period_factors": {"b": 1.4}},
+    ]},
+    "design": {"design": DESIGN},
+}  # fmt: skip
+
+
+def made(name):
+    settings = {"laws": ["none", "kelvin_voigt", "stereomechanical"], "records": motions(), "dt": 0.005}
+    settings |= {"outputs": OUTPUTS, "audit": 1.0, "force_unstable": True}
+    return Sweep(pair(0.0005), **{**settings, **SWEEPS[name]}).run(workers=1)
+
+
+@pytest.fixture(scope="module", params=SWEEPS)
+def cube(stub_module, request):
+    return made(request.param)
+
+
+def read(path):
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def same(text, value):
+    if isinstance(value, str):
+        return text == value
+    return (text == "" and math.isnan(value)) or (text != "" and float(text) == value)
+
+
+@pytest.mark.parametrize("at_a_time", [300, 10**6])
+def test_one_row_for_each_scenario(cube, tmp_path, monkeypatch, at_a_time):
+    monkeypatch.setattr(tidy, "ROWS_AT_A_TIME", at_a_time)
+    rows = read(export_cube(cube, tmp_path / "t.csv", table=True))
+    dims = cube["status"].dims
+    assert len(rows) == cube["status"].size
+    for place, row in zip(np.ndindex(cube["status"].shape), rows, strict=True):
+        one = cube.isel(dict(zip(dims, place, strict=True)))
+        assert all(same(row[dim], one[dim].item()) for dim in dims)
+        assert same(row["status"], one["status"].item())
+        for storey in (1, 2):
+            assert same(row[f"displacement_max_b_{storey}"], one["displacement_max"].sel(building="b", storey=storey))
+            assert same(row[f"impact_count_a_b_{storey}"], one["impact_count"].sel(pair="a-b", storey=storey).item())
+        (record,) = [each for each in motions() if each.name == one["record"].item()]
+        measures = record_measures(record.scaled(float(one["scale"])))
+        for name in ("pga", "pgv", "arias_intensity", "significant_duration", "duration"):
+            assert float(row[f"ground_{name}"]) == pytest.approx(getattr(measures, name), rel=1e-12)
+
+
+def test_audited_errors_stand_with_their_scenarios(cube, tmp_path):
+    """Each audited scenario is found by what the cube says of it, by a loop; no other row has an error."""
+    rows = read(export_cube(cube, tmp_path / "t.csv", table=True))
+    texts = {name: [row[f"audited_error_{name}"] for row in rows] for name in cube["output"].values.tolist()}
+    held = set()
+    assert cube.sizes["audit"] >= 1
+    for i in range(cube.sizes["audit"]):
+        one = cube.isel(audit=i)
+        law = str(one["audit_law"].item())
+        alike = []
+        for place, at in enumerate(np.ndindex(cube["status"].shape)):
+            here = cube.isel(dict(zip(cube["status"].dims, at, strict=True)))
+            ok = here["law"].item() == law and here["record"].item() == one["audit_record"].item()
+            ok &= float(here["scale"]) == float(one["audit_scale"])
+            ok &= float(here["pair_gap"].values[0]) == float(one["audit_gap"].values[0])
+            ok &= law != "kelvin_voigt" or float(here["restitution"]) == float(one["audit_restitution"])
+            if "audit_fundamental_period" in cube.coords:
+                periods = here["fundamental_period"].values
+                ok &= np.allclose(periods, one["audit_fundamental_period"].values, rtol=1e-12)
+                masses = here["floor_mass"].values[:, 0] / np.array([120.0, 80.0])
+                ok &= np.allclose(masses, one["audit_mass_factor"].values, rtol=1e-12)
+                ratio = float(one["audit_damping_ratio"])
+                own = 0.05 if math.isnan(ratio) else ratio
+                ok &= float(here["first_damping_ratio"].values[0]) == pytest.approx(own, rel=1e-9)
+            alike += [place] if ok else []
+        assert alike
+        held |= {*alike}
+        for j, name in enumerate(texts):
+            assert all(same(texts[name][place], float(one["audit_error"].values[j])) for place in alike)
+    assert {i for i, text in enumerate(texts["displacement_max"]) if text} == held
+
+
+def test_inputs_are_columns(tmp_path):
+    cube = made("design")
+    export_cube(cube, tmp_path / "t.csv", ["impact_force_max"], table=True)
+    rows = read(tmp_path / "t.csv")
+    columns = json.loads((tmp_path / "t.csv.json").read_text())["columns"]
+    assert {"gap", "damping_ratio", "period_factor_b", "design_sample", "law", "record", "status"} <= {*rows[0]}
+    assert not {"displacement_max_a_1", "audited_error_displacement_max"} & {*rows[0]}
+    assert not [name for name in rows[0] if name.endswith("_no2")]
+    assert {"audited_error_impact_force_max", "floor_mass_a_1", "fundamental_period_b"} <= {*rows[0]}
+    assert columns["gap"]["units"] == "m"
+    assert columns["ground_arias_intensity"]["units"] == "m s-1"
+
+
+def test_a_part_and_a_file(tmp_path):
+    path = write_cube(made("axes"), tmp_path / "a.nc")
+    asked = [
+        "export",
+        str(path),
+        "-o",
+        str(tmp_path / "t.csv"),
+        "--table",
+        "--at",
+        "law=kelvin_voigt",
+        "--at",
+        "record=two",
+    ]
+    result = CliRunner().invoke(app, asked)
+    assert result.exit_code == 0, result.output
+    rows = read(tmp_path / "t.csv")
+    assert len(rows) == 8
+    assert {row["law"] for row in rows} == {"kelvin_voigt"}
+    with open_cube(path) as cube:
+        part = select(cube, {"law": "kelvin_voigt", "record": "two"})
+        assert [float(row["displacement_max_a_2"]) for row in rows] == part["displacement_max"].values[
+            ..., 0, 1
+        ].ravel().tolist()
+
+
+def test_parquet(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    cube = made("cases")
+    rows = read(export_cube(cube, tmp_path / "t.csv", table=True))
+    table = parquet.read_table(export_cube(cube, tmp_path / "t.parquet", table=True))
+    assert table.column_names == list(rows[0])
+    assert table["law"].to_pylist() == [row["law"] for row in rows]
+    with pytest.raises(InputError, match="Zarr holds cubes, no tables"):
+        export_cube(cube, tmp_path / "t.zarr", table=True)
+
+
+# --- histories ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def one(stub_module):
+    return simulate(pair(), motions()[0], law="linear", dt=0.01)
+
+
+def test_histories_have_a_row_for_each_moment(one, tmp_path):
+    """No cell is written twice: as many numbers as histories have."""
+    rows = read(export_cube(one, tmp_path / "one.csv"))
+    histories = [name for name, array in one.data_vars.items() if "time" in array.dims]
+    assert len(rows) == one.sizes["time"]
+    assert len(rows[0]) == 1 + sum(one[name].size // one.sizes["time"] for name in histories)
+    for moment in (0, 7, -1):
+        here = one.isel(time=moment)
+        assert float(rows[moment]["time"]) == here["time"].item()
+        assert float(rows[moment]["displacement_b_2"]) == here["displacement"].sel(building="b", storey=2).item()
+        assert float(rows[moment]["contact_force_a_b_1"]) == here["contact_force"].values[0, 0]
+        assert float(rows[moment]["ground_acceleration"]) == here["ground_acceleration"].item()
+
+
+def test_peaks_of_a_scenario_are_exported_alone(one, tmp_path):
+    rows = read(export_cube(one, tmp_path / "peaks.csv", ["displacement_max", "impact_force_max"]))
+    assert len(rows) == 4 + 2
+    with pytest.raises(InputError, match="displacement_max has no history, and others have"):
+        export_cube(one, tmp_path / "both.csv", ["displacement_max", "velocity"])
+    with pytest.raises(InputError, match="one scenario with its histories"):
+        export_cube(one, tmp_path / "table.csv", table=True)
