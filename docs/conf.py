@@ -17,11 +17,12 @@ project_copyright = "2026, the pounding_sweep developers"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "numpydoc"]
 myst_enable_extensions = ["dollarmath", "colon_fence"]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-_RUN = ("start.md", "tutorial.md", "reading.md")  # pages that are run; what they printed is added in generated/
+#: Pages that are run; what they printed is added in generated/.
+_RUN = ("start.md", "tutorial.md", "reading.md", "own_law.md")
 exclude_patterns = ["_build", *_RUN]
-html_theme = "alabaster"
+html_theme = "furo"
+html_title = "pounding_sweep: parametric sweeps of seismic pounding"
 html_static_path = ["_static"]
-html_theme_options = {"description": "Parametric sweeps of seismic pounding", "page_width": "1000px"}
 numpydoc_show_class_members = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"

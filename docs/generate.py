@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from gallery import gallery_page
 from sweep_keys import key_tables
 from typer.main import get_command
+from typeset import typeset
 
 import pounding_sweep.cli  # noqa: F401  (its import registers the commands)
 from pounding_sweep import analysis
@@ -19,11 +21,12 @@ from pounding_sweep.analysis.separation_rules import SEPARATION_RULES
 from pounding_sweep.cli.app import app
 from pounding_sweep.cli.reporting import NAME
 from pounding_sweep.figures import FIGURES
-from pounding_sweep.model.laws import LAWS, RESTING_SPEED
+from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, RESTING_SPEED, Law
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.model.rebound import RELATIONS
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, STATUS, VARIABLES
 from pounding_sweep.plan.advice import measured_schemes
+from pounding_sweep.plan.sanity import LIMITS
 from pounding_sweep.records import KNOWN_RECORDS, RECORD_SETS
 from pounding_sweep.records.formats import READERS
 from pounding_sweep.schemes import SCHEMES
@@ -38,20 +41,42 @@ def _laws() -> str:
         f"A touch slower than {RESTING_SPEED:g} m/s is damped as if it came at that speed.",
         "",
     ]
+    groups: dict[str, list[Law]] = {name: [] for name in _GROUPS}
     for law in LAWS.values():
-        lines += [f"## `{law.key}`", "", f"{law.title} (model {law.model} of Mate, Bakre & Jaiswal 2015).", ""]
-        lines += [f"- force: `{law.formula}`"]
-        if law.number_text:
-            lines.append(f"- damping number: `{law.number_text}`")
-        if law.relation:
-            factor = (
-                f", with z = {law.relation_factor:.6g} times the damping number" if law.relation_factor != 1 else ""
-            )
-            lines.append(f"- [restitution it really gives](../restitution): `{RELATIONS[law.relation].text}`{factor}")
-        if law.exponent is not None:
-            lines.append(f"- contact stiffness in kN/m{'' if law.exponent == 1 else f'^{law.exponent:g}'}")
-        lines += [f"- restitution: {law.validity}", f"- source: {law.reference}", ""]
+        groups[next(name for name, among in _GROUPS.items() if among(law))].append(law)
+    for name, laws in groups.items():
+        lines += [f"## {name}", "", *(line for law in laws for line in _law(law))]
     return "\n".join(lines)
+
+
+#: Headings of the page of laws, each with what stands below it; a law stands below the first that fits.
+_GROUPS: dict[str, Callable[[Law], bool]] = {
+    "Models of Mate, Bakre & Jaiswal (2015)": lambda law: law.key in MATE2015_MODELS,
+    "Forces with memory, and jumps of velocity": lambda law: law.yields or law.impulsive,
+    "Linear springs with other dampers": lambda law: law.exponent == 1.0,
+    "Hertz springs with other dampers": lambda law: True,
+}
+
+
+def _law(law: Law) -> list[str]:
+    """Return what the page of laws says of one."""
+    paper = "" if law.model == "-" else f" (model {law.model} of Mate, Bakre & Jaiswal 2015)"
+    lines = [f"### `{law.key}`", "", f"{law.title}{paper}.", "", f"- force: {typeset(law.formula)}"]
+    if law.number_text:
+        lines.append(f"- damping number: {typeset(law.number_text)}")
+    if law.relation:
+        factor = f", with $z$ = {law.relation_factor:.6g} times the damping number" * (law.relation_factor != 1)
+        found = typeset(RELATIONS[law.relation].text)
+        lines.append(f"- [restitution it really gives](../restitution): {found}{factor}")
+    if law.exponent is not None:
+        power = "" if law.exponent == 1 else f"$^{{{law.exponent:g}}}$"
+        lines.append(f"- contact stiffness $k$ in kN/m{power}")
+    return [*lines, f"- restitution: {law.validity}", f"- source: {law.reference}", ""]
+
+
+def _row(*cells: object) -> str:
+    """Return one line of a table; a bar in a text is no edge of a cell."""
+    return "| " + " | ".join(str(cell).replace("|", r"\|") for cell in cells) + " |"
 
 
 def _schemes() -> str:
@@ -69,10 +94,8 @@ def _schemes() -> str:
     ]
     for scheme in SCHEMES.values():
         sampled = "" if scheme.flies_exactly else f" ({scheme.min_steps_sampled:g})"
-        lines.append(
-            f"| `{scheme.name}` | {scheme.title} | {scheme.order} | {scheme.min_steps_located:g}{sampled} | "
-            f"{'yes' if scheme.name in measured else 'no'} | {scheme.source} |"
-        )
+        steps, known = f"{scheme.min_steps_located:g}{sampled}", "yes" if scheme.name in measured else "no"
+        lines.append(_row(f"`{scheme.name}`", scheme.title, scheme.order, steps, known, scheme.source))
     return "\n".join([*lines, ""])
 
 
@@ -88,24 +111,24 @@ def _variables() -> str:
     for variable in VARIABLES.values():
         default = " (default)" if variable.name in DEFAULT_OUTPUTS or variable.always else ""
         dims = ", ".join(variable.dims) or "-"
-        lines.append(f"| `{variable.name}`{default} | {dims} | {variable.units} | {variable.definition} |")
+        lines.append(_row(f"`{variable.name}`{default}", dims, variable.units, variable.definition))
     lines += ["", "## Status of a scenario", "", "| value | name | meaning | remedy |", "|---|---|---|---|"]
-    lines += [f"| {int(s)} | `{s.label}` | {s.meaning} | {s.remedy or '-'} |" for s in STATUS]
+    lines += [_row(int(s), f"`{s.label}`", s.meaning, s.remedy or "-") for s in STATUS]
     return "\n".join([*lines, ""])
 
 
 def _records() -> str:
     lines = ["# Records by name", "", "| name | event | file |", "|---|---|---|"]
     for known in KNOWN_RECORDS.values():
-        lines.append(f"| `{known.key}` | {known.event}, {known.component} | {', '.join(known.files)} |")
+        lines.append(_row(f"`{known.key}`", f"{known.event}, {known.component}", ", ".join(known.files)))
     lines += ["", "## Sets", "", "| name | what | records |", "|---|---|---:|"]
-    lines += [f"| `{each.key}` | {each.title} | {each.components} |" for each in RECORD_SETS.values()]
+    lines += [_row(f"`{each.key}`", each.title, each.components) for each in RECORD_SETS.values()]
     return "\n".join([*lines, ""])
 
 
 def _record_formats() -> str:
     """Return the formats of record files as a Markdown table."""
-    rows = [f"| {each.name} | {', '.join(each.suffixes)} | {each.needs} |" for each in READERS]
+    rows = [_row(each.name, ", ".join(each.suffixes), each.needs) for each in READERS]
     return "\n".join(["| file | usual endings | what it must have |", "|---|---|---|", *rows, ""])
 
 
@@ -121,7 +144,7 @@ def _presets() -> str:
         ]
         for b in scene.buildings:
             masses, stiffnesses = (", ".join(f"{v:g}" for v in values) for values in (b.masses, b.stiffnesses))
-            lines.append(f"| {b.name} | {masses} | {stiffnesses} | {b.damping_ratio} | {b.periods[0]:.4f} |")
+            lines.append(_row(b.name, masses, stiffnesses, b.damping_ratio, f"{b.periods[0]:.4f}"))
         gaps = ", ".join(f"{gap:g}" for gap in scene.gaps)
         lines += [
             "",
@@ -188,15 +211,15 @@ def _comparisons() -> str:
     lines = ["| comparison | what it shows | what the cube must have | figure |", "|---|---|---|---|"]
     for item in COMPARISONS.values():
         drawn = f"`{item.figure}`" if item.figure else "-"
-        lines.append(f"| `{item.key}` | {item.title} | {item.needs} | {drawn} |")
+        lines.append(_row(f"`{item.key}`", item.title, item.needs, drawn))
     return "\n".join([*lines, ""])
 
 
 def _separation_rules() -> str:
     lines = ["| rule | what it is | needed gap | clause | edition | note |", "|---|---|---|---|---|---|"]
     for rule in SEPARATION_RULES.values():
-        cells = (f"`{rule.key}`", rule.title, f"`{rule.formula}`", rule.clause, rule.edition, rule.note)
-        lines.append(f"| {' | '.join(cells)} |")
+        formula = typeset(rule.formula)
+        lines.append(_row(f"`{rule.key}`", rule.title, formula, rule.clause, rule.edition, rule.note))
     return "\n".join([*lines, ""])
 
 
@@ -205,8 +228,18 @@ def _events() -> str:
     for event in EVENTS.values():
         words = event.title.format(level="the level")
         lines.append(
-            f"| `{event.key}` | {words} | {f'`{event.variable}`' if event.variable else '-'} | {event.units or '-'} |"
+            _row(f"`{event.key}`", words, f"`{event.variable}`" if event.variable else "-", event.units or "-")
         )
+    return "\n".join([*lines, ""])
+
+
+def _sanity() -> str:
+    """Return the limits of real buildings as a Markdown table."""
+    lines = ["| quantity | unit | from | to | slips that are named |", "|---|---|---:|---:|---|"]
+    for limit in LIMITS.values():
+        low, high = (f"{end:.4g}" if 0.0 < end < math.inf else "-" for end in (limit.low, limit.high))
+        slips = ", ".join(slip for slip, _ in limit.slips) or "-"
+        lines.append(_row(limit.what, limit.unit or "1", low, high, slips))
     return "\n".join([*lines, ""])
 
 
@@ -225,6 +258,7 @@ _PAGES = {
     "comparisons.txt": _comparisons,
     "separation_rules.txt": _separation_rules,
     "events.txt": _events,
+    "sanity.txt": _sanity,
     "gallery.md": gallery_page,
 }
 

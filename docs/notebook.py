@@ -2,7 +2,7 @@
 
 - ``python`` blocks run in order, as one program;
 - ``sh`` blocks run in bash, each by itself;
-- ``toml`` blocks whose first line is ``# NAME.toml`` are written to that file.
+- ``toml`` and ``python`` blocks whose first line is ``# NAME.toml`` or ``# NAME.py`` are written to that file.
 
 Everything happens in one folder, empty at first, which all pages share;
 pictures made there are kept beside the pages. Blocks of other languages are
@@ -23,7 +23,7 @@ from contextlib import chdir, redirect_stdout
 from pathlib import Path
 
 _BLOCK = re.compile(r"^```(python|sh|toml)\n(.*?)^```\n", re.DOTALL | re.MULTILINE)
-_NAME = re.compile(r"# (\w+\.toml)\n")
+_NAME = re.compile(r"# (\w+\.(?:toml|py))\n")
 _PICTURES = (".png", ".svg", ".gif")
 
 
@@ -49,10 +49,10 @@ def _run(source: Path) -> str:
 
     def run(block: re.Match[str]) -> str:
         language, code = block.groups()
-        if language == "toml":
-            name = _NAME.match(code)
-            if name:
-                Path(name[1]).write_text(code, encoding="utf-8")
+        name = _NAME.match(code)
+        if name:
+            Path(name[1]).write_text(code, encoding="utf-8")
+        if name or language == "toml":
             return block[0]
         line = text.count("\n", 0, block.start(2))
         said = _python(code, str(source), line, namespace) if language == "python" else _shell(code, str(source), line)

@@ -9,8 +9,8 @@ from numpydoc.docscrape import NumpyDocString
 from pydantic.fields import FieldInfo
 
 from pounding_sweep.model.hertz import hertz_stiffness
-from pounding_sweep.model.scene import Building, ContactProperties, Wall
-from pounding_sweep.records import pulse_record, read_record, synthetic_record
+from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.spec import tables
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, Case, Range
 from pounding_sweep.spec.build import build_spec
@@ -53,6 +53,7 @@ _OWN = {
     ("A record by name", "scale"): "Factor on the motion.",
     ("A record by name", "pga"): "Peak ground acceleration to scale to, in m/s2; excludes `scale`.",
     ("A pulse", "pulse"): "Shape: half_sine, sine, ricker, rectangular or triangular.",
+    ("A near-fault pulse", "near_fault"): "Amplitude A of the velocity in m/s, of either sign.",
     ("A synthetic earthquake", "synthetic"): "Seed; the same seed and parameters give the same record.",
 }
 
@@ -65,7 +66,7 @@ def _arguments(section: str) -> dict[str, FieldInfo]:
 
 #: Heading -> (keys, what takes their values).
 _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
-    "[scene]": (tables.SceneTable.model_fields, None),
+    "[scene]": (tables.SceneTable.model_fields, Scene),
     "[[scene.row]], a building": (tables.BuildingTable.model_fields, Building),
     "[[scene.row]], a wall": (tables.WallTable.model_fields, Wall),
     "[scene.contact]": (tables.ContactTable.model_fields, ContactProperties),
@@ -79,6 +80,7 @@ _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
     "A record by name": (tables.NamedRecord.model_fields, None),
     "A synthetic earthquake": (tables.SyntheticRecord.model_fields, synthetic_record),
     "A pulse": (tables.PulseRecord.model_fields, pulse_record),
+    "A near-fault pulse": (tables.NearFaultRecord.model_fields, near_fault_record),
     "[solver]": (_arguments("solver"), build_spec),
     "[output]": (_arguments("output"), build_spec),
 }

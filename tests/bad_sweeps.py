@@ -277,11 +277,39 @@ variables = ["displacement_mx"]
 """
 SMALL = '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\nlaws = ["linear"]\n'
 _CASES = '[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\n'
+#: A row whose floors are not level.
+_STAGGERED = """
+[scene]
+gaps = [0.01]
+[[scene.row]]
+name = "a"
+masses = [1.0]
+stiffnesses = [9.0]
+[[scene.row]]
+name = "b"
+masses = [1.0]
+stiffnesses = [9.0]
+storey_heights = [4.0]
+[scene.contact]
+hertz_stiffness = 1e6
+[sweep]
+records = ["el_centro"]
+"""
 #: Edits of GOOD: what is replaced, and by what.
 EDITS = [
     *(("gaps = [0.01]", text) for text in (
         "gaps = [0.01, 0.02]", "gaps = 0.01", "", 'preset = "mate2015"', "gaps = ['x']", "gaps = [true]",
         'preset = 3\ngaps = [0.01]', "gasp = [0.01]", "contact = 3\ngaps = [0.01]", "dt = 3\ngaps = [0.01]",
+    )),
+    *(("gaps = [0.01]", f"gaps = [0.01]\n{text}") for text in (
+        "tolerance = -1e-3", "tolerance = 'x'", "allow_unmet = 3", "storeys = 3", "storeys = {left = [1]}",
+        "storeys = {'left-moat wall' = 1}", "storeys = {'left-moat wall' = []}", "storeys = {'left-moat wall' = ['x']}",
+        "storeys = {'left-moat wall' = [2, 7]}", "storeys = {'left-moat wall' = [1]}",
+    )),
+    *(("gaps = [0.01]", f"gaps = [0.01]\ncontacts = {text}") for text in ("3", "'columns'", "'floors and columns'")),
+    *(("storey_heights = [3.0, 3.5]", f"column_stiffnesses = {text}") for text in ("[1e4]", "[1e4, 0.0]", "1e4")),
+    *(("storey_heights = [3.0, 3.5]", f"slab_depths = {text}") for text in (
+        "0.3", "[0.3]", "[0.3, 'x']", "[-0.3, inf]", "[0.3, 3.0]", "[0.0, 0.3]",
     )),
     *(("wall = true", text) for text in ("wall = false", "", "wall = true\nwidth = 3")),
     *(('"moat wall"', text) for text in ('""', '"left"', "3", '"a\\nb"')),
@@ -373,6 +401,11 @@ FILES = [
     f"design = 3\n{SMALL}",
     f"{SMALL}[design]\nkind = 'halton'\nsamples = 64\n[design.inputs]\ngap.distribution = 'normal'\n"
     "gap.mean = 0.01\ngap.std = 0.01\nrecord.distribution = 'uniform'\n",
+    f"{_STAGGERED}laws = 'hertz'\n",
+    *(
+        _STAGGERED.replace("[scene]", '[scene]\ncontacts = "floors and columns"') + law
+        for law in ("laws = ['linear', 'hertz']\nstiffness_factors = 1.0\n", "[[sweep.cases]]\nlaw = 'hertz'\n")
+    ),
 ]
 
 

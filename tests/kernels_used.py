@@ -6,7 +6,12 @@ before the tests begin, and fails a test that asks for another.
 
 from __future__ import annotations
 
+import atexit
+import re
+import shutil
 from functools import cache
+from pathlib import Path
+from tempfile import mkdtemp
 
 from scenes import AXES, EVERY, OUTPUTS, motions, pair, row
 
@@ -16,6 +21,8 @@ from pounding_sweep.kernel.spec import KernelSpec
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import VARIABLES, reducers_for
 
+#: The page about laws of one's own: its example runs.
+OWN_LAW = Path(__file__).parents[1] / "docs" / "own_law.md"
 #: Laws under which `simulate` runs the pair by default, by scheme. Kinds of laws: a damper whose pull is cut (Kelvin
 #: and Voigt), forces that rise like a power (Hertz), memory (hysteretic), jumps of velocity (stereomechanical). The
 #: other laws differ in their formula, which `test_laws` holds against the twin's, and run under each scheme nightly.
@@ -40,6 +47,27 @@ UNLOCATED = ("newmark", "kelvin_voigt")
 TALL = ps.Scene(
     [ps.Building("tower", [100.0] * 12, [4.5e5] * 12), ps.Building("annex", [120.0] * 5, [3.5e5] * 5)], gaps=[0.01]
 )
+#: Floors that strike columns, on the ground and above, of either side; a wall that meets one floor of two.
+STAGGERED = ps.Scene(
+    [
+        ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
+        ps.Building("b", [80.0, 110.0], [2.4e5, 2e5], 0.03, [2.0, 3.5], column_stiffnesses=[5e4, 4e4]),
+        ps.Wall(),
+    ],
+    gaps=[0.003, 0.004],
+    contacts="floors and columns",
+    storeys={"b-wall": [1]},
+)
+#: A floor that strikes a column, and nothing else that meets.
+FRAMED = ps.Scene(
+    [
+        ps.Building("a", [60.0, 90.0], [2e5, 1e5], storey_heights=[3.0, 1.0]),
+        ps.Building("b", [80.0, 110.0], [1.4e5, 9e4], 0.0, [3.0, 3.2]),
+    ],
+    gaps=[0.004],
+    contacts="floors and columns",
+    storeys={"a-b": [2]},
+)
 
 
 @cache
@@ -55,6 +83,16 @@ def swept(**sweep) -> list[KernelSpec]:
 
 
 @cache
+def own_law() -> Path:
+    """Return the sweep of the page about laws of one's own, written beside its law file."""
+    folder = Path(mkdtemp())
+    atexit.register(shutil.rmtree, folder)
+    for name, text in re.findall(r"^```\w+\n# (\w+\.(?:py|toml))\n(.*?)^```", OWN_LAW.read_text("utf-8"), re.M | re.S):
+        (folder / name).write_text(text, "utf-8")
+    return folder / "own_law.toml"
+
+
+@cache
 def kernels() -> tuple[KernelSpec, ...]:
     """All of them, those that take longest first."""
     both = {"scene": pair(), "records": motions()[0], "gaps": [0.001, 0.002, 0.004, 0.006], "outputs": EVERY}
@@ -64,8 +102,11 @@ def kernels() -> tuple[KernelSpec, ...]:
         *(simulated(method, law) for method, laws in SIMULATED.items() for law in sorted(laws)),
         simulated(method, law, located=False),
         simulated("rk4", "kelvin_voigt", scene=TALL),
+        *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),
+        simulated("rk4", "kelvin_voigt", scene=FRAMED),
         *swept(**both, laws="hertz_damped", method="rk4"),
         *swept(**both, laws="hertz_damped", **single),
+        *(kernel.shape for kernel in ps.load_sweep(own_law()).plan().kernels().values()),
         *swept(scene=row(), records=motions(), **AXES | {"laws": [*AXES["laws"], "hertz"]}),
         *(kernel_shape(row(), LAWS[law], Numerics("rk4", 1e-3), reducers_for(OUTPUTS)) for law in ALONE),
     )

@@ -52,6 +52,8 @@ class NaiveBuilding:
     damping_ratio: float = 0.05
     rayleigh: tuple[float, float] | None = None
     storey_heights: list[float] | None = None
+    slab_depths: list[float] | None = None
+    column_stiffnesses: list[float] | None = None  # 12 E I / L^3 of the columns that a slab strikes; the storeys' own
 
     def matrices(self):
         """Return dense M, C, K."""
@@ -79,6 +81,11 @@ class NaiveBuilding:
     def elevations(self):
         heights = [3.0] * len(self.masses) if self.storey_heights is None else self.storey_heights
         return np.cumsum(heights)
+
+    def slabs(self):
+        """Return (bottom, top) of each slab."""
+        depths = [0.0] * len(self.masses) if self.slab_depths is None else self.slab_depths
+        return [(z - depth, z) for z, depth in zip(self.elevations(), depths, strict=True)]
 
 
 # --------------------------------------------------------------------------------------------------------------------
@@ -189,16 +196,59 @@ def contact_floors(left, right):
         return [(i + 1, None) for i in range(len(left.masses))]
     return [
         (i + 1, j + 1)
-        for i, a in enumerate(left.elevations())
-        for j, b in enumerate(right.elevations())
-        if abs(a - b) <= 1e-3 * (1 + 1e-9)
+        for i, a in enumerate(left.slabs())
+        for j, b in enumerate(right.slabs())
+        if max(a[0], b[0]) - min(a[1], b[1]) <= 1e-3 * (1 + 1e-9)
     ]
+
+
+def struck_columns(left, right):
+    """Slabs of two neighbours that meet no slab but stand before columns of the other.
+
+    List of (left storey, right storey, side whose columns are struck, xi): first slabs of the left building against
+    columns of the right one, then the other way round; xi is where the middle of the slab is in the struck storey.
+    """
+    if isinstance(left, str) or isinstance(right, str):
+        return []
+    found = []
+    for mine, other, side in ((left, right, 1), (right, left, 0)):
+        level = [floors[1 - side] for floors in contact_floors(left, right)]
+        below = np.concatenate([[0.0], other.elevations()])
+        for i, (bottom, top) in enumerate(mine.slabs()):
+            z = 0.5 * (bottom + top)
+            for j in range(len(other.masses)):
+                if i + 1 not in level and below[j] < z < below[j + 1]:
+                    xi = (z - below[j]) / (below[j + 1] - below[j])
+                    found.append((i + 1, j + 1, side, xi) if side else (j + 1, i + 1, side, xi))
+    return found
+
+
+def struck_beam(xi, stiffness):
+    """A column with 12 E I / L^3 = stiffness, fixed against rotation at both ends, of two elements that join at xi L.
+
+    Returns the displacement of that joint by a unit displacement of the lower and of the upper end, and by a unit
+    force on it. By reciprocity the first two are the shares of such a force that the ends bear.
+    """
+    ei, k = stiffness / 12.0, np.zeros((6, 6))  # L = 1; displacement and rotation of each joint
+    for first, h in ((0, xi), (2, 1.0 - xi)):
+        k[first : first + 4, first : first + 4] += (ei / h**3) * np.array(
+            [
+                [12.0, 6.0 * h, -12.0, 6.0 * h],
+                [6.0 * h, 4.0 * h * h, -6.0 * h, 2.0 * h * h],
+                [-12.0, -6.0 * h, 12.0, -6.0 * h],
+                [6.0 * h, 2.0 * h * h, -6.0 * h, 4.0 * h * h],
+            ]
+        )
+    inner, ends = [2, 3], [0, 4]
+    soft = np.linalg.inv(k[np.ix_(inner, inner)])
+    lower, upper = -(soft @ k[np.ix_(inner, ends)])[0]
+    return lower, upper, soft[0, 0]
 
 
 class _Row:
     """Matrices of the whole row, the contact geometry, and the split of flat arrays by building and pair."""
 
-    def __init__(self, buildings, gaps):
+    def __init__(self, buildings, gaps, columns=False):
         if len(gaps) != len(buildings) - 1:
             msg = f"{len(buildings)} neighbours need {len(buildings) - 1} gaps, not {len(gaps)}"
             raise ValueError(msg)
@@ -220,20 +270,31 @@ class _Row:
                 self.drift[i, i - 1] = -1.0
 
         self.met = [contact_floors(buildings[p], buildings[p + 1]) for p in range(self.nb - 1)]
-        rows, gap, meff, self.ends = [], [], [], []
+        if columns:
+            self.met = [met + struck_columns(*buildings[p : p + 2]) for p, met in enumerate(self.met)]
+        rows, gap, self.softness, self.shares = [], [], [], []
         for p, floors in enumerate(self.met):
-            for left, right in floors:
-                row, inverse = np.zeros(n), 0.0
-                if left is not None:
-                    i = self.start[p] + left - 1
-                    row[i], inverse = 1.0, inverse + 1.0 / self.m[i]
-                if right is not None:
-                    i = self.start[p + 1] + right - 1
-                    row[i], inverse = -1.0, inverse + 1.0 / self.m[i]
+            for left, right, *struck in floors:
+                row, soft, shares = np.zeros(n), 0.0, (np.nan, np.nan)
+                for side, storey, sign in ((0, left, 1.0), (1, right, -1.0)):
+                    if storey is None:
+                        continue
+                    i = self.start[p + side] + storey - 1
+                    if struck and struck[0] == side:
+                        own = buildings[p + side]
+                        own = own.stiffnesses if own.column_stiffnesses is None else own.column_stiffnesses
+                        *shares, soft = struck_beam(struck[1], own[storey - 1])
+                        row[i] = sign * shares[1]
+                        if storey > 1:
+                            row[i - 1] = sign * shares[0]
+                    else:
+                        row[i] = sign
                 rows.append(row)
                 gap.append(float(gaps[p]))
-                meff.append(1.0 / inverse)
+                self.softness.append(soft)
+                self.shares.append(shares)
         self.np = len(rows)
+        meff = [1.0 / np.sum(row * row / self.m) for row in rows]
         self.B = np.array(rows).reshape(self.np, n)
         self.gap = np.array(gap)
         self.meff = np.array(meff)
@@ -252,7 +313,10 @@ class _Solver:
         self.jump = law == "stereomechanical"
         self.contact = row.np > 0 and law != "none"
         self.rule = None if law in ("none", "stereomechanical") else LAWS[law]
-        self.k = float(k) if k is not None else 0.0
+        self.k = (float(k) if k is not None else 0.0) / (1.0 + (k or 0.0) * np.array(row.softness))
+        if self.rule is not None and self.rule.exponent != 1.0 and np.any(row.softness):
+            msg = f"a spring like d^{self.rule.exponent} before a column is not one like it"
+            raise ValueError(msg)
         self.e = e
         self.z = None
         if self.rule is not None and self.rule.published is not None:
@@ -292,9 +356,9 @@ class _Solver:
             return np.array(now)
         column = (slice(None),) + (None,) * (d.ndim - 1)
         pushing = ((self.state == CLOSED) | (self.state == REBOUND))[column]
-        f = elastic_force(self.rule, self.k, d)
+        f = elastic_force(self.rule, self.k[column], d)
         if self.z is not None:
-            damper = damper_force(self.rule, self.k, d, v, self.row.meff[column], self.v0[column], self.z)
+            damper = damper_force(self.rule, self.k[column], d, v, self.row.meff[column], self.v0[column], self.z)
             f = f + np.where((self.state == CLOSED)[column], damper, 0.0)
         return np.where(pushing, f, 0.0)
 
@@ -373,7 +437,7 @@ class _Solver:
             elif self.rule.clip:
                 # Sign of the published force: d + (c/k) v, or 1 + (D/v0) v scaled to a speed.
                 if self.rule.damper == "dashpot":
-                    sign = d[p] + 2.0 * self.z * np.sqrt(row.meff[p] / self.k) * rate[p]
+                    sign = d[p] + 2.0 * self.z * np.sqrt(row.meff[p] / self.k[p]) * rate[p]
                 else:
                     sign = rate[p] + self.v0[p] / self.z
                 out.append((p, CLIPPED, -sign) if now == CLOSED else (p, CLOSED, sign))
@@ -433,7 +497,7 @@ class _Solver:
             if self.first[p] is None:
                 self.first[p] = float(t_global if located else min(t_global, self.last_open[p]))
             if self.rule.yields:
-                self.bilinear[p], self.plastic[p] = Bilinear(self.k, self.row.meff[p], self.v0[p], self.z), 0.0
+                self.bilinear[p], self.plastic[p] = Bilinear(self.k[p], self.row.meff[p], self.v0[p], self.z), 0.0
         elif self.state[p] in (YIELDING, SPENT) and target == CLOSED:
             d = float(self.row.B[p] @ y[self.iu]) - self.row.gap[p]
             self.plastic[p] = self.bilinear[p].plastic(self.state[p], d)
@@ -578,7 +642,21 @@ def _zoom(f, a, b, points=21, rounds=5):
     return best_t, best
 
 
-def run(buildings, gaps, ag, dt, law, k=None, e=None, *, initial_velocity=None, damping=None, rtol=1e-10, atol=1e-12):
+def run(
+    buildings,
+    gaps,
+    ag,
+    dt,
+    law,
+    k=None,
+    e=None,
+    *,
+    columns=False,
+    initial_velocity=None,
+    damping=None,
+    rtol=1e-10,
+    atol=1e-12,
+):
     """Response of a row to one ground motion.
 
     Parameters
@@ -586,6 +664,7 @@ def run(buildings, gaps, ag, dt, law, k=None, e=None, *, initial_velocity=None, 
     buildings : list of NaiveBuilding or WALL; gaps : list of float, m, one fewer.
     ag, dt : ground acceleration at the record points, m/s2, linear in between; the run covers all of it.
     law : key of LAWS, or "none", or "stereomechanical". k : kN/m or kN/m^1.5. e : nominal restitution.
+    columns : slabs strike columns too, see `struck_columns`; the stiffness k and that of the column are in series.
     initial_velocity : list of arrays per building (None or empty for a wall), relative to the ground, m/s.
     damping : replaces the published z (dashpot and quarter laws) or D = coefficient * v0 (proportional laws).
 
@@ -595,11 +674,12 @@ def run(buildings, gaps, ag, dt, law, k=None, e=None, *, initial_velocity=None, 
     acceleration_max, displacement_final, velocity_final, and displacement, velocity (record points x storeys).
     Per building arrays: energy_input, energy_damping, kinetic_final, strain_final, kinetic_initial,
     energy_transfer_final, energy_transfer_max, energy_transfer_min (a wall has zeros). Per pair lists over the floors
-    that meet: floors (storeys left and right, None at a wall), impact_force_max, impact_count, penetration_max,
-    impulse, first_impact_time (None: no impact), approach_speed_max, contact_time, contact_work. Scalars: event_count,
-    duration.
+    that meet: floors (storeys left and right, None at a wall; see `struck_columns` for columns), column_shear_max
+    (largest shears by the contact below and above the struck point, NaN between floors), impact_force_max,
+    impact_count, penetration_max, impulse, first_impact_time (None: no impact), approach_speed_max, contact_time,
+    contact_work. Scalars: event_count, duration.
     """
-    row = _Row(buildings, gaps)
+    row = _Row(buildings, gaps, columns)
     ag = np.asarray(ag, dtype=float)
     s = _Solver(row, law, k, e, damping, rtol, atol)
     y = np.zeros(s.size)
@@ -633,6 +713,7 @@ def run(buildings, gaps, ag, dt, law, k=None, e=None, *, initial_velocity=None, 
         "storey_shear_max": row.by_building(row.k_storey * drift),
         "acceleration_max": row.by_building(acc),
         "impact_force_max": row.by_pair(force),
+        "column_shear_max": row.by_pair(force[:, None] * np.reshape(row.shares, (-1, 2))),
         "impact_count": row.by_pair(s.count),
         "penetration_max": row.by_pair(pen),
         "impulse": row.by_pair(y[s.i_imp]),

@@ -116,7 +116,7 @@ class TestRules:
         heights = {"storey_heights": [3.0, 3.0]}
         tall = Building("tall", [1.0, 1.0], [9.0, 9.0], **heights)
         low = Building("low", [1.0, 2.0], [9.0, 4.0], storey_heights=[6.0, 1.0])
-        scene = Scene([tall, low, Wall()], [0.1, 0.1])
+        scene = Scene([tall, low, Wall()], [0.1, 0.1], contacts="floors and columns")
         cube = told(scene)
         found = required_gap(cube).isel(record=0).rule_gap
         u, v = self.peaks(cube, "tall", 2), self.peaks(cube, "low", 1)  # both 6 m above the base
@@ -126,11 +126,34 @@ class TestRules:
         for rule in SEPARATION_RULES:
             assert float(found.sel(rule=rule, pair="low-wall")) == pytest.approx(highest)
 
-    def test_floors_that_never_meet_need_no_gap(self):
-        scene = Scene([Building("a", [1.0], [1.0]), Building("b", [1.0], [1.0], storey_heights=[4.0])], [0.1])
-        found = required_gap(told(scene))
-        assert found.exact.isnull().all()
-        assert found.rule_gap.isnull().all()
+    def test_a_floor_before_columns_needs_a_gap_from_their_point_at_its_elevation(self):
+        """A roof at 3 m beside floors at 2 and 6 m strikes a quarter up the upper storey; 2 m is 2/3 up its own."""
+        a = Building("a", [1.0], [9.0])
+        b = Building("b", [1.0, 2.0], [9.0, 4.0], storey_heights=[2.0, 4.0])
+        scene = Scene([a, b], [0.1], contacts="floors and columns")
+        cube = told(scene)
+        found = required_gap(cube).isel(record=0)
+        lower, upper = 1.0 - 3 / 16 + 2 / 64, 3 / 16 - 2 / 64
+        point = lower * self.peaks(cube, "b", 1) + upper * self.peaks(cube, "b", 2)
+        roof, share = self.peaks(cube, "a", 1), 3 * (2 / 3) ** 2 - 2 * (2 / 3) ** 3
+        gaps = found.rule_gap.sel(rule="abs")
+        assert gaps.pair.values.tolist() == ["a-b", "a-b columns of b", "a-b columns of a"]
+        assert np.isnan(gaps.sel(pair="a-b"))
+        assert float(gaps.sel(pair="a-b columns of b")) == pytest.approx(roof + point)
+        assert float(gaps.sel(pair="a-b columns of a")) == pytest.approx(share * roof + self.peaks(cube, "b", 1))
+        closing = cube.closing_max.isel(law=0, record=0)
+        np.testing.assert_array_equal(found.exact, closing.max("storey"))
+        assert found.row_gap.values.tolist() == [0.1] * 3
+
+    def test_columns_that_a_sweep_left_out_are_looked_at(self, stub_engine):
+        """Its cube has no such closing: the run without pounding is made again."""
+        a, b = Building("a", [1.0], [9.0]), Building("b", [1.0], [9.0], storey_heights=[4.0])
+        scene = Scene([a, b], [0.1], allow_unmet=True)
+        found = required_gap(told(scene, axes={"law": ["none"], "record": ["el_centro"]}))
+        assert found.exact.pair.values.tolist() == ["a-b", "a-b columns of b"]
+        assert found.exact.isnull().values.ravel().tolist() == [True, False]
+        again = required_gap(scene, "el_centro").exact
+        np.testing.assert_array_equal(again.values.ravel(), found.exact.values.ravel())
 
     def test_clauses_of_standards_are_marked(self):
         for rule in SEPARATION_RULES.values():

@@ -36,6 +36,8 @@ from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.resume.checkpoint import MANIFEST
 from pounding_sweep.run import execute
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.run.sweep import load_sweep
+from pounding_sweep.spec.overview import overview
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 ROOT = Path(__file__).resolve().parent.parent
@@ -67,7 +69,7 @@ stiffnesses = [2e5]
 [sweep]
 records = [{ pulse = "sine", amplitude = 5.0, period = 0.5, dt = 0.01, duration = 2.0 }]
 laws = ["kelvin_voigt", "none"]
-gaps = [0.001, 0.005, 9.0]
+gaps = [0.001, 0.005, 1.0]
 restitutions = [0.4, 0.8]
 
 [solver]
@@ -75,7 +77,7 @@ dt = 1e-3
 """
 #: Eight chunks; more than enough steps to be interrupted in.
 LONG = (
-    TINY.replace("gaps = [0.001, 0.005, 9.0]", "gaps = { start = 1e-4, stop = 5e-3, count = 128 }")
+    TINY.replace("gaps = [0.001, 0.005, 1.0]", "gaps = { start = 1e-4, stop = 5e-3, count = 128 }")
     .replace("restitutions = [0.4, 0.8]", "")
     .replace("dt = 1e-3", "dt = 1e-6")
 )
@@ -258,6 +260,9 @@ def test_plan_of_the_quickstart_runs_nothing(tmp_path):
     assert done.stderr == ""
     assert list(tmp_path.iterdir()) == []
     found = json.loads(cli("plan", QUICKSTART, "--json", "--workers", 3).stdout)
+    row = [each["name"] for each in found["row"]]
+    assert row == ["left", "middle", "right", "left-middle", "middle-right"]
+    assert found["row"][-1]["about"] == "floors meet at 3, 6, 9 m"
     assert (found["asked"], found["at_most"], found["refused"], found["workers"]) == (1008, 649, 0, 3)
 
 
@@ -283,12 +288,16 @@ def test_plan_says_what_is_refused(tmp_path):
 
 def test_run_prints_a_summary_and_the_path(tiny):
     folder, done = tiny
-    lines = done.stdout.splitlines()
+    row, *lines = done.stdout.split("\n\n", 1)
+    assert row == "\n".join(
+        f"{name:8}  {text}" for name, text in overview(load_sweep(folder / "sweep.toml").spec.scene)
+    )
+    lines = "".join(lines).splitlines()
     assert lines[0].split() == ["law", "pair", "peak", "force", "kN", "impacts", "median", "touching"]
     assert lines[1].startswith("kelvin_voigt")
     assert lines[1].endswith("4/6")
     assert lines[2].split() == ["none", "high-low", "0", "0", "-", "0/6"]
-    # two gaps and two restitutions run, and once without pounding; the two at 9 m never touch; none counts once
+    # two gaps and two restitutions run, and once without pounding; the two at 1 m never touch; none counts once
     assert "scenarios  12 asked, 5 run" in lines
     assert "not run    2 never touch, 5 equal another scenario" in lines
     # the audit: half of the four that touch
@@ -326,6 +335,7 @@ def test_run_as_json_equals_the_table(tiny, tmp_path):
     found = json.loads(done.stdout)
     assert found["scenarios"] == {"asked": 12, "run": 5, "reused": 0, "never_touching": 2, "broadcast": 5}
     assert found["cube"] == str(tmp_path / "again.nc")
+    assert [each["name"] for each in found["row"]] == ["high", "low", "high-low"]
     assert (found["failures"], found["warnings"], done.stderr) == ([], [], "")
     assert found["accuracy_choice"] == ""
     assert {item["output"] for item in found["audit"]} >= {"impact_force_max", "displacement_max"}
@@ -572,8 +582,8 @@ def test_all_errors_of_a_file_are_told_at_once_with_their_lines(tmp_path):
     ("old", "new", "below", "said"),
     [
         ('"kelvin_voigt"', '"kelvin_void"', 0, r"unknown contact law 'kelvin_void'; did you mean 'kelvin_voigt'\?"),
-        ("gaps = [0.001, 0.005, 9.0]", "gaps = []", 0, "a sweep of zero scenarios"),
-        ("gaps = [0.001, 0.005, 9.0]", "gaps = [0.001, -0.005]", 0, r"gaps\[1\]: .*-0\.005"),
+        ("gaps = [0.001, 0.005, 1.0]", "gaps = []", 0, "a sweep of zero scenarios"),
+        ("gaps = [0.001, 0.005, 1.0]", "gaps = [0.001, -0.005]", 0, r"gaps\[1\]: .*-0\.005"),
         ("restitutions = [0.4, 0.8]", "restitutions = [0.4, 1.8]", 0, r"1\.8 .*kelvin_voigt.*0 <= e <= 1"),
         ('"none"]', '"hertz"]\nstiffnesses = [1e6]', 1, "exponent"),
         ("title = ", "[[[", 0, "no valid TOML"),

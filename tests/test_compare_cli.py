@@ -200,7 +200,7 @@ def test_options_that_would_do_nothing_are_refused(cube_file, tmp_path):
         (("--quantile", "2"), "quantiles are [2.0]; give one or more numbers in [0, 1]"),
         (("--years", "50"), "--years are those of a hazard; add --hazard"),
         (("--hazard", "k0=1e-3"), "hazard 'k0=1e-3' won't do; give a CSV file, or k0=RATE,kappa=SLOPE"),
-        (("--over", "gap"), "unknown axis to take together 'gap'; did you mean 'pga'? Valid: pga, record, scale"),
+        (("--over", "gap"), "unknown axis to take together 'gap'; did you mean 'pga'? Valid: pga, record, sa, scale"),
         (("--at", "gap=0.003"), "gap '0.003' is not on the axis; it has 0.002, 0.01"),
         (("--at", "building=c"), "unknown building 'c'; valid: a, b"),
     ):

@@ -164,7 +164,7 @@ def test_a_newcomer_can_follow_the_pages(tmp_path):
     """From an empty folder to a cube, comparisons, figures and an animation of two buildings of one's own."""
     from notebook import run_pages
 
-    run_pages([DOCS / name for name in ("start.md", "tutorial.md", "reading.md")], tmp_path)
+    run_pages([DOCS / name for name in ("start.md", "tutorial.md", "reading.md", "own_law.md")], tmp_path)
     made = {path.name for path in tmp_path.iterdir()}
     assert {"force_gap.png", "profiles.png", "row.gif", "tutorial_force_gap.png", "tutorial_profiles.png"} <= made
     for name in ("start.md", "tutorial.md", "reading.md"):
@@ -180,3 +180,39 @@ def test_a_newcomer_can_follow_the_pages(tmp_path):
     needed = float(re.search(r"exact +([\d.]+) mm", tutorial)[1])
     touching = [force > 0 for force in forces]
     assert touching == [1e3 * gap < needed for gap in (0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04)]
+
+
+def test_formulas_are_typeset():
+    """Each formula of the laws, relations and rules is one that matplotlib can set, too."""
+    from matplotlib.mathtext import MathTextParser
+    from typeset import typeset
+
+    from pounding_sweep.analysis.separation_rules import SEPARATION_RULES
+    from pounding_sweep.model.rebound import RELATIONS
+
+    assert typeset("D = 3 (1 - e^2) / 4") == r"$D = \dfrac{3\,\left(1 - e^{2}\right)}{4}$"
+    assert typeset("F = k d on approach, k d on rebound") == r"$F = k\,d$ on approach, $k\,d$ on rebound"
+    assert typeset("(a + x) / (a - x)") == r"$\dfrac{a + x}{a - x}$"
+    assert typeset("(a + x) (a - x) / (2 e)") == r"$\dfrac{\left(a + x\right)\,\left(a - x\right)}{2\,e}$"
+    assert typeset("slope K1, then K2 d; e itself (1") == "slope $K_1$, then $K_2$ d; e itself (1"
+    texts = [text for law in LAWS.values() for text in (law.formula, law.number_text)]
+    texts += [each.text for each in RELATIONS.values()]
+    found = [typeset(text) for text in (*texts, *(rule.formula for rule in SEPARATION_RULES.values()))]
+    for formula in re.findall(r"\$[^$]+\$", " ".join(found)):
+        MathTextParser("path").parse(formula)
+    for law in LAWS.values():
+        assert typeset(law.formula).startswith("$") or law.yields, law.key
+
+
+def test_a_bar_does_not_break_a_table(pages):
+    assert r"\|u_i - u_(i-1)\|" in pages["variables.md"]
+    for name, text in pages.items():
+        for table in re.findall(r"(?:^\|.*\|\n)+", text, re.MULTILINE):
+            columns = {len(re.findall(r"(?<!\\)\|", row)) for row in table.splitlines()}
+            assert len(columns) == 1, (name, table.splitlines()[0])
+
+
+def test_laws_outside_the_paper_are_not_said_to_be_of_it(pages):
+    page = pages["laws.md"]
+    assert "model - of" not in page
+    assert page.count("of Mate, Bakre & Jaiswal 2015)") == 8

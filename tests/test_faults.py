@@ -504,7 +504,7 @@ CHANGES = {
     "nothing": (lambda folder: None, None),
     "a value of the sweep": (
         lambda folder: edit(folder / "sweep.toml", "0.005", "0.006"),
-        r"gaps \(\[0\.001, 0\.005, 9\.0\] there, \[0\.001, 0\.006, 9\.0\] here\), sweep \(\w{12}\.\.\. there",
+        r"gaps \(\[0\.001, 0\.005, 1\.0\] there, \[0\.001, 0\.006, 1\.0\] here\), sweep \(\w{12}\.\.\. there",
     ),
     "the step": (
         lambda folder: edit(folder / "sweep.toml", "1e-3", "5e-4"),

@@ -23,7 +23,7 @@ from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.figures import CONTACT, FIGURES, NO_CONTACT, SOURCES, plot, require
 from pounding_sweep.figures.animation import PERIODS, WATCHED, _Picture, animate
-from pounding_sweep.figures.gallery.row import Stage, _round_down, strongest, walls
+from pounding_sweep.figures.gallery.row import Stage, _round_down, strongest
 from pounding_sweep.figures.shown import heading, middle, shows_values
 from pounding_sweep.figures.sides import logarithmic
 from pounding_sweep.model.laws import LAWS
@@ -536,6 +536,11 @@ def test_of_many_laws_each_has_its_panels():
 # -- the row -----------------------------------------------------------------------------------------------------------
 
 ENDS = [(False, False), (True, False), (False, True), (True, True)]
+
+
+def walls(one):
+    row = stored_scene(one).row
+    return isinstance(row[0], ps.Wall), isinstance(row[-1], ps.Wall)
 
 
 @pytest.mark.parametrize("ends", ENDS)

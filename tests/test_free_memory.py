@@ -169,7 +169,7 @@ def test_a_system_that_does_not_tell(tmp_path, monkeypatch):
 
 #: A hundred million scenarios.
 MANY = edited(
-    "gaps = [0.001, 0.005, 9.0]",
+    "gaps = [0.001, 0.005, 1.0]",
     "gaps = { start = 1e-4, stop = 5e-3, count = 10000 }\n"
     "stiffness_factors = { start = 0.5, stop = 2.0, count = 5000 }",
 ).replace('["kelvin_voigt", "none"]', '["kelvin_voigt"]')

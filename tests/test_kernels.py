@@ -103,7 +103,11 @@ def simulate(row, law, points, scale=1.0, e=0.6, **options):
 
 
 FLOOR, CONTACT = (
-    tuple(name for name, variable in VARIABLES.items() if variable.dims == dims and name != "closing_max")
+    tuple(
+        name
+        for name, variable in VARIABLES.items()
+        if variable.dims == dims and name != "closing_max" and not variable.of_columns
+    )
     for dims in (("building", "storey"), ("pair", "storey"))
 )
 BUILDING = {

@@ -8,9 +8,10 @@ import xarray as xr
 from scenes import pair
 
 from pounding_sweep import Building, Scene, Sweep, Wall
-from pounding_sweep.analysis.rebuild import scene_of, stored_sweep
+from pounding_sweep.analysis.rebuild import stored_sweep
 from pounding_sweep.output.netcdf import open_cube
 from pounding_sweep.output.select import select
+from pounding_sweep.spec.spec import scene_of
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 NAMES = (
@@ -77,7 +78,7 @@ def test_buildings_of_listed_cases(tmp_path):
         assert cube["floor_mass"].dims == ("case", "building", "storey")
         check(cube.sel(case=1), pair().buildings[1], (1.3, 1.0), None)
         check(cube.sel(case=2), pair().buildings[0], (1.0, 3.0), 0.2)
-        assert scene_of(stored_sweep(cube)) == pair()
+        assert scene_of(stored_sweep(cube)["scene"]) == pair()
     plain = sweep(laws=None, cases=[{"law": "none"}]).run(workers=1)
     assert plain["floor_mass"].dims == ("building", "storey")
     check(plain, pair().buildings[0], (1.0, 1.0), None)

@@ -203,6 +203,7 @@ def test_no_floors_meet():
         [Building("a", [100.0], [1e4]), Building("b", [80.0], [2.5e4], storey_heights=[4.0])],
         gaps=[0.01],
         contact=ContactProperties(2e5, 1e6, 0.5),
+        allow_unmet=True,
     )
     plan = Sweep(scene, motions(), ["linear", "hertz"], gaps=[0.0, 0.1], scales=[1.0, 2.0]).plan()
     assert (plan.n_asked, plan.n_unique) == (16, 4)

@@ -13,6 +13,7 @@ import sys
 import numpy as np
 import pytest
 from record_files import CSV_TEXT, at2, save
+from scipy.integrate import cumulative_simpson
 
 from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.records import (
@@ -22,8 +23,10 @@ from pounding_sweep.records import (
     Record,
     find_record,
     list_records,
+    near_fault_record,
     pulse_record,
     read_record,
+    record_measures,
     resolve_records,
     synthetic_record,
 )
@@ -291,6 +294,45 @@ def test_published_files(file):
     assert find_record(file) == record
     if file.startswith("ELC"):
         assert record == find_record("el_centro")
+
+
+# --- near-fault pulses -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("cycles", "phase"), [(1.01, 0.0), (1.7, 45.0), (2.0, 90.0), (3.3, 215.0)])
+def test_near_fault_pulse_is_the_published_velocity(cycles, phase):
+    """Its acceleration, integrated, beside the closed forms of velocity and displacement as published."""
+    amplitude, period, dt = -0.8, 1.3, 0.0005
+    record = near_fault_record(amplitude, period=period, cycles=cycles, phase=phase, dt=dt, duration=5.0)
+    t0, nu, f = 0.5 * cycles * period, np.radians(phase), 1.0 / period
+    x = 2 * np.pi * f * (np.minimum(record.time, cycles * period) - t0)
+    velocity = 0.5 * amplitude * (1 + np.cos(x / cycles)) * np.cos(x + nu)
+    found = cumulative_simpson(record.acceleration, dx=dt, initial=0.0)
+    np.testing.assert_allclose(found, velocity, rtol=0, atol=3e-6)
+    less, more = (cycles - 1) / cycles, (cycles + 1) / cycles
+    terms = np.sin(x + nu) + 0.5 * np.sin(less * x + nu) / less + 0.5 * np.sin(more * x + nu) / more
+    displacement = amplitude / (4 * np.pi * f) * (terms - terms[0])
+    np.testing.assert_allclose(cumulative_simpson(found, dx=dt, initial=0.0), displacement, rtol=0, atol=3e-6)
+    assert record.acceleration[0] == pytest.approx(0.0, abs=1e-14)
+    assert not record.acceleration[record.time > cycles * period].any()
+    assert record_measures(record).pgv <= abs(amplitude) * (1 + 1e-5)
+    if phase == 0.0:
+        assert record_measures(record).pgv == pytest.approx(abs(amplitude), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"cycles": 1.0}, "cycles is 1; gamma, the length of a near-fault pulse in periods, must be above 1"),
+        ({"dt": 0.2}, "dt 0.2 s is too coarse for a near-fault pulse of period 1 s; take at most 0.125 s"),
+        ({"duration": 1.5}, "duration 1.5 s would cut the near-fault pulse, which lasts 2 s; take at least that"),
+        ({"period": -1.0}, "period"),
+        ({"phase": float("nan")}, "phase"),
+    ],
+)
+def test_a_near_fault_pulse_that_is_none(given, said):
+    with pytest.raises(RecordError, match=said):
+        near_fault_record(1.0, **{"period": 1.0, "cycles": 2.0, "dt": 0.01} | given)
 
 
 # --- synthetic records and pulses -------------------------------------------------------------------------------

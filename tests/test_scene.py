@@ -13,7 +13,7 @@ from pounding_sweep.base.errors import LawError, SceneError
 from pounding_sweep.model.hertz import hertz_stiffness
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, get_law
 from pounding_sweep.model.presets import PRESETS, get_preset
-from pounding_sweep.model.scene import FLOOR_TOLERANCE, Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 
 NAN = float("nan")
 INF = float("inf")
@@ -126,6 +126,11 @@ def test_numpy_numbers_are_numbers(number):
         ({"stiffnesses": [-1e5, 1.0]}, "stiffnesses of storey 1 is -100000.0 kN/m"),
         ({"storey_heights": [3.0]}, "1 storey_heights for 2 masses"),
         ({"storey_heights": [3.0, -3.0]}, "storey_heights of storey 2 is -3.0 m"),
+        ({"slab_depths": [0.3]}, "1 slab_depths for 2 masses"),
+        ({"slab_depths": "0.3"}, "list of numbers"),
+        ({"slab_depths": [0.3, -0.1]}, "slab_depths of storey 2 is -0.1 m; it must be zero or positive, and less than"),
+        ({"slab_depths": [0.3, NAN]}, "slab_depths of storey 2 is nan"),
+        ({"slab_depths": [3.0, 0.3]}, "slab_depths of storey 1 is 3.0 m; .* less than the storey's height of 3 m"),
         ({"damping_ratio": -0.01}, "damping_ratio -0.01 must be one or two numbers"),
         ({"damping_ratio": 1.0}, "one or two numbers"),
         ({"damping_ratio": NAN}, "one or two numbers"),
@@ -164,20 +169,80 @@ def test_unequal_heights_meet_where_elevations_agree():
 
 @pytest.mark.parametrize(("off", "meets"), [(0.0, True), (0.9e-3, True), (-0.9e-3, True), (1.1e-3, False)])
 def test_floor_tolerance(off, meets):
-    assert FLOOR_TOLERANCE == 1e-3
     a, b = building("a", 1), building("b", 1, storey_heights=[3.0 + off])
-    assert bool(Scene([a, b], [0.0]).contacts) is meets
+    assert bool(Scene([a, b], [0.0], allow_unmet=True).contacts) is meets
+    assert Scene([a, b], [0.0], tolerance=2e-3).contacts
+    assert not Scene([a, b], [0.0], tolerance=0.5e-3, allow_unmet=True).contacts or off == 0.0
 
 
 def test_floors_that_never_meet():
-    scene = Scene([building("a", 2), building("b", 2, storey_heights=[4.0, 4.0])], [0.01])
+    row = [building("a", 2), building("b", 2, storey_heights=[4.0, 4.0])]
+    with pytest.raises(
+        SceneError, match=r"pair 'a-b' has no floors that meet: 'a' has floors at 3, 6 m, 'b' has .* 4, 8 m"
+    ):
+        Scene(row, [0.01])
+    scene = Scene(row, [0.01], allow_unmet=True)
     assert scene.contacts == ()
     assert scene.pair_names == ("a-b",)
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "meets"),
+    [
+        (0.0, 0.25, True),  # the higher slab reaches down to the lower floor
+        (0.0, 0.2, True),
+        (0.0, 0.196, True),  # within the tolerance
+        (0.0, 0.19, False),
+        (0.5, 0.0, False),  # the lower slab hangs farther down
+    ],
+)
+def test_slabs_meet_where_they_overlap(low, high, meets):
+    a = building("a", 2, storey_heights=[3.0, 3.0], slab_depths=[low] * 2)
+    b = building("b", 2, storey_heights=[3.2, 3.0], slab_depths=[high] * 2)
+    for row in ([a, b], [b, a]):
+        scene = Scene(row, [0.0], allow_unmet=True, tolerance=5e-3)
+        assert [(c.storey, c.left, c.right) for c in scene.contacts] == ([(1, 0, 2), (2, 1, 3)] if meets else [])
+
+
+def test_a_floor_meets_one_of_its_neighbours():
+    a = building("a", 1, storey_heights=[3.0], slab_depths=[0.9])
+    split = building("split", 2, storey_heights=[2.3, 0.6])
+    for row in ([a, split], [split, a]):
+        with pytest.raises(SceneError, match="floor 1 of 'a' is level with 2 floors of 'split'; give smaller"):
+            Scene(row, [0.0])
+    with pytest.raises(SceneError, match=r"tolerance is -1.0 m; it must be zero or a positive number"):
+        Scene([a, split], [0.0], tolerance=-1.0)
+
+
+def test_pairs_limited_to_storeys():
+    """A moat wall meets the isolated floor alone."""
+    a, b = building("a", 3), building("b", 2)
+    scene = Scene([Wall("moat"), a, b], [0.1, 0.2], storeys={"moat-a": [1], "a-b": (2,)})
+    assert [(c.pair, c.storey, c.left, c.right) for c in scene.contacts] == [(0, 1, -1, 0), (1, 2, 1, 4)]
+    assert scene.with_gaps([0.3, 0.4]).contacts == scene.contacts
+    assert pickle.loads(pickle.dumps(scene)) == scene
+    assert hash(scene) != hash(Scene(scene.row, scene.gaps))
+
+
+@pytest.mark.parametrize(
+    ("storeys", "message"),
+    [
+        ({"a-c": [1]}, "unknown pair in storeys 'a-c'; did you mean 'a-b'"),
+        ({"a-b": [3]}, "storeys of pair 'a-b': storey 3 meets nothing; those that do: 1, 2"),
+        ({"a-b": ["roof"]}, "storey 'roof' meets nothing"),
+        ({"a-b": []}, "storeys of pair 'a-b' are none"),
+        ({"a-b": 1}, "must be lists of storeys by the names of their pairs, not"),
+        (7, "must be lists of storeys by the names of their pairs, not 7"),
+    ],
+)
+def test_bad_limits(storeys, message):
+    with pytest.raises(SceneError, match=message):
+        Scene([building("a", 3), building("b", 2)], [0.1], storeys=storeys)
+
+
 def test_walls_meet_every_floor():
     a, b = building("a", 2), building("b", 3, storey_heights=[1.0, 2.2, 0.7])
-    scene = Scene([Wall("bank"), a, b, Wall("moat")], gaps=[0.1, 0.2, 0.3])
+    scene = Scene([Wall("bank"), a, b, Wall("moat")], gaps=[0.1, 0.2, 0.3], allow_unmet=True)
     assert scene.pair_names == ("bank-a", "a-b", "b-moat")
     assert [(c.pair, c.storey, c.left, c.right, c.mass) for c in scene.contacts] == [
         (0, 1, -1, 0, 100.0), (0, 2, -1, 1, 101.0),

@@ -276,7 +276,7 @@ def test_json_is_canonical_and_complete():
     text = to_json(spec)
     data = json.loads(text)
     assert text == json.dumps(data, sort_keys=True, separators=(",", ":"))
-    unsaid = {"design", *(name for name, axis in AXES.items() if axis.unsaid)}
+    unsaid = {"own_laws", "sa_period", "design", *(name for name, axis in AXES.items() if axis.unsaid)}
     assert set(data) == {"format", *SweepSpec.__dataclass_fields__} - unsaid
     assert data["gaps"] == [0.1, 0.01]
     assert data["laws"] == list(MATE2015_MODELS)
@@ -471,7 +471,7 @@ def test_cases_in_a_file(write):
     )
 
 
-@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall"])
+@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "columns"])
 def test_shipped_sweeps(name):
     spec = load_spec(ROOT / "sweeps" / f"{name}.toml")
     if name == "quickstart":
@@ -485,6 +485,12 @@ def test_shipped_sweeps(name):
             restitutions=[0.4, 0.5, 0.6, 0.8],
         )
         assert spec.n_scenarios == 7 * 12 * 3 * 4
+    elif name == "columns":
+        scene = spec.scene
+        assert scene.pair_labels == ("old-new", "old-new columns of new", "old-new columns of old", "new-moat")
+        assert [c.storey for c in scene.contacts] == [1, 2, 1, 2, 3, 1]
+        assert (scene.row[0].slab_depths, scene.row[0].column_stiffnesses) == ((0.4,) * 3, (4e4, 4e4, 3e4))
+        assert spec.n_scenarios == 6
     else:
         assert spec.scene.pair_names == ("low-high", "high-moat")
         assert [(c.pair, c.storey) for c in spec.scene.contacts] == [(0, 1), (0, 2), (1, 1), (1, 2), (1, 3), (1, 4)]
@@ -568,7 +574,7 @@ def places(value, place=()):
             yield from places(item, (*place, index))
 
 
-@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall"])
+@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "columns"])
 def test_key_lines_knows_every_place_of_the_shipped_files(name):
     text = (ROOT / "sweeps" / f"{name}.toml").read_text()
     assert set(key_lines(text)) == set(places(tomllib.loads(text)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from kernels_used import FRAMED
 from numba import config
 from scenes import pair
 
@@ -24,6 +25,8 @@ CASES = [
     ("rk4", "kelvin_voigt", False, WALL),
     ("newmark", "hertz", False, WALL),
     ("exact", "kelvin_voigt", True, pair()),
+    ("newmark", "kelvin_voigt", True, FRAMED),
+    ("rk4", "linear", False, FRAMED),
 ]
 
 

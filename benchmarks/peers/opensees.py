@@ -11,6 +11,7 @@ import numpy as np
 import pounding_sweep as ps
 from benchmarks.peers import Peer, Run
 from benchmarks.work import Peaks, Work
+from pounding_sweep.model.laws import damping_number
 
 #: Convergence of Newton's method, as a norm of displacement increments (m), and its most iterations.
 INCREMENT, ITERATIONS = 1e-12, 50
@@ -27,8 +28,7 @@ def _material(work: Work, contact: int, gap: float) -> tuple[Any, ...]:
     name, law = MATERIALS[work.law], ps.get_law(work.law)
     if name == "ElasticPPGap":
         return name, work.stiffness, -1e20, -gap  # it never yields
-    assert law.number is not None
-    number = float(law.number(np.asarray(work.restitution)))
+    number = float(damping_number(law, work.restitution))
     if name == "Hertzdamp":
         return name, work.stiffness, number, -gap, 1.5
     return name, work.stiffness, number, float(work.row.reduced[contact]), -gap, 1.5

@@ -8,7 +8,6 @@ same kernels as every sweep.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
@@ -16,11 +15,13 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError, LawError
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.model.laws import LAWS, Law, damping_number, get_law, realised_restitution
+from pounding_sweep.model.laws import LAWS, Law, damping_number, realised_restitution
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.plan.advice import elastic_duration
 from pounding_sweep.records import Record
 from pounding_sweep.run.execute import Progress
+from pounding_sweep.spec.own_laws import find_law
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,8 +32,6 @@ RESTITUTIONS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.95)
 STEPS = 1000
 #: Each mass (t), approach velocity (m/s) and the duration of an undamped contact (s): as of two floors.
 MASS, APPROACH, DURATION = 200.0, 0.5, 0.03
-#: Duration of an undamped Hertz contact over (m^2 / (k^2 v0))^(1/5).
-HERTZ_DURATION = 3.2180875
 #: Storey stiffness (kN/m) that does nothing within the run.
 NO_STIFFNESS = 1e-10
 
@@ -42,12 +41,12 @@ def _scene() -> Scene:
     return Scene(floors, gaps=[APPROACH * DURATION / 7.0])  # the touch falls inside a step
 
 
-def _stiffness(law: Law) -> float:
+def contact_stiffness(law: Law) -> float:
     """Contact stiffness (kN/m**exponent) whose undamped contact lasts `DURATION`."""
+    n = 1.0 if law.exponent is None else law.exponent
     effective = MASS / 2.0
-    if law.exponent == 1.5:
-        return effective / math.sqrt(APPROACH) * (HERTZ_DURATION / DURATION) ** 2.5
-    return effective * (math.pi / DURATION) ** 2
+    of_one = float(elastic_duration(n, np.ones(1), np.full(1, effective), np.full(1, APPROACH))[0])
+    return (of_one / DURATION) ** (n + 1.0)
 
 
 def _valid(law: Law, e: float, basis: str) -> bool:
@@ -117,7 +116,7 @@ def certify(
     if not nominal.size or not (np.isfinite(nominal) & (nominal >= 0.0) & (nominal <= 1.0)).all():
         msg = f"restitutions to certify are {nominal.tolist()}; give one or more in [0, 1]"
         raise InputError(msg)
-    found = [law for law in LAWS.values() if law.has_contact] if laws is None else [get_law(law) for law in laws]
+    found = [law for law in LAWS.values() if law.has_contact] if laws is None else [find_law(law) for law in laws]
     for law in found:
         if not law.has_contact:
             msg = f"law {law.key!r} has no contact, so nothing rebounds; leave it out"
@@ -128,8 +127,9 @@ def certify(
     for i, law in enumerate(found):
         for j, basis in enumerate(RESTITUTION_BASES):
             valid = np.array([_valid(law, float(e), basis) for e in nominal])
-            analytic[i, j, valid] = realised_restitution(law, nominal[valid], basis)
-            numbers[i, j, valid] = damping_number(law, nominal[valid], basis)
+            if valid.any():
+                analytic[i, j, valid] = realised_restitution(law, nominal[valid], basis)
+                numbers[i, j, valid] = damping_number(law, nominal[valid], basis)
 
     slowest = float(np.min(analytic, where=analytic > 0.0, initial=1.0))
     numerics = Numerics(method, DURATION / steps)
@@ -177,7 +177,7 @@ def _rebound(kernel: RowKernel, record: Record, nominal: np.ndarray) -> np.ndarr
         record,
         scale=np.ones(n),
         gaps=np.full((n, 1), kernel.scene.gaps[0]),
-        stiffness=np.full(n, _stiffness(kernel.law)),
+        stiffness=np.full(n, contact_stiffness(kernel.law)),
         restitution=nominal,
     )
     before = MASS * (APPROACH / 2.0) ** 2

@@ -107,11 +107,11 @@ def find_touching(plan: Plan) -> np.ndarray:
         rows, motion = np.flatnonzero(motions.record == record), plan.spec.records[record]
         table = motions[rows]
         variants = plan.variants[table.variant]
-        values = {"scale": table.scale, "stiffness": table.stiffness, "restitution": table.restitution}
+        values: dict[str, Any] = {"scale": table.scale, "stiffness": table.stiffness, "restitution": table.restitution}
         raw = kernel.run(motion, gaps=table.gaps, variants=variants, **values)
         found = variables_of(kernel, raw, ("closing_max",), motion, variants)["closing_max"]
         for j, contact in enumerate(contacts):
-            closing[rows, j] = found[:, contact.pair, contact.storey - 1]
+            closing[rows, j] = found[:, contact.place, contact.storey - 1]
     return ~untouched(plan, closing)
 
 
@@ -610,7 +610,7 @@ def _coordinates(m: Measured) -> dict[str, Any]:
         "status": ([s.label for s in STATUS], "status of a scenario"),
         "law": ([plan.laws[group.law].key for group in m.sample.timed], "contact law"),
         "record": ([r.name for r in spec.records], "ground-motion record"),
-        "pair": (list(spec.scene.pair_names), "pair of neighbours, left-right"),
+        "pair": (list(spec.scene.pair_labels), "pair of neighbours, left-right"),
     }
     found: dict[str, Any] = {name: ((name,), values, {"long_name": text}) for name, (values, text) in labels.items()}
     per = ("scenario",)
@@ -635,7 +635,11 @@ def _coordinates(m: Measured) -> dict[str, Any]:
             {"long_name": "ground-motion record"},
         ),
         "scenario_scale": (per, table.scale, {"units": "1", "long_name": "factor on the record"}),
-        "scenario_gap": (("scenario", "pair"), table.gaps, {"units": "m", "long_name": "gap of the pair"}),
+        "scenario_gap": (
+            ("scenario", "pair"),
+            table.gaps[:, spec.scene.pair_of_label],
+            {"units": "m", "long_name": "gap of the pair"},
+        ),
         "scenario_stiffness": (
             per,
             table.stiffness,

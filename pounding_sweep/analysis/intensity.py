@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.rebuild import records_of, scene_of, stored_sweep
+from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.scenarios import described
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.records import record_measures, resolve_records
+from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -85,7 +86,7 @@ def _measured(cube: xr.Dataset, name: str, records: Any, folders: Any) -> xr.Dat
     sweep = stored_sweep(cube)
     wanted = {str(one) for one in np.atleast_1d(cube["record"].values)}
     sweep |= {"records": [entry for entry in sweep["records"] if entry["name"] in wanted]}
-    periods, told = _periods(scene_of(sweep), spectral[1]) if spectral else ([], "")
+    periods, told = _periods(scene_of(sweep["scene"]), spectral[1]) if spectral else ([], "")
     found = records_of(sweep, [] if records is None else resolve_records(records, folders), folders)
     names = {"record": [one.name for one in found]}
     if not spectral:

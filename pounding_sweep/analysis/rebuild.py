@@ -15,11 +15,12 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, RecordError
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import RECORD_SETS, Record, find_record, list_records
 from pounding_sweep.records.fema_p695 import read_component, set_components
 from pounding_sweep.records.synthetic import remade
 from pounding_sweep.spec.axes import AXES
+from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,34 +54,13 @@ def stored_sweep(cube: xr.Dataset) -> dict[str, Any]:
 def stored_scene(one: xr.Dataset) -> Scene:
     """Return the row of a scenario with its histories."""
     try:
-        return scene_of({"scene": json.loads(one.attrs["scene"])})
+        return scene_of(json.loads(one.attrs["scene"]))
     except (AttributeError, KeyError, TypeError, ValueError):
         msg = (
             "this file does not carry its row of buildings (attribute 'scene'), from which the walls beside it would "
             "be known: it was made by another version of this package, or changed; simulate the scenario again"
         )
         raise InputError(msg) from None
-
-
-def scene_of(sweep: Mapping[str, Any]) -> Scene:
-    """Return the row of a stored sweep."""
-    row: list[Building | Wall] = []
-    for item in sweep["scene"]["row"]:
-        if item.get("wall"):
-            row.append(Wall(item["name"]))
-            continue
-        ratio = item["damping_ratio"]
-        heights = item["storey_heights"] or None
-        row.append(
-            Building(
-                item["name"],
-                item["masses"],
-                item["stiffnesses"],
-                tuple(ratio) if isinstance(ratio, list) else ratio,
-                heights,
-            )
-        )
-    return Scene(row, sweep["scene"]["gaps"], ContactProperties(**sweep["scene"]["contact"]))
 
 
 def records_of(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.rebuild import records_of, scene_of, stored_sweep
+from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.scenarios import (
     NO_POUNDING,
     law_keys,
@@ -23,10 +23,11 @@ from pounding_sweep.analysis.scenarios import (
     without_pounding,
 )
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import CONTACTS, Building, Scene
 from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.spec.axes import AXES, DIMENSIONS, PropertyAxis, axes_of, case_of, property_axes
+from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -55,6 +56,8 @@ def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
 
     sweep = Sweep(scene, records, NO_POUNDING, folders=folders, **_settings())
     _check_pairs(sweep.spec.scene)
+    if (row := with_columns(sweep.spec.scene)) != sweep.spec.scene:
+        sweep = Sweep(row, sweep.spec.records, NO_POUNDING, **_settings())
     cube = _reduced(sweep.run()).isel(scale=0, drop=True)
     return StillRuns(sweep.spec.scene, cube, *_first_modes(sweep.spec.scene, ()))
 
@@ -63,11 +66,12 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
     """Return the runs without pounding that belong to a cube; see `required_gap`."""
     cube = scenarios_only(cube)
     sweep = stored_sweep(cube)
-    scene = scene_of(sweep)
+    own = scene_of(sweep["scene"])
+    scene = with_columns(own)
     _check_pairs(scene)
-    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_names), "storey": scene.n_storeys}
+    sizes = {"building": len(own.buildings), "pair": len(own.pair_labels), "storey": own.n_storeys}
     whole = all(cube.sizes.get(dim) == size for dim, size in sizes.items())  # a part of the row is no row
-    there = whole and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
+    there = whole and scene == own and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
     if sweep["cases"] is not None:
         if there and min(still_cases(cube)) >= 0:
             runs = cube.isel(case=np.flatnonzero(cube["law"].values.astype(str) == NO_POUNDING))
@@ -78,6 +82,11 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
     runs = _reduced(cube) if there else _selected(_run_product(scene, sweep, records, folders), cube)
     modes = [_where(part, cube if there else runs) for part in _first_modes(scene, axes)]
     return StillRuns(scene, runs, *modes)
+
+
+def with_columns(scene: Scene) -> Scene:
+    """Return a row in which floors meet columns too."""
+    return replace(scene, contacts=CONTACTS[1])
 
 
 def _check_pairs(scene: Scene) -> None:
@@ -119,7 +128,8 @@ def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any
     signs = [-1.0 if scale < 0.0 else 1.0 for scale in given.scales]
     if signs:
         kept["scales"] = sorted(set(signs))
-    job = Sweep(scene, _found_again(sweep, records, folders), NO_POUNDING, **kept, **_settings())
+    found = _found_again(sweep, records, folders)
+    job = Sweep(scene, found, NO_POUNDING, **kept, **_parameters(sweep), **_settings())
     unit = _reduced(job.run())
     if not signs:
         return unit
@@ -136,6 +146,12 @@ def _selected(runs: xr.Dataset, cube: xr.Dataset) -> xr.Dataset:
     return runs.sel(kept)
 
 
+def _parameters(sweep: dict[str, Any]) -> dict[str, Any]:
+    """Return what the axes of a stored sweep need beside their values."""
+    names = {axis.parameter for axis in AXES.values() if axis.parameter}
+    return {name: sweep[name] for name in names & sweep.keys()}
+
+
 def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) -> xr.Dataset:
     """Run each record, scale and building of listed cases once without pounding."""
     from pounding_sweep.run.sweep import Sweep
@@ -143,7 +159,7 @@ def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) 
     ignored: dict[str, Any] = dict.fromkeys(_IGNORED)
     cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]
     found = _found_again(sweep, records, folders)
-    return Sweep(scene, found, cases=list(dict.fromkeys(cases)), **_settings()).run()
+    return Sweep(scene, found, cases=list(dict.fromkeys(cases)), **_parameters(sweep), **_settings()).run()
 
 
 def _first_modes(scene: Scene, axes: Sequence[PropertyAxis]) -> tuple[xr.DataArray, xr.DataArray]:

@@ -71,6 +71,10 @@ class ClusterError(PoundingSweepError):
     """The dask cluster of a run can't be reached, is gone, or has no workers that can do it."""
 
 
+class UnlikelyWarning(UserWarning):
+    """A value that can be computed with, but that no real building has; most likely a slip of units."""
+
+
 #: Characters of a value that a message shows.
 SHOWN_CHARACTERS = 200
 #: Names that `unknown` lists.

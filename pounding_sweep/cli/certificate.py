@@ -1,16 +1,24 @@
-"""The restitution certificate on the command line: ``laws --restitution``."""
+"""The restitution certificate on the command line: ``laws --restitution`` and ``laws --check``."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import typer
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.tables import print_json, print_table
+from pounding_sweep.base.tables import print_json, print_pairs, print_table
+from pounding_sweep.cli.reporting import FAILED, say_laws
+from pounding_sweep.model.rebound import RELATIONS
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from pounding_sweep.accuracy.law_check import LawCheck
+
+#: What the check of a law tells of each restitution.
+_CHECKED = ("damping_number", "measured", "solved", "analytic")
 
 
 def print_certificate(nominal: str | None, as_json: bool) -> None:
@@ -33,6 +41,79 @@ def print_certificate(nominal: str | None, as_json: bool) -> None:
         _print_text(found)
 
 
+def print_check(name: str, nominal: str | None, as_json: bool) -> None:
+    """Check one law and print what was found; exit with a failure where it is not what its formulas say.
+
+    Raises
+    ------
+    InputError
+        There is no such law, or the list of nominal values is none.
+    """
+    from pounding_sweep.accuracy.certificate import RESTITUTIONS
+    from pounding_sweep.accuracy.law_check import check_law
+    from pounding_sweep.cli.progress import make_progress
+    from pounding_sweep.spec.own_laws import find_law
+
+    law = find_law(name)
+    say_laws([law] if law.source else [])
+    found = check_law(law, RESTITUTIONS if nominal is None else _numbers(nominal), progress=make_progress())
+    if as_json:
+        print_json(
+            {
+                "law": {**law.described, "number": law.number_text, "sha256": law.sha256 if law.source else None},
+                "rows": _rows(found.certificate, "solved"),
+                "twin": found.twin,
+                "impacts": found.impacts,
+                "faults": found.faults,
+            }
+        )
+    else:
+        _print_check(found)
+    if found.faults:
+        raise typer.Exit(FAILED)
+
+
+def _print_check(found: LawCheck) -> None:
+    law, table = found.law, found.certificate
+    relation = RELATIONS[law.relation].text if law.relation else "none known: it may depend on the approach velocity"
+    factor = f", with {law.relation_factor:.6g} times the damping number" * (law.relation_factor != 1.0)
+    print_pairs(
+        [
+            ("law", f"{law.key}: {law.title}"),
+            ("force (kN)", law.formula),
+            ("slopes", f"dE/dd = {law.elastic_slope}" + f", dB/dd = {law.damper_slope}" * bool(law.damper)),
+            ("stiffness", f"k in {law.stiffness_unit}"),
+            ("damping", f"{law.damping}, {law.number_text}" if law.damper else "none"),
+            ("restitution", f"{law.validity}; closed form: {relation + factor if law.damper else 'e = 1'}"),
+        ]
+    )
+    print()
+    headings = ["basis", "nominal e", "damping number", "kernels", "solver", "closed form"]
+    columns = [(table[name], form) for name, form in zip(_CHECKED, (".6g", ".9f", ".9f", ".9f"), strict=True)]
+    lines = [
+        [str(basis), f"{e:g}", *(_cell(column.values[0, j, i], form) for column, form in columns)]
+        for j, basis in enumerate(table.basis.values)
+        for i, e in enumerate(table.restitution.values)
+        if np.isfinite(table.measured.values[0, j, i])
+    ]
+    print_table(headings, lines, right=range(1, len(headings)))
+    print()
+    print(
+        "Two free masses, e = velocity of parting over velocity of approach: by the kernels, by an independent solver"
+    )
+    print("of the formulas (DOP853), and by the closed form.")
+    worst = max(found.twin, key=lambda name: found.twin[name])
+    print(f"Kernel and its twin in plain Python, {found.impacts} impacts: up to {found.twin[worst]:.1e} ({worst}).")
+    for fault in found.faults:
+        print(f"fault: {fault}")
+    if not found.faults:
+        print("All agree: the kernels do what the formulas say.")
+
+
+def _cell(value: float, form: str) -> str:
+    return "-" if np.isnan(value) else format(value + 0.0, form)
+
+
 def _numbers(text: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
@@ -45,14 +126,14 @@ def _plain(value: float) -> float | None:
     return None if np.isnan(value) else float(value)
 
 
-def _rows(found: xr.Dataset) -> list[dict[str, Any]]:
+def _rows(found: xr.Dataset, *more: str) -> list[dict[str, Any]]:
     """One row per law, basis and nominal restitution; None where the law is not valid there."""
     return [
         {
             "law": str(law),
             "basis": str(basis),
             "restitution": float(e),
-            **{name: _plain(found[name].values[i, j, n]) for name in ("damping_number", "measured", "analytic")},
+            **{name: _plain(found[name].values[i, j, n]) for name in (*_CHECKED[:2], "analytic", *more)},
         }
         for i, law in enumerate(found.law.values)
         for j, basis in enumerate(found.basis.values)
@@ -92,7 +173,7 @@ def _print_text(found: xr.Dataset) -> None:
             (realised.measured, ".7f"),
         ]
         values = [(column.values[i, n], spec) for column, spec in columns]
-        return ["-" if np.isnan(value) else format(value + 0.0, spec) for value, spec in values]
+        return [_cell(value, spec) for value, spec in values]
 
     lines = []
     for i, law in enumerate(found.law.values):

@@ -9,13 +9,13 @@ import typer
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import Folders, Overwrite, SweepFile, app
-from pounding_sweep.cli.reporting import reporting, say
+from pounding_sweep.cli.reporting import reporting, say, say_laws
 from pounding_sweep.cli.run import SkipMissing
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Law = Annotated[str | None, typer.Option("--law", metavar="LAW", help="Contact law.")]
+Law = Annotated[str | None, typer.Option("--law", metavar="LAW", help="Contact law, or FILE.py:NAME.")]
 Gap = Annotated[float | None, typer.Option("--gap", metavar="M", help="Gap of every pair (m).")]
 Stiffness = Annotated[
     float | None,
@@ -179,6 +179,7 @@ def _simulate(
             raise InputError(msg)
         choice[name] = _value(name, values)
     spec = load_sweep(sweep, skip_missing_records=skip_missing, folders=folders or None).spec
+    say_laws(spec.own_laws)
     one = simulate_shown(spec, output_step, **choice)
     say(heading(one))
     if "time" in one.sizes and one.sizes["time"] > 1:

@@ -18,22 +18,36 @@ def laws_command(
     ] = False,
     nominal: Annotated[
         str | None,
-        typer.Option("--e", metavar="LIST", help="With --restitution: nominal values, as 0.2,0.6.", show_default=False),
+        typer.Option(
+            "--e", metavar="LIST", help="With --restitution or --check: nominal values, as 0.2,0.6.", show_default=False
+        ),
+    ] = None,
+    check: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LAW", help="Check one law, FILE.py:NAME for one of your own, by kernels, solver and twin."
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """List the contact laws, or what restitution they really give."""
+    """List the contact laws, say what restitution they really give, or check one, such as one of your own."""
     with reporting():
         from pounding_sweep.base.errors import InputError
-        from pounding_sweep.cli.certificate import print_certificate
+        from pounding_sweep.cli.certificate import print_certificate, print_check
         from pounding_sweep.model.laws import LAWS
         from pounding_sweep.model.rebound import RELATIONS
 
+        if check is not None:
+            if restitution:
+                msg = "--check measures the restitution of its law too; leave out --restitution"
+                raise InputError(msg)
+            print_check(check, nominal, as_json)
+            return
         if restitution:
             print_certificate(nominal, as_json)
             return
         if nominal is not None:
-            msg = f"--e {nominal!r} says which restitutions to measure; give --restitution with it"
+            msg = f"--e {nominal!r} says which restitutions to measure; give --restitution or --check with it"
             raise InputError(msg)
         rows = [
             {
@@ -64,4 +78,4 @@ def laws_command(
         print_table(list(headings.values()), [[row[name] or "-" for name in headings] for row in rows])
         print()
         print("d: penetration (m), v: its rate (m/s), v0: v at the touch, m: effective mass of the pair (t).")
-        print("paper: model number in Mate, Bakre & Jaiswal (2015).")
+        print("paper: model number in Mate, Bakre & Jaiswal (2015). Laws of your own: FILE.py:NAME, see --check.")

@@ -8,14 +8,17 @@ import sys
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from pounding_sweep.base.text import printable
+
+if TYPE_CHECKING:
+    from pounding_sweep.model.laws import Law
 
 NAME = "pounding-sweep"
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
@@ -115,6 +118,13 @@ def _end_at_once(*_: object) -> None:
 def say(text: str) -> None:
     """Write one message to stderr."""
     _print(f"{NAME}: {text}")
+
+
+def say_laws(laws: Iterable[Law]) -> None:
+    """Say which Python files of the user's own were run, and what laws they gave."""
+    for law in laws:
+        where = f"from {law.source}, Python of your own that was run" if law.source else "of your own"
+        say(f"law {law.key!r} {where} (SHA-256 {law.sha256[:12]}): {law.formula}")
 
 
 def _print(text: str) -> None:

@@ -11,7 +11,7 @@ import typer
 from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table, seconds_text
 from pounding_sweep.base.text import printable
 from pounding_sweep.cli.app import AsJson, Folders, SweepFile, Workers, app
-from pounding_sweep.cli.reporting import FAILED, reporting, say
+from pounding_sweep.cli.reporting import FAILED, reporting, say, say_laws
 
 if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome
@@ -26,11 +26,20 @@ SkipMissing = Annotated[
 ]
 
 
-def _job(sweep: Path, accuracy: float | None, skip: bool, folders: list[Path] | None) -> Sweep:
-    """Read a sweep file; ask for `accuracy` if one is given."""
-    from pounding_sweep.run.sweep import load_sweep
+Laws = Annotated[
+    list[str] | None,
+    typer.Option("--law", metavar="LAW", help="Contact law in place of the file's, or FILE.py:NAME; may be repeated."),
+]
 
-    job = load_sweep(sweep, skip_missing_records=skip, folders=folders or None)
+
+def _job(sweep: Path, accuracy: float | None, skip: bool, folders: list[Path] | None, laws: list[str] | None) -> Sweep:
+    """Read a sweep file; ask for `accuracy` and `laws` if they are given."""
+    from pounding_sweep.run.sweep import load_sweep
+    from pounding_sweep.spec.own_laws import LAW_GROUPS, find_law
+
+    chosen = [name if name in LAW_GROUPS else find_law(name) for name in laws or ()]
+    job = load_sweep(sweep, skip_missing_records=skip, folders=folders or None, laws=chosen or None)
+    say_laws(job.spec.own_laws)
     if accuracy is None:
         return job
     from pounding_sweep.spec.spec import with_accuracy
@@ -49,6 +58,7 @@ def run_command(
         typer.Option(metavar="WHICH", help="threads, processes, synchronous, or a dask address: tcp://HOST:PORT."),
     ] = "threads",
     workers: Workers = None,
+    laws: Laws = None,
     accuracy: Accuracy = None,
     folders: Folders = None,
     skip_missing: SkipMissing = False,
@@ -65,7 +75,7 @@ def run_command(
         from pounding_sweep.cli.progress import make_progress
         from pounding_sweep.output.audited import audit_sentence, audit_table
 
-        job = _job(sweep, accuracy, skip_missing, folders)
+        job = _job(sweep, accuracy, skip_missing, folders, laws)
         progress = make_progress(quiet)
         try:
             cube = job.write(
@@ -76,10 +86,12 @@ def run_command(
         outcome = job.last_outcome
         assert outcome is not None
         report = {
+            "row": _row(job),
             **_run_report(job.spec.n_scenarios, outcome),
             "extended_from": json.loads(cube.frame.attrs.get("extended_from", "null")),
             "accuracy_choice": cube.frame.attrs.get("accuracy_choice", ""),
             "records_left_out": list(job.spec.records_left_out),
+            "own_laws": {law.key: law.sha256 for law in job.spec.own_laws},
             "audit": audit_table(cube.frame),
             "audit_sentence": audit_sentence(cube.frame),
             "statuses": cube.tally.statuses(),
@@ -105,33 +117,50 @@ def run_command(
 def plan_command(
     sweep: SweepFile,
     workers: Workers = None,
+    laws: Laws = None,
     accuracy: Accuracy = None,
     folders: Folders = None,
     skip_missing: SkipMissing = False,
     as_json: AsJson = False,
 ) -> None:
     """Say what a sweep would run, and at what cost; nothing is run."""
-    with reporting():
+    with reporting() as said:
         from pounding_sweep.engine.compile import still_to_compile
         from pounding_sweep.run.execute import check_scheduler
 
         n_workers = check_scheduler("threads", workers)
-        job = _job(sweep, accuracy, skip_missing, folders)
+        job = _job(sweep, accuracy, skip_missing, folders, laws)
         plan = job.plan()
         found = {**plan.summary(n_workers), "workers": n_workers, "sweep_sha256": plan.digest}
         missing, seconds = still_to_compile([kernel.shape for kernel in plan.kernels().values()])
         found |= {"kernels_to_compile": missing, "compile_seconds": seconds}
         limit = float(plan.limit[plan.refused].min()) if plan.refused.any() else None
         found["largest_stable_step"] = limit
-        found["records_left_out"] = list(job.spec.records_left_out)
+        found |= {"records_left_out": list(job.spec.records_left_out), "warnings": said}
+        found["own_laws"] = {law.key: law.sha256 for law in job.spec.own_laws}
+        found["row"] = _row(job)
         if as_json:
             print_json(found)
             return
         print(printable(str(job.spec.title or sweep)))
+        _print_row(found["row"])
         compiling = f"{missing} to compile: about {seconds_text(seconds)} of CPU time" if missing else "all compiled"
         rows = plan.rows(found, compiling)
         rows += _left_out(found)
         print_pairs(rows)
+
+
+def _row(job: Sweep) -> list[dict[str, str]]:
+    """Describe the row of a sweep, one entry per building and pair."""
+    from pounding_sweep.spec.overview import overview
+
+    return [{"name": name, "about": text} for name, text in overview(job.spec.scene)]
+
+
+def _print_row(row: list[dict[str, str]]) -> None:
+    """Print what is to be known of the row, one line per building and pair."""
+    print_pairs([(each["name"], each["about"]) for each in row])
+    print()
 
 
 def _run_report(asked: int, outcome: Outcome) -> dict[str, Any]:
@@ -156,6 +185,7 @@ def _run_report(asked: int, outcome: Outcome) -> dict[str, Any]:
 
 def _print_run(report: dict[str, Any]) -> None:
     counts = report["scenarios"]
+    _print_row(report["row"])
     rows = [
         [
             row["law"],

@@ -44,7 +44,7 @@ _LOADED: set[KernelSpec] = set()
 _TOLD: set[Path] = set()
 
 #: What decides the code of a kernel beside what it is compiled for: folders and files of the package.
-SOURCES = ("kernel", "schemes", "outputs", "engine/kernel.py", "model/laws.py", "model/rebound.py")
+SOURCES = ("kernel", "schemes", "outputs", "engine/kernel.py", "model/formula.py", "model/laws.py", "model/rebound.py")
 #: A kernel's module: one signature, compiled when loaded. What traces the body is loaded only then.
 MODULE = '''"""A pounding_sweep kernel, written by the package. Editing it has no effect on the package."""
 
@@ -317,15 +317,16 @@ def get_kernel(shape: KernelSpec) -> Callable[..., None]:
     """
     from numba import config
 
-    compiled: Callable[..., None]
-    if getattr(config, "DISABLE_JIT", False):
-        from pounding_sweep.engine import twin
-
-        compiled = partial(twin.run, shape)
-    else:
-        compiled = _compiled_kernel(shape)
+    found = twin_of(shape) if getattr(config, "DISABLE_JIT", False) else partial(_run, shape, _compiled_kernel(shape))
     _LOADED.add(shape)
-    return partial(_run, shape, compiled)
+    return found
+
+
+def twin_of(shape: KernelSpec) -> Callable[..., None]:
+    """Return what does the same as the kernel, slowly, in plain Python."""
+    from pounding_sweep.engine import twin
+
+    return partial(_run, shape, partial(twin.run, shape))
 
 
 def _compiled_kernel(shape: KernelSpec) -> Callable[..., None]:

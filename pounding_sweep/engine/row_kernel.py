@@ -20,6 +20,7 @@ from pounding_sweep.kernel.spec import (
     property_slots,
 )
 from pounding_sweep.model.laws import Law
+from pounding_sweep.model.levels import column_shares
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import REDUCERS, output_slots
@@ -123,6 +124,7 @@ def kernel_shape(
         history=history,
         precision=numerics.precision,
         varied=varied,
+        struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
     )
 
 
@@ -189,7 +191,7 @@ class RowKernel:
             values[slots.first[name] : slots.first[name] + slots.count[name]] = numbers[: slots.count[name]]
 
         for name, numbers in _properties(variants_of(self.scene)).items():
-            if slots.count[name]:
+            if slots.count.get(name):
                 put(name, numbers[0])
         if self.initial_velocity is not None:
             put("v0", self.initial_velocity)
@@ -234,9 +236,10 @@ class RowKernel:
         restitution: np.ndarray,
         variants: Variants | None = None,
         history: np.ndarray | None = None,
+        twin: bool = False,
     ) -> dict[str, np.ndarray]:
-        """Integrate scenarios over a record."""
-        from pounding_sweep.engine.cache import get_kernel
+        """Integrate scenarios over a record, by the compiled kernel or its twin in plain Python."""
+        from pounding_sweep.engine.cache import get_kernel, twin_of
 
         n = len(scale)
         groups = -(-n // LANES)
@@ -247,7 +250,7 @@ class RowKernel:
         results = np.zeros((groups, outputs.size * LANES))
         if history is None:
             history = np.zeros((1, 1))
-        kernel = get_kernel(self.shape)
+        kernel = (twin_of if twin else get_kernel)(self.shape)
         e = np.asarray(restitution, float)
         given = {"scale": np.asarray(scale, float), "stiffness": np.asarray(stiffness, float), "restitution": e}
         slab = max(1, SLAB_BYTES // (inputs.size * LANES * 8))
@@ -300,8 +303,9 @@ class RowKernel:
         if "gap" in slots.first:
             put("gap", gaps.T)
         if self.shape.law is not None:
-            put("k", stiffness[None, :])
-            damping = self.law.damping_coefficient(restitution, stiffness, row.contact_masses.T, self.basis)
+            k = row.contact_stiffnesses(stiffness).T if self.shape.struck else stiffness[None, :]
+            put("k", k)
+            damping = self.law.damping_coefficient(restitution, k, row.contact_masses.T, self.basis)
             put("c", damping)
         if self.varied:
             for name, values in _properties(row).items():
@@ -315,6 +319,7 @@ class RowKernel:
 
 def _properties(row: Variants) -> dict[str, np.ndarray]:
     """Return building properties by the name of their slots, shape (n, slots)."""
+    shares = np.array([column_shares(contact.xi) for contact in row.scene.contacts]).reshape(-1, 2)
     alpha, beta = zip(*(row.rayleigh(b) for b in range(len(row.scene.buildings))), strict=True)
     return {
         "m": row.masses,
@@ -323,4 +328,6 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "alpha": np.stack(alpha, axis=1),
         "beta": np.stack(beta, axis=1),
         "reduced": row.contact_masses,
+        "lower": shares[None, :, 0],
+        "upper": shares[None, :, 1],
     }

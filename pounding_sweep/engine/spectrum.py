@@ -13,11 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+
+from pounding_sweep.records import Record
 
 #: Least number of steps per period.
 STEPS_PER_PERIOD = 32
@@ -109,6 +112,13 @@ def steps_of(periods: Array, dt: float) -> npt.NDArray[np.int64]:
     """Return steps per interval of the base motion for each period (s): powers of two, so that many share them."""
     least = np.maximum(STEPS_PER_PERIOD * dt / periods, 1.0)
     return np.exp2(np.ceil(np.log2(least))).astype(np.int64)
+
+
+@lru_cache(maxsize=4096)
+def spectral_acceleration(record: Record, period: float, damping: float = 0.05) -> float:
+    """Return the pseudo-acceleration (m/s2) of a record at a period (s): w^2 times the peak displacement."""
+    peaks, _ = oscillator_peaks(record.acceleration, record.dt, np.array([period]), damping)
+    return float(peaks[0] * 2.0 * np.pi / period)
 
 
 def oscillator_peaks(ground: Array, dt: float, periods: Array, damping: float) -> tuple[Array, Array]:

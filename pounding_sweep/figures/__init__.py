@@ -75,7 +75,13 @@ def _kinds_of_laws(dataset: xr.Dataset) -> set[str]:
 
 
 #: What several values of an axis are called.
-_PLURAL = {"law": "laws with contact", "record": "records", "scale": "scales", "pga": "PGAs"}
+_PLURAL = {
+    "law": "laws with contact",
+    "record": "records",
+    "scale": "scales",
+    "pga": "PGAs",
+    "sa": "spectral accelerations",
+}
 
 
 def _size(dataset: xr.Dataset, axis: str) -> int:

@@ -62,7 +62,7 @@ def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | Non
     names = [*_TOLD, "damping_ratio", *(name for name in single if name.startswith(_BY_BUILDING)), "case", *varied]
     said = []
     for name in dict.fromkeys([*names, *INNER_DIMS]):
-        if name not in single or (name == "scale" and "pga" in single):
+        if name not in single or (name == "scale" and {*single} & {*DIMENSIONS["scale"][1:]}):
             continue
         value, size = cube[name].item(), varied.get(name)
         usual = size == 1 and value == 1.0

@@ -327,7 +327,7 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
         touches = due & (mode == OPEN) & (target > OPEN)
         with when_any(touches):
             v, mass = group.between("v", j), group.prop("reduced", j)
-            k, c = s["k"], s["c", j]
+            k, c = group.stiffness(j), s["c", j]
             lasts = law.duration(k, v, mass)
             s["lasts", j], s["age", j] = where(touches, lasts, s["lasts", j]), where(touches, 0.0, s["age", j])
             s["shortest"] = where(touches, minimum(s["shortest"], lasts), s["shortest"])

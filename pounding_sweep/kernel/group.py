@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import math
-import operator
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from itertools import groupby
@@ -33,6 +32,7 @@ from pounding_sweep.kernel.lanes import (
 )
 from pounding_sweep.kernel.precision import TOLERANCES
 from pounding_sweep.kernel.spec import KernelSpec, LawShape, input_slots, property_slots, result_slots
+from pounding_sweep.model.formula import read, value
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Constants that all lanes share even where buildings vary.
@@ -40,30 +40,24 @@ SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma"})
 #: What a reducer asks of each sub-step of a closed contact, each with those before it: nothing, the penetration at
 #: both ends, the force too, or that forces and their rates at both ends are kept for all floors.
 LOOKS = ("", "depth", "force", "ends")
-_OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv}
 #: Share of an elastic contact's duration over which sub-steps grow to a whole step, where they are graded.
 GRADED_SHARE = 0.5
 
 
-def _value(part: ast.expr, given: dict[str, Any]) -> Any:
-    """Value of a formula of a contact law: numbers, names, + - * /, ``max`` and ``math.sqrt``."""
-    match part:
-        case ast.Constant(value=float() | int() as number):
-            return float(number)
-        case ast.Name(id=name):
-            return given[name]
-        case ast.BinOp(left=left, op=op, right=right):
-            return _OPERATORS[type(op)](_value(left, given), _value(right, given))
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return -_value(operand, given)
-        case ast.Call(func=ast.Name(id="max"), args=[a, b]):
-            return maximum(_value(a, given), _value(b, given))
-        case ast.Call(func=ast.Attribute(value=ast.Name(id="math"), attr="sqrt"), args=[a]):
-            return sqrt(_value(a, given))
-    msg = (
-        f"the formula of a contact law holds {ast.unparse(part)!r}; it may hold k, c, d, r, v, + - * /, max, math.sqrt"
-    )
-    raise ValueError(msg)
+def _power(x: Any, exponent: float) -> Any:
+    """Return x to a constant power: products and roots where they do, of which lanes have instructions; else x >= 0."""
+    whole, quarters = divmod(4.0 * exponent, 4.0)
+    if not (0.0 <= exponent <= 4.0 and quarters == round(quarters)):
+        return power(maximum(x, 0.0), exponent)
+    factors = [x] * int(whole)
+    if quarters:
+        root = sqrt(maximum(x, 0.0))
+        factors += [root] * (quarters >= 2.0) + ([sqrt(root)] if quarters % 2.0 else [])
+    return math.prod(factors[1:], start=factors[0]) if factors else 1.0
+
+
+#: Functions in the formulas of laws.
+_FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": _power}
 
 
 class Law:
@@ -87,10 +81,10 @@ class Law:
         self._duration = factor * (0.5 * (shape.exponent + 1.0)) ** share, share, (1.0 - shape.exponent) * share
 
     def _evaluate(self, text: str, d: Any, **given: Any) -> Any:
-        formula = ast.parse(text, mode="eval").body
+        formula = read(text)
         if any(isinstance(part, ast.Name) and part.id == "r" for part in ast.walk(formula)):
             given["r"] = sqrt(maximum(d, 0.0))
-        return _value(formula, {"d": d, **given})
+        return value(formula, {"d": d, **given}, _FUNCTIONS)
 
     def elastic(self, k: Any, c: Any, d: Any) -> Any:
         """Elastic force."""
@@ -324,7 +318,7 @@ class Group:
         if self.trace is None or (straight and not self.long):
             yield from range(len(contacts))
             return
-        for walls, same in groupby(range(len(contacts)), key=lambda j: tuple(i < 0 for i in contacts[j][:2])):
+        for (walls, columns), same in groupby(range(len(contacts)), key=self._kind):
             some = list(same)
             if len(some) == 1:
                 yield some[0]
@@ -333,7 +327,18 @@ class Group:
                 j = q + some[0]
                 sides = [self._sides[3 * j + side] for side in range(3)]
                 left, right = (-1 if wall else side for wall, side in zip(walls, sides, strict=False))
-                yield Contact(j, (left, right, sides[2]))
+                yield Contact(j, (left, right, sides[2]), columns)
+
+    def _kind(self, j: int) -> tuple[tuple[bool, ...], tuple[int, bool]]:
+        """Return what contacts that are gone through in one loop have in common: walls, and columns that are struck."""
+        return tuple(i < 0 for i in self.spec.contacts[j][:2]), self._columns(j)
+
+    def _columns(self, j: Any) -> tuple[int, bool]:
+        """Side of contact j whose columns are struck (-1: floors meet), and whether they stand on the ground."""
+        if isinstance(j, Contact):
+            return j.columns
+        side = self.spec.struck[j] if self.spec.struck else -1
+        return side, side >= 0 and self.spec.bottom[self.spec.contacts[j][side]]
 
     def each_building(self) -> Iterator[tuple[Any, list[Any]]]:
         """Go through the buildings and their floors; those of a long row that are equally high at run time."""
@@ -376,17 +381,46 @@ class Group:
         high = storeys[0] if len(set(storeys)) == 1 else self._floors_of[at + 1]
         return self._floors_of[at], high, self._floors_of[at + 2]
 
+    def floors_of(self, j: Any, side: int) -> list[tuple[Any, Any]]:
+        """Floors that contact j acts on at its left (0) or right (1) side, and the share of each (None: all)."""
+        floor, (struck, grounded) = self.sides(j)[side], self._columns(j)
+        if is_wall(floor):
+            return []
+        if side != struck:
+            return [(floor, None)]
+        upper = (floor, self.prop("upper", j))
+        return [upper] if grounded else [(floor - 1, self.prop("lower", j)), upper]
+
+    def ends(self, j: Any) -> list[tuple[Any, str, Any]]:
+        """Floors that contact j pushes: the floor, the sign of the force on it, and its share (None: all)."""
+        return [(floor, sign, share) for side, sign in enumerate("-+") for floor, share in self.floors_of(j, side)]
+
     def between(self, x: Any, j: Any) -> Any:
         """Left minus right of the floors of contact j, a wall being at rest; x: of all floors, or a row's name."""
-        left, right, _ = self.sides(j)
         read = (lambda i: self.state[x, i]) if isinstance(x, str) else x.__getitem__
-        if is_wall(left):
-            return -read(right)
-        return read(left) if is_wall(right) else read(left) - read(right)
+        left, right = (_weighted(self.floors_of(j, side), read) for side in (0, 1))
+        if left is None:
+            return -right
+        return left if right is None else left - right
+
+    def stiffness(self, j: Any) -> Any:
+        """Stiffness of contact j (kN/m**exponent); one for all where no columns are struck."""
+        return self.state["k", j] if self.spec.struck else self.state["k"]
 
     def gap(self, j: Any) -> Any:
         """Gap of contact j (m)."""
         return self.state["gap", self.sides(j)[2]]
+
+
+def _weighted(floors: Sequence[tuple[Any, Any]], read: Callable[[Any], Any]) -> Any:
+    """Sum of what is read of floors by their shares; None of none."""
+    parts = [read(i) if share is None else share * read(i) for i, share in floors]
+    return parts[0] + parts[1] if len(parts) > 1 else parts[0] if parts else None
+
+
+def part_of(force: Any, share: Any) -> Any:
+    """Return the share of a force (None: all of it)."""
+    return force if share is None else share * force
 
 
 def is_wall(floor: Any) -> bool:

@@ -6,7 +6,7 @@ from types import ModuleType
 from typing import Any
 
 from pounding_sweep.kernel import forces, impulse
-from pounding_sweep.kernel.group import Group, is_wall
+from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, maximum, minimum, when_any, where
 from pounding_sweep.kernel.peaks import largest_accelerations, samples, turns
 from pounding_sweep.kernel.row import transferred
@@ -104,11 +104,10 @@ def _transfers(group: Group, taken: Any) -> None:
         for b in group.each(group.spec.n_buildings):
             s["gained0", b] = s["gained1", b] = 0.0
         for j in group.each_contact():
-            for floor, sign in zip(group.sides(j), (1.0, -1.0), strict=False):
-                if not is_wall(floor):
-                    b = group.home_of(floor)[2]
-                    s["gained0", b] = s["gained0", b] + (sign * s["f0", j]) * s["v0", floor]
-                    s["gained1", b] = s["gained1", b] + (sign * s["f1", j]) * s["v", floor]
+            for floor, side, share in group.ends(j):
+                b, sign = group.home_of(floor)[2], 1.0 if side == "-" else -1.0
+                s["gained0", b] = s["gained0", b] + part_of(sign * s["f0", j], share) * s["v0", floor]
+                s["gained1", b] = s["gained1", b] + part_of(sign * s["f1", j], share) * s["v", floor]
     for b, floors in group.each_building():
         e0, e1 = s["now", b], transferred(group, b, floors)
         s["now", b] = where(taken, e1, e0)

@@ -90,7 +90,7 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
             fastest = maximum(where(fresh, speed, s["vrun", j]), v)
             s["vrun", j] = where(closed, fastest, 0.0)
         with when_any(fresh):
-            lasts = law.duration(s["k"], speed, group.prop("reduced", j))
+            lasts = law.duration(group.stiffness(j), speed, group.prop("reduced", j))
             s["shortest"] = where(fresh, minimum(s["shortest"], lasts), s["shortest"])
         if not (implicit or group.spec.history or group.looks("force")):
             continue
@@ -98,7 +98,7 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
         if fastest is not None and law.shape.damper:
             c = c / maximum(fastest, RESTING_SPEED)
         pull = maximum(v, 0.0) if law.shape.approach_only else v
-        p = law.elastic(s["k"], c, d)
+        p = law.elastic(group.stiffness(j), c, d)
         if law.shape.damper:
             p = p + law.damper(c, d) * pull
         force, last = where(closed, p if law.shape.tension else maximum(p, 0.0), 0.0), s["f1", j]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from pounding_sweep.kernel.group import Group, is_wall
+from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import fma
 
 #: Some buildings, and their floors.
@@ -42,11 +42,9 @@ def accelerations(
 def pushes(group: Group, forces: Sequence[Any]) -> list[list[tuple[str, Any]]]:
     """Contact forces on each floor, with their signs."""
     found: list[list[tuple[str, Any]]] = [[] for _ in range(group.spec.n_dof)] if forces else []
-    for force, (left, right, _) in zip(forces, group.contacts, strict=False):
-        if left >= 0:
-            found[left].append(("-", force))
-        if right >= 0:
-            found[right].append(("+", force))
+    for j, force in enumerate(forces):
+        for floor, sign, share in group.ends(j):
+            found[floor].append((sign, part_of(force, share)))
     return found
 
 
@@ -113,9 +111,8 @@ def add_forces(group: Group, name: str, forces: str) -> None:
     """Add what contact forces (or their rates) do to accelerations (or theirs); names of rows."""
     s = group.state
     for j in group.each_contact():
-        left, right, _ = group.sides(j)
         force = s[forces, j]
-        if not is_wall(left):
-            s[name, left] = s[name, left] - group.prop("im", left) * force
-        if not is_wall(right):
-            s[name, right] = s[name, right] + group.prop("im", right) * force
+        for floor, sign, share in group.ends(j):
+            before = s[name, floor]
+            change = group.prop("im", floor) * part_of(force, share)
+            s[name, floor] = before - change if sign == "-" else before + change

@@ -82,7 +82,8 @@ class KernelSpec:
     storeys : tuple of int
         Storeys of each building.
     contacts : tuple of (left, right, pair)
-        Degrees of freedom that can meet (-1: a wall) and their pair.
+        Degrees of freedom that can meet (-1: a wall) and their pair; of a side whose columns are struck,
+        the floor above them.
     n_pairs : int
         Pairs of neighbours.
     law : LawShape or None
@@ -105,6 +106,9 @@ class KernelSpec:
         Number format of the state and of all arithmetic.
     varied : bool
         Building properties differ from lane to lane: they are inputs, not constants.
+    struck : tuple of int
+        Of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where
+        none are struck.
     """
 
     storeys: tuple[int, ...]
@@ -120,6 +124,7 @@ class KernelSpec:
     history: bool = False
     precision: str = "float64"
     varied: bool = False
+    struck: tuple[int, ...] = ()
 
     @property
     def impulsive(self) -> bool:
@@ -172,6 +177,7 @@ def from_json(data: dict[str, Any]) -> KernelSpec:
         "storeys": tuple(data["storeys"]),
         "contacts": tuple((int(a), int(b), int(c)) for a, b, c in data["contacts"]),
         "law": None if data["law"] is None else LawShape(**data["law"]),
+        "struck": tuple(data["struck"]),
         "reducers": frozenset(data["reducers"]),
     }
     return KernelSpec(**{**data, **own})
@@ -198,7 +204,7 @@ def input_slots(shape: KernelSpec) -> Slots:
     if shape.contacts:
         slots.add("gap", shape.n_pairs)
     if shape.law is not None:
-        slots.add("k")
+        slots.add("k", len(shape.struck) or 1)
         slots.add("c", len(shape.contacts))
     if shape.varied:
         shared = property_slots(shape)
@@ -224,6 +230,9 @@ def property_slots(shape: KernelSpec) -> Slots:
     slots.add("cap")
     slots.add("newmark_beta")
     slots.add("newmark_gamma")
+    if shape.struck:  # shares of a push on columns, of the floor above and below
+        slots.add("upper", len(shape.contacts))
+        slots.add("lower", len(shape.contacts))
     return slots
 
 

@@ -14,7 +14,8 @@ text, in the variables
 and are compiled inline into the time-stepping kernels; the slopes dE/dd and
 dB/dd stand beside them for the implicit scheme and for locating peaks. Adding
 a law is adding one `Law` to `LAWS`; kernels, planner, command line and
-documentation read the registry.
+documentation read the registry. A law of a user's own is a `Law` that is not
+in it: what it leaves out follows from its formulas.
 
 The damping coefficient follows from the coefficient of restitution ``e``
 through one dimensionless damping number per law, as published, and is
@@ -36,14 +37,18 @@ slope and its force at d = 0.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
 
-from pounding_sweep.base.errors import LawError, unknown
+from pounding_sweep.base.errors import LawError, shown, unknown
+from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.rebound import RELATIONS, YIELD_SHARE, RelationName, check_basis
 
 #: Slowest approach velocity (m/s) that a law divides by. A slower touch (resting
@@ -52,33 +57,39 @@ from pounding_sweep.model.rebound import RELATIONS, YIELD_SHARE, RelationName, c
 RESTING_SPEED = 1.0e-3
 
 Number = Callable[[np.ndarray], np.ndarray]
+#: Damping number of a law of a user's own that none was published for: the one of the realised restitution.
+SOLVED = "solved"
 
 
 @dataclass(frozen=True)
 class Law:
     """One contact law: expressions, parameters, validity and source.
 
+    A law of one's own needs ``key`` and ``exponent``; with damping ``damper`` and ``damping`` too. What
+    else is left out follows from these.
+
     Attributes
     ----------
     key : str
         Name in sweeps, cubes and on the command line.
+    exponent : float or None
+        Power of the penetration in E, as it begins; the contact stiffness is in
+        kN/m**exponent. None: the law has no contact force.
     title : str
         What the field calls it.
     model : str
         Number in Mate, Bakre & Jaiswal (2015), or ``"-"``.
-    exponent : float or None
-        Power of the penetration in E; the contact stiffness is in
-        kN/m**exponent. None: the law has no contact force.
     elastic, elastic_slope : str
-        E(d) (kN) and dE/dd (kN/m) in the variables of this module.
+        E(d) (kN) and dE/dd (kN/m) in the variables of this module; k d**exponent, and the derivative of E.
     damper, damper_slope : str
         B(d) (kN s/m) and dB/dd; empty for a law without damping.
     damper_exponent : float
-        Power of the penetration in B.
+        Power of the penetration in B, as it begins.
     damping : {"none", "viscous", "elastic", "jump", "yield"}
         How the damping number becomes the coefficient ``c``.
-    number : callable or None
-        Published damping number of e (dimensionless).
+    number : callable, str or None
+        Published damping number of e (dimensionless); of a law of one's own a formula such as ``"1.5*(1 - e)"``, or
+        ``"solved"``, as without any: the number with which two free masses rebound at exactly e.
     number_text : str
         The same as text, with its usual symbol.
     relation : str
@@ -91,31 +102,68 @@ class Law:
         The force may pull while d > 0; otherwise F = max(0, E + B v).
     zero_restitution : bool
         e = 0 is valid.
+    reference_stiffness : float, optional
+        Contact stiffness (kN/m**exponent) that stiffness factors scale, where the scene has none for that exponent.
     formula : str
         The whole law as text.
     reference : str
         Source.
+    source : str
+        Where a law of a user's own was read, FILE:NAME. No part of what the law is.
+
+    Raises
+    ------
+    LawError
+        A formula holds what it may not, or does not agree with the rest.
+
+    Examples
+    --------
+    >>> mine = Law(
+    ...     key="mine", exponent=1.25, damper="c*d**1.25", damping="elastic", number="1.5*(1 - e)", reference="-"
+    ... )
+    >>> mine.relation, mine.elastic_slope, float(realised_restitution(mine, 0.6).round(3))
+    ('both_phases', '1.25 * max(d, 0.0) ** 0.25 * k', 0.712)
     """
 
     key: str
-    title: str
-    model: str
     exponent: float | None
-    formula: str
-    reference: str
-    elastic: str = "0.0"
-    elastic_slope: str = "0.0"
+    title: str = ""
+    model: str = "-"
+    formula: str = ""
+    reference: str = "-"
+    elastic: str = ""
+    elastic_slope: str = ""
     damper: str = ""
-    damper_slope: str = "0.0"
-    damper_exponent: float = 0.0
+    damper_slope: str = ""
+    damper_exponent: float = math.nan
     damping: Literal["none", "viscous", "elastic", "jump", "yield"] = "none"
-    number: Number | None = None
+    number: Number | str | None = None
     number_text: str = ""
-    relation: RelationName = ""
+    relation: RelationName | None = None
     relation_factor: float = 1.0
     approach_only: bool = False
     tension: bool = False
     zero_restitution: bool = False
+    reference_stiffness: float | None = None
+    source: str = field(default="", compare=False)
+
+    def __post_init__(self) -> None:
+        try:
+            for name, found in _completed(self).items():
+                object.__setattr__(self, name, found)
+        except LawError as error:
+            msg = f"law {shown(self.key)}: {error}"
+            raise LawError(msg) from None
+
+    @property
+    def described(self) -> dict[str, Any]:
+        """The law as JSON holds it; `law_of` reads it."""
+        return {each.name: getattr(self, each.name) for each in fields(self) if each.compare}
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 (hex) of all that the law is."""
+        return hashlib.sha256(json.dumps(self.described, sort_keys=True).encode()).hexdigest()
 
     @property
     def has_contact(self) -> bool:
@@ -236,6 +284,159 @@ class Law:
         if self.yields:
             number = 0.4 / YIELD_SHARE * number
         return np.asarray(np.maximum(1.0, 2.0 * number) if self.damping == "viscous" else np.sqrt(1.0 + number))
+
+
+#: Penetrations (m), the first two to tell the power with which a force begins, and restitutions that are tried.
+_DEPTHS, _NOMINAL = np.array([1e-12, 2e-12, *np.geomspace(1e-8, 0.5, 40)]), np.linspace(0.05, 1.0, 20)
+#: Agreement of formulas, relative.
+_ALIKE = 1e-9
+_KEY = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+def _completed(law: Law) -> dict[str, Any]:
+    """Check a law, and return what it leaves out."""
+    if not isinstance(law.key, str) or not _KEY.fullmatch(law.key):
+        msg = f"its key is {shown(law.key)}; it must be a name of letters, digits and _"
+        raise LawError(msg)
+    found: dict[str, Any] = {"title": law.title or law.key.replace("_", " ").capitalize()}
+    if law.exponent is None or law.damping in ("jump", "yield"):
+        defaults = {"elastic": "0.0", "elastic_slope": "0.0", "damper_slope": "0.0"}
+        found |= {name: text for name, text in defaults.items() if not getattr(law, name)}
+        return {**found, "damper_exponent": 0.0, "relation": law.relation or ""}
+    n = law.exponent
+    if isinstance(n, bool) or not isinstance(n, int | float) or not 1.0 <= n <= 10.0:
+        msg = f"its exponent is {shown(n)}; it must be a number in [1, 10]"
+        raise LawError(msg)
+    elastic = law.elastic or ("k*d" if n == 1.0 else f"k*d**{n:g}")
+    if law.damping not in ("none", "viscous", "elastic"):
+        raise LawError(unknown("damping", law.damping, ("none", "viscous", "elastic")))
+    if bool(law.damper) != (law.damping != "none") or (law.number is not None and not law.damper):
+        msg = (
+            "damper and damping belong together: give both (damping 'viscous' or 'elastic') and its number, or none of "
+            "them for a law without damping"
+        )
+        raise LawError(msg)
+    slopes = {}
+    for name, force in (("elastic", elastic), ("damper", law.damper)):
+        text = getattr(law, f"{name}_slope")
+        for each in (force, text):
+            if each:
+                formulas.check(each, formulas.FORCE_NAMES)
+        if text and force and not _is_slope(text, force):
+            msg = f"{name}_slope {text!r} is not the derivative of {force!r} by d; leave it out"
+            raise LawError(msg)
+        slopes[f"{name}_slope"] = text or (formulas.slope(force) if force else "0.0")
+    damper, shape = law.damper, elastic
+    if damper and not law.damper_slope:  # floors that are open don't act on each other
+        damper, slopes["damper_slope"] = formulas.cut(damper), formulas.cut(slopes["damper_slope"])
+    if n > 1.0 and not law.elastic_slope:
+        elastic, slopes["elastic_slope"] = formulas.cut(elastic), formulas.cut(slopes["elastic_slope"])
+    number = SOLVED if damper and law.number is None else law.number
+    if isinstance(number, str) and number != SOLVED:
+        formulas.check(number, formulas.NUMBER_NAMES)
+        with np.errstate(all="ignore"):
+            numbers = formulas.on_arrays(number, e=_NOMINAL)
+        if not (np.isfinite(numbers) & (numbers >= 0.0)).all():
+            at = _NOMINAL[~(np.isfinite(numbers) & (numbers >= 0.0))][0]
+            msg = f"its damping number {number!r} at e = {at:.3g} must be a number >= 0 for every 0 < e <= 1"
+            raise LawError(msg)
+    spring = _force(elastic, n, "elastic")
+    power = float(np.round(np.log2(spring[1] / spring[0]), 6))
+    if power != round(n, 6):
+        msg = f"elastic {elastic!r} begins as d^{power:g}, and the exponent is {n:g}; make them agree"
+        raise LawError(msg)
+    exponent = law.damper_exponent
+    if damper:
+        dashpot = _force(damper, None, "damper")
+        begins = float(np.round(np.log2(dashpot[1] / dashpot[0]), 6))
+        exponent = begins if math.isnan(exponent) else exponent
+    relation, factor = law.relation, law.relation_factor
+    if relation is None:
+        relation, factor = _relation(law, spring, dashpot) if damper else ("", 1.0)
+    elif relation and relation not in RELATIONS:
+        raise LawError(unknown("relation", relation, RELATIONS))
+    if number == SOLVED and not relation:
+        msg = (
+            "number is missing, and no closed form is known of the rebound: it may depend on the approach velocity; "
+            "give the damping number as published, a formula of e"
+        )
+        raise LawError(msg)
+    ends = number == SOLVED and math.isfinite(RELATIONS[relation or ""].at_zero)
+    pressing = f"{shape} + {law.damper}*v" if damper else shape
+    free = law.approach_only or law.tension or not damper
+    text = f"F = {pressing if free else f'max(0, {pressing})'}"
+    text += f" on approach, {shape} on rebound" * law.approach_only
+    return {
+        **found,
+        "elastic": elastic,
+        "damper": damper,
+        **slopes,
+        "damper_exponent": 0.0 if math.isnan(exponent) else exponent,
+        "relation": relation,
+        "relation_factor": factor,
+        "formula": law.formula or text,
+        "exponent": float(n),
+        "number": number,
+        "number_text": law.number_text or (number if isinstance(number, str) else ""),
+        "zero_restitution": law.zero_restitution or ends,
+    }
+
+
+def _tried(text: str, depths: np.ndarray, coefficient: float = 1.0) -> np.ndarray:
+    """Values of the formula of a force at penetrations."""
+    with np.errstate(all="ignore"):
+        return formulas.on_arrays(text, d=depths, k=coefficient, c=coefficient) * np.ones(len(depths))
+
+
+def _is_slope(text: str, force: str) -> bool:
+    """Whether a formula is the derivative of another one by d."""
+    step = 1e-4 * _DEPTHS
+    rise = (_tried(force, _DEPTHS + step) - _tried(force, _DEPTHS - step)) / (2.0 * step)
+    return bool(np.allclose(_tried(text, _DEPTHS), rise, rtol=1e-5, atol=1e-9))
+
+
+def _force(text: str, exponent: float | None, what: str) -> np.ndarray:
+    """Values of a formula at all penetrations; raise `LawError` where they won't do."""
+    values, twice = _tried(text, _DEPTHS), _tried(text, _DEPTHS, 2.0)
+    wrong = ~(np.isfinite(values) & (values > 0.0))
+    if wrong.any():
+        msg = (
+            f"{what} {text!r} is {values[wrong][0]:g} at d = {_DEPTHS[wrong][0]:.3g} m, with k = c = 1; it must be > 0"
+        )
+        raise LawError(msg)
+    if not np.allclose(twice, 2.0 * values, rtol=_ALIKE, atol=0.0):
+        name = "c" if exponent is None else "k"
+        msg = f"{what} {text!r} must be proportional to {name}, which carries the unit"
+        raise LawError(msg)
+    if exponent is not None and not (np.diff(values) > 0.0).all():
+        msg = f"{what} {text!r} must grow with d"
+        raise LawError(msg)
+    return values
+
+
+def _relation(law: Law, spring: np.ndarray, dashpot: np.ndarray) -> tuple[RelationName, float]:
+    """Relation between damping number and restitution, and the factor of the number; ("", 1) where none is known."""
+    n = float(law.exponent or 1.0)
+
+    def alike(ratio: np.ndarray) -> bool:
+        return bool(np.ptp(ratio) <= _ALIKE * ratio[0])
+
+    if law.damping == "elastic" and alike(ratio := dashpot / spring):
+        return ("approach" if law.approach_only else "both_phases"), float(np.round(ratio[0], 12))
+    # w = d^((n + 1) / 2) makes it a linear dashpot beside a linear spring
+    if (
+        law.damping == "viscous"
+        and alike(spring / _DEPTHS**n)
+        and alike(ratio := dashpot / _DEPTHS ** (0.5 * (n - 1.0)))
+    ):
+        name = "dashpot_approach" if law.approach_only else "dashpot_tension" if law.tension else "dashpot_clipped"
+        return name, float(ratio[0] * math.sqrt(2.0 / (n + 1.0)))  # type: ignore[return-value]
+    return "", 1.0
+
+
+def law_of(described: Mapping[str, Any]) -> Law:
+    """Return the law that JSON describes (`Law.described`)."""
+    return Law(**described)
 
 
 def _zeta(e: np.ndarray) -> np.ndarray:
@@ -556,11 +757,11 @@ def realised_number(law: Law, e: Any) -> np.ndarray:
     if law.number is None:
         return np.zeros(values.shape)
     if law.impulsive:
-        return np.asarray(law.number(values), dtype=float)
+        return _published(law, values)
     distinct, inverse = np.unique(values, return_inverse=True)  # a sweep repeats few values in many scenarios
     for value in distinct[[0, -1]] if distinct.size else ():  # NaN sorts last
         check_realisable(law, float(value))
-    relation = RELATIONS[law.relation]
+    relation = RELATIONS[law.relation or ""]
     inside = (distinct > 0.0) & (distinct < 1.0)
     solved = relation.number(np.where(inside, distinct, 0.5)) / law.relation_factor
     ends = np.where(distinct > 0.0, 0.0, relation.at_zero / law.relation_factor)
@@ -573,7 +774,17 @@ def damping_number(law: Law, e: Any, basis: str = "published") -> np.ndarray:
     if basis == "realised":
         return realised_number(law, e)
     values = np.asarray(e, dtype=float)
-    return np.zeros(values.shape) if law.number is None else np.asarray(law.number(values), dtype=float)
+    return np.zeros(values.shape) if law.number is None else _published(law, values)
+
+
+def _published(law: Law, e: np.ndarray) -> np.ndarray:
+    """Damping number by the published formula."""
+    if law.number == SOLVED:
+        return realised_number(law, e)
+    if isinstance(law.number, str):
+        return formulas.on_arrays(law.number, e=e) * np.ones(e.shape)
+    assert law.number is not None
+    return np.asarray(law.number(e), dtype=float)
 
 
 def realised_restitution(law: Law, e: Any, basis: str = "published") -> np.ndarray:

@@ -7,18 +7,18 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from pounding_sweep.base.errors import SceneError, shown
+from pounding_sweep.base.errors import SceneError, shown, unknown
 from pounding_sweep.base.tables import html_table
 from pounding_sweep.base.text import label_fault
+from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors
 
-#: Floors of neighbours meet where their elevations agree within this (m).
-FLOOR_TOLERANCE = 1.0e-3
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
 
@@ -76,11 +76,17 @@ class Building:
         building has c = 2 zeta w m.
     storey_heights : sequence of float, optional
         Storey heights (m), 3 m each where not given.
+    slab_depths : sequence of float, optional
+        Depths of the floors' slabs (m), from the floor's elevation down, each less than its
+        storey's height; 0 where not given. Floors of neighbours meet where their slabs overlap.
+    column_stiffnesses : sequence of float, optional
+        Lateral stiffnesses 12 E I / L^3 (kN/m) of those columns of each storey that a
+        neighbour's floor strikes; those of the storeys where not given.
 
     Raises
     ------
     SceneError
-        A value is not positive, or the lists differ in length.
+        A value is out of range, or the lists differ in length.
 
     Examples
     --------
@@ -94,6 +100,8 @@ class Building:
     stiffnesses: Sequence[float]
     damping_ratio: float | tuple[float, float] = 0.05
     storey_heights: Sequence[float] | None = None
+    slab_depths: Sequence[float] | None = field(default=None, kw_only=True)
+    column_stiffnesses: Sequence[float] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         _check_name("building", self.name)
@@ -104,6 +112,11 @@ class Building:
         object.__setattr__(self, "stiffnesses", _positive_list(owner, "stiffnesses", "kN/m", self.stiffnesses, n))
         heights = [DEFAULT_STOREY_HEIGHT] * n if self.storey_heights is None else self.storey_heights
         object.__setattr__(self, "storey_heights", _positive_list(owner, "storey_heights", "m", heights, n))
+        if self.slab_depths is not None:
+            object.__setattr__(self, "slab_depths", self._checked_depths(owner))
+        if self.column_stiffnesses is not None:
+            columns = _positive_list(owner, "column_stiffnesses", "kN/m", self.column_stiffnesses, n)
+            object.__setattr__(self, "column_stiffnesses", columns)
         given = self.damping_ratio
         ratios = tuple(given) if isinstance(given, (tuple, list)) else (given,)
         if len(ratios) not in (1, 2) or not all(
@@ -123,10 +136,30 @@ class Building:
             )
             raise SceneError(msg)
 
+    def _checked_depths(self, owner: str) -> tuple[float, ...]:
+        depths, heights = _numbers(f"{owner}: slab_depths", "m", self.slab_depths or ()), self.storey_heights
+        assert heights is not None
+        if len(depths) != len(heights):
+            msg = f"{owner}: {len(depths)} slab_depths for {len(heights)} masses; give one value per storey"
+            raise SceneError(msg)
+        for storey, (depth, height) in enumerate(zip(depths, heights, strict=True), start=1):
+            if not 0.0 <= depth < height:
+                msg = (
+                    f"{owner}: slab_depths of storey {storey} is {shown(depth)} m; it must be zero or positive, and "
+                    f"less than the storey's height of {height:g} m"
+                )
+                raise SceneError(msg)
+        return depths
+
     @property
     def n_storeys(self) -> int:
         """Number of storeys."""
         return len(self.masses)
+
+    @property
+    def slabs(self) -> Slabs:
+        """Elevations and depths of the floors' slabs (m), shape (n_storeys,) each."""
+        return self.elevations, np.zeros(self.n_storeys) if self.slab_depths is None else np.array(self.slab_depths)
 
     @cached_property
     def elevations(self) -> np.ndarray:
@@ -178,7 +211,7 @@ def rayleigh_factors(frequencies: np.ndarray, ratios: tuple[float, float]) -> tu
 class Wall:
     """A rigid wall (moat wall, barrier) at an end of the row; it moves with the ground.
 
-    It meets every floor of its neighbour.
+    It meets every floor of its neighbour, unless the scene limits the pair to some storeys.
     """
 
     name: str = "wall"
@@ -221,9 +254,13 @@ class ContactProperties:
         return {1.0: self.linear_stiffness, 1.5: self.hertz_stiffness}.get(exponent)
 
 
+#: What of neighbours can meet: level floors, or beside them floors and the columns that they stand before.
+CONTACTS = ("floors", "floors and columns")
+
+
 @dataclass(frozen=True)
 class Contact:
-    """Two floors that can meet.
+    """Two floors that can meet, or a floor and columns of its neighbour.
 
     Attributes
     ----------
@@ -231,11 +268,21 @@ class Contact:
         Index of the pair of neighbours.
     storey : int
         Storey label (1 at the bottom) in results: the left building's, or the
-        right one's where the left neighbour is a wall.
+        right one's where the left neighbour is a wall; of columns, that of the floor that strikes them.
     left, right : int
-        Degree of freedom of the floor, numbered building by building; -1 for a wall.
+        Degree of freedom of the floor, numbered building by building; -1 for a wall; of columns,
+        the floor above them.
     mass : float
-        Effective mass m1 m2 / (m1 + m2) (t); the floor's own mass at a wall.
+        Effective mass m1 m2 / (m1 + m2) (t); the floor's own mass at a wall. Of a floor and columns,
+        1 / (1 / m + N1^2 / m_below + N2^2 / m_above).
+    place : int
+        Index of its label along ``pair`` in results, see `Scene.pair_labels`.
+    struck : int
+        Side whose columns are struck, 0 the left, 1 the right; -1 where floors meet.
+    xi : float
+        Height of the struck point above the storey's lower floor, over the storey's height.
+    below : int
+        Degree of freedom of that lower floor; -1 for the ground.
     """
 
     pair: int
@@ -243,6 +290,35 @@ class Contact:
     left: int
     right: int
     mass: float
+    place: int = 0
+    struck: int = -1
+    xi: float = 1.0
+    below: int = -1
+
+    @property
+    def ends(self) -> tuple[tuple[int, float], ...]:
+        """Floors that it acts on, walls and the ground left out, and the share of each in the penetration."""
+        found: list[tuple[int, float]] = []
+        for side, floor, sign in ((0, self.left, 1.0), (1, self.right, -1.0)):
+            if side == self.struck:
+                lower, upper = column_shares(self.xi)
+                found += [(self.below, sign * lower)] if self.below >= 0 else []
+                found.append((floor, sign * upper))
+            elif floor >= 0:
+                found.append((floor, sign))
+        return tuple(found)
+
+
+class Contacts(tuple[Contact, ...]):
+    """All contacts of a scene, and which of `CONTACTS` was asked for."""
+
+    asked: str
+
+    def __new__(cls, found: Iterable[Contact] = (), asked: str = CONTACTS[0]) -> Contacts:
+        """Keep what was asked for beside what was found."""
+        self = super().__new__(cls, found)
+        self.asked = asked
+        return self
 
 
 @dataclass(frozen=True)
@@ -257,12 +333,24 @@ class Scene:
         Gap of each pair of neighbours (m), ``len(row) - 1`` of them.
     contact : ContactProperties, optional
         Reference contact stiffnesses and restitution.
+    tolerance : float
+        Floors whose slabs miss each other by no more than this in elevation (m) meet.
+    contacts : {"floors", "floors and columns"}
+        What can meet: level floors, or also a floor and the columns of the neighbour's storey that it
+        stands before. As an attribute: all contacts, pair by pair, bottom first.
+    storeys : mapping of str to sequence of int, optional
+        Pairs, by their names, that meet at these storeys alone, as results number them; the
+        others meet wherever they can. A moat wall may meet an isolated first floor only. Of
+        columns, the storeys are those of the floors that strike them.
+    allow_unmet : bool
+        Accept pairs with no floors that meet, which pass through each other.
 
     Raises
     ------
     SceneError
         No building, a wall inside the row, names that repeat, a wrong number of
-        gaps or a gap below zero.
+        gaps, a gap below zero, a pair with no floors that meet, a floor that is level with
+        several of a neighbour, or a storey named that meets nothing.
 
     Examples
     --------
@@ -278,6 +366,11 @@ class Scene:
     row: Sequence[Building | Wall]
     gaps: Sequence[float] = ()
     contact: ContactProperties = field(default_factory=ContactProperties)
+    tolerance: float = field(default=FLOOR_TOLERANCE, kw_only=True)
+    contacts: Any = field(default=CONTACTS[0], kw_only=True, repr=False)
+    storeys: Mapping[str, Sequence[int]] | Sequence[tuple[str, Sequence[int]]] = field(default=(), kw_only=True)
+    allow_unmet: bool = field(default=False, kw_only=True)
+    _labels: tuple[tuple[str, int], ...] = field(default=(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if isinstance(self.row, (Building, Wall)) or not isinstance(self.row, Iterable):
@@ -316,6 +409,58 @@ class Scene:
         for name, gap in zip(self.pair_names, gaps, strict=True):
             check_gap(gap, f"gap of pair {name!r}")
         object.__setattr__(self, "gaps", gaps)
+        self._check_meetings()
+
+    def _check_meetings(self) -> None:
+        """Check where floors meet; limits become pairs of a name and storeys, so that scenes are values."""
+        if not (isinstance(self.tolerance, numbers.Real) and 0 <= self.tolerance < math.inf):
+            msg = f"tolerance is {shown(self.tolerance)} m; it must be zero or a positive number"
+            raise SceneError(msg)
+        asked = self.contacts.asked if isinstance(self.contacts, Contacts) else self.contacts
+        if asked not in CONTACTS:
+            raise SceneError(unknown("kind of contacts", asked, CONTACTS))
+        limits, names = self._checked_limits(), self.pair_names
+        object.__setattr__(self, "storeys", tuple((name, limits[name]) for name in names if name in limits))
+        labels: list[tuple[str, int]] = []
+        contacts: list[Contact] = []
+        for pair, name in enumerate(names):
+            groups = self._meeting(pair, asked == CONTACTS[1])
+            there = {contact.storey for _, group in groups for contact in group}
+            for storey in limits.get(name, ()):
+                if storey not in there:
+                    where = f"those that do: {', '.join(map(str, sorted(there)))}" if there else "none of the pair does"
+                    msg = f"storeys of pair {name!r}: storey {shown(storey)} meets nothing; {where}"
+                    raise SceneError(msg)
+            if not there and not self.allow_unmet:
+                msg = f"pair {name!r} has no floors that meet: {self._elevations_of(pair)}; {_UNMET_REMEDY}"
+                raise SceneError(msg)
+            for label, group in groups:
+                kept = [contact for contact in group if contact.storey in limits.get(name, there)]
+                if kept or label == name:
+                    contacts += [replace(contact, place=len(labels)) for contact in kept]
+                    labels.append((label, pair))
+        object.__setattr__(self, "_labels", tuple(labels))
+        object.__setattr__(self, "contacts", Contacts(contacts, asked))
+
+    def _checked_limits(self) -> dict[str, tuple[int, ...]]:
+        """Storeys by the names of the pairs that are limited to them."""
+        try:
+            limits = {name: tuple(listed) for name, listed in dict(self.storeys).items()}
+        except (TypeError, ValueError):
+            msg = f"storeys must be lists of storeys by the names of their pairs, not {shown(self.storeys)}"
+            raise SceneError(msg) from None
+        for name, listed in limits.items():
+            if name not in self.pair_names:
+                raise SceneError(unknown("pair in storeys", name, self.pair_names))
+            if not listed:
+                msg = f"storeys of pair {name!r} are none; name those that meet, or leave the pair out"
+                raise SceneError(msg)
+        return limits
+
+    def _elevations_of(self, pair: int) -> str:
+        """Say where the floors of a pair of buildings stand."""
+        both = [item for item in self.row[pair : pair + 2] if isinstance(item, Building)]
+        return ", ".join(f"{b.name!r} has floors at {', '.join(f'{z:g}' for z in b.elevations)} m" for b in both)
 
     @property
     def buildings(self) -> tuple[Building, ...]:
@@ -342,26 +487,56 @@ class Scene:
         """First degree of freedom of each building, and the total at the end."""
         return tuple(int(i) for i in np.cumsum([0] + [b.n_storeys for b in self.buildings]))
 
-    @cached_property
-    def contacts(self) -> tuple[Contact, ...]:
-        """All floors that can meet, pair by pair, bottom first."""
+    def faced(self, pair: int) -> tuple[list[Facing], list[Facing]]:
+        """Floors of the left and of the right neighbour of a pair that stand before columns of the other."""
+        left, right = self.row[pair : pair + 2]
+        if isinstance(left, Wall) or isinstance(right, Wall):
+            return [], []
+        level = level_floors(left.slabs, right.slabs, self.tolerance)
+        ours, theirs = [s for s, _ in level], [t for _, t in level]
+        return facing_columns(left.slabs, right.slabs, ours), facing_columns(right.slabs, left.slabs, theirs)
+
+    @property
+    def pair_labels(self) -> tuple[str, ...]:
+        """Labels along ``pair`` in results: each pair, and after it the columns of either building that are struck."""
+        return tuple(name for name, _ in self._labels)
+
+    @property
+    def pair_of_label(self) -> tuple[int, ...]:
+        """Index of the pair of neighbours of each of the `pair_labels`."""
+        return tuple(pair for _, pair in self._labels)
+
+    def _meeting(self, pair: int, columns: bool) -> list[tuple[str, list[Contact]]]:
+        """Return what of a pair can meet, were it not limited to storeys: by label, bottom first."""
         first = 1 if isinstance(self.row[0], Wall) else 0
-        found: list[Contact] = []
-        for pair, (left, right) in enumerate(zip(self.row[:-1], self.row[1:], strict=True)):
-            if isinstance(left, Building) and isinstance(right, Building):
-                i, j = self.offsets[pair - first : pair - first + 2]
-                for s, z in enumerate(left.elevations):
-                    meets = np.flatnonzero(np.abs(right.elevations - z) <= FLOOR_TOLERANCE)
-                    if meets.size:
-                        t = int(meets[0])
-                        m1, m2 = left.masses[s], right.masses[t]
-                        found.append(Contact(pair, s + 1, i + s, j + t, m1 * m2 / (m1 + m2)))
-            elif isinstance(left, Building):
-                i = self.offsets[pair - first]
-                found += [Contact(pair, s + 1, i + s, -1, m) for s, m in enumerate(left.masses)]
-            elif isinstance(right, Building):
-                found += [Contact(pair, s + 1, -1, s, m) for s, m in enumerate(right.masses)]
-        return tuple(found)
+        left, right = self.row[pair : pair + 2]
+        name = self.pair_names[pair]
+        if not isinstance(right, Building):
+            assert isinstance(left, Building)
+            i = self.offsets[pair - first]
+            return [(name, [Contact(pair, s + 1, i + s, -1, m) for s, m in enumerate(left.masses)])]
+        if not isinstance(left, Building):
+            return [(name, [Contact(pair, s + 1, -1, s, m) for s, m in enumerate(right.masses)])]
+        starts = self.offsets[pair - first : pair - first + 2]
+        level = level_floors(left.slabs, right.slabs, self.tolerance)
+        self._check_single(left, right, level)
+        floors = []
+        for s, t in level:
+            m1, m2 = left.masses[s], right.masses[t]
+            floors.append(Contact(pair, s + 1, starts[0] + s, starts[1] + t, m1 * m2 / (m1 + m2)))
+        found = [(name, floors)]
+        for side, facing in enumerate(self.faced(pair) if columns else ()):
+            own, other = (left, right)[:: 1 - 2 * side]
+            struck = []
+            for f in facing:
+                lower, upper = column_shares(f.xi)
+                i, j = (starts[side] + f.floor, starts[1 - side] + f.storey)[:: 1 - 2 * side]
+                soft = 1.0 / own.masses[f.floor] + upper**2 / other.masses[f.storey]
+                soft += lower**2 / other.masses[f.storey - 1] if f.storey else 0.0
+                below = starts[1 - side] + f.storey - 1 if f.storey else -1
+                struck.append(Contact(pair, f.floor + 1, i, j, 1.0 / soft, struck=1 - side, xi=f.xi, below=below))
+            found.append((f"{name} columns of {other.name}", struck))
+        return found
 
     def _repr_html_(self) -> str:
         rows, gaps = [], [f"{1e3 * gap:.4g}" for gap in self.gaps] + [""]
@@ -375,7 +550,26 @@ class Scene:
 
     def with_gaps(self, gaps: Sequence[float]) -> Scene:
         """Return the same row with other gaps (m)."""
-        return Scene(self.row, gaps, self.contact)
+        return replace(self, gaps=gaps)
+
+    @staticmethod
+    def _check_single(left: Building, right: Building, level: Sequence[tuple[int, int]]) -> None:
+        """Check that a floor meets one of its neighbour's, so that results can be told by storey."""
+        for mine, other, side in ((left, right, 0), (right, left, 1)):
+            floors = [ends[side] for ends in level]
+            if several := sorted({s for s in floors if floors.count(s) > 1}):
+                msg = (
+                    f"floor {several[0] + 1} of {mine.name!r} is level with {floors.count(several[0])} floors of "
+                    f"{other.name!r}; give smaller slab_depths or a smaller tolerance, so that it meets one"
+                )
+                raise SceneError(msg)
+
+
+#: What to do about neighbours whose floors don't meet.
+_UNMET_REMEDY = (
+    'give slab_depths by which they do, contacts = "floors and columns", or allow_unmet = true where they are meant to '
+    "miss each other"
+)
 
 
 def check_gap(gap: float, what: str = "gap") -> None:

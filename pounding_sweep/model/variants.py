@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from pounding_sweep.model.levels import column_softness
 from pounding_sweep.model.scene import Scene, rayleigh_factors
 
 
@@ -79,6 +80,9 @@ class Variants:
 
     def contact_mass(self, contact: int) -> np.ndarray:
         """Effective mass of a contact (t), shape (n,): the floor's own at a wall."""
+        if self.scene.contacts[contact].struck >= 0:
+            shares = self.scene.contacts[contact].ends
+            return np.asarray(1.0 / np.sum([share**2 / self.masses[:, i] for i, share in shares], axis=0))
         ends = [i for i in (self.scene.contacts[contact].left, self.scene.contacts[contact].right) if i >= 0]
         masses = [self.masses[:, i] for i in ends]
         return np.asarray(masses[0] if len(masses) == 1 else masses[0] * masses[1] / (masses[0] + masses[1]))
@@ -89,6 +93,18 @@ class Variants:
         result = np.empty((len(self), len(self.scene.contacts)))
         for j in range(result.shape[1]):
             result[:, j] = self.contact_mass(j)
+        return result
+
+    def contact_stiffnesses(self, stiffness: np.ndarray) -> np.ndarray:
+        """Stiffness of each contact (kN/m**exponent), shape (n, contacts): its own, in series with struck columns."""
+        scene = self.scene
+        own = np.concatenate([b.column_stiffnesses or b.stiffnesses for b in scene.buildings])
+        columns = np.asarray(own * self.stiffness_factor[:, self._owner])
+        result = np.repeat(np.asarray(stiffness, float)[:, None], len(scene.contacts), axis=1)
+        for j, contact in enumerate(scene.contacts):
+            if contact.struck >= 0:
+                k = columns[:, (contact.left, contact.right)[contact.struck]]
+                result[:, j] /= 1.0 + column_softness(contact.xi) * result[:, j] / k
         return result
 
 

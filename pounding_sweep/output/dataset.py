@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.model.laws import LAWS
+from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.output.frame import Array, Frame
 from pounding_sweep.outputs.layout import inner_shape, mask_invalid
@@ -139,8 +139,10 @@ def _scene_coordinates(scene: Scene) -> dict[str, tuple[tuple[str, ...], Any, di
         ),
     }
     if scene.pair_names:
-        meets = np.array([elevations[c.left if c.left >= 0 else c.right] for c in scene.contacts], dtype=float)
-        coordinates["pair"] = (("pair",), list(scene.pair_names), {"long_name": "pair of neighbours, left-right"})
+        # of a floor that strikes columns, the floor's; columns have the index of the floor above them
+        floors = [c.left if c.left >= 0 and c.struck != 0 else c.right for c in scene.contacts]
+        meets = np.array(elevations)[floors]
+        coordinates["pair"] = (("pair",), list(scene.pair_labels), {"long_name": "pair of neighbours, left-right"})
         coordinates["contact_elevation"] = (
             ("pair", "storey"),
             scatter_contact(meets, scene),
@@ -156,14 +158,16 @@ def _scene_coordinates(scene: Scene) -> dict[str, tuple[tuple[str, ...], Any, di
     return coordinates
 
 
-def _law_coordinates(dims: Sequence[str], laws: Any) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
-    """Return what the registry knows about the laws of a coordinate, as far as it knows them."""
+def law_coordinates(
+    dims: Sequence[str], laws: Any, known: Mapping[str, Law] = LAWS
+) -> dict[str, tuple[tuple[str, ...], Any, dict[str, Any]]]:
+    """Return what is known about the laws of a coordinate, as far as it is."""
     keys = [str(key) for key in np.ravel(np.asarray(laws))]
-    if len(dims) != 1 or not any(key in LAWS for key in keys):
+    if len(dims) != 1 or not any(key in known for key in keys):
         return {}
 
     def column(attribute: str) -> list[str]:
-        return [str(getattr(LAWS[key], attribute)) if key in LAWS else "" for key in keys]
+        return [str(getattr(known[key], attribute)) if key in known else "" for key in keys]
 
     where = tuple(dims)
     model = {"law_model": (where, column("model"), {"long_name": "model number in Mate, Bakre & Jaiswal (2015)"})}
@@ -270,14 +274,14 @@ def label(
         coordinates[axis.name] = ((axis.name,), axis.values, details)
     coordinates.update(extra_coords or {})
     if "law" in coordinates:
-        coordinates = {**_law_coordinates(*coordinates["law"][:2]), **coordinates}
+        coordinates = {**law_coordinates(*coordinates["law"][:2]), **coordinates}
     coordinates = {**coordinates, **_scene_coordinates(scene)}
 
     outer = tuple(axis.name for axis in axes)
     labelled = {
         name: Array((*outer, *variable.dims), data[name], _data_attributes(variable))
         for name, variable in VARIABLES.items()
-        if name in data and not (variable.per_pair and not scene.pair_names)
+        if name in data and variable.exists_in(scene)
     }
     version = package_version()
     found = {

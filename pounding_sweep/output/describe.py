@@ -22,6 +22,7 @@ from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
 from pounding_sweep.output.provenance import LIBRARIES, ORIGINS, library_attribute, origins, plain
 from pounding_sweep.output.slabs import cuts, status_counts
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
+from pounding_sweep.spec.overview import overview_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -208,7 +209,8 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
         ``title``, ``history``, ``versions`` and other attributes, by their names; those that are JSON, such as
         ``records``, ``sweep``, ``merged_from`` and ``extended_from``, as what they hold. ``dims``: dimensions with
         ``size``, ``values``, ``units`` and ``long_name``; ``variables``: with ``dims``, ``units`` and ``long_name``;
-        ``statuses``: scenarios by name of their status; ``audit``: rows of `pounding_sweep.output.audited.audit_table`.
+        ``statuses``: scenarios by name of their status; ``audit``: rows of `pounding_sweep.output.audited.audit_table`;
+        ``row``: names and descriptions of `pounding_sweep.spec.overview.overview`.
         Numbers that are not finite are None.
 
     Examples
@@ -239,6 +241,7 @@ def about(dataset: xr.Dataset) -> dict[str, Any]:
         },
         "statuses": {labels.get(code, f"code {code}"): count for code, count in counts.items()},
         "audit": audit_table(dataset),
+        "row": [{"name": name, "about": text} for name, text in overview_of(dataset.attrs)],
         "attributes": told,
     }
 
@@ -276,7 +279,7 @@ def describe(dataset: xr.Dataset) -> str:
     Returns
     -------
     str
-        Title, scenarios, axes, variables with their range over the scenarios that
+        Title, scenarios, row, axes, variables with their range over the scenarios that
         are ok, statuses with remedies, measured errors, records and versions; several
         lines without a line break at the end.
 
@@ -308,6 +311,7 @@ def describe(dataset: xr.Dataset) -> str:
     if "sweep_sha256" in attributes:
         others.append(("sweep_sha256", str(attributes["sweep_sha256"])))
     sections = {
+        "Row": _table([(f"{name}:", text) for name, text in overview_of(attributes)]),
         "Scenario axes": _axes(dataset, outer),
         "Within a scenario": _axes(dataset, inner),
         "Further coordinates": _coordinates(dataset),

@@ -32,6 +32,8 @@ AXES = frozenset({"laws", *(name for name, axis in axes.AXES.items() if not axis
 BUILDING_AXES = frozenset(axes.FACTOR_KINDS)
 #: What else sweeps of one study may differ in: no result of a scenario depends on it.
 FREE = frozenset({"cases", "design", "records", "records_left_out", "title", "audit"})
+#: Laws of a user's own there, by key.
+OWN_LAWS = "own_laws"
 #: What helps where a cube is not as it was made.
 REMEDY = "give the cube as it was made, not a part of it"
 
@@ -82,6 +84,13 @@ def _well_formed(told: Mapping[str, Any]) -> bool:
     cases = all(case.keys() >= {"law", "record"} for case in told["cases"] or ())
     keys = told.keys() >= {*FREE, "accuracy"} - {"design"}
     return keys and all(isinstance(each, list) for each in lists) and records and cases
+
+
+def differing_laws(one: Mapping[str, Any], two: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
+    """Return the laws of a user's own that two sweeps have by one key, but not as one law, with their digests."""
+    a, b = one.get(OWN_LAWS, {}), two.get(OWN_LAWS, {})
+    both = [(key, a[key]["sha256"], b[key]["sha256"]) for key in sorted(a.keys() & b.keys())]
+    return [(f"law {key!r} as SHA-256", here[:12], there[:12]) for key, here, there in both if here != there]
 
 
 def check_axes(path: str, cube: xr.Dataset, wanted: Mapping[str, Sequence[Any] | int]) -> None:

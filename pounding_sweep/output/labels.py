@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.model.laws import get_law, realised_restitution
+from pounding_sweep.model.laws import LAWS, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.output.dataset import Axis
+from pounding_sweep.output.dataset import Axis, law_coordinates
 from pounding_sweep.output.provenance import library_attribute, library_versions
 from pounding_sweep.outputs.readout import scatter_dof
 from pounding_sweep.records.measures import record_measures
@@ -157,6 +157,7 @@ def building_coordinates(
 
 
 _TEXTS = {"law": "contact law", "record": "ground-motion record"}
+_PAIR_GAP = {"units": "m", "long_name": "gap of the pair"}
 _REALISED = {
     "units": "1",
     "long_name": "realised coefficient of restitution",
@@ -167,7 +168,11 @@ _REALISED = {
 
 def scenario_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
     """Return the dimensions of the scenarios, and what further coordinates say of them."""
-    return _case_axes(plan) if plan.spec.cases is not None else _product_axes(plan)
+    axes, extra = _case_axes(plan) if plan.spec.cases is not None else _product_axes(plan)
+    if plan.spec.own_laws:
+        dims, keys = extra["law"][:2] if "law" in extra else (("law",), plan.spec.laws)
+        extra |= law_coordinates(dims, keys, {law.key: law for law in (*LAWS.values(), *plan.spec.own_laws)})
+    return axes, extra
 
 
 def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
@@ -192,17 +197,19 @@ def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
     extra: dict[str, Any] = {}
     n_pairs = len(spec.scene.pair_names)
     if n_pairs:
-        gaps = [spec.scene.gaps] if spec.gaps is None else [[g] * n_pairs for g in spec.gaps]
-        extra["pair_gap"] = (("gap", "pair"), np.array(gaps, float), {"units": "m", "long_name": "gap of the pair"})
+        gaps = np.array([spec.scene.gaps] if spec.gaps is None else [[g] * n_pairs for g in spec.gaps], float)
+        extra["pair_gap"] = (("gap", "pair"), gaps[:, spec.scene.pair_of_label], _PAIR_GAP)
     for column, (name, dim, about) in _COMES_TO.items():
         axis, values = spec.needed_axis(column)
         if axis.dimension != column:
-            each: list[dict[str, Any]] = [{dim: get_law(key)} for key in spec.laws]
-            each = each if dim == "law" else [{dim: record} for record in spec.records]
-            table = [[axis.value(v, scene=spec.scene, **of) for v in values] for of in each]
-            none = [[dim == "law" and of["law"].exponent is None] for of in each]
-            extra[name] = ((dim, axis.dimension), np.where(none, np.nan, table), about)
-    realised = [realised_restitution(get_law(key), spec.restitutions, spec.restitution_basis) for key in spec.laws]
+            laws = [spec.law(key) for key in spec.laws]
+            if dim == "law":
+                each = [[axis.value(v, scene=spec.scene, law=law) for v in values] for law in laws]
+                table = np.where([[law.exponent is None] for law in laws], np.nan, each)
+            else:
+                table = np.array([[spec.scale(axis, v, record) for v in values] for record in spec.records])
+            extra[name] = ((dim, axis.dimension), table, about)
+    realised = [realised_restitution(spec.law(key), spec.restitutions, spec.restitution_basis) for key in spec.laws]
     extra["restitution_realised"] = (("law", "restitution"), np.array(realised, float), _REALISED)
     extra["record_pga"] = (
         ("record",),
@@ -234,7 +241,7 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
         ),
         "contact_stiffness": (
             ("case",),
-            [np.nan if get_law(c.law).exponent is None else spec.case_value(c, "stiffness") for c in cases],
+            [np.nan if spec.law(c.law).exponent is None else spec.case_value(c, "stiffness") for c in cases],
             _COMES_TO["stiffness"][2],
         ),
     }
@@ -242,14 +249,14 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
     realised = np.empty(len(cases))
     for key in np.unique(keys):
         rows = keys == key
-        realised[rows] = realised_restitution(get_law(str(key)), nominal[rows], spec.restitution_basis)
+        realised[rows] = realised_restitution(spec.law(str(key)), nominal[rows], spec.restitution_basis)
     extra["restitution_realised"] = (("case",), realised, _REALISED)
     n_pairs = len(spec.scene.pair_names)
     if n_pairs:
         gaps = np.empty((len(cases), n_pairs))
         for i, case in enumerate(cases):
             gaps[i] = spec.scene.gaps if case.gap is None else case.gap
-        extra["pair_gap"] = (("case", "pair"), gaps, {"units": "m", "long_name": "gap of the pair"})
+        extra["pair_gap"] = (("case", "pair"), gaps[:, spec.scene.pair_of_label], _PAIR_GAP)
     if len(plan.variants) > 1:
         varied = plan.variants[plan.unique.variant[plan.inverse]]
         extra |= row_coordinates(varied, "case")
@@ -314,6 +321,8 @@ def global_attributes(plan: Plan, outcome: Outcome) -> dict[str, Any]:
         found["time_step"] = [r.dt / plan.numerics.steps(r) for r in spec.records]
     else:
         found |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
+    if spec.sa_period is not None:
+        found["sa_period"] = spec.sa_period
     if spec.records_left_out:
         found["records_left_out"] = spec.records_left_out
     if spec.title:

@@ -25,12 +25,14 @@ from pounding_sweep.output.integrity import (
     AXES,
     BUILDING_AXES,
     FREE,
+    OWN_LAWS,
     REMEDY,
     check_attributes,
     check_axes,
     check_statuses,
     check_variables,
     damaged,
+    differing_laws,
     load_labels,
     outer_dims,
     reading,
@@ -309,7 +311,8 @@ def _differences(
         ("the list of axes", outer_dims(a), outer_dims(b)),
         ("the list of variables", scenario_variables(a), scenario_variables(b)),
     ]
-    for key in sorted({*one, *two} - AXES - BUILDING_AXES - FREE):
+    found += differing_laws(one, two)
+    for key in sorted({*one, *two} - AXES - BUILDING_AXES - FREE - {OWN_LAWS}):
         found.append((f"{key!r} of the sweep", one.get(key), two.get(key)))
     for key in sorted(AXES):
         found.append((f"whether {key!r} are given", one.get(key) is not None, two.get(key) is not None))
@@ -426,6 +429,8 @@ def attributes(
     for key in BUILDING_AXES:
         each_building = zip(*(each[key] for each in described), strict=True)
         whole[key] = [[alike[0][0], together(key, [values for _, values in alike])] for alike in each_building]
+    if own := {key: law for each in described for key, law in each.get(OWN_LAWS, {}).items()}:
+        whole[OWN_LAWS] = own
     whole["records"] = list(_by_name([each["records"] for each in described]).values())
     there = {record["name"] for record in whole["records"]}
     left_out = together("records_left_out", [each["records_left_out"] for each in described])

@@ -63,12 +63,17 @@ class Results:
         self.scene = scene
         self.status = np.full(n, int(Status.NOT_RUN), np.int8)
         self.touched = np.zeros(n, bool)
+        #: Largest storey drift (m) of all scenarios that are ok, shape (building, storey); 0 where none was kept.
+        self.largest_drift = np.zeros(inner_shape("drift_max", scene))
         self._slot = np.full(n, -1, np.int64)
         self._tables: list[np.ndarray | _Filed] = []
         self._first = [0]
 
     def hold(self, table: np.ndarray, read: Callable[[], np.ndarray] | None = None) -> tuple[int, np.ndarray]:
         """Take up a table."""
+        if "drift_max" in self.names:
+            drifts = table["drift_max"][table["status"] == Status.OK]
+            self.largest_drift = np.fmax.reduce([self.largest_drift, *drifts])
         self._tables.append(table if read is None else _Filed(read))
         self._first.append(self._first[-1] + len(table))
         return len(self._tables) - 1, np.arange(self._first[-2], self._first[-1])

@@ -24,7 +24,8 @@ def summary_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     if "pair" not in cube.coords:
         return []
     pairs = [str(name) for name in np.atleast_1d(cube["pair"].values)]
-    return [row for law, part in _by_law(cube) for row in _rows(law, pairs, *_impacts(part, len(pairs)))]
+    titles = _titles(cube.coords)
+    return [row for law, part in _by_law(cube) for row in _rows(law, titles, pairs, *_impacts(part, len(pairs)))]
 
 
 class Tally:
@@ -32,7 +33,7 @@ class Tally:
 
     def __init__(self, cube: Frame, outer: Sequence[str]) -> None:
         law = cube.coords["law"]
-        self._along, self._laws = outer.index(law.dims[0]), law.values
+        self._along, self._laws, self._titles = outer.index(law.dims[0]), law.values, _titles(cube.coords)
         self._pairs = [str(name) for name in cube.coords["pair"].values] if "pair" in cube.coords else []
         self._present = [name for name in ("impact_force_max", "impact_count") if name in cube.data_vars]
         self._found = {str(key): self._nothing() for key in self._laws}
@@ -64,7 +65,11 @@ class Tally:
     def summary(self) -> list[dict[str, Any]]:
         """Return the rows of `summary_table`."""
         found = self._found.items()
-        return [row for law, impacts in found for row in _rows(law, self._pairs, self._scenarios[law], impacts)]
+        return [
+            row
+            for law, impacts in found
+            for row in _rows(law, self._titles, self._pairs, self._scenarios[law], impacts)
+        ]
 
     def statuses(self) -> list[dict[str, Any]]:
         """Return the rows of `status_table`."""
@@ -133,8 +138,10 @@ def status_table(cube: xr.Dataset) -> list[dict[str, Any]]:
     return _status_rows(status_counts(cube["status"]))
 
 
-def _rows(law: str, pairs: Sequence[str], scenarios: int, found: Sequence[_Impacts]) -> list[dict[str, Any]]:
-    about = {"law": law, "title": _title(law)}
+def _rows(
+    law: str, titles: Mapping[str, str], pairs: Sequence[str], scenarios: int, found: Sequence[_Impacts]
+) -> list[dict[str, Any]]:
+    about = {"law": law, "title": titles.get(law, "")}
     return [
         {**about, "pair": pair, "scenarios": scenarios, **impacts.row()}
         for pair, impacts in zip(pairs, found, strict=True)
@@ -149,10 +156,16 @@ def _status_rows(found: Mapping[int, int]) -> list[dict[str, Any]]:
     ]
 
 
-def _title(law: str) -> str:
+def _titles(coordinates: Mapping[Any, Any]) -> dict[str, str]:
+    """Titles of laws by their keys: those of the registry, and of a user's own where the cube knows them."""
     from pounding_sweep.model.laws import LAWS
 
-    return LAWS[law].title if law in LAWS else ""
+    known = {key: law.title for key, law in LAWS.items()}
+    if "law_title" not in coordinates:
+        return known
+    return known | dict(
+        zip(*(np.ravel(coordinates[name].values).tolist() for name in ("law", "law_title")), strict=True)
+    )
 
 
 def _by_law(cube: xr.Dataset) -> list[tuple[str, xr.Dataset]]:

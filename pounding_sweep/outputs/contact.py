@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,16 @@ import numpy as np
 from pounding_sweep.kernel.forces import Sample, Touch
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import maximum, where
+from pounding_sweep.model.levels import column_shares
 from pounding_sweep.outputs.declare import CONTACT, UNMEASURED, Reducer, Slot, Variable, needs
-from pounding_sweep.outputs.readout import KernelResults, contacts
+from pounding_sweep.outputs.readout import KernelResults, contacts, scatter_contact
+
+
+def _column_shear(kept: KernelResults, end: int) -> np.ndarray:
+    """Return the largest shear at the lower (0) or upper (1) end of struck columns, missing between floors."""
+    contacts = kept.scene.contacts
+    shares = np.array([column_shares(c.xi)[end] if c.struck >= 0 else np.nan for c in contacts])
+    return scatter_contact(kept.get("fmax", len(contacts)) * shares, kept.scene)
 
 
 def _first_time(kept: KernelResults) -> np.ndarray:
@@ -101,6 +110,32 @@ CONTACTS = (
         needs("time"),
         contacts("tclosed"),
         error=UNMEASURED,
+    ),
+    Variable(
+        "column_shear_bottom_max",
+        CONTACT,
+        "kN",
+        "largest shear of struck columns, below",
+        "Largest shear that the contact force F brings into the struck columns between their lower end and the "
+        "struck point, N1 F with N1 = 1 - 3 xi^2 + 2 xi^3; that of the storey's drift comes on top. Missing where "
+        "floors meet.",
+        needs("force"),
+        partial(_column_shear, end=0),
+        error=UNMEASURED,
+        of_columns=True,
+    ),
+    Variable(
+        "column_shear_top_max",
+        CONTACT,
+        "kN",
+        "largest shear of struck columns, above",
+        "Largest shear that the contact force F brings into the struck columns between the struck point and their "
+        "upper end, N2 F with N2 = 3 xi^2 - 2 xi^3; that of the storey's drift comes on top. Missing where floors "
+        "meet.",
+        needs("force"),
+        partial(_column_shear, end=1),
+        error=UNMEASURED,
+        of_columns=True,
     ),
 )
 

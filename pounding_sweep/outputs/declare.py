@@ -10,6 +10,7 @@ from pounding_sweep.kernel.forces import Sample, Touch
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.peaks import Motion
 from pounding_sweep.kernel.spec import KernelSpec
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.outputs.readout import INTEGER_FILL, Readout
 
 #: Dimensions inside a scenario.
@@ -51,6 +52,8 @@ class Variable:
         a difference of larger ones, or one end of a range.
     of_force : bool
         Missing where floors touched under a law without a force (velocities jump).
+    of_columns : bool
+        It exists only where floors strike columns.
     dtype : {"f8", "i4", "i1"}
         Stored type.
     default : bool
@@ -73,6 +76,7 @@ class Variable:
     error: str = ""
     relative_to: tuple[str | tuple[str, str], ...] = ()
     of_force: bool = False
+    of_columns: bool = False
     dtype: str = "f8"
     default: bool = False
     always: bool = False
@@ -83,6 +87,11 @@ class Variable:
     def per_pair(self) -> bool:
         """Whether it describes pairs of neighbours, which a single building has none of."""
         return "pair" in self.dims
+
+    def exists_in(self, scene: Scene) -> bool:
+        """Whether a scene has what it describes: pairs of neighbours, columns that are struck."""
+        struck = any(contact.struck >= 0 for contact in scene.contacts)
+        return (not self.per_pair or bool(scene.pair_names)) and (struck or not self.of_columns)
 
     @property
     def fill(self) -> float | int | None:

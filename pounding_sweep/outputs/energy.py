@@ -15,10 +15,10 @@ _EXCHANGED = ("energy_transfer_max", "energy_transfer_min", "contact_work")
 
 def _work(kept: KernelResults) -> np.ndarray:
     """Sum of the works of a pair's contacts."""
-    result = np.zeros((len(kept), len(kept.scene.pair_names)))
+    result = np.zeros((len(kept), len(kept.scene.pair_labels)))
     work = kept.get("work", len(kept.scene.contacts))
     for j, contact in enumerate(kept.scene.contacts):
-        result[:, contact.pair] += work[:, j]
+        result[:, contact.place] += work[:, j]
     return result
 
 

@@ -13,7 +13,7 @@ from pounding_sweep.outputs.variables import STATUS, Variable, get_variable
 
 def inner_shape(variable: str | Variable, scene: Scene) -> tuple[int, ...]:
     """Return the shape of one scenario's values of `variable`."""
-    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_names), "storey": scene.n_storeys}
+    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_labels), "storey": scene.n_storeys}
     return tuple(sizes[dim] for dim in get_variable(variable).dims)
 
 

@@ -42,10 +42,10 @@ def scatter_contact(values: Any, scene: Scene) -> np.ndarray:
     """Put values per contact where their pair and storey are."""
     values = np.asarray(values)
     _check_last(values, len(scene.contacts), "contacts")
-    shape = (*values.shape[:-1], len(scene.pair_names), scene.n_storeys)
+    shape = (*values.shape[:-1], len(scene.pair_labels), scene.n_storeys)
     result = np.full(shape, _missing(values.dtype), dtype=values.dtype)
     for i, contact in enumerate(scene.contacts):
-        result[..., contact.pair, contact.storey - 1] = values[..., i]
+        result[..., contact.place, contact.storey - 1] = values[..., i]
     return result
 
 

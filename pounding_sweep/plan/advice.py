@@ -127,7 +127,8 @@ def shortest_contact(
         return result
     variants = variants_of(row)
     for j, contact in enumerate(variants.scene.contacts):
-        lasting = elastic_duration(law.exponent, stiffness, variants.contact_mass(j), speeds[:, contact.pair])
+        own = variants.contact_stiffnesses(stiffness)[:, j] if contact.struck >= 0 else stiffness
+        lasting = elastic_duration(law.exponent, own, variants.contact_mass(j), speeds[:, contact.pair])
         result = np.minimum(result, lasting)
     return result / law.quickening(restitution, basis)
 
@@ -347,9 +348,10 @@ def _needed(
     for law in laws:
         curves = [known.curves.get((*scheme, law.key, kind)) for kind in classes_of(spec.outputs)]
         if None in curves:
+            remedy = ", or measure them: python -m pounding_sweep.accuracy.calibrate" * (law not in spec.own_laws)
             msg = (
                 f"accuracy: no errors of law {law.key!r} with {' and precision '.join(scheme)} were measured; "
-                "give method and dt instead, or measure them: python -m pounding_sweep.accuracy.calibrate"
+                f"give method and dt instead{remedy}"
             )
             raise SweepError(msg)
         need[law.key] = max(curve.needed(spec.accuracy) for curve in curves if curve is not None)

@@ -293,7 +293,7 @@ class Plan:
 
 
 def _laws(spec: SweepSpec) -> tuple[Law, ...]:
-    return (*(get_law(key) for key in spec.laws if key != "none"), get_law("none"))
+    return (*(spec.law(key) for key in spec.laws if key != "none"), get_law("none"))
 
 
 def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:

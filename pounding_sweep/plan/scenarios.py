@@ -146,7 +146,7 @@ def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
     acting, last = _effective_laws(spec, laws), len(laws) - 1
     law_of = np.array([acting[key] for key in spec.laws], np.int16)
     kind, values = spec.needed_axis("stiffness")
-    stiffness = np.array([[kind.value(v, scene=spec.scene, law=key) for v in values] for key in spec.laws])
+    stiffness = np.array([[kind.value(v, scene=spec.scene, law=spec.law(key)) for v in values] for key in spec.laws])
     n_pairs = len(spec.scene.pair_names)
     if spec.gaps is None:
         gaps, gap_ranks = np.array([spec.scene.gaps], dtype=float).reshape(1, n_pairs), np.zeros(1, np.int64)
@@ -155,7 +155,7 @@ def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
         gaps = np.broadcast_to(np.array(spec.gaps, dtype=float)[:, None], (len(spec.gaps), n_pairs))
     restitutions = np.array(spec.restitutions, dtype=float)
     kind, scales = spec.needed_axis("scale")
-    factors = np.array([[kind.value(v, scene=spec.scene, record=record) for v in scales] for record in spec.records])
+    factors = np.array([[spec.scale(kind, v, record) for v in scales] for record in spec.records])
     alike = bool((factors == factors[0]).all())  # whatever the record
     variants = product_variants(spec.scene, spec.property_axes)
     first_variant = len(variants) > 1  # behind the scene as given

@@ -15,7 +15,7 @@ from pounding_sweep.records.measures import RecordMeasures, record_measures, rec
 from pounding_sweep.records.reader import MAX_FILE_BYTES
 from pounding_sweep.records.reading import read_record
 from pounding_sweep.records.record import STANDARD_GRAVITY, UNITS, Record
-from pounding_sweep.records.synthetic import PULSES, Pulse, pulse_record, synthetic_record
+from pounding_sweep.records.synthetic import PULSES, Pulse, near_fault_record, pulse_record, synthetic_record
 
 __all__ = [
     "KNOWN_RECORDS",
@@ -33,6 +33,7 @@ __all__ = [
     "RecordSet",
     "find_record",
     "list_records",
+    "near_fault_record",
     "pulse_record",
     "read_record",
     "read_record_set",

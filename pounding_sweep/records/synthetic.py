@@ -1,4 +1,4 @@
-"""Made records: seeded synthetic earthquakes and simple pulses, for tests and teaching."""
+"""Made records: seeded synthetic earthquakes, near-fault pulses, and simple pulses for tests and teaching."""
 
 from __future__ import annotations
 
@@ -247,3 +247,91 @@ def pulse_record(
     motion = np.where(inside, amplitude * pulse.height(np.minimum(part, pulse.length)), 0.0)
     source = f"{shape} pulse: amplitude={amplitude:g} m/s2, period={period:g} s, dt={dt:g} s"
     return Record(shape if name is None else name, dt, motion, source)
+
+
+#: Least number of steps in a period of a near-fault pulse.
+_STEPS_PER_PULSE = 8
+
+
+def near_fault_record(
+    velocity: float,
+    *,
+    period: float,
+    cycles: float,
+    dt: float,
+    phase: float = 0.0,
+    duration: float | None = None,
+    name: str | None = None,
+) -> Record:
+    """Make a record of one near-fault velocity pulse of Mavroeidis and Papageorgiou.
+
+    Parameters
+    ----------
+    velocity
+        Amplitude A of the velocity in m/s, of either sign: the peak of its envelope. Of recorded pulses it scatters
+        round 1 m/s.
+    period
+        Period T in s, the inverse of the prevailing frequency.
+    cycles
+        Gamma > 1: the pulse lasts gamma periods, and has the more zero crossings the larger gamma is.
+    dt
+        Time step in s, at most an eighth of the period.
+    phase
+        Phase nu in degrees: 0 has a symmetric velocity pulse, 90 an antisymmetric one.
+    duration
+        Length of the record in s, at least gamma T, which is the default.
+    name
+        Label of the record; by default "near_fault".
+
+    Returns
+    -------
+    Record
+        Acceleration in m/s2, from the first instant of the pulse.
+
+    Raises
+    ------
+    RecordError
+        A value is out of range, the step too coarse or the duration too short.
+
+    Notes
+    -----
+    With x = 2 pi (t - t0) / T, t0 = gamma T / 2, while 0 <= t <= gamma T:
+    velocity v = A/2 (1 + cos(x / gamma)) cos(x + nu), acceleration
+    a = -A pi / (gamma T) (sin(x / gamma) cos(x + nu) + gamma (1 + cos(x / gamma)) sin(x + nu)). The ground is at rest
+    before and after; what remains is a displacement. Add it to a recorded or synthetic motion for the high frequencies.
+
+    References
+    ----------
+    G. P. Mavroeidis, A. S. Papageorgiou, A mathematical representation of near-fault ground motions, Bulletin of the
+    Seismological Society of America 93(3), 1099-1131, 2003.
+
+    Examples
+    --------
+    >>> near_fault_record(1.0, period=1.5, cycles=2.0, phase=90.0, dt=0.01)
+    Record('near_fault', 301 points, dt=0.01 s, PGA 4.189 m/s2)
+    """
+    velocity = number(velocity, "velocity (m/s)")
+    period = number(period, "period (s)", positive=True)
+    cycles = number(cycles, "cycles")
+    dt, phase = number(dt, "dt (s)", positive=True), number(phase, "phase (degrees)")
+    if cycles <= 1.0:
+        msg = f"cycles is {cycles:g}; gamma, the length of a near-fault pulse in periods, must be above 1"
+        raise RecordError(msg)
+    if dt > period / _STEPS_PER_PULSE * (1 + 1e-9):
+        most = period / _STEPS_PER_PULSE
+        msg = f"dt {dt:g} s is too coarse for a near-fault pulse of period {period:g} s; take at most {most:g} s"
+        raise RecordError(msg)
+    length = cycles * period
+    duration = length if duration is None else number(duration, "duration (s)", positive=True)
+    if duration < length * (1 - 1e-9):
+        msg = f"duration {duration:g} s would cut the near-fault pulse, which lasts {length:g} s; take at least that"
+        raise RecordError(msg)
+    time = np.arange(_points(duration, dt)) * dt
+    x, nu = 2.0 * np.pi * (time / period - 0.5 * cycles), math.radians(phase)
+    rising, falling = np.sin(x / cycles) * np.cos(x + nu), cycles * (1.0 + np.cos(x / cycles)) * np.sin(x + nu)
+    motion = np.where(time <= length, -velocity * math.pi / length * (rising + falling), 0.0)
+    source = (
+        f"near-fault pulse of Mavroeidis and Papageorgiou (2003): velocity={velocity:g} m/s, period={period:g} s, "
+        f"cycles={cycles:g}, phase={phase:g} degrees, dt={dt:g} s"
+    )
+    return Record("near_fault" if name is None else name, dt, motion, source)

@@ -64,7 +64,8 @@ def _parts(sweep: dict[str, Any]) -> dict[str, str]:
     """Return each part of a described sweep as a short text that is another one where the part is."""
     records = {f"record {record['name']}": record["sha256"] for record in sweep["records"]}
     rest = {**sweep, "records": [{**record, "sha256": ""} for record in sweep["records"]]}
-    return {**records, **{key: _digest(json.dumps(value, sort_keys=True)) for key, value in rest.items()}}
+    laws = {f"law {key}": law["sha256"] for key, law in rest.pop("own_laws", {}).items()}
+    return {**records, **laws, **{key: _digest(json.dumps(value, sort_keys=True)) for key, value in rest.items()}}
 
 
 def _digest(text: str) -> str:

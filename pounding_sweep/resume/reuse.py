@@ -20,17 +20,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, shown
+from pounding_sweep.model.laws import law_of
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, as_stored, package_version
 from pounding_sweep.output.integrity import (
     AXES,
     BUILDING_AXES,
     FREE,
+    OWN_LAWS,
     check_axes,
     check_origins,
     check_statuses,
     check_variables,
     damaged,
+    differing_laws,
     load_labels,
     other_values,
     reading,
@@ -71,8 +74,10 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) 
         )
         raise InputError(msg)
     there, here = recorded_sweep(path, cube), json.loads(to_json(spec))
-    free = AXES | BUILDING_AXES | FREE | {"force_unstable"}
-    sweeps = [(key, there.get(key), here.get(key)) for key in sorted({*there, *here} - free)]
+    free = AXES | BUILDING_AXES | FREE | {"force_unstable", OWN_LAWS}
+    sweeps = differing_laws(there, here) + [
+        (key, there.get(key), here.get(key)) for key in sorted({*there, *here} - free)
+    ]
     makers = [
         ("version", plain(cube.attrs[VERSION_ATTRIBUTE]), package_version()),
         ("source of the package, as SHA-256,", plain(cube.attrs[SOURCE_ATTRIBUTE]), source),
@@ -101,9 +106,13 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
     given |= {key: told[key] for key in ("title", "audit", "force_unstable")}
     given |= {"records_left_out": tuple(told["records_left_out"]), "design": None}  # of the cases, not of all of them
     try:
+        given["own_laws"] = tuple(
+            law_of({key: value for key, value in law.items() if key != "sha256"})
+            for law in told.get(OWN_LAWS, {}).values()
+        )
         given["cases"] = None if told["cases"] is None else tuple(map(case_of, told["cases"]))
     except (TypeError, ValueError, KeyError):
-        raise damaged(path, "its sweep lists no valid cases") from None
+        raise damaged(path, "its sweep lists no valid cases or laws") from None
     found = replace(spec, **given)
     names = [record["name"] for record in told["records"]]
     if found.cases is None:
@@ -122,11 +131,11 @@ def described_sweep(path: str, cube: xr.Dataset, spec: SweepSpec) -> SweepSpec:
 def _check_results(path: str, cube: xr.Dataset, spec: SweepSpec) -> None:
     """Raise `InputError` where a cube has not all outputs of a sweep, or not of its buildings, pairs and storeys."""
     scene = spec.scene
-    names = [name for name in cube_variables(spec.outputs) if scene.pair_names or not VARIABLES[name].per_pair]
+    names = [name for name in cube_variables(spec.outputs) if VARIABLES[name].exists_in(scene)]
     check_variables(path, cube, names)
     labels = {
         "building": [building.name for building in scene.buildings],
-        "pair": list(scene.pair_names),
+        "pair": list(scene.pair_labels),
         "storey": list(range(1, scene.n_storeys + 1)),
     }
     for dim in {dim for name in names for dim in VARIABLES[name].dims}:

@@ -370,7 +370,7 @@ def add_to_cube(cube: Frame, plan: Plan, found: Audit) -> Frame:
         "audit_scale": (rows, table.scale, "factor on the record", "1"),
         "audit_stiffness": (rows, table.stiffness, "contact stiffness (kN/m**exponent of the law)", ""),
         "audit_restitution": (rows, table.restitution, "nominal coefficient of restitution, 1 for laws without", "1"),
-        "audit_gap": ((*rows, "pair"), table.gaps, "gap of the pair", "m"),
+        "audit_gap": ((*rows, "pair"), table.gaps[:, plan.spec.scene.pair_of_label], "gap of the pair", "m"),
         "audit_time_step": (rows, dt, "time step in the sweep", "s"),
     }
     if len(plan.variants) > 1:

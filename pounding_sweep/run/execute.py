@@ -163,7 +163,7 @@ class _Stages:
             status[rows], slot[rows] = table["status"], slots
             ok = table["status"] == Status.OK
             for j, contact in enumerate(contacts):
-                found = table["closing_max"][:, contact.pair, contact.storey - 1]
+                found = table["closing_max"][:, contact.place, contact.storey - 1]
                 closing[rows, j] = np.where(ok, found, np.inf)
 
         outputs = (*plan.outputs, "closing_max")

@@ -7,10 +7,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, unknown
-from pounding_sweep.model.laws import Law, get_law
+from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS, FACTOR_KINDS, Case, contact_stiffness, plain_name
+from pounding_sweep.spec.own_laws import find_law
 from pounding_sweep.spec.spec import SweepSpec
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
     """Return the scenario in the middle of a sweep, or one of its listed cases."""
     if spec.cases is not None:
         if case is None:
-            return next((c for c in spec.cases if get_law(c.law).has_contact), spec.cases[0])
+            return next((c for c in spec.cases if spec.law(c.law).has_contact), spec.cases[0])
         if not 1 <= case <= len(spec.cases):
             msg = f"case {case} is not listed; the sweep has cases 1 to {len(spec.cases)}"
             raise InputError(msg)
@@ -35,7 +36,7 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
         msg = f"case {case} is not there; the sweep is a product of axes, choose by their values"
         raise InputError(msg)
     middle = {name: values[(len(values) - 1) // 2] for name, values in spec.axes.items() if values}
-    law = next((key for key in spec.laws if get_law(key).has_contact), spec.laws[0])
+    law = next((key for key in spec.laws if spec.law(key).has_contact), spec.laws[0])
     values = {dim: middle[dim] for column in COLUMNS for dim in DIMENSIONS[column] if dim in middle}
     factors: dict[str, dict[str, float]] = {argument: {} for argument in FACTOR_KINDS}
     for argument, kind in FACTOR_KINDS.items():
@@ -133,11 +134,11 @@ def simulate_one(
     gap = given.get("gap", own.gap)
     if gap is not None:
         scene = scene.with_gaps(gap if isinstance(gap, Sequence) else [gap] * len(scene.gaps))
-    law = get_law(given.get("law", own.law))
+    law = _law(spec, given.get("law", own.law))
     absolute, factor = given.get("stiffness"), given.get("stiffness_factor")
     if absolute is None and factor is None:
         absolute, factor = own.stiffness, own.stiffness_factor
-        _check_unit(own, law)
+        _check_unit(spec, own, law)
     stiffness = contact_stiffness(scene, law, stiffness=absolute, stiffness_factor=factor)
     restitution = given.get("restitution", own.restitution)
     scales = {dim: given[dim] if dim in given else getattr(own, dim) for dim in DIMENSIONS["scale"]}
@@ -182,14 +183,19 @@ def simulate_shown(spec: SweepSpec, output_step: float | None = None, **choice: 
     return one
 
 
+def _law(spec: SweepSpec, given: str | Law) -> Law:
+    """Return a law of the sweep by its key, or another one."""
+    return next((law for law in spec.own_laws if law.key == given), None) or find_law(given)
+
+
 def _unit(exponent: float) -> str:
     """Return the unit of the contact stiffness of a law of that force exponent."""
     return "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
 
 
-def _check_unit(own: Case, law: Law) -> None:
+def _check_unit(spec: SweepSpec, own: Case, law: Law) -> None:
     """Raise `InputError` where a law would take the stiffness of one of another exponent for its own."""
-    meant = get_law(own.law).exponent
+    meant = spec.law(own.law).exponent
     if own.stiffness is None or meant is None or law.exponent is None or meant == law.exponent:
         return
     msg = (
@@ -238,12 +244,12 @@ def _varied(scene: Scene, case: Case) -> Scene:
         if isinstance(item, Wall):
             return item
         mass, period = masses.get(item.name, 1.0), periods.get(item.name, 1.0)
-        return Building(
-            item.name,
-            [mass * m for m in item.masses],
-            [mass / period**2 * k for k in item.stiffnesses],
-            item.damping_ratio if case.damping_ratio is None else case.damping_ratio,
-            item.storey_heights,
-        )
+        ratio = item.damping_ratio if case.damping_ratio is None else case.damping_ratio
+        stiffer: dict[str, Any] = {
+            name: [mass / period**2 * k for k in getattr(item, name)]
+            for name in ("stiffnesses", "column_stiffnesses")
+            if getattr(item, name) is not None
+        }
+        return replace(item, masses=[mass * m for m in item.masses], damping_ratio=ratio, **stiffer)
 
-    return Scene([varied(item) for item in scene.row], scene.gaps, scene.contact)
+    return replace(scene, row=[varied(item) for item in scene.row])

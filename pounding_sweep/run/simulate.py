@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, StabilityError
-from pounding_sweep.model.laws import Law, get_law, realised_restitution
+from pounding_sweep.model.laws import Law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.output.dataset import assemble
 from pounding_sweep.outputs.differences import comparable
@@ -20,6 +20,7 @@ from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.spec.axes import contact_stiffness
 from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.own_laws import find_law
 from pounding_sweep.spec.spec import scene_data
 
 if TYPE_CHECKING:
@@ -121,12 +122,12 @@ def simulate(
     from pounding_sweep.plan.plan import make_plan
 
     motion = resolve_record(record)
-    found = get_law(law)
+    found = find_law(law)
     outputs = tuple(name for name in VARIABLES if name not in NOT_OF_ONE)
     spec = build_spec(
         scene=scene,
         records=motion,
-        laws=found.key,
+        laws=found,
         stiffnesses=stiffness if found.has_contact else None,
         restitutions=restitution if found.takes_restitution else None,
         method=method,
@@ -199,7 +200,8 @@ def simulate(
     }
     if spec.accuracy is not None:
         attributes |= {"accuracy": spec.accuracy, "accuracy_choice": plan.choice}
-    extra = {"pair_gap": (("pair",), row.gaps, {"units": "m", "long_name": "gap of the pair"})} if row.gaps else None
+    own = [row.gaps[pair] for pair in row.pair_of_label]
+    extra = {"pair_gap": (("pair",), own, {"units": "m", "long_name": "gap of the pair"})} if own else None
     dataset = assemble(row, [], values, attributes, extra)
     if int(values["status"]) != Status.DIVERGED:
         time = np.linspace(0.0, motion.duration, n_steps + 1)
@@ -305,8 +307,7 @@ def _approach(scene: Scene, velocities: tuple[float, ...] | None) -> float:
     """Largest speed (m/s) at which floors that can meet approach each other at the start."""
     if velocities is None:
         return 0.0
-    at = (*velocities, 0.0)  # a wall has the index -1
-    return max([0.0, *(at[contact.left] - at[contact.right] for contact in scene.contacts)])
+    return max([0.0, *(sum(share * velocities[i] for i, share in contact.ends) for contact in scene.contacts)])
 
 
 def _building_sum(values: np.ndarray, scene: Scene) -> np.ndarray:
@@ -353,12 +354,9 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
         on_floor[:, first : first + b.n_storeys - 1] += storey[:, first + 1 : first + b.n_storeys]
     for j, c in enumerate(scene.contacts):
         closing = np.zeros(len(time))
-        if c.left >= 0:
-            closing += u[:, c.left]
-            on_floor[:, c.left] -= force[:, j]
-        if c.right >= 0:
-            closing -= u[:, c.right]
-            on_floor[:, c.right] += force[:, j]
+        for floor, share in c.ends:
+            closing += share * u[:, floor]
+            on_floor[:, floor] -= share * force[:, j]
         penetration[:, j] = np.maximum(closing - gap[j], 0.0)
     kinetic = _building_sum(0.5 * masses * v**2, scene)
     strain = _building_sum(0.5 * stiffnesses * _below(u, buildings) ** 2, scene)
@@ -384,10 +382,10 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     if scene.pair_names:
         variables["contact_force"] = (pairs, scatter_contact(force, scene), "kN", "contact force, pressing positive")
         variables["penetration"] = (pairs, scatter_contact(penetration, scene), "m", "penetration, zero while open")
-        work = np.zeros((len(time), len(scene.pair_names)))
+        work = np.zeros((len(time), len(scene.pair_labels)))
         if "work" in slots.first:
             for j, c in enumerate(scene.contacts):
-                work[:, c.pair] += part("work")[:, j]
+                work[:, c.place] += part("work")[:, j]
         variables["work"] = ((*axis, "pair"), work, "kN m", "work of the contacts: what they took in")
     result: dict[str, Any] = {
         "time": xr.DataArray(time, dims=axis, attrs={"units": "s", "long_name": "time", "axis": "T"})

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from pounding_sweep.base.errors import OutputError, RunError, SweepError, WriteError
+from pounding_sweep.base.errors import OutputError, RunError, SweepError, UnlikelyWarning, WriteError
 from pounding_sweep.base.tables import html_table
 from pounding_sweep.output.provenance import package_digest
 from pounding_sweep.spec.build import build_spec
@@ -19,6 +19,7 @@ from pounding_sweep.spec.spec import SweepSpec
 if TYPE_CHECKING:
     import xarray as xr
 
+    from pounding_sweep.model.laws import Law
     from pounding_sweep.model.scene import Scene
     from pounding_sweep.output.results import Outcome
     from pounding_sweep.plan.plan import Plan
@@ -110,13 +111,21 @@ class Sweep:
     def plan(self) -> Plan:
         """Return what would be run; nothing is.
 
+        Warns
+        -----
+        UnlikelyWarning
+            A value is outside any real building; the text names the likely slip of units.
+
         Raises
         ------
         SweepError
             The plan does not fit into the memory that is free.
         """
         from pounding_sweep.plan.plan import PLAN_BYTES, make_plan
+        from pounding_sweep.plan.sanity import doubts
 
+        for text in doubts(self.spec):
+            warnings.warn(text, UnlikelyWarning, stacklevel=2)
         _check_memory(self.spec.n_scenarios, PLAN_BYTES, "planning", "take fewer values on an axis")
         return make_plan(self.spec)
 
@@ -151,6 +160,11 @@ class Sweep:
             listed cases: scenarios that it holds are taken from it, and the cube is the one that
             running all of them gives. It may be `out` itself, with `overwrite`. The attribute
             ``extended_from`` says how many, and what that cube says of itself.
+
+        Warns
+        -----
+        UnlikelyWarning
+            A value asked for, or a storey drift that came of it, is outside any real building.
 
         Returns
         -------
@@ -231,6 +245,7 @@ class Sweep:
         """Run the sweep; its cube in memory, or what is told of the file."""
         from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
         from pounding_sweep.output.netcdf import check_output
+        from pounding_sweep.plan.sanity import doubts_of
         from pounding_sweep.resume.checkpoint import ChunkStore, identity_of, parts_folder
         from pounding_sweep.resume.reuse import EarlierCube, extension_attributes
         from pounding_sweep.run.audit import audit
@@ -292,6 +307,8 @@ class Sweep:
                 except OutputError as error:
                     msg = f"the cube {str(target)!r} is complete, but not all of its chunks are removed: {error}"
                     warnings.warn(msg, RuntimeWarning, stacklevel=2)
+        for text in doubts_of(plan.spec.scene, outcome.results.largest_drift):
+            warnings.warn(text, UnlikelyWarning, stacklevel=2)
         return cast("xr.Dataset | Written", cube)
 
 
@@ -336,7 +353,13 @@ def _check_memory(scenarios: int, each: int, what: str, remedy: str) -> None:
         raise SweepError(msg)
 
 
-def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = False, folders: Folders = None) -> Sweep:
+def load_sweep(
+    path: str | os.PathLike[str],
+    *,
+    skip_missing_records: bool = False,
+    folders: Folders = None,
+    laws: Sequence[str | Law] | None = None,
+) -> Sweep:
     """Read a sweep file (TOML).
 
     Parameters
@@ -348,6 +371,8 @@ def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = Fal
         as one is left; the cube's attribute ``records_left_out`` names them.
     folders : path or several, optional
         Where records are looked for by name; by default in the folders of ``POUNDING_SWEEP_RECORDS``.
+    laws : sequence of str or Law, optional
+        Contact laws, in place of the file's.
 
     Raises
     ------
@@ -356,4 +381,4 @@ def load_sweep(path: str | os.PathLike[str], *, skip_missing_records: bool = Fal
     """
     from pounding_sweep.spec.toml import load_spec
 
-    return Sweep.from_spec(load_spec(path, skip_missing_records=skip_missing_records, folders=folders))
+    return Sweep.from_spec(load_spec(path, skip_missing_records=skip_missing_records, folders=folders, laws=laws))

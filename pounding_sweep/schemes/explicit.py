@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.kernel import impulse
-from pounding_sweep.kernel.group import Group, is_wall
+from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import fma
 from pounding_sweep.kernel.located import keep_start
 from pounding_sweep.kernel.peaks import add_powers
@@ -125,11 +125,9 @@ class Explicit(Scheme):
             for j in group.each_contact() if press is not None else ():
                 assert press is not None
                 force = press(j)
-                left, right, _ = group.sides(j)
-                if not is_wall(left):
-                    s["push", left] = s["push", left] - force
-                if not is_wall(right):
-                    s["push", right] = s["push", right] + force
+                for floor, sign, share in group.ends(j):
+                    before, part = s["push", floor], part_of(force, share)
+                    s["push", floor] = before - part if sign == "-" else before + part
                 if "work" in r:
                     add("dwork", j, force * group.between("y", j))
                 if "impulse" in r:
@@ -178,16 +176,20 @@ class Explicit(Scheme):
 
             def push(j: Any) -> Any:
                 d = group.between("x", j) - group.gap(j)
-                return law.memoryless(s["k"], s["c", j], s["vrun", j], d, group.between("y", j))
+                return law.memoryless(group.stiffness(j), s["c", j], s["vrun", j], d, group.between("y", j))
 
             self.step_long(group, h, push, None)
             return lambda: _record_contacts(group)
         every = range(len(group.contacts))
-        k, c, gaps = s["k"], [s["c", j] for j in every], [group.gap(j) for j in every]
+        k = [group.stiffness(j) for j in every] if group.spec.struck else [group.stiffness(0)] * len(every)
+        c, gaps = [s["c", j] for j in every], [group.gap(j) for j in every]
         run = [s["vrun", j] for j in every]
 
         def press(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
-            return [law.memoryless(k, c[j], run[j], group.between(x, j) - gaps[j], group.between(y, j)) for j in every]
+            return [
+                law.memoryless(ki, ci, fastest, group.between(x, j) - gap, group.between(y, j))
+                for j, (ki, ci, fastest, gap) in enumerate(zip(k, c, run, gaps, strict=True))
+            ]
 
         return self._whole(group, h, press)
 

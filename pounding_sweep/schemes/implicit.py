@@ -13,7 +13,7 @@ from typing import Any
 
 from pounding_sweep.kernel import yielding
 from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SLACK, contact_rate, is_closed, penetration
-from pounding_sweep.kernel.group import Group, is_wall
+from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.impulse import alone
 from pounding_sweep.kernel.lanes import Cell, count_to, flagged, maximum, minimum, size, when_any, where, while_any
 
@@ -23,11 +23,15 @@ MAX_SWEEPS = 500
 STIFF_RATE = 2.0
 
 
-def _sides(group: Group, j: Any) -> list[tuple[Any, Any, float]]:
-    """Floors of a contact: where its responses begin, the floor, the sign of the force on it."""
+#: Floors that a contact acts on at one of its sides, and the share of each (None: all).
+Floors = list[tuple[Any, Any]]
+
+
+def _sides(group: Group, j: Any) -> list[tuple[Any, Floors, float]]:
+    """Sides of a contact that move: where their responses begin, the floors, the sign of the force on them."""
     most = max(group.spec.storeys)
-    sides = zip((0, 1), group.sides(j), (-1.0, 1.0), strict=False)
-    return [((j * 2 + side) * most, floor, sign) for side, floor, sign in sides if not is_wall(floor)]
+    sides = ((side, group.floors_of(j, side), sign) for side, sign in enumerate((-1.0, 1.0)))
+    return [((j * 2 + side) * most, floors, sign) for side, floors, sign in sides if floors]
 
 
 def _count(group: Group, n: Any) -> Iterator[Any]:
@@ -35,10 +39,10 @@ def _count(group: Group, n: Any) -> Iterator[Any]:
     return iter(range(n)) if isinstance(n, int) and not group.long else count_to(n, group.trace)
 
 
-def _keep_compliance(group: Group, first: Any, floor: Any, h: Any) -> None:
-    """Keep the acceleration of every floor of a building for a unit force on one, in a Newmark step of length h."""
+def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
+    """Keep the acceleration of every floor of a building for a unit force on some, in a Newmark step of length h."""
     s = group.state
-    home, storeys, b = group.home_of(floor)
+    home, storeys, b = group.home_of(floors[0][0])
     beta, gamma = group.prop("newmark_beta"), group.prop("newmark_gamma")
     be, ga = beta * h * h, gamma * h
     alpha, stiff = group.prop("alpha", b), be + ga * group.prop("beta", b)
@@ -46,7 +50,11 @@ def _keep_compliance(group: Group, first: Any, floor: Any, h: Any) -> None:
     def ahead(p: Any, above: Any) -> tuple[Any, Any]:
         i = home + p
         diagonal = group.prop("m", i) * (1.0 + ga * alpha) + stiff * (group.prop("k", i) + above)
-        return diagonal, where(flagged(group.trace, i == floor), group.full(1.0), group.full(0.0))
+        pushed = None
+        for floor, share in floors:
+            here, own = flagged(group.trace, i == floor), group.full(1.0 if share is None else share)
+            pushed = where(here, own, group.full(0.0) if pushed is None else pushed)
+        return diagonal, pushed
 
     def above(p: Any) -> Any:
         top = p + 1 == storeys
@@ -72,10 +80,10 @@ def _keep_compliance(group: Group, first: Any, floor: Any, h: Any) -> None:
         s["response", first + p] = found / s["diagonal", p]
 
 
-def _push(group: Group, first: Any, floor: Any, be: Any, ga: Any, change: Any, lanes: Any) -> None:
+def _push(group: Group, first: Any, floors: Floors, be: Any, ga: Any, change: Any, lanes: Any) -> None:
     """Add a change (kN) of force to the end state of a building."""
     s = group.state
-    home, storeys, _ = group.home_of(floor)
+    home, storeys, _ = group.home_of(floors[0][0])
     for p in _count(group, storeys):
         i = home + p
         a = change * s["response", first + p]
@@ -87,8 +95,9 @@ def _push(group: Group, first: Any, floor: Any, be: Any, ga: Any, change: Any, l
 def _unit(group: Group, j: Any) -> Any:
     """Relative acceleration of a contact's floors for a unit force."""
     unit = group.full(0.0)
-    for first, floor, _ in _sides(group, j):
-        unit = unit + group.state["response", first + (floor - group.home_of(floor)[0])]
+    for first, floors, _ in _sides(group, j):
+        for floor, share in floors:
+            unit = unit + part_of(group.state["response", first + (floor - group.home_of(floor)[0])], share)
     return unit
 
 
@@ -148,13 +157,13 @@ def _sweep(group: Group, live: Any, h: Any) -> None:
     share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), group.full(1.0))
     for j in group.each_contact():
         with when_any(live & ~(s["ke", j] == 0.0) if spec.located else live):
-            for first, floor, _ in _sides(group, j):
-                _keep_compliance(group, first, floor, h)
+            for first, floors, _ in _sides(group, j):
+                _keep_compliance(group, first, floors, h)
 
     def force_of(j: Any) -> Callable[[Any, Any], Any]:
         def force(d: Any, v: Any) -> Any:
             if not spec.located:
-                return law.memoryless(s["k"], s["c", j], s["vrun", j], d, v)
+                return law.memoryless(group.stiffness(j), s["c", j], s["vrun", j], d, v)
             pressed = law.closed_force(s["ke", j], s["ce", j], d, v)
             return where(s["stiff"] > 0.0, yielding.held_force(group, j, d), pressed) if law.shape.yields else pressed
 
@@ -178,8 +187,8 @@ def _sweep(group: Group, live: Any, h: Any) -> None:
                 moves = here & ~(change == 0.0)
                 with when_any(moves):
                     s["force", j] = where(moves, new, old)
-                    for first, floor, sign in _sides(group, j):
-                        _push(group, first, floor, be, ga, (-share if sign < 0.0 else share) * change, moves)
+                    for first, floors, sign in _sides(group, j):
+                        _push(group, first, floors, be, ga, (-share if sign < 0.0 else share) * change, moves)
         largest.now, moved.now = where(mine, most.now, largest.now), where(mine, change_most.now, moved.now)
         going.now = mine & ~(change_most.now <= group.limit.swept * most.now)
     failed = going.now & (moved.now > group.limit.unswept * largest.now)
@@ -195,8 +204,8 @@ def correct_resting(group: Group, h: Any) -> None:
         be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
         for j in group.each_contact():
             with when_any(live & (s["ke", j] > 0.0)):
-                for first, floor, _ in _sides(group, j):
-                    _keep_compliance(group, first, floor, h)
+                for first, floors, _ in _sides(group, j):
+                    _keep_compliance(group, first, floors, h)
             s["force", j] = where(live, 0.0, s["force", j])
         going, largest, moved = Cell(live), Cell(group.full(0.0)), Cell(group.full(0.0))
         for _ in while_any(lambda: going.now, group.trace, at_most=MAX_SWEEPS):
@@ -210,8 +219,8 @@ def correct_resting(group: Group, h: Any) -> None:
                     s["force", j] = where(here, force, s["force", j])
                     most.now = where(here, maximum(most.now, size(force)), most.now)
                     change_most.now = where(here, maximum(change_most.now, size(change)), change_most.now)
-                    for first, floor, sign in _sides(group, j):
-                        _push(group, first, floor, be, ga, sign * change, here)
+                    for first, floors, sign in _sides(group, j):
+                        _push(group, first, floors, be, ga, sign * change, here)
             largest.now, moved.now = where(mine, most.now, largest.now), where(mine, change_most.now, moved.now)
             going.now = mine & ~(change_most.now <= group.limit.swept * most.now)
         failed = going.now & (moved.now > group.limit.unswept * largest.now)
@@ -228,14 +237,13 @@ def balance(group: Group, lanes: Any, ground: Any, pressed: bool) -> None:
     alone(group, ground, put)
     if pressed and group.spec.located and group.touching and law is not None and not group.spec.impulsive:
         for j in group.each_contact():
-            left, right, _ = group.sides(j)
             k = s["ke", j]
             force = law.pressing(k, s["ce", j], penetration(group, j), group.between("v", j))
             force = where(k == 0.0, 0.0, force)
-            if not is_wall(left):
-                s["alone", left] = s["alone", left] - force * group.prop("im", left)
-            if not is_wall(right):
-                s["alone", right] = s["alone", right] + force * group.prop("im", right)
+            for floor, sign, share in group.ends(j):
+                before = s["alone", floor]
+                change = part_of(force, share) * group.prop("im", floor)
+                s["alone", floor] = before - change if sign == "-" else before + change
     for i in group.each(group.spec.n_dof):
         s["a", i] = s["alone", i] if lanes is None else where(lanes, s["alone", i], s["a", i])
 

@@ -54,8 +54,9 @@ def _contact_weights(scene: Scene) -> np.ndarray:
     """Row sums of the contacts' stiffness matrices by the stiffness of one, shape (floors,)."""
     weights = np.zeros(scene.n_dof)
     for contact in scene.contacts:
-        ends = [i for i in (contact.left, contact.right) if i >= 0]
-        weights[ends] += len(ends)  # k on the diagonal, and -k beside it unless the other end is a wall
+        whole = sum(abs(share) for _, share in contact.ends)
+        for floor, share in contact.ends:  # k on the diagonal, and -k beside it unless the other end is a wall
+            weights[floor] += abs(share) * whole
     return weights
 
 

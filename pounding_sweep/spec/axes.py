@@ -49,7 +49,8 @@ class Axis:
     long_name, unit, comment : str
         Attributes of its coordinate.
     value : callable
-        Value of the axis, ``scene``, and ``law`` (of stiffness) or ``record`` (of scale) -> value of the column.
+        Value of the axis, ``scene``, and ``law`` (of stiffness) or ``record`` and ``sa_period`` (of scale) -> value
+        of the column.
     default : tuple of float or None
         Values of a column that no axis is given for.
     requires : callable
@@ -58,6 +59,8 @@ class Axis:
         Whether it changes buildings.
     by_building : bool
         Whether it is given for each building by name.
+    parameter : str
+        Argument of `build_spec` that the axis needs, and that is given with it only.
     unsaid : bool
         Whether the JSON of a sweep without it is silent of it. So it is of axes that came later: digests of sweeps
         without them stay what they were.
@@ -77,6 +80,7 @@ class Axis:
     requires: Callable[[Scene, Sequence[Law], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
     of_buildings: bool = False
     by_building: bool = False
+    parameter: str = ""
     unsaid: bool = False
 
 
@@ -154,17 +158,28 @@ def contact_stiffness(
         return 0.0
     if stiffness is not None:
         return stiffness
-    reference = scene.contact.reference(found.exponent)
+    reference = reference_stiffness(scene, found)
     if reference is None:
         raise SweepError(_missing_reference(found.exponent, [found.key]))
     return reference * (1.0 if stiffness_factor is None else stiffness_factor)
 
 
+def reference_stiffness(scene: Scene, law: Law) -> float | None:
+    """Contact stiffness that factors scale: the scene's for that force exponent, else the law's own; or None."""
+    found = None if law.exponent is None else scene.contact.reference(law.exponent)
+    return law.reference_stiffness if found is None else found
+
+
 def _missing_reference(exponent: float, laws: Sequence[str]) -> str:
     """Say which contact property the scene lacks for laws of a force exponent."""
-    what = REFERENCE_PROPERTIES.get(exponent, f"reference stiffness for force ~ d^{exponent:g}")
+    what = REFERENCE_PROPERTIES.get(exponent)
     unit = "kN/m" if exponent == 1 else f"kN/m^{exponent:g}"
     plural = len(laws) > 1
+    if what is None:
+        return (
+            f"a reference stiffness for force ~ d^{exponent:g} ({unit}) is missing: stiffness factors of law"
+            f"{'s' * plural} {', '.join(laws)} scale it; give the law's reference_stiffness, or an absolute stiffness"
+        )
     return (
         f"{what} ({unit}) is missing: law{'s' * plural} {', '.join(laws)} need{'s' * (not plural)} it as the "
         f"reference of stiffness factors; give contact=ContactProperties({what}=...), in a file "
@@ -184,8 +199,9 @@ def by_exponent(laws: Iterable[Law]) -> dict[float, list[Law]]:
 def _need_references(scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:
     """Tell each reference stiffness that the scene lacks."""
     for exponent, group in by_exponent(laws).items():
-        if scene.contact.reference(exponent) is None:
-            yield ("scene", "contact"), _missing_reference(exponent, [law.key for law in group])
+        lacking = [law.key for law in group if reference_stiffness(scene, law) is None]
+        if lacking:
+            yield ("scene", "contact"), _missing_reference(exponent, lacking)
 
 
 def _need_one_exponent(_scene: Scene, laws: Sequence[Law], _records: Sequence[Record]) -> Iterator[Fault]:
@@ -204,14 +220,23 @@ def _need_one_exponent(_scene: Scene, laws: Sequence[Law], _records: Sequence[Re
         )
 
 
-def _need_motion(_scene: Scene, _laws: Sequence[Law], records: Sequence[Record]) -> Iterator[Fault]:
-    """Tell records that no factor gives a peak."""
-    still = [repr(record.name) for record in records if record.pga == 0.0]
-    if still:
-        yield (
-            ("pgas",),
-            f"no factor gives {', '.join(still)} a peak: its ground stands still; give scales instead",
-        )
+def _need_motion(argument: str) -> Callable[[Scene, Sequence[Law], Sequence[Record]], Iterator[Fault]]:
+    """Make a function that tells records that no factor gives a peak."""
+
+    def requires(_scene: Scene, _laws: Sequence[Law], records: Sequence[Record]) -> Iterator[Fault]:
+        still = [repr(record.name) for record in records if record.pga == 0.0]
+        if still:
+            text = f"no factor gives {', '.join(still)} a peak: its ground stands still; give scales instead"
+            yield (argument,), text
+
+    return requires
+
+
+def _factor_to_spectrum(value: float, record: Record, sa_period: float, **_: Any) -> float:
+    """Factor on a record that gives it a spectral acceleration (m/s2) at a period (s)."""
+    from pounding_sweep.engine.spectrum import spectral_acceleration
+
+    return value / spectral_acceleration(record, sa_period)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,7 +276,15 @@ class AxisValues:
         positive("peak ground acceleration"),
         "Peak ground accelerations (m/s2) that every record is scaled to, in place of `scales`.",
         "peak ground acceleration", "m s-2", "the coordinate scale has the factor on each record",
-        value=lambda value, scene, record: value / record.pga, requires=_need_motion, unsaid=True,
+        value=lambda value, record, **_: value / record.pga, requires=_need_motion("pgas"), unsaid=True,
+    )})
+    sas: Values = field(default=None, metadata={"axis": Axis(
+        "sa", "scale", "spectral acceleration", "spectral accelerations in m/s2", positive("spectral acceleration"),
+        "Spectral accelerations (m/s2; pseudo-acceleration, 5 % damping) at the period `sa_period` that every record "
+        "is scaled to, in place of `scales`.",
+        "spectral acceleration (pseudo-acceleration, 5 % damping)", "m s-2",
+        "at the period of the attribute sa_period; the coordinate scale has the factor on each record",
+        value=_factor_to_spectrum, requires=_need_motion("sas"), parameter="sa_period", unsaid=True,
     )})
     period_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
         "period_factor", "period_factor", "factor", "factors", _check_factor,
@@ -444,6 +477,8 @@ class Case:
         Damping ratio of all buildings; their own where not given.
     pga : float, optional
         Peak ground acceleration (m/s2) that the record is scaled to, instead of `scale`.
+    sa : float, optional
+        Spectral acceleration (m/s2) at the sweep's `sa_period` that the record is scaled to, instead of `scale`.
     """
 
     law: str
@@ -457,6 +492,7 @@ class Case:
     mass_factors: Factors | Mapping[str, float] = ()
     damping_ratio: float | None = None
     pga: float | None = None
+    sa: float | None = None
 
     def axis(self, column: str) -> tuple[Axis, float] | None:
         """Return the axis that the case has of a column, with its value; None where it has none."""

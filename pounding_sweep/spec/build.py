@@ -40,6 +40,7 @@ def build_spec(
     restitution_basis: str = "published",
     accuracy: float | None = None,
     audit: float = AUDIT_SHARE,
+    sa_period: float | None = None,
     folders: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
     base: str | os.PathLike[str] | None = None,
     skip_missing_records: bool = False,
@@ -90,6 +91,8 @@ def build_spec(
     audit : float
         Share of the sweep's cost, in [0, 1], spent on running a sample of its own
         scenarios again at a finer step, to measure their error; 0 for none.
+    sa_period : float, optional
+        Period (s) at which the spectral accelerations `sas` are meant; needed with them.
     folders : path or several, optional
         Where to find records by name.
     base : path, optional

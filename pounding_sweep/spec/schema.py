@@ -18,7 +18,6 @@ from pydantic_core import ErrorDetails
 
 from pounding_sweep.base.errors import (
     InputError,
-    LawError,
     MissingRecordError,
     PoundingSweepError,
     SceneError,
@@ -26,7 +25,7 @@ from pounding_sweep.base.errors import (
     unknown,
 )
 from pounding_sweep.base.text import LONGEST_TITLE, label_fault
-from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, get_law
+from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.rebound import RESTITUTION_BASES
 from pounding_sweep.model.scene import Scene, check_gap
@@ -47,6 +46,7 @@ from pounding_sweep.spec.faults import (
     spell,
     within,
 )
+from pounding_sweep.spec.own_laws import LAW_GROUPS, find_law, names_file
 from pounding_sweep.spec.spec import (
     ACCURACY_RANGE,
     AUDIT_SHARE,
@@ -64,10 +64,10 @@ from pounding_sweep.spec.tables import DesignTable, read_distribution, read_rang
 _MOST_FAULTS = 20
 #: Axes of at most so many values are checked value by value even in a sweep that is too large.
 CHECKED_AXIS = 10_000
+#: Least and largest period (s) that records can be scaled at.
+SA_PERIODS = (0.01, 20.0)
 #: Time step (s) where neither a step nor an accuracy is given.
 DEFAULT_STEP = 1e-3
-#: Groups of laws that a sweep may name in place of each law.
-LAW_GROUPS = {"all": tuple(LAWS), "mate2015": MATE2015_MODELS}
 
 
 # --- scene, records, laws -------------------------------------------------------------------------------------------
@@ -139,14 +139,33 @@ def _records(given: Any, info: Any) -> tuple[list[Record], list[str]]:
     return [record for _, record in found.values()], left_out
 
 
-def _law(given: Any, groups: str = "") -> Law:
-    try:
-        return LAWS[get_law(given).key]
-    except KeyError:
-        msg = f"law {given.key!r} is not registered; add it to pounding_sweep.model.laws.LAWS"
-    except LawError:
-        msg = f"{unknown('contact law', given, LAWS)}{groups}"
-    raise InputError(msg)
+def _law(given: Any, info: Any, known: Mapping[str, Law], groups: str = "") -> Law:
+    """Return a law, and see that one of the user's own is the only one of its key; its file is run once."""
+    text = given if isinstance(given, str) else ""
+    if text and not names_file(text) and text not in LAWS:
+        if text in known:  # of a file that was named before
+            return known[text]
+        msg = f"{unknown('contact law', given, LAWS)}{groups}, or a law of your own as FILE.py:NAME"
+        raise InputError(msg)
+    files: dict[str, Law] = info.context["files"]
+    law = files.get(text) or find_law(given, info.data["base"])
+    if text:
+        files[text] = law
+    if known.get(law.key, law) != law:
+        msg = f"law {law.key!r} is another one than that of the same key before; give it another key"
+        raise InputError(msg)
+    return law
+
+
+def _check_columns(scene: Scene, law: Law) -> None:
+    """Refuse a law that is not linear in d where floors strike columns, whose own flexibility is in series with it."""
+    if law.has_contact and law.exponent != 1.0 and any(contact.struck >= 0 for contact in scene.contacts):
+        usable = ", ".join(key for key, each in LAWS.items() if each.exponent == 1.0)
+        msg = (
+            f"law {law.key!r} has no force linear in d, which floors that strike columns need: the column's own "
+            f'flexibility is in series with it; give one of {usable}, or contacts = "floors"'
+        )
+        raise InputError(msg)
 
 
 def _laws(given: Any, info: Any) -> list[Law]:
@@ -165,15 +184,29 @@ def _laws(given: Any, info: Any) -> list[Law]:
         msg = f"{what}; give laws, valid: {', '.join(LAWS)}, or the groups all, mate2015"
         raise InputError(msg)
     with gathering() as faults:
+        scene = info.data.get("scene")
         for index, item in _looked_at(items, faults):
             place: Place = () if isinstance(given, (str, Law)) else (index,)
             for each in LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,):
-                law = faults.attempt(place, _law, each, " (or the groups all, mate2015)")
+                law = faults.attempt(place, _law, each, info, {}, " (or the groups all, mate2015)")
+                if law is not None and scene is not None:
+                    faults.attempt(place, _check_columns, scene, law)
                 if law is not None and law.key in found:
                     faults.add(place, f"law {law.key!r} is there already; the values of an axis must differ")
                 elif law is not None:
                     found[law.key] = law
     return list(found.values())
+
+
+def _check_parameters(faults: Faults, info: Any, asked: Collection[str]) -> None:
+    """Note parameters of axes that are missing, or given without the axis; `asked`: dimensions that there are."""
+    for name, axis in AXES.items():
+        if axis.parameter and axis.parameter in info.data:
+            there = info.data[axis.parameter] is not None
+            if axis.dimension in asked and not there:
+                faults.add(Root((axis.parameter,)), f"is missing: {name} needs it; give the period in s")
+            elif there and axis.dimension not in asked:
+                faults.add(Root((axis.parameter,)), f"is of no use without {name}; leave it out")
 
 
 def _no_axis(given: Any) -> None:
@@ -394,6 +427,7 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
             product = " x ".join(f"{count} {name}" for name, count in sizes.items())
             text = f"{product} = {size} scenarios ({size:.3g}); at most {most} in one sweep: split it"
             faults.add(Root(()), text)
+        _check_parameters(faults, info, [axis.dimension for name, axis in AXES.items() if given.get(name) is not None])
         for column in COLUMNS:
             choices = {name: axis for name, axis in AXES.items() if axis.column == column}
             there = [name for name in choices if given.get(name) is not None or (name, None) in drawn]
@@ -470,7 +504,11 @@ def _case(faults: Faults, index: int, item: Any, info: Any) -> Case:
     if item.get("law") is None:
         faults.add((*place, "law"), f"is missing; valid: {', '.join(LAWS)}")
     else:
-        law = faults.attempt((*place, "law"), _law, item["law"])
+        own = info.context["own"]
+        law = faults.attempt((*place, "law"), _law, item["law"], info, own)
+        own |= {} if law is None else {law.key: law}
+        if law is not None and scene is not None:
+            faults.attempt((*place, "law"), _check_columns, scene, law)
     values: dict[str, Any] = {}
     for axis in AXES.values():
         key, value = axis.dimension, item.get(axis.dimension)
@@ -542,11 +580,13 @@ def _cases(given: Any, info: Any) -> tuple[Case, ...] | None:
                 faults.add((index,), f"is the same scenario as cases[{seen[case]}]")
             else:
                 seen[case] = index
-        info.context["laws"] |= {case.law: get_law(case.law) for case in seen}
+        chosen = [found[0].dimension for case in seen for column in COLUMNS if (found := case.axis(column))]
+        _check_parameters(faults, info, chosen)
+        info.context["laws"] |= {case.law: info.context["own"][case.law] for case in seen}
         if scene := info.data.get("scene"):
             for axis in AXES.values():
                 using = [case for case in seen if (case.axis(axis.column) or [None])[0] is axis]
-                laws = {case.law: get_law(case.law) for case in using}
+                laws = {case.law: info.context["own"][case.law] for case in using}
                 there = {case.record for case in using}
                 records = [record for record in info.data.get("records", ((), ()))[0] if record.name in there]
                 alone = by_exponent(laws.values()).values() if axis.column == "stiffness" else [list(laws.values())]
@@ -562,6 +602,10 @@ def _record_of(item: Any) -> Any:
 
 
 # --- settings -------------------------------------------------------------------------------------------------------
+
+
+def _sa_period(given: Any) -> float | None:
+    return None if given is None else number(given, "period in s", within("sa_period (s)", *SA_PERIODS))
 
 
 def _automatic(info: Any) -> bool:
@@ -712,6 +756,7 @@ class SweepInput(Table):
     restitution_basis: Annotated[Any, _choice(tuple(RESTITUTION_BASES), None)] = Field(
         "published", description="a text"
     )
+    sa_period: Annotated[Any, PlainValidator(_sa_period)] = Field(None, description="a number in s")
     laws: Annotated[Any, PlainValidator(_laws)] = Field(
         None, description="a name or a list of names", validate_default=True
     )
@@ -751,18 +796,28 @@ ARGUMENTS = (*AXES, *(name for name in SweepInput.model_fields if name != "axes"
 def check_sweep(given: dict[str, Any], *, file: bool = False) -> SweepSpec:
     """Make a sweep of the arguments of `build_spec`; pydantic's error holds every fault, see `Faults.take`."""
     axes = {name: given.pop(name) for name in (*AXES, "building") if name in given}
-    context = {"file": file, "cases": given.get("cases") is not None, "laws": {}}
+    context: dict[str, Any] = {
+        "file": file,
+        "cases": given.get("cases") is not None,
+        "laws": {},
+        "own": {},
+        "files": {},
+    }
     values = dict(SweepInput.model_validate({**given, "axes": axes}, context=context))
     for name in ("folders", "base", "skip_missing_records"):
         del values[name]
     records, left_out = values.pop("records")
-    laws = [law.key for law in values.pop("laws")]
+    del values["laws"]
+    laws: dict[str, Law] = context["laws"]
     if (design := values["design"]) is not None:
         names = [record.name for record in records], [building.name for building in values["scene"].buildings]
-        values["cases"] = design.cases(laws, names[0], AxisValues(**values["axes"]), names[1])
+        values["cases"] = design.cases(list(laws), names[0], AxisValues(**values["axes"]), names[1])
         values["axes"] = {}
-    elif values["cases"] is not None:
-        laws = list(dict.fromkeys(case.law for case in values["cases"]))
     return SweepSpec(
-        **values.pop("axes"), **values, laws=tuple(laws), records=tuple(records), records_left_out=tuple(left_out)
+        **values.pop("axes"),
+        **values,
+        laws=tuple(laws),
+        own_laws=tuple(law for key, law in laws.items() if key not in LAWS),
+        records=tuple(records),
+        records_left_out=tuple(left_out),
     )

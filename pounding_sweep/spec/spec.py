@@ -8,17 +8,19 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.laws import Law, get_law
+from pounding_sweep.model.scene import CONTACTS, Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import (
     AXES,
     REFERENCE_PROPERTIES,
+    Axis,
     AxisValues,
     Case,
     PropertyAxis,
@@ -87,6 +89,10 @@ class SweepSpec(AxisValues):
         Share of the sweep's cost spent on running a sample again at a finer step; 0: none.
     records_left_out : tuple of str
         Records asked for that are missing, where going on without them was allowed.
+    own_laws : tuple of Law
+        Those laws that are not in the registry.
+    sa_period : float or None
+        Period (s) of the axis `sas`.
     design : Design or None
         What the cases were drawn by; the JSON of a sweep without one is silent of it.
     """
@@ -108,7 +114,17 @@ class SweepSpec(AxisValues):
     accuracy: float | None = None
     audit: float = AUDIT_SHARE
     records_left_out: tuple[str, ...] = ()
+    own_laws: tuple[Law, ...] = ()
+    sa_period: float | None = None
     design: Design | None = None
+
+    def scale(self, axis: Axis, value: float, record: Record) -> float:
+        """Return the factor on a record that a value of an axis means."""
+        return axis.value(value, scene=self.scene, record=record, sa_period=self.sa_period)
+
+    def law(self, key: str) -> Law:
+        """Return a law of the sweep by its key."""
+        return next((law for law in self.own_laws if law.key == key), None) or get_law(key)
 
     @property
     def property_axes(self) -> tuple[PropertyAxis, ...]:
@@ -133,8 +149,9 @@ class SweepSpec(AxisValues):
         found = case.axis(column)
         if found is None:
             return 0.0
-        of = {"record": self.record(case.record or self.records[0].name)} if column == "scale" else {"law": case.law}
-        return found[0].value(found[1], scene=self.scene, **of)
+        if column == "scale":
+            return self.scale(*found, self.record(case.record or self.records[0].name))
+        return found[0].value(found[1], scene=self.scene, law=self.law(case.law))
 
     def record(self, name: str) -> Record:
         """Return the record of that name; KeyError if the sweep has none."""
@@ -168,6 +185,17 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
     return SweepError("\n  ".join(lines), problems)
 
 
+#: What of a building and of a scene is stored only where it is not as usual, so that digests of other sweeps stay.
+_BUILDING_MORE = ("slab_depths", "column_stiffnesses")
+_SCENE_MORE = ("tolerance", "storeys", "allow_unmet")
+
+
+def _unusual(item: Building | Scene, names: Sequence[str]) -> dict[str, Any]:
+    """Return those of some fields that are not as they are by default."""
+    usual = {each.name: each.default for each in fields(item)}
+    return {name: getattr(item, name) for name in names if getattr(item, name) != usual[name]}
+
+
 def scene_data(scene: Scene) -> dict[str, Any]:
     """Return a row as JSON holds it, in sweeps and in scenarios with their histories."""
     row: list[dict[str, Any]] = []
@@ -181,13 +209,39 @@ def scene_data(scene: Scene) -> dict[str, Any]:
                     "stiffnesses": list(item.stiffnesses),
                     "damping_ratio": [float(z) for z in ratio] if isinstance(ratio, tuple) else ratio,
                     "storey_heights": list(item.storey_heights or ()),
+                    **_unusual(item, _BUILDING_MORE),
                 }
             )
         else:
             row.append({"wall": True, "name": item.name})
     given = {name: getattr(scene.contact, name) for name in (*REFERENCE_PROPERTIES.values(), "restitution")}
     contact = {name: None if value is None else float(value) for name, value in given.items()}
-    return {"row": row, "gaps": list(scene.gaps), "contact": contact}
+    more = _unusual(scene, _SCENE_MORE)
+    if scene.contacts.asked != CONTACTS[0]:
+        more["contacts"] = scene.contacts.asked
+    return {"row": row, "gaps": list(scene.gaps), "contact": contact, **more}
+
+
+def scene_of(data: Mapping[str, Any]) -> Scene:
+    """Return the row of `scene_data`."""
+    row: list[Building | Wall] = []
+    for item in data["row"]:
+        if item.get("wall"):
+            row.append(Wall(item["name"]))
+            continue
+        ratio = item["damping_ratio"]
+        row.append(
+            Building(
+                item["name"],
+                item["masses"],
+                item["stiffnesses"],
+                tuple(ratio) if isinstance(ratio, list) else ratio,
+                item["storey_heights"] or None,
+                **{name: item[name] for name in _BUILDING_MORE if name in item},
+            )
+        )
+    more = {name: data[name] for name in (*_SCENE_MORE, "contacts") if name in data}
+    return Scene(row, data["gaps"], ContactProperties(**data["contact"]), **more)
 
 
 def to_json(spec: SweepSpec) -> str:
@@ -197,6 +251,10 @@ def to_json(spec: SweepSpec) -> str:
     for name in unsaid:
         if not data[name]:
             del data[name]
+    if data["sa_period"] is None:
+        del data["sa_period"]
+    if own := data.pop("own_laws"):
+        data["own_laws"] = {law.key: {**law.described, "sha256": law.sha256} for law in own}
     del data["design"]
     if spec.design is not None:
         data["design"] = spec.design.told()

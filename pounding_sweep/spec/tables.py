@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,8 +14,8 @@ from pounding_sweep.base.errors import InputError, RecordError, SweepError, show
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.model.hertz import hertz_stiffness
 from pounding_sweep.model.presets import get_preset
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall, check_gap
-from pounding_sweep.records import Record, find_record, pulse_record, read_record, synthetic_record
+from pounding_sweep.model.scene import CONTACTS, Building, ContactProperties, Scene, Wall, check_gap
+from pounding_sweep.records import Record, find_record, near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import Range, finite
 from pounding_sweep.spec.design import KINDS, NEEDS, POWERS, Distribution
@@ -27,6 +29,14 @@ def _positive(values: list[Any], info: ValidationInfo) -> list[Any]:
         for index, value in enumerate(values):
             if not (is_number(value) and 0 < value < math.inf):
                 faults.add((index,), f"{shown(value)} is not a positive number ({what})")
+    return values
+
+
+def _depths(values: list[Any]) -> list[Any]:
+    with gathering() as faults:
+        for index, value in enumerate(values):
+            if not (is_number(value) and 0 <= value < math.inf):
+                faults.add((index,), f"{shown(value)} is no depth: zero or a positive number (slab depths in m)")
     return values
 
 
@@ -53,6 +63,13 @@ class BuildingTable(Table):
         None, description="a list of numbers, storey heights in m, bottom first"
     )
 
+    slab_depths: Annotated[list[Any], AfterValidator(_depths)] | None = Field(
+        None, description="a list of numbers, depths of the floors' slabs in m, bottom first"
+    )
+    column_stiffnesses: Annotated[list[Any], AfterValidator(_positive)] | None = Field(
+        None, description="a list of numbers, 12 E I / L^3 of the columns that may be struck in kN/m, bottom first"
+    )
+
 
 class WallTable(Table):
     """[[scene.row]]: a rigid wall, with ``wall = true``."""
@@ -68,7 +85,7 @@ def _wall(given: dict[str, Any]) -> Wall:
 def _one_per_storey(faults: Faults, index: int, item: dict[str, Any]) -> bool:
     """Note lists of a building that are not as long as its masses, whatever else is wrong with them."""
     equal, masses = True, item.get("masses")
-    for name in ("stiffnesses", "storey_heights"):
+    for name in ("stiffnesses", "storey_heights", "slab_depths", "column_stiffnesses"):
         values = item.get(name)
         if isinstance(masses, list) and isinstance(values, list) and len(values) != len(masses):
             text = f"{len(values)} {name} for {len(masses)} masses; give one value per storey"
@@ -89,8 +106,13 @@ def _row(given: list[Any]) -> list[Building | Wall]:
                 continue
             equal = _one_per_storey(faults, index, item)
             if table := faults.attempt((index,), BuildingTable.model_validate, item):
+                values = dict(table)
+                depths = values.pop("slab_depths")
                 last = "damping_ratio" if table.name.strip() else "name"  # all that can still be at fault
-                made.append(faults.attempt((index, last), Building, **dict(table)) if equal else None)
+                found = faults.attempt((index, last), Building, **values) if equal else None
+                if found is not None and depths is not None:
+                    found = faults.attempt((index, "slab_depths"), replace, found, slab_depths=depths)
+                made.append(found)
     return made
 
 
@@ -153,6 +175,19 @@ def _gaps(given: list[Any] | None) -> list[Any] | None:
     return given
 
 
+def _tolerance(value: float | None) -> float | None:
+    if value is not None and not 0 <= value < math.inf:
+        msg = f"{shown(value)} m won't do; it must be zero or a positive number"
+        raise InputError(msg)
+    return value
+
+
+def _contacts(value: str | None) -> str | None:
+    if value is not None and value not in CONTACTS:
+        raise InputError(unknown("kind of contacts", value, CONTACTS))
+    return value
+
+
 class SceneTable(Table):
     """[scene]: a preset, or a row of its own."""
 
@@ -164,6 +199,20 @@ class SceneTable(Table):
         None, description="a list of numbers, the gap of each pair in m"
     )
     contact: ContactTable | None = Field(None, description="a table [scene.contact]")
+    contacts: Annotated[str | None, AfterValidator(_contacts)] = Field(
+        None, description='"floors" or "floors and columns", what can meet'
+    )
+    tolerance: Annotated[float | None, AfterValidator(_tolerance)] = Field(
+        None, description="a number in m, by which slabs that meet may miss each other in elevation"
+    )
+    storeys: dict[str, list[int]] | None = Field(
+        None, description="a table [scene.storeys] of pairs and lists of whole numbers, the storeys that alone meet"
+    )
+    allow_unmet: bool | None = Field(None, description="true or false, whether pairs may have no floors that meet")
+
+
+#: Keys of [scene] that are arguments of `Scene` as they stand.
+_SCENE_SETTINGS = ("contacts", "tolerance", "allow_unmet")
 
 
 def read_scene(given: dict[str, Any]) -> Scene:
@@ -187,8 +236,13 @@ def read_scene(given: dict[str, Any]) -> Scene:
             for name in ("linear_stiffness", "hertz_stiffness", "restitution")
         )
     )
+    more = {name: getattr(table, name) for name in _SCENE_SETTINGS if getattr(table, name) is not None}
+    make = partial(replace, base) if base else partial(Scene, row)
     with gathering() as faults:
-        scene = faults.attempt(("gaps",) if len(gaps) != len(row) - 1 else (), Scene, row, gaps, contact)
+        place = ("gaps",) if len(gaps) != len(row) - 1 else ()
+        scene = faults.attempt(place, make, gaps=gaps, contact=contact, **more)
+        if scene is not None and table.storeys is not None:
+            scene = faults.attempt(("storeys",), replace, scene, storeys=table.storeys)
     return scene
 
 
@@ -392,16 +446,35 @@ class PulseRecord(Table):
         return pulse_record(values.pop("pulse"), **values)
 
 
+class NearFaultRecord(Table):
+    """A near-fault pulse; ``near_fault`` is the amplitude of its velocity."""
+
+    near_fault: float = Field(description="a number in m/s")
+    period: float = Field(description="a number in s")
+    cycles: float = Field(description="a number above 1")
+    dt: float = Field(description="a number in s")
+    phase: float = Field(0.0, description="a number in degrees")
+    duration: float | None = Field(None, description="a number in s")
+    name: str | None = Field(None, description="a text")
+
+    def read(self, _folder: Path, _folders: Folders) -> Record:
+        """Make the record."""
+        values = dict(self)
+        return near_fault_record(values.pop("near_fault"), **values)
+
+
+RecordTable = PathRecord | NamedRecord | SyntheticRecord | PulseRecord | NearFaultRecord
 #: Kinds of record tables, by the key that tells them.
-RECORD_TABLES: dict[str, type[PathRecord | NamedRecord | SyntheticRecord | PulseRecord]] = {
+RECORD_TABLES: dict[str, type[RecordTable]] = {
     "path": PathRecord,
     "record": NamedRecord,
     "synthetic": SyntheticRecord,
     "pulse": PulseRecord,
+    "near_fault": NearFaultRecord,
 }
 
 
-def record_table(given: Any) -> PathRecord | NamedRecord | SyntheticRecord | PulseRecord:
+def record_table(given: Any) -> RecordTable:
     """Read a table that describes a record."""
     kinds = [kind for kind in RECORD_TABLES if isinstance(given, dict) and kind in given]
     if len(kinds) != 1:

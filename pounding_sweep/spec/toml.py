@@ -7,12 +7,13 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pounding_sweep.base.errors import SweepError, shown, unknown
 from pounding_sweep.base.paths import expanded
+from pounding_sweep.model.laws import Law
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.faults import Faults, Place, spell
@@ -222,7 +223,7 @@ SECTIONS: dict[str, dict[str, str]] = {
     "sweep": {
         name: name
         for name in (
-            *("records", "laws", "restitution_basis", "cases", "building"),
+            *("records", "laws", "restitution_basis", "cases", "building", "sa_period"),
             *(name for name, axis in AXES.items() if not axis.by_building),
         )
     },
@@ -288,9 +289,13 @@ def _check_file(faults: Faults, data: dict[str, Any], **more: Any) -> SweepSpec 
 
 
 def load_spec(
-    path: str | os.PathLike[str], *, skip_missing_records: bool = False, folders: Folders = None
+    path: str | os.PathLike[str],
+    *,
+    skip_missing_records: bool = False,
+    folders: Folders = None,
+    laws: Sequence[str | Law] | None = None,
 ) -> SweepSpec:
-    """Read a sweep file."""
+    """Read a sweep file; `laws` take the place of those in it."""
     named = os.fspath(path)
     try:
         file = expanded(path)
@@ -310,7 +315,10 @@ def load_spec(
         msg = f"{named}: no usable TOML: {error}"
         raise SweepError(msg, [msg]) from None
     faults = Faults()
-    spec = _check_file(faults, data, base=file.parent, skip_missing_records=skip_missing_records, folders=folders)
+    more: dict[str, Any] = {} if laws is None else {"laws": laws}
+    spec = _check_file(
+        faults, data, base=file.parent, skip_missing_records=skip_missing_records, folders=folders, **more
+    )
     if spec is not None:
         return spec
     lines = key_lines(text)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.comparisons import Row, comparison, over_text
+from pounding_sweep.analysis.comparisons import MOTION_DIMS, Row, comparison, over_text
 from pounding_sweep.analysis.events import Event, get_event
 from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, fit_lognormal, jackknife, probability
@@ -27,7 +27,6 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.spec.axes import DIMENSIONS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 #: Intensities at which curves are given, where none are.
 LEVELS = 60
 #: Axes along which scenarios are trials of one thing.
-TRIALS = ("record", *DIMENSIONS["scale"])
+TRIALS = MOTION_DIMS
 #: Ends of an interval.
 BOUNDS = ("lower", "upper")
 

@@ -84,6 +84,11 @@ def required_gap(
     The exact gap of a pair holds only where every pair of the row has at least its own: once
     another pair pounds, the buildings move otherwise, and this pair may touch at a larger gap.
 
+    Something can strike where floors are level, and where a floor stands before columns ("a-b columns of b"), which is
+    looked at whatever the row's ``contacts``; the gap of a pair must be that of all its labels. The point of the
+    columns that is struck moves by N1 u_below + N2 u_above (see `pounding_sweep.model.levels.column_shares`); the rules
+    take its largest displacement from those of its floors in the same shares, which is never less than its own.
+
     Examples
     --------
     >>> gaps = required_gap("mate2015", "el_centro")  # doctest: +SKIP
@@ -118,7 +123,11 @@ def _gaps(still: StillRuns, factors: BehaviourFactors) -> xr.Dataset:
         f"rule_{name}": ("rule", [getattr(rule, name) for rule in rules], {"long_name": f"{name} of the rule"})
         for name in ("title", "formula", "clause", "edition", "note")
     }
-    own = ("pair", list(still.scene.gaps), {"units": "m", "long_name": "gap of the row"})
+    own = (
+        "pair",
+        [still.scene.gaps[pair] for pair in still.scene.pair_of_label],
+        {"units": "m", "long_name": "gap of the row"},
+    )
     found = {
         "closing": (closing, "m", "largest closing displacement"),
         "exact": (exact, "m", "exact required gap"),
@@ -141,7 +150,7 @@ def _neighbours(still: StillRuns, factors: BehaviourFactors) -> Neighbours:
     ends = list(zip(scene.row[:-1], scene.row[1:], strict=True))
     buildings = [[item for item in both if isinstance(item, Building)] for both in ends]
     two = _on_pairs(scene, [len(both) == 2 for both in buildings])
-    meeting = np.bincount([contact.pair for contact in scene.contacts], minlength=len(ends))
+    meeting = np.bincount([contact.pair for contact in scene.contacts if contact.struck < 0], minlength=len(ends))
     lowest = [min(item.n_storeys for item in both) for both in buildings]
     periods = _sides(scene, lambda name: still.periods.sel(building=name, drop=True), 1.0)
     damping = _sides(scene, lambda name: still.damping.sel(building=name, drop=True), 1.0)
@@ -160,40 +169,48 @@ def _of(factors: BehaviourFactors, factor: str) -> Callable[[str], float]:
 def _on_pairs(scene: Scene, of_pairs: Sequence[bool] | np.ndarray) -> xr.DataArray:
     import xarray as xr
 
-    return xr.DataArray(np.asarray(of_pairs), dims="pair", coords={"pair": list(scene.pair_names)})
+    of_labels = np.asarray(of_pairs)[list(scene.pair_of_label)]
+    return xr.DataArray(of_labels, dims="pair", coords={"pair": list(scene.pair_labels)})
 
 
 def _sides(
     scene: Scene, of: Callable[[str], xr.DataArray | float], at_wall: float
 ) -> tuple[xr.DataArray, xr.DataArray]:
-    """Return something of the left and of the right neighbour of each pair, along ``pair``."""
+    """Return something of the left and of the right neighbour, along ``pair``."""
     import xarray as xr
 
     each = [xr.DataArray(of(item.name) if isinstance(item, Building) else at_wall) for item in scene.row]
     each = list(xr.broadcast(*each))
-    index = labelled("pair", scene.pair_names, "pair of neighbours, left-right")
-    return xr.concat(each[:-1], dim=index), xr.concat(each[1:], dim=index)
+    index = labelled("pair", scene.pair_labels, "pair of neighbours, left-right")
+    left, right = ([each[pair + side] for pair in scene.pair_of_label] for side in (0, 1))
+    return xr.concat(left, dim=index), xr.concat(right, dim=index)
 
 
 def _floors(scene: Scene, of_floors: xr.DataArray) -> tuple[xr.DataArray, xr.DataArray]:
-    """Return values of the left and of the right floor of each contact, on pair and storey; 0 at a wall."""
+    """Return peaks of both sides of each contact, on pair and storey: 0 at a wall, of columns by shares of floors."""
     import xarray as xr
 
-    shape = len(scene.pair_names), scene.n_storeys
-    coords = {"pair": list(scene.pair_names), "storey": np.arange(1, scene.n_storeys + 1)}
+    dims, shape = ("pair", "storey"), (len(scene.pair_labels), scene.n_storeys)
+    coords = {"pair": list(scene.pair_labels), "storey": np.arange(1, scene.n_storeys + 1)}
+    there = np.zeros(shape, bool)
+    # of each side: the floor, its share, and those of the floor below struck columns
+    floors, shares = np.full((2, 2, *shape), -1), np.zeros((2, 2, *shape))
+    for contact in scene.contacts:
+        place = contact.place, contact.storey - 1
+        there[place] = True
+        for floor, share in contact.ends:
+            side = int(share < 0.0)
+            part = int(floor not in (contact.left, contact.right))
+            floors[side, part, *place], shares[side, part, *place] = floor, abs(share)
     found = []
-    for side in ("left", "right"):
-        floor, meets = np.full(shape, -1), np.zeros(shape, bool)
-        for contact in scene.contacts:
-            place = contact.pair, contact.storey - 1
-            floor[place], meets[place] = getattr(contact, side), True
-        building = np.maximum(np.searchsorted(scene.offsets, floor, side="right") - 1, 0)
-        storey = np.maximum(floor - np.asarray(scene.offsets)[building], 0)
-        at = {
-            "building": xr.DataArray(building, dims=("pair", "storey")),
-            "storey": xr.DataArray(storey, dims=("pair", "storey")),
-        }
-        picked = of_floors.isel(at).reset_coords(drop=True).assign_coords(coords)
-        is_wall, there = (xr.DataArray(flag, dims=("pair", "storey"), coords=coords) for flag in (floor < 0, meets))
-        found.append(picked.where(~is_wall, 0.0).where(there))
+    for side in (0, 1):
+        total = xr.DataArray(0.0)
+        for floor, share in zip(floors[side], shares[side], strict=True):
+            building = np.maximum(np.searchsorted(scene.offsets, floor, side="right") - 1, 0)
+            storey = np.maximum(floor - np.asarray(scene.offsets)[building], 0)
+            at = {"building": xr.DataArray(building, dims=dims), "storey": xr.DataArray(storey, dims=dims)}
+            picked = of_floors.isel(at).reset_coords(drop=True).assign_coords(coords)
+            weight = xr.DataArray(share, dims=dims, coords=coords)
+            total = total + (weight * picked).where(weight > 0.0, 0.0)
+        found.append(total.where(xr.DataArray(there, dims=dims, coords=coords)))
     return found[0], found[1]

@@ -38,15 +38,16 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
     scene, time = stored_scene(one), one.time.values
     moved = one.displacement.transpose("time", "building", "storey").values
     floors = [moved[:, b, : building.n_storeys] for b, building in enumerate(scene.buildings)]
-    u = np.column_stack([*floors, np.zeros(len(time))])  # a wall, at -1, stands still
+    u = np.column_stack(floors)
     pairs = scene.pair_names
     figure, axes = subplots(len(pairs), 1, (7.2, 1.2 + 2.0 * len(pairs)), ax)
     for number, (pair, gap) in enumerate(zip(pairs, scene.gaps, strict=True)):
         panel = axes[number, 0]
         mine = [contact for contact in scene.contacts if contact.pair == number]
         for line, contact in enumerate(mine):
-            relative = 1e3 * (u[:, contact.left] - u[:, contact.right])
-            panel.plot(time, relative, label=f"storey {contact.storey}", **history_look(line))
+            relative = 1e3 * sum(share * u[:, floor] for floor, share in contact.ends)
+            label = f"storey {contact.storey}{' and columns' if contact.struck >= 0 else ''}"
+            panel.plot(time, relative, label=label, **history_look(line))
         panel.axhline(1e3 * gap, color="0.4", linewidth=1.6, label="gap")
         panel.axhspan(1e3 * gap, max(1e3 * gap, panel.get_ylim()[1]), color="0.9", linewidth=0.0, zorder=0)
         panel.set_ylabel(f"{pair}\nrelative displacement (mm)")

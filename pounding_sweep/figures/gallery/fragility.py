@@ -27,7 +27,7 @@ _CLASSES = 6
     "cube",
     "probability that a pair touches, against intensity, with its confidence",
     needs=("pair", CONTACT),
-    several=("record|scale|pga",),
+    several=("|".join(TRIALS),),
 )
 def fragility(cube: xr.Dataset) -> Figure:
     """Draw the probability of an event against intensity.

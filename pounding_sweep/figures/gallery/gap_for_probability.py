@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.analysis.comparisons import MOTION_DIMS
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import along, lines_of, middle, result_of, told
 from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, label_edges, put_title, subplots
@@ -30,7 +31,7 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     """
     result = result_of(cube, "gap-for-probability")
     result = along(result, "pair")
-    axis = next((dim for dim in ("intensity", "scale", "pga") if dim in result.dims), "")
+    axis = next((dim for dim in ("intensity", *MOTION_DIMS[1:]) if dim in result.dims), "")
     result, shown = middle(result, ("record", "probability", "curve", axis), ["median"])
     pairs, hazard = result["pair"].values.tolist(), "gap_in_years" in result
     size = 2 if hazard else 1

@@ -45,7 +45,9 @@ _CHARACTERS = 12.5
 
 
 @figure_of(
-    "cube", "response against intensity, record by record, with the fractiles of the suite", several=("scale|pga",)
+    "cube",
+    "response against intensity, record by record, with the fractiles of the suite",
+    several=("|".join(MOTION_DIMS[1:]),),
 )
 def incremental(cube: xr.Dataset) -> Figure:
     """Draw responses against intensity as records are scaled up."""

@@ -71,12 +71,6 @@ def strongest(one: xr.Dataset) -> float:
     return float(one.time.values[np.argmax(forces)])
 
 
-def walls(one: xr.Dataset) -> tuple[bool, bool]:
-    """Whether a wall stands at the left and at the right end of the row."""
-    ends = stored_scene(one).row
-    return isinstance(ends[0], Wall), isinstance(ends[-1], Wall)
-
-
 class Stage:
     """Where everything of a row stands in a drawing."""
 
@@ -86,13 +80,13 @@ class Stage:
         self.motion = one.displacement.transpose("time", "building", "storey").values
         self.top = max(z[-1] for z in self.heights)
         self.width = _WIDTH * self.top
-        n_pairs = one.sizes.get("pair", 0)
-        gaps = one.pair_gap.values if n_pairs else np.zeros(0)
+        scene = stored_scene(one)
+        gaps = np.array(scene.gaps)
         moved = float(np.nanmax(np.abs(self.motion), initial=0.0))
         limits = [_SWAY * self.top / moved] if moved > 0 else []
         limits += [_GAP * self.width / gaps.max()] if gaps.any() else []
         self.factor = _round_down(min(limits, default=1.0))
-        self.walls = walls(one)
+        self.walls = isinstance(scene.row[0], Wall), isinstance(scene.row[-1], Wall)
         first = 1 if self.walls[0] else 0
         self.left = np.zeros(len(self.names))  # left faces at rest, the first building's at 0
         for i in range(1, len(self.names)):
@@ -109,7 +103,8 @@ class Stage:
         if self.wall_faces[1] is not None:
             high = max(high, self.wall_faces[1] + 0.2 * self.width)
         self.limits = (low, high)
-        self.contact_height = one.contact_elevation.values if n_pairs else np.zeros((0, one.sizes["storey"]))
+        self.contact_height = one.contact_elevation.values if gaps.size else np.zeros((0, one.sizes["storey"]))
+        self.contacts = {(contact.place, contact.storey - 1): contact for contact in scene.contacts}
         self.first = first
 
     def figure(self, below: int = 0) -> tuple[Figure, Any]:
@@ -163,11 +158,17 @@ class Stage:
         self._marks.set_sizes([60.0 + 400.0 * impacts[where] for where in marked])
 
     def _face(self, pair: int, storey: int, sway: np.ndarray) -> float:
-        """Place of a contact: the face of the left building's floor, or of the wall that stands there."""
-        building = pair - self.first
+        """Place of a contact: the face of the left building's floor, or of the wall that stands there.
+
+        Where columns of the left building are struck, the face of the floor that strikes them.
+        """
+        contact = self.contacts[pair, storey]
+        building = contact.pair - self.first
         if building < 0:
             assert self.wall_faces[0] is not None
             return float(self.wall_faces[0])
+        if contact.struck == 0:
+            return float(self.left[building + 1] + sway[building + 1, storey])
         return float(self.left[building] + self.width + sway[building, storey])
 
 

@@ -1,0 +1,198 @@
+"""Whether a contact law does in the kernels what its formulas say: one's own before it is used.
+
+Three ways to the same numbers: two free masses through the compiled kernels (the certificate), the same two masses by
+an independent solver of the formulas themselves, and a scene with impacts through the kernel's twin in plain Python.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pounding_sweep.accuracy.certificate import APPROACH, MASS, RESTITUTIONS, certify, contact_stiffness
+from pounding_sweep.base.errors import LawError
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model import formula as formulas
+from pounding_sweep.model.laws import Law
+from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.outputs.variables import REDUCERS
+from pounding_sweep.records import Record
+from pounding_sweep.run.execute import Progress
+from pounding_sweep.spec.own_laws import find_law
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Largest difference between restitutions that agree: kernels and closed forms are exact to far less.
+REBOUND_TOLERANCE = 1e-6
+#: Largest difference between kernel and twin, in parts of the largest value of an output: they round differently.
+TWIN_TOLERANCE = 1e-7
+
+
+@dataclass(frozen=True)
+class LawCheck:
+    """What a law was held against.
+
+    Attributes
+    ----------
+    law : Law
+        The law.
+    certificate : xarray.Dataset
+        What `certify` measured of it, with ``solved`` beside it: the restitution by the independent solver.
+    twin : dict of str to float
+        Largest difference between kernel and twin by what is kept of a scenario, in parts of its largest value.
+    impacts : int
+        Impacts of the scene that both ran.
+    """
+
+    law: Law
+    certificate: xr.Dataset
+    twin: dict[str, float]
+    impacts: int
+
+    @property
+    def faults(self) -> list[str]:
+        """Where the ways do not agree; empty where the law is what it says."""
+        found = []
+        kernel = float(abs(self.certificate.measured - self.certificate.solved).max())
+        if not kernel <= REBOUND_TOLERANCE:
+            found.append(f"kernels and solver give restitutions that differ by {kernel:.1e}")
+        closed = float(abs(self.certificate.analytic - self.certificate.solved).fillna(0.0).max())
+        if not closed <= REBOUND_TOLERANCE:
+            found.append(
+                f"the closed form {self.law.relation!r} and the solver give restitutions that differ by {closed:.1e}"
+            )
+        worst = max(self.twin, key=lambda name: self.twin[name])
+        if not self.twin[worst] <= TWIN_TOLERANCE:
+            found.append(f"kernel and twin differ in {worst} by {self.twin[worst]:.1e} of its largest value")
+        if not self.impacts:
+            found.append("the scene of the twin had no impact")
+        return found
+
+
+def check_law(
+    law: str | Law, restitutions: Sequence[float] = RESTITUTIONS, *, progress: Progress | None = None
+) -> LawCheck:
+    """Hold a contact law with a force against an independent solver, its closed form and the kernel's twin.
+
+    Parameters
+    ----------
+    law : str or Law
+        Key of the registry, ``"mylaws.py:my_law"`` or the law.
+    restitutions : sequence of float
+        Nominal coefficients of restitution.
+    progress : Progress, optional
+        Display.
+
+    Returns
+    -------
+    LawCheck
+        What was found; its ``faults`` are empty where all agree.
+
+    Raises
+    ------
+    LawError
+        There is no such law, or it has memory or jumps, which the solver does not know.
+
+    Examples
+    --------
+    >>> mine = Law(key="mine", exponent=1.25, damper="c*d**1.25", damping="elastic", number="1.5*(1 - e)")
+    >>> check_law(mine, [0.6]).faults  # doctest: +SKIP
+    []
+    """
+    found = find_law(law)
+    if found.exponent is None or found.yields:
+        msg = f"law {found.key!r} has no force that depends on penetration and its rate alone; nothing can be solved"
+        raise LawError(msg)
+    nominal = list(restitutions) if found.takes_restitution else [1.0]
+    certificate = certify(nominal, [found], progress=progress)
+    solved = np.full(certificate.measured.shape[1:], np.nan)
+    for j, basis in enumerate(certificate.basis.values):
+        for i in np.flatnonzero(np.isfinite(certificate.damping_number.values[0, j])):
+            solved[j, i] = solved_restitution(found, nominal[i], basis=str(basis))
+    about = {"units": "1", "long_name": "restitution by an independent solver"}
+    certificate = certificate.assign(solved=(("law", "basis", "restitution"), solved[None], about))
+    return LawCheck(found, certificate, *_twins(found))
+
+
+def solved_restitution(
+    law: Law,
+    e: float,
+    *,
+    basis: str = "published",
+    mass: float = MASS / 2.0,
+    stiffness: float | None = None,
+    speed: float = APPROACH,
+) -> float:
+    """Restitution of two free masses by integrating the formulas of a law (DOP853, relative tolerance 1e-12).
+
+    Parameters
+    ----------
+    law : Law
+        A law with a force that has no memory.
+    e : float
+        Nominal restitution.
+    basis : {"published", "realised"}
+        What it means.
+    mass : float
+        Effective mass (t).
+    stiffness : float, optional
+        Contact stiffness (kN/m**exponent); by default that of the certificate.
+    speed : float
+        Approach velocity (m/s).
+    """
+    from scipy.integrate import solve_ivp
+
+    k = contact_stiffness(law) if stiffness is None else stiffness
+    c = float(law.damping_coefficient(e, k, mass, basis)) / (speed if law.damping == "elastic" else 1.0)
+    elastic, damper = formulas.read(law.elastic), formulas.read(law.damper) if law.damper else None
+
+    def force(d: float, v: float) -> float:
+        given = {"d": d, "r": math.sqrt(max(d, 0.0)), "k": k, "c": c}
+        found = formulas.value(elastic, given, formulas.ON_ARRAYS)
+        if damper is None or (law.approach_only and v <= 0.0):
+            return float(found)
+        return float(found + formulas.value(damper, given, formulas.ON_ARRAYS) * v)
+
+    def motion(_: float, y: np.ndarray) -> list[float]:
+        return [y[1], -force(y[0], y[1]) / mass]
+
+    def run(start: Sequence[float], ends: Any) -> Any:
+        ends.terminal, ends.direction = True, -1.0
+        longest = 1e3 * math.pi * (mass / k) ** (1.0 / ((law.exponent or 1.0) + 1.0))
+        return solve_ivp(motion, (0.0, longest), start, "DOP853", events=ends, rtol=1e-12, atol=1e-16).y[:, -1]
+
+    deepest = run([0.0, speed], lambda _, y: y[1])[0]
+
+    def parted(_: float, y: np.ndarray) -> float:
+        return float(y[0] if law.tension or law.approach_only else min(y[0], force(y[0], y[1])))
+
+    return float(-run([deepest, 0.0], parted)[1] / speed)
+
+
+def _twins(law: Law) -> tuple[dict[str, float], int]:
+    """Run a scene through the compiled kernel and through its twin; return their differences and the impacts."""
+    scene = Scene([Wall(), Building("tower", [30.0], [2e4], damping_ratio=0.05)], gaps=[0.002])
+    time = 0.02 * np.arange(60)
+    record = Record("pulse", 0.02, 4.0 * np.sin(2.0 * math.pi * time / 0.4))
+    kernel = RowKernel(scene, law, Numerics("rk4", 4e-3), frozenset(REDUCERS))
+    stiff = replace(scene.contact, linear_stiffness=2e5, hertz_stiffness=2e6)
+    reference = stiff.reference(law.exponent or 1.0)
+    given: dict[str, Any] = {
+        "scale": np.ones(1),
+        "gaps": np.full((1, 1), 0.002),
+        "stiffness": np.full(1, 2e5 * 100.0 ** ((law.exponent or 1.0) - 1.0) if reference is None else reference),
+        "restitution": np.full(1, 0.6),
+    }
+    compiled = kernel.run(record, **given)
+    plain = kernel.run(record, **given, twin=True)
+    off = {
+        name: float(np.abs(plain[name] - found).max() / max(np.abs(found).max(), 1e-300))
+        for name, found in compiled.items()
+        if found.size
+    }
+    return off, int(compiled["count"].sum())

@@ -1,0 +1,196 @@
+"""Formulas of contact laws as text: what they may hold, their values, and their slopes by the penetration.
+
+They are read, never run: numbers, names, + - * / and a power by a number, ``sqrt`` and ``max``; a damping number, of
+the restitution e, may hold ``log`` and ``exp`` too.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from pounding_sweep.base.errors import LawError
+
+#: Names in the formulas of forces, and in those of damping numbers.
+FORCE_NAMES, NUMBER_NAMES = ("d", "r", "k", "c"), ("e", "pi")
+_OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+}
+#: Functions on NumPy arrays.
+ON_ARRAYS: dict[str, Callable[..., Any]] = {
+    "max": np.maximum,
+    "pow": lambda x, n: np.power(np.maximum(x, 0.0), n) if n != round(n) else np.power(x, n),
+    "sqrt": np.sqrt,
+    "log": np.log,
+    "exp": np.exp,
+}
+#: How many arguments functions take.
+_ARGUMENTS = {"max": 2, "sqrt": 1, "log": 1, "exp": 1}
+#: Functions of the formulas of forces, which kernels have.
+_OF_FORCES = ("max", "sqrt")
+#: The penetration, 0 of floors that are open.
+_OPEN = "max(d, 0.0)"
+
+
+def read(text: str) -> ast.expr:
+    """Read a formula, whatever it holds."""
+    try:
+        return ast.parse(text, mode="eval").body
+    except (SyntaxError, ValueError, RecursionError) as error:
+        msg = f"the formula {text!r} is no formula: {getattr(error, 'msg', error)}"
+        raise LawError(msg) from None
+
+
+def _function(part: ast.Call) -> str:
+    """Name of a function, ``math.`` in front of it or not."""
+    match part.func:
+        case ast.Name(id=name):
+            return name
+        case ast.Attribute(value=ast.Name(id="math"), attr=name):
+            return name
+    return ""
+
+
+def check(text: str, names: tuple[str, ...]) -> None:
+    """Raise `LawError` unless a formula holds nothing but what it may."""
+    functions = _OF_FORCES if names == FORCE_NAMES else tuple(_ARGUMENTS)
+
+    def visit(part: ast.expr) -> None:
+        match part:
+            case ast.Constant(value=float() | int() as number) if math.isfinite(number):
+                return
+            case ast.Name(id=name) if name in names:
+                return
+            case ast.BinOp(left=left, op=ast.Pow(), right=right) if _number(right) is not None:
+                return visit(left)
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+                visit(left)
+                return visit(right)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return visit(operand)
+            case ast.Call(args=args, keywords=[]) if (
+                _function(part) in functions and len(args) == _ARGUMENTS[_function(part)]
+            ):
+                for each in args:
+                    visit(each)
+                return None
+        msg = (
+            f"the formula {text!r} holds {ast.unparse(part)!r} at column {part.col_offset + 1}; it may hold numbers, "
+            f"{', '.join(names)}, + - * /, ** with a number, {', '.join(functions)}"
+        )
+        raise LawError(msg)
+
+    visit(read(text))
+
+
+def _number(part: ast.expr) -> float | None:
+    """Value of a part without names; None where it has some."""
+    match part:
+        case ast.Constant(value=float() | int() as number):
+            return float(number)
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            inner = _number(operand)
+            return None if inner is None else -inner
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+            a, b = _number(left), _number(right)
+            if a is None or b is None or (isinstance(op, ast.Div) and b == 0.0):
+                return None
+            return float(_OPERATORS[type(op)](a, b))
+    return None
+
+
+def value(part: ast.expr, given: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
+    """Value of a formula that was read, of names and functions."""
+    match part:
+        case ast.Constant(value=float() | int() as number):
+            return float(number)
+        case ast.Name(id=name) if name in given:
+            return given[name]
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            return functions["pow"](value(left, given, functions), _number(right))
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
+            return _OPERATORS[type(op)](value(left, given, functions), value(right, given, functions))
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return -value(operand, given, functions)
+        case ast.Call(args=args) if _function(part) in functions:
+            return functions[_function(part)](*(value(each, given, functions) for each in args))
+    msg = f"the formula of a contact law holds {ast.unparse(part)!r}, which it may not"
+    raise LawError(msg)
+
+
+def on_arrays(text: str, **given: Any) -> np.ndarray:
+    """Value of a formula of NumPy arrays; of a force, `r` is the root of `d`."""
+    if "d" in given:
+        given["r"] = np.sqrt(np.maximum(given["d"], 0.0))
+    return np.asarray(value(read(text), {"pi": math.pi, **given}, ON_ARRAYS), float)
+
+
+def slope(text: str) -> str:
+    """Return the derivative of the formula of a force by d, as a formula that is 0 where a root of d <= 0 is in it."""
+    return ast.unparse(read(_slope(read(text)) or "0.0"))
+
+
+def _slope(part: ast.expr) -> str:
+    """Return the derivative by d; "" where it is 0."""
+    match part:
+        case ast.Constant() | ast.Name(id="k" | "c"):
+            return ""
+        case ast.Name(id="d"):
+            return "1.0"
+        case ast.Name(id="r"):
+            return "0.5*r/max(d, 1e-30)"
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() as op, right=right):
+            a, b = _slope(left), _slope(right)
+            if not b:
+                return a
+            if isinstance(op, ast.Add):
+                return f"{a} + ({b})" if a else b
+            return f"{a} - ({b})" if a else f"-({b})"
+        case ast.BinOp(left=left, op=ast.Mult(), right=right):
+            sides = ((_slope(left), right), (_slope(right), left))
+            return " + ".join(
+                ast.unparse(rest) if s == "1.0" else f"({s})*({ast.unparse(rest)})" for s, rest in sides if s
+            )
+        case ast.BinOp(left=left, op=ast.Div(), right=right):
+            a, b, over = _slope(left), _slope(right), ast.unparse(right)
+            first = f"({a})/({over})" if a else ""
+            second = f"-({ast.unparse(left)})*({b})/(({over})*({over}))" if b else ""
+            return f"{first} + {second}" if first and second else first or second
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            inner, n, base = _slope(left), _number(right), ast.unparse(left)
+            assert n is not None
+            if not inner or not n:
+                return ""
+            power = f"({base})**{round(n - 1.0, 12)!r}" if n >= 1.0 else f"({base})**{n!r}/max({base}, 1e-30)"
+            return f"{n!r}*{power}" + ("" if inner == "1.0" else f"*({inner})")
+        case ast.UnaryOp(operand=operand):
+            inner = _slope(operand)
+            return f"-({inner})" if inner else ""
+        case ast.Call() if ast.unparse(part) == _OPEN:
+            return "1.0"
+        case ast.Call(args=[only]) if _function(part) == "sqrt":
+            inner, base = _slope(only), ast.unparse(only)
+            return f"0.5*sqrt({base})/max({base}, 1e-30)*({inner})" if inner else ""
+    msg = f"the slope of {ast.unparse(part)!r} is not known; write it beside the formula (elastic_slope, damper_slope)"
+    raise LawError(msg)
+
+
+class _Cut(ast.NodeTransformer):
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        return node if ast.unparse(node) == _OPEN else self.generic_visit(node)  # type: ignore[return-value]
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        return read(_OPEN) if node.id == "d" else node
+
+
+def cut(text: str) -> str:
+    """Return a formula that takes every d < 0 for 0."""
+    return ast.unparse(_Cut().visit(read(text)))

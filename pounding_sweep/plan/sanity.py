@@ -1,0 +1,211 @@
+"""Values that no real building has, and the slip of units that most likely made them.
+
+A sweep may ask for anything that can be computed; what is here is only said. `LIMITS` is the one place of all limits.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from pounding_sweep.model.scene import Scene
+from pounding_sweep.spec.axes import reference_stiffness
+from pounding_sweep.spec.spec import SweepSpec
+
+#: Standard gravity (m/s2).
+G = 9.80665
+#: Values that one warning names.
+_NAMED = 3
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What a quantity of real buildings, and of what is done to them, lies between.
+
+    Attributes
+    ----------
+    what, unit : str
+        The quantity and its unit.
+    low, high : float
+        Real ones lie between these, ends included.
+    slips : tuple of (str, float)
+        Slips of units that are common, each with the factor that mends the value.
+    real : str
+        What lies between the limits.
+    """
+
+    what: str
+    unit: str
+    low: float
+    high: float
+    slips: tuple[tuple[str, float], ...] = ()
+    real: str = "real ones"
+
+    def doubt(self, named: Iterable[tuple[str, float]]) -> str:
+        """Say which of some values, each with where it stands, are outside, and of what slip; "" where none is."""
+        found = [(place, value) for place, value in named if not self.low <= value <= self.high]
+        if not found:
+            return ""
+        unit = f" {self.unit}" if self.unit else ""
+        told = ", ".join(f"{value:.4g}{unit}{f' ({place})' if place else ''}" for place, value in found[:_NAMED])
+        more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+        span = f"from {self.low:g} to {self.high:.4g}{unit}" if self.low else f"up to {self.high:.4g}{unit}"
+        span = span if math.isfinite(self.high) else f"from {self.low:g}{unit} on"
+        worst = max(
+            (value for _, value in found), key=lambda value: max(value / self.high, self.low / max(value, 1e-30))
+        )
+        slips = [f"{slip} ({worst * f:.4g}{unit})" for slip, f in self.slips if self.low <= worst * f <= self.high]
+        return f"{self.what} {told}{more}: {self.real} lie {span}" + (
+            f"; likely {', or '.join(slips)}" if slips else ""
+        )
+
+
+#: Limits by quantity.
+LIMITS = {
+    "gap": Limit("gap", "m", 0.0, 1.0, (("mm given for m", 1e-3), ("cm given for m", 1e-2))),
+    "mass": Limit("floor mass", "t", 1.0, 2e4, (("kg given for t", 1e-3), ("kt or Gg given for t", 1e3))),
+    "stiffness": Limit(
+        "storey stiffness", "kN/m", 50.0, 1e8, (("N/m given for kN/m", 1e-3), ("MN/m given for kN/m", 1e3))
+    ),
+    "height": Limit("storey height", "m", 1.5, 30.0, (("mm given for m", 1e-3), ("cm given for m", 1e-2))),
+    "period": Limit(
+        "first period",
+        "s",
+        0.02,
+        10.0,
+        (
+            ("masses in kg for t, or stiffnesses in MN/m for kN/m", 1e-3**0.5),
+            ("stiffnesses in N/m for kN/m", 1e3**0.5),
+        ),
+    ),
+    "damping": Limit("damping ratio", "", 0.0, 0.3, (("per cent given for the ratio", 1e-2),)),
+    "pga": Limit(
+        "peak ground acceleration",
+        "m/s2",
+        0.0,
+        3.0 * G,
+        (
+            ("cm/s2 (gal) given for m/s2", 1e-2),
+            ("mm/s2 given for m/s2", 1e-3),
+            ("scales meant for a motion in g", 1 / G),
+        ),
+    ),
+    "strongest": Limit(
+        "peak ground acceleration of the strongest motion",
+        "m/s2",
+        1.0,
+        math.inf,
+        (("g given for m/s2", G),),
+        "those that buildings pound under",
+    ),
+    "linear_stiffness": Limit(
+        "contact stiffness", "kN/m", 1e3, 1e9, (("N/m given for kN/m", 1e-3), ("MN/m given for kN/m", 1e3))
+    ),
+    "hertz_stiffness": Limit(
+        "contact stiffness of Hertz",
+        "kN/m^1.5",
+        1e4,
+        1e10,
+        (("N/m^1.5 given for kN/m^1.5", 1e-3), ("MN/m^1.5 given for kN/m^1.5", 1e3)),
+    ),
+    "drift": Limit("storey drift over the storey's height", "", 0.0, 0.1),
+}
+
+
+def doubts(spec: SweepSpec) -> list[str]:
+    """Return what of a sweep is outside any real building, one text each."""
+    scene = spec.scene
+    cases = spec.cases or ()
+    found = []
+
+    def held(kind: str, named: Iterable[tuple[str, float]]) -> None:
+        if text := LIMITS[kind].doubt(named):
+            found.append(text)
+
+    gaps = scene.gaps if spec.gaps is None else spec.gaps
+    if cases:
+        given = (gap for case in cases for gap in (case.gap if isinstance(case.gap, tuple) else (case.gap,)))
+        gaps = tuple(dict.fromkeys(gap for each in given for gap in (scene.gaps if each is None else (each,))))
+    held("gap", (("", gap) for gap in gaps))
+    factors = _factors(spec)
+    for building in scene.buildings:
+        name = building.name
+        assert building.storey_heights is not None
+        masses, periods = factors["mass_factor", name], factors["period_factor", name]
+        each = list(enumerate(zip(building.masses, building.stiffnesses, building.storey_heights, strict=True), 1))
+        held("mass", ((f"{name}, floor {i}", f * m) for i, (m, _, _) in each for f in masses))
+        pairs = list(itertools.product(masses, periods))
+        held("stiffness", ((f"{name}, storey {i}", f / p**2 * k) for i, (_, k, _) in each for f, p in pairs))
+        held("height", ((f"{name}, storey {i}", h) for i, (_, _, h) in each))
+        held("period", ((name, p * float(building.periods[0])) for p in periods))
+        ratio = building.damping_ratio
+        own = ratio if isinstance(ratio, tuple) else (ratio,)
+        held("damping", ((name, z) for z in (spec.damping_ratios or own)))
+    scales = list(dict.fromkeys(_scales(spec)))
+    named = [(f"{record}, scale {scale:.4g}", abs(scale) * pga) for record, scale, pga in scales]
+    held("pga", named)
+    held("strongest", [max(named, key=lambda each: each[1])])
+    negative = list(dict.fromkeys(scale for _, scale, _ in scales if scale < 0.0))
+    if negative:
+        told = ", ".join(f"{scale:g}" for scale in negative[:_NAMED])
+        found.append(f"record scale {told} is negative: it turns the ground motion round; was a range or a sign meant?")
+    still = list(dict.fromkeys(record for record, scale, _ in scales if not scale))
+    if still:
+        found.append(f"record scale 0 leaves the ground of {', '.join(still[:_NAMED])} standing still")
+    for kind, exponent in (("linear_stiffness", 1.0), ("hertz_stiffness", 1.5)):
+        held(kind, (("", k) for k in dict.fromkeys(_contact_stiffnesses(spec, exponent))))
+    return found
+
+
+def doubts_of(scene: Scene, largest_drift: np.ndarray) -> list[str]:
+    """Say of the largest storey drifts (m, shape (building, storey)) what is outside any real building."""
+    ratios = (
+        (f"{building.name}, storey {i}", float(drift) / height)
+        for building, drifts in zip(scene.buildings, largest_drift, strict=True)
+        for i, (drift, height) in enumerate(zip(drifts, building.storey_heights or (), strict=False), 1)
+    )
+    text = LIMITS["drift"].doubt(ratios)
+    return [f"{text}; a linear spring knows nothing of a storey that has failed"] if text else []
+
+
+def _factors(spec: SweepSpec) -> dict[tuple[str, str], tuple[float, ...]]:
+    """Return the least and the largest factor on each building, by kind and name."""
+    found = {}
+    for building in spec.scene.buildings:
+        for kind, argument in (("mass_factor", "mass_factors"), ("period_factor", "period_factors")):
+            values = dict(getattr(spec, argument)).get(building.name, (1.0,))
+            if spec.cases:
+                values = [dict(getattr(case, argument)).get(building.name, 1.0) for case in spec.cases]
+            found[kind, building.name] = tuple(dict.fromkeys((min(values), max(values))))
+    return found
+
+
+def _scales(spec: SweepSpec) -> Iterator[tuple[str, float, float]]:
+    """Give record, scale and the record's own peak (m/s2) of the scenarios."""
+    if spec.cases:
+        peaks = {record.name: record.pga for record in spec.records}
+        for case in spec.cases:
+            name = str(case.record)
+            yield name, spec.case_value(case, "scale"), peaks[name]
+        return
+    axis, values = spec.needed_axis("scale")
+    for record in spec.records:
+        for value in values:
+            yield record.name, spec.scale(axis, value, record), record.pga
+
+
+def _contact_stiffnesses(spec: SweepSpec, exponent: float) -> Iterator[float]:
+    """Give the contact stiffnesses of laws of a force exponent."""
+    laws = [law for law in map(spec.law, spec.laws) if law.exponent == exponent]
+    if spec.cases:
+        keys = {law.key for law in laws}
+        yield from (spec.case_value(case, "stiffness") for case in spec.cases if case.law in keys)
+        return
+    axis, values = spec.needed_axis("stiffness")
+    for law in laws:
+        if spec.stiffnesses or reference_stiffness(spec.scene, law) is not None:
+            yield from (axis.value(value, scene=spec.scene, law=law) for value in values)

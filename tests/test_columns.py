@@ -1,0 +1,459 @@
+"""Floors that strike columns of their neighbour: against beams, against the independent solver, and in sweeps."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import pickle
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import naive
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from kernels_used import FRAMED, STAGGERED
+from scipy.integrate import solve_ivp
+
+import pounding_sweep as ps
+from pounding_sweep.base.errors import InputError, SceneError
+from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.model.levels import column_shares, column_softness
+from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.outputs.variables import Status, reducers_for
+from pounding_sweep.run import one_scenario
+from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.spec import scene_data, scene_of
+
+EL_CENTRO = ps.find_record("el_centro")
+MOTION = ps.Record("cut", EL_CENTRO.dt, 1.5 * EL_CENTRO.acceleration[50:176])
+STIFFNESS, RESTITUTION = 8e5, 0.6
+#: Contacts of the staggered row: label along ``pair``, storey of the floor that strikes, and its place in the twin.
+PLACES = [("a-b columns of b", 1), ("a-b columns of a", 1), ("a-b columns of a", 2), ("b-wall", 1)]
+
+
+def twins(scene):
+    """The row for the independent solver."""
+    rows = []
+    for b in scene.row:
+        if isinstance(b, ps.Wall):
+            rows.append(naive.WALL)
+            continue
+        more = {"slab_depths": b.slab_depths, "column_stiffnesses": b.column_stiffnesses}
+        own = list(b.masses), list(b.stiffnesses), b.damping_ratio
+        rows.append(naive.NaiveBuilding(*own, storey_heights=list(b.storey_heights), **more))
+    return rows
+
+
+def solved(scene, motion, law, stiffness):
+    """Results of the independent solver; its wall would meet every floor, and is limited to the lowest here."""
+    met = naive.contact_floors
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(naive, "contact_floors", lambda a, b: met(a, b)[:1] if naive.WALL in (a, b) else met(a, b))
+        ground = motion.acceleration, motion.dt
+        return naive.run(twins(scene), scene.gaps, *ground, law, stiffness, RESTITUTION, columns=True)
+
+
+@lru_cache
+def truth(law):
+    """Results of the independent solver for the staggered row."""
+    return solved(STAGGERED, MOTION, law, STIFFNESS)
+
+
+def simulate(scene=STAGGERED, law="kelvin_voigt", motion=MOTION, **options):
+    e = RESTITUTION if LAWS[law].takes_restitution else None
+    return ps.simulate(scene, motion, law=law, stiffness=STIFFNESS, restitution=e, **options)
+
+
+def mirrored(scene):
+    """The row seen from behind."""
+    names = {f"{a.name}-{b.name}": f"{b.name}-{a.name}" for a, b in zip(scene.row[:-1], scene.row[1:], strict=True)}
+    limits = {names[name]: storeys for name, storeys in scene.storeys}
+    return replace(scene, row=scene.row[::-1], gaps=scene.gaps[::-1], storeys=limits)
+
+
+def worst(got, want):
+    """Largest error of each output over its largest value, at the contacts and floors of the staggered row."""
+    found = {}
+    for name in ("impact_force_max", "penetration_max", "impulse", "approach_speed_max", "contact_time"):
+        mine = [float(got[name].sel(pair=pair, storey=storey)) for pair, storey in PLACES]
+        theirs = np.concatenate(want[name])
+        found[name] = np.abs(mine - theirs).max() / theirs.max()
+    for name in ("displacement_max", "displacement_min", "drift_max", "storey_shear_max", "acceleration_max"):
+        theirs = np.array(want[name][:2])
+        found[name] = np.abs(got[name].values - theirs).max() / np.abs(theirs).max()
+    for name in ("energy_transfer_max", "energy_transfer_min"):
+        theirs = want[name][:2]
+        found[name] = np.abs(got[name].values - theirs).max() / np.abs(want["energy_input"]).max()
+    for end, name in enumerate(("column_shear_bottom_max", "column_shear_top_max")):
+        mine = np.array([float(got[name].sel(pair=pair, storey=storey)) for pair, storey in PLACES])
+        theirs = np.concatenate(want["column_shear_max"])[:, end]
+        assert np.array_equal(np.isnan(mine), np.isnan(theirs))
+        found[name] = np.nanmax(np.abs(mine - theirs)) / np.nanmax(theirs)
+    return found
+
+
+def agrees(got, want, bound):
+    assert int(got.status) == Status.OK
+    counts = [int(got.impact_count.sel(pair=pair, storey=storey)) for pair, storey in PLACES]
+    assert counts == np.concatenate(want["impact_count"]).tolist()
+    assert np.count_nonzero(counts) >= 3
+    found = worst(got, want)
+    assert max(found.values()) < bound, found
+    assert abs(float(got.energy_residual)) < bound
+
+
+# -- a struck column ---------------------------------------------------------------------------------------------------
+
+
+@given(st.floats(0.01, 0.99), st.floats(1.0, 1e7))
+def test_shares_and_softness_are_those_of_a_beam(xi, stiffness):
+    lower, upper, soft = naive.struck_beam(xi, stiffness)
+    assert column_shares(xi) == pytest.approx((lower, upper), abs=1e-9)
+    assert column_softness(xi) / stiffness == pytest.approx(soft, rel=1e-8)
+
+
+def test_a_column_struck_at_its_end_is_the_floor():
+    assert (column_shares(0.0), column_shares(1.0)) == ((1.0, 0.0), (0.0, 1.0))
+    assert column_softness(0.0) == column_softness(1.0) == 0.0
+
+
+@pytest.mark.parametrize("xi", [-1e-9, 1.0 + 1e-9, float("nan"), float("inf")])
+def test_a_column_is_struck_between_its_ends(xi):
+    with pytest.raises(SceneError, match=r"at the fraction xi = .*; it must be in \[0, 1\]"):
+        column_shares(xi)
+
+
+# -- scenes ------------------------------------------------------------------------------------------------------------
+
+
+def test_what_strikes_what():
+    """Floors at 3 and 6 m beside floors at 2 and 5.5 m; a roof above its neighbour's strikes nothing."""
+    assert STAGGERED.pair_labels == ("a-b", "a-b columns of b", "a-b columns of a", "b-wall")
+    assert STAGGERED.pair_of_label == (0, 0, 0, 1)
+    assert [(c.place, c.storey, c.struck, c.left, c.right, c.below) for c in STAGGERED.contacts] == [
+        (1, 1, 1, 0, 3, 2),
+        (2, 1, 0, 0, 2, -1),
+        (2, 2, 0, 1, 3, 0),
+        (3, 1, -1, 2, -1, -1),
+    ]
+    np.testing.assert_allclose([c.xi for c in STAGGERED.contacts], [1 / 3.5, 2 / 3, 2.5 / 3, 1.0])
+    twin = naive._Row(twins(STAGGERED), STAGGERED.gaps, columns=True)
+    np.testing.assert_allclose([c.mass for c in STAGGERED.contacts], twin.meff[:4], rtol=1e-12)
+    stiffness = variants_of(STAGGERED).contact_stiffnesses(np.array([STIFFNESS]))[0]
+    np.testing.assert_allclose(1.0 / (1.0 / STIFFNESS + np.array(twin.softness[:4])), stiffness, rtol=1e-12)
+
+
+def test_a_mirrored_row_has_mirrored_contacts():
+    there = {(c.storey, c.struck, round(c.xi, 12), round(c.mass, 9)) for c in STAGGERED.contacts}
+    back = {
+        (c.storey, -1 if c.struck < 0 else 1 - c.struck, round(c.xi, 12), round(c.mass, 9))
+        for c in mirrored(STAGGERED).contacts
+    }
+    assert there == back
+
+
+def test_a_slab_strikes_at_its_middle():
+    a = ps.Building("a", [1.0], [1e3], slab_depths=[0.5])
+    b = ps.Building("b", [1.0], [1e3], storey_heights=[4.0])
+    (contact,) = ps.Scene([a, b], [0.1], contacts="floors and columns").contacts
+    assert (contact.struck, contact.xi) == (1, 2.75 / 4.0)
+
+
+def test_level_rows_have_the_same_kernels():
+    level = ps.Scene([ps.Building("a", [1.0] * 2, [1e3] * 2), ps.Building("b", [1.0], [1e3])], [0.1])
+    also = replace(level, contacts="floors and columns")
+    assert also == level
+    shape = kernel_shape(level, LAWS["hertz"], Numerics("rk4", 1e-3), reducers_for(["impact_force_max"]))
+    assert kernel_shape(also, LAWS["hertz"], Numerics("rk4", 1e-3), reducers_for(["impact_force_max"])) == shape
+    assert shape.struck == ()
+    assert also.contacts.asked == replace(also, gaps=[0.2]).contacts.asked == "floors and columns"
+
+
+def test_heights_and_stiffnesses_need_no_kernel_of_their_own():
+    other = replace(
+        STAGGERED, row=[STAGGERED.row[0], replace(STAGGERED.row[1], storey_heights=[2.5, 3.4]), STAGGERED.row[2]]
+    )
+    shapes = [
+        kernel_shape(scene, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(["impact_force_max"]))
+        for scene in (STAGGERED, other)
+    ]
+    assert shapes[0] == shapes[1]
+    assert shapes[0].struck == (1, 0, 0, -1)
+
+
+def test_what_the_model_does_not_cover_is_refused():
+    with pytest.raises(SceneError, match="unknown kind of contacts 'columns'"):
+        replace(STAGGERED, contacts="columns")
+    for law in ("hertz", "hysteretic", "stereomechanical"):
+        with pytest.raises(InputError, match=f"law '{law}' has no force linear in d, which floors that strike columns"):
+            ps.Sweep(STAGGERED, "el_centro", ["linear", law])
+        with pytest.raises(InputError, match=f"law '{law}' has no force linear in d"):
+            ps.Sweep(STAGGERED, "el_centro", cases=[{"law": law}])
+    assert ps.Sweep(STAGGERED, "el_centro", ["linear", "none"], stiffnesses=STIFFNESS).plan().n_asked == 2
+    floors = replace(STAGGERED, contacts="floors", allow_unmet=True)
+    assert ps.Sweep(floors, "el_centro", "hertz", stiffnesses=STIFFNESS).plan().n_asked == 1
+
+
+# -- against the independent solver ------------------------------------------------------------------------------------
+
+
+def test_rk4_equals_the_twin():
+    agrees(simulate(dt=5e-4), truth("kelvin_voigt"), 4e-6)
+
+
+def test_newmark_equals_the_twin():
+    agrees(simulate(method="newmark", dt=1e-4), truth("kelvin_voigt"), 1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["linear", "linear_viscoelastic", "kelvin_voigt_tension", "modified_kelvin"])
+def test_other_laws_equal_the_twin(law):
+    agrees(simulate(law=law, dt=5e-4), truth(law), 2e-5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "dt", "bound"), [("exact", 5e-4, 4e-6), ("central_difference", 1e-4, 1e-3)])
+def test_other_schemes_equal_the_twin(method, dt, bound):
+    agrees(simulate(method=method, dt=dt), truth("kelvin_voigt"), bound)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "newmark", "central_difference"])
+def test_unlocated_steps_come_near_the_twin(method):
+    got = simulate(method=method, dt=2e-5, locate=False)
+    assert worst(got, truth("kelvin_voigt"))["impact_force_max"] < 1e-2
+
+
+@pytest.mark.parametrize(("method", "steps", "least"), [("rk4", (2e-3, 1e-3), 8.0), ("newmark", (4e-4, 2e-4), 3.0)])
+def test_the_order_is_kept(method, steps, least):
+    errors = [worst(simulate(method=method, dt=dt), truth("kelvin_voigt"))["displacement_max"] for dt in steps]
+    assert errors[0] > least * errors[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "newmark"])
+def test_long_rows_strike_columns_too(method):
+    """More floors than one straight line of code holds."""
+    tower = ps.Building("tower", [100.0] * 12, [4.5e5] * 12)
+    annex = ps.Building("annex", [120.0] * 5, [3.5e5] * 5, storey_heights=[4.0, 2.0, 3.5, 3.5, 3.2])
+    scene = ps.Scene([tower, annex], gaps=[0.004], contacts="floors and columns")
+    assert [c.struck for c in scene.contacts] == [-1, 1, 1, 1, 1, 0, 0, 0, 0]
+    motion = ps.Record("cut", MOTION.dt, MOTION.acceleration[:80])
+    want = naive.run(
+        twins(scene), [0.004], motion.acceleration, motion.dt, "kelvin_voigt", STIFFNESS, RESTITUTION, columns=True
+    )
+    got = simulate(scene, motion=motion, method=method, dt=5e-4 if method == "rk4" else 1e-4)
+    mine = [float(got.impact_force_max.sel(pair=scene.pair_labels[c.place], storey=c.storey)) for c in scene.contacts]
+    np.testing.assert_allclose(mine, want["impact_force_max"][0], rtol=0, atol=2e-3 * max(mine))
+    assert np.count_nonzero(mine) >= 6
+
+
+@pytest.mark.slow
+def test_a_mirrored_row_gives_mirrored_results():
+    """Under the opposite motion; forces and shears go with their columns."""
+    there, back = simulate(dt=1e-3), simulate(mirrored(STAGGERED), motion=MOTION.scaled(-1.0), dt=1e-3)
+    labels = {"a-b columns of a": "b-a columns of a", "a-b columns of b": "b-a columns of b", "b-wall": "wall-b"}
+    for name in ("impact_force_max", "impact_count", "impulse", "column_shear_top_max", "column_shear_bottom_max"):
+        for pair, storey in PLACES:
+            mine, theirs = there[name].sel(pair=pair, storey=storey), back[name].sel(pair=labels[pair], storey=storey)
+            np.testing.assert_allclose(mine, theirs, rtol=1e-8, err_msg=name)
+    for building in ("a", "b"):
+        mine = there.displacement_max.sel(building=building).values
+        np.testing.assert_allclose(mine, -back.displacement_min.sel(building=building).values, rtol=1e-9)
+
+
+def test_what_columns_bear_sums_to_the_force():
+    one = simulate(dt=1e-3)
+    columns = ~one.pair.isin(["a-b", "b-wall"])
+    both = (one.column_shear_bottom_max + one.column_shear_top_max).where(columns)
+    force = one.impact_force_max.where(columns)
+    np.testing.assert_allclose(both, force, rtol=1e-12)
+    assert float(force.max()) > 100.0
+    # histories: what floors feel is the force, by its shares
+    total = one.contact_force.sum(["pair", "storey"])
+    assert float(abs(total).max()) > 100.0
+    np.testing.assert_allclose(
+        one.transfer.sum("building")[-1], one.work.sum("pair")[-1], atol=1e-5 * float(one.input.max())
+    )
+
+
+# -- against a frame of beams ------------------------------------------------------------------------------------------
+
+
+class Frame:
+    """Two rigid floors on columns of Euler-Bernoulli elements without mass, fixed against rotation at floors and base.
+
+    The upper floor of another building strikes a joint of the upper columns through a spring. Displacements of joints
+    follow from equilibrium, contact spring included; nothing is condensed by hand.
+    """
+
+    def __init__(self, striker, frame, z, gap, spring):
+        self.masses = np.array([*striker.masses, *frame.masses])
+        _, damping, self.stiffness = twins(ps.Scene([striker]))[0].matrices()
+        self.damping = np.zeros((4, 4))
+        self.damping[:2, :2] = damping
+        self.gap, self.spring = gap, spring
+        levels = np.concatenate([[0.0], frame.elevations])
+        joints = sorted({*np.linspace(*levels[:2], 4), *np.linspace(levels[1], z, 4), *np.linspace(z, levels[2], 4)})
+        whole = np.zeros((2 * len(joints), 2 * len(joints)))
+        for e, (low, high) in enumerate(itertools.pairwise(joints)):
+            storey = 0 if high <= levels[1] + 1e-9 else 1
+            ei, h = frame.stiffnesses[storey] * frame.storey_heights[storey] ** 3 / 12.0, high - low
+            bending = np.array(
+                [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h], [-12, -6 * h, 12, -6 * h],
+                 [6 * h, 2 * h * h, -6 * h, 4 * h * h]]
+            )  # fmt: skip
+            whole[2 * e : 2 * e + 4, 2 * e : 2 * e + 4] += ei / h**3 * bending
+        floors = [2 * int(np.argmin(np.abs(np.array(joints) - level))) for level in levels[1:]]
+        held = {0, 1, *(i + 1 for i in floors)}
+        inner = [i for i in range(len(whole)) if i not in held and i not in floors]
+        self.at = inner.index(2 * int(np.argmin(np.abs(np.array(joints) - z))))
+        self.ii, self.ib, self.bb = (
+            whole[np.ix_(*both)] for both in ((inner, inner), (inner, floors), (floors, floors))
+        )
+
+    def forces(self, u, closed):
+        """Elastic forces on all floors, the contact force, and the penetration without it."""
+        k, load = self.ii.copy(), -self.ib @ u[2:]
+        if closed:
+            k[self.at, self.at] += self.spring
+            load[self.at] += self.spring * (u[1] - self.gap)
+        x = np.linalg.solve(k, load)
+        d = u[1] - x[self.at] - self.gap
+        force = self.spring * d if closed else 0.0
+        own = -self.stiffness @ u[:2] - [0.0, force]
+        return np.concatenate([own, -(self.bb @ u[2:] + self.ib.T @ x)]), force, d
+
+    def run(self, motion):
+        state, t, closed, peak, history = np.zeros(8), 0.0, False, 0.0, [np.zeros(4)]
+        for i in range(motion.n_points - 1):
+            end = (i + 1) * motion.dt
+            while t < end - 1e-12:
+
+                def rhs(now, y, closed=closed):
+                    ground = np.interp(now, motion.time, motion.acceleration)
+                    elastic = self.forces(y[:4], closed)[0] - self.damping @ y[4:]
+                    return np.concatenate([y[4:], elastic / self.masses - ground])
+
+                def touch(now, y, closed=closed):
+                    return self.forces(y[:4], closed)[2] - (-1e-15 if closed else 1e-15)
+
+                touch.terminal, touch.direction = True, -1.0 if closed else 1.0
+                tolerance = {"rtol": 1e-9, "atol": 1e-12, "method": "DOP853", "max_step": 2e-3}
+                found = solve_ivp(rhs, (t, end), state, events=touch, **tolerance)
+                peak = max([peak, *(self.forces(y[:4], closed)[1] for y in found.y.T)])
+                t, state = found.t[-1], found.y[:, -1]
+                closed = closed ^ (found.status == 1)
+            history.append(state[:4])
+        return np.array(history), peak
+
+
+def test_a_frame_of_beams_moves_alike():
+    """Columns as beams, the contact spring at a joint inside them: the same peak force, the same motion."""
+    motion, spring = ps.Record("cut", MOTION.dt, MOTION.acceleration[:70]), 3e5
+    a, b = FRAMED.buildings
+    (contact,) = FRAMED.contacts
+    assert (contact.struck, contact.storey, contact.xi) == (1, 2, pytest.approx(1.0 / 3.2))
+    frame = Frame(a, b, 4.0, FRAMED.gaps[0], spring)
+    u, peak = frame.run(motion)
+    one = ps.simulate(FRAMED, motion, law="kelvin_voigt", stiffness=spring, restitution=1.0, dt=2.5e-4)
+    here = one.sel(pair="a-b columns of b", storey=2)
+    assert here.impact_count >= 3
+    assert float(here.impact_force_max) == pytest.approx(peak, rel=1e-3)  # the frame's is the largest of its steps
+    assert here.impact_force_max < 0.9 * spring * here.penetration_max  # the column gives way
+    got = one.displacement.values[:: round(motion.dt / 2.5e-4)].reshape(len(u), 4)
+    np.testing.assert_allclose(got, u, rtol=0, atol=1e-6 * np.abs(u).max())
+
+
+# -- in sweeps ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_stored_row_reads_back():
+    for scene in (STAGGERED, FRAMED):
+        again = scene_of(json.loads(json.dumps(scene_data(scene))))
+        assert again == scene
+        assert again.contacts.asked == "floors and columns"
+        assert pickle.loads(pickle.dumps(scene)).contacts.asked == "floors and columns"
+
+
+def test_building_factors_act_on_columns():
+    """Columns are as stiff as their building's storeys by the same factors."""
+    factors = {"a": (1.2, 0.8), "b": (0.7, 1.5)}
+    table = Variants(
+        STAGGERED, *(np.array([[pair[i] for pair in factors.values()]]) for i in (0, 1)), np.array([np.nan])
+    )
+    case = Case("linear", period_factors=tuple((n, f[0]) for n, f in factors.items()),
+                mass_factors=tuple((n, f[1]) for n, f in factors.items()))  # fmt: skip
+    made = one_scenario._varied(STAGGERED, case)
+    np.testing.assert_allclose(table.contact_masses[0], [c.mass for c in made.contacts], rtol=1e-12)
+    stiffness = np.array([STIFFNESS])
+    np.testing.assert_allclose(
+        table.contact_stiffnesses(stiffness), variants_of(made).contact_stiffnesses(stiffness), rtol=1e-12
+    )
+
+
+def test_a_cube_labels_columns(stub_engine):
+    outputs = ["impact_force_max", "column_shear_bottom_max", "column_shear_top_max", "contact_work"]
+    cube = ps.Sweep(STAGGERED, MOTION, "linear", gaps=[0.001, 0.002], stiffnesses=STIFFNESS, outputs=outputs).run()
+    cube = cube.squeeze(drop=True)
+    assert cube.pair.values.tolist() == list(STAGGERED.pair_labels)
+    np.testing.assert_array_equal(cube.pair_gap, np.repeat([[0.001], [0.002]], 4, axis=1))
+    heights = [float(cube.contact_elevation.sel(pair=pair, storey=storey)) for pair, storey in PLACES]
+    assert heights == [3.0, 2.0, 5.5, 2.0]
+    assert int(cube.contact_elevation.notnull().sum()) == 4
+    there = cube.contact_elevation.notnull().values
+    np.testing.assert_array_equal(cube.impact_force_max.isel(gap=0).notnull(), there)
+    lower, upper = column_shares(STAGGERED.contacts[0].xi)
+    place = {"pair": PLACES[0][0], "storey": PLACES[0][1]}
+    force = cube.impact_force_max.sel(place).values
+    np.testing.assert_allclose(cube.column_shear_bottom_max.sel(place), lower * force)
+    np.testing.assert_allclose(cube.column_shear_top_max.sel(place), upper * force)
+
+
+def test_rows_without_columns_have_no_shears_of_them(stub_engine):
+    level = replace(STAGGERED, row=STAGGERED.row[1:], gaps=[0.004])
+    cube = ps.Sweep(level, MOTION, "linear", stiffnesses=STIFFNESS, outputs="all").run()
+    assert "impact_force_max" in cube
+    assert not any(name.startswith("column") for name in cube.data_vars)
+
+
+@pytest.mark.slow
+def test_the_sweep_to_copy_equals_the_twin():
+    """Slabs with depths, columns softer than their storeys."""
+    sweep = ps.load_sweep(Path(__file__).parents[1] / "sweeps" / "columns.toml")
+    scene, (motion,) = sweep.spec.scene.with_gaps([0.01, 0.01]), sweep.spec.records
+    want = solved(scene, motion, "kelvin_voigt", 1e6)
+    got = sweep.run().sel(law="kelvin_voigt", gap=0.01).squeeze(drop=True)
+    for name in ("impact_force_max", "impact_count"):
+        mine = [float(got[name].sel(pair=scene.pair_labels[c.place], storey=c.storey)) for c in scene.contacts]
+        np.testing.assert_allclose(mine, np.concatenate(want[name]), rtol=1e-5, err_msg=name)
+    assert np.count_nonzero(mine) >= 3
+    np.testing.assert_allclose(got.displacement_max, want["displacement_max"][:2], rtol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "newmark", "exact"])
+def test_sweeps_equal_scenarios_one_by_one(method):
+    """With building properties as inputs of the kernel, and what never touches left out."""
+    outputs = ["displacement_max", "impact_force_max", "impact_count", "column_shear_top_max"]
+    sweep = ps.Sweep(
+        STAGGERED, MOTION, ["linear", "kelvin_voigt"], gaps=[0.002, 0.5], stiffnesses=[2e5, STIFFNESS],
+        restitutions=RESTITUTION, period_factors={"a": [0.8, 1.0]}, mass_factors={"b": [1.3]}, method=method,
+        dt=1e-3, outputs=outputs,
+    )  # fmt: skip
+    cube = sweep.run().squeeze(drop=True)
+    assert sweep.last_outcome.untouched > 0
+    for period, gap, k in itertools.product([0.8, 1.0], [0.002, 0.5], [2e5, STIFFNESS]):
+        case = Case("kelvin_voigt", period_factors=(("a", period),), mass_factors=(("b", 1.3),))
+        scene = one_scenario._varied(STAGGERED, case).with_gaps([gap, gap])
+        one = ps.simulate(
+            scene, MOTION, law="kelvin_voigt", stiffness=k, restitution=RESTITUTION, method=method, dt=1e-3
+        )
+        got = cube.sel(law="kelvin_voigt", gap=gap, stiffness=k, period_factor_a=period)
+        for name in outputs:
+            tolerance = {"rtol": 2e-3, "atol": 1e-3 * float(abs(one[name]).max())}  # flight looks for peaks otherwise
+            np.testing.assert_allclose(got[name], one[name], **tolerance, err_msg=name)

@@ -1,0 +1,134 @@
+"""Warnings of what no real building has: each names the value, its place and the slip of units that is likely."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import pounding_sweep as ps
+from pounding_sweep.base.errors import SweepError, UnlikelyWarning
+from pounding_sweep.cli.app import app
+from pounding_sweep.model.scene import Building, ContactProperties, Scene
+from pounding_sweep.plan.sanity import LIMITS, doubts, doubts_of
+from pounding_sweep.spec.axes import Case
+
+ROOT = Path(__file__).parents[1]
+STEEL = Building("steel", [170.0] * 3, [5.5e5] * 3)
+
+
+def row(masses=(100.0,), stiffnesses=(1e5,), contact=(2e6, 1.9e7, 0.6), **more):
+    return Scene([STEEL, Building("b", masses, stiffnesses, **more)], [0.01], ContactProperties(*contact))
+
+
+def told(scene=None, laws=("linear", "hertz"), **axes):
+    return doubts(ps.Sweep(scene or row(), "el_centro", laws, **axes).spec)
+
+
+@pytest.mark.parametrize(
+    ("scene", "axes", "said"),
+    [
+        ({}, {"gaps": [0.01, 5.0, 20.0]}, "gap 5 m, 20 m: real ones lie up to 1 m; likely mm given for m (0.02 m)"),
+        ({"masses": [1.7e5]}, {}, "floor mass 1.7e+05 t (b, floor 1): .* likely kg given for t (170 t)"),
+        ({"stiffnesses": [2e8]}, {}, "storey stiffness 2e+08 kN/m (b, storey 1): .* N/m given for kN/m (2e+05 kN/m)"),
+        ({"stiffnesses": [1e8]}, {}, "first period 0.006283 s (b): .* stiffnesses in N/m for kN/m (0.1987 s)"),
+        ({"stiffnesses": [20]}, {}, "first period 14.05 s (b): .* stiffnesses in MN/m for kN/m (0.4443 s)"),
+        ({"storey_heights": [3000]}, {}, "storey height 3000 m (b, storey 1): .* likely mm given for m (3 m)"),
+        ({"damping_ratio": 0.5}, {}, "damping ratio 0.5 (b): real ones lie up to 0.3; likely per cent given"),
+        ({}, {"pgas": [3.0, 400.0]}, "peak ground acceleration 400 m/s2 (el_centro .* likely cm/s2 (gal)"),
+        ({}, {"pgas": [0.1, 0.5]}, "strongest motion 0.5 m/s2 .* likely g given for m/s2 (4.903 m/s2)"),
+        ({}, {"scales": [-1.0, 1.0]}, "record scale -1 is negative: it turns the ground motion round"),
+        ({}, {"scales": [0.0, 1.0]}, "record scale 0 leaves the ground of el_centro standing still"),
+        ({}, {"stiffness_factors": [1.0, 1000.0]}, "contact stiffness 2e+09 kN/m: .* N/m given for kN/m (2e+06 kN/m)"),
+        ({"contact": (2e6, 1.9e10, 0.6)}, {}, "contact stiffness of Hertz 1.9e+10 kN/m^1.5: .* (1.9e+07 kN/m^1.5)"),
+        ({}, {"period_factors": {"b": [1.0, 100.0]}}, "first period 19.87 s (b)"),
+        ({}, {"mass_factors": {"b": [1.0, 500.0]}}, "floor mass 5e+04 t (b, floor 1)"),
+        ({}, {"damping_ratios": [0.05, 0.9]}, "damping ratio 0.9 (steel)"),
+    ],
+)
+def test_a_slip_of_units_is_named(scene, axes, said):
+    parts = said.split(" .* ")
+    found = [text for text in told(row(**scene), **axes) if all(part in text for part in parts)]
+    assert len(found) == 1
+
+
+def test_a_sweep_without_a_slip_is_not_doubted():
+    assert told() == []
+    assert (
+        told(period_factors={"b": [0.5, 3.0]}, mass_factors={"b": [0.5, 2.0]}, gaps=[0.0, 1.0], pgas=[0.5, 9.0]) == []
+    )
+
+
+def test_listed_cases_are_doubted_too():
+    cases = [
+        Case("linear", gap=(30.0,)),
+        Case("linear", scale=40.0),
+        Case("hertz", stiffness=1e11, mass_factors={"b": 1e3}),
+    ]
+    found = doubts(ps.Sweep(row(), "el_centro", cases=cases).spec)
+    assert [text.split(" ")[0] for text in found] == ["gap", "floor", "peak", "contact"]
+    assert "gap 30 m" in found[0]
+
+
+@pytest.mark.parametrize("kind", LIMITS)
+def test_the_ends_of_a_limit_are_within_it(kind):
+    limit = LIMITS[kind]
+    assert limit.doubt([("", limit.low), ("", limit.high)]) == ""
+    beyond = limit.low / 2.0 if limit.low else limit.high * 1.001
+    assert limit.doubt([("here", beyond)]).startswith(f"{limit.what} {beyond:.4g}")
+    for slip, factor in limit.slips:
+        real = (max(limit.low, 1e-6) * min(limit.high, 1e3 * max(limit.low, 1e-6))) ** 0.5
+        wrong = real / factor
+        assert limit.low <= wrong <= limit.high or slip in limit.doubt([("", wrong)])
+
+
+SWEEPS = [*sorted((ROOT / "sweeps").glob("*.toml")), *sorted((ROOT / "docs" / "gallery_sweeps").glob("*.toml"))]
+
+
+@pytest.mark.parametrize("path", SWEEPS, ids=lambda path: path.stem)
+def test_no_ready_sweep_is_doubted(path):
+    try:
+        spec = ps.load_sweep(path).spec
+    except SweepError as error:
+        if "record" not in str(error):
+            raise
+        pytest.skip("a record is not at hand")
+    assert doubts(spec) == []
+
+
+def test_drifts_are_doubted_once_they_are_known():
+    scene = row(masses=[100.0, 100.0], stiffnesses=[1e5, 1e5], storey_heights=[4.0, 3.0])
+    drift = np.array([[0.1, 0.1, 0.29], [0.39, 0.31, np.nan]])
+    (text,) = doubts_of(scene, drift)
+    assert (
+        "over the storey's height 0.1033 (b, storey 2): real ones lie up to 0.1; a linear spring knows nothing" in text
+    )
+    assert doubts_of(scene, 0.5 * drift) == []
+
+
+@pytest.mark.usefixtures("stub_engine")
+def test_runs_and_plans_say_so_and_go_on(tmp_path):
+    sweep = ps.Sweep(row(), "el_centro", "linear", gaps=[5.0], dt=0.005, outputs="default")
+    with pytest.warns(UnlikelyWarning, match="gap 5 m"):
+        sweep.plan()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        cube = sweep.run()
+    said = [str(each.message) for each in caught]
+    assert sum("gap 5 m" in text for text in said) == 1
+    assert any("storey drift" in text for text in said) == (float(cube["drift_max"].max()) > 0.3)
+    file = tmp_path / "one.toml"
+    file.write_text('[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\nlaws = "linear"\ngaps = [10]\n')
+    for words in (["plan", str(file)], ["run", str(file), "-o", str(tmp_path / "c.nc")]):
+        with warnings.catch_warnings():
+            warnings.simplefilter("always")
+            got = CliRunner().invoke(app, [*words, "--json"])
+        assert got.exit_code == 0
+        assert (
+            "pounding-sweep: warning: gap 10 m: real ones lie up to 1 m; likely mm given for m (0.01 m)" in got.stderr
+        )
+        assert "gap 10 m" in json.loads(got.stdout)["warnings"][0]

@@ -1,0 +1,77 @@
+"""Scaling to a spectral acceleration at a period: stripes of suites, and what cubes know of them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scenes import OUTPUTS, motions, pair
+
+import pounding_sweep as ps
+from pounding_sweep.analysis import response_spectrum
+from pounding_sweep.base.errors import InputError, SweepError
+from pounding_sweep.output.merge import merge_cubes
+from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.spec import to_json
+
+
+def sweep(**more):
+    given = {"sas": [2.0, 5.0], "sa_period": 0.6, "gaps": [0.002], "dt": 0.005, "outputs": OUTPUTS}
+    return ps.Sweep(pair(), motions(), "linear", **given | more)
+
+
+@pytest.mark.parametrize("period", [0.05, 0.6, 3.0])
+def test_every_record_has_the_spectral_acceleration_asked_for(period):
+    spec = sweep(sa_period=period).spec
+    axis, values = spec.needed_axis("scale")
+    for record in spec.records:
+        for value in values:
+            scaled = record.scaled(spec.scale(axis, value, record))
+            found = response_spectrum(scaled, [period])["pseudo_acceleration"].item()
+            assert found == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.usefixtures("stub_engine")
+def test_a_cube_has_the_axis_and_the_factors(tmp_path):
+    job = sweep()
+    job.run(tmp_path / "a.nc", scheduler="synchronous").close()
+    with ps.open_cube(tmp_path / "a.nc") as cube:
+        assert cube["sa"].values.tolist() == [2.0, 5.0]
+        assert cube["sa"].attrs["units"] == "m s-2"
+        assert float(cube.attrs["sa_period"]) == 0.6
+        assert cube["scale"].dims == ("record", "sa")
+        want = [[v / response_spectrum(r, [0.6])["pseudo_acceleration"].item() for v in (2.0, 5.0)] for r in motions()]
+        np.testing.assert_allclose(cube["scale"].values, want, rtol=1e-12)
+    grown = sweep(sas=[2.0, 5.0, 8.0]).run(tmp_path / "b.nc", scheduler="synchronous", extend=tmp_path / "a.nc")
+    assert json.loads(grown.attrs["extended_from"])["scenarios_taken"] >= 4
+    grown.close()
+    sweep(sa_period=0.7).run(tmp_path / "c.nc", scheduler="synchronous").close()
+    with pytest.raises(InputError, match="'sa_period' of the sweep is 0"):
+        merge_cubes([tmp_path / "a.nc", tmp_path / "c.nc"], tmp_path / "d.nc")
+
+
+def test_listed_cases_take_it_too():
+    spec = ps.Sweep(pair(), motions()[0], cases=[Case("linear", sa=4.0), Case("linear", scale=2.0)], sa_period=1.0).spec
+    found = response_spectrum(motions()[0], [1.0])["pseudo_acceleration"].item()
+    assert [spec.case_value(case, "scale") for case in spec.cases] == pytest.approx([4.0 / found, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"sa_period": None}, "sa_period: is missing: sas needs it; give the period in s"),
+        ({"sas": None}, "sa_period: is of no use without sas; leave it out"),
+        ({"sa_period": 100.0}, r"sa_period \(s\) is 100.0; it must be in \[0.01, 20\]"),
+        ({"sa_period": "long"}, "sa_period: 'long' is not a number"),
+        ({"pgas": [1.0]}, "pgas and sas exclude each other"),
+        ({"sas": [0.0]}, "spectral acceleration is 0.0; it must be a positive number"),
+    ],
+)
+def test_what_is_missing_or_wrong_is_said(given, said):
+    with pytest.raises(SweepError, match=said):
+        sweep(**given)
+
+
+def test_sweeps_without_it_stay_what_they_were():
+    assert not {"sa_period", "sas"} & json.loads(to_json(sweep(sas=None, sa_period=None).spec)).keys()
