@@ -29,7 +29,7 @@ NAMES = "pga, pgv, sa(PERIOD in s), sa(BUILDING) at its first period, sa: geomet
 
 
 def intensity_of(
-    cube: xr.Dataset, intensity: str | xr.DataArray = "pga", *, records: Any = None, folders: Any = None
+    cube: xr.Dataset, intensity: str | xr.DataArray | None = None, *, records: Any = None, folders: Any = None
 ) -> xr.DataArray:
     """Return the intensity of each record at each scale.
 
@@ -37,12 +37,13 @@ def intensity_of(
     ----------
     cube : xarray.Dataset
         A cube with records.
-    intensity : str or DataArray
-        One of `NAMES`; spectral accelerations are pseudo-accelerations at 5 % damping. Or the intensity of the records
+    intensity : str or DataArray, optional
+        One of `NAMES`; spectral accelerations are pseudo-accelerations at 5 % damping. By default what the records are
+        scaled to, the axis ``sa``, else "pga". Or the intensity of the records
         at scale 1, along ``record``, with its units, which grows in proportion to the scale.
     records, folders : optional
         Records to look through before they are looked for by name, and folders of record files; needed by all but
-        "pga".
+        the default.
 
     Returns
     -------
@@ -59,8 +60,13 @@ def intensity_of(
     if "record" not in cube.coords:
         msg = "the intensity of the ground motion needs the record of each scenario (coordinate 'record')"
         raise InputError(msg)
+    own = own_intensity(cube)
+    intensity = own if intensity is None else intensity
     if isinstance(intensity, xr.DataArray):
         base = _given(cube, intensity)
+    elif intensity == own != "pga":
+        told = _spectral_name(f"at {cube.attrs['sa_period']:g} s")
+        return described(cube["sa"].broadcast_like(cube["scale"]).reset_coords(drop=True), "m s-2", told)
     elif intensity == "pga":
         base = _pga(cube)
     else:
@@ -68,6 +74,24 @@ def intensity_of(
     scale = abs(cube["scale"]) if "scale" in cube.coords else xr.DataArray(1.0)
     units, name = (str(base.attrs.get(key, other)) for key, other in (("units", "1"), ("long_name", "intensity")))
     return described((base * scale).reset_coords(drop=True), units, name)
+
+
+def own_intensity(cube: xr.Dataset) -> str:
+    """Return what the records of a cube are scaled to: a spectral acceleration, else "pga"."""
+    scaled = "sa" in cube.coords and bool(cube["sa"].notnull().all())
+    return f"sa({cube.attrs['sa_period']:g})" if scaled else "pga"
+
+
+def periods_of(cube: xr.Dataset, name: str) -> list[float]:
+    """Return the periods (s) of a spectral intensity; none of another."""
+    check_intensity(name)
+    spectral = _SPECTRAL.fullmatch(name)
+    return _periods(scene_of(stored_sweep(cube)["scene"]), spectral[1])[0] if spectral else []
+
+
+def _spectral_name(told: str) -> str:
+    """Say what a spectral intensity is."""
+    return f"spectral acceleration, {DAMPING:.0%} damping, {told}"
 
 
 def check_intensity(name: str) -> None:
@@ -93,7 +117,7 @@ def _measured(cube: xr.Dataset, name: str, records: Any, folders: Any) -> xr.Dat
         about = {"units": "m s-1", "long_name": "peak ground velocity"}
         return xr.DataArray([record_measures(one).pgv for one in found], names, ("record",), attrs=about)
     ordinates = response_spectrum(found, periods, DAMPING)["pseudo_acceleration"]
-    about = {"units": "m s-2", "long_name": f"spectral acceleration, {DAMPING:.0%} damping, {told}"}
+    about = {"units": "m s-2", "long_name": _spectral_name(told)}
     logs: Any = np.log(ordinates)
     return np.exp(logs.mean("period")).assign_attrs(about).reset_coords(drop=True)
 

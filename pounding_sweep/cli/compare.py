@@ -13,7 +13,7 @@ import typer
 from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Comparison, Row, compared, table_rows
 from pounding_sweep.analysis.events import EVENTS, get_event
 from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table
-from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, app
+from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, Intensity, app
 from pounding_sweep.cli.cubes import axis_values
 from pounding_sweep.cli.reporting import reporting, say
 
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 SHOWN = 12
 #: Event whose fragility is found where none is named.
 DEFAULT_EVENT = "touch"
-#: What the intensity of the ground motion may be, in short.
-MEASURES = "pga, pgv, sa(PERIOD), sa(BUILDING) at its first period, or sa at those of all"
 #: Arguments of comparisons by the option that gives them.
 _ARGUMENTS = {
     "--reference": "reference",
@@ -87,9 +85,7 @@ def compare_command(
         list[float] | None,
         typer.Option("--probability", metavar="P", help="Probability of touching, 0 to 1; repeat for several."),
     ] = None,
-    intensity: Annotated[
-        str | None, typer.Option("--intensity", metavar="MEASURE", help=f"Of the ground motion: {MEASURES}.")
-    ] = None,
+    intensity: Intensity = None,
     given: Annotated[
         list[float] | None,
         typer.Option("--given", metavar="X", help="Intensity that gaps are for, in its unit; repeat for several."),

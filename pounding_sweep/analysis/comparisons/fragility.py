@@ -98,7 +98,7 @@ def fragility(
     event: str = "touch",
     level: float | None = None,
     *,
-    intensity: str | xr.DataArray = "pga",
+    intensity: str | xr.DataArray | None = None,
     confidence: float | None = 0.95,
     levels: Sequence[float] | None = None,
     quantiles: Sequence[float] = (),

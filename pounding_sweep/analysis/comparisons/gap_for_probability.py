@@ -174,7 +174,7 @@ def gap_for_probability(
     about: dict[str, Any] = {"confidence": confidence, "suite": gaps.sizes["record"]}
     strength = None
     if intensity is not None or site is not None:
-        strength = intensity_of(cube, "pga" if intensity is None else intensity, records=records, folders=folders)
+        strength = intensity_of(cube, intensity, records=records, folders=folders)
         about |= {"intensity": f"{strength.attrs['long_name']} ({strength.attrs['units']})"}
         exact = _per_intensity(exact, strength, cube)
     elif levels is not None:

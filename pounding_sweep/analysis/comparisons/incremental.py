@@ -44,7 +44,7 @@ def incremental_curves(
     cube: xr.Dataset,
     outputs: Iterable[str] | None = None,
     *,
-    intensity: str | xr.DataArray = "pga",
+    intensity: str | xr.DataArray | None = None,
     quantiles: Sequence[float] = QUANTILES,
     levels: Sequence[float] | None = None,
     records: Any = None,
