@@ -108,5 +108,6 @@ def kernels() -> tuple[KernelSpec, ...]:
         *swept(**both, laws="hertz_damped", **single),
         *(kernel.shape for kernel in ps.load_sweep(own_law()).plan().kernels().values()),
         *swept(scene=row(), records=motions(), **AXES | {"laws": [*AXES["laws"], "hertz"]}),
+        kernel_shape(pair(), LAWS["kelvin_voigt"], Numerics("exact", 1e-3), reducers_for(EVERY)),
         *(kernel_shape(row(), LAWS[law], Numerics("rk4", 1e-3), reducers_for(OUTPUTS)) for law in ALONE),
     )

@@ -63,7 +63,7 @@ class StubEngine:
             self.compiled.append(shape)
 
         def run(motion: Any, interval: float, steps: int, flights: int, constants: Any, *arrays: Any) -> None:
-            inputs, results, history = arrays
+            inputs, results, history, *_ = arrays
             given = _by_scenario(inputs)
             self.ran.append((shape, given))
             answer(shape, motion, interval, steps, constants, given, results, history)

@@ -12,8 +12,9 @@ from scenes import EVERY, pair
 from test_kernels import motion, row_kernel, run_lanes, stiffness_of
 
 import pounding_sweep as ps
-from pounding_sweep.engine.kernel import emit
+from pounding_sweep.engine.kernel import WHOLE, emit
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.kernel.lanes import Tracer
 from pounding_sweep.kernel.precision import TOLERANCES
 from pounding_sweep.kernel.spec import LANES
@@ -27,20 +28,21 @@ def llvm(kernel):
     shape = kernel.shape
     module = ir.Module()
     double, real, whole = ir.DoubleType(), ir.FloatType(), ir.IntType(64)
-    kinds = {"length": double, "steps": whole, "substeps": whole}
-    kinds |= dict.fromkeys(("motion", "inputs", "results", "history"), double.as_pointer())
-    kinds |= dict.fromkeys(("constants", "track", "state"), real.as_pointer())
+    kinds = {"length": double} | dict.fromkeys(WHOLE[1:], whole)
+    kinds |= dict.fromkeys(("motion", "inputs", "results", "history", "decays"), double.as_pointer())
+    kinds |= dict.fromkeys(("constants", "track", "tables", "state"), real.as_pointer())
     function = ir.Function(module, ir.FunctionType(ir.VoidType(), list(kinds.values())), "run")
     builder = ir.IRBuilder(function.append_basic_block())
     found = {name: (value, [ir.Constant(whole, 9)] * 2) for name, value in zip(kinds, function.args, strict=True)}
     found["motion"] = found["motion"][0], [ir.Constant(whole, 9)]
-    emit(shape, builder, found, *(found[name][0] for name in ("length", "steps", "substeps")))
+    emit(shape, builder, found, *(found[name][0] for name in WHOLE))
     return str(module)
 
 
 @pytest.mark.parametrize("method", SCHEMES)
-def test_lanes_compute_nothing_in_double(method):
-    """A single double in the arithmetic would halve the lanes of every vector it meets."""
+def test_lanes_compute_nothing_in_double(method, monkeypatch):
+    """A single double in the arithmetic would halve the lanes of every vector it meets; tables are made once a call."""
+    monkeypatch.setattr(Tables, "fill", lambda self, rows: None)
     scene = ps.Scene([ps.Building("a", [100.0], [1e5]), ps.Building("b", [50.0], [2e5])], gaps=[0.005])
     numerics = Numerics(method, 1e-3, precision="float32")
     lines = llvm(RowKernel(scene, LAWS["hertz_damped"], numerics, frozenset(REDUCERS))).splitlines()

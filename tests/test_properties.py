@@ -14,12 +14,10 @@ import xarray as xr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import EVERY, OUTPUTS, motions, pair, row
-from scipy.linalg import expm
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.tradeoff import find_touching
 from pounding_sweep.engine import cache
-from pounding_sweep.engine.flight import transitions
 from pounding_sweep.engine.resolution import displacement_limit, energy_limit, phase_error
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES, input_slots, property_slots
@@ -126,74 +124,6 @@ def test_a_period_factor_keeps_masses_and_a_mass_factor_keeps_periods():
     assert heavier.contact_masses[0, 0] == pytest.approx(200.0 * 80.0 / 280.0)
 
 
-def by_exponential(building, h):
-    """A, p and q from the exponential of the whole building's matrix, the ground's line two more states."""
-    m, n = np.array(building.masses), building.n_storeys
-    a, b = building.rayleigh
-    big = np.zeros((2 * n + 2, 2 * n + 2))
-    big[:n, n : 2 * n] = np.eye(n)
-    big[n : 2 * n, :n] = -building.stiffness_matrix / m[:, None]
-    big[n : 2 * n, n : 2 * n] = -a * np.eye(n) - b * building.stiffness_matrix / m[:, None]
-    big[n : 2 * n, 2 * n] = -1.0
-    big[2 * n, 2 * n + 1] = 1.0 / h
-    moved = expm(big * h)[: 2 * n]
-    return np.column_stack([moved[:, : 2 * n], moved[:, 2 * n] - moved[:, 2 * n + 1], moved[:, 2 * n + 1]])
-
-
-def close_by_blocks(found, want, w):
-    """Each block (of displacements, velocities and ground) relative to its largest number, or to that of a whole cycle.
-
-    After whole or half cycles of frequency `w` (rad/s) a block may vanish but for rounding.
-    """
-    n = len(want) // 2
-    for rows, of_row in ((slice(0, n), 1.0), (slice(n, 2 * n), w)):
-        for columns, of_column in ((slice(0, n), 1.0), (slice(n, 2 * n), w), (slice(2 * n, 2 * n + 2), w**2)):
-            block = want[rows, columns]
-            size = max(np.abs(block).max(), of_row / of_column)
-            np.testing.assert_allclose(found[rows, columns], block, rtol=0, atol=1e-11 * size)
-
-
-storey = st.tuples(st.floats(10.0, 500.0), st.floats(1e3, 1e6))
-
-
-@settings(max_examples=150, deadline=None)
-@given(
-    st.lists(storey, min_size=1, max_size=5),
-    st.sampled_from([0.0, 0.02, 0.2, 0.7, 0.95]),  # beyond the first two modes, the last are over-damped
-    st.floats(-2.5, 0.4),
-    st.floats(0.3, 3.0),
-)
-def test_transitions_are_those_of_the_matrix_exponential(storeys, ratio, log_turn, factor):
-    masses, stiffnesses = zip(*storeys, strict=True)
-    scene = Scene([Building("a", masses, stiffnesses)])
-    variants = Variants(scene, np.array([[1.0], [factor]]), np.ones((2, 1)), np.array([np.nan, ratio]))
-    h = 10.0**log_turn / float(scene.buildings[0].frequencies[-1])
-    found = transitions(variants, h)
-    n = len(masses)
-    for i, other in enumerate(scenes_of(variants)):
-        building = other.buildings[0]
-        w = float(building.frequencies[-1])
-        close_by_blocks(found[:, i].reshape(2 * n, 2 * n + 2), by_exponential(building, h), w)
-
-
-def test_critical_damping_is_no_special_case():
-    w, h = 10.0, 0.05
-    for ratio in (1.0 - 1e-7, 1.0, 1.0 + 1e-7):
-        # one storey with c = a m: a = 2 zeta w
-        spring = Building("a", [1.0], [w**2], damping_ratio=0.5)
-        variants = Variants(Scene([spring]), np.ones((1, 1)), np.ones((1, 1)), np.array([ratio]))
-        found = transitions(variants, h)[:, 0].reshape(2, 4)
-        free = expm(np.array([[0.0, 1.0], [-(w**2), -2.0 * ratio * w]]) * h)
-        np.testing.assert_allclose(found[:, :2], free, rtol=1e-12)
-
-
-def test_variants_that_repeat_are_found_like_single_ones():
-    scene = tall()
-    variants = some_variants(scene, 40)[np.arange(3000) % 40]
-    once = transitions(variants[np.arange(40)], 0.01)
-    assert np.array_equal(transitions(variants, 0.01), np.tile(once, 75))
-
-
 @pytest.mark.parametrize("law", ["linear", "kelvin_voigt", "hertz_damped"])
 @pytest.mark.parametrize("method", ["rk4", "exact", "newmark"])
 def test_limits_are_those_of_buildings_built_so(law, method):
@@ -231,15 +161,15 @@ def test_estimates_are_those_of_buildings_built_so():
 
 
 def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
-    """What the kernel is called with: steps of flight, constants, and inputs of each scenario."""
+    """What the kernel is called with: constants, and inputs of each scenario."""
     taken = {}
 
     def kernel_of(shape):
         del shape
 
-        def run(acceleration, dt, steps, flight_substeps, constants, lanes, results, history):
-            del acceleration, dt, steps, results, history
-            taken["flight_substeps"], taken["constants"] = flight_substeps, constants.copy()
+        def run(acceleration, dt, steps, flight_substeps, constants, lanes, *more):
+            del acceleration, dt, steps, flight_substeps, more
+            taken["constants"] = constants.copy()
             taken.setdefault("lanes", []).append(lanes.copy())
 
         return run
@@ -250,7 +180,7 @@ def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
     kernel.run(record, **given, restitution=np.full(n, 0.5), variants=variants)
     slots = input_slots(kernel.shape).size
     lanes = np.concatenate(taken["lanes"]).reshape(-1, slots, LANES).transpose(0, 2, 1).reshape(-1, slots)
-    return taken["flight_substeps"], taken["constants"], lanes
+    return taken["constants"], lanes
 
 
 @pytest.mark.parametrize("law", ["none", "linear", "kelvin_voigt"])
@@ -262,28 +192,26 @@ def test_lanes_hold_the_constants_of_buildings_built_so(law, method, monkeypatch
     more = (get_law(law), Numerics(method, 0.002), reducers_for(["impact_force_max", "displacement_max"]))
     kernel = RowKernel(scene, *more, varied=True)
     assert not RowKernel(scene, *more).shape.varied
-    flight_substeps, _, lanes = inputs_of(kernel, record, monkeypatch, variants, 50)
+    _, lanes = inputs_of(kernel, record, monkeypatch, variants, 50)
     assert len(lanes) == 64
     assert (lanes[50:] == lanes[49]).all()  # idle lanes repeat the last scenario
     inputs = input_slots(kernel.shape)
     for i, other in enumerate(scenes_of(variants)):
         own = RowKernel(other, *more)
-        _, _, alone = inputs_of(own, record, monkeypatch)
+        constants, alone = inputs_of(own, record, monkeypatch)
         theirs = property_slots(own.shape)
-        constants = own.constants_for(record, flight_substeps)
         for name, first in inputs.first.items():
             values = lanes[i, first : first + inputs.count[name]]
             if name.startswith("p_"):
                 at = theirs.first[name[2:]]
                 want = constants[at : at + inputs.count[name]]
                 np.testing.assert_allclose(values, want, rtol=1e-11, atol=1e-13 * np.abs(want).max(), err_msg=name)
-            else:
+            elif name != "tables":
                 at = input_slots(own.shape).first[name]
                 np.testing.assert_allclose(values, alone[0, at : at + len(values)], rtol=1e-12, err_msg=name)
     varied = {name for name in inputs.first if name.startswith("p_")}
     contact = {"p_reduced"} if law != "none" else set()
-    flight = {"p_glide", "p_short"} if method == "exact" else set()
-    assert varied == {"p_m", "p_im", "p_k", "p_alpha", "p_beta"} | contact | flight
+    assert varied == {"p_m", "p_im", "p_k", "p_alpha", "p_beta"} | contact
 
 
 def test_flights_suit_the_fastest_of_a_chunk():

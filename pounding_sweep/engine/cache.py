@@ -361,4 +361,4 @@ def _run(
     if shape.flies_exactly:
         inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(steps) / steps)
         track = np.append(inner.ravel(), motion[-1]).astype(shape.precision)
-    kernel(motion, length, steps, *more, track)
+    kernel(motion, length, steps, *more[:5], track, *more[5:])

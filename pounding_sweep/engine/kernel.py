@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from llvmlite import ir
 
 from pounding_sweep.kernel import march
+from pounding_sweep.kernel.flight import Flight, Layout, scratch
+from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.kernel.forces import penetration
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Count, Real, Rows, Tracer, count_to, first_lane, when
+from pounding_sweep.kernel.lanes import Count, Real, Rows, Tracer, count_to, first_lane, flag, rounded, when
 from pounding_sweep.kernel.spec import LANES, PARAMETERS, KernelSpec, history_slots, input_slots
 from pounding_sweep.outputs.variables import output_slots, reducers_of
 from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.schemes.exact import Events
 
 _I64, _DOUBLE = ir.IntType(64), ir.DoubleType()
+#: Parameters that are no arrays.
+WHOLE = ("length", "steps", "substeps", "scenarios", "rows")
+#: Share of its largest size by which what flight watches is widened in windows, for rounding.
+MARGIN = {"float64": 1e-12, "float32": 4e-6}
 #: Pointer and shape of arrays, by name.
 Arrays = dict[str, tuple[Any, tuple[Any, ...]]]
 
@@ -77,7 +84,10 @@ def make_group(spec: KernelSpec, trace: Tracer | None, lanes: int, constants: An
 
 def state_size(spec: KernelSpec) -> int:
     """Numbers of the memory that the kernel's state takes."""
-    return make_group(spec, None, 1, None).state.size * width(spec.precision)
+    lanes = width(spec.precision)
+    rows = make_group(spec, None, lanes, None)
+    own = sum(scratch(Layout(rows)).values()) if spec.flies_exactly else 0
+    return (rows.state.size + own) * lanes
 
 
 def run_group(group: Group, ground: Any, note: Callable[[Any], None] | None) -> None:
@@ -89,12 +99,17 @@ def run_group(group: Group, ground: Any, note: Callable[[Any], None] | None) -> 
     march.finish(group)
 
 
-def emit(spec: KernelSpec, builder: Any, arrays: Arrays, length: Any, steps: Any, substeps: Any) -> None:
+def emit(
+    spec: KernelSpec, builder: Any, arrays: Arrays, length: Any, steps: Any, substeps: Any, scenarios: Any, rows: Any
+) -> None:
     """Write the kernel of `spec` where `builder` stands."""
     trace = Tracer(builder, spec.precision, width(spec.precision))
     parts = LANES // trace.lanes
     group = make_group(spec, trace, trace.lanes, arrays["constants"][0], arrays["state"][0])
     ground = Ground(trace, arrays, length, steps, substeps)
+    if spec.flies_exactly:
+        _emit_events(group, ground, arrays, scenarios, rows)
+        return
     groups, columns = arrays["inputs"][1]
     for each in count_to(Count(trace, groups) * parts, trace):
         row = each // parts
@@ -114,6 +129,84 @@ def emit(spec: KernelSpec, builder: Any, arrays: Arrays, length: Any, steps: Any
         kept = Rows(trace, found, trace.lanes, pointer, LANES, wide=True)
         for name, n in found:
             _copy(trace, group.state, kept, name, n)
+
+
+class Scenarios:
+    """The scenarios of a call, as lanes ask for them.
+
+    Parameters
+    ----------
+    group : Group
+        The lanes.
+    inputs, results : Rows
+        Rows of `LANES` scenarios, one after another.
+    count : Count or int
+        How many scenarios there are.
+    size : Count or int
+        Numbers of the tables of one row of buildings.
+    """
+
+    def __init__(self, group: Group, inputs: Rows, results: Rows, count: Any, size: Any) -> None:
+        self._group, self._inputs, self._results, self.count, self._size = group, inputs, results, count, size
+
+    def _each(self, rows: Rows, number: Any) -> Iterator[tuple[Any, Any]]:
+        """Go through the rows of a scenario: the row of the state, and its own."""
+        own, first = self._group.state.first, rows.first
+        block = number // LANES * rows.size
+        for name, n in rows.count.items():
+            for i in count_to(n, self._group.trace) if n > 8 else range(n):
+                yield own[name] + i, block + first[name] + i
+
+    def put(self, number: Any, lane: Any) -> None:
+        """Put a scenario's inputs into a lane."""
+        column = number - number // LANES * LANES
+        for row, mine in self._each(self._inputs, number):
+            self._group.state.put_lane(row, lane, self._inputs.lane(mine, column))
+
+    def take(self, number: Any, lane: Any) -> None:
+        """Take a scenario's results from a lane."""
+        column = number - number // LANES * LANES
+        for row, mine in self._each(self._results, number):
+            self._results.put_lane(mine, column, self._group.state.lane(row, lane))
+
+    def tables(self, number: Any) -> Any:
+        """Where the tables of a scenario's row of buildings begin."""
+        if "tables" not in self._inputs:
+            return number * 0
+        column = number - number // LANES * LANES
+        at = number // LANES * self._inputs.size + self._inputs.first["tables"]
+        return rounded(self._inputs.lane(at, column)) * self._size
+
+
+def make_events(group: Group, ground: Any, arrays: dict[str, Any], scenarios: Any, rows: Any, note: Any) -> Events:
+    """Return the scenarios of a call on their way through the lanes, the tables of their flight being filled.
+
+    `arrays` are inputs, results, tables, decays and flight's own memory, by name; `rows` counts rows of buildings.
+    """
+    trace = group.trace
+    points = ground.intervals * ground.substeps + 1
+    flight = Flight(group, arrays["tables"], points, arrays["memory"])
+    wide = None if trace is None else Tracer(trace.builder, "float64", trace.lanes)
+    Tables(flight, arrays["decays"], wide, MARGIN[group.spec.precision]).fill(rows)
+    given, found = (
+        Rows(trace, list(slots.count.items()), LANES, arrays[name], wide=True)
+        for slots, name in ((input_slots(group.spec), "inputs"), (output_slots(group.spec), "results"))
+    )
+    own = Scenarios(group, given, found, scenarios, flight.layout.size(points))
+    return Events(group, ground, flight, own, note)
+
+
+def _emit_events(group: Group, ground: Ground, arrays: Arrays, scenarios: Any, rows: Any) -> None:
+    """Write a kernel whose scenarios go through its lanes one after another."""
+    trace = group.trace
+    assert trace is not None
+    b = trace.builder
+    for i in count_to(group.state.size * trace.lanes, trace):
+        b.store(trace.number(0.0), b.gep(group.state.pointer, [i.value], inbounds=True))
+    note = noter(group, _putter(trace, arrays["history"]), flag(trace, True)) if group.spec.history else None
+    memory = b.gep(group.state.pointer, [ir.Constant(_I64, group.state.size * trace.lanes)], inbounds=True)
+    given = {name: arrays[name][0] for name in ("inputs", "results", "tables", "decays")} | {"memory": memory}
+    make_events(group, ground, given, Count(trace, scenarios), Count(trace, rows), note).run()
 
 
 def _copy(trace: Tracer, source: Rows, target: Rows, name: str, n: int) -> None:
@@ -170,5 +263,5 @@ def write_body(spec: KernelSpec, context: Any, builder: Any, signature: Any, val
         if isinstance(kind, types.Array):
             array = context.make_array(kind)(context, builder, value)
             found[name] = array.data, tuple(cgutils.unpack_tuple(builder, array.shape, kind.ndim))
-    emit(spec, builder, found, found["length"], found["steps"], found["substeps"])
+    emit(spec, builder, found, *(found[name] for name in WHOLE))
     return context.get_dummy_value()

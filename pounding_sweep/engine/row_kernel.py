@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import transitions
+from pounding_sweep.engine.flight import flight_tables
+from pounding_sweep.engine.kernel import make_group, width
+from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
     CONTACT_CAP,
     LANES,
@@ -34,6 +36,8 @@ GLIDE = (0.3, 0.8, 1.2)
 QUICK_GLIDE = (0.2, 0.3, 0.5)
 #: Inputs handed to a kernel at a time (bytes).
 SLAB_BYTES = 1 << 24
+#: Tables of flight handed to a kernel at a time, where buildings vary (bytes).
+TABLE_BYTES = 1 << 25
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,7 @@ def kernel_shape(
     reducers: Iterable[str],
     history: bool = False,
     varied: bool = False,
+    windows: bool = True,
 ) -> KernelSpec:
     """Return what the kernel of a scene under a law is compiled for; no contact code where none can touch."""
     touching = law.has_contact and bool(scene.contacts)
@@ -124,14 +129,26 @@ def kernel_shape(
         history=history,
         precision=numerics.precision,
         varied=varied,
+        windows=windows and not history,
         struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
     )
 
 
 @lru_cache(maxsize=64)
-def _transitions(scene: Scene, h: float) -> np.ndarray:
-    """Transition matrices of a scene as given over a step h (s), shape (numbers,)."""
-    return transitions(scene, h)[:, 0]
+def _layout(shape: KernelSpec, constants: bytes) -> Layout:
+    """Where a kernel's tables of flight lie, and what is watched."""
+    return Layout(make_group(shape, None, width(shape.precision), np.frombuffer(constants, shape.precision)))
+
+
+def _flight_tables(
+    layout: Layout, row: Variants, record: Record, flight_substeps: int, precision: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tables of flight of some rows of buildings, one after another, and what a kernel fills them from."""
+    motion, n = np.array(record.acceleration), flight_substeps
+    inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
+    ground = np.append(inner.ravel(), motion[-1])
+    tables, decays = flight_tables(layout, row, ground, record.dt / n, precision)
+    return tables.ravel(), decays
 
 
 @dataclass(frozen=True)
@@ -159,6 +176,8 @@ class RowKernel:
         or so that two free masses rebound at exactly it.
     varied : bool
         Building properties differ from scenario to scenario.
+    windows : bool
+        Exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings.
     accuracy : float, optional
         Relative error that each scenario is refined to, from this step on.
     """
@@ -172,13 +191,14 @@ class RowKernel:
     host: Law | None = None
     basis: str = "published"
     varied: bool = False
+    windows: bool = True
     accuracy: float | None = None
 
     @cached_property
     def shape(self) -> KernelSpec:
         """What the kernel is compiled for."""
         law = self.host or self.law
-        return kernel_shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied)
+        return kernel_shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
 
     @cached_property
     def constants(self) -> np.ndarray:
@@ -215,17 +235,6 @@ class RowKernel:
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
         return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])
 
-    def constants_for(self, record: Record, flight_substeps: int) -> np.ndarray:
-        """Scene constants, with the transition matrices of this record's steps where all lanes share them."""
-        if not self.numerics.scheme.flies_exactly or self.varied:
-            return self.constants
-        slots = property_slots(self.shape)
-        values = self.constants.copy()
-        for name, parts in (("glide", flight_substeps), ("short", self.numerics.steps(record))):
-            first = slots.first[name]
-            values[first : first + slots.count[name]] = _transitions(self.scene, record.dt / parts)
-        return values
-
     def run(
         self,
         record: Record,
@@ -246,7 +255,6 @@ class RowKernel:
         inputs, outputs = input_slots(self.shape), output_slots(self.shape)
         row = variants_of(self.scene) if variants is None else variants
         flight_substeps = int(self.flight_substeps(record, row).max())
-        constants = self.constants_for(record, flight_substeps)
         results = np.zeros((groups, outputs.size * LANES))
         if history is None:
             history = np.zeros((1, 1))
@@ -254,20 +262,25 @@ class RowKernel:
         e = np.asarray(restitution, float)
         given = {"scale": np.asarray(scale, float), "stiffness": np.asarray(stiffness, float), "restitution": e}
         slab = max(1, SLAB_BYTES // (inputs.size * LANES * 8))
-        for first in range(0, groups, slab):
-            mine = slice(first * LANES, (first + slab) * LANES)
+        first = 0
+        while first < groups:
+            tables, buildings, groups_done = self._tables(record, flight_substeps, row[first * LANES :], slab)
+            mine = slice(first * LANES, (first + groups_done) * LANES)
             part = {name: values[mine] for name, values in given.items()}
-            lanes = self._lanes(record, flight_substeps, gaps=np.asarray(gaps, float)[mine], row=row[mine], **part)
+            lanes = self._lanes(buildings, gaps=np.asarray(gaps, float)[mine], row=row[mine], **part)
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
                 self.numerics.steps(record),
                 flight_substeps,
-                constants,
+                self.constants,
                 lanes.reshape(len(lanes), -1),
-                results[first : first + slab],
+                results[first : first + groups_done],
                 history,
+                *tables,
+                len(part["scale"]),
             )
+            first += groups_done
         by_scenario = results.reshape(groups, outputs.size, LANES).transpose(0, 2, 1).reshape(-1, outputs.size)[:n]
         found = {name: by_scenario[:, i : i + outputs.count[name]] for name, i in outputs.first.items()}
         # what the status asks of the scenario beside its results
@@ -276,10 +289,26 @@ class RowKernel:
             found["quickening"] = self.law.quickening(e[:, None], self.basis)
         return found
 
+    def _tables(
+        self, record: Record, flight_substeps: int, row: Variants, slab: int
+    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int]:
+        """Tables of flight, which of them each scenario needs, and how many groups (up to `slab`) they serve."""
+        if not self.numerics.scheme.flies_exactly:
+            return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), slab
+        new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
+        points, precision = (record.n_points - 1) * flight_substeps + 1, self.numerics.precision
+        layout = _layout(self.shape, self.constants.tobytes())
+        most = max(1, TABLE_BYTES // (np.dtype(precision).itemsize * layout.size(points)))
+        late = np.flatnonzero(which >= most)
+        groups = max(1, min(slab, int(late[0]) // LANES)) if len(late) else slab
+        which = which[: groups * LANES]
+        needed = new[: int(which.max()) + 1]
+        made = _flight_tables(layout, row[needed], record, flight_substeps, precision)
+        return (*made, len(needed)), which, groups
+
     def _lanes(
         self,
-        record: Record,
-        flight_substeps: int,
+        buildings: np.ndarray,
         *,
         scale: np.ndarray,
         gaps: np.ndarray,
@@ -312,8 +341,7 @@ class RowKernel:
                 if f"p_{name}" in slots.first:
                     put(f"p_{name}", values.T)
             if self.numerics.scheme.flies_exactly:
-                for name, parts in (("p_glide", flight_substeps), ("p_short", self.numerics.steps(record))):
-                    put(name, transitions(row, record.dt / parts))
+                put("tables", buildings[None, :])
         return lanes
 
 

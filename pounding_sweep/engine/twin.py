@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.kernel import make_group, noter, run_group
+from pounding_sweep.engine.kernel import make_events, make_group, noter, run_group, width
 from pounding_sweep.kernel.spec import LANES, KernelSpec, Slots, input_slots
 from pounding_sweep.outputs.variables import output_slots
 
@@ -46,6 +46,10 @@ def run(
     results: np.ndarray,
     history: np.ndarray,
     track: np.ndarray,
+    tables: np.ndarray,
+    decays: np.ndarray,
+    rows: int,
+    scenarios: int,
     lanes: int = LANES,
 ) -> None:
     """Do what the compiled kernel of `spec` does, for the first `lanes` of each group."""
@@ -54,6 +58,13 @@ def run(
     def put(row: int, column: int, value: np.ndarray) -> None:
         history[row, column] = value[0]
 
+    if spec.flies_exactly:
+        group = make_group(spec, None, width(spec.precision), constants)
+        note = noter(group, put, True) if spec.history else None
+        with np.errstate(all="ignore"):
+            arrays = {"inputs": inputs.reshape(-1, LANES), "results": results.reshape(-1, LANES), "memory": None}
+            make_events(group, ground, arrays | {"tables": tables, "decays": decays}, scenarios, rows, note).run()
+        return
     with np.errstate(all="ignore"):
         for given, found in zip(inputs, results, strict=True):
             group = make_group(spec, None, lanes, constants)

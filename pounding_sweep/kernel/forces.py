@@ -21,7 +21,7 @@ from typing import Any
 from pounding_sweep.kernel import yielding
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, power, size, sqrt, when_any, where
-from pounding_sweep.kernel.roots import along, bisect, coefficients, peak, quartic, rate, root
+from pounding_sweep.kernel.roots import along, coefficients, peak, quartic, rate, root
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged).
@@ -136,7 +136,9 @@ def measure(group: Group) -> Any:
             if law.shape.damper:
                 parts = parts | (h * law.damper(c, deep) > (2.0 * cap) * mass)
         meets = maximum(d1, minimum(early, late)) > 0.0
-        look.now = look.now | where(mode == OPEN, meets, parts)
+        mine = where(mode == OPEN, meets, parts)
+        s["asks", j] = where(mine, 1.0, group.full(0.0))
+        look.now = look.now | mine
     return look.now
 
 
@@ -167,7 +169,7 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
     s["event", j], s["next", j] = where(asks, NEVER, s["event", j]), where(asks, mode, s["next", j])
     closed = mode > OPEN
     early, late = d0 + h * v0, d1 - h * v1
-    busy = asks & (closed | (d1 > 0.0) | (minimum(early, late) > 0.0))
+    busy = asks & (s["asks", j] > 0.0)
     if group.spec.implicit:  # of a stiff contact the mode follows from the end of the sub-step
         busy = busy & ~(closed & (s["stiff"] > 0.0))
     with when_any(busy):
@@ -224,7 +226,7 @@ def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, start: tuple
     begins = asks & (mode == SLACK) & (p1 > 0.0) & (d > 0.0)
     sign = where(ends, -1.0, group.full(1.0))
     inside = (ends & (p0 > 0.0)) | (begins & (p0 <= 0.0))
-    t = where(inside, bisect(group, inside, 0.0, end, lambda t: sign * press(t)), 0.0)
+    t = where(inside, root(group, inside, 0.0, end, lambda t: sign * press(t)), 0.0)
     # not the release itself, where E and B v both end
     sooner = (ends & (t < when - group.limit.at_release)) | (begins & (t < when))
     return where(sooner, t, when), where(sooner, where(ends, SLACK, group.full(PRESSING)), target)

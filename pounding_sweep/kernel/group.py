@@ -28,7 +28,6 @@ from pounding_sweep.kernel.lanes import (
     power,
     sqrt,
     where,
-    where_count,
 )
 from pounding_sweep.kernel.precision import TOLERANCES
 from pounding_sweep.kernel.spec import KernelSpec, LawShape, input_slots, property_slots, result_slots
@@ -161,7 +160,7 @@ class Group:
         constants: Any,
         memory: Any = None,
     ) -> None:
-        self.spec, self.trace, self.lanes, self._constants = spec, trace, lanes, constants
+        self.spec, self.trace, self.lanes, self.constants = spec, trace, lanes, constants
         self.scheme, self.reducers, self.asked = scheme, reducers, spec.reducers
         #: Whether motions are followed between the ends of steps.
         self.follows = any(reducer.follows for reducer in reducers)
@@ -200,7 +199,7 @@ class Group:
             rows |= {"joining": nc} if spec.impulsive else {}
             rows |= dict.fromkeys(("fallback", "unsolved", "stiff"), 1)
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
-            rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force"), nc)
+            rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)
             rows |= {"now": nb, "gained0": nb, "gained1": nb}
             if spec.law is not None and spec.law.yields:
                 rows |= {"plastic": nc, "yield": nc}
@@ -220,23 +219,11 @@ class Group:
             return self.state[f"p_{name}", i]
         at = self._places.first[name] + i
         if self.trace is None:
-            return self._constants[at]
+            return self.constants[at]
         t = self.trace
         place = at.value if isinstance(at, Count) else ir.Constant(ir.IntType(64), at)
-        pointer = t.builder.gep(self._constants, [place], inbounds=True)
+        pointer = t.builder.gep(self.constants, [place], inbounds=True)
         return Real(t, t.load(pointer, t.real, t.size, fixed=True))
-
-    def transition(self, stepping: Any, i: int) -> Any:
-        """Return number `i` of the table of exact flight over a short step (`stepping`) or a long one."""
-        if self.spec.varied:
-            short, long = (self.state.first[f"p_{name}"] for name in ("short", "glide"))
-            return self.state.row(where_count(self.trace, stepping, short, long) + i)
-        short, long = (self._places.first[name] for name in ("short", "glide"))
-        at = where_count(self.trace, stepping, short, long) + i
-        if self.trace is None:
-            return self._constants[at]
-        t = self.trace
-        return Real(t, t.load(t.builder.gep(self._constants, [at.value], inbounds=True), t.real, t.size, fixed=True))
 
     def clock(self, h: Any) -> Any:
         """Time (s) since the start of the motion, of lanes that are within a step of length h."""
@@ -368,12 +355,6 @@ class Group:
         """Left floor, right floor (-1: a wall) and gap of contact j."""
         found: tuple[Any, Any, Any] = j.sides if isinstance(j, Contact) else self.spec.contacts[j]
         return found
-
-    @cached_property
-    def table_places(self) -> Table:
-        """Where each building's part of the tables of exact flight begins."""
-        sizes = [2 * n * (2 * n + 2) for n in self.spec.storeys]
-        return Table(self.trace, [sum(sizes[:b]) for b in range(len(sizes))])
 
     def home_of(self, floor: Any) -> tuple[Any, Any, Any]:
         """Lowest floor, number of storeys, and number of the building of a floor."""

@@ -180,8 +180,8 @@ class Counts(Value):
 
     __radd__ = __add__
 
-    def __mod__(self, other: Any) -> Counts:
-        return Counts(self.trace, self.trace.builder.srem(self.value, self._of(other)))
+    def __mul__(self, other: Any) -> Counts:
+        return Counts(self.trace, self.trace.builder.mul(self.value, self._of(other)))
 
     def _compare(self, sign: str, other: Any) -> Mask:
         return Mask(self.trace, self.trace.builder.icmp_signed(sign, self.value, self._of(other)))
@@ -396,6 +396,11 @@ def while_any(asks: Callable[[], Any], trace: Tracer | None, at_most: int = 0) -
     b.position_at_end(out)
 
 
+def _one(trace: Tracer, x: Any) -> Any:
+    """Return the LLVM number of a number, however it is given."""
+    return x.value if isinstance(x, Real) else trace.number(x)
+
+
 class Cell:
     """A variable that branches and loops may change."""
 
@@ -481,6 +486,53 @@ class Rows:
         found = t.load(self._pointer(row), ir.VectorType(ir.DoubleType(), t.lanes), 8)
         return Vector(t, t.builder.fptrunc(found, t.vector))
 
+    def number(self, name: str, i: Any) -> Any:
+        """Return number `i` of the rows of a name, which lie one after another."""
+        if self.trace is None:
+            return self.array.reshape(-1)[self.first[name] * self.lanes + i]
+        t = self.trace
+        return Real(t, t.load(self._number_at(self.first[name] * self.stride + i), t.real, t.size))
+
+    def put_number(self, name: str, i: Any, x: Any) -> None:
+        """Write number `i` of the rows of a name."""
+        if self.trace is None:
+            self.array.reshape(-1)[self.first[name] * self.lanes + i] = x
+            return
+        kept = self.trace.builder.store(_one(self.trace, x), self._number_at(self.first[name] * self.stride + i))
+        kept.align = self.trace.size
+
+    def lane(self, row: Any, lane: Any) -> Any:
+        """Return a lane's number in a row, by the row's number."""
+        if self.trace is None:
+            return self.array[row, lane]
+        t = self.trace
+        if not self.wide or t.size == 8:
+            return Real(t, t.load(self._number_at(row * self.stride + lane), t.real, t.size))
+        found = t.load(self._number_at(row * self.stride + lane), ir.DoubleType(), 8)
+        return Real(t, t.builder.fptrunc(found, t.real))
+
+    def put_lane(self, row: Any, lane: Any, x: Any) -> None:
+        """Write a lane's number in a row."""
+        if self.trace is None:
+            self.array[row, lane] = x
+            return
+        t = self.trace
+        value = _one(t, x)
+        if self.wide and t.size == 4:
+            value = t.builder.fpext(value, ir.DoubleType())
+        pointer = self._number_at(row * self.stride + lane)
+        t.builder.store(value, pointer).align = 8 if self.wide else t.size
+
+    def clear_lane(self, lane: Any) -> None:
+        """Let all of a lane's numbers be zero."""
+        for row in count_to(self.size, self.trace):
+            self.put_lane(row, lane, 0.0)
+
+    def _number_at(self, at: Any) -> Any:
+        b = self.trace.builder  # type: ignore[union-attr]
+        place = at.value if isinstance(at, Count) else ir.Constant(_I64, at)
+        return b.gep(self.pointer, [place], inbounds=True)
+
     def row(self, i: Any) -> Any:
         """Return a row by its number."""
         if self.trace is None:
@@ -500,17 +552,141 @@ class Rows:
         kept.align = 8 if self.wide else t.size
 
 
-def least_lane(x: Any) -> Any:
-    """Smallest of the lanes' whole numbers."""
+def narrow(trace: Tracer | None, x: Any) -> Any:
+    """Return numbers of double precision in the format of `trace`."""
+    if trace is None or x.trace.size == trace.size:
+        return x if trace is None else type(x)(trace, x.value)
+    kind = trace.vector if isinstance(x, Vector) else trace.real
+    return type(x)(trace, trace.builder.fptrunc(x.value, kind))
+
+
+def lane_numbers(trace: Tracer | None, lanes: int) -> Any:
+    """Return the number of each lane."""
+    if trace is None:
+        return np.arange(lanes, dtype=float)
+    return Vector(trace, ir.Constant(trace.vector, [float(lane) for lane in range(lanes)]))
+
+
+def after(x: Any) -> Any:
+    """Return each lane's next neighbour; the last lane's is its own."""
     trace = _trace_of(x)
     if trace is None:
-        return int(np.min(x))
+        return np.append(x[1:], x[-1])
+    order = ir.Constant(ir.VectorType(_I32, trace.lanes), [*range(1, trace.lanes), trace.lanes - 1])
+    return Vector(trace, trace.builder.shuffle_vector(x.value, x.value, order))
+
+
+def largest_lane(x: Any) -> Any:
+    """Largest number of all lanes."""
+    trace = _trace_of(x)
+    if trace is None:
+        return np.max(x)
+    n = trace.lanes
+    while n > 1:
+        n //= 2
+        order = ir.Constant(ir.VectorType(_I32, trace.lanes), [(i + n) % trace.lanes for i in range(trace.lanes)])
+        x = maximum(x, Vector(trace, trace.builder.shuffle_vector(x.value, x.value, order)))
+    return first_lane(x)
+
+
+def lane_of(x: Any, lane: Any) -> Any:
+    """Return the number (whole or real) of a lane that is known at run time."""
+    trace = _trace_of(x)
+    if trace is None:
+        return x[lane]
+    found = trace.builder.extract_element(x.value, lane.value)
+    return Count(trace, found) if isinstance(x, Counts) else Real(trace, found)
+
+
+def put_lane(cell: Cell, lane: Any, x: Any) -> None:
+    """Change one lane of a variable."""
+    now = cell.now
+    trace = _trace_of(now)
+    if trace is None:
+        now = now.copy()
+        now[lane] = x
+        cell.now = now
+        return
+    value = x.value if isinstance(x, Value) else ir.Constant(_I64, x) if isinstance(now, Counts) else _one(trace, x)
+    cell.now = type(now)(trace, trace.builder.insert_element(now.value, value, lane.value))
+
+
+def _bits(mask: Mask) -> Any:
+    """Truths of all lanes as the bits of a whole number."""
+    t = mask.trace
+    return t.builder.zext(t.builder.bitcast(mask.value, ir.IntType(t.lanes)), _I64)
+
+
+def first_true(mask: Any) -> Any:
+    """Return the first lane in which a mask holds; the number of lanes where it holds in none."""
+    trace = _trace_of(mask)
+    if trace is None:
+        return int(np.argmax(mask)) if np.any(mask) else len(mask)
+    bits = trace.builder.or_(_bits(mask), ir.Constant(_I64, 1 << trace.lanes))
+    return Count(trace, trace.builder.cttz(bits, ir.Constant(_I1, 1)))
+
+
+def each_lane(mask: Any) -> Iterator[Any]:
+    """Go through the lanes in which a mask holds."""
+    trace = _trace_of(mask)
+    if trace is None:
+        yield from np.flatnonzero(mask)
+        return
     b = trace.builder
-    found = b.extract_element(x.value, ir.Constant(_I32, 0))
-    for lane in range(1, trace.lanes):
-        other = b.extract_element(x.value, ir.Constant(_I32, lane))
-        found = b.select(b.icmp_signed("<", other, found), other, found)
-    return Count(trace, found)
+    left = trace.place(_I64)
+    b.store(_bits(mask), left)
+    head, body, out = (b.append_basic_block(name) for name in ("lanes", "lane", "served"))
+    b.branch(head)
+    b.position_at_end(head)
+    b.cbranch(b.icmp_signed("!=", b.load(left), ir.Constant(_I64, 0)), body, out)
+    b.position_at_end(body)
+    bits = b.load(left)
+    lane = Count(trace, b.cttz(bits, ir.Constant(_I1, 1)))
+    b.store(b.and_(bits, b.sub(bits, ir.Constant(_I64, 1))), left)
+    yield lane
+    b.branch(head)
+    b.position_at_end(out)
+
+
+def lesser(a: Any, b: Any) -> Any:
+    """Return the smaller of two whole numbers."""
+    return where(a < b, a, b) if isinstance(a, Count) else min(a, b)
+
+
+def load(trace: Tracer | None, pointer: Any, at: Any, lanes: int) -> Any:
+    """Return as many numbers of a table as there are lanes, from place `at` on."""
+    if trace is None:
+        return pointer[at : at + lanes]
+    place = at.value if isinstance(at, Count) else ir.Constant(_I64, at)
+    return Vector(trace, trace.load(trace.builder.gep(pointer, [place], inbounds=True), trace.vector, trace.size))
+
+
+def store(trace: Tracer | None, pointer: Any, at: Any, x: Any) -> None:
+    """Write the numbers of all lanes into a table, in the format of `trace`."""
+    if trace is None:
+        pointer[at : at + len(x)] = x
+        return
+    b, kind = trace.builder, ir.VectorType(trace.real, trace.lanes)
+    value = x.value if x.trace.size == trace.size else b.fptrunc(x.value, kind)
+    place = b.gep(pointer, [at.value if isinstance(at, Count) else ir.Constant(_I64, at)], inbounds=True)
+    b.store(value, b.bitcast(place, kind.as_pointer())).align = trace.size
+
+
+def store_one(trace: Tracer | None, pointer: Any, at: Any, x: Any) -> None:
+    """Write a number into a table."""
+    if trace is None:
+        pointer[at] = x
+        return
+    place = at.value if isinstance(at, Count) else ir.Constant(_I64, at)
+    trace.builder.store(_one(trace, x), trace.builder.gep(pointer, [place], inbounds=True)).align = trace.size
+
+
+def load_one(trace: Tracer | None, pointer: Any, at: Any) -> Any:
+    """Return a number of a table."""
+    if trace is None:
+        return pointer[at]
+    place = at.value if isinstance(at, Count) else ir.Constant(_I64, at)
+    return Real(trace, trace.load(trace.builder.gep(pointer, [place], inbounds=True), trace.real, trace.size))
 
 
 def gather(trace: Tracer | None, pointer: Any, places: Any) -> Any:
@@ -554,6 +730,16 @@ class Contact(Count):
         self.sides, self.columns = sides, columns
 
 
+def whole(trace: Tracer | None, x: int) -> Any:
+    """Return a whole number that is known beforehand."""
+    return x if trace is None else Count(trace, ir.Constant(_I64, x))
+
+
+def one(trace: Tracer | None, x: float) -> Any:
+    """Return a number that is known beforehand."""
+    return x if trace is None else Real(trace, trace.number(x))
+
+
 def counts(trace: Tracer | None, x: int, lanes: int) -> Any:
     """Return a whole number in all lanes."""
     return np.full(lanes, x) if trace is None else Counts(trace, trace.spread(ir.Constant(_I64, x)))
@@ -584,6 +770,11 @@ def real(x: Any) -> Any:
     return Real(x.trace, x.trace.builder.sitofp(x.value, x.trace.real)) if isinstance(x, Count) else float(x)
 
 
+def rounded(x: Any) -> Any:
+    """Return a real number that is whole as a whole one."""
+    return Count(x.trace, x.trace.builder.fptosi(x.value, _I64)) if isinstance(x, Real) else int(x)
+
+
 def first_lane(x: Any) -> Any:
     """Return the number of lane 0."""
     trace = _trace_of(x)
@@ -594,10 +785,3 @@ def first_whole(x: Any) -> Any:
     """Return the whole number of lane 0."""
     trace = _trace_of(x)
     return int(x[0]) if trace is None else Count(trace, trace.builder.extract_element(x.value, ir.Constant(_I32, 0)))
-
-
-def where_count(trace: Tracer | None, condition: Any, a: int, b: int) -> Any:
-    """Return one of two whole numbers."""
-    if trace is None:
-        return a if condition else b
-    return Count(trace, trace.builder.select(condition.value, ir.Constant(_I64, a), ir.Constant(_I64, b)))

@@ -31,31 +31,41 @@ DIVERGED = 1.0e5
 FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED = 1, 2, 4
 
 
-def begin(group: Group, start: Any) -> None:
-    """Fill a lane group whose inputs are there; `start` is the first ground acceleration."""
+def begin(group: Group, start: Any, lanes: Any = None) -> None:
+    """Fill lanes (all, or some) whose inputs are there; `start` is the first ground acceleration."""
     s, spec = group.state, group.spec
+
+    def put(row: Any, x: Any) -> None:
+        s[row] = x if lanes is None else where(lanes, x, s[row])
+
     for i in group.each(spec.n_dof):
-        s["u", i], s["v", i] = group.full(group.prop("u0", i)), group.full(group.prop("v0", i))
-    s["g1"] = s["scale"] * start
+        put(("u", i), group.full(group.prop("u0", i)))
+        put(("v", i), group.full(group.prop("v0", i)))
+    put("g1", s["scale"] * start)
     if spec.law is not None:
-        s["shortest"] = group.limit.far
+        put("shortest", group.full(group.limit.far))
     for reducer in group.reducers:
         for slot in (slot for slot in (*reducer.slots, *reducer.keeps) if slot.first):
             if slot.per == "building":
                 for b, floors in group.each_building():
-                    s[slot.name, b] = slot.first(group, floors)
+                    put((slot.name, b), slot.first(group, floors))
             else:
                 for i in group.each(slot.count(spec)):
-                    s[slot.name, i] = slot.first(group, i)
+                    put((slot.name, i), group.full(slot.first(group, i)))
     if spec.implicit:
         group.scheme.begin(group)
 
 
 def finish(group: Group) -> None:
     """Last peaks, energies and flags."""
-    s, spec, r = group.state, group.spec, group.asked
-    if spec.located:
+    if group.spec.located:
         samples(group)
+    conclude(group)
+
+
+def conclude(group: Group) -> None:
+    """Last energies and flags."""
+    s, spec, r = group.state, group.spec, group.asked
     if "energy" in r:
         for b, floors in group.each_building():
             s["e_kin", b], s["e_strain", b] = kinetic(group, floors), strain(group, floors)

@@ -46,7 +46,8 @@ class Motion:
     of: Callable[[str], Any]
 
 
-def _followed(group: Group, straight: bool) -> Iterator[Motion]:
+def followed(group: Group, straight: bool) -> Iterator[Motion]:
+    """Go through the motions whose extremes are kept."""
     for reducer in group.reducers:
         if reducer.follows:
             yield from reducer.follows(group, straight)
@@ -70,7 +71,7 @@ def turns(group: Group) -> None:
     """Take the extremes of the motion that lie inside the step just taken."""
     s = group.state
     h = s["h"]
-    for motion in _followed(group, straight=False):
+    for motion in followed(group, straight=False):
         x0, x1, v0, v1 = (motion.of(name) for name in ("u0", "u", "v0", "v"))
         high, sized, least = s[motion.most], motion.sized, motion.least
         reach = REACH * h * (size(v0) + size(v1))
@@ -87,20 +88,24 @@ def turns(group: Group) -> None:
                 s[least] = minimum(s[least], minimum(p, minimum(x0, x1)))
 
 
-def samples(group: Group) -> None:
-    """Take the motion at the present state."""
+def samples(group: Group, lanes: Any = None) -> None:
+    """Take the motion at the present state, in some lanes."""
     s = group.state
-    for motion in _followed(group, straight=True):
+
+    def put(row: Any, x: Any) -> None:
+        s[row] = x if lanes is None else where(lanes, x, s[row])
+
+    for motion in followed(group, straight=True):
         x = motion.of("u")
-        s[motion.most] = maximum(s[motion.most], size(x) if motion.sized else x)
+        put(motion.most, maximum(s[motion.most], size(x) if motion.sized else x))
         if motion.least is not None:
-            s[motion.least] = minimum(s[motion.least], x)
+            put(motion.least, minimum(s[motion.least], x))
 
 
 def turning(group: Group) -> Any:
     """Return what is zero or less where some of the motion that is followed turns in the step just taken."""
     found = Cell(group.full(1.0))
-    for motion in _followed(group, straight=True):
+    for motion in followed(group, straight=True):
         found.now = minimum(found.now, motion.of("v0") * motion.of("v"))
     return found.now
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, where, while_any
+from pounding_sweep.kernel.lanes import Cell, maximum, minimum, where, while_any
 
 #: Coefficients of t, t**2, t**3, t**4.
 Quartic = tuple[Any, Any, Any, Any]
@@ -42,11 +42,12 @@ def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) 
     at_low, at_high = f(low), f(high)
     early = at_low > 0.0
     lo, hi, flo, fhi = Cell(low), Cell(where(early, low, high)), Cell(at_low), Cell(at_high)
-    side, going = Cell(group.full(0.0)), Cell(asks & ~early & (at_high > 0.0))
+    side, going, least = Cell(group.full(0.0)), Cell(asks & ~early & (at_high > 0.0)), 0.75 * group.limit.exact
     for _ in while_any(lambda: going.now, group.trace, at_most=100):
         a, b, fa, fb, last = lo.now, hi.now, flo.now, fhi.now, side.now
         going.now = going.now & (b - a > group.limit.exact)
         t = b - fb * (b - a) / (fb - fa)
+        t = minimum(maximum(t, a + least), b - least)  # so that a root beside an end is enclosed at once
         t = where((t > a) & (t < b), t, 0.5 * (a + b))
         x = f(t)
         up, down = going.now & (x > 0.0), going.now & (x < 0.0)
@@ -56,17 +57,6 @@ def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) 
         flo.now = where(down, x, where(up & (last > 0.0), 0.5 * fa, fa))
         side.now = where(up, 1.0, where(down, -1.0, last))
         going.now = up | down
-    return hi.now
-
-
-def bisect(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) -> Any:
-    """Where f turns positive between two instants, by bisection."""
-    lo, hi, left = Cell(group.full(low)), Cell(group.full(high)), Cell(asks)
-    for _ in while_any(lambda: left.now, group.trace, at_most=60):
-        t = 0.5 * (lo.now + hi.now)
-        positive = f(t) > 0.0
-        hi.now = where(positive, t, hi.now)
-        lo.now = where(positive, lo.now, t)
     return hi.now
 
 

@@ -17,7 +17,7 @@ LANES = 16
 
 
 #: Properties that may differ from lane to lane.
-VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "glide", "short")
+VARIED = ("m", "im", "k", "alpha", "beta", "reduced")
 
 #: Parameters of a compiled kernel and their types.
 PARAMETERS = {
@@ -30,6 +30,10 @@ PARAMETERS = {
     "results": "float64[:, ::1]",
     "history": "float64[:, ::1]",
     "track": "{real}[::1]",
+    "tables": "{real}[::1]",
+    "decays": "float64[::1]",
+    "rows": "int64",
+    "scenarios": "int64",
     "state": "{real}[::1]",
 }
 #: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
@@ -106,6 +110,8 @@ class KernelSpec:
         Number format of the state and of all arithmetic.
     varied : bool
         Building properties differ from lane to lane: they are inputs, not constants.
+    windows : bool
+        Exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings.
     struck : tuple of int
         Of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where
         none are struck.
@@ -124,6 +130,7 @@ class KernelSpec:
     history: bool = False
     precision: str = "float64"
     varied: bool = False
+    windows: bool = True
     struck: tuple[int, ...] = ()
 
     @property
@@ -207,6 +214,8 @@ def input_slots(shape: KernelSpec) -> Slots:
         slots.add("k", len(shape.struck) or 1)
         slots.add("c", len(shape.contacts))
     if shape.varied:
+        if shape.flies_exactly:
+            slots.add("tables")
         shared = property_slots(shape)
         for name in VARIED:
             if shared.count.get(name):
@@ -223,10 +232,6 @@ def property_slots(shape: KernelSpec) -> Slots:
     slots.add("alpha", shape.n_buildings)
     slots.add("beta", shape.n_buildings)
     slots.add("reduced", len(shape.contacts))
-    if shape.flies_exactly:  # flight over a whole step, and over a short one beside a contact
-        size = sum(2 * n * (2 * n + 2) for n in shape.storeys)
-        slots.add("glide", size)
-        slots.add("short", size)
     slots.add("cap")
     slots.add("newmark_beta")
     slots.add("newmark_gamma")

@@ -42,6 +42,15 @@ class Variants:
             return self
         return Variants(self.scene, self.period_factor[rows], self.mass_factor[rows], self.damping_ratio[rows])
 
+    def flights(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows whose motions without pounding differ from those before them, and of each row which of them it has."""
+        given = np.column_stack([self.period_factor, np.nan_to_num(self.damping_ratio, nan=-1.0)])
+        _, first, which = np.unique(given, axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        rank = np.empty(len(order), np.int64)
+        rank[order] = np.arange(len(order))
+        return first[order], rank[which.reshape(-1)]
+
     @cached_property
     def _owner(self) -> np.ndarray:
         """Building of each floor."""

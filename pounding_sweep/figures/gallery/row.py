@@ -103,7 +103,8 @@ class Stage:
         if self.wall_faces[1] is not None:
             high = max(high, self.wall_faces[1] + 0.2 * self.width)
         self.limits = (low, high)
-        self.contact_height = one.contact_elevation.values if gaps.size else np.zeros((0, one.sizes["storey"]))
+        none = np.zeros((0, one.sizes["storey"]))
+        self.contact_height = one.contact_elevation.values if "contact_elevation" in one.coords else none
         self.contacts = {(contact.place, contact.storey - 1): contact for contact in scene.contacts}
         self.first = first
 

@@ -1,0 +1,288 @@
+"""Exact flight: its tables, the bounds by which it leaves out windows, scenarios on their way through the lanes."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from naive import NaiveBuilding, modal_exact
+from scenes import EVERY, motions, pair
+from scipy.linalg import expm
+from test_properties import scenes_of, some_variants, tall
+
+import pounding_sweep as ps
+from pounding_sweep.engine.flight import flight_tables
+from pounding_sweep.engine.kernel import MARGIN, make_group, width
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.flight import ACCELERATION, TOUCH, TURN, WIDE, Flight, Layout
+from pounding_sweep.kernel.flight_tables import Tables
+from pounding_sweep.model.laws import get_law
+from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.outputs.variables import reducers_for
+
+
+def kernel_of(scene, outputs=EVERY, law="kelvin_voigt", **numerics):
+    return RowKernel(scene, get_law(law), Numerics("exact", 1e-3, **numerics), reducers_for(list(outputs)))
+
+
+def layout_of(kernel):
+    return Layout(make_group(kernel.shape, None, width(kernel.shape.precision), None))
+
+
+def tables_of(scene, ground, h, outputs=EVERY):
+    """Layout and tables of a scene or of variants, in double precision, before a kernel fills them."""
+    variants = variants_of(scene)
+    layout = layout_of(kernel_of(variants.scene, outputs))
+    return layout, flight_tables(layout, variants, ground, h, "float64")[0]
+
+
+def filled(scene, ground, h):
+    """Layout and tables of a scene, filled by the kernels' own source run as Python."""
+    kernel = kernel_of(scene)
+    group = make_group(kernel.shape, None, width("float64"), None)
+    layout = layout_of(kernel)
+    tables, decays = flight_tables(layout, variants_of(scene), ground, h, "float64")
+    with np.errstate(all="ignore"):
+        Tables(Flight(group, tables[0], len(ground)), decays, None, MARGIN["float64"]).fill(1)
+    return layout, tables[0]
+
+
+# -- what moves by itself ----------------------------------------------------------------------------------------------
+
+
+def by_exponential(building, h):
+    """exp(F h) of the whole building."""
+    m, n = np.array(building.masses), building.n_storeys
+    a, b = building.rayleigh
+    big = np.zeros((2 * n, 2 * n))
+    big[:n, n:] = np.eye(n)
+    big[n:, :n] = -building.stiffness_matrix / m[:, None]
+    big[n:, n:] = -a * np.eye(n) - b * building.stiffness_matrix / m[:, None]
+    return expm(big * h)
+
+
+storey = st.tuples(st.floats(10.0, 500.0), st.floats(1e3, 1e6))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(storey, min_size=1, max_size=5),
+    st.sampled_from([0.0, 0.02, 0.2, 0.7, 0.95]),  # beyond the first two modes, the last are over-damped
+    st.floats(-2.5, 0.4),
+    st.floats(0.3, 3.0),
+)
+def test_modes_decay_as_the_matrix_exponential_says(storeys, ratio, log_turn, factor):
+    masses, stiffnesses = zip(*storeys, strict=True)
+    scene = Scene([Building("a", masses, stiffnesses)])
+    variants = Variants(scene, np.array([[1.0], [factor]]), np.ones((2, 1)), np.array([np.nan, ratio]))
+    h = 10.0**log_turn / float(scene.buildings[0].frequencies[-1])
+    layout, tables = tables_of(variants, np.zeros(5), h, ("displacement_max",))
+    n = len(masses)
+    for table, other in zip(tables, scenes_of(variants), strict=True):
+        advance = layout.view(table, "advance", 5).reshape(layout.lanes + 1, 4, -1)[..., :n]
+        floors, modal = (layout.view(table, name, 5).reshape(n, -1)[:, :n] for name in ("floors", "modal"))
+        w = float(other.buildings[0].frequencies[-1])
+        for k, steps in ((1, 1), (3, 3), (layout.lanes, WIDE)):
+            want = by_exponential(other.buildings[0], h * steps)
+            for row, column in itertools.product(range(2), range(2)):
+                found = floors.T @ np.diag(advance[k, 2 * row + column]) @ modal.T
+                block = want[row * n : row * n + n, column * n : column * n + n]
+                size = max(np.abs(block).max(), w ** (row - column))
+                np.testing.assert_allclose(found, block, rtol=0, atol=1e-11 * steps * size)
+
+
+def test_critical_damping_is_no_special_case():
+    w, h = 10.0, 0.05
+    for ratio in (1.0 - 1e-7, 1.0, 1.0 + 1e-7):
+        # one storey with c = a m: a = 2 zeta w
+        spring = Building("a", [1.0], [w**2], damping_ratio=0.5)
+        variants = Variants(Scene([spring]), np.ones((1, 1)), np.ones((1, 1)), np.array([ratio]))
+        layout, tables = tables_of(variants, np.zeros(3), h)
+        found = layout.view(tables[0], "advance", 3).reshape(layout.lanes + 1, 4, -1)[1, :, 0].reshape(2, 2)
+        free = expm(np.array([[0.0, 1.0], [-(w**2), -2.0 * ratio * w]]) * h)
+        np.testing.assert_allclose(found, free, rtol=1e-12)
+
+
+def test_motions_without_pounding_are_those_of_the_modes():
+    """At the points of the grid, and their extremes in windows and up to each point, against finer points."""
+    scene, record = Scene([*tall().row[:2]], tall().gaps[:1]), motions()[0]
+    ground = np.array(record.acceleration)[:80]
+    points = len(ground)
+    layout, table = filled(scene, ground, record.dt)
+    fine = np.interp(np.arange(32 * (points - 1) + 1) / 32, np.arange(points), ground)
+    alone = [NaiveBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in scene.buildings]
+    u = np.concatenate([modal_exact(b, fine, record.dt / 32)[0] for b in alone], axis=1)
+    floors = layout.view(table, "floors", points).reshape(layout.modes, -1)[:, : layout.modes].T
+    q = layout.view(table, "q", points).reshape(points, -1)[:, : layout.modes]
+    np.testing.assert_allclose(q @ floors.T, u[::32], rtol=0, atol=1e-10 * np.abs(u).max())
+    still = [i for i, each in enumerate(layout.watched) if each.kind != ACCELERATION]
+    x = u @ np.array([layout.watched[i].weights for i in still]).T
+    size = 3e-4 * np.abs(x).max(axis=0)
+    for name, length, best in (("most", 7, np.max), ("widest", WIDE, np.max), ("least", 7, np.min)):
+        found = layout.view(table, name, points).reshape(points, -1)[:, still]
+        want = np.array([best(x[32 * t : 32 * (t + length) + 1], axis=0) for t in range(points)])
+        assert (np.abs(found - want) <= size).all(), name
+    peaks = layout.view(table, "peak", points).reshape(points, -1)[:, still]
+    want = np.array([x[: 32 * t + 1].max(axis=0) for t in range(points)])
+    assert (np.abs(peaks - want) <= size).all()
+
+
+# -- bounds ------------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.sampled_from([0.0, 0.05, 0.3, 0.9]), st.floats(-2.0, 0.3))
+def test_free_decay_keeps_within_its_bounds(seed, ratio, log_turn):
+    """What is watched, its excursion from a chord, and from the hull of a cubic, of any free motion."""
+    rng = np.random.default_rng(seed)
+    scene = tall()
+    variants = some_variants(scene, 3, seed)[np.array([2])]
+    variants.damping_ratio[:] = ratio
+    h = 10.0**log_turn / max(float(variants.frequencies(b).max()) for b in range(2))
+    layout, (table,) = tables_of(variants, np.zeros(3), h)
+    n, count = layout.modes, len(layout.watched)
+    assert {each.kind for each in layout.watched} == {TOUCH, TURN, ACCELERATION}
+    view = {name: layout.view(table, name, 3) for name in layout.fixed}
+    shape = view["shape"].reshape(count, n)
+    bound, bulge = (view[name].reshape(n, -1)[:, :count] for name in ("bound", "bulge"))
+    w, c = np.sqrt(view["square"][:n]) / h, view["damping"][:n] / h
+    q, p = (
+        rng.standard_normal(n) * 10.0 ** rng.uniform(-3, 3, n) / w,
+        rng.standard_normal(n) * 10.0 ** rng.uniform(-3, 3, n),
+    )
+    amplitude = np.hypot(q, p * view["slowness"][:n])
+    reach, high = amplitude @ bound, amplitude @ bulge
+    t = np.linspace(0.0, 40.0, 2001) * h
+    states = np.empty((len(t), 2, n))
+    for m in range(n):
+        step = expm(np.array([[0.0, 1.0], [-(w[m] ** 2), -c[m]]]) * t[1])
+        state = np.array([q[m], p[m]])
+        for k in range(len(t)):
+            states[k, :, m] = state
+            state = step @ state
+    shaken = np.array([each.kind == ACCELERATION for each in layout.watched])
+    value = states[:, 0] @ shape.T
+    value[:, shaken] = (-(states[:, 0] * w**2) - states[:, 1] * c) @ shape[shaken].T
+    slack = 1e-9 * np.abs(value).max(axis=0)
+    assert (np.abs(value) <= reach + slack).all()
+    for k in range(0, 2000, 50):  # one step of h
+        part = value[k : k + 51]
+        share = np.linspace(0.0, 1.0, 51)[:, None]
+        chord = part[0] + (part[-1] - part[0]) * share
+        assert (np.abs(part - chord) <= high + slack).all()
+
+
+@pytest.mark.slow
+def test_a_graze_is_a_touch_and_a_near_miss_is_none():
+    """The gap that is just closed, and peaks that nearly equal each other, to all digits but the last few."""
+    scene, record = pair(), motions()[1]
+    still = kernel_of(scene, ("closing_max",), "none")
+    one = {"scale": np.ones(1), "stiffness": np.ones(1), "restitution": np.ones(1)}
+    closing = float(still.run(record, gaps=np.zeros((1, 1)), **one)["closing"].max())
+    kernel = kernel_of(scene)
+    gaps = closing * (1.0 + np.array([-1e-3, -1e-6, -1e-8, 1e-12, 1e-8, 1e-3]))
+    n = len(gaps)
+    many = {"scale": np.ones(n), "stiffness": np.full(n, 8e5), "restitution": np.full(n, 0.6)}
+    found = kernel.run(record, gaps=gaps[:, None], **many)
+    assert (found["count"].sum(axis=1) > 0).tolist() == [True] * 3 + [False] * 3
+
+
+# -- scenarios in the lanes --------------------------------------------------------------------------------------------
+
+
+def some_scenarios(n=70):
+    rng = np.random.default_rng(3)
+    return {
+        "scale": rng.choice([-1.5, -1.0, 0.0, 0.7, 1.0, 1.3], n),
+        "gaps": rng.choice([0.0, 0.001, 0.002, 0.004, 0.02], (n, 1)),
+        "stiffness": 8e5 * 10.0 ** rng.uniform(-1.0, 1.0, n),
+        "restitution": rng.uniform(0.2, 1.0, n),
+    }
+
+
+@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
+def test_results_do_not_depend_on_order_and_neighbours(precision):
+    kernel, record, given = kernel_of(pair(), precision=precision), motions()[0], some_scenarios()
+    found = kernel.run(record, **given)
+    assert found["count"].sum() > 50
+    order = np.random.default_rng(1).permutation(70)
+    turned = kernel.run(record, **{name: values[order] for name, values in given.items()})
+    for name, values in found.items():
+        np.testing.assert_array_equal(turned[name], values[order], err_msg=name)
+    for part in (slice(0, 1), slice(5, 22), slice(30, 31)):
+        some = kernel.run(record, **{name: values[part] for name, values in given.items()})
+        for name, values in found.items():
+            np.testing.assert_array_equal(some[name], values[part], err_msg=name)
+
+
+def test_a_negative_scale_is_the_record_upside_down():
+    kernel, record, given = kernel_of(pair()), motions()[0], some_scenarios()
+    other = {**given, "scale": -given["scale"]}
+    found, want = kernel.run(record, **given), kernel.run(record.scaled(-1.0), **other)
+    np.testing.assert_array_equal(found["count"], want["count"])
+    for name in ("umax", "umin", "fmax", "acc", "e_in"):
+        np.testing.assert_allclose(found[name], want[name], rtol=1e-9, atol=1e-12 * np.abs(want[name]).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("outputs", [EVERY, ("impact_force_max", "impact_count")])
+def test_scenarios_are_those_of_small_steps(outputs):
+    """All outputs, scales and gaps against RK4 in steps of 0.1 ms."""
+    record, given = motions()[0], some_scenarios()
+    given["gaps"] += 5e-4  # else the first touch is the first step
+    kernel = kernel_of(pair(), outputs, finer=4.0)
+    small = RowKernel(pair(), get_law("kelvin_voigt"), Numerics("rk4", 1e-4), kernel.reducers)
+    found, want = kernel.run(record, **given), small.run(record, **given)
+    np.testing.assert_array_equal(found["count"], want["count"])
+    for name, values in want.items():
+        size = np.abs(values).max()
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=2e-5 * size, err_msg=name)
+
+
+def test_equal_buildings_never_touch():
+    a, b = (Building(name, [100.0, 80.0], [1e5, 9e4]) for name in "ab")
+    kernel = kernel_of(Scene([a, b], gaps=[1e-9]))
+    one = {"scale": np.ones(1), "stiffness": np.full(1, 8e5), "restitution": np.ones(1)}
+    found = kernel.run(motions()[0], gaps=np.full((1, 1), 1e-9), **one)
+    assert found["count"].sum() == 0
+    assert found["umax"].max() > 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("windows", [True, False])
+def test_variants_side_by_side_are_those_of_their_own(windows, monkeypatch):
+    """Tables of several rows of buildings in one call, and handed over in parts."""
+    scene, record = Scene([Building("a", [100.0], [9e4]), Wall("w")], gaps=[0.004]), motions()[0]
+    variants = some_variants(scene, 40)
+    kernel = RowKernel(
+        scene, get_law("linear"), Numerics("exact", 1e-3), reducers_for(EVERY), varied=True, windows=windows
+    )
+    rows = np.arange(80) % 40
+    given = {"scale": np.ones(80), "gaps": np.full((80, 1), 0.004), "stiffness": np.full(80, 2e5)}
+    given["restitution"] = np.ones(80)
+    substeps = int(kernel.flight_substeps(record, variants).max())
+    monkeypatch.setattr(RowKernel, "flight_substeps", lambda self, record, row=None: np.array([substeps]))
+    found = kernel.run(record, **given, variants=variants[rows])
+    assert 10 < (found["count"] > 0).sum() < 80
+    monkeypatch.setattr("pounding_sweep.engine.row_kernel.TABLE_BYTES", 1)
+    again = kernel.run(record, **given, variants=variants[rows])
+    for name, values in found.items():
+        np.testing.assert_array_equal(again[name], values, err_msg=name)
+    for i in (0, 1, 7, 25):
+        part = {name: values[[i]] for name, values in given.items()}
+        alone = kernel.run(record, **part, variants=variants[[i]])
+        for name, values in alone.items():
+            np.testing.assert_array_equal(values[0], found[name][i], err_msg=name)
+
+
+def test_a_history_is_that_of_the_scenario():
+    """Motion, energies and force of one scenario, step by step, against its peaks."""
+    one = ps.simulate(pair(0.002), motions()[0], law="kelvin_voigt", method="exact", dt=1e-3)
+    assert int(one.impact_count.sum()) > 1
+    top = one.displacement.max("time") / one.displacement_max
+    assert float(top.min()) > 0.999
+    assert float(top.max()) <= 1.0 + 1e-9
