@@ -99,9 +99,9 @@ def test_one_of_several_names_is_enough():
 def test_comparisons_need_something_to_compare():
     for key, sizes, words in (
         ("law-comparison", {"law": 3}, "several laws with contact"),
-        ("incremental", {"scale": 3}, "several scales or PGAs"),
-        ("fragility", {"record": 3}, "several records or scales or PGAs"),
-        ("fragility", {"scale": 3}, "several records or scales or PGAs"),
+        ("incremental", {"scale": 3}, "several scales or PGAs or spectral accelerations"),
+        ("fragility", {"record": 3}, "several records or scales or PGAs or spectral accelerations"),
+        ("fragility", {"scale": 3}, "several records or scales or PGAs or spectral accelerations"),
     ):
         assert FIGURES[key].lacks(made.cube(**sizes)) == ()
         assert words in FIGURES[key].lacks(made.cube(**dict.fromkeys(sizes, 1)))
