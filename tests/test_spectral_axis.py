@@ -11,10 +11,11 @@ from scenes import OUTPUTS, motions, pair
 
 import pounding_sweep as ps
 from pounding_sweep.analysis import required_gap, response_spectrum
+from pounding_sweep.analysis.comparisons import MOTION_DIMS
 from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.base.errors import InputError, SweepError
 from pounding_sweep.output.merge import merge_cubes
-from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.axes import DIMENSIONS, Case
 from pounding_sweep.spec.spec import to_json
 
 
@@ -55,6 +56,7 @@ def test_a_cube_has_the_axis_and_the_factors(tmp_path):
 
 @pytest.mark.usefixtures("stub_engine")
 def test_it_is_the_intensity_of_comparisons():
+    assert ("record", *DIMENSIONS["scale"]) == MOTION_DIMS
     cube = sweep().run(workers=1)
     own, pga = intensity_of(cube), intensity_of(cube, "pga")
     measured = intensity_of(cube, "sa(0.60)", records=motions())  # another spelling: from the motions

@@ -12,6 +12,7 @@ import numpy as np
 from pounding_sweep.analysis.scenarios import scenario_dims
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures.shown import drawn_unit, first_varied
+from pounding_sweep.figures.style import axis_label
 from pounding_sweep.spec.axes import DIMENSIONS
 
 if TYPE_CHECKING:
@@ -67,6 +68,11 @@ def _logarithms(axis: Any) -> None:
     axis.set_minor_locator(NullLocator())
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FormatStrFormatter("%g"))
+
+
+def intensity_label(result: xr.Dataset) -> str:
+    """Return the label of an axis of intensities."""
+    return fill(axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs), _LABEL)
 
 
 def draw_intensities(ax: Any, result: xr.Dataset) -> None:

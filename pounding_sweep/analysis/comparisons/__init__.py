@@ -11,14 +11,13 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pounding_sweep.base.deferred import Registry, key_of
-from pounding_sweep.spec.axes import DIMENSIONS
 
 if TYPE_CHECKING:
     import numpy as np
     import xarray as xr
 
 #: Axes of the ground motion, whose values a table keeps apart unless told otherwise.
-MOTION_DIMS = ("record", *DIMENSIONS["scale"])
+MOTION_DIMS = ("record", "scale", "pga", "sa")
 #: One row of a table: labels by dimension, then text or numbers; None where there is no value.
 Row = dict[str, Any]
 Function = TypeVar("Function", bound=Callable[..., Any])

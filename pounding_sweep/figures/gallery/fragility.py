@@ -12,8 +12,8 @@ from pounding_sweep.analysis.events import EVENTS
 from pounding_sweep.analysis.lognormal import FitStatus, merged
 from pounding_sweep.figures import CONTACT, figure_of
 from pounding_sweep.figures.shown import along, first_varied, lines_of, middle, records_of, result_of, told
-from pounding_sweep.figures.sides import draw_intensities
-from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, axis_label, put_title, subplots, unit_text
+from pounding_sweep.figures.sides import draw_intensities, intensity_label
+from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, put_title, subplots, unit_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: Trials of many intensities are put together into so many classes of about equal size to show their shares.
 _CLASSES = 6
+#: Characters of a line of the legend.
+_ENTRY = 48
 
 
 @figure_of(
@@ -39,6 +41,8 @@ def fragility(cube: xr.Dataset) -> Figure:
     else in classes of about equal numbers of trials.
     Where there is no fit, the legend says why.
     """
+    from matplotlib.transforms import ScaledTranslation
+
     result = result_of(cube, "fragility")
     own = (*TRIALS, "bound", "intensity", "quantile")
     event = EVENTS[result.attrs["event"]]
@@ -50,13 +54,15 @@ def fragility(cube: xr.Dataset) -> Figure:
     result = result if axis in result.dims else result.expand_dims({axis: [""]})
     ends = result[per].values.tolist()
     figure, axes = subplots(1, len(ends), (1.4 + 3.4 * len(ends), 4.6))
+    label = intensity_label(result)
+    below = ScaledTranslation(0.0, -0.4 - 0.16 * label.count("\n"), figure.dpi_scale_trans)  # of the label
     for ax, end in zip(axes[0], ends, strict=True):
         for number, place in enumerate(lines_of(result, axis)):
             part = result.isel({axis: place}).sel({per: end})
             _line(ax, part, number, told(result, axis, result[axis].values[place].item()))
         ax.set(ylim=(-0.02, 1.02), title=f"{per} {end}")
-        ax.set_xlabel(axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs))
-        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
+        ax.set_xlabel(label)
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=ax.transAxes + below, fontsize=8)
     draw_intensities(axes[0, 0], result)  # shared: nothing drawn later would move it
     axes[0, 0].set_ylabel(f"probability that\n{words} (-)")
     put_title(figure, words, records_of(result), shown)
@@ -78,10 +84,11 @@ def _line(ax: Any, part: xr.Dataset, number: int, label: str) -> None:
             ax.fill_between(at, *band, color=colour, alpha=0.15, linewidth=0)
         units = unit_text(part["median"].attrs)
         fitted = f"{label}median {float(part['median']):.3g} {units}, dispersion {float(part['dispersion']):.2g}"
-        ax.plot(at, part["probability"].values, color=colour, linestyle=LINES[number % len(LINES)], label=fitted)
+        look = {"color": colour, "linestyle": LINES[number % len(LINES)]}
+        ax.plot(at, part["probability"].values, label=fill(fitted, _ENTRY), **look)
     else:
-        why = fill(_spelt(sentence(part), part["median"].attrs["units"]), 46)
-        ax.plot([], [], color=colour, marker=MARKERS[number], linestyle="none", label=f"{label}{why}")
+        why = label + _spelt(sentence(part), part["median"].attrs["units"])
+        ax.plot([], [], color=colour, marker=MARKERS[number], linestyle="none", label=fill(why, _ENTRY))
     x, happened = part["trial_intensity"].values.ravel(), part["happened"].values.ravel()
     there = np.isfinite(happened)
     for group in _groups(x[there]):

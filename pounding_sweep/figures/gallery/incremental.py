@@ -21,10 +21,9 @@ from pounding_sweep.figures.shown import (
     records_of,
     result_of,
 )
-from pounding_sweep.figures.sides import draw_intensities
+from pounding_sweep.figures.sides import draw_intensities, intensity_label
 from pounding_sweep.figures.style import (
     COLOURS,
-    axis_label,
     label_edges,
     legend_below,
     put_title,
@@ -65,7 +64,7 @@ def incremental(cube: xr.Dataset) -> Figure:
     ways = directions(result[scaled].values)
     ends = result[per].values.tolist()
     figure, axes = subplots(len(laws), len(ends), (1.6 + 2.6 * len(ends), 1.3 + 2.0 * len(laws)))
-    intensity = axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs)
+    intensity = intensity_label(result)
     for row, law in enumerate(laws):
         for column, end in enumerate(ends):
             ax = axes[row, column]
