@@ -26,6 +26,7 @@ from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.kernel.spec import KernelSpec, from_json, to_json
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, reducers_for
+from pounding_sweep.schemes import SCHEMES
 
 #: Lines of the plain function.
 STATEMENTS = 200
@@ -41,9 +42,12 @@ def quickstart() -> list[KernelSpec]:
     return list(dict.fromkeys(kernel.shape for kernel in plan.kernels().values()))
 
 
-def kernel(storeys: Sequence[int], method: str, law: str, outputs: Sequence[str]) -> KernelSpec:
-    """Return the kernel of a row."""
-    buildings = [ps.Building(f"b{i}", [100.0] * n, [1e5] * n) for i, n in enumerate(storeys)]
+def kernel(
+    storeys: Sequence[int], method: str, law: str, outputs: Sequence[str], strength: float = np.inf
+) -> KernelSpec:
+    """Return the kernel of a row, whose storeys yield at a finite strength."""
+    sizes = enumerate(storeys)
+    buildings = [ps.Building(f"b{i}", [100.0] * n, [1e5] * n, yield_strengths=[strength] * n) for i, n in sizes]
     row = ps.Scene(buildings, gaps=[0.01] * (len(buildings) - 1))
     return kernel_shape(row, LAWS[law], Numerics(method, 1e-3), reducers_for(outputs))
 
@@ -103,6 +107,9 @@ def _table(rows: Sequence[tuple[int, ...]]) -> Iterator[tuple[str, KernelSpec]]:
             yield f"{storeys} {method} none default", kernel(storeys, method, "none", DEFAULT_OUTPUTS)
             for name, outputs in OUTPUTS.items():
                 yield f"{storeys} {method} hertz_damped {name}", kernel(storeys, method, "hertz_damped", outputs)
+            for law in ("none", "hertz_damped") if SCHEMES[method].follows_yielding else ():
+                shape = kernel(storeys, method, law, DEFAULT_OUTPUTS, strength=100.0)
+                yield f"{storeys} {method} {law} default, yielding", shape
 
 
 def main() -> None:
@@ -112,7 +119,7 @@ def main() -> None:
     plain, seconds = measure(shapes)
     print(f"plain function of {STATEMENTS} lines: {plain:.2f} s of CPU time")
     for name, shape, taken in zip(names, shapes, seconds, strict=True):
-        print(f"{name:42}{taken:6.2f} s, estimated {compiling_seconds(shape):5.2f} s")
+        print(f"{name:50}{taken:6.2f} s, estimated {compiling_seconds(shape):5.2f} s")
     if rows != ROWS:
         return
     parts = np.array([list(compiling_parts(shape).values()) for shape in shapes], float)

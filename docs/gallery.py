@@ -25,8 +25,7 @@ DOCS = Path(__file__).parent
 PICTURES = DOCS / "_static" / "gallery"
 #: Sweep files and other input that the commands name.
 SWEEPS = (
-    DOCS.parent / "sweeps" / "quickstart.toml",
-    DOCS.parent / "sweeps" / "period_ratio.toml",
+    *(DOCS.parent / "sweeps" / f"{name}.toml" for name in ("quickstart", "period_ratio", "yielding")),
     *sorted((DOCS / "gallery_sweeps").iterdir()),
 )
 
@@ -70,6 +69,7 @@ _QUICK = "run quickstart.toml -o quickstart.nc"
 _PERIODS = "run period_ratio.toml -o period_ratio.nc"
 _SUITE = "run suite.toml -o suite.nc"
 _ONE = "simulate quickstart.toml -o one.nc --law hertz_damped --gap 0.006"
+_YIELDING = "simulate yielding.toml -o yielding.nc --law kelvin_voigt --gap 0.01"
 _SPECTRA = """\
 import pounding_sweep as ps
 from pounding_sweep.analysis import response_spectrum
@@ -86,6 +86,7 @@ _RUNS = {"cube": _QUICK, "histories": _ONE}
 _OTHERS = {
     "energy-budget": (_SUITE, " --at record=synthetic-1 --at scale=3"),
     "fragility": (_SUITE, ""),
+    "hysteresis": (_YIELDING, ""),
     "incremental": (_SUITE, ""),
     "map": (_PERIODS, " --value drift_max_ratio"),
     "profiles": (_QUICK, " --at gap=0.006"),
@@ -177,7 +178,7 @@ def gallery_page() -> str:
         "From Python, each is a function of a dataset that returns a matplotlib figure, "
         "`ps.figures.force_gap(cube)` for `force-gap`, see [`pounding_sweep.figures`](../api).",
         "",
-        "The commands use [quickstart.toml and period_ratio.toml](../sweep_file), `gaps.toml` and `site.csv` of "
+        "The commands use [files of `sweeps/`](../sweep_file), `gaps.toml` and `site.csv` of "
         "[gaps for a probability](../comparisons), and this `suite.toml`:",
         "",
         "```{literalinclude} ../gallery_sweeps/suite.toml",

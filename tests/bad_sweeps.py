@@ -30,6 +30,11 @@ NAMES = {
     "Building": Building, "Case": Case, "ContactProperties": ContactProperties, "PULSE": PULSE, "Range": Range,
     "Record": Record, "Scene": Scene, "Wall": Wall, "count": itertools.count, "inf": float("inf"),
     "nan": float("nan"), "np": np, "bare": Scene([Building("a", [1.0], [1.0]), Building("b", [1.0], [1.0])], [0.01]),
+    "yielding": Scene(
+        [Building("a", [1.0], [1.0], yield_strengths=[0.1]), Building("b", [1.0], [1.0])],
+        [0.01],
+        ContactProperties(linear_stiffness=1.0),
+    ),
     "half": Scene(
         [Building("a", [1.0], [1.0]), Building("b", [1.0], [1.0])],
         [0.01],
@@ -82,6 +87,12 @@ ARGUMENTS = [
     "laws=None, cases=[{'law': 'linear'}], mass_factors={'left': 1.0}, damping_ratios=0.1",
     "period_factors={'lft': 1.2, 'left': None}, mass_factors={7: 1.0}",
     "period_factors={'left': [1e-4, 1e4]}",
+    "strength_factors={'left': 0.5}, hardenings={'left': 0.1}",
+    "scene=yielding, laws='linear', strength_factors={'a': [0.5, 0.0, 'x', inf]}, hardenings={'a': [0.1, 1.0, -0.1]}",
+    "scene=yielding, laws='linear', hardenings={'b': [0.1], 'c': 0.2}",
+    "scene=yielding, laws='linear', method='exact', locate=False",
+    "scene=yielding, laws='linear', accuracy=1e-3, method='exact'",
+    "scene=yielding, laws=None, cases=[Case('none', hardenings={'a': 1.0, 'b': 0.1}, strength_factors=3)]",
     "restitutions=[0.0, 1.0, 1.5], laws=['linear', 'kelvin_voigt', 'gonthier', 'hertz_damped', 'modified_kelvin']",
     "restitutions=[0.0, 0.01], laws='all', restitution_basis='realised'",
     "restitutions=[-1.0]",
@@ -320,6 +331,12 @@ EDITS = [
         "[]", "10.0", "[10.0, inf]", "[10.0, true]", "[1e308, 1e-308]", "[10.0, [1]]", "[1e300, 1e300]",
     )),
     *(("storey_heights = [3.0, 3.5]", f"storey_heights = {text}") for text in ("[3.0]", "3.0", "[3.0, -1]")),
+    *(("storey_heights = [3.0, 3.5]", text) for text in (
+        "yield_strengths = [3.0]", "yield_strengths = [3.0, -1]", "yield_strengths = [nan, 'x']", "hardening = 0.1",
+        "yield_strengths = [3.0, inf]\nhardening = 1.0", "yield_strengths = [3.0, inf]\nhardening = 'x'",
+        "damping_stiffness = 'tangent'", "yield_strengths = [3.0, inf]\ndamping_stiffness = 'tan'",
+        "yield_strengths = [-3.0, 1]\nhardening = -0.1", "yield_strengths = [3.0, 1]",
+    )),
     *(("restitution = 0.6", text) for text in (
         "restitution = 6", "hertz = 3", "restitution = 0.6\nhertz = {radii = [1, 2]}", "restitution = 'x'",
         "restitution = nan", "restituton = 0.6",

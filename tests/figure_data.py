@@ -80,6 +80,14 @@ def histories(left_wall=False, right_wall=False, touch=True, **more):
         "contact_force": (("time", "pair", "storey"), 1e6 * np.maximum(closing, 0.0), {"units": "kN"}),
         "penetration": (("time", "pair", "storey"), np.maximum(closing, 0.0), {"units": "m"}),
     }
+    drift = np.diff(displacement, axis=2, prepend=0.0)
+    plastic = np.maximum.accumulate(np.nan_to_num(np.abs(drift) - 0.01), axis=0).clip(min=0.0)
+    of_storeys = ("time", "building", "storey")
+    arrays |= {
+        "storey_drift": (of_storeys, drift, {"units": "m"}),
+        "plastic_drift": (of_storeys, np.where(np.isnan(drift), np.nan, plastic), {"units": "m"}),
+        "storey_shear": (of_storeys, 1e4 * (drift - 0.9 * plastic), {"units": "kN"}),
+    }
     about = {"title": "by hand", "scene": json.dumps(scene_data(row))}
     base = assemble(row, [], {"status": np.int8(0), "steps_per_contact": np.float64(9.0)}, about)
     coords = {"time": ("time", time, {"units": "s"}), "pair_gap": ("pair", list(row.gaps), {"units": "m"})}

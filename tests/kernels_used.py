@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
 
-from scenes import AXES, EVERY, OUTPUTS, motions, pair, row
+from scenes import AXES, EVERY, OUTPUTS, motions, pair, row, yielding_pair
 
 import pounding_sweep as ps
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
@@ -43,6 +43,20 @@ LAW_OF = {
 ALONE = ("none", "linear", "hertz")
 #: The law and scheme that run with steps that are not split at contacts.
 UNLOCATED = ("newmark", "kelvin_voigt")
+#: Schemes that run the pair with storeys that yield.
+YIELDING = ("rk4", "newmark")
+#: A sweep of that row, its strengths and hardening varied.
+YIELDING_SWEEP = {
+    "scene": yielding_pair(),
+    "records": motions(),
+    "laws": ["none", "kelvin_voigt"],
+    "gaps": [0.001, 0.004, 0.1],
+    "scales": [0.5, 1.0],
+    "strength_factors": {"a": [0.5, 1.0, 1e3]},
+    "hardenings": {"b": [0.0, 0.2]},
+    "dt": 2e-3,
+    "outputs": [name for name in OUTPUTS if name != "first_impact_time"] + ["ductility_max", "hysteretic_energy"],
+}
 #: A row of more floors than one straight line of code holds: its loops are split within and between buildings.
 TALL = ps.Scene(
     [ps.Building("tower", [100.0] * 12, [4.5e5] * 12), ps.Building("annex", [120.0] * 5, [3.5e5] * 5)], gaps=[0.01]
@@ -102,6 +116,8 @@ def kernels() -> tuple[KernelSpec, ...]:
         *(simulated(method, law) for method, laws in SIMULATED.items() for law in sorted(laws)),
         simulated(method, law, located=False),
         simulated("rk4", "kelvin_voigt", scene=TALL),
+        *(simulated(method, "kelvin_voigt", scene=yielding_pair()) for method in YIELDING),
+        *swept(**YIELDING_SWEEP),
         *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),
         simulated("rk4", "kelvin_voigt", scene=FRAMED),
         *swept(**both, laws="hertz_damped", method="rk4"),

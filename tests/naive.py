@@ -22,6 +22,8 @@ Conventions where a choice had to be made:
   pressed together, stick: their accelerations are equal, by the force that follows (it counts in ``impulse``), until it
   would pull. Floors that stick again at a rate of less than ``SAME`` have no new onset, nor have floors that stick when
   struck, unless they rebound. ``impact_force_max`` and ``penetration_max`` mean nothing.
+* A storey with a yield strength Vy has the shear ``V = k drift - (1 - hardening) k p``; its plastic drift p stands
+  still while ``|drift - p| < Vy / k`` and follows the drift at that distance while it yields, until the drift turns.
 """
 
 from __future__ import annotations
@@ -54,6 +56,22 @@ class NaiveBuilding:
     storey_heights: list[float] | None = None
     slab_depths: list[float] | None = None
     column_stiffnesses: list[float] | None = None  # 12 E I / L^3 of the columns that a slab strikes; the storeys' own
+    yield_strengths: list[float] | None = None  # kN; infinite where a storey never yields
+    hardening: float = 0.0
+    tangent_damping: bool = False
+
+    def rayleigh_factors(self):
+        """Return a and b of C = a M + b K (1/s, s)."""
+        if self.rayleigh is not None:
+            return self.rayleigh
+        mass, _, stiffness = self.matrices()
+        w = np.sqrt(eigh(stiffness, mass, eigvals_only=True))
+        zeta = self.damping_ratio
+        return (
+            (2 * zeta * w[0], 0.0)
+            if len(w) == 1
+            else (2 * zeta * w[0] * w[1] / (w[0] + w[1]), 2 * zeta / (w[0] + w[1]))
+        )
 
     def matrices(self):
         """Return dense M, C, K."""
@@ -263,6 +281,18 @@ class _Row:
         self.k_storey = np.concatenate([np.asarray(b.stiffnesses, dtype=float) for b in real])
 
         self.drift = np.eye(n)  # drift = (this) @ u
+        self.softening = np.concatenate([np.full(len(b.masses), 1.0 - b.hardening) for b in real])
+        strengths = [[np.inf] * len(b.masses) if b.yield_strengths is None else b.yield_strengths for b in real]
+        self.strength = np.concatenate(strengths).astype(float)
+        self.yields = bool(np.isfinite(self.strength).any())
+        # what the damper of a storey that yields loses of its coefficient (kN s/m)
+        self.undamped = np.concatenate(
+            [
+                b.rayleigh_factors()[1] * (1 - b.hardening) * np.asarray(b.stiffnesses) * bool(b.tangent_damping)
+                for b in real
+            ]
+        )
+
         self.owner = np.zeros((self.nb, n))  # sums storeys over each building
         for b in range(self.nb):
             self.owner[b, self.start[b] : self.start[b + 1]] = 1.0
@@ -328,6 +358,10 @@ class _Solver:
         self.i_work = slice(2 * n + 2 * nb, 2 * n + 2 * nb + np_)
         self.i_imp = slice(2 * n + 2 * nb + np_, 2 * n + 2 * nb + 2 * np_)
         self.size = 2 * n + 2 * nb + 2 * np_
+        self.i_hyst = slice(self.size, self.size + (nb if row.yields else 0))  # energies lost in yielding
+        self.size = self.i_hyst.stop
+        self.phase = np.zeros(n)  # of each storey: 0 elastic, 1 or -1 yielding to that side
+        self.slip = np.zeros(n)  # its plastic drift, while elastic
         self.atol = np.full(self.size, float(atol))
         self.atol[2 * n :] *= max(1.0, float(np.max(row.m)))  # energies and impulses: mass times velocities
         self.state = np.zeros(np_, dtype=int)
@@ -362,11 +396,39 @@ class _Solver:
             f = f + np.where((self.state == CLOSED)[column], damper, 0.0)
         return np.where(pushing, f, 0.0)
 
+    def storeys(self, u):
+        """Return (drift, plastic drift, shear) of every storey in the frozen phases."""
+        row, column = self.row, (slice(None),) + (None,) * (u.ndim - 1)
+        drift = row.drift @ u
+        limit = np.where(np.isfinite(row.strength), row.strength, 0.0) / row.k_storey
+        plastic = np.where(self.phase[column] == 0.0, self.slip[column], drift - (self.phase * limit)[column])
+        return drift, plastic, row.k_storey[column] * (drift - row.softening[column] * plastic)
+
+    def at_rest(self, y):
+        """Drift of each storey under no shear: unloaded, and yielding back on the way where it must."""
+        row = self.row
+        rest = np.zeros(row.n)
+        plastic = self.storeys(y[self.iu])[1]
+        for i in np.flatnonzero(np.isfinite(row.strength)):
+            soft, p, limit = row.softening[i], abs(plastic[i]), row.strength[i] / row.k_storey[i]
+            # unloaded at (1 - r) p, where z = -r p; if that is beyond yield, on the line r k d = (1 - r) Vy
+            rest[i] = soft * p if (1 - soft) * p <= limit else soft * limit / (1 - soft)
+            rest[i] *= np.sign(plastic[i])
+        return rest
+
+    def damping(self, v):
+        """Return C v."""
+        row, found = self.row, self.row.C @ v
+        if row.yields:
+            column = (slice(None),) + (None,) * (v.ndim - 1)
+            found = found - row.drift.T @ ((row.undamped * np.abs(self.phase))[column] * (row.drift @ v))
+        return found
+
     def motion(self, u, v, ag):
         """Return (acceleration relative to the ground, F, d, rate of d)."""
         row = self.row
         m = row.m if u.ndim == 1 else row.m[:, None]
-        load = -(row.C @ v) - row.K @ u
+        load = -self.damping(v) - (row.drift.T @ self.storeys(u)[2] if row.yields else row.K @ u)
         if not self.contact:
             zero = np.zeros((row.np, *u.shape[1:]))
             return load / m - ag, zero, zero - 1.0, zero
@@ -390,8 +452,13 @@ class _Solver:
         ag = self.ag0 + self.slope * tau
         a, f, _, rate = self.motion(u, v, ag)
         power_in = row.owner @ (-row.m * ag * v)
-        power_damp = row.owner @ (v * (row.C @ v))
-        return np.concatenate([v, a, power_in, power_damp, f * rate, f])
+        power_damp = row.owner @ (v * self.damping(v))
+        rates = [v, a, power_in, power_damp, f * rate, f]
+        if row.yields:  # of a storey that yields, z dp = Vy/k |d drift|
+            with np.errstate(invalid="ignore"):
+                power = np.where(self.phase != 0.0, row.softening * row.strength * self.phase * (row.drift @ v), 0.0)
+            rates.append(row.owner @ power)
+        return np.concatenate(rates)
 
     def energies(self, y):
         """Return (kinetic, strain, transfer) per building."""
@@ -400,13 +467,37 @@ class _Solver:
         m = row.m if y.ndim == 1 else row.m[:, None]
         kinetic = row.owner @ (0.5 * m * v * v)
         strain = row.owner @ (0.5 * u * (row.K @ u))
+        if row.yields:
+            drift, plastic, _ = self.storeys(u)
+            k, soft = (x if y.ndim == 1 else x[:, None] for x in (row.k_storey, row.softening))
+            strain = row.owner @ (0.5 * k * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2))
         k0 = self.kinetic0 if y.ndim == 1 else self.kinetic0[:, None]
-        return kinetic, strain, y[self.i_in] - (kinetic - k0) - y[self.i_damp] - strain
+        lost = y[self.i_hyst] if row.yields else 0.0
+        return kinetic, strain, y[self.i_in] - (kinetic - k0) - y[self.i_damp] - strain - lost
 
     # -- events --------------------------------------------------------------------------------------------------
 
     def gauges(self, tau, y):
         """Event functions of the frozen phases: list of (pair, next phase, values); an event is a rise through 0."""
+        row = self.row
+        return (self.gauges_of_storeys(y) if row.yields else []) + (
+            self.gauges_of_contacts(tau, y) if self.contact else []
+        )
+
+    def gauges_of_storeys(self, y):
+        """Event functions of the storeys, numbered behind the pairs: next phase 1, -1 or 0."""
+        row, out = self.row, []
+        drift, rate = row.drift @ y[self.iu], row.drift @ y[self.iv]
+        for i in np.flatnonzero(np.isfinite(row.strength)):
+            if self.phase[i] == 0.0:
+                z, limit = drift[i] - self.slip[i], row.strength[i] / row.k_storey[i]
+                out += [(row.np + i, 1.0, z - limit), (row.np + i, -1.0, -z - limit)]
+            else:
+                out.append((row.np + i, 0.0, -self.phase[i] * rate[i]))
+        return out
+
+    def gauges_of_contacts(self, tau, y):
+        """Event functions of the contacts."""
         row = self.row
         d = row.B @ y[self.iu]
         d = d - (row.gap if y.ndim == 1 else row.gap[:, None])
@@ -480,6 +571,12 @@ class _Solver:
     def enter(self, t_global, y, p, target, located):
         """Set the phase of a pair after an event; returns the state vector (changed only if stereomechanical)."""
         self.event_count += 1
+        if p >= self.row.np:
+            i = p - self.row.np
+            if target == 0.0:  # the drift turns
+                self.slip[i] = self.storeys(y[self.iu])[1][i]
+            self.phase[i] = target
+            return y
         if self.jump:
             at = self.state == CLOSED
             at[p] = target == CLOSED
@@ -564,7 +661,8 @@ class _Solver:
         ag = self.ag0 + self.slope * tau
         a, f, d, _ = self.motion(u, v, ag)
         transfer = self.energies(y)[2]
-        return np.concatenate([u, -u, np.abs(self.row.drift @ u), np.abs(a + ag), f, d, transfer, -transfer])
+        drift, _, shear = self.storeys(u)
+        return np.concatenate([u, -u, np.abs(drift), np.abs(a + ag), f, d, np.abs(shear), transfer, -transfer])
 
     def note_peaks(self, dense, ts, ys):
         q = self.observe(ts, ys)
@@ -597,7 +695,7 @@ class _Solver:
             dense = solver.dense_output()
             ts = np.linspace(tau, solver.t, SAMPLES)
             ys = dense(ts)
-            event = self.find_event(dense, ts, ys) if self.contact else None
+            event = self.find_event(dense, ts, ys) if self.contact or self.row.yields else None
             end = solver.t if event is None else event[0]
             if event is not None:
                 ts = np.linspace(tau, end, SAMPLES)
@@ -673,7 +771,9 @@ def run(
     dict. Per building lists of arrays over storeys: displacement_max, displacement_min, drift_max, storey_shear_max,
     acceleration_max, displacement_final, velocity_final, and displacement, velocity (record points x storeys).
     Per building arrays: energy_input, energy_damping, kinetic_final, strain_final, kinetic_initial,
-    energy_transfer_final, energy_transfer_max, energy_transfer_min (a wall has zeros). Per pair lists over the floors
+    energy_transfer_final, energy_transfer_max, energy_transfer_min (a wall has zeros), and of storeys that may yield
+    ductility_max, plastic_drift_final, residual_drift (per storey) and energy_hysteretic (per building). Per pair
+    lists over the floors
     that meet: floors (storeys left and right, None at a wall; see `struck_columns` for columns), column_shear_max
     (largest shears by the contact below and above the struck point, NaN between floors), impact_force_max,
     impact_count, penetration_max, impulse, first_impact_time (None: no impact), approach_speed_max, contact_time,
@@ -701,8 +801,8 @@ def run(
     history = np.array(history)
 
     n, np_, nb = row.n, row.np, row.nb
-    cuts = np.cumsum([n, n, n, n, np_, np_, nb])
-    up, down, drift, acc, force, pen, tr_max, tr_min = np.split(s.peak, cuts)
+    cuts = np.cumsum([n, n, n, n, np_, np_, n, nb])
+    up, down, drift, acc, force, pen, shear, tr_max, tr_min = np.split(s.peak, cuts)
     kinetic, strain, transfer = s.energies(y)
     first = iter(s.first)
     return {
@@ -710,7 +810,7 @@ def run(
         "displacement_max": row.by_building(up),
         "displacement_min": row.by_building(-down),
         "drift_max": row.by_building(drift),
-        "storey_shear_max": row.by_building(row.k_storey * drift),
+        "storey_shear_max": row.by_building(shear),
         "acceleration_max": row.by_building(acc),
         "impact_force_max": row.by_pair(force),
         "column_shear_max": row.by_pair(force[:, None] * np.reshape(row.shares, (-1, 2))),
@@ -727,6 +827,12 @@ def run(
         "kinetic_final": kinetic,
         "strain_final": strain,
         "energy_transfer_final": transfer,
+        "energy_hysteretic": y[s.i_hyst].copy() if row.yields else np.zeros(nb),
+        "plastic_drift_final": row.by_building(s.storeys(y[s.iu])[1]),
+        "ductility_max": row.by_building(
+            drift * row.k_storey / np.where(np.isfinite(row.strength), row.strength, np.nan)
+        ),
+        "residual_drift": row.by_building(s.at_rest(y)),
         "energy_transfer_max": tr_max,
         "energy_transfer_min": -tr_min,
         "displacement_final": row.by_building(y[s.iu].copy()),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pounding_sweep.model.scene import Building, ContactProperties, Scene
@@ -40,6 +42,19 @@ def pair(gap=0.006):
         ],
         gaps=[gap],
         contact=ContactProperties(linear_stiffness=8e5, hertz_stiffness=7.5e6, restitution=0.6),
+    )
+
+
+def yielding_pair(gap=0.003):
+    """The pair with storeys that yield, but for a roof; without hardening and with dampers that soften on the right."""
+    a, b = pair().buildings
+    return Scene(
+        [
+            replace(a, yield_strengths=[220.0, 120.0], hardening=0.05),
+            replace(b, yield_strengths=[180.0, np.inf], damping_stiffness="tangent"),
+        ],
+        gaps=[gap],
+        contact=pair().contact,
     )
 
 

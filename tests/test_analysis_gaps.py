@@ -366,6 +366,10 @@ class TestAtAnIntensity:
         cube.exact[1, 2] *= 1.01
         with pytest.raises(InputError, match="of record 'r1' do not grow in proportion to its scale"):
             gap_for_probability(cube, [0.5], intensity="pga")
+        yielding = Scene([Building("a", [1.0], [9.0], yield_strengths=[5.0]), Building("b", [1.0], [9.0])], [0.1])
+        about = sweep_attribute(yielding, "el_centro", laws="none")
+        with pytest.raises(InputError, match="required gaps of a row that yields do not grow"):
+            gap_for_probability(self.suite([0.01, 0.02]).assign_attrs(about), [0.5], intensity="pga")
 
     def test_rates_of_the_records_by_hand(self):
         from pounding_sweep.analysis.hazard import Hazard

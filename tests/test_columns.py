@@ -457,3 +457,16 @@ def test_sweeps_equal_scenarios_one_by_one(method):
         for name in outputs:
             tolerance = {"rtol": 2e-3, "atol": 1e-3 * float(abs(one[name]).max())}  # flight looks for peaks otherwise
             np.testing.assert_allclose(got[name], one[name], **tolerance, err_msg=name)
+
+
+def test_columns_of_a_storey_that_may_yield_are_not_struck():
+    def row(**more):
+        low, high = (
+            ps.Building("low", [50.0], [1e4], storey_heights=[4.0]),
+            ps.Building("high", [50.0] * 2, [1e4] * 2, **more),
+        )
+        return ps.Scene([low, high], gaps=[0.01], contacts="floors and columns", allow_unmet=True)
+
+    assert any(contact.struck >= 0 for contact in row(yield_strengths=[100.0, float("inf")]).contacts)
+    with pytest.raises(SceneError, match=r"columns of a storey that may yield.*strength inf"):
+        row(yield_strengths=[100.0, 100.0])

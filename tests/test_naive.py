@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from naive import (
@@ -477,3 +479,62 @@ def test_floors_meet_where_elevations_agree():
     assert contact_floors(WALL, tall) == [(None, 1), (None, 2), (None, 3)]
     with pytest.raises(ValueError, match="gaps"):
         run([low, tall], [], np.zeros(3), 0.01, "linear", 1.0)
+
+
+# -- storeys that yield ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("hardening", [0.0, 0.1, 0.5])
+def test_a_storey_that_yields_moves_as_energy_says(hardening):
+    """Undamped, pushed once: it stops where its work is the kinetic energy, and unloads from there."""
+    m, k, strength, v0, dt = 100.0, 4.0e4, 300.0, 0.5, 0.01
+    building = NaiveBuilding([m], [k], 0.0, yield_strengths=[strength], hardening=hardening)
+    limit = strength / k
+    # m v0^2 / 2 = Vy dy / 2 + Vy (d - dy) + r k (d - dy)^2 / 2
+    left = 0.5 * m * v0**2 - 0.5 * strength * limit
+    beyond = brentq(lambda x: strength * x + 0.5 * hardening * k * x**2 - left, 0.0, 1.0)
+    until = np.pi / np.sqrt(k / m) + beyond / (0.3 * v0)  # past the turn, not back at yield
+    points = int(until / dt)
+    one = run([building], [], np.zeros(points), dt, "none", initial_velocity=[[v0]])
+    assert one["drift_max"][0][0] == pytest.approx(limit + beyond, rel=1e-10)
+    assert one["ductility_max"][0][0] == pytest.approx(1.0 + beyond / limit, rel=1e-10)
+    assert one["storey_shear_max"][0][0] == pytest.approx(strength + hardening * k * beyond, rel=1e-10)
+    long = run([building], [], np.zeros(600), dt, "none", initial_velocity=[[v0]])
+    for found in (one, long):
+        balance = found["kinetic_initial"] - found["kinetic_final"] - found["strain_final"] - found["energy_hysteretic"]
+        assert balance == pytest.approx(0.0, abs=1e-9)
+    assert long["energy_hysteretic"][0] >= (1.0 - hardening) * strength * beyond * (1.0 - 1e-10)
+    if hardening == 0.0:  # it swings on about where it unloads to, elastically
+        assert long["energy_hysteretic"][0] == pytest.approx(strength * beyond, rel=1e-10)
+        assert long["residual_drift"][0][0] == pytest.approx(beyond, rel=1e-10)
+        middle = 0.5 * (long["displacement"][0][300:].max() + long["displacement"][0][300:].min())
+        assert middle == pytest.approx(beyond, abs=2e-3 * limit)
+
+
+def test_a_loop_of_yielding_is_that_of_springs_in_parallel():
+    """Bilinear: an elastic spring beside a perfectly plastic one, here as a slider that an ODE of its own drags."""
+    m, k, strength, r, dt = 80.0, 3.0e4, 150.0, 0.2, 0.02
+    ag = 4.0 * np.sin(np.arange(200) * dt * 9.0)
+    one = run([NaiveBuilding([m], [k], 0.05, yield_strengths=[strength], hardening=r)], [], ag, dt, "none")
+    c = 2.0 * 0.05 * np.sqrt(k * m)
+    u = v = z = 0.0
+    h, limit, found = dt / 2000, strength / k, []
+    for a0, a1 in pairwise(ag):
+        for i in range(2000):  # semi-implicit Euler, the slider by return mapping
+            g = a0 + (a1 - a0) * (i + 1) / 2000
+            v += h * (-g - (c * v + r * k * u + (1.0 - r) * k * z) / m)
+            u += h * v
+            z = min(max(z + h * v, -limit), limit)
+        found.append(u)
+    assert one["ductility_max"][0][0] > 2.0
+    assert one["event_count"] > 10
+    assert np.abs(one["displacement"][0][1:, 0] - found).max() < 1e-3 * np.abs(found).max()
+
+
+def test_storeys_that_never_reach_their_strength_are_elastic():
+    rows = [shear([120.0, 90.0], 1.5e5), shear([120.0, 90.0], 1.5e5, yield_strengths=[1e6, np.inf], hardening=0.3)]
+    ag = 3.0 * np.sin(np.arange(100) * 0.2)
+    plain, strong = (run([row], [], ag, 0.02, "none") for row in rows)
+    assert strong["event_count"] == 0
+    for name in ("displacement_max", "storey_shear_max", "acceleration_max", "energy_input", "strain_final"):
+        assert np.allclose(plain[name], strong[name], rtol=1e-8), name

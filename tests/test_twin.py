@@ -17,6 +17,9 @@ from pounding_sweep.outputs.variables import REDUCERS
 EL_CENTRO = ps.find_record("el_centro")
 SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[70:130])
 WALL = ps.Scene([ps.Wall(), ps.Building("a", [30.0], [2e4])], gaps=[0.002])
+YIELDS = ps.Scene(
+    [ps.Building("a", [30.0], [2e4], yield_strengths=[40.0], hardening=0.1), ps.Building("b", [20.0], [2e4])], [0.002]
+)
 CASES = [
     ("rk4", "hertz_damped", True, WALL),
     ("newmark", "hysteretic", True, WALL),
@@ -25,6 +28,8 @@ CASES = [
     ("rk4", "kelvin_voigt", False, WALL),
     ("newmark", "hertz", False, WALL),
     ("exact", "kelvin_voigt", True, pair()),
+    ("rk4", "kelvin_voigt", True, YIELDS),
+    ("newmark", "none", True, YIELDS),
     ("newmark", "kelvin_voigt", True, FRAMED),
     ("rk4", "linear", False, FRAMED),
 ]
@@ -48,7 +53,8 @@ def test_a_kernel_is_what_its_source_says(method, law, locate, scene, monkeypatc
         found.append({**kernel.run(SHORT, **one, history=history), "history": history})
     get_kernel.cache_clear()
     compiled, twin = found
-    assert compiled["count"].sum() > 0
+    assert compiled["count" if law != "none" else "travel"].sum() > 0
+    assert scene is not YIELDS or compiled["travel"].sum() > 0
     for name, want in compiled.items():
         size = np.abs(want).max()
         np.testing.assert_allclose(twin[name], want, rtol=0, atol=1e-9 * size + 1e-12, err_msg=name)

@@ -17,6 +17,7 @@ _HOME = {
     "Hazard": "pounding_sweep.analysis.hazard",
     "read_hazard": "pounding_sweep.analysis.hazard",
     "SEPARATION_RULES": "pounding_sweep.analysis.separation_rules",
+    "constant_ductility": "pounding_sweep.analysis.strengths",
     "export_nrml": "pounding_sweep.analysis.exchange",
     "export_pelicun": "pounding_sweep.analysis.exchange",
     "response_spectrum": "pounding_sweep.analysis.spectra",

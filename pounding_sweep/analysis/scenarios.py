@@ -20,7 +20,7 @@ NO_POUNDING = "none"
 #: Attribute by which the result of a comparison is known.
 COMPARISON = "comparison"
 #: What tells listed cases apart that a run without pounding does not ignore.
-_CASE_KEYS = ("record", "scale", "period_factor", "mass_factor", "damping_ratio")
+_CASE_KEYS = ("record", "scale", "period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
 #: What is below this share of the largest of its kind is rounding, and no divisor of a ratio.
 ROUND_OFF = 1e-9
 #: What tells that floors touched, the surest first; above zero in a scenario that did.

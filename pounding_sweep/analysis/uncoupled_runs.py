@@ -54,10 +54,10 @@ def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
     """Run a row without pounding, once for each record."""
     from pounding_sweep.run.sweep import Sweep
 
-    sweep = Sweep(scene, records, NO_POUNDING, folders=folders, **_settings())
+    sweep = Sweep(scene, records, NO_POUNDING, folders=folders, **_settings(scene))
     _check_pairs(sweep.spec.scene)
     if (row := with_columns(sweep.spec.scene)) != sweep.spec.scene:
-        sweep = Sweep(row, sweep.spec.records, NO_POUNDING, **_settings())
+        sweep = Sweep(row, sweep.spec.records, NO_POUNDING, **_settings(row))
     cube = _reduced(sweep.run()).isel(scale=0, drop=True)
     return StillRuns(sweep.spec.scene, cube, *_first_modes(sweep.spec.scene, ()))
 
@@ -95,8 +95,10 @@ def _check_pairs(scene: Scene) -> None:
         raise InputError(msg)
 
 
-def _settings() -> dict[str, Any]:
-    return {"outputs": list(OUTPUTS), "method": "exact", "dt": STEP, "audit": 0.0}
+def _settings(scene: Scene | str) -> dict[str, Any]:
+    """Solver of runs without pounding: exact where all is elastic."""
+    method = "rk4" if isinstance(scene, Scene) and any(scene.yields) else "exact"
+    return {"outputs": list(OUTPUTS), "method": method, "dt": STEP, "audit": 0.0}
 
 
 def _reduced(cube: xr.Dataset) -> xr.Dataset:
@@ -114,7 +116,7 @@ def _found_again(sweep: dict[str, Any], records: Any, folders: Any) -> list[Reco
 
 
 def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) -> xr.Dataset:
-    """Run a product sweep without pounding, once for each sign of its scales: responses grow with the scale."""
+    """Run a product sweep without pounding; an elastic row once for each sign of its scales, by which it grows."""
     import xarray as xr
 
     from pounding_sweep.run.sweep import Sweep
@@ -125,11 +127,12 @@ def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any
         for name, axis in AXES.items()
         if (axis.of_buildings or axis.column == "scale") and getattr(given, name)
     }
-    signs = [-1.0 if scale < 0.0 else 1.0 for scale in given.scales]
+    elastic = not any(scene.yields)
+    signs = [-1.0 if scale < 0.0 else 1.0 for scale in given.scales] if elastic else []
     if signs:
         kept["scales"] = sorted(set(signs))
     found = _found_again(sweep, records, folders)
-    job = Sweep(scene, found, NO_POUNDING, **kept, **_parameters(sweep), **_settings())
+    job = Sweep(scene, found, NO_POUNDING, **kept, **_parameters(sweep), **_settings(scene))
     unit = _reduced(job.run())
     if not signs:
         return unit
@@ -159,7 +162,7 @@ def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) 
     ignored: dict[str, Any] = dict.fromkeys(_IGNORED)
     cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]
     found = _found_again(sweep, records, folders)
-    return Sweep(scene, found, cases=list(dict.fromkeys(cases)), **_parameters(sweep), **_settings()).run()
+    return Sweep(scene, found, cases=list(dict.fromkeys(cases)), **_parameters(sweep), **_settings(scene)).run()
 
 
 def _first_modes(scene: Scene, axes: Sequence[PropertyAxis]) -> tuple[xr.DataArray, xr.DataArray]:

@@ -22,6 +22,8 @@ COMPILING = {
     "implicit contacts": 0.24,
     "floor in contacts": 0.035,
     "floor and reducer": 0.0105,
+    "yielding": 0.15,
+    "storey that yields": 0.035,
 }
 #: Floors from which on kernels do not grow with a row: it runs through loops.
 MOST_FLOORS = FUSED_DOF + 2
@@ -38,6 +40,8 @@ def compiling_parts(shape: KernelSpec) -> dict[str, int]:
         "implicit contacts": int(touching and shape.implicit),
         "floor in contacts": floors * touching,
         "floor and reducer": floors * len(shape.reducers),
+        "yielding": int(bool(shape.yielding)),
+        "storey that yields": min(len(shape.yielding), MOST_FLOORS),
     }
 
 

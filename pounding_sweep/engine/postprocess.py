@@ -62,7 +62,8 @@ def _status(
     flags = raw["flags"][:, 0].astype(int)
     quickening = raw["quickening"][:, 0] if "quickening" in raw else np.ones(len(flags))
     status = resolution_status(row, record, kernel.numerics, steps, quickening)
-    status[flags & FLAG_FALLBACK > 0] = Status.UNDER_RESOLVED_CONTACT
+    touching = kernel.shape.law is not None  # else it is storeys that yield too often within a step
+    status[flags & FLAG_FALLBACK > 0] = Status.UNDER_RESOLVED_CONTACT if touching else Status.UNDER_RESOLVED_MOTION
     status[flags & FLAG_UNSOLVED > 0] = Status.NEWTON_NOT_CONVERGED
     status[(flags & FLAG_DIVERGED > 0) | _impossible(kernel, raw, record, row)] = Status.DIVERGED
     return status

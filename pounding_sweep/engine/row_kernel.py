@@ -34,6 +34,8 @@ from pounding_sweep.schemes import SCHEMES, Scheme
 GLIDE = (0.3, 0.8, 1.2)
 #: The same where outputs are asked for in which high modes weigh more.
 QUICK_GLIDE = (0.2, 0.3, 0.5)
+#: Yield drift (m) of storeys that never yield, in both number formats.
+ELASTIC = 1e30
 #: Inputs handed to a kernel at a time (bytes).
 SLAB_BYTES = 1 << 24
 #: Tables of flight handed to a kernel at a time, where buildings vary (bytes).
@@ -99,6 +101,9 @@ def kernel_shape(
         wanted -= _existing("touch")
     if not scene.contacts:
         wanted -= _existing("neighbours")
+    yields = scene.yields
+    if not any(yields):
+        wanted -= _existing("yields")
     meets = touching or bool(wanted & _existing("neighbours"))
     compiled = None
     if touching:
@@ -130,6 +135,8 @@ def kernel_shape(
         precision=numerics.precision,
         varied=varied,
         windows=windows and not history,
+        yielding=tuple(i for i, each in enumerate(yields) if each),
+        tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in scene.buildings),
         struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
     )
 
@@ -348,7 +355,10 @@ class RowKernel:
 def _properties(row: Variants) -> dict[str, np.ndarray]:
     """Return building properties by the name of their slots, shape (n, slots)."""
     shares = np.array([column_shares(contact.xi) for contact in row.scene.contacts]).reshape(-1, 2)
-    alpha, beta = zip(*(row.rayleigh(b) for b in range(len(row.scene.buildings))), strict=True)
+    buildings = row.scene.buildings
+    alpha, beta = zip(*(row.rayleigh(b) for b in range(len(buildings))), strict=True)
+    tangent = [float(b.damping_stiffness == "tangent") for b in buildings]
+    storeys = [b.n_storeys for b in buildings]
     return {
         "m": row.masses,
         "im": 1.0 / row.masses,
@@ -356,6 +366,9 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "alpha": np.stack(alpha, axis=1),
         "beta": np.stack(beta, axis=1),
         "reduced": row.contact_masses,
+        "hardening": row.hardenings,
+        "yield_drift": np.minimum(row.yield_drifts, ELASTIC),
+        "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
         "lower": shares[None, :, 0],
         "upper": shares[None, :, 1],
     }

@@ -166,6 +166,8 @@ class Group:
         self.follows = any(reducer.follows for reducer in reducers)
         self.contacts = spec.contacts if spec.law is not None else ()
         self.touching = len(self.contacts) > 0
+        #: Whether steps are cut at events: of contacts, or of storeys that yield.
+        self.eventful = self.touching or bool(spec.yielding)
         self.limit = SimpleNamespace(**TOLERANCES[spec.precision])
         self.law = Law(spec.law, spec.order, self.limit.exact) if spec.law is not None else None
         #: Number of the step that lanes are within: one for all, or one each.
@@ -180,13 +182,13 @@ class Group:
         spec, n, nc, nb = self.spec, self.spec.n_dof, len(self.spec.contacts), self.spec.n_buildings
         rows = self._inputs.count | result_slots(spec, self.reducers).count
         rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1, "g0": 1, "g1": 1}
-        if spec.implicit or self.touching:
+        if spec.implicit or self.eventful:
             rows |= {"a0": n}
         if "acceleration" in self.asked:
             rows |= dict.fromkeys(("acc0", "acc1", "rate0", "rate1"), n)
         if not spec.fused:  # sums over the stages of a step, and its stages
             rows |= dict.fromkeys(("din", "ddamp"), nb)
-            if self.touching:
+            if self.eventful:
                 rows |= dict.fromkeys(("x", "y", "push", "s0", "s1", "s2", "s3"), n) | dict.fromkeys(
                     ("dwork", "dimpulse"), nc
                 )
@@ -194,10 +196,14 @@ class Group:
             rows |= {"response": 2 * nc * max(spec.storeys), "diagonal": max(spec.storeys)}
         if spec.implicit or spec.impulsive:
             rows |= {"a": n, "alone": n}
-        if self.touching:
+        if self.eventful:
             rows |= dict.fromkeys(("time_left", "fraction", "ahead", "ga", "gb", "tries", "land", "taken"), 1)
             rows |= {"joining": nc} if spec.impulsive else {}
             rows |= dict.fromkeys(("fallback", "unsolved", "stiff"), 1)
+        if spec.yielding:
+            rows |= dict.fromkeys(("phase", "slip", "kt", "ct", "turn", "then"), n)
+            rows |= {"kd": n} if spec.tangent else {}
+        if self.touching:
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
             rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)
             rows |= {"now": nb, "gained0": nb, "gained1": nb}
@@ -212,6 +218,10 @@ class Group:
         return any(LOOKS.index(reducer.looks) >= LOOKS.index(what) for reducer in self.reducers)
 
     # what the scene gives ------------------------------------------------------------------------------------------
+
+    def yields(self, i: Any) -> bool:
+        """Whether the storey below floor i may yield; floors known at run time only have rows as those that may."""
+        return bool(self.spec.yielding) and (not isinstance(i, int) or i in self.spec.yielding)
 
     def prop(self, name: str, i: int = 0) -> Any:
         """Return a constant of the scene: of a floor, building or contact; per lane where buildings vary."""

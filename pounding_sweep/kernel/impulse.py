@@ -14,7 +14,7 @@ from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, is_closed, note
 from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, when_any, where, while_any
 from pounding_sweep.kernel.roots import along, coefficients, quartic, rate, root
-from pounding_sweep.kernel.row import transferred
+from pounding_sweep.kernel.row import total_accelerations, transferred
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Mass (t) of a wall, beside which those of floors vanish.
@@ -30,6 +30,11 @@ def alone(group: Group, ground: Any, put: Callable[[Any, Any], None]) -> None:
     s = group.state
     for b, floors in group.each_building():
         v = [s["v", i] for i in floors]
+        if any(map(group.yields, floors)):
+            found = total_accelerations(group, [(b, floors)], [s["u", i] for i in floors], v)
+            for i, a in zip(floors, found, strict=True):
+                put(i, a - ground)
+            continue
         w = [s["u", i] + group.prop("beta", b) * y for i, y in zip(floors, v, strict=True)]
         for p, i in enumerate(floors):
             f = -group.prop("k", i) * (w[p] - w[p - 1] if p else w[p])

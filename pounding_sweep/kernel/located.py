@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any
 
-from pounding_sweep.kernel import forces, impulse
+from pounding_sweep.kernel import forces, hysteresis, impulse
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, maximum, minimum, when_any, where
 from pounding_sweep.kernel.peaks import largest_accelerations, samples, turns
@@ -27,7 +27,7 @@ def begin(group: Group, lanes: Any, ga: Any, gb: Any, h: Any) -> None:
 def look_ahead(group: Group, h: Any) -> None:
     """Length and ground of every lane's next trial."""
     s = group.state
-    rest, longest = s["time_left"], forces.longest_substep(group, h)
+    rest, longest = s["time_left"], forces.longest_substep(group, h) if group.touching else group.full(h)
     ahead = where((longest < rest) & (s["tries"] < forces.MAX_TRIES), longest, rest)
     length = where(rest > 0.0, where(s["land"] > 0.0, s["ahead"], ahead), 0.0)
     ga, gb, done = s["ga"], s["gb"], h - rest
@@ -43,7 +43,7 @@ def refuse(group: Group, lanes: Any) -> None:
     s["taken"], s["h"] = where(lanes, 0.0, s["taken"]), where(lanes, 0.0, s["h"])
     floors = [("u", "u0"), ("v", "v0")] + ([("a", "a0")] if spec.implicit else [])
     contacts = [("d1", "d0"), ("w1", "w0")] + ([("f1", "f0")] if spec.impulsive else [])
-    for pairs, n in ((floors, spec.n_dof), (contacts, len(group.contacts))):
+    for pairs, n in ((floors, spec.n_dof), *(((contacts, len(group.contacts)),) if group.touching else ())):
         for now, before in pairs:
             for i in group.each(n, straight=False):
                 s[now, i] = where(lanes, s[before, i], s[now, i])
@@ -56,7 +56,7 @@ def accept(group: Group, look: Any, kind: ModuleType) -> None:
     s["taken"] = where(ongoing, 1.0, 0.0 * h)
     landing = s["land"] > 0.0
     asks = ongoing & ~landing & look & (s["tries"] < forces.MAX_TRIES)
-    if group.spec.implicit:
+    if group.spec.implicit and group.touching:
         # at large steps the quartic misses the touch by enough for a stiff contact to feel; Newton on the step
         lands = ongoing & landing & (s["land"] <= 4.0)
         with when_any(lands):
@@ -66,7 +66,9 @@ def accept(group: Group, look: Any, kind: ModuleType) -> None:
             with when_any(again):
                 refuse(group, again)
     with when_any(asks):
-        fraction = kind.first_event(group, asks)
+        fraction = kind.first_event(group, asks) if group.touching else group.full(1.0)
+        if group.spec.yielding:
+            fraction = minimum(fraction, hysteresis.first_event(group, asks))
         early = asks & (fraction < 1.0)
         s["fraction"] = where(early, fraction, s["fraction"])
         s["ahead"] = where(early, h * fraction, s["ahead"])
@@ -83,14 +85,17 @@ def conclude(group: Group, kind: ModuleType, h: Any) -> None:
     lands = taken & (s["land"] > 0.0)
     implicit = group.spec.implicit and not group.spec.impulsive
     switched = Cell(lands & ~lands)
-    if implicit:
+    if implicit and group.touching:
         stiff = taken & (s["stiff"] > 0.0)
         with when_any(stiff):
             group.scheme.settle(group, stiff)
             switched.now = stiff
     with when_any(lands):
         s["land"] = where(lands, 0.0, s["land"])
-        switched.now = switched.now | kind.apply_events(group, lands, h)
+        if group.spec.yielding:
+            switched.now = switched.now | hysteresis.apply_events(group, lands)
+        if group.touching:
+            switched.now = switched.now | kind.apply_events(group, lands, h)
     if implicit:
         with when_any(switched.now):
             group.scheme.balance(group, switched.now)
@@ -131,12 +136,15 @@ def substep(group: Group, h: Any) -> None:
     if group.spec.impulsive:
         for j in group.each(len(group.contacts)):
             s["f0", j] = s["f1", j]
-    elif group.spec.implicit:
+    elif group.spec.implicit and group.touching:
         group.scheme.soften(group)
     add = group.scheme.trial(group)
-    look = kind.measure(group)
+    look = kind.measure(group) if group.touching else group.lanes_where(False)
+    if group.spec.yielding:
+        look = look | hysteresis.may_change(group, s["h"])
     accept(group, look, kind)
-    kind.ends(group, h)
+    if group.touching:
+        kind.ends(group, h)
     turns(group)
     if group.spec.impulsive:
         samples(group)  # a motion may turn in a velocity jump
@@ -149,6 +157,8 @@ def substep(group: Group, h: Any) -> None:
     if group.law is not None and group.law.graded and not group.spec.impulsive:
         for j in group.each(len(group.contacts)):
             s["age", j] = s["age", j] + s["h"]
+    if group.spec.yielding:
+        hysteresis.follow(group)
     rest = s["time_left"] - s["h"]
     s["time_left"] = where(rest > group.limit.done * h, rest, 0.0)
     s["tries"] = s["tries"] + s["taken"]
@@ -175,12 +185,20 @@ def clear_forces(group: Group, lanes: Any) -> None:
 
 def needs_ends(group: Group) -> bool:
     """Whether contact forces at the ends of a sub-step are asked for."""
-    return group.looks("ends")
+    return group.touching and group.looks("ends")
 
 
 def is_any_closed(group: Group) -> Any:
     """Whether any contact of any lane is closed."""
     return any_lane(forces.is_closed(group))
+
+
+def may_change(group: Group, h: Any) -> Any:
+    """Lanes in which floors may touch, or storeys change their phase, in the step just flown."""
+    if not group.spec.yielding:
+        return may_touch(group, h)
+    yields = hysteresis.may_change(group, h)
+    return yields | may_touch(group, h) if group.touching else yields
 
 
 def may_touch(group: Group, h: Any) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pounding_sweep.kernel import forces, located
+from pounding_sweep.kernel import forces, hysteresis, located
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -42,6 +42,8 @@ def begin(group: Group, start: Any, lanes: Any = None) -> None:
         put(("u", i), group.full(group.prop("u0", i)))
         put(("v", i), group.full(group.prop("v0", i)))
     put("g1", s["scale"] * start)
+    if spec.yielding:
+        hysteresis.begin(group)
     if spec.law is not None:
         put("shortest", group.full(group.limit.far))
     for reducer in group.reducers:
@@ -74,7 +76,7 @@ def conclude(group: Group) -> None:
         v = s["v", i]
         sound.now = sound.now & (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
     flags = where(sound.now, group.full(0.0), float(FLAG_DIVERGED))
-    if group.touching:
+    if group.eventful:
         flags = flags + where(s["fallback"] > 0.0, float(FLAG_FALLBACK), group.full(0.0))
         flags = flags + where(s["unsolved"] > 0.0, float(FLAG_UNSOLVED), group.full(0.0))
     s["flags"] = flags
@@ -143,7 +145,7 @@ class FixedSteps:
                 number = i * ground.steps + j
                 group.number = _always(number)
                 s["h"], s["g0"], s["g1"] = ground.h, s["scale"] * ga, s["scale"] * gb
-                if not group.touching:
+                if not group.eventful:
                     self._fly()
                 elif group.spec.located:
                     self._locate(closed, ga, gb)
@@ -174,8 +176,10 @@ class FixedSteps:
         for _ in when(not_(closed.now)):
             add = group.scheme.flight(group, h)
             turned = turning(group)
-            touched.now = any_lane(located.may_touch(group, h))
+            touched.now = any_lane(located.may_change(group, h))
             for _ in when(not_(touched.now)):
+                if group.spec.yielding:
+                    hysteresis.follow(group)
                 self._reduce(add, turned)
         for _ in when(closed.now):
             located.keep_start(group)

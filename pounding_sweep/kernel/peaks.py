@@ -137,7 +137,7 @@ def largest_accelerations(group: Group, located: bool) -> None:
     for b, floors in group.each_building():
         for end, _, v, ground in ends:
             y, relative = [s[v, i] for i in floors], [s[f"acc{end}", i] - s[ground] for i in floors]
-            for i, a in zip(floors, total_accelerations(group, [(b, floors)], y, relative), strict=True):
+            for i, a in zip(floors, total_accelerations(group, [(b, floors)], y, relative, rates=True), strict=True):
                 s[f"rate{end}", i] = a
     if group.touching:
         for end, *_ in ends:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from pounding_sweep.kernel import hysteresis
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import fma
 
@@ -17,10 +18,35 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any]) 
     forces, at = [], 0
     for b, floors in part:
         here = range(at, at + len(floors))
+        if any(map(group.yields, floors)):
+            below = [None, *here]
+            pairs = zip(floors, here, below, strict=False)
+            forces += [storey_force(group, b, i, _above(x, p, q), _above(y, p, q)) for i, p, q in pairs]
+            at += len(floors)
+            continue
         w = [fma(group.prop("beta", b), y[p], x[p]) if len(floors) > 1 else x[p] for p in here]
         forces += [group.prop("k", i) * (w[s] - w[s - 1] if s else w[s]) for s, i in enumerate(floors)]
         at += len(floors)
     return forces
+
+
+def _above(x: Sequence[Any], p: Any, below: Any) -> Any:
+    """Value of a floor over that of the floor below (None: the ground)."""
+    return x[p] if below is None else x[p] - x[below]
+
+
+def storey_force(group: Group, b: Any, i: Any, drift: Any, rate: Any, constant: bool = True) -> Any:
+    """Force of a storey of a building in which some may yield, its damper included; of rates without its constant."""
+    if not group.yields(i):
+        return group.prop("k", i) * fma(group.prop("beta", b), rate, drift)
+    s = group.state
+    elastic = fma(s["kt", i], drift, s["ct", i]) if constant else s["kt", i] * drift
+    return fma(group.prop("beta", b) * damper_stiffness(group, i), rate, elastic)
+
+
+def damper_stiffness(group: Group, i: Any) -> Any:
+    """Stiffness that the damper of a storey follows."""
+    return group.state["kd", i] if group.spec.tangent and group.yields(i) else group.prop("k", i)
 
 
 def accelerations(
@@ -64,7 +90,7 @@ def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tupl
         momentum = _sum([group.prop("m", i) * w for i, w in zip(floors, v, strict=True)])
         mass = _sum([group.prop("m", i) * w * w for i, w in zip(floors, v, strict=True)])
         drift = [v[s] - v[s - 1] if s else v[s] for s in range(len(v))]
-        stiff = _sum([group.prop("k", i) * dv * dv for i, dv in zip(floors, drift, strict=True)])
+        stiff = _sum([damper_stiffness(group, i) * dv * dv for i, dv in zip(floors, drift, strict=True)])
         found.append((-ground * momentum, group.prop("alpha", b) * mass + group.prop("beta", b) * stiff))
     return found
 
@@ -75,27 +101,38 @@ def kinetic(group: Group, floors: Sequence[Any]) -> Any:
 
 
 def strain(group: Group, floors: Sequence[Any]) -> Any:
-    """u'Ku/2 of a building."""
+    """u'Ku/2 of a building, of storeys that yield of their elastic parts."""
     terms, below = [], None
     for i in floors:
         u = group.state["u", i]
         drift = u if below is None else u - below
-        terms.append(0.5 * group.prop("k", i) * drift * drift)
+        elastic = not group.yields(i)
+        terms.append(0.5 * group.prop("k", i) * drift * drift if elastic else hysteresis.strain(group, i, drift))
         below = u
     return _sum(terms)
 
 
 def transferred(group: Group, b: Any, floors: Sequence[Any]) -> Any:
-    """Input - kinetic - damping - strain of building b since the start: what its contacts took."""
+    """Input - kinetic - damping - strain - lost in yielding of building b since the start: what its contacts took."""
     s = group.state
-    return s["e_in", b] - s["e_damp", b] - (kinetic(group, floors) + strain(group, floors) - s["kinetic0", b])
+    found = s["e_in", b] - s["e_damp", b] - (kinetic(group, floors) + strain(group, floors) - s["kinetic0", b])
+    yielding = [hysteresis.lost(group, i) for i in floors if group.yields(i)]
+    return found - _sum(yielding) if yielding else found
 
 
-def total_accelerations(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
+def total_accelerations(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], rates: bool = False) -> list[Any]:
     """-M^-1 (C y + K x): total accelerations without contact forces, or of rates x, y their rates."""
     found: list[Any] = []
     for b, floors in part:
         at = len(found)
+        if any(map(group.yields, floors)):
+            here = [p + at for p in range(len(floors))]
+            pairs = list(zip(floors, here, [None, *here], strict=False))
+            forces = [storey_force(group, b, i, _above(x, p, q), _above(y, p, q), not rates) for i, p, q in pairs]
+            for s, i in enumerate(floors):
+                net = -forces[s] if s == len(floors) - 1 else forces[s + 1] - forces[s]
+                found.append(fma(group.prop("im", i), net, -(group.prop("alpha", b) * y[at + s])))
+            continue
         w = [x[at + s] + group.prop("beta", b) * y[at + s] for s in range(len(floors))]
         for s, i in enumerate(floors):
             here = -(group.prop("alpha", b) * y[at + s]) - group.prop("im", i) * (

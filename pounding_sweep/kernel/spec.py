@@ -17,7 +17,7 @@ LANES = 16
 
 
 #: Properties that may differ from lane to lane.
-VARIED = ("m", "im", "k", "alpha", "beta", "reduced")
+VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift")
 
 #: Parameters of a compiled kernel and their types.
 PARAMETERS = {
@@ -112,6 +112,10 @@ class KernelSpec:
         Building properties differ from lane to lane: they are inputs, not constants.
     windows : bool
         Exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings.
+    yielding : tuple of int
+        Degrees of freedom whose storeys may yield.
+    tangent : bool
+        Dampers of some of them follow the tangent stiffness.
     struck : tuple of int
         Of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where
         none are struck.
@@ -131,6 +135,8 @@ class KernelSpec:
     precision: str = "float64"
     varied: bool = False
     windows: bool = True
+    yielding: tuple[int, ...] = ()
+    tangent: bool = False
     struck: tuple[int, ...] = ()
 
     @property
@@ -186,6 +192,7 @@ def from_json(data: dict[str, Any]) -> KernelSpec:
         "law": None if data["law"] is None else LawShape(**data["law"]),
         "struck": tuple(data["struck"]),
         "reducers": frozenset(data["reducers"]),
+        "yielding": tuple(data["yielding"]),
     }
     return KernelSpec(**{**data, **own})
 
@@ -232,6 +239,8 @@ def property_slots(shape: KernelSpec) -> Slots:
     slots.add("alpha", shape.n_buildings)
     slots.add("beta", shape.n_buildings)
     slots.add("reduced", len(shape.contacts))
+    for name in ("hardening", "yield_drift", *(("tangent",) if shape.tangent else ())) if shape.yielding else ():
+        slots.add(name, n)
     slots.add("cap")
     slots.add("newmark_beta")
     slots.add("newmark_gamma")
@@ -246,6 +255,10 @@ def history_slots(shape: KernelSpec) -> Slots:
     slots = Slots()
     slots.add("u", shape.n_dof)
     slots.add("v", shape.n_dof)
+    for name in ("slip", *(("kd",) if shape.tangent else ())) if shape.yielding else ():
+        slots.add(name, shape.n_dof)
+    if "hysteretic" in shape.reducers:
+        slots.add("travel", shape.n_dof)
     if "energy" in shape.reducers:
         slots.add("e_in", shape.n_buildings)
         slots.add("e_damp", shape.n_buildings)

@@ -21,6 +21,8 @@ from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_s
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
+#: Stiffnesses that Rayleigh damping may follow in storeys that yield.
+DAMPING_STIFFNESSES = ("initial", "tangent")
 
 
 def _numbers(what: str, unit: str, values: Sequence[float]) -> tuple[float, ...]:
@@ -34,7 +36,7 @@ def _numbers(what: str, unit: str, values: Sequence[float]) -> tuple[float, ...]
 
 
 def _positive_list(
-    owner: str, what: str, unit: str, values: Sequence[float], n: int | None = None
+    owner: str, what: str, unit: str, values: Sequence[float], n: int | None = None, infinite: bool = False
 ) -> tuple[float, ...]:
     result = _numbers(f"{owner}: {what}", unit, values)
     if not result:
@@ -44,10 +46,17 @@ def _positive_list(
         msg = f"{owner}: {len(result)} {what} for {n} masses; give one value per storey"
         raise SceneError(msg)
     for storey, value in enumerate(result, start=1):
-        if not (math.isfinite(value) and value > 0):
+        if not (value > 0 and (infinite or math.isfinite(value))):
             msg = f"{owner}: {what} of storey {storey} is {shown(value)} {unit}; it must be a positive number"
             raise SceneError(msg)
     return result
+
+
+def check_hardening(value: float, owner: str = "") -> None:
+    """Raise `SceneError` unless a hardening is in [0, 1)."""
+    if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and 0 <= value < 1):
+        msg = f"{owner}{': ' * bool(owner)}hardening is {shown(value)}; it must be in [0, 1)"
+        raise SceneError(msg)
 
 
 def _check_name(kind: str, name: str) -> None:
@@ -61,7 +70,7 @@ def _check_name(kind: str, name: str) -> None:
 
 @dataclass(frozen=True)
 class Building:
-    """A linear elastic shear building.
+    """A shear building, linear elastic unless its storeys yield.
 
     Parameters
     ----------
@@ -76,6 +85,13 @@ class Building:
         building has c = 2 zeta w m.
     storey_heights : sequence of float, optional
         Storey heights (m), 3 m each where not given.
+    yield_strengths : sequence of float, optional
+        Storey shears (kN) at first yield, bottom first; infinite where a storey never yields. A building without them
+        is elastic.
+    hardening : float
+        Stiffness of a storey that yields over its elastic one, in [0, 1): bilinear with kinematic hardening.
+    damping_stiffness : {"initial", "tangent"}
+        Stiffness that Rayleigh damping follows in storeys that yield.
     slab_depths : sequence of float, optional
         Depths of the floors' slabs (m), from the floor's elevation down, each less than its
         storey's height; 0 where not given. Floors of neighbours meet where their slabs overlap.
@@ -86,7 +102,7 @@ class Building:
     Raises
     ------
     SceneError
-        A value is out of range, or the lists differ in length.
+        A value is out of range, the lists differ in length, or `hardening` is outside [0, 1).
 
     Examples
     --------
@@ -100,6 +116,9 @@ class Building:
     stiffnesses: Sequence[float]
     damping_ratio: float | tuple[float, float] = 0.05
     storey_heights: Sequence[float] | None = None
+    yield_strengths: Sequence[float] | None = None
+    hardening: float = 0.0
+    damping_stiffness: str = "initial"
     slab_depths: Sequence[float] | None = field(default=None, kw_only=True)
     column_stiffnesses: Sequence[float] | None = field(default=None, kw_only=True)
 
@@ -112,6 +131,7 @@ class Building:
         object.__setattr__(self, "stiffnesses", _positive_list(owner, "stiffnesses", "kN/m", self.stiffnesses, n))
         heights = [DEFAULT_STOREY_HEIGHT] * n if self.storey_heights is None else self.storey_heights
         object.__setattr__(self, "storey_heights", _positive_list(owner, "storey_heights", "m", heights, n))
+        self._check_yielding(owner, n)
         if self.slab_depths is not None:
             object.__setattr__(self, "slab_depths", self._checked_depths(owner))
         if self.column_stiffnesses is not None:
@@ -136,6 +156,20 @@ class Building:
             )
             raise SceneError(msg)
 
+    def _check_yielding(self, owner: str, n: int) -> None:
+        if self.yield_strengths is not None:
+            strengths = _positive_list(owner, "yield_strengths", "kN", self.yield_strengths, n, infinite=True)
+            object.__setattr__(self, "yield_strengths", strengths)
+        check_hardening(self.hardening, owner)
+        object.__setattr__(self, "hardening", float(self.hardening))
+        if self.damping_stiffness not in DAMPING_STIFFNESSES:
+            msg = f"{owner}: {unknown('damping_stiffness', self.damping_stiffness, DAMPING_STIFFNESSES)}"
+            raise SceneError(msg)
+        if self.yield_strengths is None and (self.hardening, self.damping_stiffness) != (0.0, "initial"):
+            what = "hardening" if self.hardening else "damping_stiffness"
+            msg = f"{owner}: {what} is that of storeys that yield; give yield_strengths too, or leave it out"
+            raise SceneError(msg)
+
     def _checked_depths(self, owner: str) -> tuple[float, ...]:
         depths, heights = _numbers(f"{owner}: slab_depths", "m", self.slab_depths or ()), self.storey_heights
         assert heights is not None
@@ -155,6 +189,12 @@ class Building:
     def n_storeys(self) -> int:
         """Number of storeys."""
         return len(self.masses)
+
+    @property
+    def yields(self) -> tuple[bool, ...]:
+        """Whether each storey may yield."""
+        given = self.yield_strengths
+        return (False,) * self.n_storeys if given is None else tuple(math.isfinite(strength) for strength in given)
 
     @property
     def slabs(self) -> Slabs:
@@ -439,6 +479,13 @@ class Scene:
                 if kept or label == name:
                     contacts += [replace(contact, place=len(labels)) for contact in kept]
                     labels.append((label, pair))
+        for contact in contacts:
+            if contact.struck >= 0 and self.yields[(contact.left, contact.right)[contact.struck]]:
+                msg = (
+                    f"floors of pair {names[contact.pair]!r} strike columns of a storey that may yield, whose shape "
+                    'under the blow is not known; give that storey the strength inf, or contacts = "floors"'
+                )
+                raise SceneError(msg)
         object.__setattr__(self, "_labels", tuple(labels))
         object.__setattr__(self, "contacts", Contacts(contacts, asked))
 
@@ -481,6 +528,11 @@ class Scene:
     def n_dof(self) -> int:
         """Number of floors of all buildings."""
         return sum(b.n_storeys for b in self.buildings)
+
+    @property
+    def yields(self) -> tuple[bool, ...]:
+        """Whether the storey below each floor may yield, of all buildings."""
+        return tuple(each for building in self.buildings for each in building.yields)
 
     @cached_property
     def offsets(self) -> tuple[int, ...]:

@@ -1,17 +1,20 @@
 """Building properties that vary from scenario to scenario: a scene and factors on it.
 
-Three factors are enough for what sweeps over buildings ask: periods, masses and
-damping. None of them changes the shape of a mode, so that everything a scenario
+A few factors are enough for what sweeps over buildings ask: periods, masses,
+damping and strengths. None of them changes the shape of a mode, so that everything a scenario
 needs of its buildings follows from the scene's own numbers by multiplication,
 for any number of scenarios at once:
 
-- a period factor f multiplies all periods of a building: stiffnesses / f**2, masses kept;
-- a mass factor multiplies its masses and its stiffnesses, so that its periods are kept;
-- a damping ratio replaces the ratios of the first two modes of all buildings.
+- a period factor f multiplies all periods of a building: stiffnesses / f**2, masses and strengths kept;
+- a mass factor multiplies its masses, stiffnesses and strengths, so that its motion alone is kept;
+- a damping ratio replaces the ratios of the first two modes of all buildings;
+- a strength factor multiplies the yield strengths of a building;
+- a hardening replaces that of a building.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,6 +36,14 @@ class Variants:
     mass_factor: np.ndarray
     #: Damping ratio of all buildings, shape (n,); NaN: the scene's own.
     damping_ratio: np.ndarray
+    #: Factors on all yield strengths, and hardening, NaN: the scene's own, shape (n, buildings).
+    strength_factor: np.ndarray = None  # type: ignore[assignment]
+    hardening: np.ndarray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        for name, own in (("strength_factor", 1.0), ("hardening", np.nan)):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.broadcast_to(own, np.shape(self.period_factor)))
 
     def __len__(self) -> int:
         return len(self.damping_ratio)
@@ -40,7 +51,12 @@ class Variants:
     def __getitem__(self, rows: Any) -> Variants:
         if len(self) == 1:  # stands for any number of scenarios
             return self
-        return Variants(self.scene, self.period_factor[rows], self.mass_factor[rows], self.damping_ratio[rows])
+        return Variants(self.scene, *(column[rows] for column in self.columns))
+
+    @property
+    def columns(self) -> tuple[np.ndarray, ...]:
+        """All properties, in the order of the arguments."""
+        return self.period_factor, self.mass_factor, self.damping_ratio, self.strength_factor, self.hardening
 
     def flights(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows whose motions without pounding differ from those before them, and of each row which of them it has."""
@@ -73,6 +89,24 @@ class Variants:
         """Storey stiffnesses (kN/m), shape (n, floors)."""
         own = np.concatenate([b.stiffnesses for b in self.scene.buildings])
         return np.asarray(own * self.stiffness_factor[:, self._owner])
+
+    @cached_property
+    def yield_strengths(self) -> np.ndarray:
+        """Yield strengths of storeys (kN), infinite where they never yield, shape (n, floors)."""
+        buildings = self.scene.buildings
+        own = np.concatenate([b.yield_strengths or (math.inf,) * b.n_storeys for b in buildings])
+        return np.asarray(own * (self.mass_factor * self.strength_factor)[:, self._owner])
+
+    @cached_property
+    def yield_drifts(self) -> np.ndarray:
+        """Drifts at first yield (m), infinite where storeys never yield, shape (n, floors)."""
+        return np.asarray(self.yield_strengths / self.stiffnesses)
+
+    @cached_property
+    def hardenings(self) -> np.ndarray:
+        """Hardening of storeys, shape (n, floors)."""
+        own = np.array([b.hardening for b in self.scene.buildings])
+        return np.asarray(np.where(np.isnan(self.hardening), own, self.hardening)[:, self._owner])
 
     def frequencies(self, building: int) -> np.ndarray:
         """Natural circular frequencies of a building (rad/s), rising, shape (n, storeys)."""

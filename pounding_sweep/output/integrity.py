@@ -78,7 +78,7 @@ def _well_formed(told: Mapping[str, Any]) -> bool:
     """Whether JSON has the form of a sweep, as far as its axes, cases and records go; any error means the same."""
     lists = [told["records"], told["records_left_out"], told["outputs"]]
     lists += [told[key] for key in {*AXES, "cases"} if told.get(key) is not None]
-    lists += [values for key in BUILDING_AXES for _, values in told[key]]
+    lists += [values for key in BUILDING_AXES for _, values in told.get(key, ())]
     axes.axes_of(told)  # an error where one lacks
     records = all(record.keys() >= {"name", *MOTION} for record in told["records"])
     cases = all(case.keys() >= {"law", "record"} for case in told["cases"] or ())

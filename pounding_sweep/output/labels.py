@@ -106,11 +106,19 @@ def row_coordinates(variants: Variants, dimension: str, prefix: str = "") -> Coo
     own = "; missing where it is the building's own"
     about = {kind: {"units": axis.unit, "long_name": axis.long_name} for kind, axis in _AXES.items()}
     about["damping_ratio"]["long_name"] += own
+    yielding: Coordinates = {}
+    if any(variants.scene.yields):
+        about["hardening"]["long_name"] += own
+        yielding = {
+            f"{prefix}strength_factor": (each, variants.strength_factor, about["strength_factor"]),
+            f"{prefix}hardening": (each, variants.hardening, about["hardening"]),
+        }
     return {
         f"{prefix}period_factor": (each, variants.period_factor, about["period_factor"]),
         f"{prefix}mass_factor": (each, variants.mass_factor, about["mass_factor"]),
         f"{prefix}fundamental_period": (each, periods, {"units": "s", "long_name": "fundamental period"}),
         f"{prefix}damping_ratio": ((dimension,), variants.damping_ratio, about["damping_ratio"]),
+        **yielding,
     }
 
 

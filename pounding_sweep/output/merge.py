@@ -426,7 +426,7 @@ def attributes(
     for key in AXES:
         if whole.get(key) is not None:
             whole[key] = together(key, [each[key] for each in described])
-    for key in BUILDING_AXES:
+    for key in BUILDING_AXES & whole.keys():
         each_building = zip(*(each[key] for each in described), strict=True)
         whole[key] = [[alike[0][0], together(key, [values for _, values in alike])] for alike in each_building]
     if own := {key: law for each in described for key, law in each.get(OWN_LAWS, {}).items()}:

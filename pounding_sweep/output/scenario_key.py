@@ -11,7 +11,7 @@ MOTION = ("sha256", "dt", "n_points", "scale")
 #: What tells scenarios of one study apart, as coordinates of listed cases are named.
 KNOWN_BY = (
     *("law", "record", "scale", "restitution", "contact_stiffness", "pair_gap"),
-    *("period_factor", "mass_factor", "damping_ratio"),
+    *("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"),
 )
 
 

@@ -184,6 +184,8 @@ def _audited(cube: xr.Dataset, texts: dict[str, int]) -> dict[str, np.ndarray]:
         "period_factor",
         "mass_factor",
         "damping_ratio",
+        "strength_factor",
+        "hardening",
     )
     found = {}
     for name in names:
@@ -214,12 +216,15 @@ def _known(
         "restitution": xr.where(takes, part["restitution"], 1.0),
         "gap": part["pair_gap"],
     }
-    for kind in ("period_factor", "mass_factor"):
-        own = part[kind] if told["cases"] is not None else xr.ones_like(part["building"], dtype=float)
+    kinds = {"period_factor": 1.0, "mass_factor": 1.0, "strength_factor": 1.0, "hardening": np.nan}
+    for kind, usual in kinds.items():
+        own = part[kind] if kind in part.coords else xr.full_like(part["building"], usual, dtype=float)
         for axis in varied:
             if axis.kind == kind:
                 own = xr.where(part["building"] == axis.building, part[axis.dimension], own)
         given[kind] = own
+    hardening = [each.get("hardening", np.nan) for each in told["scene"]["row"] if "masses" in each]
+    given["hardening"] = given["hardening"].where(given["hardening"] != xr.DataArray(hardening, dims="building"))
     given["damping_ratio"] = part["damping_ratio"] if "damping_ratio" in part.coords else xr.DataArray(np.nan)
     ratios = {json.dumps(each["damping_ratio"]) for each in told["scene"]["row"] if "masses" in each}
     if len(ratios) == 1:  # of all buildings, as a scenario with that ratio is the scene as given

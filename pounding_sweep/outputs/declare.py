@@ -52,6 +52,8 @@ class Variable:
         a difference of larger ones, or one end of a range.
     of_force : bool
         Missing where floors touched under a law without a force (velocities jump).
+    of_yielding : bool
+        It says nothing of a row whose storeys are all elastic.
     of_columns : bool
         It exists only where floors strike columns.
     dtype : {"f8", "i4", "i1"}
@@ -76,6 +78,7 @@ class Variable:
     error: str = ""
     relative_to: tuple[str | tuple[str, str], ...] = ()
     of_force: bool = False
+    of_yielding: bool = False
     of_columns: bool = False
     dtype: str = "f8"
     default: bool = False
@@ -135,8 +138,9 @@ class Reducer:
         By which outputs need it.
     slots : tuple of Slot
         What it leaves for the readouts.
-    where : {"", "neighbours", "touch"}
-        Whether it exists in all kernels, where floors of neighbours stand at one height, or where they can touch.
+    where : {"", "yields", "neighbours", "touch"}
+        Whether it exists in all kernels, where storeys yield, where floors of neighbours stand at one height, or where
+        they can touch.
     keeps : tuple of Slot
         What it needs beside.
     looks : str

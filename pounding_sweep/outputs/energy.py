@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pounding_sweep.kernel.row import kinetic
-from pounding_sweep.outputs.declare import Reducer, Slot, Variable, needs
+from pounding_sweep.outputs.declare import UNMEASURED, Reducer, Slot, Variable, needs
 from pounding_sweep.outputs.readout import KernelResults, buildings
 
 _BUILDING = ("building",)
@@ -20,6 +20,15 @@ def _work(kept: KernelResults) -> np.ndarray:
     for j, contact in enumerate(kept.scene.contacts):
         result[:, contact.place] += work[:, j]
     return result
+
+
+def hysteretic(kept: KernelResults) -> np.ndarray:
+    """(1 - r) k dy by the plastic travel of its storeys, by building."""
+    if "travel" not in kept.slots:
+        return np.zeros((len(kept), len(kept.scene.buildings)))
+    held = (1.0 - kept.variants.hardenings) * kept.variants.yield_strengths
+    lost = np.where(kept.slots["travel"] > 0.0, held, 0.0) * kept.slots["travel"]
+    return np.add.reduceat(lost, kept.scene.offsets[:-1], axis=1)
 
 
 #: Of outputs of energies.
@@ -59,19 +68,32 @@ ENERGIES = (
         _BUILDING,
         "kN m",
         "strain energy at the end",
-        "Elastic strain energy u'Ku/2 at the end of the record.",
+        "Elastic strain energy u'Ku/2 at the end of the record; of storeys that yield, hardening k d^2/2 + (1 - "
+        "hardening) k z^2/2 of the drift d and z = d - p.",
         needs("energy"),
         buildings("e_strain"),
         error="energies",
+    ),
+    Variable(
+        "hysteretic_energy",
+        _BUILDING,
+        "kN m",
+        "energy lost in yielding",
+        "Energy lost in yielding of the building's storeys until the end of the record, (1 - hardening) int k z dp, z "
+        "the drift less its plastic part p.",
+        needs("hysteretic"),
+        hysteretic,
+        error=UNMEASURED,
+        of_yielding=True,
     ),
     Variable(
         "energy_transfer_max",
         _BUILDING,
         "kN m",
         "largest energy transfer",
-        "Largest value over time of the transfer = input - kinetic - damping - strain: what the building has given "
-        "to its neighbours and contacts.",
-        needs("energy", "transfer"),
+        "Largest value over time of the transfer = input - kinetic - damping - strain - lost in yielding: what the "
+        "building has given to its neighbours and contacts.",
+        needs("energy", "transfer", "hysteretic"),
         buildings("tmax"),
         error="energies",
         relative_to=_EXCHANGED,
@@ -81,9 +103,9 @@ ENERGIES = (
         _BUILDING,
         "kN m",
         "smallest energy transfer",
-        "Smallest value over time of the transfer = input - kinetic - damping - strain; negative where the building "
-        "has taken energy from its neighbours.",
-        needs("energy", "transfer"),
+        "Smallest value over time of the transfer = input - kinetic - damping - strain - lost in yielding; negative "
+        "where the building has taken energy from its neighbours.",
+        needs("energy", "transfer", "hysteretic"),
         buildings("tmin"),
         error="energies",
         relative_to=_EXCHANGED,
@@ -104,6 +126,7 @@ ENERGIES = (
 
 REDUCERS = (
     Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
+    Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),
     Reducer("work", (Slot("work", "contact"),), where="touch"),
     Reducer(
         "transfer",

@@ -6,10 +6,13 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
+import numpy as np
+
+from pounding_sweep.kernel import hysteresis
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.peaks import Motion, storeys
-from pounding_sweep.outputs.declare import CONTACT, FLOOR, Reducer, Slot, Variable, needs
-from pounding_sweep.outputs.readout import contacts, floors, scatter_dof
+from pounding_sweep.outputs.declare import CONTACT, FLOOR, UNMEASURED, Reducer, Slot, Variable, needs
+from pounding_sweep.outputs.readout import KernelResults, contacts, floors, scatter_dof
 
 #: Of outputs of floors.
 MOTIONS = (
@@ -53,9 +56,10 @@ MOTIONS = (
         FLOOR,
         "kN",
         "largest storey shear",
-        "Largest absolute elastic storey force k |u_i - u_(i-1)|, dampers not included.",
-        needs("drift"),
-        lambda kept: scatter_dof(kept.slots["drift"] * kept.variants.stiffnesses, kept.scene),
+        "Largest absolute elastic storey force k |u_i - u_(i-1)|, of a storey that yields that of its hysteresis; "
+        "dampers not included.",
+        needs("drift", "shear"),
+        lambda kept: scatter_dof(_shear(kept), kept.scene),
         error="motions",
         default=True,
     ),
@@ -71,6 +75,34 @@ MOTIONS = (
         error="contacts",
     ),
 )
+#: Of outputs of storeys that yield.
+YIELDS = (
+    Variable(
+        "ductility_max",
+        FLOOR,
+        "1",
+        "largest storey ductility",
+        "Largest absolute interstorey displacement over the yield drift Vy / k (ductility demand mu); missing where a "
+        "storey has no yield strength.",
+        needs("drift"),
+        lambda kept: scatter_dof(_ductility(kept), kept.scene),
+        error=UNMEASURED,
+        of_yielding=True,
+    ),
+    Variable(
+        "residual_drift",
+        FLOOR,
+        "m",
+        "residual interstorey drift",
+        "Signed interstorey displacement at which the building comes to rest after the end of the record (RID, times "
+        "the storey height): no storey shear is left. 0 where a storey has not yielded.",
+        needs("residual"),
+        lambda kept: scatter_dof(_residual(kept), kept.scene),
+        error=UNMEASURED,
+        relative_to=("drift_max",),
+        of_yielding=True,
+    ),
+)
 #: Of outputs of neighbours.
 CLOSINGS = (
     Variable(
@@ -84,6 +116,25 @@ CLOSINGS = (
         error="motions",
     ),
 )
+
+
+def _shear(kept: KernelResults) -> np.ndarray:
+    elastic = np.asarray(kept.slots["drift"] * kept.variants.stiffnesses)
+    return np.where(kept.scene.yields, kept.slots["shear"], elastic) if "shear" in kept.slots else elastic
+
+
+def _ductility(kept: KernelResults) -> np.ndarray:
+    limit = kept.variants.yield_drifts
+    return np.asarray(kept.slots["drift"] / np.where(np.isfinite(limit), limit, np.nan))
+
+
+def _residual(kept: KernelResults) -> np.ndarray:
+    """Drifts without shear: (1 - r) p, as far as no storey yields back, at r d = (1 - r) dy."""
+    if "slip" not in kept.slots:
+        return np.zeros((len(kept), kept.scene.n_dof))
+    p, r, limit = kept.slots["slip"], kept.variants.hardenings, kept.variants.yield_drifts
+    back = np.where(r > 0.0, limit / np.where(r > 0.0, r, 1.0), np.inf)
+    return np.asarray((1.0 - r) * np.sign(p) * np.minimum(np.abs(p), back))
 
 
 def _displacements(group: Group, straight: bool) -> Iterator[Motion]:
@@ -102,6 +153,11 @@ def _read(group: Group, i: Any, name: str, below: Any = None) -> Any:
     return x if below is None else x - group.state[name, below]
 
 
+def _shears(group: Group, straight: bool) -> Iterator[Motion]:
+    for i, below in hysteresis.each_storey(group, straight):
+        yield Motion(("shear", i), None, True, partial(hysteresis.shear, group, i, below))
+
+
 def _closings(group: Group, straight: bool) -> Iterator[Motion]:
     for j in group.each_closing(straight):
         yield Motion(("closing", j), None, False, partial(group.between, j=j))
@@ -114,6 +170,8 @@ def _still(group: Group, i: Any) -> Any:
 REDUCERS: tuple[Reducer, ...] = (
     Reducer("displacement", (Slot("umax", "floor", _still), Slot("umin", "floor", _still)), follows=_displacements),
     Reducer("drift", (Slot("drift", "floor"),), follows=_drifts),
+    Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
+    Reducer("residual", (Slot("slip", "floor"),), where="yields"),
     Reducer("acceleration", (Slot("acc", "floor"),), looks="ends", quick=True),
     Reducer("closing", (Slot("closing", "contact"),), where="neighbours", follows=_closings),
 )

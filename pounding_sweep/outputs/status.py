@@ -7,6 +7,7 @@ from enum import IntEnum
 import numpy as np
 
 from pounding_sweep.outputs.declare import Variable, needs
+from pounding_sweep.outputs.energy import hysteretic
 from pounding_sweep.outputs.readout import KernelResults
 
 #: Relative error beyond which the peaks of a scenario are wrong, where no other was asked for.
@@ -100,6 +101,8 @@ def _energy_residual(kept: KernelResults) -> np.ndarray:
     if kept.initial_velocity is not None:
         initial = 0.5 * (kept.variants.masses * np.square(kept.initial_velocity)).sum(axis=1)
     gained = raw["e_kin"] + raw["e_strain"] + raw["e_damp"]
+    if "travel" in raw:
+        gained = gained + hysteretic(kept)
     left = raw["e_in"].sum(axis=1) - gained.sum(axis=1) + initial
     work = raw["work"].sum(axis=1) if "work" in raw else np.zeros(len(left))
     size = np.maximum.reduce([np.abs(raw["e_in"]).sum(axis=1), gained.sum(axis=1), np.abs(work)])
@@ -149,8 +152,8 @@ RUNS = (
         "1",
         "relative residual of the energy balance",
         "|sum of the buildings' transfers - sum of the contacts' works| at the end of the record, over the largest "
-        "absolute value among the energies of the balance (input, damping, kinetic, strain, contact work).",
-        needs("energy", "work"),
+        "absolute value among the energies of the balance (input, damping, kinetic, strain, yielding, contact work).",
+        needs("energy", "work", "hysteretic"),
         _energy_residual,
     ),
     Variable(

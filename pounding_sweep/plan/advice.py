@@ -303,7 +303,12 @@ def advise(
     job = _Job(spec, laws, table, variants, initial_speed)
     found: dict[Scheme, tuple[float, np.ndarray, np.ndarray, dict[str, float]]] = {}
     reached: dict[Scheme, tuple[float, str]] = {}
-    schemes = [(m, p) for m, p in known.cost if spec.method in (None, m) and p in _formats(spec)]
+    yields = any(spec.scene.yields)
+    schemes = [
+        (m, p)
+        for m, p in known.cost
+        if spec.method in (None, m) and p in _formats(spec) and not (yields and not SCHEMES[m].follows_yielding)
+    ]
     if not schemes:
         msg = (
             f"accuracy: no errors of {spec.method} were measured; give dt instead, or measure them: "

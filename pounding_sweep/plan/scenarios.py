@@ -245,13 +245,14 @@ def product_variants(scene: Scene, axes: Sequence[PropertyAxis]) -> Variants:
     """Return the scene as given, and behind it every combination of the values of axes, the last varying fastest."""
     shape = [len(axis.values) for axis in axes]
     n = 1 + math.prod(shape) if axes else 1
-    columns: dict[str, dict[str | None, np.ndarray]] = {"period_factor": {}, "mass_factor": {}, "damping_ratio": {}}
+    kinds = ("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
+    columns: dict[str, dict[str | None, np.ndarray]] = {kind: {} for kind in kinds}
     for place, axis in enumerate(axes):
         values = np.array(axis.values).reshape([-1 if i == place else 1 for i in range(len(shape))])
         columns[axis.kind][axis.building] = np.broadcast_to(values, shape).ravel()
 
-    def factors(kind: str) -> np.ndarray:
-        result = np.ones((n if columns[kind] else 1, len(scene.buildings)))
+    def factors(kind: str, own: float = 1.0) -> np.ndarray:
+        result = np.full((n if columns[kind] else 1, len(scene.buildings)), own)
         for index, building in enumerate(scene.buildings):
             if building.name in columns[kind]:
                 result[1:, index] = columns[kind][building.name]
@@ -260,30 +261,40 @@ def product_variants(scene: Scene, axes: Sequence[PropertyAxis]) -> Variants:
     ratio = np.full(n, np.nan)
     for values in columns["damping_ratio"].values():
         ratio[1:] = _own_ratio(scene, values)
-    found = Variants(scene, factors("period_factor"), factors("mass_factor"), ratio)
-    same = (
-        n == 2 and np.isnan(ratio[1]) and bool((found.period_factor == 1.0).all() and (found.mass_factor == 1.0).all())
-    )
-    return variants_of(scene) if same else found
+    hardening = _own_hardening(scene, factors("hardening", np.nan))
+    scaled = (factors(kind) for kind in ("period_factor", "mass_factor", "strength_factor"))
+    period, mass, strength = scaled
+    same = n == 2 and np.isnan(ratio[1]) and np.isnan(hardening).all()
+    same = same and all((each == 1.0).all() for each in (period, mass, strength))
+    return variants_of(scene) if same else Variants(scene, period, mass, ratio, strength, hardening)
 
 
 def case_variants(scene: Scene, cases: Sequence[Case]) -> tuple[Variants, np.ndarray]:
     """Return the scene as given and behind it what cases make of it, each once; and the row of each case."""
     n = len(scene.buildings)
-    table = np.ones((1 + len(cases), 2 * n + 1))
-    table[:, -1] = np.nan
+    table = np.ones((1 + len(cases), len(FACTOR_KINDS) * n + 1))
+    at = {kind: slice(i * n, (i + 1) * n) for i, kind in enumerate(FACTOR_KINDS.values())}
+    table[:, at["hardening"]] = table[:, -1] = np.nan
     place = {building.name: i for i, building in enumerate(scene.buildings)}
     for row, case in zip(table[1:], cases, strict=True):
-        for first, argument in zip((0, n), FACTOR_KINDS, strict=True):
+        for argument, kind in FACTOR_KINDS.items():
             for name, factor in dict(getattr(case, argument)).items():
-                row[first + place[name]] = factor
+                row[at[kind]][place[name]] = factor
         if case.damping_ratio is not None:
             row[-1] = case.damping_ratio
     table[:, -1] = _own_ratio(scene, table[:, -1])
+    table[:, at["hardening"]] = _own_hardening(scene, table[:, at["hardening"]])
     found: dict[bytes, int] = {}
     index = np.array([found.setdefault(row.tobytes(), len(found)) for row in table], np.int32)
     kept = table[np.unique(index, return_index=True)[1]]
-    return Variants(scene, kept[:, :n], kept[:, n : 2 * n], kept[:, -1]), index[1:]
+    return Variants(scene, damping_ratio=kept[:, -1], **{kind: kept[:, part] for kind, part in at.items()}), index[1:]
+
+
+def _own_hardening(scene: Scene, hardening: np.ndarray) -> np.ndarray:
+    """Replace a hardening that a building has of its own by NaN."""
+    if np.isnan(hardening).all():
+        return hardening
+    return np.where(hardening == [building.hardening for building in scene.buildings], np.nan, hardening)
 
 
 def _own_ratio(scene: Scene, ratios: np.ndarray) -> np.ndarray:

@@ -295,7 +295,8 @@ class EarlierCube:
         known = {"law": table.law, "record": table.record, "scale": table.scale, "restitution": table.restitution}
         known |= {"contact_stiffness": table.stiffness, "pair_gap": table.gaps, "steps": steps}
         if len(self._plan.variants) > 1:
-            names = ("period_factor", "mass_factor", "damping_ratio")  # NaN: the buildings' own ratio
+            # NaN: the buildings' own
+            names = ("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
             known |= {name: getattr(variants, name) for name in names}
         return scenario_keys(known)
 

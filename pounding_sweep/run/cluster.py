@@ -131,7 +131,7 @@ def _run_there(
     kernel: RowKernel,
     record: Record,
     table: Scenarios,
-    factors: tuple[np.ndarray, np.ndarray, np.ndarray],
+    factors: tuple[np.ndarray, ...],
     outputs: Sequence[str],
 ) -> np.ndarray | str:
     """Run a chunk in a worker, if it still has the versions that it said."""
@@ -296,7 +296,7 @@ class ClusterWorkers:
             mine.kernel,
             self._send(mine.record),
             mine.table,
-            (variants.period_factor, variants.mass_factor, variants.damping_ratio),
+            variants.columns,
             mine.outputs,
             key=f"chunk-{mine.key}-{self.client.id}-{next(self._numbers)}",
         )

@@ -44,7 +44,8 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
             if axis.kind == kind and axis.building is not None:
                 factors[argument][axis.building] = middle[axis.dimension]
     ratio = middle.get("damping_ratio")
-    return Case(law=law, record=middle["record"], damping_ratio=ratio, **{**values, **factors})
+    given = {argument: each for argument, each in factors.items() if each}
+    return Case(law=law, record=middle["record"], damping_ratio=ratio, **{**values, **given})
 
 
 def choices(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
@@ -239,17 +240,23 @@ def _varied(scene: Scene, case: Case) -> Scene:
     """Return a scene with the building properties of a scenario (see `pounding_sweep.model.variants`)."""
     periods: Mapping[str, float] = dict(case.period_factors)
     masses: Mapping[str, float] = dict(case.mass_factors)
+    strengths: Mapping[str, float] = dict(case.strength_factors)
+    hardenings: Mapping[str, float] = dict(case.hardenings)
 
     def varied(item: Building | Wall) -> Building | Wall:
         if isinstance(item, Wall):
             return item
         mass, period = masses.get(item.name, 1.0), periods.get(item.name, 1.0)
         ratio = item.damping_ratio if case.damping_ratio is None else case.damping_ratio
-        stiffer: dict[str, Any] = {
+        strength, own = mass * strengths.get(item.name, 1.0), item.yield_strengths
+        changed: dict[str, Any] = {
             name: [mass / period**2 * k for k in getattr(item, name)]
             for name in ("stiffnesses", "column_stiffnesses")
             if getattr(item, name) is not None
         }
-        return replace(item, masses=[mass * m for m in item.masses], damping_ratio=ratio, **stiffer)
+        if own is not None:
+            changed["yield_strengths"] = [strength * each for each in own]
+        changed["hardening"] = hardenings.get(item.name, item.hardening)
+        return replace(item, masses=[mass * m for m in item.masses], damping_ratio=ratio, **changed)
 
     return replace(scene, row=[varied(item) for item in scene.row])

@@ -98,7 +98,9 @@ def simulate(
         ground), ``acceleration`` (m/s2, total), ``ground_acceleration``,
         ``contact_force`` (kN), ``penetration`` (m, zero while open), and energies
         (kN m) ``input``, ``kinetic``, ``strain``, ``damping`` and ``transfer`` per
-        building and ``work`` per pair; beside them every variable of a cube. The attribute
+        building and ``work`` per pair; where storeys yield ``storey_drift``, ``plastic_drift``
+        (m), ``storey_shear`` (kN) and ``hysteretic`` (kN m); beside them every variable of a
+        cube that the row can have. The attribute
         ``scene`` holds the row as JSON.
 
     Raises
@@ -142,6 +144,7 @@ def simulate(
         outputs=outputs,
     )
     row = spec.scene
+    outputs = tuple(name for name in outputs if any(row.yields) or not VARIABLES[name].of_yielding)
     velocities = _velocities(row, initial_velocity)
     k = contact_stiffness(row, found, stiffness=stiffness)
     e = spec.restitutions[0]
@@ -339,16 +342,33 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     buildings = scene.buildings
     masses = np.concatenate([b.masses for b in buildings])
     stiffnesses = np.concatenate([b.stiffnesses for b in buildings])
-    owner = np.repeat(np.arange(len(buildings)), [b.n_storeys for b in buildings])
+    storeys = [b.n_storeys for b in buildings]
+    owner = np.repeat(np.arange(len(buildings)), storeys)
     alpha = np.array([b.rayleigh[0] for b in buildings])[owner]
     beta = np.array([b.rayleigh[1] for b in buildings])[owner]
-    u, v = part("u"), part("v")
+    u, v, taken = part("u"), part("v"), part("e_in")
     n_contacts = len(scene.contacts)
     force = part("force") if "force" in slots.first else np.zeros((len(time), n_contacts))
     gap = np.array([scene.gaps[c.pair] for c in scene.contacts])
     penetration = np.zeros((len(time), n_contacts))
     on_floor = -alpha * masses * v
-    storey = stiffnesses * (_below(u, buildings) + beta * _below(v, buildings))
+    drift, damped, yields = _below(u, buildings), stiffnesses, any(scene.yields)
+    storey = stiffnesses * drift
+    strains = 0.5 * stiffnesses * drift**2
+    hysteretic = np.zeros_like(taken)
+    if yields:
+        soft = 1.0 - np.repeat([b.hardening for b in buildings], storeys)
+        plastic, strengths = (
+            part("slip"),
+            np.concatenate([b.yield_strengths or (0.0,) * b.n_storeys for b in buildings]),
+        )
+        storey = stiffnesses * (drift - soft * plastic)
+        strains = 0.5 * stiffnesses * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
+        lost = soft * np.where(scene.yields, strengths, 0.0) * part("travel")
+        hysteretic = _building_sum(lost, scene)
+        damped = part("kd") if "kd" in slots.first else damped
+    shear = storey
+    storey = shear + beta * damped * _below(v, buildings)
     on_floor -= storey
     for b, first in zip(buildings, scene.offsets[:-1], strict=True):
         on_floor[:, first : first + b.n_storeys - 1] += storey[:, first + 1 : first + b.n_storeys]
@@ -359,8 +379,8 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
             on_floor[:, floor] -= share * force[:, j]
         penetration[:, j] = np.maximum(closing - gap[j], 0.0)
     kinetic = _building_sum(0.5 * masses * v**2, scene)
-    strain = _building_sum(0.5 * stiffnesses * _below(u, buildings) ** 2, scene)
-    taken, damping = part("e_in"), part("e_damp")
+    strain = _building_sum(strains, scene)
+    damping = part("e_damp")
     axis = ("time",)
     floors, pairs = (*axis, "building", "storey"), (*axis, "pair", "storey")
     variables: dict[str, Any] = {
@@ -374,11 +394,18 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
         "strain": ((*axis, "building"), strain, "kN m", "strain energy"),
         "transfer": (
             (*axis, "building"),
-            taken - damping - strain - (kinetic - kinetic[0]),
+            taken - damping - strain - (kinetic - kinetic[0]) - hysteretic,
             "kN m",
-            "transferred energy: input - kinetic - damping - strain since the start",
+            "transferred energy: input - kinetic - damping - strain - yielding since the start",
         ),
     }
+    if yields:
+        variables |= {
+            "storey_drift": (floors, scatter_dof(drift, scene), "m", "interstorey displacement"),
+            "plastic_drift": (floors, scatter_dof(plastic, scene), "m", "plastic part of the interstorey displacement"),
+            "storey_shear": (floors, scatter_dof(shear, scene), "kN", "storey shear, dampers not included"),
+            "hysteretic": ((*axis, "building"), hysteretic, "kN m", "energy lost in yielding"),
+        }
     if scene.pair_names:
         variables["contact_force"] = (pairs, scatter_contact(force, scene), "kN", "contact force, pressing positive")
         variables["penetration"] = (pairs, scatter_contact(penetration, scene), "m", "penetration, zero while open")

@@ -205,23 +205,25 @@ class Explicit(Scheme):
     def trial(self, group: Group) -> Callable[[], None]:
         """Try a sub-step of every lane's own length, modes frozen."""
         s, law = group.state, group.law
-        assert law is not None
         if group.long:
 
             def push(j: Any) -> Any:
+                assert law is not None
                 d = group.between("x", j) - group.gap(j)
                 return law.pressing(s["ke", j], s["ce", j], d, group.between("y", j))
 
             if group.spec.impulsive:
                 self.step_long(group, s["h"], None, lambda name: impulse.join_rows(group, name))
             else:
-                self.step_long(group, s["h"], push, None)
+                self.step_long(group, s["h"], push if group.touching else None, None)
             return lambda: _record_contacts(group)
         every = range(len(group.contacts))
         u0, v0, h = group.floors("u0"), group.floors("v0"), s["h"]
         if group.spec.impulsive:
             rests = impulse.resting(group)
             step = self.step(group, _row(group), u0, v0, h, join=lambda a: impulse.join(group, a, rests))
+        elif law is None:
+            step = self.step(group, _row(group), u0, v0, h)
         else:
             k, c, gaps = [s["ke", j] for j in every], [s["ce", j] for j in every], [group.gap(j) for j in every]
 

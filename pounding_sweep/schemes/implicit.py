@@ -16,6 +16,7 @@ from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SLACK, contact
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.impulse import alone
 from pounding_sweep.kernel.lanes import Cell, count_to, flagged, maximum, minimum, size, when_any, where, while_any
+from pounding_sweep.kernel.row import damper_stiffness
 
 #: Sweeps over the contacts before the implicit solution is given up (the lane is flagged).
 MAX_SWEEPS = 500
@@ -39,6 +40,12 @@ def _count(group: Group, n: Any) -> Iterator[Any]:
     return iter(range(n)) if isinstance(n, int) and not group.long else count_to(n, group.trace)
 
 
+def storey_stiffness(group: Group, b: Any, i: Any, be: Any, ga: Any) -> Any:
+    """Stiffness by which a storey resists an acceleration at the end of a Newmark step, its damper included."""
+    k = group.state["kt", i] if group.yields(i) else group.prop("k", i)
+    return be * k + ga * group.prop("beta", b) * damper_stiffness(group, i)
+
+
 def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
     """Keep the acceleration of every floor of a building for a unit force on some, in a Newmark step of length h."""
     s = group.state
@@ -46,10 +53,15 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
     beta, gamma = group.prop("newmark_beta"), group.prop("newmark_gamma")
     be, ga = beta * h * h, gamma * h
     alpha, stiff = group.prop("alpha", b), be + ga * group.prop("beta", b)
+    if group.spec.yielding:  # storeys differ in the share of their dampers
+        stiff = 1.0
+
+    def stiffness(i: Any) -> Any:
+        return storey_stiffness(group, b, i, be, ga) if group.spec.yielding else group.prop("k", i)
 
     def ahead(p: Any, above: Any) -> tuple[Any, Any]:
         i = home + p
-        diagonal = group.prop("m", i) * (1.0 + ga * alpha) + stiff * (group.prop("k", i) + above)
+        diagonal = group.prop("m", i) * (1.0 + ga * alpha) + stiff * (stiffness(i) + above)
         pushed = None
         for floor, share in floors:
             here, own = flagged(group.trace, i == floor), group.full(1.0 if share is None else share)
@@ -60,14 +72,14 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
         top = p + 1 == storeys
         if not isinstance(top, bool):
             i = where(top, home + p, home + p + 1)
-            return where(top, group.full(0.0), group.full(group.prop("k", i)))
-        return 0.0 if top else group.prop("k", home + p + 1)
+            return where(top, group.full(0.0), group.full(stiffness(i)))
+        return 0.0 if top else stiffness(home + p + 1)
 
     # elimination from the bottom, as in the flight step
     s["diagonal"], s["response", first] = ahead(0, above(0))
     for q in _count(group, storeys - 1):
         p = q + 1
-        k = group.prop("k", home + p)
+        k = stiffness(home + p)
         diagonal, right = ahead(p, above(p))
         low = -stiff * k / s["diagonal", q]
         s["diagonal", p] = diagonal + low * stiff * k
@@ -76,7 +88,7 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
     s["response", first + last] = s["response", first + last] / s["diagonal", last]
     for q in _count(group, last):
         p = last - 1 - q
-        found = s["response", first + p] + stiff * group.prop("k", home + p + 1) * s["response", first + p + 1]
+        found = s["response", first + p] + stiff * stiffness(home + p + 1) * s["response", first + p + 1]
         s["response", first + p] = found / s["diagonal", p]
 
 

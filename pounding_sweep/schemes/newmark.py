@@ -18,7 +18,7 @@ import numpy as np
 from pounding_sweep.kernel import impulse
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import fma, where
-from pounding_sweep.kernel.row import powers
+from pounding_sweep.kernel.row import powers, storey_force
 from pounding_sweep.schemes import implicit
 from pounding_sweep.schemes.base import Scheme
 
@@ -86,7 +86,7 @@ class Newmark(Scheme):
                 s["a", i] = where(h > 0.0, now[2][p], before[p])
         if group.spec.impulsive:
             implicit.correct_resting(group, h)
-        else:
+        elif group.touching:
             implicit.correct(group, h)
         return lambda: add_gains(group)
 
@@ -125,8 +125,14 @@ def step(
     y = [fma(pv, a[i], v[i]) for i in range(len(floors))]
     alpha, stiff = group.prop("alpha", b), fma(gg, group.prop("beta", b), be)
     k = [group.prop("k", i) for i in floors]
-    w = [fma(group.prop("beta", b), y[s], x[s]) for s in range(len(floors))]
-    f = [k[s] * (w[s] - w[s - 1] if s else w[s]) for s in range(len(floors))]
+    each = range(len(floors))
+    if yields := any(map(group.yields, floors)):
+        drifts, rates = ([z[s] - z[s - 1] if s else z[s] for s in each] for z in (x, y))
+        f = [storey_force(group, b, i, drifts[s], rates[s]) for s, i in enumerate(floors)]
+        own = [implicit.storey_stiffness(group, b, i, be, gg) for i in floors]
+    else:
+        w = [fma(group.prop("beta", b), y[s], x[s]) for s in each]
+        f = [k[s] * (w[s] - w[s - 1] if s else w[s]) for s in each]
     right: list[Any] = []
     inverse: list[Any] = []  # in flight the same in all steps: divided once
     off: list[Any] = [None]
@@ -135,9 +141,12 @@ def step(
         m = group.prop("m", i)
         net = -f[s] if s == top else f[s + 1] - f[s]
         r = fma(-m, fma(alpha, y[s], ground), net)
-        e = fma(m, gg * alpha, m) + stiff * (k[s] if s == top else k[s] + k[s + 1])
+        if yields:
+            e = fma(m, gg * alpha, m) + (own[s] if s == top else own[s] + own[s + 1])
+        else:
+            e = fma(m, gg * alpha, m) + stiff * (k[s] if s == top else k[s] + k[s + 1])
         if s:
-            off.append(stiff * k[s])
+            off.append(own[s] if yields else stiff * k[s])
             low = off[s] * inverse[s - 1]
             e, r = fma(-low, off[s], e), fma(low, right[s - 1], r)
         inverse.append(1.0 / e)

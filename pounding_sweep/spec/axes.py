@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 from pounding_sweep.base.errors import InputError, LawError, SweepError, shown
 from pounding_sweep.model.laws import Law, get_law, realised_validity
-from pounding_sweep.model.scene import Scene, check_gap
+from pounding_sweep.model.scene import Scene, check_gap, check_hardening
 from pounding_sweep.records import Record
 
 #: Factor by name of the building, in the order of the row.
@@ -54,7 +54,7 @@ class Axis:
     default : tuple of float or None
         Values of a column that no axis is given for.
     requires : callable
-        Scene, laws, records -> faults of a sweep that has the axis.
+        Scene, laws (of axes by building: their names), records -> faults of a sweep that has the axis.
     of_buildings : bool
         Whether it changes buildings.
     by_building : bool
@@ -77,7 +77,7 @@ class Axis:
     comment: str = ""
     value: Callable[..., float] = lambda value, **_: value
     default: Values = None
-    requires: Callable[[Scene, Sequence[Law], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
+    requires: Callable[[Scene, Sequence[Any], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
     of_buildings: bool = False
     by_building: bool = False
     parameter: str = ""
@@ -112,6 +112,17 @@ FACTOR_RANGE = (1e-3, 1e3)
 
 def _check_factor(value: float, *_: Any) -> None:
     low, high = FACTOR_RANGE
+    if not low <= value <= high:
+        msg = f"factor is {value!r}; it must be in [{low:g}, {high:g}]"
+        raise InputError(msg)
+
+
+#: Least and largest factor on strengths: from hardly any to one that no earthquake reaches.
+STRENGTH_RANGE = (1e-9, 1e9)
+
+
+def _check_strength_factor(value: float, *_: Any) -> None:
+    low, high = STRENGTH_RANGE
     if not low <= value <= high:
         msg = f"factor is {value!r}; it must be in [{low:g}, {high:g}]"
         raise InputError(msg)
@@ -239,6 +250,13 @@ def _factor_to_spectrum(value: float, record: Record, sa_period: float, **_: Any
     return value / spectral_acceleration(record, sa_period)
 
 
+def _need_strengths(scene: Scene, names: Sequence[str], _records: Sequence[Record]) -> Iterator[Fault]:
+    """Tell buildings of an axis that have no yield strengths."""
+    for building in scene.buildings:
+        if building.name in names and building.yield_strengths is None:
+            yield (building.name,), f"building {building.name!r} has no yield_strengths; give them, or leave it out"
+
+
 @dataclass(frozen=True, kw_only=True)
 class AxisValues:
     """The axes: one field for each."""
@@ -304,6 +322,17 @@ class AxisValues:
         "damping_ratio", "damping_ratio", "damping ratio", "damping ratios", _check_ratio,
         "Rayleigh damping ratios of the first two modes of all buildings, in [0, 1); by default each building's own.",
         "damping ratio of the first two modes of all buildings", of_buildings=True,
+    )})
+    strength_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
+        "strength_factor", "strength_factor", "factor", "factors", _check_strength_factor,
+        "Factors on all yield strengths of a building, by its name, one axis each; 1 over a strength reduction.",
+        "factor on all yield strengths", requires=_need_strengths, of_buildings=True, by_building=True, unsaid=True,
+    )})
+    hardenings: BuildingValues = field(default=(), metadata={"axis": Axis(
+        "hardening", "hardening", "hardening", "hardenings", lambda value, *_: check_hardening(value),
+        "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each.",
+        "stiffness of yielding storeys over their elastic one", requires=_need_strengths,
+        of_buildings=True, by_building=True, unsaid=True,
     )})
     # fmt: on
 
@@ -395,7 +424,7 @@ class PropertyAxis:
 
     Attributes
     ----------
-    kind : {"period_factor", "mass_factor", "damping_ratio"}
+    kind : {"period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"}
         What it varies.
     building : str or None
         Name of the building; None: all of them.
@@ -477,6 +506,8 @@ class Case:
         Damping ratio of all buildings; their own where not given.
     pga : float, optional
         Peak ground acceleration (m/s2) that the record is scaled to, instead of `scale`.
+    strength_factors, hardenings : mapping of str to float
+        Factors on all yield strengths and hardening of buildings, by name; their own for those not named.
     sa : float, optional
         Spectral acceleration (m/s2) at the sweep's `sa_period` that the record is scaled to, instead of `scale`.
     """
@@ -492,6 +523,8 @@ class Case:
     mass_factors: Factors | Mapping[str, float] = ()
     damping_ratio: float | None = None
     pga: float | None = None
+    strength_factors: Factors | Mapping[str, float] = ()
+    hardenings: Factors | Mapping[str, float] = ()
     sa: float | None = None
 
     def axis(self, column: str) -> tuple[Axis, float] | None:
@@ -506,6 +539,6 @@ class Case:
 
 def case_of(told: Mapping[str, Any]) -> Case:
     """Return a listed case that JSON describes."""
-    factors = {key: tuple((name, factor) for name, factor in told[key]) for key in FACTOR_KINDS}
+    factors = {key: tuple((name, factor) for name, factor in told.get(key, ())) for key in FACTOR_KINDS}
     gap = told["gap"]
     return Case(**{**told, **factors, "gap": tuple(gap) if isinstance(gap, list) else gap})

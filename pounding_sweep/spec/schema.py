@@ -315,9 +315,11 @@ def _by_building(
     if scene is None:
         return {}
     names = [building.name for building in scene.buildings]
-    for (_, name), (here, _) in found.items():
+    for (argument, name), (here, _) in found.items():
         if name not in names:
             faults.add(here, unknown("building", name, names))
+        for _, text in AXES[argument].requires(scene, [name], ()):
+            faults.add(here, text)
     return {
         (argument, name): found[argument, name]
         for argument in FACTOR_KINDS
@@ -635,15 +637,15 @@ def _audit(given: Any) -> float:
 
 def _choice(valid: Sequence[str], usual: str | None) -> PlainValidator:
     """Take one of several names; without any the usual one, or with an accuracy the cheapest."""
+    return PlainValidator(lambda given, info: _choose(valid, usual, given, info))
 
-    def check(given: Any, info: Any) -> str | None:
-        if given is None and usual is not None:
-            return None if _automatic(info) else usual
-        if given not in valid:
-            raise InputError(unknown(str(info.field_name).replace("_", " "), given, valid))
-        return str(given)
 
-    return PlainValidator(check)
+def _choose(valid: Sequence[str], usual: str | None, given: Any, info: Any) -> str | None:
+    if given is None and usual is not None:
+        return None if _automatic(info) else usual
+    if given not in valid:
+        raise InputError(unknown(str(info.field_name).replace("_", " "), given, valid))
+    return str(given)
 
 
 def _dt(given: Any, info: Any) -> float | None:
@@ -684,7 +686,24 @@ def _locate(given: Any, info: Any) -> bool:
                 what = "acts at the located touch only" if law.impulsive else "follows its own past by located events"
                 faults.add((), f"law {law.key!r} {what}; give locate = true, or leave the law out")
                 break
+        if scene := info.data.get("scene"):
+            for building in scene.buildings:
+                if any(building.yields):
+                    text = f"storeys of building {building.name!r} yield, which is followed by located events"
+                    faults.add((), f"{text}; give locate = true, or leave out its yield_strengths")
+                    break
     return False
+
+
+def _method(given: Any, info: Any) -> str | None:
+    found: str | None = _choose(METHODS, "rk4", given, info)
+    scene = info.data.get("scene")
+    if found is not None and scene is not None and any(scene.yields) and not SCHEMES[found].follows_yielding:
+        able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.follows_yielding)
+        name = next(building.name for building in scene.buildings if any(building.yields))
+        msg = f"{found!r} does not follow storeys that yield, as those of building {name!r} do; give one of {able}"
+        raise InputError(msg)
+    return found
 
 
 def _parameter(default: float, low: float, high: float) -> PlainValidator:
@@ -766,7 +785,7 @@ class SweepInput(Table):
     accuracy: Annotated[Any, PlainValidator(_accuracy)] = Field(
         None, description="a number, the relative error asked for"
     )
-    method: Annotated[Any, _choice(METHODS, "rk4")] = Field(None, description="a text", validate_default=True)
+    method: Annotated[Any, PlainValidator(_method)] = Field(None, description="a text", validate_default=True)
     precision: Annotated[Any, _choice(PRECISIONS, "float64")] = Field(None, description="a text", validate_default=True)
     dt: Annotated[Any, PlainValidator(_dt)] = Field(None, description="a number in s", validate_default=True)
     audit: Annotated[Any, PlainValidator(_audit)] = Field(

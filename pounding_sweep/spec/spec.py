@@ -209,6 +209,7 @@ def scene_data(scene: Scene) -> dict[str, Any]:
                     "stiffnesses": list(item.stiffnesses),
                     "damping_ratio": [float(z) for z in ratio] if isinstance(ratio, tuple) else ratio,
                     "storey_heights": list(item.storey_heights or ()),
+                    **_yielding_data(item),
                     **_unusual(item, _BUILDING_MORE),
                 }
             )
@@ -238,16 +239,37 @@ def scene_of(data: Mapping[str, Any]) -> Scene:
                 tuple(ratio) if isinstance(ratio, list) else ratio,
                 item["storey_heights"] or None,
                 **{name: item[name] for name in _BUILDING_MORE if name in item},
+                **_yielding_of(item),
             )
         )
     more = {name: data[name] for name in (*_SCENE_MORE, "contacts") if name in data}
     return Scene(row, data["gaps"], ContactProperties(**data["contact"]), **more)
 
 
+def _yielding_of(item: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of a building of `_yielding_data`."""
+    if "yield_strengths" not in item:
+        return {}
+    strengths = [math.inf if strength is None else strength for strength in item["yield_strengths"]]
+    return {**{name: item[name] for name in ("hardening", "damping_stiffness")}, "yield_strengths": strengths}
+
+
+def _yielding_data(building: Building) -> dict[str, Any]:
+    """Return what JSON holds of storeys that yield; strengths of those that never do are null."""
+    if building.yield_strengths is None:
+        return {}
+    strengths = [strength if math.isfinite(strength) else None for strength in building.yield_strengths]
+    return {
+        "yield_strengths": strengths,
+        "hardening": building.hardening,
+        "damping_stiffness": building.damping_stiffness,
+    }
+
+
 def to_json(spec: SweepSpec) -> str:
     """Write a sweep as canonical JSON: the same sweep gives the same text."""
     data = {name: getattr(spec, name) for name in spec.__dataclass_fields__}
-    unsaid = {name: axis.dimension for name, axis in AXES.items() if axis.unsaid}
+    unsaid = {name: name if axis.by_building else axis.dimension for name, axis in AXES.items() if axis.unsaid}
     for name in unsaid:
         if not data[name]:
             del data[name]
@@ -265,7 +287,7 @@ def to_json(spec: SweepSpec) -> str:
     ]
     if spec.cases is not None:
         data["cases"] = [
-            {key: value for key, value in vars(case).items() if value is not None or key not in unsaid.values()}
+            {key: value for key, value in vars(case).items() if value not in (None, ()) or key not in unsaid.values()}
             for case in spec.cases
         ]
     return json.dumps({"format": 1, **data}, sort_keys=True, separators=(",", ":"), allow_nan=False)

@@ -14,7 +14,16 @@ from pounding_sweep.base.errors import InputError, RecordError, SweepError, show
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.model.hertz import hertz_stiffness
 from pounding_sweep.model.presets import get_preset
-from pounding_sweep.model.scene import CONTACTS, Building, ContactProperties, Scene, Wall, check_gap
+from pounding_sweep.model.scene import (
+    CONTACTS,
+    DAMPING_STIFFNESSES,
+    Building,
+    ContactProperties,
+    Scene,
+    Wall,
+    check_gap,
+    check_hardening,
+)
 from pounding_sweep.records import Record, find_record, near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import Range, finite
@@ -25,9 +34,10 @@ from pounding_sweep.spec.faults import Faults, Table, gathering, is_number, numb
 def _positive(values: list[Any], info: ValidationInfo) -> list[Any]:
     """Check a list of a building; each value has a place of its own."""
     what = str(BuildingTable.model_fields[str(info.field_name)].description).partition(", ")[2]
+    infinite = info.field_name == "yield_strengths"  # of storeys that never yield
     with gathering() as faults:
         for index, value in enumerate(values):
-            if not (is_number(value) and 0 < value < math.inf):
+            if not (is_number(value) and value > 0 and (infinite or value < math.inf)):
                 faults.add((index,), f"{shown(value)} is not a positive number ({what})")
     return values
 
@@ -48,6 +58,27 @@ def _ratio(value: Any) -> Any:
     return tuple(values) if values is value else value
 
 
+def _of_yielding(info: ValidationInfo) -> None:
+    if info.data.get("yield_strengths", ()) is None:
+        msg = "is that of storeys that yield; give yield_strengths too, or leave it out"
+        raise InputError(msg)
+
+
+def _hardening(value: Any, info: ValidationInfo) -> float:
+    found = number(value, "hardening", check_hardening)
+    if found:
+        _of_yielding(info)
+    return found
+
+
+def _damping_stiffness(value: str, info: ValidationInfo) -> str:
+    if value not in DAMPING_STIFFNESSES:
+        raise InputError(unknown("damping_stiffness", value, DAMPING_STIFFNESSES))
+    if value != "initial":
+        _of_yielding(info)
+    return value
+
+
 class BuildingTable(Table):
     """[[scene.row]]: a building."""
 
@@ -62,6 +93,11 @@ class BuildingTable(Table):
     storey_heights: Annotated[list[Any], AfterValidator(_positive)] | None = Field(
         None, description="a list of numbers, storey heights in m, bottom first"
     )
+    yield_strengths: Annotated[list[Any], AfterValidator(_positive)] | None = Field(
+        None, description="a list of numbers, storey shears at first yield in kN, bottom first"
+    )
+    hardening: Annotated[Any, AfterValidator(_hardening)] = Field(0.0, description="a number")
+    damping_stiffness: Annotated[str, AfterValidator(_damping_stiffness)] = Field("initial", description="a text")
 
     slab_depths: Annotated[list[Any], AfterValidator(_depths)] | None = Field(
         None, description="a list of numbers, depths of the floors' slabs in m, bottom first"
@@ -85,7 +121,7 @@ def _wall(given: dict[str, Any]) -> Wall:
 def _one_per_storey(faults: Faults, index: int, item: dict[str, Any]) -> bool:
     """Note lists of a building that are not as long as its masses, whatever else is wrong with them."""
     equal, masses = True, item.get("masses")
-    for name in ("stiffnesses", "storey_heights", "slab_depths", "column_stiffnesses"):
+    for name in ("stiffnesses", "storey_heights", "slab_depths", "column_stiffnesses", "yield_strengths"):
         values = item.get(name)
         if isinstance(masses, list) and isinstance(values, list) and len(values) != len(masses):
             text = f"{len(values)} {name} for {len(masses)} masses; give one value per storey"

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 #: What each building's budget is made of.
 TERMS = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain")
+#: What a cube of storeys that yield has beside.
+YIELDING = "hysteretic_energy"
 #: What goes along where a cube has it.
 _EXTREMES = ("energy_transfer_max", "energy_transfer_min")
 
@@ -52,11 +54,12 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     -------
     xarray.Dataset
         On the cube's axes, all in kN m: `TERMS` and ``energy_transfer`` = input - damping -
-        kinetic - strain by building (given to neighbours and contacts, negative where
-        taken), ``contact_work`` by pair, ``transfer_sum`` over buildings, ``work_sum`` over
-        pairs and ``residual``, their difference; ``residual_relative`` is its size over the
-        largest energy of the balance. ``transfer_share`` is transfer over input. The
-        attribute ``largest_residual_relative`` is the largest of all scenarios.
+        kinetic - strain (- ``hysteretic_energy`` where storeys yield) by building (given to
+        neighbours and contacts, negative where taken), ``contact_work`` by pair,
+        ``transfer_sum`` over buildings, ``work_sum`` over pairs and ``residual``, their
+        difference; ``residual_relative`` is its size over the largest energy of the
+        balance. ``transfer_share`` is transfer over input. The attribute
+        ``largest_residual_relative`` is the largest of all scenarios.
         Missing where a scenario is not ok.
 
     Raises
@@ -76,21 +79,25 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
 
     what = "the energy budget"
     cube = scenarios_only(cube)
-    need_variables(cube, what, [*TERMS, *(["contact_work"] if "pair" in cube.coords else [])])
+    yields = '"yield_strengths"' in cube.attrs.get("sweep", cube.attrs.get("scene", ""))
+    need_variables(
+        cube, what, [*TERMS, *(["contact_work"] if "pair" in cube.coords else []), *([YIELDING] if yields else [])]
+    )
     need_dims(cube, what, ["building", *(["pair"] if "pair" in cube.coords else [])])
     if law_keys(cube) not in ([], ["none"]):
         cube = pounding_only(cube)
     if 0 in cube.sizes.values():
         msg = f"{what} needs a scenario, and this cube has none; select at least one"
         raise InputError(msg)
-    found = {name: values(cube, name) for name in TERMS}
+    terms = (*TERMS, YIELDING) if YIELDING in cube.data_vars else TERMS
+    found = {name: values(cube, name) for name in terms}
     given, transfer = found["energy_input"], energy_transfer(found)
     found["energy_transfer"] = transfer
     found |= {name: values(cube, name) for name in _EXTREMES if name in cube.data_vars}
     work = values(cube, "contact_work") if "contact_work" in cube.data_vars else None
     total = transfer.sum("building", skipna=False)
     taken = xr.zeros_like(total) if work is None else _sum_of_pairs(work)
-    largest = xr.concat([abs(found[name]).max("building") for name in TERMS], "term").max("term")
+    largest = xr.concat([abs(found[name]).max("building") for name in terms], "term").max("term")
     if work is not None:
         found["contact_work"] = work
         most = abs(work).max("pair").fillna(0.0)
@@ -108,9 +115,11 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
 
 
 def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:
-    """Energy (kN m) that each building has given to neighbours and contacts: input - damping - kinetic - strain."""
+    """Energy (kN m) that each building has given to neighbours and contacts: input less what it lost and holds."""
     given, damping, kinetic, strain = (energies[name] for name in TERMS)
-    return _about(given - damping - kinetic - strain, "energy given to neighbours and contacts")
+    transfer = given - damping - kinetic - strain
+    transfer = transfer - energies[YIELDING] if YIELDING in energies else transfer
+    return _about(transfer, "energy given to neighbours and contacts")
 
 
 def _sum_of_pairs(work: xr.DataArray) -> xr.DataArray:

@@ -18,9 +18,11 @@ from pounding_sweep.analysis.comparisons import Row, comparison, over_text
 from pounding_sweep.analysis.comparisons.required_gap import required_gap
 from pounding_sweep.analysis.hazard import Hazard, hazard_of
 from pounding_sweep.analysis.intensity import intensity_of
+from pounding_sweep.analysis.rebuild import stored_sweep
 from pounding_sweep.analysis.scenarios import COMPARISON, described, finished, labelled, need_several
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.spec.axes import DIMENSIONS
+from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -176,6 +178,7 @@ def gap_for_probability(
     if intensity is not None or site is not None:
         strength = intensity_of(cube, intensity, records=records, folders=folders)
         about |= {"intensity": f"{strength.attrs['long_name']} ({strength.attrs['units']})"}
+        _check_elastic(cube)
         exact = _per_intensity(exact, strength, cube)
     elif levels is not None:
         msg = "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"
@@ -253,6 +256,16 @@ def _levels(levels: Sequence[float] | None, strength: xr.DataArray) -> list[floa
         msg = f"intensities are {list(levels)}; give one or more above 0 ({strength.attrs['units']})"
         raise InputError(msg)
     return [float(x) for x in levels]
+
+
+def _check_elastic(cube: xr.Dataset) -> None:
+    """Raise `InputError` where storeys may yield: required gaps do not grow with the intensity there."""
+    if "sweep" in cube.attrs and any(scene_of(stored_sweep(cube)["scene"]).yields):
+        msg = (
+            "required gaps of a row that yields do not grow in proportion to the intensity, so that those at others "
+            "can't be told; leave the intensity and the hazard out, for gaps at each scale of the cube"
+        )
+        raise InputError(msg)
 
 
 def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:

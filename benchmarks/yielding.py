@@ -1,0 +1,120 @@
+"""What yielding costs: ``python -m benchmarks.yielding`` prints the paper's row elastic and yielding, and OpenSees.
+
+The row of Mate, Bakre & Jaiswal (2015) without pounding under El Centro, its strengths a fourth of the largest elastic
+storey shears, hardening 5 %. In OpenSees, where it can be imported, the same storeys of `Steel01` under Newmark's
+average acceleration. The error is the largest of a storey drift, over the largest drift, against RK4 at 0.1 ms.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import pounding_sweep as ps
+from benchmarks.timing import medians
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.model.laws import get_law
+from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, reducers_for
+
+#: Strength reduction, hardening, and scenarios at a time.
+REDUCTION, HARDENING, BATCH = 4.0, 0.05, 64
+#: Steps (s) of each scheme, and of OpenSees.
+STEPS = {"rk4": (5e-3, 2e-3, 1e-3), "newmark": (2e-3, 1e-3, 5e-4)}
+OPENSEES = (1e-3, 5e-4)
+FINEST = 1e-4
+
+
+def runner(scene: ps.Scene, record: ps.Record, method: str, dt: float, law: str = "none") -> Callable[[], np.ndarray]:
+    """Return what runs scenarios of a row at neighbouring gaps, and returns the largest storey drifts (m)."""
+    kernel = RowKernel(scene, get_law(law), Numerics(method, dt), reducers_for(DEFAULT_OUTPUTS))
+    gaps = np.linspace(0.002, 0.024, BATCH)[:, None] * np.ones(len(scene.pair_names))
+    ones = np.ones(BATCH)
+    given: dict[str, Any] = {"scale": ones, "gaps": gaps, "stiffness": 2e6 * ones, "restitution": 0.6 * ones}
+    return lambda: kernel.run(record, **given)["drift"]
+
+
+def weakened(scene: ps.Scene, record: ps.Record, reduction: float = REDUCTION) -> ps.Scene:
+    """Return the row with storeys that yield at a share of the largest shears of the elastic row."""
+    k = np.concatenate([building.stiffnesses for building in scene.buildings])
+    parts = np.split(runner(scene, record, "rk4", 1e-3)()[0] * k / reduction, scene.offsets[1:-1])
+    pairs = zip(scene.buildings, parts, strict=True)
+    row = [replace(building, yield_strengths=part.tolist(), hardening=HARDENING) for building, part in pairs]
+    return ps.Scene(row, scene.gaps, scene.contact)
+
+
+def opensees(ops: Any, scene: ps.Scene, record: ps.Record, dt: float) -> np.ndarray:
+    """Run the row alone through OpenSees; returns the largest storey drifts (m)."""
+    ops.wipe()
+    ops.model("basic", "-ndm", 1, "-ndf", 1)
+    ops.node(1000, 0.0)
+    ops.fix(1000, 1)
+    for building, first in zip(scene.buildings, scene.offsets, strict=False):
+        assert building.yield_strengths is not None
+        storeys = zip(building.masses, building.stiffnesses, building.yield_strengths, strict=True)
+        for tag, (mass, stiffness, strength) in enumerate(storeys, first + 1):
+            ops.node(tag, 0.0)
+            ops.mass(tag, mass)
+            ops.uniaxialMaterial("Steel01", tag, float(strength), stiffness, building.hardening)
+            below = 1000 if tag == first + 1 else tag - 1
+            ops.element("zeroLength", tag, below, tag, "-mat", tag, "-dir", 1, "-doRayleigh", 1)
+        alpha, beta = map(float, building.rayleigh)  # by the initial stiffness
+        tags = range(first + 1, first + building.n_storeys + 1)
+        ops.region(first + 1, "-ele", *tags, "-rayleigh", alpha, 0.0, beta, 0.0)
+    ops.timeSeries("Path", 1, "-dt", record.dt, "-values", *map(float, record.acceleration))
+    ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
+    ops.constraints("Plain")
+    ops.numberer("RCM")
+    ops.system("BandGeneral")
+    ops.test("NormDispIncr", 1e-12, 50)
+    ops.algorithm("Newton")
+    ops.integrator("Newmark", 0.5, 0.25)
+    ops.analysis("Transient")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "drift"
+        every = range(1, scene.n_dof + 1)
+        ops.recorder("EnvelopeElement", "-file", str(file), "-precision", 16, "-ele", *every, "deformation")
+        steps = round(record.dt / dt)
+        failed = ops.analyze((record.n_points - 1) * steps, record.dt / steps)
+        ops.wipe()  # closes the recorder's file
+        if failed:
+            msg = f"OpenSees did not converge at dt = {dt:g} s"
+            raise RuntimeError(msg)
+        return np.asarray(np.loadtxt(file)[-1])
+
+
+def main() -> None:
+    """Print the table."""
+    scene, record = ps.get_preset("mate2015"), ps.find_record("el_centro")
+    weak = weakened(scene, record)
+    want = runner(weak, record, "rk4", FINEST)()[0]
+    print("| | step (ms) | elastic (ms) | yielding (ms) | ratio | error of drifts | ratio with pounding |")
+    print("|---|---|---|---|---|---|---|")
+    for method, steps in STEPS.items():
+        for dt in steps:
+            jobs = [runner(row, record, method, dt, law) for law in ("none", "kelvin_voigt") for row in (scene, weak)]
+            drift = [job()[0] for job in jobs][1]
+            plain, yields, touching, both = (each / BATCH * 1e3 for each in medians(*jobs))
+            error = np.abs(drift - want).max() / want.max()
+            print(
+                f"| engine `{method}` | {dt * 1e3:g} | {plain:.3f} | {yields:.3f} | {yields / plain:.1f} | {error:.1e} "
+                f"| {both / touching:.1f} |"
+            )
+    try:
+        import openseespy.opensees as ops
+    except (ImportError, RuntimeError) as fault:
+        print(f"\nOpenSees is left out: {fault}")
+        return
+    for dt in OPENSEES:
+        drift = opensees(ops, weak, record, dt)
+        (seconds,) = medians(lambda dt=dt: opensees(ops, weak, record, dt), rounds=3)  # type: ignore[misc]
+        error = np.abs(drift - want).max() / want.max()
+        print(f"| OpenSees `Steel01` | {dt * 1e3:g} | | {seconds * 1e3:.0f} | | {error:.1e} | |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""Storeys that yield: bilinear shear with kinematic hardening.
+
+    V = r k d + (1 - r) k (d - p),    |d - p| <= dy
+
+d is the drift, p its plastic part, r the hardening and dy the yield drift. While a storey is
+elastic (phase 0) p stands still; while it yields to a side (phase 1 or -1) p follows the drift
+at the distance dy, until the drift turns. In either phase the shear is
+
+    V = KT d + CT
+
+with KT = k, CT = -(1 - r) k p, or KT = r k, CT = +-(1 - r) k dy. The phase is frozen within a
+sub-step, which ends where the first storey begins to yield or turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from pounding_sweep.kernel.forces import NEVER
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.lanes import Cell, Table, count_to, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.roots import coefficients, quartic, rate, root
+
+
+def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any]]:
+    """Go through storeys that may yield, with the floors below (None: the ground); at run time if not `straight`."""
+    spec = group.spec
+    if group.trace is None or (straight and not group.long):
+        yield from ((i, None if spec.bottom[i] else i - 1) for i in spec.yielding)
+        return
+    for bottom in (True, False):
+        mine = [i for i in spec.yielding if spec.bottom[i] is bottom]
+        table = Table(group.trace, mine or [0])
+        for q in count_to(len(mine), group.trace) if mine else ():
+            i = table[q]
+            yield i, None if bottom else i - 1
+
+
+def drift(group: Group, i: Any, below: Any, name: str = "u") -> Any:
+    """Drift of a storey, or its rate."""
+    x = group.state[name, i]
+    return x if below is None else x - group.state[name, below]
+
+
+def begin(group: Group) -> None:
+    """Let all storeys be elastic."""
+    s = group.state
+    for i in group.each(group.spec.n_dof):
+        s["kt", i] = group.full(group.prop("k", i))
+        if group.spec.tangent:
+            s["kd", i] = group.full(group.prop("k", i))
+
+
+def shear(group: Group, i: Any, below: Any, name: str = "u") -> Any:
+    """Storey shear, dampers not included; of rates, its rate."""
+    s = group.state
+    found = s["kt", i] * drift(group, i, below, name)
+    return found if name.startswith("v") else found + s["ct", i]
+
+
+def hardened(group: Group, i: Any) -> tuple[Any, Any]:
+    """Stiffness of a storey that yields, and what that is less than the elastic one."""
+    k, share = group.prop("k", i), group.prop("hardening", i)
+    return share * k, (1.0 - share) * k
+
+
+def _limits(group: Group, i: Any) -> tuple[Any, Any]:
+    """Yield drift, and with a margin for rounding."""
+    dy = group.prop("yield_drift", i)
+    return dy, dy + (dy * group.limit.at_release + group.limit.exact)
+
+
+def _may_change(group: Group, i: Any, below: Any, h: Any) -> Any:
+    """Lanes in which a storey may begin to yield, or turn, in the step just taken."""
+    s = group.state
+    p, phase, top = s["slip", i], s["phase", i], _limits(group, i)[1]
+    z0, z1 = drift(group, i, below, "u0") - p, drift(group, i, below) - p
+    v0, v1 = drift(group, i, below, "v0"), drift(group, i, below, "v")
+    early, late = z0 + h * v0, z1 - h * v1
+    over, under = maximum(z1, minimum(early, late)), minimum(z1, maximum(early, late))
+    return where(phase == 0.0, (over > top) | (-under > top), minimum(phase * v0, phase * v1) < 0.0)
+
+
+def may_change(group: Group, h: Any) -> Any:
+    """Lanes in which any storey may begin to yield, or turn, in the step just taken."""
+    found = Cell(group.lanes_where(False))
+    for i, below in each_storey(group, straight=True):
+        found.now = found.now | _may_change(group, i, below, h)
+    return found.now
+
+
+def first_event(group: Group, asks: Any) -> Any:
+    """Fraction of the trial at which the first storey changes its phase (1: none), in the lanes that ask."""
+    s = group.state
+    first = Cell(group.full(1.0))
+    for i, below in each_storey(group):
+        s["turn", i] = where(asks, NEVER, s["turn", i])
+        busy = asks & _may_change(group, i, below, s["h"])
+        with when_any(busy):
+            _event(group, i, below, busy)
+        turn = s["turn", i]
+        first.now = where(turn < first.now, turn, first.now)
+    return first.now
+
+
+def _event(group: Group, i: Any, below: Any, busy: Any) -> None:
+    """Find when a storey changes its phase in the trial, and to which."""
+    s, h = group.state, group.state["h"]
+    p, phase, (dy, top) = s["slip", i], s["phase", i], _limits(group, i)
+    z0, z1 = drift(group, i, below, "u0") - p, drift(group, i, below) - p
+    v0, v1 = drift(group, i, below, "v0"), drift(group, i, below, "v")
+    b = coefficients(h, z0, z1, v0, v1, drift(group, i, below, "a0"))
+    r0, rb = rate(b)
+    elastic = phase == 0.0
+    turns = busy & where(elastic, v0 * v1 < 0.0, minimum(phase * v0, phase * v1) < 0.0)
+    toward = where(elastic, where(v0 > 0.0, 1.0, group.full(-1.0)), phase)
+    extreme = root(group, turns, 0.0, 1.0, lambda t: -toward * quartic(t, r0, rb))
+    extreme = where(turns, extreme, 1.0)
+    # an elastic drift leaves its range before it turns, or after
+    before = turns & elastic & (toward * quartic(extreme, z0, b) > top)
+    after = busy & elastic & ~before & (size(z1) > top)
+    side = where(before, toward, where(z1 > 0.0, 1.0, group.full(-1.0)))
+    start = minimum(side * z0 - dy, 0.0)
+    low, high = where(after & turns, extreme, 0.0), where(before, extreme, 1.0)
+    leaves = before | after
+    when = root(group, leaves, low, high, lambda t: start + side * quartic(t, 0.0 * t, b))
+    found = where(leaves, when, where(turns & ~elastic, extreme, NEVER))
+    s["turn", i] = where(busy, found, s["turn", i])
+    s["then", i] = where(busy, where(elastic, side, 0.0), s["then", i])
+
+
+def apply_events(group: Group, lands: Any) -> Any:
+    """Switch the storeys whose event ends this sub-step; returns the lanes in which any did."""
+    s = group.state
+    switched = Cell(lands & ~lands)
+    for i, below in each_storey(group):
+        turn = s["turn", i]
+        due = lands & (turn < 1.0) & (turn <= s["fraction"] + group.limit.same_time)
+        with when_any(due):
+            phase = where(due, s["then", i], s["phase", i])
+            s["phase", i] = phase
+            _follow(group, i, below)
+            k, (hard, soft) = group.prop("k", i), hardened(group, i)
+            elastic = phase == 0.0
+            held = phase * (soft * group.prop("yield_drift", i))
+            s["kt", i] = where(due, where(elastic, k, hard), s["kt", i])
+            s["ct", i] = where(due, where(elastic, -soft * s["slip", i], held), s["ct", i])
+            if group.spec.tangent:
+                less = group.prop("tangent", i) * soft
+                s["kd", i] = where(due, where(elastic, k, k - less), s["kd", i])
+        switched.now = switched.now | due
+    return switched.now
+
+
+def _follow(group: Group, i: Any, below: Any) -> None:
+    """Let the plastic drift of a storey that yields follow its drift."""
+    s = group.state
+    phase, p = s["phase", i], s["slip", i]
+    new = where(phase == 0.0, p, drift(group, i, below) - phase * group.prop("yield_drift", i))
+    s["slip", i] = new
+    if "hysteretic" in group.asked:
+        s["travel", i] = s["travel", i] + size(new - p)
+
+
+def follow(group: Group) -> None:
+    """Let the plastic drifts of storeys that yield follow the motion to the present state."""
+    for i, below in each_storey(group, straight=True):
+        _follow(group, i, below)
+
+
+def strain(group: Group, i: Any, drifted: Any) -> Any:
+    """Strain energy of a storey at its drift."""
+    (hard, soft), z = hardened(group, i), drifted - group.state["slip", i]
+    return 0.5 * (hard * drifted * drifted + soft * z * z)
+
+
+def lost(group: Group, i: Any) -> Any:
+    """Energy that a storey has lost in yielding."""
+    return hardened(group, i)[1] * group.prop("yield_drift", i) * group.state["travel", i]

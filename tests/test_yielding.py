@@ -1,0 +1,484 @@
+"""Storeys that yield: the kernels against the slow twin, order, energies, invariants, extremes, and what sweeps do."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from kernels_used import YIELDING, YIELDING_SWEEP
+from naive import run
+from scenes import motions, pair, yielding_pair
+from test_kernels import errors, motion, twins
+
+import pounding_sweep as ps
+from pounding_sweep.base.errors import InputError, SceneError, SweepError
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
+from pounding_sweep.spec.spec import scene_data, scene_of
+
+PAIR = yielding_pair()
+NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
+OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and not each.of_columns]
+TOWER = ps.Scene(
+    [
+        ps.Building("tower", [100.0] * 12, [4.5e5] * 12, yield_strengths=np.linspace(900.0, 200.0, 12), hardening=0.02),
+        ps.Building("annex", [120.0] * 5, [3.5e5] * 5),
+        ps.Building("twin", [90.0] * 5, [2.5e5] * 5, yield_strengths=[500.0] * 5),
+    ],
+    gaps=[0.004, 0.004],
+)
+
+
+@lru_cache
+def truth(scene, law, points, scale):
+    record = motion(points, scale)
+    found = run(twins(scene), list(scene.gaps), record.acceleration, record.dt, law, 8e5, 0.6, rtol=1e-11)
+    return {**found, "law": law}
+
+
+def simulate(scene, law, points, scale, **options):
+    stiffness, e = (None, None) if law == "none" else (8e5, 0.6)
+    return ps.simulate(scene, motion(points, scale), law=law, stiffness=stiffness, restitution=e, **options)
+
+
+# -- against the twin --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("method", "dt", "bound"), [("rk4", 5e-4, 2e-5), ("newmark", 2e-4, 3e-3)])
+def test_every_variable_equals_the_twins(method, dt, bound):
+    got, want = simulate(PAIR, "kelvin_voigt", 151, 1.5, method=method, dt=dt), truth(PAIR, "kelvin_voigt", 151, 1.5)
+    assert int(got.status) == Status.OK
+    assert sum(int(count) for each in want["impact_count"] for count in each) >= 5
+    assert set(OUTPUTS) <= set(got.data_vars)
+    assert np.count_nonzero(got.ductility_max > 1.5) == 3
+    found = errors(got, want, PAIR)
+    assert max(found.values()) < bound, found
+    stride = round(0.02 / dt)
+    mine = got.plastic_drift.values[-1].ravel()
+    assert np.allclose(mine, np.concatenate(want["plastic_drift_final"]), atol=bound * 0.02)
+    moved = got.displacement.values[::stride]
+    for b in range(2):
+        assert np.abs(moved[:, b] - want["displacement"][b]).max() < bound * np.abs(want["displacement"][b]).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "dt", "bound"), [("rk4", 5e-4, 5e-5), ("newmark", 2e-4, 5e-3)])
+@pytest.mark.parametrize("law", ["kelvin_voigt", "none"])
+def test_a_long_row_equals_the_twin(law, method, dt, bound):
+    got, want = simulate(TOWER, law, 101, 2.0, method=method, dt=dt), truth(TOWER, law, 101, 2.0)
+    assert float(got.ductility_max.max()) > 2.0
+    found = errors(got, want, TOWER)
+    assert max(found.values()) < bound, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["none", "hertz_damped", "hysteretic", "stereomechanical"])
+@pytest.mark.parametrize(("method", "dt", "bound"), [("rk4", 5e-4, 3e-5), ("central_difference", 1e-4, 5e-3)])
+def test_other_laws_and_schemes_equal_the_twin(law, method, dt, bound):
+    found = errors(simulate(PAIR, law, 101, 1.5, method=method, dt=dt), truth(PAIR, law, 101, 1.5), PAIR)
+    assert max(found.values()) < bound, found
+
+
+SMOOTH = ("displacement_max", "displacement_min", "storey_shear_max", "acceleration_max", "hysteretic_energy")
+
+
+@pytest.mark.parametrize("method", YIELDING)
+def test_order_of_convergence(method):
+    """Onset and unloading are located, so that the order is the scheme's own."""
+    order = {"rk4": 4, "newmark": 2}[method]
+    steps, total = [2e-3, 1e-3, 5e-4, 2.5e-4], []
+    for dt in steps:
+        got = simulate(PAIR, "kelvin_voigt", 101, 1.5, method=method, dt=dt)
+        found = errors(got, truth(PAIR, "kelvin_voigt", 101, 1.5), PAIR)
+        total.append(np.sqrt(np.mean([found[name] ** 2 for name in SMOOTH])))
+    slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
+    assert 0.9 * order - 0.1 <= slope < order + 1.5, (slope, total)
+
+
+@pytest.mark.parametrize("method", YIELDING)
+def test_energy_closes(method):
+    left = []
+    for dt in (2e-3, 1e-3, 5e-4):
+        one = simulate(PAIR, "kelvin_voigt", 151, 1.5, method=method, dt=dt)
+        left.append(float(one.energy_residual))
+        own = one.input - one.damping - one.strain - one.kinetic - one.hysteretic - one.transfer
+        assert np.abs(own).max() < 1e-9
+        assert (np.diff(one.hysteretic.values, axis=0) >= 0.0).all()
+        assert np.allclose(one.hysteretic.values[-1], one.hysteretic_energy.values)
+        assert float(one.hysteretic_energy.min()) > 0.1 * float(one.energy_input.min())
+    order = {"rk4": 4, "newmark": 2}[method]
+    assert np.polyfit(np.log([2e-3, 1e-3, 5e-4]), np.log(left), 1)[0] > order - 0.8, left
+    assert left[-1] < {"rk4": 1e-7, "newmark": 2e-4}[method]
+
+
+def test_a_loop_is_bilinear():
+    """The shear follows drift along k and r k, never beyond what hardening allows, whatever the contacts do."""
+    one = simulate(PAIR, "kelvin_voigt", 151, 1.5, dt=1e-3)
+    k, strength, r = PAIR.buildings[0].stiffnesses[0], PAIR.buildings[0].yield_strengths[0], 0.05
+    d, v = (one[name].values[:, 0, 0] for name in ("storey_drift", "storey_shear"))
+    assert np.abs(v - r * k * d).max() == pytest.approx((1.0 - r) * strength, rel=1e-9)
+    moves = np.abs(np.diff(d)) > 1e-6
+    slopes = np.diff(v)[moves] / np.diff(d)[moves] / k
+    elastic, hard = np.abs(slopes - 1.0) < 1e-6, np.abs(slopes - r) < 1e-6
+    assert elastic.mean() > 0.3
+    assert hard.mean() > 0.05
+    assert (elastic | hard).mean() > 0.95  # else it begins to yield, or turns, within the step
+    assert one.storey_shear_max.values[0, 0] == pytest.approx(np.abs(v).max(), rel=1e-4)
+
+
+# -- invariants --------------------------------------------------------------------------------------------------------
+
+
+def lanes(scene, scales, method="rk4", dt=1e-3, law="kelvin_voigt", points=101, gaps=None, stiffness=8e5):
+    kernel = RowKernel(scene, LAWS[law], Numerics(method, dt), reducers_for(OUTPUTS), history=True)
+    record, n = motion(points), len(scales)
+    raw = kernel.run(
+        record,
+        scale=np.asarray(scales, float),
+        gaps=np.tile(scene.gaps, (n, 1)) if gaps is None else gaps,
+        stiffness=np.full(n, stiffness),
+        restitution=np.full(n, 0.6),
+        history=np.zeros(((points - 1) * kernel.numerics.steps(record) + 1, 100)),
+    )
+    return raw, variables_of(kernel, raw, OUTPUTS, record)
+
+
+MIRRORED = {
+    "displacement_max": ("displacement_min", -1.0),
+    "drift_max": ("drift_max", 1.0),
+    "storey_shear_max": ("storey_shear_max", 1.0),
+    "ductility_max": ("ductility_max", 1.0),
+    "residual_drift": ("residual_drift", -1.0),
+    "hysteretic_energy": ("hysteretic_energy", 1.0),
+}
+
+
+@pytest.mark.parametrize("method", YIELDING)
+def test_a_ground_that_moves_the_other_way_mirrors_the_motion_to_the_last_bit(method):
+    far = np.full((2, 1), 1e3)
+    _, both = lanes(PAIR, [1.5, -1.5], method, gaps=far)
+    for name, (other, sign) in MIRRORED.items():
+        assert np.array_equal(both[name][1], sign * both[other][0], equal_nan=True), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", YIELDING)
+def test_a_mirrored_row_moves_as_its_image(method):
+    """Not to the last bit: a step that floors of one row cut at a touch may be cut elsewhere in the other."""
+    image = ps.Scene(PAIR.row[::-1], PAIR.gaps, PAIR.contact)
+    (_, own), (_, other) = lanes(PAIR, [1.5], method), lanes(image, [-1.5], method)
+    assert own["impact_count"].sum() == other["impact_count"].sum() > 0
+    for name, (twin, sign) in MIRRORED.items():
+        np.testing.assert_allclose(other[name][:, ::-1], sign * own[twin], rtol=1e-7, err_msg=name)
+
+
+def scaled(scene, factor, **changes):
+    row = [replace(b, yield_strengths=[factor * v for v in b.yield_strengths], **changes) for b in scene.row]
+    return ps.Scene(row, scene.gaps, scene.contact)
+
+
+@pytest.mark.parametrize("method", YIELDING)
+def test_half_the_motion_at_half_the_strength_and_gap_is_half_the_answer(method):
+    _, whole = lanes(PAIR, [1.5], method)
+    _, half = lanes(scaled(PAIR, 0.5), [0.75], method, gaps=[[0.5 * PAIR.gaps[0]]])
+    assert whole["impact_count"].sum() > 0
+    for name, power in (("displacement_max", 1), ("storey_shear_max", 1), ("residual_drift", 1), ("ductility_max", 0)):
+        np.testing.assert_allclose(half[name], 0.5**power * whole[name], rtol=1e-8, err_msg=name)
+    np.testing.assert_allclose(half["hysteretic_energy"], 0.25 * whole["hysteretic_energy"], rtol=1e-8)
+    _, twice = lanes(PAIR, [0.75], method)  # and at the same strength it is not
+    assert np.abs(2.0 * twice["displacement_max"] - whole["displacement_max"]).max() > 1e-3
+
+
+def test_a_scenario_does_not_know_its_neighbours():
+    rng = np.random.default_rng(3)
+    scales, gaps = rng.uniform(0.1, 3.0, 21), rng.uniform(0.0, 0.02, (21, 1))
+    together, _ = lanes(PAIR, scales, gaps=gaps)
+    order = rng.permutation(21)
+    shuffled, _ = lanes(PAIR, scales[order], gaps=gaps[order])
+    assert 0 < np.count_nonzero(together["travel"].sum(axis=1)) < 21
+    for name, values in together.items():
+        assert np.array_equal(shuffled[name], values[order]), name
+    for i in (0, 5, 20):
+        alone, _ = lanes(PAIR, scales[[i]], gaps=gaps[[i]])
+        for name, values in together.items():
+            assert np.array_equal(alone[name], values[[i]]), (i, name)
+
+
+# -- extremes ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", YIELDING)
+@pytest.mark.parametrize("hardening", [0.0, 0.05, 0.999999])
+def test_strengths_from_hardly_any_to_never(hardening, method):
+    factors = [1e-6, 1e-4, 1e-2, 0.1, 0.5, 1.0, 10.0, 1e4, 1e9]
+    shears = []
+    for factor in factors:
+        _, one = lanes(scaled(PAIR, factor, hardening=hardening), [1.0, 2.0], method, dt=5e-4)
+        assert (one["status"] == Status.OK).all(), factor
+        for name in ("displacement_max", "residual_drift", "hysteretic_energy", "acceleration_max"):
+            assert np.isfinite(one[name]).all(), (factor, name)
+        assert (one["energy_residual"] < {"rk4": 1e-5, "newmark": 2e-3}[method]).all(), (factor, one["energy_residual"])
+        assert (one["hysteretic_energy"] >= 0.0).all()
+        shears.append(one["storey_shear_max"][0])
+    assert (one["hysteretic_energy"] == 0.0).all()
+    assert (one["residual_drift"] == 0.0).all()
+    elastic = ps.Scene([replace(b, **ELASTIC) for b in PAIR.row], PAIR.gaps, PAIR.contact)
+    want = simulate(elastic, "kelvin_voigt", 101, 1.0, method=method, dt=5e-4) if method == "rk4" else None
+    if want is not None:
+        np.testing.assert_allclose(shears[-1], want.storey_shear_max, rtol=1e-9)
+
+
+ELASTIC = {"yield_strengths": None, "hardening": 0.0, "damping_stiffness": "initial"}
+
+
+def test_a_contact_beside_a_yielding_storey_needs_no_more_steps():
+    """Statuses: ok at the step at which the elastic row is, and under-resolved where that is."""
+    for dt, status in ((5e-4, Status.OK), (1e-2, Status.UNDER_RESOLVED_MOTION)):
+        _, one = lanes(PAIR, [1.5], dt=dt, gaps=[[1e3]])
+        assert one["status"].tolist() == [status], dt
+
+
+# -- what is compiled --------------------------------------------------------------------------------------------------
+
+
+def test_a_scene_without_yielding_asks_for_the_kernel_that_it_had():
+    """Infinite strengths are none; nothing of yielding is in its shape, state or results."""
+    never = ps.Scene([replace(b, yield_strengths=[np.inf] * 2, hardening=0.3) for b in pair().row], [0.006])
+    numerics = Numerics("rk4", 1e-3)
+    for law in ("none", "linear"):
+        mine, plain = (kernel_shape(scene, LAWS[law], numerics, reducers_for(OUTPUTS)) for scene in (never, pair()))
+        assert mine == plain
+        assert mine.yielding == ()
+        assert not {"shear", "residual", "hysteretic"} & mine.reducers
+    asked = kernel_shape(PAIR, LAWS["linear"], numerics, reducers_for(OUTPUTS))
+    assert asked.yielding == (0, 1, 2)
+    assert {"shear", "residual", "hysteretic"} <= asked.reducers
+    only = kernel_shape(PAIR, LAWS["linear"], numerics, reducers_for(["displacement_max"]))
+    assert not {"shear", "residual", "hysteretic"} & only.reducers
+
+
+# -- sweeps ------------------------------------------------------------------------------------------------------------
+
+
+@lru_cache
+def swept():
+    sweep = ps.Sweep(**YIELDING_SWEEP)
+    return sweep, sweep.plan(), sweep.run()
+
+
+def test_a_sweep_is_its_scenarios_one_by_one():
+    """What the planner shares, leaves out and broadcasts, against every scenario on its own."""
+    sweep, _, cube = swept()
+    assert (cube.status == Status.OK).all()
+    checked = 0
+    shape = [cube.sizes[d] for d in cube.law.dims + cube.gap.dims + cube.record.dims + cube.scale.dims]
+    assert shape == [2, 3, 2, 2]
+    rng = np.random.default_rng(1)
+    dims = ("law", "gap", "record", "scale", "strength_factor_a", "hardening_b")
+    for _ in range(40):
+        place = {dim: int(rng.integers(cube.sizes[dim])) for dim in dims}
+        mine = cube.isel(place)
+        at = {dim: cube[dim].values[i] for dim, i in place.items()}
+        a, b = PAIR.buildings
+        a = replace(a, yield_strengths=[at["strength_factor_a"] * v for v in a.yield_strengths])
+        b = replace(b, hardening=float(at["hardening_b"]))
+        gap = 1e3 if at["law"] == "none" else float(at["gap"])
+        record = next(each for each in sweep.spec.records if each.name == at["record"])
+        one = ps.simulate(
+            ps.Scene([a, b], [gap], PAIR.contact), record.scaled(float(at["scale"])), law="kelvin_voigt", dt=2e-3
+        )
+        for name in YIELDING_SWEEP["outputs"]:
+            want = one[name].values
+            np.testing.assert_allclose(
+                mine[name].values.reshape(want.shape),
+                want,
+                rtol=1e-8,
+                atol=1e-9 * np.nanmax(np.abs(want)),
+                err_msg=f"{name} {at}",
+            )
+        checked += bool(one.impact_count.sum() > 0)
+    assert checked >= 3
+
+
+def test_runs_without_pounding_are_shared_by_what_they_do_not_depend_on_and_no_more():
+    _, plan, cube = swept()
+    # strengths, hardening, records and scales each decide on them: 3 x 2 x 2 x 2
+    assert len(plan.uncoupled_runs) == 24
+    assert plan.n_unique == 24 + 3 * 24
+    still = cube.sel(law="none")
+    assert (still.isel(gap=0).displacement_max == still.isel(gap=-1).displacement_max).all()
+    grown = still.ductility_max.sel(scale=1.0) / still.ductility_max.sel(scale=0.5)
+    weak, strong = (grown.sel(strength_factor_a=f, building="a") for f in (0.5, 1e3))
+    np.testing.assert_allclose(strong, 2.0, rtol=1e-9)  # elastic
+    assert (np.abs(weak - 2.0) > 0.02).any()
+
+
+@pytest.mark.slow
+def test_the_required_gap_of_a_yielding_row_is_found_at_each_scale():
+    """Of elastic rows one run serves all scales; here none does."""
+    scales = [0.5, 1.0]
+    sweep = ps.Sweep(**(YIELDING_SWEEP | {"laws": ["kelvin_voigt"], "scales": scales, "gaps": [0.001, 0.004]}))
+    needed = ps.analysis.required_gap(sweep.run(), records=motions())
+    assert needed.sizes["scale"] == 2
+    want = swept()[2].sel(law="kelvin_voigt")
+    touched = want.impact_count.fillna(0).sum(("pair", "storey")) > 0
+    for gap in (0.001, 0.004):
+        enough = needed.exact.max("pair") <= gap
+        assert bool((enough == ~touched.sel(gap=gap)).all())
+
+
+def test_a_row_comes_back_from_its_json():
+    text = json.dumps(scene_data(PAIR), allow_nan=False)
+    assert scene_of(json.loads(text)) == PAIR
+    assert "yield_strengths" not in json.dumps(scene_data(pair()))
+
+
+def test_a_file_describes_storeys_that_yield(tmp_path):
+    path = tmp_path / "sweep.toml"
+    path.write_text(
+        """
+[scene]
+gaps = [0.01]
+[[scene.row]]
+name = "a"
+masses = [120.0, 90.0]
+stiffnesses = [1.5e5, 1.2e5]
+yield_strengths = [220.0, inf]
+hardening = 0.05
+damping_stiffness = "tangent"
+[[scene.row]]
+name = "wall"
+wall = true
+[scene.contact]
+linear_stiffness = 8e5
+[sweep]
+records = ["el_centro"]
+laws = ["linear"]
+building.a.strength_factor = [0.5, 1.0]
+building.a.hardening = [0.0, 0.05]
+"""
+    )
+    sweep = ps.load_sweep(path)
+    building = sweep.spec.scene.buildings[0]
+    assert building.yield_strengths == (220.0, np.inf)
+    assert (building.hardening, building.damping_stiffness) == (0.05, "tangent")
+    assert {"strength_factor_a", "hardening_a"} <= set(sweep.spec.axes)
+    plan = sweep.plan()
+    assert plan.n_asked == 4
+    assert plan.variants.yield_strengths[:, 0].tolist() == [220.0, 110.0, 110.0, 220.0, 220.0]
+    assert plan.variants.hardenings[:, 0].tolist() == [0.05, 0.0, 0.05, 0.0, 0.05]
+
+
+def test_cases_vary_strengths_and_hardening():
+    cases = [
+        {"law": "none", "strength_factors": {"a": 0.5}},
+        {"law": "none", "strength_factors": {"a": 0.5}, "hardenings": {"b": 0.2, "a": 0.05}},
+        {"law": "none", "strength_factors": {"a": 1.0}},
+        {"law": "none", "mass_factors": {"a": 2.0}},
+    ]
+    plan = ps.Sweep(PAIR, motions()[0], cases=cases).plan()
+    assert plan.n_unique == 4
+    variants = plan.variants[plan.unique.variant[plan.inverse]]
+    assert variants.yield_strengths[:, 0].tolist() == [110.0, 110.0, 220.0, 440.0]
+    assert variants.hardenings[:, [0, 2]].tolist() == [[0.05, 0.0], [0.05, 0.2], [0.05, 0.0], [0.05, 0.0]]
+
+
+def test_accuracy_chooses_a_scheme_that_follows_yielding():
+    plan = ps.Sweep(PAIR, motions()[0], "kelvin_voigt", gaps=[0.002], accuracy=1e-3).plan()
+    assert plan.numerics.scheme.follows_yielding
+    assert ps.Sweep(pair(), motions()[0], "kelvin_voigt", gaps=[0.002], accuracy=1e-3).plan().numerics.method == "exact"
+
+
+@pytest.mark.slow
+def test_strengths_of_constant_ductility_by_the_twin():
+    """At the strength that is found, each building alone has the ductility; with a little more, less of it."""
+    targets, record = [1.0, 2.0, 6.0], motion(251, 1.5)
+    found = ps.analysis.constant_ductility(PAIR, record, targets)
+    factors = found.strength_factor.values[0]
+    assert (np.diff(factors, axis=0) < 0.0).all()
+    np.testing.assert_allclose(found.strength_reduction[0, 0], 1.0, rtol=1e-9)
+    for each, target in zip(factors, targets, strict=True):
+        for b, twin in enumerate(twins(PAIR)):
+            for more, sign in ((1.0, 0.0), (1.01, -1.0)):
+                strong = replace(twin, yield_strengths=[each[b] * more * v for v in twin.yield_strengths])
+                mu = np.nanmax(run([strong], [], record.acceleration, record.dt, "none")["ductility_max"][0])
+                if sign == 0.0:
+                    assert mu == pytest.approx(target, rel=1e-5), (b, target)
+                else:
+                    assert mu < target * (1.0 - 1e-4), (b, target)
+
+
+@pytest.mark.slow
+def test_a_long_period_keeps_its_displacement():
+    """Newmark and Hall: where displacements are equal the reduction is the ductility; a stiff building has less than
+    that of equal energies."""
+    masses, w = [1.0], [2.0 * np.pi / period for period in (4.0, 0.06)]
+    row = [ps.Building(n, masses, [x**2], yield_strengths=[1.0]) for n, x in zip(("soft", "stiff"), w, strict=True)]
+    found = ps.analysis.constant_ductility(ps.Scene(row, [1.0]), "el_centro", [2.0])
+    soft, stiff = found.strength_reduction[0, 0].values
+    assert soft == pytest.approx(2.0, rel=0.25)
+    assert 1.0 < stiff < np.sqrt(2.0 * 2.0 - 1.0)
+
+
+@pytest.mark.parametrize(
+    ("scene", "targets", "message"),
+    [
+        (pair(), [2.0], "no storey of this row yields; give its buildings yield_strengths"),
+        (PAIR, [2.0, 0.5], r"ductilities are \[2.0, 0.5\]; give one or several numbers of at least 1"),
+        (PAIR, [], "ductilities are "),
+    ],
+)
+def test_ductilities_that_cannot_be_are_refused(scene, targets, message):
+    with pytest.raises(InputError, match=message):
+        ps.analysis.constant_ductility(scene, motions()[0], targets)
+
+
+# -- refusals ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"yield_strengths": [-1.0, 2.0]}, r"yield_strengths of storey 1 is -1.0 kN; it must be a positive number"),
+        ({"yield_strengths": [1.0, np.nan]}, r"yield_strengths of storey 2 is nan kN"),
+        ({"yield_strengths": [1.0]}, r"1 yield_strengths for 2 masses; give one value per storey"),
+        ({"yield_strengths": [1.0, 1.0], "hardening": 1.0}, r"hardening is 1.0; it must be in \[0, 1\)"),
+        ({"yield_strengths": [1.0, 1.0], "hardening": -0.1}, r"hardening is -0.1; it must be in \[0, 1\)"),
+        ({"yield_strengths": [1.0, 1.0], "hardening": True}, r"hardening is True; it must be in \[0, 1\)"),
+        ({"hardening": 0.1}, r"building 'a': hardening is that of storeys that yield; give yield_strengths too"),
+        ({"damping_stiffness": "tangent"}, r"damping_stiffness is that of storeys that yield"),
+        ({"yield_strengths": [1.0, 1.0], "damping_stiffness": "tan"}, r"unknown damping_stiffness 'tan'"),
+    ],
+)
+def test_bad_buildings_are_refused(given, message):
+    with pytest.raises(SceneError, match=message):
+        ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5], **given)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            {"method": "exact"},
+            r"method: 'exact' does not follow storeys that yield, as those of building 'a' do; give ",
+        ),
+        ({"locate": False}, r"locate: storeys of building 'a' yield, .* give locate = true"),
+        ({"strength_factors": {"a": 0.0}}, r"strength_factors.a\[0\]: factor is 0.0; it must be in"),
+        ({"hardenings": {"a": 1.0}}, r"hardenings.a\[0\]: hardening is 1.0; it must be in \[0, 1\)"),
+        ({"hardenings": {"c": 0.1}}, r"hardenings.c: unknown building 'c'"),
+    ],
+)
+def test_bad_sweeps_are_refused(given, message):
+    with pytest.raises(SweepError, match=message):
+        ps.Sweep(PAIR, motions()[0], "kelvin_voigt", **given)
+
+
+@pytest.mark.parametrize("axis", ["strength_factors", "hardenings"])
+def test_axes_of_yielding_need_strengths(axis):
+    with pytest.raises(SweepError, match=f"{axis}.a: building 'a' has no yield_strengths; give them, or leave it out"):
+        ps.Sweep(pair(), motions()[0], "linear", gaps=[0.01], **{axis: {"a": 0.5}})
