@@ -30,9 +30,9 @@ from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES, Scheme
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
-#: others: peaks are looked for between the ends by a cubic, which errs by (w h)**4 / 384 of what a mode contributes.
-GLIDE = (0.3, 0.8, 1.2)
-#: The same where outputs are asked for in which high modes weigh more.
+#: others: peaks are looked for between the ends by a quintic, which errs by (w h)**6 / 46080 of what a mode adds.
+GLIDE = (0.5, 1.3, 2.0)
+#: The same where outputs are asked for in which high modes weigh more, and peaks are those of a cubic.
 QUICK_GLIDE = (0.2, 0.3, 0.5)
 #: Yield drift (m) of storeys that never yield, in both number formats.
 ELASTIC = 1e30

@@ -482,8 +482,8 @@ class Scene:
         for contact in contacts:
             if contact.struck >= 0 and self.yields[(contact.left, contact.right)[contact.struck]]:
                 msg = (
-                    f"floors of pair {names[contact.pair]!r} strike columns of a storey that may yield, whose shape "
-                    'under the blow is not known; give that storey the strength inf, or contacts = "floors"'
+                    f"floors of pair {names[contact.pair]!r} strike columns of a storey that may yield, whose shape is "
+                    'not known then; give that storey the strength inf, or contacts = "floors"'
                 )
                 raise SceneError(msg)
         object.__setattr__(self, "_labels", tuple(labels))
