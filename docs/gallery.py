@@ -23,10 +23,10 @@ from pounding_sweep.records import RECORDS_VARIABLE
 
 DOCS = Path(__file__).parent
 PICTURES = DOCS / "_static" / "gallery"
-#: Sweep files that the commands name.
+#: Sweep files and other input that the commands name.
 SWEEPS = (
     *(DOCS.parent / "sweeps" / f"{name}.toml" for name in ("quickstart", "period_ratio", "yielding")),
-    DOCS / "gallery_sweeps" / "suite.toml",
+    *sorted((DOCS / "gallery_sweeps").iterdir()),
 )
 
 
@@ -102,6 +102,15 @@ _OWN = (
         "work_precision.png",
         elsewhere=True,
     ),
+    Entry(
+        "gap-for-probability",
+        (
+            "run gaps.toml -o gaps.nc",
+            "compare gaps.nc --what gap-for-probability --intensity pga --given 2 --given 4 --hazard site.csv -o gaps",
+            "plot gaps/gap-for-probability.nc gap-for-probability -o gap_for_probability.png",
+        ),
+        "gap_for_probability.png",
+    ),
     Entry("stability-map", ("extremes --plot stability_map.png",), "stability_map.png", elsewhere=True),
 )
 
@@ -169,7 +178,8 @@ def gallery_page() -> str:
         "From Python, each is a function of a dataset that returns a matplotlib figure, "
         "`ps.figures.force_gap(cube)` for `force-gap`, see [`pounding_sweep.figures`](../api).",
         "",
-        "The commands use [quickstart.toml and period_ratio.toml](../sweep_file), and this `suite.toml`:",
+        "The commands use [files of `sweeps/`](../sweep_file), `gaps.toml` and `site.csv` of "
+        "[gaps for a probability](../comparisons), and this `suite.toml`:",
         "",
         "```{literalinclude} ../gallery_sweeps/suite.toml",
         ":language: toml",

@@ -446,8 +446,8 @@ class TestSuites:
             analysis.incremental_curves(cube, intensity=sa.isel(record=[1]))
         with pytest.raises(InputError, match="along 'record' alone"):
             analysis.incremental_curves(cube, intensity=sa.expand_dims("period"))
-        with pytest.raises(InputError, match="unknown intensity 'sa'"):
-            analysis.incremental_curves(cube, intensity="sa")
+        with pytest.raises(InputError, match=r"unknown intensity 'sv'; valid: pga, pgv, sa\(PERIOD in s\)"):
+            analysis.incremental_curves(cube, intensity="sv")
 
     def test_one_scale_is_not_enough(self):
         with pytest.raises(InputError, match="needs several values of 'scale', and this cube has one"):

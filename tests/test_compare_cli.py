@@ -52,8 +52,8 @@ def test_summary_lists_what_is_possible_and_why_the_rest_is_not(cube_file):
     for key in ("amplification", "laws", "impacts", "fractiles", "incremental", "fragility"):
         assert f"  {key}" in possible
         assert f"\n{key}: {COMPARISONS[key].title}" in result.stdout
-    assert "required-gap  2 of the 2 records" in impossible
-    assert "energy        the energy budget needs the outputs 'energy_input'" in impossible
+    assert "  required-gap         2 of the 2 records" in impossible
+    assert "  energy               the energy budget needs the outputs 'energy_input'" in impossible
 
 
 def test_what_one_record_does_not_allow(tmp_path):
@@ -88,7 +88,8 @@ def test_one_comparison_prints_the_rows_of_its_result(cube_file, key):
     told = json.loads(result.stdout)
     assert list(told) == [key]
     with open_cube(cube_file) as cube:
-        rows = table_rows(COMPARISONS[key].make(cube), COMPARISONS[key])
+        apart = {"over": ["gap", "restitution"]} if key == "impacts" else {}
+        rows = table_rows(COMPARISONS[key].make(cube, **apart), COMPARISONS[key])
     assert told[key]["rows"] == json.loads(json.dumps(rows))
     text = run(cube_file, "--what", key).stdout
     assert text.startswith(f"{key}: ")
@@ -112,7 +113,9 @@ def test_files(cube_file, tmp_path):
         rows = list(csv.DictReader(file))
     first = rows[0]
     assert first["variable"] == "displacement_max_ratio"
-    touching = expected.displacement_max_ratio.where(expected.touches == 1.0).sel(law="linear", building="a")
+    assert (first["record"], first["scale"], first["over"]) == ("one", "0.1", "2 gaps, 2 restitutions, 2 storeys")
+    touching = expected.displacement_max_ratio.where(expected.touches == 1.0)
+    touching = touching.sel(law="linear", building="a", record="one", scale=0.1)
     assert float(first["largest"]) == float(touching.max())
     assert float(first["median"]) == pytest.approx(float(touching.median()))
 
@@ -190,7 +193,16 @@ def test_options_that_would_do_nothing_are_refused(cube_file, tmp_path):
         (("--what", "impacts", "--event", "touch"), "--event is for the comparison 'fragility'; leave it out, or add"),
         (("--what", "laws", "--level", "3"), "--level is for the comparison 'fragility'"),
         (("--what", "impacts", "--reference", "linear"), "--reference is for the comparison 'laws'"),
-        (("--what", "laws", "--records", tmp_path), "--records is for the comparisons 'required-gap' and 'separation'"),
+        (("--what", "laws", "--records", tmp_path), "--records is for the comparisons 'fragility', 'gap-for-prob"),
+        (("--what", "laws", "--probability", "0.1"), "--probability is for the comparison 'gap-for-probability'"),
+        (("--probability", "1.5"), "probabilities are [1.5], confidence is 0.95; all must be between 0 and 1"),
+        (("--intensity", "sv"), "unknown intensity 'sv'; valid: pga, pgv, sa(PERIOD in s)"),
+        (("--quantile", "2"), "quantiles are [2.0]; give one or more numbers in [0, 1]"),
+        (("--years", "50"), "--years are those of a hazard; add --hazard"),
+        (("--hazard", "k0=1e-3"), "hazard 'k0=1e-3' won't do; give a CSV file, or k0=RATE,kappa=SLOPE"),
+        (("--over", "gap"), "unknown axis to take together 'gap'; did you mean 'pga'? Valid: pga, record, sa, scale"),
+        (("--at", "gap=0.003"), "gap '0.003' is not on the axis; it has 0.002, 0.01"),
+        (("--at", "building=c"), "unknown building 'c'; valid: a, b"),
     ):
         refused = run(cube_file, *arguments, "-o", tmp_path / "out")
         assert refused.exit_code == 2
@@ -234,3 +246,91 @@ def test_listed_cases_have_tables_and_say_why_there_is_no_figure(tmp_path):
     assert "no figure of amplification: figure 'amplification' needs axes" in result.stderr
     assert "linear" in result.stdout
     assert "hertz" in result.stdout
+
+
+def rows_of(*arguments):
+    """Return the rows of one comparison as JSON has them."""
+    result = run(*arguments, "--json")
+    assert result.exit_code == 0, result.stderr
+    ((_, told),) = json.loads(result.stdout).items()
+    return told["rows"]
+
+
+def test_records_and_scales_are_apart_and_what_is_pooled_is_named(cube_file):
+    apart = rows_of(cube_file, "--what", "laws", "--at", "gap=0.01")
+    assert {row["over"] for row in apart if row["pair"]} == {"2 restitutions, 2 storeys"}
+    assert {(row["record"], row["scale"]) for row in apart} == {
+        (r, s) for r in ("one", "two") for s in (0.1, 0.3, 1, 2)
+    }
+    pooled = rows_of(cube_file, "--what", "laws", "--at", "gap=0.01", "--over", "record", "--at", "scale=2")
+    assert {row["over"] for row in pooled if row["pair"]} == {"2 restitutions, 2 records, 2 storeys"}
+    assert "record" not in pooled[0]
+    with open_cube(cube_file) as cube:
+        ratio = COMPARISONS["laws"].make(cube.sel(gap=[0.01], scale=[2.0])).impact_force_max_ratio
+        expected = ratio.sel(law="linear", pair="a-b", basis="nominal").median()
+    (mine,) = [
+        row
+        for row in pooled
+        if (row["variable"], row["law"], row["pair"], row["basis"])
+        == ("impact_force_max_ratio", "linear", "a-b", "nominal")
+    ]
+    assert mine["median"] == pytest.approx(float(expected))
+
+
+def test_quantiles_of_a_table(cube_file):
+    (row,) = rows_of(
+        cube_file, "--what", "amplification", "--at", "law=linear", "--at", "law=none", "--at", "building=b", "--over",
+        "record", "--over", "scale", "--quantile", "0.25", "--quantile", "0.9",
+    )[:1]  # fmt: skip
+    with open_cube(cube_file) as cube:
+        found = COMPARISONS["amplification"].make(cube.sel(law=["none", "linear"]))
+        values = found.displacement_max_ratio.where(found.touches == 1.0).sel(building="b").values
+    low, high = np.nanquantile(values, [0.25, 0.9])
+    assert (row["0.25 fractile"], row["0.9 fractile"]) == (pytest.approx(low), pytest.approx(high))
+    assert "median" not in row
+    fits = rows_of(cube_file, "--what", "fragility", "--event", "force", "--level", "1", "--quantile", "0.1")
+    fitted = [row for row in fits if row["fit"] == "fitted"]
+    for row in fitted:
+        assert row["at 0.1"] == pytest.approx(row["median"] * np.exp(-1.2815515655 * row["dispersion"]))
+    assert all(row["over"] == "2 records, 4 scales" for row in fits)
+
+
+def test_the_question_of_a_gap_for_one_percent(tmp_path):
+    """From runs without pounding alone; parts of the row are taken of what the whole row gives."""
+    axes = {"law": ["none"], "record": ["one", "two", "three"]}
+    records = [pulse_record("sine", amplitude=1.0, period=0.5, dt=0.01, name=name) for name in axes["record"]]
+    about = sweep_attribute(low_and_high(), records, laws="none")
+    cube = hand_cube(axes, random_fill(2, "displacement_max", "displacement_min", "closing_max"), attributes=about)
+    path = write_cube(cube, tmp_path / "still.nc")
+    asked = ("--what", "gap-for-probability", "--probability", "0.01", "--intensity", "pga", "--given", "2")
+    rows = rows_of(path, *asked, "--hazard", "k0=1e-3,kappa=2", "--years", "10", "--at", "pair=a-b")
+    assert [row["given"] for row in rows] == ["intensity 2", "in 10 years", "the row's gap"]
+    per_pga = cube.closing_max.isel(law=0).sel(pair="a-b").max("storey") / cube.record_pga * 2.0
+    logs = np.log(per_pga.values)
+    assert rows[0]["gap"] == pytest.approx(np.exp(logs.mean() + 2.3263478740 * logs.std(ddof=1)))
+    assert rows[1]["rate"] == pytest.approx(-np.log(0.99) / 10)
+    text = run(path, *asked, "--at", "pair=a-b").stdout
+    assert "intensity: peak ground acceleration (m s-2)" in text
+    refused = run(path, *asked, "--at", "building=a")
+    assert refused.exit_code == 2
+    assert (
+        "'gap-for-probability' does not tell one building from another, only pair; leave building out" in refused.stderr
+    )
+    (tmp_path / "site.csv").write_text("1,1e-3\n2,2e-3\n")
+    refused = run(path, *asked, "--hazard", tmp_path / "site.csv")
+    assert refused.exit_code == 2
+    assert "site.csv:2: rate 0.002 follows 0.001: a stronger motion must be rarer" in refused.stderr
+
+
+def test_pairs_that_never_touch_are_told_instead_of_a_ratio(tmp_path):
+    """Closing displacements of rounding make no ratio of 1e15."""
+    axes = {"law": ["none"], "record": ["one", "two"]}
+    records = [pulse_record("sine", amplitude=1.0, period=0.5, dt=0.01, name=name) for name in axes["record"]]
+    about = sweep_attribute(low_and_high(), records, laws="none")
+    cube = hand_cube(axes, random_fill(2, "displacement_max", "displacement_min", "closing_max"), attributes=about)
+    cube["closing_max"] = cube.closing_max.where(cube.pair != "a-b", cube.closing_max * 1e-15)
+    rows = rows_of(write_cube(cube, tmp_path / "still.nc"), "--what", "required-gap", "--over", "record")
+    ratios = {row["pair"]: row for row in rows if (row["variable"], row["rule"]) == ("ratio", "abs")}
+    assert (ratios["a-b"]["values"], ratios["a-b"]["largest"], ratios["a-b"]["never touches"]) == (0, None, 2)
+    assert ratios["b-wall"]["values"] == 2
+    assert ratios["b-wall"]["never touches"] == 0

@@ -98,8 +98,8 @@ def test_the_gallery_has_every_figure(pages):
         assert entry.elsewhere or entry.place.stat().st_size < (400_000 if entry.picture.endswith(".gif") else 100_000)
         for command in entry.commands:
             assert f"pounding-sweep {command}\n" in pages["gallery.md"]
-    for sweep in SWEEPS:
-        assert ps.load_sweep(sweep).spec.n_scenarios > 100
+    for sweep in (path for path in SWEEPS if path.suffix == ".toml"):
+        assert ps.load_sweep(sweep).spec.n_scenarios > 20
 
 
 def test_links_between_pages_lead_somewhere(pages):

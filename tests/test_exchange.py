@@ -15,7 +15,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from analysis_cubes import hand_cube
+import xarray as xr
+from analysis_cubes import hand_cube, low_and_high, sweep_attribute
 from scipy import stats
 from typer.testing import CliRunner
 
@@ -141,6 +142,24 @@ def test_functions_without_fit_are_named(cube, tmp_path):
 def test_limit_states_that_will_not_do(cube, tmp_path, states, says):
     with pytest.raises(InputError, match=says):
         export_nrml(cube, tmp_path / "f.xml", states)
+
+
+def test_nrml_of_a_spectral_acceleration(cube, tmp_path):
+    """Records scaled to it: all in stripes, of which the cube itself tells the intensity."""
+    scales = xr.ones_like(cube["record_pga"]) * cube["scale"].rename(scale="sa").drop_vars("sa")
+    about = {"sa_period": 0.5, **sweep_attribute(low_and_high(), "el_centro", laws="none")}
+    stripes = cube.rename(scale="sa").assign_coords(scale=scales).assign_attrs(about)
+    export_nrml(stripes, tmp_path / "f.xml", STATES)
+    found = functions(tmp_path / "f.xml")[1]["a_hertz"]
+    imls = found.find(f"{NAME}imls")
+    assert imls.get("imt") == "SA(0.5)"
+    assert [float(imls.get(name)) * G for name in ("minIML", "maxIML")] == pytest.approx([SCALES[0], SCALES[-1]])
+    mean, deviation = (float(found.find(f"{NAME}params").get(name)) for name in ("mean", "stddev"))
+    fitted = fragility(stripes, "drift", 0.004, confidence=None, intensity="sa(0.5)").sel(building="a", law="hertz")
+    theta, beta = float(fitted["median"]) / G, float(fitted["dispersion"])
+    assert (mean, deviation) == pytest.approx(mean_and_deviation(theta, beta), rel=1e-8)
+    with pytest.raises(InputError, match="OpenQuake has no name for 'sa', a mean over buildings"):
+        export_nrml(stripes, tmp_path / "g.xml", STATES, intensity="sa")
 
 
 def read(path):

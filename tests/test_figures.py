@@ -29,6 +29,7 @@ from pounding_sweep.figures.sides import logarithmic
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.select import select
+from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.plan.scenarios import case_variants
 from pounding_sweep.records import records_dataset
 from pounding_sweep.run.one_scenario import scenario_of, simulate_one, simulate_shown
@@ -98,9 +99,9 @@ def test_one_of_several_names_is_enough():
 def test_comparisons_need_something_to_compare():
     for key, sizes, words in (
         ("law-comparison", {"law": 3}, "several laws with contact"),
-        ("incremental", {"scale": 3}, "several scales"),
-        ("fragility", {"record": 3}, "several records or scales"),
-        ("fragility", {"scale": 3}, "several records or scales"),
+        ("incremental", {"scale": 3}, "several scales or PGAs or spectral accelerations"),
+        ("fragility", {"record": 3}, "several records or scales or PGAs or spectral accelerations"),
+        ("fragility", {"scale": 3}, "several records or scales or PGAs or spectral accelerations"),
     ):
         assert FIGURES[key].lacks(made.cube(**sizes)) == ()
         assert words in FIGURES[key].lacks(made.cube(**dict.fromkeys(sizes, 1)))
@@ -964,3 +965,78 @@ def test_plot_lists_and_selects(tmp_path):
         ((cube, "histories", "-o", picture), "pounding-sweep simulate"),
     ):
         assert text in command("plot", *words, code=2).stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", sorted(key for key, kind in FIGURES.items() if kind.source == "cube"))
+def test_every_figure_of_one_value_of_any_axis_is_drawn_or_refused_in_words(key, tmp_path):
+    cube, picture = tmp_path / "cube.nc", tmp_path / "x.png"
+    write_cube(made.cube(record=2, scale=2, stiffness_factor=2), cube)
+    drawn = []
+    for part in ("pair=a-b", "building=a", "storey=2"):
+        done = CliRunner().invoke(app, ["plot", str(cube), key, "-o", str(picture), "--dpi", "20", "--at", part])
+        assert done.exit_code in (0, 2), (part, done.output)
+        drawn += [part] if done.exit_code == 0 else []
+    refused = {"energy-budget": {"storey=2"}, "profiles": {"storey=2"}}
+    refused |= {key: {"building=a", "storey=2"} for key in ("required-gap", "gap-for-probability")}
+    assert set(drawn) == {"pair=a-b", "building=a", "storey=2"} - refused.get(key, set())
+
+
+def test_what_is_drawn_of_a_part_is_that_part(tmp_path):
+    cube = made.cube(record=3, scale=3)
+    part = select(cube, {"storey": 2}, INNER_DIMS)
+    ax = FIGURES["incremental"].draw(part).axes[0]
+    assert ax.get_title().endswith("storey 2")
+    (lacks,) = FIGURES["profiles"].lacks(part)
+    assert lacks == "the storeys from the first on"
+
+
+def test_several_values_are_not_drawn_as_one(tmp_path):
+    cube, picture = tmp_path / "cube.nc", tmp_path / "x.png"
+    write_cube(made.cube(), cube)
+    several = [word for gap in ("0.002", "0.004", "0.008") for word in ("--at", f"gap={gap}")]
+    refused = command("plot", cube, "profiles", "-o", picture, *several, code=2)
+    assert "3 values of gap are asked for, and this figure takes one value of that axis" in refused.stderr
+    command("plot", cube, "force-gap", "-o", picture, *several)
+    laws = [word for law in ("linear", "kelvin_voigt") for word in ("--at", f"law={law}")]
+    write_cube(made.cube(record=3, scale=4), cube, overwrite=True)
+    refused = command("plot", cube, "fragility", "-o", picture, *laws, code=2)
+    assert "2 values of law are asked for" in refused.stderr
+
+
+def test_histories_of_one_instant_are_refused():
+    for key in ("histories", "row", "closing", "force-penetration", "phase"):
+        assert FIGURES[key].lacks(made.histories().isel(time=3)) == ("several times",)
+
+
+@pytest.mark.parametrize("key", ["fragility", "incremental"])
+def test_figures_of_suites_name_laws_and_records_and_take_the_spacing_of_scales(key):
+    cube = made.cube(record=2, scale=4, law=2).isel(gap=[0])
+    for scales, spacing in (([0.5, 1.0, 1.5, 2.0], "linear"), ([0.25, 0.5, 1.0, 2.0], "log")):
+        figure = FIGURES[key].draw(cube.assign_coords(scale=scales))
+        assert {ax.get_xscale() for ax in figure.axes} == {spacing}
+        assert "2 records" in figure.get_suptitle()
+        assert "Linear spring" in figure.get_suptitle() + figure.axes[0].get_title()
+    alone = cube.isel(record=[0]).assign_coords(record=["el_centro"])
+    assert "record Imperial Valley 1940" in FIGURES[key].draw(alone).get_suptitle()
+
+
+def test_marks_of_a_fragility_are_those_of_its_stripes():
+    cube = made.cube(record=6, scale=4)
+    pga = xr.DataArray([1.0, 2.0, 3.0, 4.0], dims="pga", coords={"pga": [1.0, 2.0, 3.0, 4.0]})
+    cube = cube.drop_vars("scale").rename(scale="pga").assign_coords(pga=pga, record_pga=("record", np.full(6, 2.0)))
+    cube = cube.assign_coords(scale=(("record", "pga"), np.tile([0.5, 1.0, 1.5, 2.0], (6, 1))))
+    ax = FIGURES["fragility"].draw(cube.isel(gap=[0])).axes[0]
+    marks = [line for line in ax.lines if len(line.get_xdata()) == 1]
+    assert [float(line.get_xdata()[0]) for line in marks if line.get_color() == marks[0].get_color()] == [1, 2, 3, 4]
+
+
+def test_fractiles_that_no_intensity_allows_are_said_to_be_missing():
+    cube = made.cube(record=3, scale=3)
+    cube = cube.assign_coords(record_pga=("record", [0.1, 1.0, 100.0]))
+    figure = FIGURES["incremental"].draw(cube)
+    assert "No fractiles: none of these intensities" in figure.get_suptitle()
+    assert "fractile" not in " ".join(text.get_text() for text in figure.legends[0].texts)
+    figure = FIGURES["incremental"].draw(cube.assign_coords(record_pga=("record", [0.9, 1.0, 1.1])))
+    assert "No fractiles" not in figure.get_suptitle()
+    assert "median" in [text.get_text() for text in figure.legends[0].texts]

@@ -6,13 +6,16 @@ import json
 
 import numpy as np
 import pytest
+import xarray as xr
 from scenes import OUTPUTS, motions, pair
 
 import pounding_sweep as ps
-from pounding_sweep.analysis import response_spectrum
+from pounding_sweep.analysis import required_gap, response_spectrum
+from pounding_sweep.analysis.comparisons import MOTION_DIMS
+from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.base.errors import InputError, SweepError
 from pounding_sweep.output.merge import merge_cubes
-from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.axes import DIMENSIONS, Case
 from pounding_sweep.spec.spec import to_json
 
 
@@ -49,6 +52,21 @@ def test_a_cube_has_the_axis_and_the_factors(tmp_path):
     sweep(sa_period=0.7).run(tmp_path / "c.nc", scheduler="synchronous").close()
     with pytest.raises(InputError, match="'sa_period' of the sweep is 0"):
         merge_cubes([tmp_path / "a.nc", tmp_path / "c.nc"], tmp_path / "d.nc")
+
+
+@pytest.mark.usefixtures("stub_engine")
+def test_it_is_the_intensity_of_comparisons():
+    assert ("record", *DIMENSIONS["scale"]) == MOTION_DIMS
+    cube = sweep().run(workers=1)
+    own, pga = intensity_of(cube), intensity_of(cube, "pga")
+    measured = intensity_of(cube, "sa(0.60)", records=motions())  # another spelling: from the motions
+    xr.testing.assert_allclose(own, measured.transpose(*own.dims), rtol=1e-12)
+    assert own.attrs == measured.attrs | {"long_name": own.attrs["long_name"]}
+    assert float(pga.std("record").min()) > 0.0 == float(own.std("record").max())
+    need = required_gap(cube, motions())
+    assert need.sizes["sa"] == 2
+    ratio = need["exact"].isel(sa=1) / need["exact"].isel(sa=0)
+    assert float(ratio.min()) > 0.0
 
 
 def test_listed_cases_take_it_too():

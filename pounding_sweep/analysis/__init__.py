@@ -14,6 +14,8 @@ from pounding_sweep.base.deferred import attribute
 #: Public names beside the comparisons.
 _HOME = {
     "BehaviourFactors": "pounding_sweep.analysis.separation_rules",
+    "Hazard": "pounding_sweep.analysis.hazard",
+    "read_hazard": "pounding_sweep.analysis.hazard",
     "SEPARATION_RULES": "pounding_sweep.analysis.separation_rules",
     "constant_ductility": "pounding_sweep.analysis.strengths",
     "export_nrml": "pounding_sweep.analysis.exchange",

@@ -8,14 +8,14 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
 
 from pounding_sweep.analysis.comparisons.fragility import TRIALS, fragility, sentence
 from pounding_sweep.analysis.events import get_event
-from pounding_sweep.analysis.intensity import intensity_of
+from pounding_sweep.analysis.intensity import intensity_of, own_intensity, periods_of
 from pounding_sweep.analysis.lognormal import FitStatus
 from pounding_sweep.analysis.scenarios import law_keys, need_variables, scenario_dims, scenarios_only, trusted, values
 from pounding_sweep.base.errors import InputError, OutputError, unknown
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 NRML = "http://openquake.org/xmlns/nrml/0.5"
 #: What names of functions, and those of limit states, may not have in OpenQuake.
 _NO_IDENTIFIER, _NO_NAME = re.compile(r"[^\w\-=.+]", re.ASCII), re.compile(r"[^\w-]", re.ASCII)
+#: Intensities without periods: what OpenQuake calls them, and the factor to its unit there (g, cm/s).
+_MEASURES = {"pga": ("PGA", 1.0 / STANDARD_GRAVITY), "pgv": ("PGV", 100.0)}
 #: Demands of Pelicun: type, the output it is made of, unit.
 _DEMANDS = (("PID", "drift_max", "rad"), ("PFA", "acceleration_max", "g"))
 
@@ -52,6 +54,8 @@ def export_nrml(
     path: str | os.PathLike[str],
     limit_states: Mapping[str, tuple[str, float | None]],
     *,
+    intensity: str | None = None,
+    folders: Any = None,
     overwrite: bool = False,
 ) -> dict[str, str]:
     """Write the fragility of every pair or building as NRML 0.5 of OpenQuake.
@@ -65,6 +69,9 @@ def export_nrml(
     limit_states : mapping of str to (str, float or None)
         Name of a limit state -> event and level, the mildest first: ``{"touch": ("touch", None)}``,
         ``{"slight": ("drift", 0.01), "severe": ("drift", 0.03)}``. All are of pairs, or all of buildings.
+    intensity, folders : optional
+        As for `pounding_sweep.analysis.intensity.intensity_of`, but for the mean over several buildings, which
+        OpenQuake has no name for.
     overwrite : bool
         Whether a file that is there may be replaced.
 
@@ -76,17 +83,17 @@ def export_nrml(
     Raises
     ------
     InputError
-        A limit state is not valid, the cube lacks what it needs, or no function has all its fits.
+        A limit state or the intensity is not valid, the cube lacks what it needs, or no function has all its fits.
     OutputError
         The file can't be written.
 
     Notes
     -----
     One function, with all limit states, for each pair or building and each combination of the cube's axes but records
-    and scales: ``left-middle_linear_gap=0.01``, without axes of one value. Intensities are peak ground accelerations
-    in g (9.81 m/s2); `mean` and `stddev` are those of the intensity itself: with median theta and dispersion beta,
-    mean = theta exp(beta^2 / 2), stddev = mean sqrt(exp(beta^2) - 1). `minIML` and `maxIML` are the weakest and the
-    strongest motion tried: OpenQuake gives stronger ones the probability at `maxIML`.
+    and scales: ``left-middle_linear_gap=0.01``, without axes of one value. Accelerations are in g
+    (9.81 m/s2), PGV in cm/s; `mean` and `stddev` are those of the intensity itself: with median theta and dispersion
+    beta, mean = theta exp(beta^2 / 2), stddev = mean sqrt(exp(beta^2) - 1). `minIML` and `maxIML` are the weakest and
+    the strongest motion tried: OpenQuake gives stronger ones the probability at `maxIML`.
     """
     if not limit_states:
         msg = 'no limit states: give at least one, {"touch": ("touch", None)} for instance'
@@ -101,12 +108,15 @@ def export_nrml(
         msg = f"limit states are of one kind in a file, and these are of {' and '.join(kinds)}; write two files"
         raise InputError(msg)
     target = check_output(path, overwrite, netcdf=False)
-    found = {name: fragility(cube, event, level, confidence=None) for name, (event, level) in limit_states.items()}
+    intensity = own_intensity(cube) if intensity is None else intensity
+    measure = _measure(cube, intensity)
+    given: dict[str, Any] = {"intensity": intensity, "folders": folders, "confidence": None}
+    found = {name: fragility(cube, event, level, **given) for name, (event, level) in limit_states.items()}
     model = ElementTree.Element("fragilityModel", id="pounding", assetCategory="buildings", lossCategory="structural")
     words = "; ".join(f"{name}: {each.attrs['event_in_words']}" for name, each in found.items())
     ElementTree.SubElement(model, "description").text = f"{cube.attrs.get('title', 'pounding_sweep')}. {words}"
     ElementTree.SubElement(model, "limitStates").text = " ".join(limit_states)
-    left_out, written = _functions(model, found, kinds[0])
+    left_out, written = _functions(model, found, kinds[0], *measure)
     if not written:
         reasons = "; ".join(f"{key}: {why}" for key, why in list(left_out.items())[:5])
         msg = f"no fragility has a fit in all its limit states ({reasons}); run more intensities, or other levels"
@@ -123,11 +133,24 @@ def export_nrml(
     return left_out
 
 
-def _functions(model: ElementTree.Element, found: Mapping[str, xr.Dataset], kind: str) -> tuple[dict[str, str], int]:
+def _measure(cube: xr.Dataset, intensity: str) -> tuple[str, float]:
+    """Return what OpenQuake calls an intensity, and the factor to its unit there."""
+    periods = periods_of(cube, intensity)
+    if not periods:
+        return _MEASURES[intensity]
+    if len(periods) > 1:
+        msg = f"OpenQuake has no name for {intensity!r}, a mean over buildings; give sa(PERIOD), sa(BUILDING) or pga"
+        raise InputError(msg)
+    return f"SA({periods[0]:.4g})", 1.0 / STANDARD_GRAVITY
+
+
+def _functions(
+    model: ElementTree.Element, found: Mapping[str, xr.Dataset], kind: str, measure: str, factor: float
+) -> tuple[dict[str, str], int]:
     """Add a function for each cell in which all limit states have a fit; return the others, and how many it has."""
     first = next(iter(found.values()))
     tried = first["trial_intensity"].values
-    tried = np.abs(tried[np.isfinite(tried) & (tried != 0.0)]) / STANDARD_GRAVITY
+    tried = np.abs(tried[np.isfinite(tried) & (tried != 0.0)]) * factor
     dims = [kind, *(dim for dim in scenario_dims(first["fit_status"]) if dim != kind)]
     left_out: dict[str, str] = {}
     written = 0
@@ -143,9 +166,9 @@ def _functions(model: ElementTree.Element, found: Mapping[str, xr.Dataset], kind
             continue
         function = ElementTree.SubElement(model, "fragilityFunction", id=own, format="continuous", shape="logncdf")
         ends = {"minIML": f"{tried.min():.9g}", "maxIML": f"{tried.max():.9g}"}
-        ElementTree.SubElement(function, "imls", {"imt": "PGA", **ends})
+        ElementTree.SubElement(function, "imls", {"imt": measure, **ends})
         for name, cell in cells.items():
-            mean, deviation = mean_and_deviation(float(cell["median"]) / STANDARD_GRAVITY, float(cell["dispersion"]))
+            mean, deviation = mean_and_deviation(float(cell["median"]) * factor, float(cell["dispersion"]))
             numbers = {"mean": f"{mean:.9g}", "stddev": f"{deviation:.9g}"}
             ElementTree.SubElement(function, "params", {"ls": name, **numbers})
         written += 1
@@ -207,7 +230,7 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
     columns: dict[str, tuple[str, np.ndarray]] = {}
     for kind, output, unit in _DEMANDS:
         if kind == "PFA" and "record" in own.coords:
-            ground = intensity_of(own).broadcast_like(shape).transpose(*dims).values.ravel()
+            ground = intensity_of(own, "pga").broadcast_like(shape).transpose(*dims).values.ravel()
             columns["1-PFA-0-1"] = unit, np.abs(ground) / STANDARD_GRAVITY
         for storey, height in enumerate(heights if output in there else (), start=1):
             found = values(own, output).isel(storey=storey - 1).transpose(*dims).values.ravel()

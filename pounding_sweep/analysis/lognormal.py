@@ -81,7 +81,7 @@ class LognormalFit:
 def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
     """Fit a lognormal to trials."""
     used = intensity > 0.0
-    x, y = _merged(intensity[used]), np.asarray(happened, dtype=bool)[used]
+    x, y = merged(intensity[used]), np.asarray(happened, dtype=bool)[used]
     if not x.size:
         return LognormalFit(FitStatus.NO_DATA)
     if not y.any():
@@ -97,7 +97,7 @@ def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
     return _maximum(np.log(x), y)
 
 
-def _merged(x: np.ndarray) -> np.ndarray:
+def merged(x: np.ndarray) -> np.ndarray:
     """Return values of which those that differ by rounding alone are equal: records scaled to one intensity."""
     order = np.argsort(x)
     ordered = x[order]
@@ -179,10 +179,11 @@ def jackknife(
         level = np.sqrt(max(own * other - both**2, 0.0) / (wide**2 * other - 1.0))
         low, high = np.minimum(away, (level - both) / other), np.maximum(away, -(level + both) / other)
     bounds = np.stack([low, high])
+    variance = np.maximum(own + 2.0 * both * bounds + other * bounds**2, 0.0)  # of two records it may round below
     return Intervals(
         np.exp(log_median + ends * np.sqrt(covariance[0, 0])),
         dispersion * np.exp(ends * np.sqrt(other)),
-        ndtr(bounds + ends[:, None] * np.sqrt(own + 2.0 * both * bounds + other * bounds**2)),
+        ndtr(bounds + ends[:, None] * np.sqrt(variance)),
     )
 
 

@@ -10,12 +10,15 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.records import Record, find_record, list_records
+from pounding_sweep.records import RECORD_SETS, Record, find_record, list_records
+from pounding_sweep.records.fema_p695 import read_component, set_components
+from pounding_sweep.records.synthetic import remade
 from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.spec import scene_of
 
@@ -87,10 +90,9 @@ def records_of(
 
 def _by_name(entry: Mapping[str, Any], folders: Any, at_hand: Callable[[], list[Record]]) -> Record | str:
     """Return the record of that name and digest, as found or scaled as the sweep says; or why there is none."""
-    try:
-        record = find_record(entry["name"], folders)
-    except RecordError:
-        record = None
+    record = remade(entry["source"])
+    if record is None:
+        record = _named(entry["name"], folders)
     if record is not None and (same := _same_motion(record, entry)) is not None:
         return same
     for other in at_hand():  # a record may have been renamed
@@ -99,6 +101,17 @@ def _by_name(entry: Mapping[str, Any], folders: Any, at_hand: Callable[[], list[
             if same is not None:
                 return same
     return "the record found by that name is another motion" if record is not None else "none of that name or motion"
+
+
+def _named(name: str, folders: Any) -> Record | None:
+    """Return the record of that name, of those at hand and of the components of sets; None where there is none."""
+    with suppress(RecordError):
+        return find_record(name, folders)
+    for key in (key for key in RECORD_SETS if not key.endswith("_normalized")):
+        with suppress(RecordError):
+            if name in set_components(key):
+                return read_component(key, name)
+    return None
 
 
 def _same_motion(record: Record, entry: Mapping[str, Any]) -> Record | None:

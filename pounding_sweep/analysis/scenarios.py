@@ -21,6 +21,8 @@ NO_POUNDING = "none"
 COMPARISON = "comparison"
 #: What tells listed cases apart that a run without pounding does not ignore.
 _CASE_KEYS = ("record", "scale", "period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
+#: What is below this share of the largest of its kind is rounding, and no divisor of a ratio.
+ROUND_OFF = 1e-9
 #: What tells that floors touched, the surest first; above zero in a scenario that did.
 TOUCH_VARIABLES = ("impact_count", "impact_force_max", "penetration_max", "approach_speed_max", "impulse")
 
@@ -191,6 +193,16 @@ def described(part: xr.DataArray, units: str, name: str, comment: str = "", *, b
     found = part.reset_coords(drop=True) if bare else part.copy(deep=False)
     found.attrs = {"units": units, "long_name": name, **({"comment": comment} if comment else {})}
     return found
+
+
+def over(value: xr.DataArray, base: xr.DataArray, least: xr.DataArray) -> xr.DataArray:
+    """Divide by a base; missing where that is no larger than `least`."""
+    return value / base.where(abs(base) > least)
+
+
+def largest_of(part: xr.DataArray, *more: str) -> xr.DataArray:
+    """Return the largest size of a variable in the row, and along `more` dimensions."""
+    return abs(part).max([dim for dim in (*INNER_DIMS, *more) if dim in part.dims])
 
 
 def long_name(cube: xr.Dataset, name: str) -> str:

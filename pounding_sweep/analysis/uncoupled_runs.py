@@ -24,6 +24,7 @@ from pounding_sweep.analysis.scenarios import (
 )
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import CONTACTS, Building, Scene
+from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.spec.axes import AXES, DIMENSIONS, PropertyAxis, axes_of, case_of, property_axes
 from pounding_sweep.spec.spec import scene_of
@@ -68,7 +69,8 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
     own = scene_of(sweep["scene"])
     scene = with_columns(own)
     _check_pairs(scene)
-    whole = {"building", "pair", "storey"} <= set(cube.dims)  # a part of the row is no row
+    sizes = {"building": len(own.buildings), "pair": len(own.pair_labels), "storey": own.n_storeys}
+    whole = all(cube.sizes.get(dim) == size for dim, size in sizes.items())  # a part of the row is no row
     there = whole and scene == own and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
     if sweep["cases"] is not None:
         if there and min(still_cases(cube)) >= 0:
@@ -77,7 +79,7 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
             runs = _run_cases(scene, sweep, records, folders)
         return StillRuns(scene, runs, *_first_modes_of_cases(scene, runs))
     axes = property_axes(axes_of(sweep))
-    runs = _reduced(cube) if there else _run_product(scene, sweep, records, folders)
+    runs = _reduced(cube) if there else _selected(_run_product(scene, sweep, records, folders), cube)
     modes = [_where(part, cube if there else runs) for part in _first_modes(scene, axes)]
     return StillRuns(scene, runs, *modes)
 
@@ -129,7 +131,8 @@ def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any
     signs = [-1.0 if scale < 0.0 else 1.0 for scale in given.scales] if elastic else []
     if signs:
         kept["scales"] = sorted(set(signs))
-    job = Sweep(scene, _found_again(sweep, records, folders), NO_POUNDING, **kept, **_settings(scene))
+    found = _found_again(sweep, records, folders)
+    job = Sweep(scene, found, NO_POUNDING, **kept, **_parameters(sweep), **_settings(scene))
     unit = _reduced(job.run())
     if not signs:
         return unit
@@ -140,6 +143,18 @@ def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any
     return unit.assign(grown)
 
 
+def _selected(runs: xr.Dataset, cube: xr.Dataset) -> xr.Dataset:
+    """Return the runs that belong to a cube, which may be a selection from what its sweep has."""
+    kept = {dim: cube[dim].values for dim in runs.dims if dim in cube.coords and dim not in INNER_DIMS}
+    return runs.sel(kept)
+
+
+def _parameters(sweep: dict[str, Any]) -> dict[str, Any]:
+    """Return what the axes of a stored sweep need beside their values."""
+    names = {axis.parameter for axis in AXES.values() if axis.parameter}
+    return {name: sweep[name] for name in names & sweep.keys()}
+
+
 def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) -> xr.Dataset:
     """Run each record, scale and building of listed cases once without pounding."""
     from pounding_sweep.run.sweep import Sweep
@@ -147,7 +162,7 @@ def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) 
     ignored: dict[str, Any] = dict.fromkeys(_IGNORED)
     cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]
     found = _found_again(sweep, records, folders)
-    return Sweep(scene, found, cases=list(dict.fromkeys(cases)), **_settings(scene)).run()
+    return Sweep(scene, found, cases=list(dict.fromkeys(cases)), **_parameters(sweep), **_settings(scene)).run()
 
 
 def _first_modes(scene: Scene, axes: Sequence[PropertyAxis]) -> tuple[xr.DataArray, xr.DataArray]:

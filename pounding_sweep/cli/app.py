@@ -20,6 +20,19 @@ app = typer.Typer(
 
 SweepFile = Annotated[Path, typer.Argument(metavar="SWEEP.toml", help="Sweep file.", show_default=False)]
 CubeFile = Annotated[Path, typer.Argument(metavar="CUBE.nc", help="Cube made by 'run'.", show_default=False)]
+At = Annotated[
+    list[str] | None,
+    typer.Option("--at", metavar="AXIS=VALUE", help="Only this value of an axis; repeat for more axes, or values."),
+]
+Intensity = Annotated[
+    str | None,
+    typer.Option(
+        "--intensity",
+        metavar="MEASURE",
+        help="Of the ground motion: pga, pgv, sa(PERIOD), sa(BUILDING) at its first period, or sa at those of all; "
+        "what the records are scaled to by default.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON value instead of text.")]
 Folders = Annotated[
     list[Path] | None,

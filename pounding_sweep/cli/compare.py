@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.analysis.comparisons import COMPARISONS, Row, table_rows
+from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Comparison, Row, compared, table_rows
 from pounding_sweep.analysis.events import EVENTS, get_event
 from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table
-from pounding_sweep.cli.app import AsJson, CubeFile, Folders, app
+from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, Intensity, app
+from pounding_sweep.cli.cubes import axis_values
 from pounding_sweep.cli.reporting import reporting, say
 
 if TYPE_CHECKING:
@@ -24,7 +25,18 @@ SHOWN = 12
 #: Event whose fragility is found where none is named.
 DEFAULT_EVENT = "touch"
 #: Arguments of comparisons by the option that gives them.
-_ARGUMENTS = {"--reference": "reference", "--event": "event", "--level": "level", "--records": "folders"}
+_ARGUMENTS = {
+    "--reference": "reference",
+    "--event": "event",
+    "--level": "level",
+    "--quantile": "quantiles",
+    "--probability": "probabilities",
+    "--intensity": "intensity",
+    "--given": "levels",
+    "--hazard": "hazard",
+    "--years": "years",
+    "--records": "folders",
+}
 
 What = Annotated[
     list[str] | None,
@@ -60,22 +72,73 @@ def compare_command(
     level: Annotated[
         float | None, typer.Option("--level", metavar="X", help="What the event must exceed, in its own unit.")
     ] = None,
+    at: At = None,
+    over: Annotated[
+        list[str] | None,
+        typer.Option("--over", metavar="AXIS", help="Take all values of record, scale or pga together in tables."),
+    ] = None,
+    quantile: Annotated[
+        list[float] | None,
+        typer.Option("--quantile", metavar="Q", help="Fractile of the values, 0 to 1; repeat for several."),
+    ] = None,
+    probability: Annotated[
+        list[float] | None,
+        typer.Option("--probability", metavar="P", help="Probability of touching, 0 to 1; repeat for several."),
+    ] = None,
+    intensity: Intensity = None,
+    given: Annotated[
+        list[float] | None,
+        typer.Option("--given", metavar="X", help="Intensity that gaps are for, in its unit; repeat for several."),
+    ] = None,
+    hazard: Annotated[
+        str | None,
+        typer.Option(
+            "--hazard",
+            metavar="CURVE",
+            help="CSV file of intensities and annual rates of exceedance, or k0=RATE,kappa=SLOPE of k0 x^-kappa.",
+        ),
+    ] = None,
+    years: Annotated[
+        float | None,
+        typer.Option("--years", metavar="N", help="Years of the probability with --hazard; 50 by default."),
+    ] = None,
     folders: Folders = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare laws, gaps, buildings and records of a cube."""
     with reporting():
-        from pounding_sweep.analysis.scenarios import law_keys, pounding_only
+        from pounding_sweep.analysis.along import check_quantiles
+        from pounding_sweep.analysis.comparisons.gap_for_probability import PROBABILITIES, YEARS, check_numbers
+        from pounding_sweep.analysis.hazard import hazard_of
+        from pounding_sweep.analysis.intensity import check_intensity
+        from pounding_sweep.analysis.scenarios import law_keys, pounding_only, scenario_dims
         from pounding_sweep.base.errors import InputError, unknown
         from pounding_sweep.output.netcdf import open_cube
+        from pounding_sweep.output.select import select
 
         keys = list(dict.fromkeys(what)) if what else list(COMPARISONS)
         for key in keys:
             if key not in COMPARISONS:
                 raise InputError(unknown("comparison", key, COMPARISONS))
-        options = {"--reference": reference, "--event": event, "--level": level, "--records": folders or None}
-        given = {option: value for option, value in options.items() if value is not None}
-        _check_options(list(given), keys)
+        options: dict[str, Any] = {"--reference": reference, "--event": event, "--level": level}
+        options |= {"--quantile": quantile or None, "--probability": probability or None, "--intensity": intensity}
+        options |= {"--given": given or None, "--hazard": hazard, "--years": years, "--records": folders or None}
+        asked = {option: value for option, value in options.items() if value is not None}
+        _check_options(list(asked), keys)
+        if years is not None and hazard is None:
+            msg = "--years are those of a hazard; add --hazard, or leave them out"
+            raise InputError(msg)
+        if quantile:
+            check_quantiles(quantile)
+        check_numbers(probability or PROBABILITIES, years=YEARS if years is None else years)
+        if intensity is not None:
+            check_intensity(intensity)
+        if hazard is not None:
+            asked["--hazard"] = hazard_of(hazard)
+        wrong = [axis for axis in over or () if axis not in MOTION_DIMS]
+        if wrong:
+            raise InputError(unknown("axis to take together", wrong[0], MOTION_DIMS))
+        values = axis_values(at or [])
         if any("event" in COMPARISONS[key].arguments for key in keys):
             get_event(event or DEFAULT_EVENT, level)
         if out is not None:
@@ -85,22 +148,27 @@ def compare_command(
             laws = law_keys(pounding_only(found))
             if reference is not None and laws and reference not in laws:
                 raise InputError(unknown("reference law", reference, laws))
-            scenarios, left_out = _left_out(found)
+            scenarios, left_out = _left_out(select(found, values))
             for key in keys:
                 comparison = COMPARISONS[key]
                 report[key] = {"title": comparison.title, "needs": comparison.needs, "possible": True}
                 report[key]["left_out"] = left_out
-                passed = {_ARGUMENTS[o]: value for o, value in given.items() if _ARGUMENTS[o] in comparison.arguments}
+                passed = {_ARGUMENTS[o]: value for o, value in asked.items() if _ARGUMENTS[o] in comparison.arguments}
                 passed |= {} if what or out else comparison.summary
+                if "over" in comparison.arguments and what:
+                    apart = {"law", *MOTION_DIMS} - {*(over or ())}
+                    passed["over"] = [dim for dim in scenario_dims(select(found, values)) if dim not in apart]
                 try:
-                    result = comparison.make(found, **passed)
+                    result = compared(found, comparison, values, **passed)
                 except InputError as error:
                     if what:
                         raise
                     report[key] |= {"possible": False, "why_not": str(error)}
                     continue
-                report[key] |= {"attributes": _plain(result.attrs), "rows": table_rows(result, comparison)}
-                report[key]["lead"] = table_rows(result, comparison, lead=True)
+                own = "quantiles" in comparison.arguments
+                table: dict[str, Any] = {"over": over or (), "quantiles": None if own else quantile or None}
+                report[key] |= {"attributes": _plain(result.attrs), "rows": table_rows(result, comparison, **table)}
+                report[key]["lead"] = table_rows(result, comparison, lead=True, **table)
                 if out is not None:
                     report[key]["files"] = _write(result, report[key]["rows"], key, out, overwrite)
         if as_json:
@@ -117,11 +185,16 @@ def _check_options(given: list[str], keys: list[str]) -> None:
     from pounding_sweep.base.errors import InputError
 
     for option in given:
-        takers = [key for key, item in COMPARISONS.items() if _ARGUMENTS[option] in item.arguments]
+        takers = [key for key, item in COMPARISONS.items() if _takes(item, option)]
         if not set(takers) & set(keys):
-            of = f"the comparison{'s' * (len(takers) > 1)} {' and '.join(map(repr, takers))}"
+            of = f"the comparison{'s' * (len(takers) > 1)} {', '.join(map(repr, takers))}"
             msg = f"{option} is for {of}; leave it out, or add --what {takers[0]}"
             raise InputError(msg)
+
+
+def _takes(comparison: Comparison, option: str) -> bool:
+    """Whether an option does something for a comparison; the tables of most have fractiles."""
+    return _ARGUMENTS[option] in comparison.arguments or (option == "--quantile" and comparison.rows is None)
 
 
 def _left_out(cube: xr.Dataset) -> tuple[int, dict[str, int]]:
@@ -212,7 +285,18 @@ def _print(report: dict[str, dict[str, Any]], cube: str, *, summary: bool) -> No
 
 
 #: Attributes of results that are told above their tables.
-_NOTES = ("reference_law", "realised_basis", "largest_residual_relative", "over", "event_in_words", "confidence")
+_NOTES = (
+    "reference_law",
+    "realised_basis",
+    "largest_residual_relative",
+    "over",
+    "event_in_words",
+    "intensity",
+    "no_fractiles",
+    "hazard",
+    "years",
+    "confidence",
+)
 
 
 def _cell(value: Any) -> str:

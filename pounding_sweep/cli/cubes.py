@@ -11,7 +11,7 @@ import typer
 
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.base.tables import print_json, print_pairs, print_table
-from pounding_sweep.cli.app import FIGURE_FILE, AsJson, app
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, At, app
 from pounding_sweep.cli.reporting import reporting, say
 
 if TYPE_CHECKING:
@@ -113,10 +113,7 @@ def plot_command(
     out: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help=FIGURE_FILE, show_default=False)
     ] = None,
-    at: Annotated[
-        list[str] | None,
-        typer.Option("--at", metavar="AXIS=VALUE", help="Draw this value of an axis; repeat for more axes, or values."),
-    ] = None,
+    at: At = None,
     x: Annotated[
         str | None, typer.Option("--x", metavar="AXIS", help="Axis of numbers to draw along, such as period_ratio.")
     ] = None,
@@ -139,7 +136,6 @@ def plot_command(
     with reporting():
         from pounding_sweep.figures import FIGURES, SOURCES, plot
         from pounding_sweep.output.netcdf import open_cube
-        from pounding_sweep.output.select import select
 
         if cube is None:
             if not only_list:
@@ -150,7 +146,7 @@ def plot_command(
             )
             return
         with open_cube(cube) as found:
-            chosen = select(found, axis_values(at or []))
+            chosen = _drawn(found, axis_values(at or []), kind)
             if only_list or kind is None:
                 _list(chosen)
             elif out is None:
@@ -159,6 +155,26 @@ def plot_command(
             else:
                 more = {"x": x, "y": y, "value": value, "contours": contours or None, "start": start, "end": end}
                 print(plot(chosen, kind, out, dpi=dpi, **more))
+
+
+def _drawn(dataset: xr.Dataset, values: dict[str, list[str]], kind: str | None) -> xr.Dataset:
+    """Return those values of axes, or, of a comparison of the row as a whole, what it makes of them."""
+    from pounding_sweep.analysis.comparisons import COMPARISONS, compared
+    from pounding_sweep.analysis.scenarios import COMPARISON
+    from pounding_sweep.figures import require
+    from pounding_sweep.figures.shown import SEVERAL
+    from pounding_sweep.output.select import select
+    from pounding_sweep.outputs.variables import INNER_DIMS
+
+    chosen = select(dataset, values, INNER_DIMS)
+    of = next((item for item in COMPARISONS.values() if item.figure == kind and item.whole), None)
+    if of is not None and not {*INNER_DIMS}.isdisjoint(values) and COMPARISON not in dataset.attrs:
+        require(chosen, of.figure)
+        chosen = compared(dataset, of, values)
+    for axis, each in values.items():
+        if len(each) > 1 and axis in chosen.coords:
+            chosen[axis].attrs[SEVERAL] = "yes"  # for figures that would draw one of them
+    return chosen
 
 
 def axis_values(given: list[str]) -> dict[str, list[str]]:

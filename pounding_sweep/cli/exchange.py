@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pounding_sweep.base.tables import print_pairs
-from pounding_sweep.cli.app import CubeFile, Overwrite, app
+from pounding_sweep.cli.app import At, CubeFile, Folders, Intensity, Overwrite, app
 from pounding_sweep.cli.cubes import axis_values
 from pounding_sweep.cli.reporting import reporting, say
 
@@ -28,10 +28,7 @@ def export_command(
     names: Annotated[
         list[str] | None, typer.Option("--var", metavar="NAME", help="Only this variable; repeat for several.")
     ] = None,
-    at: Annotated[
-        list[str] | None,
-        typer.Option("--at", metavar="AXIS=VALUE", help="Only this value of an axis; repeat for more axes, or values."),
-    ] = None,
+    at: At = None,
     table: Annotated[
         bool,
         typer.Option(
@@ -47,6 +44,8 @@ def export_command(
             help="Of a fragility (.xml, OpenQuake NRML): touch=touch, severe=drift:0.03; repeat, the mildest first.",
         ),
     ] = None,
+    intensity: Intensity = None,
+    folders: Folders = None,
     pelicun: Annotated[
         str | None,
         typer.Option(
@@ -62,23 +61,27 @@ def export_command(
         from pounding_sweep.output.netcdf import open_cube
         from pounding_sweep.output.select import select
 
-        if limit_states and out.suffix.lower() != ".xml":
-            msg = f"--limit-state is for a fragility, and {str(out)!r} is none; give -o FILE.xml, or leave it out"
+        of_fits = {"--limit-state": limit_states, "--intensity": intensity, "--records": folders}
+        asked = [option for option, value in of_fits.items() if value]
+        if asked and out.suffix.lower() != ".xml":
+            msg = f"{asked[0]} is for a fragility, and {str(out)!r} is none; give -o FILE.xml, or leave it out"
             raise InputError(msg)
         other = out.suffix.lower() == ".xml" or pelicun is not None
         if other and (names or table):
             msg = f"--{'var' if names else 'table'} is for tables of the cube itself; leave it out"
             raise InputError(msg)
         with open_cube(cube) as found:
+            part = select(found, axis_values(at or []))
             if other:
-                _other_tools(
-                    select(found, axis_values(at or [])), out, limit_states or [], pelicun, overwrite=overwrite
-                )
+                fits: dict[str, Any] = {"intensity": intensity, "folders": folders or None}
+                _other_tools(part, out, limit_states or [], pelicun, overwrite=overwrite, **fits)
                 return
-            print(export_cube(select(found, axis_values(at or [])), out, names or (), overwrite=overwrite, table=table))
+            print(export_cube(part, out, names or (), overwrite=overwrite, table=table))
 
 
-def _other_tools(part: xr.Dataset, out: Path, limit_states: list[str], pelicun: str | None, *, overwrite: bool) -> None:
+def _other_tools(
+    part: xr.Dataset, out: Path, limit_states: list[str], pelicun: str | None, *, overwrite: bool, **fits: Any
+) -> None:
     """Write what OpenQuake or Pelicun reads."""
     from pounding_sweep.analysis.exchange import export_nrml, export_pelicun
 
@@ -86,7 +89,7 @@ def _other_tools(part: xr.Dataset, out: Path, limit_states: list[str], pelicun: 
         say(f"{export_pelicun(part, out, pelicun, overwrite=overwrite)} samples of building {pelicun}")
     else:
         given = dict(map(_limit_state, limit_states or ["touch=touch"]))
-        for name, why in export_nrml(part, out, given, overwrite=overwrite).items():
+        for name, why in export_nrml(part, out, given, overwrite=overwrite, **fits).items():
             say(f"warning: {name} is left out: {why}")
     print(out)
 

@@ -75,7 +75,13 @@ def _kinds_of_laws(dataset: xr.Dataset) -> set[str]:
 
 
 #: What several values of an axis are called.
-_PLURAL = {"law": "laws with contact", "record": "records", "scale": "scales"}
+_PLURAL = {
+    "law": "laws with contact",
+    "record": "records",
+    "scale": "scales",
+    "pga": "PGAs",
+    "sa": "spectral accelerations",
+}
 
 
 def _size(dataset: xr.Dataset, axis: str) -> int:
@@ -83,6 +89,11 @@ def _size(dataset: xr.Dataset, axis: str) -> int:
     if axis == "law" and axis in dataset.dims:
         return int((dataset[axis] != "none").sum())
     return int(dataset.sizes.get(axis, 1))
+
+
+def one_instant(dataset: xr.Dataset) -> str:
+    """Say that a figure of histories lacks times where one was chosen."""
+    return "several times" if "time" in dataset.coords and dataset.sizes.get("time", 1) < 2 else ""
 
 
 #: All figures by name, in alphabetical order.

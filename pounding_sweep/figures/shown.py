@@ -10,7 +10,7 @@ import numpy as np
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, scenario_dims
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.figures.style import joined, unit_text, wrapped
+from pounding_sweep.figures.style import COLOURS, joined, unit_text, wrapped
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Status
@@ -24,6 +24,11 @@ if TYPE_CHECKING:
 
 #: Characters in a line of a figure's title, of figures 7.2 inches wide.
 WIDTH = 100
+
+#: Attribute of an axis of which several values were asked for: a figure that draws one of them says so.
+SEVERAL = "several_asked"
+#: Lines in a panel at most, where nobody asked for more.
+_LINES_SHOWN = 5
 
 #: Responses that are drawn, the first that is there, and what they are called.
 RESPONSES = {
@@ -50,12 +55,14 @@ def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | Non
     """
     inner = {*INNER_DIMS, *AUDIT_DIMS}
     varied = {str(dim): size for dim, size in cube.sizes.items() if dim not in inner and dim not in keep}
+    for dim in varied:
+        draws_one(cube, dim)
     cube = cube.isel(_place(cube, varied, drawn))
     single = [str(name) for name in cube.coords if not cube[name].ndim and str(name) not in keep]
     names = [*_TOLD, "damping_ratio", *(name for name in single if name.startswith(_BY_BUILDING)), "case", *varied]
     said = []
     for name in dict.fromkeys([*names, *INNER_DIMS]):
-        if name not in single or (name == "scale" and "pga" in single):
+        if name not in single or (name == "scale" and {*single} & {*DIMENSIONS["scale"][1:]}):
             continue
         value, size = cube[name].item(), varied.get(name)
         usual = size == 1 and value == 1.0
@@ -64,6 +71,15 @@ def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | Non
     if cube.sizes.get("storey") == 1 and "storey" not in keep and "storey" in cube.coords:
         said.append(f"storey {cube['storey'].item():g}")
     return cube, joined(*said)
+
+
+def draws_one(dataset: xr.Dataset, axis: str, most: int = 1) -> None:
+    """Raise `InputError` where more values of an axis were asked for than the figure draws."""
+    if axis in dataset.coords and SEVERAL in dataset[axis].attrs and dataset.sizes.get(axis, 1) > most:
+        shows = "takes one value of that axis" if most == 1 else f"shows {most} of them at most"
+        asked = f"{dataset.sizes[axis]} values of {axis} are asked for"
+        msg = f"{asked}, and this figure {shows}; give fewer --at {axis}=VALUE"
+        raise InputError(msg)
 
 
 def told(cube: xr.Dataset, name: str, value: Any) -> str:
@@ -76,6 +92,20 @@ def told(cube: xr.Dataset, name: str, value: Any) -> str:
         return f"{name.replace('_', ' ')} {value}"
     unit, factor = drawn_unit(cube[name].attrs)
     return f"{name.replace('_', ' ')} {factor * value:.6g} {unit}".rstrip()
+
+
+def records_of(result: xr.Dataset) -> str:
+    """Say which record, or how many, a result is of."""
+    if result.sizes.get("record", 1) > 1:
+        return f"{result.sizes['record']} records"
+    return told(result, "record", result["record"].values.item()) if "record" in result.coords else ""
+
+
+def lines_of(result: xr.Dataset, axis: str) -> list[int]:
+    """Return the places on an axis of which each has a line: all that were asked for, else five, evenly chosen."""
+    draws_one(result, axis, len(COLOURS))
+    most = len(COLOURS) if axis in result.coords and SEVERAL in result[axis].attrs else _LINES_SHOWN
+    return [int(place) for place in np.unique(np.linspace(0, result.sizes[axis] - 1, most).round())]
 
 
 def drawn_unit(attributes: Mapping[str, Any]) -> tuple[str, float]:

@@ -12,6 +12,8 @@ import numpy as np
 from pounding_sweep.analysis.scenarios import scenario_dims
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures.shown import drawn_unit, first_varied
+from pounding_sweep.figures.style import axis_label
+from pounding_sweep.spec.axes import DIMENSIONS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,16 +53,35 @@ class Side:
 
     def draw(self, axis: Any, values: np.ndarray, *, marked: bool = False) -> None:
         """Give an axis of a panel the scale that these values have; `marked`: a tick at each, if they are few."""
-        from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
-
         log = logarithmic(values)
         if log:
-            axis.axes.set(**{f"{axis.axis_name}scale": "log"})
-            axis.set_minor_locator(NullLocator())
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter(FormatStrFormatter("%g"))
+            _logarithms(axis)
         if len(values) <= _TICKS and (log or marked):
             axis.set_ticks(values, [f"{value:g}" for value in values])
+
+
+def _logarithms(axis: Any) -> None:
+    """Make an axis of a panel logarithmic."""
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
+
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+
+
+def intensity_label(result: xr.Dataset) -> str:
+    """Return the label of an axis of intensities."""
+    return fill(axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs), _LABEL)
+
+
+def draw_intensities(ax: Any, result: xr.Dataset) -> None:
+    """Make the x of a panel, of intensities, logarithmic where the scales are; else it begins at zero."""
+    scales = next((result[dim].values for dim in DIMENSIONS["scale"] if dim in result.dims), np.ones(1))
+    if logarithmic(np.sort(scales)):
+        _logarithms(ax.xaxis)
+    else:
+        ax.set_xlim(left=0.0)
 
 
 def logarithmic(values: np.ndarray) -> bool:

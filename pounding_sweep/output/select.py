@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,9 @@ NEAR = 1e-6
 _FEW = 8
 
 
-def select(cube: xr.Dataset, values: Mapping[str, str | float | Sequence[str | float]]) -> xr.Dataset:
+def select(
+    cube: xr.Dataset, values: Mapping[str, str | float | Sequence[str | float]], keep: Collection[str] = ()
+) -> xr.Dataset:
     """Take one value or several of some axes.
 
     A number that is not on an axis means the value of the axis within a millionth of it, if there is
@@ -32,6 +34,8 @@ def select(cube: xr.Dataset, values: Mapping[str, str | float | Sequence[str | f
         A cube.
     values : mapping of str to str, float or sequence of them
         Axis -> value or values, numbers also as text.
+    keep : collection of str
+        Axes that stay dimensions where one value is taken too.
 
     Returns
     -------
@@ -68,7 +72,7 @@ def select(cube: xr.Dataset, values: Mapping[str, str | float | Sequence[str | f
             msg = f"no value of {axis} is given; give one or several"
             raise InputError(msg)
         places = sorted({_place(axis, there, value) for value in wanted})
-        cube = cube.isel({axis: places if len(places) > 1 else places[0]})
+        cube = cube.isel({axis: places if len(places) > 1 or axis in keep else places[0]})
     return cube
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -163,6 +165,26 @@ PULSES: dict[str, Pulse] = {
     )
 }
 """Pulse shapes by name."""
+
+
+#: Numbers of the source of a synthetic record, in the order of its text.
+_TOLD = (
+    *("duration", "dt", "pga", "ground_frequency", "ground_damping"),
+    *("filter_frequency", "filter_damping", "rise", "strong", "end_level"),
+)
+
+
+def remade(source: str) -> Record | None:
+    """Make the synthetic record of a source again, from its six digits of each number; None of any other source."""
+    found = re.search(r"^synthetic, .*: seed=(\d+), (.*)$", source)
+    if found is None:
+        return None
+    numbers = re.findall(r"(?<![\w.])\d[\d.]*(?:e[-+]\d+)?(?![\w.])", found[2])
+    told: dict[str, Any] = dict(zip(_TOLD, map(float, numbers), strict=False))
+    try:
+        return synthetic_record(int(found[1]), **told) if len(numbers) == len(_TOLD) else None
+    except RecordError:  # a text that this package did not write
+        return None
 
 
 def pulse_record(

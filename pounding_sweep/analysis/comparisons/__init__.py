@@ -5,7 +5,7 @@ The command line and the documentation print this registry.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray as xr
 
+#: Axes of the ground motion, whose values a table keeps apart unless told otherwise.
+MOTION_DIMS = ("record", "scale", "pga", "sa")
 #: One row of a table: labels by dimension, then text or numbers; None where there is no value.
 Row = dict[str, Any]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -36,6 +38,7 @@ class Comparison:
     arguments: tuple[str, ...]
     summary: Mapping[str, Any]
     rows: Callable[[xr.Dataset], list[Row]] | None
+    whole: bool
 
 
 #: Every comparison by key, in alphabetical order.
@@ -53,6 +56,7 @@ def comparison(
     arguments: tuple[str, ...] = (),
     summary: Mapping[str, Any] | None = None,
     rows: Callable[[xr.Dataset], list[Row]] | None = None,
+    whole: bool = False,
 ) -> Callable[[Function], Function]:
     """Register a function that takes a cube and returns a dataset as the comparison of its module.
 
@@ -63,7 +67,7 @@ def comparison(
     needs : str
         What a cube must have, in words.
     columns : tuple of str
-        Dimensions that its printed table tells apart; everything else is taken together.
+        Dimensions that its printed table tells apart, beside records and scales; everything else is taken together.
     variables : tuple of str
         Endings of the variables in that table; () for all.
     lead : tuple of str
@@ -71,29 +75,75 @@ def comparison(
     figure : str
         Key of the figure that draws it; "" where none does.
     arguments : tuple of str
-        Arguments of the function that the command line passes: "reference", "folders", "event", "level".
+        Arguments of the function that the command line passes: "reference", "folders", "event", "level" ...
     summary : mapping, optional
         Arguments in a summary of all comparisons, which does without what takes long.
     rows : callable, optional
         Makes its table of its result, where `spread_rows` does not.
+    whole : bool
+        Whether it is of the row as a whole: a part of the row is taken of its result, not of its cube.
     """
 
     def register(make: Function) -> Function:
         key = key_of(make.__module__)
-        entry = Comparison(key, title, needs, make, columns, variables, lead, figure, arguments, summary or {}, rows)
+        entry = Comparison(
+            key, title, needs, make, columns, variables, lead, figure, arguments, summary or {}, rows, whole
+        )
         COMPARISONS.add(key, entry)
         return make
 
     return register
 
 
-def table_rows(result: xr.Dataset, comparison: Comparison, *, lead: bool = False) -> list[Row]:
-    """Return the table of a comparison."""
-    return comparison.rows(result) if comparison.rows else spread_rows(result, comparison, lead=lead)
+def compared(cube: xr.Dataset, comparison: Comparison, at: Mapping[str, Any], **arguments: Any) -> xr.Dataset:
+    """Return a comparison of those values of axes; parts of the row of its result where it is of the row as a whole."""
+    from pounding_sweep.base.errors import InputError
+    from pounding_sweep.output.select import select
+    from pounding_sweep.outputs.variables import INNER_DIMS
+
+    late = {axis: value for axis, value in at.items() if comparison.whole and axis in INNER_DIMS}
+    early = {axis: value for axis, value in at.items() if axis not in late}
+    result = comparison.make(select(cube, early, INNER_DIMS), **arguments)
+    shown = [result[name] for name in result.data_vars if str(name).endswith(comparison.variables or ("",))]
+    for axis in late:
+        if not any(axis in part.dims for part in shown):
+            there = [dim for dim in INNER_DIMS if any(dim in part.dims for part in shown)]
+            msg = f"the comparison {comparison.key!r} does not tell one {axis} from another, only {', '.join(there)}"
+            raise InputError(f"{msg}; leave {axis} out")
+    return select(result, late, INNER_DIMS)
 
 
-def spread_rows(result: xr.Dataset, comparison: Comparison, *, lead: bool = False) -> list[Row]:
-    """Return a row per variable and combination of columns; see `table_rows`."""
+def table_rows(
+    result: xr.Dataset,
+    comparison: Comparison,
+    *,
+    lead: bool = False,
+    over: Collection[str] = (),
+    quantiles: Sequence[float] | None = None,
+) -> list[Row]:
+    """Return the table of a comparison; `over` and `quantiles` are for `spread_rows`."""
+    if comparison.rows:
+        return comparison.rows(result)
+    return spread_rows(result, comparison, lead=lead, over=over, quantiles=quantiles)
+
+
+def over_text(sizes: Mapping[Any, int]) -> str:
+    """Say what was taken together, "-" where that is nothing."""
+    return ", ".join(f"{size} {dim}{'s' * (size > 1)}" for dim, size in sizes.items() if size > 1) or "-"
+
+
+def spread_rows(
+    result: xr.Dataset,
+    comparison: Comparison,
+    *,
+    lead: bool = False,
+    over: Collection[str] = (),
+    quantiles: Sequence[float] | None = None,
+) -> list[Row]:
+    """Return a row per variable and combination of columns, with what its values are of.
+
+    Records and scales are apart, unless they are `over`; in a summary (`lead`) they are taken together, too.
+    """
     import numpy as np
 
     endings = comparison.variables
@@ -103,18 +153,28 @@ def spread_rows(result: xr.Dataset, comparison: Comparison, *, lead: bool = Fals
     if lead:
         first = [name for name in comparison.lead if name in names]
         names = first or names[:2]
+    motions = () if lead else (dim for dim in MOTION_DIMS if result.sizes.get(dim, 1) > 1)
+    apart = [dim for dim in (*comparison.columns, *motions) if dim not in over]
+    shares = {"smallest": 0.0, "median": 0.5, "largest": 1.0}
+    if quantiles is not None:
+        shares = {f"{q:g} fractile": q for q in quantiles}
     parts = _by_law(result)
-    used = [dim for dim in comparison.columns if any(dim in (*result[name].dims, *parts[0][0]) for name in names)]
+    used = [dim for dim in apart if any(dim in (*result[name].dims, *parts[0][0]) for name in names)]
     rows = []
     for name, (law, part) in product(names, parts):
         variable = part[name].where(part["touches"] == 1.0) if "touches" in part else part[name]
-        columns = [dim for dim in comparison.columns if dim in variable.dims]
-        for labels, found in _cells(variable, columns):
-            if found.size:
-                low, middle, high = np.quantile(found, [0.0, 0.5, 1.0]).tolist()
-                spread = {"values": int(found.size), "smallest": low, "median": middle, "largest": high}
+        columns = [dim for dim in apart if dim in variable.dims]
+        pooled = over_text({dim: size for dim, size in variable.sizes.items() if dim not in columns})
+        never = part["never"] if "never" in part and {*part["never"].dims} <= {*variable.dims} else None
+        still = _cells(never.broadcast_like(variable), columns) if never is not None and never.any() else None
+        for place, (labels, found) in enumerate(_cells(variable, columns)):
+            untouched = {"never touches": int(still[place][1].sum())} if still else {}
+            if found.size or untouched.get("never touches"):
+                spread = np.quantile(found, list(shares.values())).tolist() if found.size else [None] * len(shares)
+                numbers = {"values": int(found.size), **dict(zip(shares, spread, strict=True)), **untouched}
                 units = str(result[name].attrs.get("units", ""))
-                rows.append({"variable": name, "units": units, **dict.fromkeys(used), **law, **labels, **spread})
+                about = {"variable": name, "units": units, **dict.fromkeys(used), **law, **labels}
+                rows.append({**about, **numbers, "over": pooled})
     return rows
 
 

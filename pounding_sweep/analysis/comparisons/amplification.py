@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING
 
 from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
+    ROUND_OFF,
     TOUCH_VARIABLES,
     chosen_variables,
     described,
     finished,
+    largest_of,
     long_name,
+    over,
     peak_displacement,
     pounding_only,
     present,
@@ -66,7 +69,7 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
         ``touches`` is 1 where floors of the row touch and 0 where none do, in which case
         every ratio is 1. Missing where either
         scenario is not ok, where the building has no such storey, and where the
-        response without pounding is zero.
+        response without pounding is below 1e-9 of the largest in the row: it is rounding there.
 
     Raises
     ------
@@ -91,12 +94,16 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
     if "case" in pounding.dims:
         still = still.sel(case=pounding["case"])
     names = chosen_variables(cube, what, responses, RESPONSES, "response")
-    ratios = {
-        f"{name}_ratio": _ratio(values(pounding, name), values(still, name), long_name(cube, name)) for name in names
-    }
-    if {"displacement_max", "displacement_min"} <= set(names):
-        peak = peak_displacement(pounding)
-        ratios[f"{PEAK}_ratio"] = _ratio(peak, peak_displacement(still), str(peak.attrs["long_name"]))
+    base = {name: values(still, name) for name in names}
+    signed = {"displacement_max", "displacement_min"}
+    if signed <= set(names):
+        base[PEAK] = peak_displacement(still)
+    largest = {name: largest_of(base.get(PEAK, part) if name in signed else part) for name, part in base.items()}
+    ratios = {}
+    for name, part in base.items():
+        own = peak_displacement(pounding) if name == PEAK else values(pounding, name)
+        words = str(own.attrs["long_name"]) if name == PEAK else long_name(cube, name)
+        ratios[f"{name}_ratio"] = _ratio(own, part, words, largest[name])
     if present(pounding, TOUCH_VARIABLES):
         touch = touched(pounding, what)
         any_floor = touch.max([dim for dim in ("pair", "storey") if dim in touch.dims])
@@ -105,7 +112,7 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
     return finished(dataset, cube, "amplification")
 
 
-def _ratio(pounding: xr.DataArray, still: xr.DataArray, name: str) -> xr.DataArray:
-    found = pounding / still.where(still != 0.0)
+def _ratio(pounding: xr.DataArray, still: xr.DataArray, name: str, largest: xr.DataArray) -> xr.DataArray:
+    found = over(pounding, still, ROUND_OFF * largest)
     comment = "value with pounding over value without; missing where either scenario is not ok"
     return described(found, "1", f"amplification of the {name}", comment)

@@ -40,6 +40,7 @@ _EXTREMES = ("energy_transfer_max", "energy_transfer_min")
     columns=("law", "building", "pair"),
     lead=("transfer_share", "contact_work", "residual_relative"),
     figure="energy-budget",
+    whole=True,
 )
 def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     """Draw up each building's energy budget at the end of the record, and check it against the contacts' work.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.along import check_quantiles, fractiles_over
-from pounding_sweep.analysis.comparisons import comparison
+from pounding_sweep.analysis.comparisons import comparison, over_text
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
@@ -35,6 +35,7 @@ _NO_RESPONSES = ("status", "energy_residual", "steps_per_contact", "time_step")
     needs="an axis of several records",
     columns=("law", "building", "pair", "quantile"),
     lead=("displacement_max_fractiles", "drift_max_fractiles", "impact_force_max_fractiles"),
+    arguments=("quantiles",),
 )
 def fractiles(
     cube: xr.Dataset,
@@ -100,7 +101,7 @@ def fractiles(
             if bool(mine.any()):
                 text = f"scenarios along {dim} that are left out: {status.label}"
                 found[f"left_out_{status.label}"] = _count(mine, dim, text)
-    return finished(xr.Dataset(found), cube, "fractiles", over=dim)
+    return finished(xr.Dataset(found), cube, "fractiles", over=over_text({dim: cube.sizes[dim]}))
 
 
 def responses(cube: xr.Dataset) -> list[str]:

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.comparisons import Row, comparison
+from pounding_sweep.analysis.comparisons import MOTION_DIMS, Row, comparison, over_text
 from pounding_sweep.analysis.events import Event, get_event
 from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, fit_lognormal, jackknife, probability
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
+    labelled,
     law_keys,
     need_dims,
     need_variables,
@@ -26,7 +27,6 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.spec.axes import DIMENSIONS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 #: Intensities at which curves are given, where none are.
 LEVELS = 60
 #: Axes along which scenarios are trials of one thing.
-TRIALS = ("record", *DIMENSIONS["scale"])
+TRIALS = MOTION_DIMS
 #: Ends of an interval.
 BOUNDS = ("lower", "upper")
 
@@ -54,9 +54,14 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
         row |= {name: _number(float(column[name][place])) for name in ("median", "dispersion")}
         for name, (i, bound) in product(("median", "dispersion") if given else (), enumerate(BOUNDS)):
             row[f"{name}_{bound}"] = _number(float(column[f"{name}_interval"][(*place, i)]))
+        if "fractile" in result:
+            at = result["fractile"].transpose(*dims, "quantile")
+            for q, value in zip(at["quantile"].values.tolist(), at.values[place].tolist(), strict=True):
+                row[f"at {q:g}"] = _number(value)
         low, high = column["median_between"][place].tolist()
         status = FIT_STATUS[int(column["fit_status"][place])]
-        rows.append({**row, "units": units, "fit": status.words(low, high, units)})
+        words = {"units": units, "over": str(result.attrs["trials_of"]), "fit": status.words(low, high, units)}
+        rows.append(row | words)
     return rows
 
 
@@ -84,7 +89,7 @@ def _number(value: Any) -> Any:
     columns=("law", "gap", "pair"),
     variables=("median", "dispersion"),
     figure="fragility",
-    arguments=("event", "level"),
+    arguments=("event", "level", "intensity", "quantiles", "folders"),
     summary={"confidence": None},
     rows=fit_rows,
 )
@@ -93,9 +98,12 @@ def fragility(
     event: str = "touch",
     level: float | None = None,
     *,
-    intensity: str | xr.DataArray = "pga",
+    intensity: str | xr.DataArray | None = None,
     confidence: float | None = 0.95,
     levels: Sequence[float] | None = None,
+    quantiles: Sequence[float] = (),
+    records: Any = None,
+    folders: Any = None,
 ) -> xr.Dataset:
     """Fit the probability of an event against intensity.
 
@@ -108,13 +116,15 @@ def fragility(
         A key of `pounding_sweep.analysis.events.EVENTS`.
     level : float, optional
         What must be exceeded, in the event's unit; needed by all but "touch".
-    intensity : str or DataArray
+    intensity, records, folders : optional
         As for `pounding_sweep.analysis.intensity.intensity_of`.
     confidence : float or None
         Of the intervals, in (0, 1); None for no intervals, which take a fit per record.
     levels : sequence of float, optional
         Intensities at which curves are given; by default `LEVELS` of them, up to the
         largest of the cube.
+    quantiles : sequence of float
+        Probabilities, in (0, 1), at which the intensity is given.
 
     Returns
     -------
@@ -123,7 +133,8 @@ def fragility(
         ``pair`` or ``building``: ``fit_status``; ``median`` (in the intensity's unit) and
         ``dispersion`` of the lognormal; their intervals on ``bound``;
         ``median_between`` (bound) where there is no fit; ``trials``, ``happened_count`` and
-        ``left_out`` (scenarios that are not ok). On ``intensity``: ``probability`` and
+        ``left_out`` (scenarios that are not ok); ``fractile`` (quantile), the intensities at the
+        `quantiles`. On ``intensity``: ``probability`` and
         ``probability_interval`` (bound). Trial by trial: ``happened`` and ``trial_intensity``.
 
     Raises
@@ -149,12 +160,16 @@ def fragility(
     (2.67, 'fitted')
     """
     import xarray as xr
+    from scipy.special import ndtri
 
     about = get_event(event, level)
     cube = scenarios_only(cube)
     _check(cube, confidence)
+    if not all(0.0 < q < 1.0 for q in quantiles):
+        msg = f"quantiles are {list(quantiles)}; of a fragility they must be between 0 and 1"
+        raise InputError(msg)
     found, ok = _happened(cube, about, level)
-    strength = intensity_of(cube, intensity)
+    strength = intensity_of(cube, intensity, records=records, folders=folders)
     trials = ("record", next((dim for dim in TRIALS[1:] if dim in cube.dims), "scale"))
     for dim in trials:
         found, ok, strength = (part if dim in part.dims else part.expand_dims(dim) for part in (found, ok, strength))
@@ -187,7 +202,13 @@ def fragility(
     dataset["left_out"] = described(left_out, "1", "scenarios left out: their status is not ok", bare=True)
     dataset["happened"] = described(found, "1", f"1 where {words}, 0 where not", bare=True)
     dataset["trial_intensity"] = described(strength, units, name, bare=True)
-    about_it: dict[str, Any] = {"event": about.key, "event_in_words": words}
+    if len(quantiles):
+        index = labelled("quantile", quantiles, f"probability that {words}", "1")
+        away = np.exp(dataset["dispersion"] * index.copy(data=ndtri(index.values)))
+        dataset["fractile"] = described(dataset["median"] * away, units, f"intensity at that probability that {words}")
+    sizes = {dim: size for dim, size in zip(trials, x.shape, strict=True)}
+    about_it: dict[str, Any] = {"event": about.key, "event_in_words": words, "intensity": f"{name} ({units})"}
+    about_it["trials_of"] = over_text(sizes)
     if confidence is not None:
         about_it["confidence"] = confidence
     return finished(dataset, cube, "fragility", **about_it)

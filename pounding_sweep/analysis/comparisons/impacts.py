@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.along import check_quantiles, fractiles_over
-from pounding_sweep.analysis.comparisons import comparison
+from pounding_sweep.analysis.comparisons import comparison, over_text
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
@@ -39,6 +39,7 @@ QUANTILES = (0.0, 0.16, 0.5, 0.84, 1.0)
     needs="pairs, a law with contact, and impact counts or any other output of contacts",
     columns=("law", "pair", "quantile"),
     lead=("pair_touching_share", "impact_force_max_fractiles"),
+    arguments=("quantiles", "over"),
 )
 def impact_statistics(
     cube: xr.Dataset, over: Iterable[str] | None = None, quantiles: Sequence[float] = QUANTILES
@@ -62,7 +63,7 @@ def impact_statistics(
         ``touching_share``, by pair ``pair_touching`` and ``pair_touching_share`` (a touch
         at any storey); and on ``quantile``, by pair and storey, ``<output>_fractiles`` of the
         outputs of `OUTPUTS` that the cube has, in their own units, over the scenarios that
-        touch there.
+        touch there. The attribute ``over`` names what was taken together.
 
     Raises
     ------
@@ -90,9 +91,9 @@ def impact_statistics(
         msg = f"{what} need a law with contact, and this cube has only 'none'; add laws to the sweep"
         raise InputError(msg)
     taken = [dim for dim in scenario_dims(cube) if dim != "law"] if over is None else _asked(cube, over)
-    if "law" in cube.coords and cube["law"].dims == ("case",) and "case" in taken:
-        return finished(_by_law(cube, taken, quantiles), cube, "impacts")
-    return finished(_statistics(cube, taken, quantiles), cube, "impacts")
+    by_law = "law" in cube.coords and cube["law"].dims == ("case",) and "case" in taken
+    found = (_by_law if by_law else _statistics)(cube, taken, quantiles)
+    return finished(found, cube, "impacts", over=over_text({dim: cube.sizes[dim] for dim in taken}))
 
 
 def _asked(cube: xr.Dataset, over: Iterable[str]) -> list[str]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.along import check_quantiles, fractiles_over, interpolate
-from pounding_sweep.analysis.comparisons import comparison
+from pounding_sweep.analysis.along import ROUNDING, check_quantiles, fractiles_over, interpolate
+from pounding_sweep.analysis.comparisons import comparison, over_text
 from pounding_sweep.analysis.comparisons.fractiles import QUANTILES, responses
 from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.analysis.scenarios import (
@@ -20,45 +20,52 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.spec.axes import DIMENSIONS
 
 if TYPE_CHECKING:
     import xarray as xr
 
 #: Intensities at which the fractiles of a suite are given, where none are.
 LEVELS = 25
+#: Attribute that says why there are no fractiles of all records.
+NO_FRACTILES = "no_fractiles"
 
 
 @comparison(
     "responses against intensity as records are scaled up, with the fractiles of the suite",
-    needs="an axis of several scales",
-    columns=("law", "building", "pair", "quantile"),
+    needs="an axis of several scales or peak ground accelerations",
+    columns=("law", "building", "pair", "quantile", "level"),
     variables=("_fractiles",),
     lead=("drift_max_fractiles", "impact_force_max_fractiles"),
     figure="incremental",
+    arguments=("intensity", "quantiles", "levels", "folders"),
 )
 def incremental_curves(
     cube: xr.Dataset,
     outputs: Iterable[str] | None = None,
     *,
-    intensity: str | xr.DataArray = "pga",
+    intensity: str | xr.DataArray | None = None,
     quantiles: Sequence[float] = QUANTILES,
     levels: Sequence[float] | None = None,
+    records: Any = None,
+    folders: Any = None,
 ) -> xr.Dataset:
     """Return responses against intensity, record by record and for the suite.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        A cube with the axis ``scale``, and ``record`` where there are several.
+        A cube with the axis ``scale`` or ``pga``, and ``record`` where there are several.
     outputs : iterable of str, optional
         Variables of the cube; by default all that are responses.
-    intensity : str or DataArray
+    intensity, records, folders : optional
         As for `pounding_sweep.analysis.intensity.intensity_of`.
     quantiles : sequence of float
         In [0, 1].
     levels : sequence of float, optional
-        Intensities (in its units) at which fractiles are given; by default `LEVELS` of
-        them, evenly spaced from the smallest to the largest of the cube.
+        Intensities (in its units) at which fractiles are given; by default the cube's own where all curves share them,
+        else `LEVELS` of them, evenly spaced over the range that all curves share. Where they share none, over that of
+        the cube, and the attribute ``no_fractiles`` says so.
 
     Returns
     -------
@@ -95,35 +102,60 @@ def incremental_curves(
     what = "an incremental curve"
     cube = scenarios_only(cube)
     check_quantiles(quantiles)
-    need_several(cube, what, "scale")
+    scaled = next((dim for dim in DIMENSIONS["scale"] if dim in cube.dims), "scale")
+    need_several(cube, what, scaled)
     names = responses(cube) if outputs is None else need_variables(cube, what, list(outputs))
-    strength = intensity_of(cube, intensity)
+    strength = intensity_of(cube, intensity, records=records, folders=folders)
     if "record" not in cube.dims:
         cube, strength = cube.expand_dims("record"), strength.expand_dims("record")
-    strength = strength.transpose("record", "scale")
+    strength = strength.transpose("record", scaled)
     given = np.asarray(strength.values, dtype=float)
-    low, high = float(given.min()), float(given.max())
-    at = np.linspace(low, high, LEVELS) if levels is None else np.asarray(levels, dtype=float)
-    if at.ndim != 1 or not at.size or not np.isfinite(at).all():
-        msg = f"levels are {levels!r}; give one or more intensities ({strength.attrs['units']})"
-        raise InputError(msg)
-    ways = directions(cube["scale"].values)
+    ways = directions(cube[scaled].values)
+    at, why = _levels(given, ways, levels, str(strength.attrs["units"]))
     level = xr.DataArray(at, dims="level", coords={"level": at}, attrs=strength.attrs)
 
     found: dict[str, xr.DataArray] = {}
     for name in names:
-        whole = values(cube, name).transpose("record", ..., "scale")
+        whole = values(cube, name).transpose("record", ..., scaled)
         found[name] = whole
         curves = zip(whole.values, given, strict=True)
         rows = np.stack([interpolate(row[..., way], x[way], at) for row, x in curves for way in ways])
-        inner = whole.isel(record=0, scale=0, drop=True)
+        inner = whole.isel({"record": 0, scaled: 0}, drop=True)
         kept = {dim: inner[dim] for dim in inner.dims if dim in inner.coords}
         dims = ("curve", *inner.dims, "level")
         on_levels = xr.DataArray(rows, dims=dims, coords={**kept, "level": level}, attrs=whole.attrs)
         found[f"{name}_fractiles"], count = fractiles_over(on_levels, ["curve"], quantiles)
         found[f"{name}_count"] = described(count, "1", f"curves that the fractiles of {name} are of")
     dataset = found[names[0]].to_dataset(name=names[0]).assign(found).assign_coords(intensity=strength)
-    return finished(dataset, cube, "incremental", curves=len(given) * len(ways))
+    about: dict[str, Any] = {"intensity": f"{strength.attrs['long_name']} ({strength.attrs['units']})"}
+    about["over"] = over_text({"record": len(given), "direction": len(ways)})
+    return finished(dataset, cube, "incremental", curves=len(given) * len(ways), **about, **why)
+
+
+def _levels(
+    given: np.ndarray, ways: list[np.ndarray], levels: Sequence[float] | None, units: str
+) -> tuple[np.ndarray, dict[str, str]]:
+    """Return the intensities of fractiles, and why there are none of all curves."""
+    ends = np.array([[x[way].min(), x[way].max()] for x in given for way in ways])
+    low, high = float(ends[:, 0].max()), float(ends[:, 1].min())
+    if levels is not None:
+        at = np.asarray(levels, dtype=float)
+        if at.ndim != 1 or not at.size or not np.isfinite(at).all():
+            msg = f"levels are {levels!r}; give one or more intensities ({units})"
+            raise InputError(msg)
+    elif low > high * (1.0 + ROUNDING):
+        at = np.linspace(float(given.min()), float(given.max()), LEVELS)
+    elif len(ways) == 1 and np.allclose(given, given[0], rtol=ROUNDING, atol=0.0):
+        at = np.sort(given[0])
+    else:
+        at = np.linspace(low, high, LEVELS)
+    if ((at >= low * (1.0 - ROUNDING)) & (at <= high * (1.0 + ROUNDING))).any():
+        return at, {}
+    why = (
+        f"none of these intensities is within the scales of all {len(ends)} curves (one begins at {low:.3g} {units}, "
+        f"one ends at {high:.3g}); scale the records to equal peaks (pgas), or over a wider range"
+    )
+    return at, {NO_FRACTILES: why}
 
 
 def directions(scales: np.ndarray) -> list[np.ndarray]:

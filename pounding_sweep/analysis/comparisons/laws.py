@@ -16,13 +16,16 @@ import numpy as np
 from pounding_sweep.analysis.along import interpolate
 from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
+    ROUND_OFF,
     chosen_variables,
     described,
     finished,
     labelled,
+    largest_of,
     law_keys,
     long_name,
     need_dims,
+    over,
     pounding_only,
     present,
     scenarios_only,
@@ -48,6 +51,9 @@ OUTPUTS = (
     "acceleration_max",
     "contact_work",
 )
+#: Shares of the largest value in the row below which one is no divisor: the work of laws without damping is what their
+#: steps err by.
+_LEAST = {"contact_work": 1e-4}
 
 
 @comparison(
@@ -77,9 +83,10 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
     xarray.Dataset
         On ``basis`` (nominal; realised, where it can be had) and the cube's axes, without
         the law "none": ``<output>_compared`` in the output's own units, and ``<output>_ratio``,
-        the law's value over the reference's. On the basis ``realised``, ``restitution`` is that of
-        two free masses, and values are interpolated linearly between those of the sweep;
-        missing where a law realises no such value within the sweep, as laws without
+        the law's value over the reference's, missing where that is below 1e-9 of the largest value in the row
+        under any law, of the contact work below 1e-4: there it is rounding, or nothing touches. On
+        the basis ``realised``, ``restitution`` is that of two free masses, and values are interpolated linearly
+        between those of the sweep; missing where a law realises no such value within the sweep, as laws without
         damping do below 1. The attribute ``realised_basis`` says how it was done, or why not.
 
     Raises
@@ -116,7 +123,7 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
         given = _on_bases(cube, values(cube, name), None if why_not else _realised(cube, laws))
         base = given.sel(law=reference).reset_coords(drop=True)
         found[f"{name}_compared"] = given
-        ratio = given / base.where(base != 0.0)
+        ratio = over(given, base, _LEAST.get(name, ROUND_OFF) * largest_of(given, "law"))
         found[f"{name}_ratio"] = described(ratio, "1", f"{long_name(cube, name)} over that of {reference}")
     dataset = found[f"{names[0]}_ratio"].to_dataset(name=f"{names[0]}_ratio").assign(found)
     how = why_not or "linear between the restitutions of the sweep, each at its realised value"

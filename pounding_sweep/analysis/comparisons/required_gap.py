@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pounding_sweep.analysis.comparisons import comparison
-from pounding_sweep.analysis.scenarios import described, finished, labelled, peak_displacement, values
+from pounding_sweep.analysis.scenarios import ROUND_OFF, described, finished, labelled, peak_displacement, values
 from pounding_sweep.analysis.separation_rules import SEPARATION_RULES, BehaviourFactors, Neighbours, cqc_correlation
 from pounding_sweep.analysis.uncoupled_runs import StillRuns, runs_of_cube, runs_of_row
 from pounding_sweep.base.errors import InputError
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     lead=("exact", "ratio"),
     figure="required-gap",
     arguments=("folders",),
+    whole=True,
 )
 def required_gap(
     source: Scene | str | xr.Dataset,
@@ -66,8 +67,9 @@ def required_gap(
         On ``record``, and on ``scale``, building properties or ``case`` where the cube
         has them: ``closing`` (pair, storey; m), the largest closing displacement of the
         floors; ``exact`` (pair; m), its largest value over storeys and the exact required
-        gap; ``rule_gap`` (rule, pair; m) and ``ratio`` (rule, pair), its ratio to the
-        exact one; ``correlation`` (pair) of the first modes. Missing where no floors
+        gap, 0 where it is below 1e-9 of the sum of the floors' displacements; ``never``
+        (pair) is 1 there, else 0; ``rule_gap`` (rule, pair; m) and ``ratio`` (rule, pair), its ratio to the
+        exact one, missing where that is 0; ``correlation`` (pair) of the first modes. Missing where no floors
         meet. Beside ``rule`` stand its title, formula, clause, edition and note, beside
         ``pair`` the row's own gap.
 
@@ -111,8 +113,9 @@ def _gaps(still: StillRuns, factors: BehaviourFactors) -> xr.Dataset:
     import xarray as xr
 
     closing = values(still.cube, "closing_max")
-    exact = closing.max("storey")
     ends = _neighbours(still, factors)
+    never = closing <= ROUND_OFF * (ends.left + ends.right)
+    exact = closing.where(~never, 0.0).max("storey")
     rules = list(SEPARATION_RULES.values())
     index = labelled("rule", [rule.key for rule in rules], "separation rule")
     rule_gap = xr.concat([rule.gap(ends).max("storey") for rule in rules], dim=index)
@@ -128,8 +131,9 @@ def _gaps(still: StillRuns, factors: BehaviourFactors) -> xr.Dataset:
     found = {
         "closing": (closing, "m", "largest closing displacement"),
         "exact": (exact, "m", "exact required gap"),
+        "never": ((exact == 0.0).where(exact.notnull()), "1", "1 where the pair never touches, 0 where it does"),
         "rule_gap": (rule_gap, "m", "required gap by the rule"),
-        "ratio": (rule_gap / exact.where(exact != 0.0), "1", "required gap by the rule over the exact one"),
+        "ratio": (rule_gap / exact.where(exact > 0.0), "1", "required gap by the rule over the exact one"),
         "correlation": (ends.correlation, "1", "correlation of the first modes"),
     }
     variables = {name: described(part, units, text, bare=True) for name, (part, units, text) in found.items()}

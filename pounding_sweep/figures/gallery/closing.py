@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.analysis.rebuild import stored_scene
-from pounding_sweep.figures import figure_of
+from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import WIDTH, heading, zoomed
 from pounding_sweep.figures.style import history_look, legend_beside, put_title, subplots
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     "histories",
     "relative displacement of the floors that can meet against time, beside their gap, from 'simulate'",
     needs=("time", "pair", "displacement"),
+    also=one_instant,
 )
 def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
     """Draw the displacement of each left floor less that of the right one: they touch where it reaches the gap.

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.figures import figure_of
+from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import heading, zoomed
 from pounding_sweep.figures.style import history_look, put_title, subplots
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     "histories",
     "contact force against penetration, pair by pair, from 'simulate'",
     needs=("time", "contact_force", "penetration"),
+    also=one_instant,
 )
 def force_penetration(
     one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None

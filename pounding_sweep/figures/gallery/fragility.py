@@ -7,62 +7,65 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.comparisons.fragility import sentence
+from pounding_sweep.analysis.comparisons.fragility import TRIALS, sentence
 from pounding_sweep.analysis.events import EVENTS
-from pounding_sweep.analysis.lognormal import FitStatus
+from pounding_sweep.analysis.lognormal import FitStatus, merged
 from pounding_sweep.figures import CONTACT, figure_of
-from pounding_sweep.figures.shown import along, first_varied, middle, result_of
-from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, axis_label, put_title, subplots, unit_text
+from pounding_sweep.figures.shown import along, first_varied, lines_of, middle, records_of, result_of, told
+from pounding_sweep.figures.sides import draw_intensities, intensity_label
+from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, put_title, subplots, unit_text
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
-#: Trials are put together into so many classes of about equal size to show their shares.
+#: Trials of many intensities are put together into so many classes of about equal size to show their shares.
 _CLASSES = 6
-#: Lines in a panel at most.
-_LINES_SHOWN = 5
+#: Characters of a line of the legend.
+_ENTRY = 48
 
 
 @figure_of(
     "cube",
     "probability that a pair touches, against intensity, with its confidence",
     needs=("pair", CONTACT),
-    several=("record|scale",),
+    several=("|".join(TRIALS),),
 )
 def fragility(cube: xr.Dataset) -> Figure:
     """Draw the probability of an event against intensity.
 
     One panel per pair or building. Lines are the values of the first axis that varies
-    (gap, stiffness, ...), five at most, evenly chosen, or else the laws; of the other axes
-    the middle value is shown, of the laws the first. Bands are confidence
-    intervals; marks are the shares observed in classes of about equal numbers of trials.
+    (gap, stiffness, ...), five at most, evenly chosen, or else the laws; of the other axes, and
+    of the laws, the middle value is shown. Bands are confidence
+    intervals; marks are the shares observed at each intensity where trials share them (stripes),
+    else in classes of about equal numbers of trials.
     Where there is no fit, the legend says why.
     """
+    from matplotlib.transforms import ScaledTranslation
+
     result = result_of(cube, "fragility")
-    own = ("record", "scale", "bound", "intensity")
+    own = (*TRIALS, "bound", "intensity", "quantile")
     event = EVENTS[result.attrs["event"]]
     per, words = event.per, _spelt(result.attrs["event_in_words"], event.units)
     for dim in ("law", per):
         result = along(result, dim) if dim in result.coords else result
     axis = first_varied(result, but=own) or "law"
-    if axis != "law" and "law" in result.dims:
-        result = result.isel(law=0)
     result, shown = middle(result, (*own, axis), ["happened"])
     result = result if axis in result.dims else result.expand_dims({axis: [""]})
-    chosen = np.unique(np.linspace(0, result.sizes[axis] - 1, _LINES_SHOWN).round().astype(int))
     ends = result[per].values.tolist()
     figure, axes = subplots(1, len(ends), (1.4 + 3.4 * len(ends), 4.6))
+    label = intensity_label(result)
+    below = ScaledTranslation(0.0, -0.4 - 0.16 * label.count("\n"), figure.dpi_scale_trans)  # of the label
     for ax, end in zip(axes[0], ends, strict=True):
-        for number, place in enumerate(chosen):
-            part = result.isel({axis: int(place)}).sel({per: end})
-            _line(ax, part, number, _value(result[axis], int(place)))
+        for number, place in enumerate(lines_of(result, axis)):
+            part = result.isel({axis: place}).sel({per: end})
+            _line(ax, part, number, told(result, axis, result[axis].values[place].item()))
         ax.set(ylim=(-0.02, 1.02), title=f"{per} {end}")
-        ax.set_xlabel(axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs))
-        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), fontsize=8)
-    axes[0, 0].set_xlim(left=0.0)  # shared: nothing drawn later would move it
+        ax.set_xlabel(label)
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=ax.transAxes + below, fontsize=8)
+    draw_intensities(axes[0, 0], result)  # shared: nothing drawn later would move it
     axes[0, 0].set_ylabel(f"probability that\n{words} (-)")
-    put_title(figure, words, shown)
+    put_title(figure, words, records_of(result), shown)
     return figure
 
 
@@ -71,29 +74,31 @@ def _spelt(text: str, units: str) -> str:
     return text.replace(f" {units}", f" {unit_text({'units': units})}") if units else text
 
 
-def _value(axis: xr.DataArray, place: int) -> str:
-    value = axis.values[place]
-    if axis.dtype.kind not in "iuf":
-        return str(value)
-    return f"{axis.name} {value:g} {unit_text(axis.attrs)}".replace("_", " ").rstrip()
-
-
 def _line(ax: Any, part: xr.Dataset, number: int, label: str) -> None:
     """Draw one fit with its band and the observed shares."""
+    label = f"{label}: " if label else ""
     colour, at = COLOURS[number % len(COLOURS)], part["intensity"].values
     if int(part["fit_status"]) == FitStatus.FITTED:
         band = part["probability_interval"].values
         if np.isfinite(band).all():
             ax.fill_between(at, *band, color=colour, alpha=0.15, linewidth=0)
         units = unit_text(part["median"].attrs)
-        fitted = f"{label}: median {float(part['median']):.3g} {units}, dispersion {float(part['dispersion']):.2g}"
-        ax.plot(at, part["probability"].values, color=colour, linestyle=LINES[number % len(LINES)], label=fitted)
+        fitted = f"{label}median {float(part['median']):.3g} {units}, dispersion {float(part['dispersion']):.2g}"
+        look = {"color": colour, "linestyle": LINES[number % len(LINES)]}
+        ax.plot(at, part["probability"].values, label=fill(fitted, _ENTRY), **look)
     else:
-        why = fill(_spelt(sentence(part), part["median"].attrs["units"]), 46)
-        ax.plot([], [], color=colour, marker=MARKERS[number], linestyle="none", label=f"{label}: {why}")
+        why = label + _spelt(sentence(part), part["median"].attrs["units"])
+        ax.plot([], [], color=colour, marker=MARKERS[number], linestyle="none", label=fill(why, _ENTRY))
     x, happened = part["trial_intensity"].values.ravel(), part["happened"].values.ravel()
     there = np.isfinite(happened)
-    order = np.argsort(x[there], kind="stable")
-    for group in np.array_split(order, min(_CLASSES, max(1, order.size))):
-        if group.size:
-            ax.plot(x[there][group].mean(), happened[there][group].mean(), color=colour, marker=MARKERS[number])
+    for group in _groups(x[there]):
+        ax.plot(x[there][group].mean(), happened[there][group].mean(), color=colour, marker=MARKERS[number])
+
+
+def _groups(x: np.ndarray) -> list[np.ndarray]:
+    """Return the trials of each mark: those of one intensity, where that is shared by several each, else of a class."""
+    order = np.argsort(x, kind="stable")
+    stripes = np.split(order, np.flatnonzero(np.diff(merged(x)[order])) + 1) if x.size else []
+    if stripes and min(map(len, stripes)) > 1:
+        return stripes
+    return [group for group in np.array_split(order, _CLASSES) if group.size]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.figures import figure_of
+from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import WIDTH, heading, zoomed
 from pounding_sweep.figures.style import COLOURS, history_look, legend_beside, put_title
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     "histories",
     "ground acceleration, floor displacements and contact forces against time, peaks marked, from 'simulate'",
     needs=("time", "ground_acceleration", "displacement"),
+    also=one_instant,
 )
 def histories(one: xr.Dataset, *, start: float | None = None, end: float | None = None) -> Figure:
     """Draw the histories of one scenario: ground acceleration, top floors, contact forces.

@@ -3,21 +3,33 @@
 from __future__ import annotations
 
 import itertools
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.analysis.comparisons.incremental import directions
+from pounding_sweep.analysis.comparisons import MOTION_DIMS
+from pounding_sweep.analysis.comparisons.incremental import NO_FRACTILES, directions
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.shown import along, drawn_response, labels_with_values, middle, result_of
+from pounding_sweep.figures.shown import (
+    along,
+    drawn_response,
+    draws_one,
+    labels_with_values,
+    law_name,
+    middle,
+    records_of,
+    result_of,
+)
+from pounding_sweep.figures.sides import draw_intensities, intensity_label
 from pounding_sweep.figures.style import (
     COLOURS,
-    axis_label,
     label_edges,
     legend_below,
     put_title,
     start_at_zero,
     subplots,
+    unit_text,
 )
 
 if TYPE_CHECKING:
@@ -27,32 +39,40 @@ if TYPE_CHECKING:
 _LINES = ("--", "-", "-.", ":")
 #: Rows of panels at most.
 _LAWS = 3
+#: Characters of a title in an inch.
+_CHARACTERS = 12.5
 
 
-@figure_of("cube", "response against intensity, record by record, with the fractiles of the suite", several=("scale",))
+@figure_of(
+    "cube",
+    "response against intensity, record by record, with the fractiles of the suite",
+    several=("|".join(MOTION_DIMS[1:]),),
+)
 def incremental(cube: xr.Dataset) -> Figure:
     """Draw responses against intensity as records are scaled up."""
     result = result_of(cube, "incremental")
     name, label, factor, per = drawn_response(result, "incremental")
     for dim in ("law", per, "storey"):
         result = along(result, dim, absent="")
-    keep = ("law", "record", "scale", "quantile", "level")
+    scaled = next(dim for dim in MOTION_DIMS[1:] if dim in result.dims)
+    keep = ("law", "record", scaled, "quantile", "level")
     result, shown = middle(result, keep, [name])
     there = labels_with_values(result, "law", [name]) or result["law"].values.tolist()
-    laws = [law for law in there if per == "building" or law != "none"][:_LAWS]
-    ways = directions(result["scale"].values)
+    laws = [law for law in there if per == "building" or law != "none"]
+    draws_one(result, "law", _LAWS)
+    laws = laws[:_LAWS]
+    ways = directions(result[scaled].values)
     ends = result[per].values.tolist()
     figure, axes = subplots(len(laws), len(ends), (1.6 + 2.6 * len(ends), 1.3 + 2.0 * len(laws)))
-    intensity = axis_label(result["intensity"].attrs["long_name"], result["intensity"].attrs)
+    intensity = intensity_label(result)
     for row, law in enumerate(laws):
         for column, end in enumerate(ends):
             ax = axes[row, column]
             part = result.sel({"law": law, per: end})
-            largest = part[name].max(["record", "scale"])
-            storey = int(largest.fillna(-np.inf).argmax("storey"))
-            part = part.isel(storey=storey)
+            largest = part[name].max(["record", scaled])
+            part = part.isel(storey=int(largest.fillna(-np.inf).argmax("storey")))
             for record, way in itertools.product(range(part.sizes["record"]), ways):
-                one = part.isel(record=record, scale=way).sortby("intensity")
+                one = part.isel({"record": record, scaled: way}).sortby("intensity")
                 ax.plot(
                     one["intensity"],
                     one[name] * factor,
@@ -64,6 +84,8 @@ def incremental(cube: xr.Dataset) -> Figure:
             for number, q in enumerate(part["quantile"].values.tolist()):
                 whole = part[f"{name}_count"] == part.sizes["record"] * len(ways)  # of fewer, a curve would jump
                 line = part[f"{name}_fractiles"].sel(quantile=q).where(whole) * factor
+                if not line.notnull().any():
+                    continue
                 ax.plot(
                     part["level"],
                     line,
@@ -72,10 +94,16 @@ def incremental(cube: xr.Dataset) -> Figure:
                     linewidth=1.8,
                     label="median" if q == 0.5 else f"{q:.0%} fractile",
                 )
-            ax.set_title(f"{law + ', ' if law else ''}{per} {end}, storey {storey + 1}")
+            place = f"{per} {end}, storey {part['storey'].item()}"
+            ax.set_title("\n".join(filter(None, (law_name(result, law), place))))
         start_at_zero(axes[row, 0])
-    axes[0, 0].set_xlim(left=0.0)  # shared by all, as y is by a row
+    draw_intensities(axes[0, 0], result)  # shared by all, as y is by a row
     label_edges(axes, intensity, [label] * len(laws))
     legend_below(figure, axes[0, 0], most=4)
-    put_title(figure, shown)
+    put_title(figure, records_of(result), shown)
+    if NO_FRACTILES in result.attrs:
+        units = result["intensity"].attrs
+        why = result.attrs[NO_FRACTILES].replace(units["units"], unit_text(units))
+        words = fill(f"No fractiles: {why}.", int(_CHARACTERS * figure.get_figwidth()))
+        figure.suptitle("\n".join(filter(None, (figure.get_suptitle(), words))), fontsize=9)
     return figure

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.figures import figure_of
+from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import heading, zoomed
 from pounding_sweep.figures.style import COLOURS, put_title, subplots
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     "histories",
     "velocity against displacement of the top floors, in contact and out of it, from 'simulate'",
     needs=("time", "displacement", "velocity"),
+    also=one_instant,
 )
 def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
     """Draw the velocity of each building's top floor against its displacement; where the building is in contact, bold.

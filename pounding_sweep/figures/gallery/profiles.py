@@ -33,6 +33,7 @@ _TOGETHER = 3
     "cube",
     "peak displacement, drift, storey shear and acceleration over the height, law by law",
     needs=("law", "floor_elevation", "displacement_max|displacement_min|drift_max|storey_shear_max|acceleration_max"),
+    also=lambda cube: "the storeys from the first on" if 1 not in np.atleast_1d(cube.get("storey", 1)) else "",
 )
 def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
     """Draw peak displacement, drift, storey shear and total acceleration over the height.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.analysis.rebuild import stored_scene
-from pounding_sweep.figures import figure_of
+from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import heading
 from pounding_sweep.figures.style import COLOURS, put_title
 from pounding_sweep.model.scene import Wall
@@ -31,6 +31,7 @@ _BENT = _ALONG**2 * (3.0 - 2.0 * _ALONG)
     "histories",
     "the row at the instant of its strongest impact, from 'simulate'",
     needs=("time", "floor_elevation", "displacement"),
+    also=one_instant,
 )
 def row(one: xr.Dataset, *, ax: Any = None) -> Figure:
     """Draw the row at the instant of its strongest impact, or, without impacts, of its largest displacement.

@@ -1,0 +1,117 @@
+"""Hazards: their rates against integrals done otherwise, and files that are none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from pounding_sweep.analysis.hazard import Hazard, hazard_of, read_hazard
+from pounding_sweep.base.errors import InputError
+
+CURVE = Hazard((0.5, 1.0, 2.0, 5.0, 12.0), (0.1, 0.04, 0.008, 5e-4, 2e-5))
+
+
+def integral(hazard, median, dispersion):
+    """The rate as the integral of P(x) |d lambda|, over ln x, with slopes by differences of logarithms."""
+
+    def density(u):
+        h = 1e-6
+        rate, ends = float(hazard.exceeded(math.exp(u))), hazard.exceeded(np.exp([u - h, u + h]))
+        return norm.cdf((u - math.log(median)) / dispersion) * rate * -np.diff(np.log(ends))[0] / (2 * h)
+
+    bends = [*np.log(hazard.intensity), math.log(median)]
+    return quad(density, math.log(median) - 12.0, math.log(median) + 25.0, points=sorted(bends), limit=400)[0]
+
+
+@given(st.floats(0.05, 50.0), st.floats(0.05, 1.5), st.floats(1e-5, 1.0), st.floats(0.5, 5.0))
+def test_a_power_law_has_the_closed_form(median, dispersion, k0, kappa):
+    found = Hazard.power_law(k0, kappa).touching(np.array(median), np.array(dispersion))
+    assert float(found) == pytest.approx(k0 * median**-kappa * math.exp(0.5 * (kappa * dispersion) ** 2), rel=1e-9)
+
+
+@pytest.mark.parametrize(("median", "dispersion"), [(0.3, 0.6), (1.0, 0.05), (3.0, 0.6), (8.0, 0.2), (20.0, 0.9)])
+def test_a_curve_is_integrated_exactly(median, dispersion):
+    found = float(CURVE.touching(np.array(median), np.array(dispersion)))
+    assert found == pytest.approx(integral(CURVE, median, dispersion), rel=1e-6)
+    assert integral(Hazard.power_law(0.01, 2.0), median, dispersion) == pytest.approx(
+        0.01 * median**-2.0 * math.exp(2.0 * dispersion**2), rel=1e-6
+    )
+
+
+def test_a_sharp_capacity_is_met_as_often_as_its_intensity():
+    np.testing.assert_allclose(CURVE.exceeded(np.array(CURVE.intensity)), CURVE.rate)
+    assert float(CURVE.exceeded(math.sqrt(2.0))) == pytest.approx(math.sqrt(0.04 * 0.008))  # straight in logarithms
+    for x in (0.2, 1.5, 40.0):
+        assert float(CURVE.touching(np.array(x), np.array(1e-6))) == pytest.approx(float(CURVE.exceeded(x)), rel=1e-4)
+
+
+@pytest.mark.parametrize("rate", [1e-7, 2e-4, 0.05, 3.0])
+def test_a_rate_gives_back_its_capacity(rate):
+    spreads = np.array([0.05, 0.4, 1.2])
+    np.testing.assert_allclose(CURVE.touching(CURVE.median_at(rate, spreads), spreads), rate, rtol=1e-9)
+    capacities = np.array([1.0, 2.0, np.inf, 5.0])  # one that nothing reaches
+    factor = CURVE.factor_at(rate, capacities)
+    assert float(CURVE.exceeded(factor * capacities[[0, 1, 3]]).sum()) / 4 == pytest.approx(rate, rel=1e-9)
+
+
+def test_what_stems_from_beyond_the_points_is_told():
+    whole = float(CURVE.touching(np.array(11.0), np.array(0.5)))
+    above = quad(
+        lambda u: norm.pdf((u - math.log(11.0)) / 0.5) / 0.5 * float(CURVE.exceeded(math.exp(u))), math.log(12.0), 12.0
+    )[0]
+    assert float(CURVE.beyond(np.array(11.0), np.array(0.5))) == pytest.approx(above / whole, rel=1e-3)
+    assert float(Hazard.power_law(1e-3, 2.0).beyond(np.array(11.0), np.array(0.5))) == 0.0
+
+
+def test_files(tmp_path):
+    path = tmp_path / "site.csv"
+    path.write_text("# Somewhere\nsa (g),annual rate\n0.1,1e-2\n\n0.5,1e-3\n")
+    found = read_hazard(path)
+    assert found.intensity == (0.1 * 9.81, 0.5 * 9.81)
+    assert (found.rate, found.source, found.units) == ((1e-2, 1e-3), "site.csv", "m s-2")
+    path.write_text("0.1,1e-2\n0.5,1e-3\n")
+    assert hazard_of(path).intensity == (0.1, 0.5)
+    assert hazard_of(" k0 = 1e-3, kappa=2.5").exceeded(2.0) == pytest.approx(1e-3 * 2.0**-2.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0.1,1e-2\n0.2,2e-2\n", "site.csv:2: rate 0.02 follows 0.01: a stronger motion must be rarer"),
+        ("x,y\n0.1,1e-2\n0.2,1e-2\n", "site.csv:3: rate 0.01 follows 0.01"),
+        ("0.2,1e-2\n0.1,1e-3\n", "site.csv:2: intensity 0.1 follows 0.2; sort the points"),
+        ("0.1,1e-2\n0.2,0\n", "site.csv:2: annual rate 0.0 is no number above 0; leave out"),
+        ("0,1e-2\n0.2,1e-3\n", "site.csv:1: intensity 0.0 is no number above 0"),
+        ("nan,1e-2\n0.2,1e-3\n", "site.csv:1: intensity nan is no number above 0"),
+        ("0.1,1e-2\n0.2;1e-3\n", "site.csv:2: '0.2;1e-3' won't do; give two numbers"),
+        ("0.1,1e-2\n", "site.csv: 1 points; a hazard curve has 2 to"),
+        ("", "site.csv: 0 points"),
+        ("pga (gal),rate\n1,1\n", "site.csv:1: the unit 'gal' of the intensity is unknown; give one of g, m/s2"),
+    ],
+)
+def test_files_that_are_no_hazard_are_told_with_their_line(tmp_path, text, said):
+    path = tmp_path / "site.csv"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_hazard(path)
+    assert str(caught.value).startswith(said)
+
+
+def test_other_hazards_that_are_none(tmp_path):
+    for text in ("k0=1", "k0=a,kappa=2", "kappa=2,k0=1"):
+        with pytest.raises(InputError, match="won't do; give a CSV file, or k0=RATE,kappa=SLOPE"):
+            hazard_of(text)
+    with pytest.raises(InputError, match=r"kappa of the hazard is -1\.0; it must be a number above 0"):
+        hazard_of("k0=1,kappa=-1")
+    with pytest.raises(InputError, match="can't read the hazard curve"):
+        hazard_of(tmp_path / "none.csv")
+    with pytest.raises(InputError, match="point 2 of the hazard: rate 2 follows 1"):
+        Hazard((1.0, 2.0), (1, 2))
+    with pytest.raises(InputError, match="1 intensities and 2 rates"):
+        Hazard((1.0,), (1.0, 0.5))
