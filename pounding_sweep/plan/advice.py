@@ -411,22 +411,22 @@ class _Job:
         alone = np.ones(len(self.variants))
         # of exact flight contacts have sub-steps of their own
         still_need = EXACT_STEPS * _finer(method, need) if SCHEMES[method].flies_exactly else need["none"]
-        least = np.stack([self._motion_steps(method, record) for record in spec.records])
         open_limit = self._limit(self.variants, method, self.laws[-1], 0.0 * alone, alone)
         still = whole_steps(np.maximum(still_need / self.mode, 1.0 / open_limit) * interval[:, None])
         most = np.full(len(spec.records), np.max(still_need / self.mode))
         steps = np.empty(len(table), np.int32)
         for first in range(0, len(table), BLOCK):
             rows = slice(first, first + BLOCK)
-            record, variant = table.record[rows], table.variant[rows]
+            record = table.record[rows]
             wanted = self._wanted(method, need, still_need, rows)
             np.maximum.at(most, record, wanted) if len(most) > 1 else np.maximum(most, wanted.max(), out=most)
-            counts = whole_steps(np.minimum(wanted * interval[record], MAX_STEPS))
-            steps[rows] = np.maximum(counts, least[record, variant])
+            steps[rows] = whole_steps(np.minimum(wanted * interval[record], MAX_STEPS))
         for r, motion in enumerate(spec.records):
             if fault := step_fault(motion, float(most[r]) * motion.dt):
                 msg = f"accuracy {spec.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it"
                 raise SweepError(msg)
+        least = np.stack([self._motion_steps(method, record) for record in spec.records])
+        np.maximum(steps, least[table.record, table.variant], out=steps)
         return steps, np.maximum(still, least).astype(np.int32)
 
     def _wanted(self, method: str, need: dict[str, float], still_need: float, rows: slice) -> np.ndarray:
