@@ -187,7 +187,7 @@ def _fixed(case: dict[str, Any], design: Design) -> tuple[tuple[str, str], ...]:
     found = {key: case[key] for key in ("law", "record") if (f"{key}s", None) not in drawn}
     for argument, axis in AXES.items():
         if axis.by_building:
-            factors = dict(case[argument])
+            factors = dict(case.get(argument, ()))
             found |= {f"{axis.dimension}.{b}": value for b, value in factors.items() if (argument, b) not in drawn}
         elif (argument, None) not in drawn and case.get(axis.dimension) is not None:
             found[axis.dimension] = case[axis.dimension]
