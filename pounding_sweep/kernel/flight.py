@@ -367,12 +367,10 @@ class Flight:
         self._keep_peaks(lane)
 
     @cached_property
-    def _row_numbers(self) -> tuple[Table, Table, Table]:
+    def _row_numbers(self) -> tuple[Table, Table]:
         found = self.layout.watched
-        most = [each.most for each in found] or [0]
-        least = [each.least for each in found] or [0]
-        sized = [int(each.sized) for each in found] or [0]
-        return Table(self.trace, most), Table(self.trace, least), Table(self.trace, sized)
+        most, least = [each.most for each in found] or [0], [each.least for each in found] or [0]
+        return Table(self.trace, most), Table(self.trace, least)
 
     def _take_thresholds(self, lane: Any) -> None:
         """Gaps and peaks so far; what is in no lane's way is far."""
