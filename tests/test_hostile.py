@@ -333,6 +333,8 @@ def test_values_of_a_cube_are_read_under_the_lock(tmp_path):
 @pytest.mark.parametrize("ending", ["nc", "zarr", "csv", "parquet"])
 def test_a_cube_in_chunks_is_written(tmp_path, ending):
     """By threads of dask, or by this one, as each must have the lock to read."""
+    if ending in (needs := {"zarr": "zarr", "parquet": "pyarrow"}):
+        pytest.importorskip(needs[ending])
     path = write_cube(small_cube(), tmp_path / "cube.nc")
     write = write_cube if ending == "nc" else export_cube
     with open_cube(path) as cube:
@@ -344,6 +346,7 @@ def test_a_cube_in_chunks_is_written(tmp_path, ending):
 
 def test_exports_side_by_side_leave_dask_as_it_is(tmp_path):
     """Its settings are those of the process."""
+    pytest.importorskip("zarr")
     path, before = write_cube(small_cube(), tmp_path / "cube.nc"), dask.config.get("scheduler", None)
     with open_cube(path) as cube, ThreadPoolExecutor(2) as pool:
         for turn in range(6):
