@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,21 +51,28 @@ class _Modes:
     #: Mass of the building's first floor (t), as the scene has it.
     first_mass: np.ndarray
 
-    def over(self, times: np.ndarray) -> np.ndarray:
-        """exp(F t) of each mode, row by row, for some times (s), shape (times, 4, variants, modes)."""
-        t = times[:, None, None]
-        square, damping = (self.w * t) ** 2, self.c * t
-        (e0, e1), _, _ = _functions(square, damping)
-        return np.stack([e0, t * e1, -(self.w**2) * t * e1, e0 - damping * e1], axis=1)
+    def steps(self, h: float, lanes: int) -> tuple[np.ndarray, np.ndarray]:
+        """Motions over steps of `h` (s), as rows of four numbers of each mode.
 
-    def pushed(self, h: float) -> np.ndarray:
-        """Return what the ground adds in a step: q, q' by its start, q, q' by its end, shape (4, variants, modes)."""
-        damping = self.c * h
-        _, (p0, p1), (q0, q1) = _functions((self.w * h) ** 2, damping)
-        found = []
+        exp(F t) over 0, 1, ... lanes - 1 steps and `WIDE` of them, shape (lanes + 1, 4, variants, modes), row by row;
+        and what the ground adds in one step: q, q' by its start, q, q' by its end, shape (4, variants, modes).
+        """
+        square, damping = (self.w * h) ** 2, self.c * h
+        one, (p0, p1), (q0, q1) = _functions(square, damping)
+
+        def times(f: _Function, g: _Function) -> _Function:
+            return _product(f, g, square, damping)
+
+        found = [(np.ones_like(square), np.zeros_like(square)), one]
+        while len(found) < lanes:
+            found.append(times(found[-1], one))
+        found.append(_power(one, WIDE, times))
+        e0, e1 = (np.stack(part) for part in zip(*found, strict=True))
+        over = np.stack([e0, h * e1, -(self.w**2) * h * e1, e0 - damping * e1], axis=1)
+        added = []
         for f0, f1 in ((p0 - q0, p1 - q1), (q0, q1)):
-            found += [-(h**2) * f1, -h * (f0 - damping * f1)]
-        return np.stack(found) * self.participation
+            added += [-(h**2) * f1, -h * (f0 - damping * f1)]
+        return over, np.stack(added) * self.participation
 
 
 def flight_tables(layout: Layout, points: int, fixed: np.ndarray) -> np.ndarray:
@@ -101,7 +109,7 @@ def fixed_tables(
     put("square", (w * h) ** 2)
     put("damping", c * h)
     put("push", modes.participation * h**2)
-    steps = modes.over(h * np.append(np.arange(layout.lanes), WIDE))
+    steps, pushed = modes.steps(h, layout.lanes)
     put("advance", steps.transpose(2, 0, 1, 3))
     times = steps[: layout.lanes].transpose(2, 3, 1, 0).copy()
     times[:, :, 2:] *= h
@@ -126,7 +134,7 @@ def fixed_tables(
     put("remainder", missed.max(axis=1, initial=0.0))
     put("sized", np.array([[each.sized for each in layout.watched]], float))
     put("shaken", shakes[None].astype(float))
-    return tables, _decays(layout, modes, ground, h)
+    return tables, _decays(layout, modes, ground, h, steps[1], pushed)
 
 
 def _room(numbers: int, precision: str) -> np.ndarray:
@@ -155,12 +163,16 @@ def _modes(row: Variants) -> tuple[_Modes, np.ndarray]:
     return modes, floors
 
 
-def _decays(layout: Layout, modes: _Modes, ground: np.ndarray, h: float) -> np.ndarray:
-    """Rows of modes from which a kernel finds the motion without pounding, after the ground's accelerations."""
+def _decays(
+    layout: Layout, modes: _Modes, ground: np.ndarray, h: float, a: np.ndarray, pushed: np.ndarray
+) -> np.ndarray:
+    """Rows of modes from which a kernel finds the motion without pounding, after the ground's accelerations.
+
+    `a`, `pushed`: motion over one step, and what the ground adds to it.
+    """
     w, c = modes.w, modes.c
-    a = modes.over(np.array([h]))[0]
     found = dict(zip(("qq", "qp", "pq", "pp"), a, strict=True))
-    found |= dict(zip(("q0", "p0", "q1", "p1"), modes.pushed(h), strict=True))
+    found |= dict(zip(("q0", "p0", "q1", "p1"), pushed, strict=True))
     found |= {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
     # energies of a unit mass at the first floor
     weight, area = -modes.participation / modes.first_mass, 1.0 / (h * w**2)
@@ -184,9 +196,8 @@ def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Fun
     scale = 0.5**halvings
     s, c = square * scale**2, damping * scale
 
-    def times(f: _Function, g: _Function) -> _Function:  # Z**2 = -c Z - s
-        both = f[1] * g[1]
-        return f[0] * g[0] - s * both, f[0] * g[1] + f[1] * g[0] - c * both
+    def times(f: _Function, g: _Function) -> _Function:
+        return _product(f, g, s, c)
 
     # Horner's rule for phi2, whose series is sum Z**i / (i + 2)!; the others follow from it
     f0, f1 = np.full_like(s, 1.0 / math.factorial(_TERMS + 1)), np.zeros_like(s)
@@ -202,6 +213,21 @@ def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Fun
         phi1 = _where(more, (0.5 * (b0 + phi1[0]), 0.5 * (b1 + phi1[1])), phi1)
         grown = _where(more, times(grown, grown), grown)
     return (grown[0], grown[1] * scale), (phi1[0], phi1[1] * scale), (phi2[0], phi2[1] * scale)
+
+
+def _product(f: _Function, g: _Function, square: np.ndarray, damping: np.ndarray) -> _Function:
+    """f g, by Z**2 = -damping Z - square."""
+    both = f[1] * g[1]
+    return f[0] * g[0] - square * both, f[0] * g[1] + f[1] * g[0] - damping * both
+
+
+def _power(f: _Function, n: int, times: Callable[[_Function, _Function], _Function]) -> _Function:
+    """f**n, n >= 1, by halves."""
+    if n == 1:
+        return f
+    half = _power(f, n // 2, times)
+    whole = times(half, half)
+    return times(whole, f) if n % 2 else whole
 
 
 def _where(condition: np.ndarray, a: _Function, b: _Function) -> _Function:
