@@ -26,12 +26,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pounding_sweep.engine.kernel import MARGIN
-from pounding_sweep.kernel.flight import ACCELERATION, WIDE, Layout
+from pounding_sweep.kernel.flight import ACCELERATION, STATE, WIDE, Layout
 from pounding_sweep.model.variants import Variants
 
 #: Largest frequency or damping, times the step, for which the series is summed, and its number of terms:
 #: 0.5**16 / 16! is below the last place.
 _SMALL, _TERMS = 0.5, 16
+
+#: Most points of the grid in a long step.
+LONGEST = 4
 
 #: Memory of each thread.
 _KEPT = threading.local()
@@ -51,10 +54,10 @@ class _Modes:
     #: Mass of the building's first floor (t), as the scene has it.
     first_mass: np.ndarray
 
-    def steps(self, h: float, lanes: int) -> tuple[np.ndarray, np.ndarray]:
+    def steps(self, h: float, lanes: int, leap: int) -> tuple[np.ndarray, np.ndarray]:
         """Motions over steps of `h` (s), as rows of four numbers of each mode.
 
-        exp(F t) over 0, 1, ... lanes - 1 steps and `WIDE` of them, shape (lanes + 1, 4, variants, modes), row by row;
+        exp(F t) over 0, 1, ... lanes - 1 steps and a `leap` of them, shape (lanes + 1, 4, variants, modes), row by row;
         and what the ground adds in one step: q, q' by its start, q, q' by its end, shape (4, variants, modes).
         """
         square, damping = (self.w * h) ** 2, self.c * h
@@ -66,7 +69,7 @@ class _Modes:
         found = [(np.ones_like(square), np.zeros_like(square)), one]
         while len(found) < lanes:
             found.append(times(found[-1], one))
-        found.append(_power(one, WIDE, times))
+        found.append(_power(one, leap, times))
         e0, e1 = (np.stack(part) for part in zip(*found, strict=True))
         over = np.stack([e0, h * e1, -(self.w**2) * h * e1, e0 - damping * e1], axis=1)
         added = []
@@ -75,22 +78,22 @@ class _Modes:
         return over, np.stack(added) * self.participation
 
 
-def flight_tables(layout: Layout, points: int, fixed: np.ndarray) -> np.ndarray:
-    """Return tables of flight over so many points with all that a kernel does not fill in itself, one after another.
+def flight_tables(layout: Layout, stops: int, fixed: np.ndarray) -> np.ndarray:
+    """Return tables of flight over so many points or blocks, with all that a kernel does not fill in itself.
 
     They stand until the thread's next call.
     """
-    tables = _room(len(fixed) * int(layout.size(points)), str(fixed.dtype))
+    tables = _room(len(fixed) * int(layout.size(stops)), str(fixed.dtype))
     tables.reshape(len(fixed), -1)[:, : layout.sizes[0]] = fixed
     return tables
 
 
 def fixed_tables(
-    layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str
+    layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str, substeps: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what of the tables of all variants holds at any time, and what a kernel fills the others from.
 
-    `ground`: accelerations (m/s2) at all points of a grid of step `h` (s).
+    `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`.
     """
     scene, n, count, q = row.scene, layout.modes, len(row), len(layout.watched)
     modes, floors = _modes(row)
@@ -109,7 +112,9 @@ def fixed_tables(
     put("square", (w * h) ** 2)
     put("damping", c * h)
     put("push", modes.participation * h**2)
-    steps, pushed = modes.steps(h, layout.lanes)
+    stride = stride_of(substeps)
+    block = layout.block // stride * stride
+    steps, pushed = modes.steps(h, layout.lanes, block if layout.strides else WIDE)
     put("advance", steps.transpose(2, 0, 1, 3))
     times = steps[: layout.lanes].transpose(2, 3, 1, 0).copy()
     times[:, :, 2:] *= h
@@ -134,7 +139,13 @@ def fixed_tables(
     put("remainder", missed.max(axis=1, initial=0.0))
     put("sized", np.array([[each.sized for each in layout.watched]], float))
     put("shaken", shakes[None].astype(float))
-    return tables, _decays(layout, modes, ground, h, steps[1], pushed)
+    own = _decays(layout, modes, h, steps[1], pushed)
+    if not layout.strides:
+        return tables, np.concatenate([[h, 1.0 / h, 1.0, 1.0], ground, own])
+    head = [h, 1.0 / (stride * h), stride, block]
+    strides = _strides(layout, modes, stride * h)
+    states = np.empty(len(strides) // len(layout.strides) * STATE * stops_of(layout, len(ground), substeps))
+    return tables, np.concatenate([head, ground, own, strides, states, np.zeros(STATE * layout.wide_modes)])
 
 
 def _room(numbers: int, precision: str) -> np.ndarray:
@@ -163,10 +174,8 @@ def _modes(row: Variants) -> tuple[_Modes, np.ndarray]:
     return modes, floors
 
 
-def _decays(
-    layout: Layout, modes: _Modes, ground: np.ndarray, h: float, a: np.ndarray, pushed: np.ndarray
-) -> np.ndarray:
-    """Rows of modes from which a kernel finds the motion without pounding, after the ground's accelerations.
+def _decays(layout: Layout, modes: _Modes, h: float, a: np.ndarray, pushed: np.ndarray) -> np.ndarray:
+    """Rows of modes from which a kernel finds the motion without pounding, of each variant.
 
     `a`, `pushed`: motion over one step, and what the ground adds to it.
     """
@@ -185,7 +194,37 @@ def _decays(
     rows = np.zeros((len(w), len(layout.decays), layout.wide_modes))
     for k, name in enumerate(layout.decays):
         rows[:, k, : layout.modes] = found[name]
-    return np.concatenate([[h, 1.0 / h], ground, rows.ravel()])
+    return rows.ravel()
+
+
+def _strides(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
+    """Rows of variants side by side in lanes, from which a kernel finds their motion in long steps."""
+    lanes, w, c = layout.lanes, modes.w, modes.c
+    over, pushed = modes.steps(h, 2, 1)
+    found = dict(zip(("qq", "qp", "pq", "pp"), over[1], strict=True))
+    found |= dict(zip(("q0", "p0", "q1", "p1"), pushed, strict=True))
+    found |= {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
+    found |= {"heft": w**2 * np.sqrt(1.0 + (c / w) ** 2)}
+    groups = -(-len(w) // lanes)
+    those = np.minimum(np.arange(groups * lanes), len(w) - 1)  # idle lanes repeat the last one
+    rows = np.empty((groups, len(layout.strides), layout.modes, lanes))
+    for k, name in enumerate(layout.strides):
+        values = np.broadcast_to(found[name], w.shape)[those]
+        rows[:, k] = values.reshape(groups, lanes, layout.modes).transpose(0, 2, 1)
+    return rows.ravel()
+
+
+def stride_of(substeps: int) -> int:
+    """Points of the grid in a long step, of so many in a record interval."""
+    return next(n for n in range(LONGEST, 0, -1) if substeps % n == 0)
+
+
+def stops_of(layout: Layout, points: int, substeps: int) -> int:
+    """How many points or blocks the tables of a grid of so many points have."""
+    if not layout.strides:
+        return points
+    stride = stride_of(substeps)
+    return -(-(points - 1) // (layout.block // stride * stride))
 
 
 def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Function, _Function]:
@@ -216,7 +255,7 @@ def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Fun
 
 
 def _product(f: _Function, g: _Function, square: np.ndarray, damping: np.ndarray) -> _Function:
-    """f g, by Z**2 = -damping Z - square."""
+    """Return f g, by Z**2 = -damping Z - square."""
     both = f[1] * g[1]
     return f[0] * g[0] - square * both, f[0] * g[1] + f[1] * g[0] - damping * both
 

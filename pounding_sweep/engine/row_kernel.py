@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import fixed_tables, flight_tables
+from pounding_sweep.engine.flight import fixed_tables, flight_tables, stops_of
 from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
@@ -156,7 +156,7 @@ def _fixed_tables(
     motion, n = np.array(record.acceleration), flight_substeps
     inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
     ground = np.append(inner.ravel(), motion[-1])
-    return fixed_tables(_layout(shape, constants), row, ground, record.dt / n, shape.precision)
+    return fixed_tables(_layout(shape, constants), row, ground, record.dt / n, shape.precision, n)
 
 
 @lru_cache(maxsize=8)
@@ -314,7 +314,8 @@ class RowKernel:
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
         points, precision = (record.n_points - 1) * flight_substeps + 1, self.numerics.precision
         layout = _layout(self.shape, self.constants.tobytes())
-        most = max(1, TABLE_BYTES // (np.dtype(precision).itemsize * layout.size(points)))
+        stops = stops_of(layout, points, flight_substeps)
+        most = max(1, TABLE_BYTES // (np.dtype(precision).itemsize * layout.size(stops)))
         late = np.flatnonzero(which >= most)
         groups = max(1, min(slab, int(late[0]) // LANES)) if len(late) else slab
         which = which[: groups * LANES]
@@ -324,7 +325,7 @@ class RowKernel:
             fixed, decays = _fixed_tables(*given, row[needed], record, flight_substeps)
         else:
             fixed, decays = _fixed_tables_of_scene(*given, self.scene, record, flight_substeps)
-        return (flight_tables(layout, points, fixed), decays, len(needed)), which, groups
+        return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups
 
     def _lanes(
         self,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pounding_sweep.kernel.flight import ACCELERATION, WIDE, Flight, quintic_extreme
+from pounding_sweep.kernel.flight import ACCELERATION, HEAD, WIDE, Flight, quintic_extreme
 from pounding_sweep.kernel.lanes import (
     Cell,
     Tracer,
@@ -29,9 +29,6 @@ from pounding_sweep.kernel.lanes import (
     whole,
 )
 from pounding_sweep.kernel.peaks import cubic_extreme
-
-#: Numbers before the ground's accelerations: the step of the grid (s) and its inverse.
-HEAD = 2
 
 
 class Tables:
