@@ -17,7 +17,7 @@ import pounding_sweep as ps
 from pounding_sweep.engine.flight import fixed_tables, flight_tables
 from pounding_sweep.engine.kernel import MARGIN, make_group, width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.kernel.flight import ACCELERATION, TOUCH, TURN, WIDE, Flight, Layout
+from pounding_sweep.kernel.flight import ACCELERATION, HEAD, TOUCH, TURN, WIDE, Flight, Layout
 from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
@@ -34,12 +34,17 @@ def layout_of(kernel):
 
 
 def tables_of(scene, ground, h, outputs=EVERY):
-    """Layout and tables of a scene or of variants, in double precision, before a kernel fills them."""
+    """Layout and tables of a scene or of variants, in double precision, before a kernel fills in their motions."""
     variants = variants_of(scene)
-    layout = layout_of(kernel_of(variants.scene, outputs))
-    return layout, flight_tables(layout, len(ground), fixed_tables(layout, variants, ground, h, "float64")[0]).reshape(
-        len(variants), -1
-    )
+    kernel = kernel_of(variants.scene, outputs)
+    layout = layout_of(kernel)
+    fixed, decays = fixed_tables(layout, variants, ground, h, "float64")
+    tables = flight_tables(layout, len(ground), fixed)
+    flight = Flight(make_group(kernel.shape, None, width("float64"), None), tables, len(ground))
+    for i in range(len(variants)):
+        flight.base.now = i * layout.size(len(ground))
+        flight.put_decays(None, decays, HEAD + len(ground) + i * len(layout.decays) * layout.wide_modes)
+    return layout, tables.reshape(len(variants), -1)
 
 
 def filled(scene, ground, h):

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,24 +53,14 @@ class _Modes:
     #: Mass of the building's first floor (t), as the scene has it.
     first_mass: np.ndarray
 
-    def steps(self, h: float, lanes: int, leap: int) -> tuple[np.ndarray, np.ndarray]:
-        """Motions over steps of `h` (s), as rows of four numbers of each mode.
+    def step(self, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """Motion over one step of `h` (s), as rows of four numbers of each mode, shape (4, variants, modes).
 
-        exp(F t) over 0, 1, ... lanes - 1 steps and a `leap` of them, shape (lanes + 1, 4, variants, modes), row by row;
-        and what the ground adds in one step: q, q' by its start, q, q' by its end, shape (4, variants, modes).
+        exp(F h), row by row, and what the ground adds: q, q' by its start, q, q' by its end.
         """
         square, damping = (self.w * h) ** 2, self.c * h
-        one, (p0, p1), (q0, q1) = _functions(square, damping)
-
-        def times(f: _Function, g: _Function) -> _Function:
-            return _product(f, g, square, damping)
-
-        found = [(np.ones_like(square), np.zeros_like(square)), one]
-        while len(found) < lanes:
-            found.append(times(found[-1], one))
-        found.append(_power(one, leap, times))
-        e0, e1 = (np.stack(part) for part in zip(*found, strict=True))
-        over = np.stack([e0, h * e1, -(self.w**2) * h * e1, e0 - damping * e1], axis=1)
+        (e0, e1), (p0, p1), (q0, q1) = _functions(square, damping)
+        over = np.stack([e0, h * e1, -(self.w**2) * h * e1, e0 - damping * e1])
         added = []
         for f0, f1 in ((p0 - q0, p1 - q1), (q0, q1)):
             added += [-(h**2) * f1, -h * (f0 - damping * f1)]
@@ -83,7 +72,8 @@ def flight_tables(layout: Layout, stops: int, fixed: np.ndarray) -> np.ndarray:
 
     They stand until the thread's next call.
     """
-    tables = _room(len(fixed) * int(layout.size(stops)), str(fixed.dtype))
+    precision = str(fixed.dtype)
+    tables = _room(len(fixed) * int(layout.size(stops)), precision, precision)
     tables.reshape(len(fixed), -1)[:, : layout.sizes[0]] = fixed
     return tables
 
@@ -112,13 +102,6 @@ def fixed_tables(
     put("square", (w * h) ** 2)
     put("damping", c * h)
     put("push", modes.participation * h**2)
-    stride = stride_of(substeps)
-    block = layout.block // stride * stride
-    steps, pushed = modes.steps(h, layout.lanes, block if layout.strides else WIDE)
-    put("advance", steps.transpose(2, 0, 1, 3))
-    times = steps[: layout.lanes].transpose(2, 3, 1, 0).copy()
-    times[:, :, 2:] *= h
-    put("times", times)
     masses = np.concatenate([b.masses for b in scene.buildings])
     put("floors", floors.T[None])
     put("modal", (floors * masses[:, None])[None])
@@ -128,32 +111,41 @@ def fixed_tables(
         put("shape", shape[None])
         put("across", shape.T[None])
     # what a mode of unit amplitude reaches at most, and its second and fourth rates: see the theory
-    ratio = (c / w)[:, :, None]
+    ratio, square = c / w, w**2
     near = np.sqrt(1.0 + ratio**2)
     far = np.hypot(near, 1.0 + ratio * near)
-    shakes, square = kinds == ACCELERATION, w[:, :, None] ** 2
+    shakes = kinds == ACCELERATION
     widened = np.abs(shape.T)[None] * (1.0 + 10.0 * MARGIN[precision])
-    put("bound", widened * np.where(shakes, square * near, 1.0))
-    put("bulge", widened * np.where(shakes, square**2 * near * far, square * near) * (h**2 / 8.0))
-    missed = np.where(widened > 0.0, square * h**2 * far / 48.0, 0.0)
+
+    def weighed(shaken: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        return widened * (
+            np.where(shakes, shaken[:, :, None], moved[:, :, None]) if shakes.any() else moved[:, :, None]
+        )
+
+    put("bound", weighed(square * near, np.ones_like(w)))
+    put("bulge", weighed(square**2 * near * far, square * near) * (h**2 / 8.0))
+    missed = np.where(widened > 0.0, (square * far)[:, :, None] * (h**2 / 48.0), 0.0)
     put("remainder", missed.max(axis=1, initial=0.0))
     put("sized", np.array([[each.sized for each in layout.watched]], float))
     put("shaken", shakes[None].astype(float))
-    own = _decays(layout, modes, h, steps[1], pushed)
+    own = _decays(layout, modes, h)
     if not layout.strides:
-        return tables, np.concatenate([[h, 1.0 / h, 1.0, 1.0], ground, own])
-    head = [h, 1.0 / (stride * h), stride, block]
-    strides = _strides(layout, modes, stride * h)
-    states = np.empty(len(strides) // len(layout.strides) * STATE * stops_of(layout, len(ground), substeps))
-    return tables, np.concatenate([head, ground, own, strides, states, np.zeros(STATE * layout.wide_modes)])
+        return tables, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, own])
+    stride = stride_of(substeps)
+    block = layout.block // stride * stride
+    parts = [h, 1.0 / (stride * h), stride, block], ground, own, _strides(layout, modes, stride * h)
+    given, states = np.concatenate(parts), len(parts[-1]) // len(layout.strides) * STATE
+    room = _room(len(given) + states * stops_of(layout, len(ground), substeps) + STATE * layout.wide_modes, "decays")
+    room[: len(given)] = given
+    return tables, room
 
 
-def _room(numbers: int, precision: str) -> np.ndarray:
-    """Room for tables, the same again for each call of a thread: new memory costs as much as filling it."""
-    kept: np.ndarray | None = getattr(_KEPT, precision, None)
+def _room(numbers: int, name: str, precision: str = "float64") -> np.ndarray:
+    """Room of a name, the same again for each call of a thread: new memory costs as much as filling it."""
+    kept: np.ndarray | None = getattr(_KEPT, name, None)
     if kept is None or len(kept) < numbers:
         kept = np.empty(numbers, precision)
-        setattr(_KEPT, precision, kept)
+        setattr(_KEPT, name, kept)
     return kept[:numbers]
 
 
@@ -174,12 +166,10 @@ def _modes(row: Variants) -> tuple[_Modes, np.ndarray]:
     return modes, floors
 
 
-def _decays(layout: Layout, modes: _Modes, h: float, a: np.ndarray, pushed: np.ndarray) -> np.ndarray:
-    """Rows of modes from which a kernel finds the motion without pounding, of each variant.
-
-    `a`, `pushed`: motion over one step, and what the ground adds to it.
-    """
+def _decays(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
+    """Rows of modes from which a kernel finds the motion without pounding, of each variant."""
     w, c = modes.w, modes.c
+    a, pushed = modes.step(h)
     found = dict(zip(("qq", "qp", "pq", "pp"), a, strict=True))
     found |= dict(zip(("q0", "p0", "q1", "p1"), pushed, strict=True))
     found |= {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
@@ -200,8 +190,8 @@ def _decays(layout: Layout, modes: _Modes, h: float, a: np.ndarray, pushed: np.n
 def _strides(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
     """Rows of variants side by side in lanes, from which a kernel finds their motion in long steps."""
     lanes, w, c = layout.lanes, modes.w, modes.c
-    over, pushed = modes.steps(h, 2, 1)
-    found = dict(zip(("qq", "qp", "pq", "pp"), over[1], strict=True))
+    a, pushed = modes.step(h)
+    found = dict(zip(("qq", "qp", "pq", "pp"), a, strict=True))
     found |= dict(zip(("q0", "p0", "q1", "p1"), pushed, strict=True))
     found |= {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
     found |= {"heft": w**2 * np.sqrt(1.0 + (c / w) ** 2)}
@@ -235,8 +225,9 @@ def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Fun
     scale = 0.5**halvings
     s, c = square * scale**2, damping * scale
 
-    def times(f: _Function, g: _Function) -> _Function:
-        return _product(f, g, s, c)
+    def times(f: _Function, g: _Function) -> _Function:  # Z**2 = -c Z - s
+        both = f[1] * g[1]
+        return f[0] * g[0] - s * both, f[0] * g[1] + f[1] * g[0] - c * both
 
     # Horner's rule for phi2, whose series is sum Z**i / (i + 2)!; the others follow from it
     f0, f1 = np.full_like(s, 1.0 / math.factorial(_TERMS + 1)), np.zeros_like(s)
@@ -252,21 +243,6 @@ def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Fun
         phi1 = _where(more, (0.5 * (b0 + phi1[0]), 0.5 * (b1 + phi1[1])), phi1)
         grown = _where(more, times(grown, grown), grown)
     return (grown[0], grown[1] * scale), (phi1[0], phi1[1] * scale), (phi2[0], phi2[1] * scale)
-
-
-def _product(f: _Function, g: _Function, square: np.ndarray, damping: np.ndarray) -> _Function:
-    """Return f g, by Z**2 = -damping Z - square."""
-    both = f[1] * g[1]
-    return f[0] * g[0] - square * both, f[0] * g[1] + f[1] * g[0] - damping * both
-
-
-def _power(f: _Function, n: int, times: Callable[[_Function, _Function], _Function]) -> _Function:
-    """f**n, n >= 1, by halves."""
-    if n == 1:
-        return f
-    half = _power(f, n // 2, times)
-    whole = times(half, half)
-    return times(whole, f) if n % 2 else whole
 
 
 def _where(condition: np.ndarray, a: _Function, b: _Function) -> _Function:

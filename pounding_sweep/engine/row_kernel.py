@@ -321,7 +321,7 @@ class RowKernel:
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
         given = self.shape, self.constants.tobytes()
-        if self.varied:
+        if self.varied or self.shape.blocks:  # whose room is each thread's own
             fixed, decays = _fixed_tables(*given, row[needed], record, flight_substeps)
         else:
             fixed, decays = _fixed_tables_of_scene(*given, self.scene, record, flight_substeps)

@@ -47,8 +47,11 @@ from pounding_sweep.kernel.lanes import (
     not_,
     one,
     real,
+    rounded,
     size,
     sqrt,
+    store,
+    transposed,
     when,
     where,
     while_any,
@@ -62,8 +65,8 @@ from pounding_sweep.kernel.spec import property_slots
 WIDE = 60
 #: Points of a block of the grid that lie side by side, where motions are known by blocks.
 SPAN = 32
-#: Numbers before the ground's accelerations: the step of the grid (s), the inverse of a long one, where there are long
-#: ones, points in one, and in a block.
+#: Numbers before the ground's accelerations: the step of the grid (s), the inverse of a long one, points in one, and
+#: points in a wide window or a block.
 HEAD = 4
 #: Numbers of a mode's state.
 STATE = 2
@@ -280,6 +283,27 @@ class Flight:
             return self._vector(self.place_of(name) + m * (self.points + self.lanes) + t)
         at = m * self.layout.series_rows * self.lanes + (t - self.blocks.start)
         return self.rows.vector(f"free_{name}", at)
+
+    def put_decays(self, wide: Any, decays: Any, own: Any) -> None:
+        """Fill in how modes decay over 0, 1 ... steps and a wide window or a block, from `own`, their one step."""
+        many, at, times = self.layout.wide_modes, self.place_of("advance"), self.place_of("times")
+        h, leap = self._number(self.place_of("step")), rounded(load_one(wide, decays, whole(self.trace, HEAD - 1)))
+        for part in self._mode_parts:
+            a = [load(wide, decays, own + (k * many + part * self.lanes), self.lanes) for k in range(4)]
+            e = [Cell(a[0] * 0.0 + start) for start in (1.0, 0.0, 0.0, 1.0)]
+            for k in count_to(leap + 1, self.trace):
+                place = lesser(k, k * 0 + self.lanes)  # what comes after the last lane's is replaced, up to the leap's
+                for row, cell in enumerate(e):
+                    there = at + place * (4 * many) + (row * many + part * self.lanes)
+                    store(self.trace, self.tables, there, cell.now)
+                e0, e1, e2, e3 = (cell.now for cell in e)
+                e[0].now, e[1].now = fma(a[0], e0, a[1] * e2), fma(a[0], e1, a[1] * e3)
+                e[2].now, e[3].now = fma(a[2], e0, a[3] * e2), fma(a[2], e1, a[3] * e3)
+            for row in range(4):
+                found = [self._vector(at + (k * 4 * many + row * many + part * self.lanes)) for k in range(self.lanes)]
+                for m, series in enumerate(transposed(found)[: self.layout.modes - part * self.lanes]):
+                    place = times + ((part * self.lanes + m) * 4 + row) * self.lanes
+                    store(self.trace, self.tables, place, series * h if row >= 2 else series)
 
     def each(self, n: int, times: int = 1) -> Iterator[Any]:
         """Count to n: in one straight line where that is short."""

@@ -83,6 +83,10 @@ class Blocks:
     def _ground(self, point: Any) -> Any:
         return load_one(self.wide, self.decays, point + HEAD)
 
+    def _own(self, number: Any) -> Any:
+        """Where the rows of modes of a row of buildings begin."""
+        return self.modes_at + number * (len(self.layout.decays) * self.layout.wide_modes)
+
     def _state(self, group: Any, block: Any, m: Any) -> Any:
         """Where the states of a mode at the beginning of a block lie."""
         at = (group * self.blocks + block) * self.layout.modes + m
@@ -97,6 +101,9 @@ class Blocks:
         for name in ("above", "below", "swell"):
             for q in count_to(self.layout.wide_watched, self.trace):
                 f.rows[name, q] = f.group.full(0.0)
+        for number in count_to(self.rows, self.trace):
+            f.base.now = number * self.layout.size(self.blocks)
+            f.put_decays(self.wide, self.decays, self._own(number))
         for group in count_to(self.groups, self.trace):
             f.base.now = group * self.lanes * self.layout.size(self.blocks)
             for m in count_to(self.layout.modes, self.trace):
@@ -226,7 +233,7 @@ class Blocks:
                 x = load_one(self.wide, self.decays, self._state(group, block, m) + lane + k * lanes)
                 store_one(self.wide, self.decays, self.desk + m + k * layout.wide_modes, x)
         for part in range(layout.wide_modes // lanes):
-            own = self.modes_at + number * (len(layout.decays) * layout.wide_modes) + part * lanes
+            own = self._own(number) + part * lanes
             c = {name: self._wide(own + k * layout.wide_modes) for k, name in enumerate(layout.decays)}
             q, p = (Cell(self._wide(self.desk + part * lanes + k * layout.wide_modes)) for k in range(STATE))
             for k in count_to(steps, self.trace):

@@ -58,6 +58,7 @@ class Tables:
         for row in count_to(rows, self.trace):
             flight.base.now = row * self.layout.size(self.points)
             own = row * (len(self.layout.decays) * self.layout.wide_modes) + self.points + HEAD
+            flight.put_decays(self.wide, self.decays, own)
             for part in range(self.layout.wide_modes // self.lanes):
                 self._move(own + part * self.lanes, part)
                 if "given" in self.layout.timed:
