@@ -192,15 +192,18 @@ class Blocks:
 
     def _hand_out(self, group: Any, block: Any) -> None:
         """Put the bounds of a block into the tables of each lane's row of buildings."""
-        f, wide = self.flight, self.layout.wide_watched
-        base = f.base.now
-        for lane in count_to(self.lanes, self.trace):
-            for _ in when(group * self.lanes + lane < self.rows):
-                f.base.now = base + lane * self.layout.size(self.blocks)
-                for name, row in (("most", "above"), ("least", "below"), ("swell", "swell")):
-                    at = f.place_of(name) + block * wide
-                    for q in count_to(wide, self.trace):
-                        store_one(self.trace, f.tables, at + q, f.rows.number(row, q * self.lanes + lane))
+        f, lanes, base = self.flight, self.lanes, self.flight.base.now
+        for part in range(self.layout.wide_watched // lanes):
+            found = {
+                name: transposed([f.rows[row, part * lanes + q] for q in range(lanes)])
+                for name, row in (("most", "above"), ("least", "below"), ("swell", "swell"))
+            }
+            for lane in range(lanes):
+                for _ in when(group * lanes + lane < self.rows):
+                    f.base.now = base + self.layout.size(self.blocks) * lane
+                    for name, those in found.items():
+                        at = f.place_of(name) + block * self.layout.wide_watched + part * lanes
+                        store(self.trace, f.tables, at, those[lane])
         f.base.now = base
 
     # one of them -----------------------------------------------------------------------------------------------
