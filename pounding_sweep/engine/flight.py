@@ -74,7 +74,7 @@ def flight_tables(layout: Layout, stops: int, fixed: np.ndarray) -> np.ndarray:
     """
     precision = str(fixed.dtype)
     tables = _room(len(fixed) * int(layout.size(stops)), precision, precision)
-    tables.reshape(len(fixed), -1)[:, : layout.sizes[0]] = fixed
+    tables.reshape(len(fixed), -1)[:, : layout.given] = fixed
     return tables
 
 
@@ -87,7 +87,7 @@ def fixed_tables(
     """
     scene, n, count, q = row.scene, layout.modes, len(row), len(layout.watched)
     modes, floors = _modes(row)
-    tables = np.zeros((count, layout.sizes[0]), precision)
+    tables = np.zeros((count, layout.given), precision)
 
     def put(name: str, values: np.ndarray) -> None:
         """Put in values of shape (variants or 1, ..., columns), padded to the width of the table."""
@@ -109,6 +109,7 @@ def fixed_tables(
     shape = np.array([each.weights for each in layout.watched]).reshape(q, n) @ floors
     if q:
         put("shape", shape[None])
+    if q and "across" in layout.fixed:
         put("across", shape.T[None])
     # what a mode of unit amplitude reaches at most, and its second and fourth rates: see the theory
     ratio, square = c / w, w**2

@@ -165,13 +165,15 @@ class Layout:
             "remainder": wide,
             "sized": wide,
             "shaken": wide,
-            "advance": (lanes + 1) * 4 * m,
-            "times": n * 4 * lanes,
             "shape": max(1, q) * n,
-            "across": n * wide,
             "floors": n * m,
             "modal": n * m,
         }
+        if spec.windows:
+            self.fixed["across"] = n * wide
+        #: How many numbers are known before a kernel runs.
+        self.given = sum(self.fixed.values())
+        self.fixed |= {"advance": (lanes + 1) * 4 * m, "times": n * 4 * lanes}
         extremes = ("most", "least", "widest", "widest_least", "peak", "trough") if spec.windows else ()
         self.timed = dict.fromkeys(extremes, wide) | {"q": m, "p": m}
         if "energy" in spec.reducers:
