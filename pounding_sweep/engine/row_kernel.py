@@ -143,6 +143,32 @@ def kernel_shape(
     )
 
 
+_shape = lru_cache(maxsize=64)(kernel_shape)
+
+
+@lru_cache(maxsize=64)
+def _constants(
+    shape: KernelSpec, scene: Scene, numerics: Numerics, initial_velocity: tuple[float, ...] | None
+) -> np.ndarray:
+    """Scene constants in a kernel's layout: each chunk asks for them."""
+    slots = property_slots(shape)
+    values = np.zeros(slots.size, numerics.precision)
+
+    def put(name: str, numbers: Any) -> None:
+        numbers = np.atleast_1d(np.asarray(numbers, dtype=float))
+        values[slots.first[name] : slots.first[name] + slots.count[name]] = numbers[: slots.count[name]]
+
+    for name, numbers in _properties(variants_of(scene)).items():
+        if slots.count.get(name):
+            put(name, numbers[0])
+    if initial_velocity is not None:
+        put("v0", initial_velocity)
+    put("cap", CONTACT_CAP / numerics.finer)
+    put("newmark_beta", numerics.beta)
+    put("newmark_gamma", numerics.gamma)
+    return values
+
+
 @lru_cache(maxsize=64)
 def _layout(shape: KernelSpec, constants: bytes) -> Layout:
     """Where a kernel's tables of flight lie, and what is watched."""
@@ -214,27 +240,12 @@ class RowKernel:
     def shape(self) -> KernelSpec:
         """What the kernel is compiled for."""
         law = self.host or self.law
-        return kernel_shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
+        return _shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
 
-    @cached_property
+    @property
     def constants(self) -> np.ndarray:
         """Scene constants in the kernel's layout."""
-        slots = property_slots(self.shape)
-        values = np.zeros(slots.size, self.numerics.precision)
-
-        def put(name: str, numbers: Any) -> None:
-            numbers = np.atleast_1d(np.asarray(numbers, dtype=float))
-            values[slots.first[name] : slots.first[name] + slots.count[name]] = numbers[: slots.count[name]]
-
-        for name, numbers in _properties(variants_of(self.scene)).items():
-            if slots.count.get(name):
-                put(name, numbers[0])
-        if self.initial_velocity is not None:
-            put("v0", self.initial_velocity)
-        put("cap", CONTACT_CAP / self.numerics.finer)
-        put("newmark_beta", self.numerics.beta)
-        put("newmark_gamma", self.numerics.gamma)
-        return values
+        return _constants(self.shape, self.scene, self.numerics, self.initial_velocity)
 
     def flight_substeps(self, record: Record, variants: Variants | None = None) -> np.ndarray:
         """Return the exact steps of free flight per record interval: a divisor of the steps."""
