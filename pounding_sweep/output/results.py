@@ -71,26 +71,18 @@ class Results:
         """Gather the results of scenarios."""
         kind = table_type(self.names, self.scene)
         found = {name: np.empty((len(rows), *kind[name].shape), kind[name].base) for name in self.names}
-        slots, order = self._slot[rows], None
-        if (slots[1:] < slots[:-1]).any():  # else they lie as they are asked for
-            order = np.argsort(slots, kind="stable")
-            slots = slots[order]
+        slots = self._slot[rows]
+        order = np.argsort(slots, kind="stable")
+        slots = slots[order]
         edges = np.searchsorted(slots, self._first)
-
-        def places(first: int, end: int) -> slice | np.ndarray:
-            return slice(first, end) if order is None else order[first:end]
-
-        nowhere = places(0, edges[0])
+        nowhere = order[: edges[0]]
         for name, values in found.items():
             values[nowhere] = self.status[rows[nowhere]] if name == "status" else get_variable(name).fill
         for index in np.flatnonzero(np.diff(edges)).tolist():
-            first, end = edges[index], edges[index + 1]
-            those, table = slots[first:end] - self._first[index], self._table(index)
-            whole = those[-1] - those[0] == end - first - 1 and (those[1:] > those[:-1]).all()
-            part = table[those[0] : those[-1] + 1] if whole else table.take(those)
-            here = places(first, end)
+            here = slice(edges[index], edges[index + 1])
+            part = self._table(index).take(slots[here] - self._first[index])
             for name, values in found.items():
-                values[here] = part[name]
+                values[order[here]] = part[name]
         return found
 
     def _table(self, index: int) -> np.ndarray:
