@@ -16,6 +16,7 @@ from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
     CONTACT_CAP,
     LANES,
+    SERIES_CAP,
     KernelSpec,
     LawShape,
     input_slots,
@@ -31,7 +32,7 @@ from pounding_sweep.schemes import SCHEMES, Scheme
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
 #: others: peaks are looked for between the ends by a quintic, which errs by (w h)**6 / 46080 of what a mode adds.
-GLIDE = (0.5, 1.3, 2.0)
+GLIDE = (0.9, 2.0, 2.8)
 #: The same where outputs are asked for in which high modes weigh more, and peaks are those of a cubic.
 QUICK_GLIDE = (0.2, 0.3, 0.5)
 #: Yield drift (m) of storeys that never yield, in both number formats.
@@ -229,10 +230,17 @@ class RowKernel:
                 put(name, numbers[0])
         if self.initial_velocity is not None:
             put("v0", self.initial_velocity)
-        put("cap", CONTACT_CAP / self.numerics.finer)
+        put("cap", self._contact_cap)
         put("newmark_beta", self.numerics.beta)
         put("newmark_gamma", self.numerics.gamma)
         return values
+
+    @property
+    def _contact_cap(self) -> float:
+        """Largest product of a sub-step and the rate of a contact."""
+        if not self.shape.series or "transfer" in self.shape.reducers:  # energies between the ends are those of a cubic
+            return CONTACT_CAP / self.numerics.finer
+        return SERIES_CAP / max(1.0, self.numerics.finer)
 
     def flight_substeps(self, record: Record, variants: Variants | None = None) -> np.ndarray:
         """Return the exact steps of free flight per record interval: a divisor of the steps."""
@@ -285,7 +293,7 @@ class RowKernel:
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
-                self.numerics.steps(record),
+                flight_substeps if self.shape.series else self.numerics.steps(record),
                 flight_substeps,
                 self.constants,
                 lanes.reshape(len(lanes), -1),

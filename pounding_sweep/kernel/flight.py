@@ -54,7 +54,7 @@ from pounding_sweep.kernel.lanes import (
     while_any,
     whole,
 )
-from pounding_sweep.kernel.peaks import cubic_extreme, followed
+from pounding_sweep.kernel.peaks import cubic_extreme, followed, septic_extreme
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.kernel.spec import property_slots
 
@@ -532,9 +532,9 @@ class Flight:
             for _ in when(turning):
                 self._bend(t, ACCELERATION in kinds)
             for q in self._asked(TURN):
-                self._turn(q, "y", "rate", "second")
+                self._turn(q, "y", "rate", True)
             for q in self._asked(ACCELERATION):
-                self._turn(q, "shake", "jerk", "")
+                self._turn(q, "shake", "jerk", False)
 
     def _moved(self, m: Any, t: Any, row: int) -> Any:
         """Mode m at the lanes' instants (row 0), or its rate times the step (row 2)."""
@@ -551,19 +551,24 @@ class Flight:
             self.rated.now = flag(self.trace, True)
 
     def _bend(self, t: Any, shakes: bool) -> None:
-        """Find second rates of all modes, and what accelerations ask for."""
+        """Find second and third rates of all modes, and what accelerations ask for.
+
+        Of third rates, the part of the ground's is apart: it jumps at the points of the grid.
+        """
         w = self.rows
         square, damping, push, inverse = (self.place_of(name) for name in ("square", "damping", "push", "inverse"))
         self._know_rates(t)
         ground = self.scale.now * self._vector(self.place_of("ground") + t)
+        rise = after(ground) - ground
         for m in self.each(self.layout.modes, 4):
             stiff, damped, rate = self._number(square + m), self._number(damping + m), w["rate", m]
             total = -fma(stiff, w["y", m], damped * rate)
-            second = fma(-self._number(push + m), ground, total)
-            w["second", m] = second
+            pushed = self._number(push + m)
+            second = fma(-pushed, ground, total)
+            w["second", m], w["third", m], w["rise", m] = second, -fma(stiff, rate, damped * second), -pushed * rise
             if shakes:
                 per = self._number(inverse)
-                w["shake", m], w["jerk", m] = total * per, -fma(stiff, rate, damped * second) * per
+                w["shake", m], w["jerk", m] = total * per, w["third", m] * per
 
     def _asked(self, kind: int) -> Iterator[Any]:
         """Go through the watched quantities of a kind that may reach something."""
@@ -615,7 +620,7 @@ class Flight:
             first = first_true(may & (number < real(self.steps.now)))
             self.steps.now = lesser(first, self.steps.now)
 
-    def _turn(self, q: Any, value: str, rate: str, second: str) -> None:
+    def _turn(self, q: Any, value: str, rate: str, smooth: bool) -> None:
         """Take the peaks of a motion in the window."""
         w, far, number = self.rows, self.group.limit.far, lane_numbers(self.trace, self.lanes)
         points, steps = number <= real(self.steps.now), number < real(self.steps.now)
@@ -625,9 +630,9 @@ class Flight:
             s0 = self._sum(q, rate)
             x1, s1 = after(x), after(s0)
             turns = (s0 * s1 < 0.0) & steps
-            if second:
-                c0 = self._sum(q, second)
-                inner = quintic_extreme(x, x1, s0, s1, c0, after(c0))
+            if smooth:
+                c0, j0, rise = (self._sum(q, row) for row in ("second", "third", "rise"))
+                inner = septic_extreme((x, s0, c0, j0 + rise), (x1, s1, after(c0), after(j0) + rise))
             else:
                 inner = cubic_extreme(x, x1, s0, s1)
             inner = where(turns, inner, x)
@@ -649,19 +654,4 @@ def scratch(layout: Layout) -> dict[str, int]:
     parts, wide = layout.wide_modes // layout.lanes, layout.wide_watched // layout.lanes
     rows = dict.fromkeys(("q", "p", "amplitude", "floor"), parts)
     rows |= dict.fromkeys(("high", "low", "reach", "bulge", "asks"), wide)
-    return rows | dict.fromkeys(("y", "rate", "second", "shake", "jerk"), layout.modes)
-
-
-def quintic_extreme(x0: Any, x1: Any, s0: Any, s1: Any, c0: Any, c1: Any) -> Any:
-    """Extreme inside a step of the quintic with values, rates and second rates (times the step) at its ends."""
-    r, r1, r2 = x1 - x0 - s0 - 0.5 * c0, s1 - s0 - c0, c1 - c0
-    b3 = 10.0 * r - 4.0 * r1 + 0.5 * r2
-    b4 = -15.0 * r + 7.0 * r1 - r2
-    b5 = 6.0 * r - 3.0 * r1 + 0.5 * r2
-    t = s0 / (s0 - s1)
-    for _ in range(2):
-        rate = s0 + t * (c0 + t * (3.0 * b3 + t * (4.0 * b4 + t * (5.0 * b5))))
-        bend = c0 + t * (6.0 * b3 + t * (12.0 * b4 + t * (20.0 * b5)))
-        next_t = t - rate / bend
-        t = where((next_t >= 0.0) & (next_t <= 1.0), next_t, t)
-    return x0 + t * (s0 + t * (0.5 * c0 + t * (b3 + t * (b4 + t * b5))))
+    return rows | dict.fromkeys(("y", "rate", "second", "third", "rise", "shake", "jerk"), layout.modes)
