@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pounding_sweep.kernel.flight import ACCELERATION, WIDE, Flight
+from pounding_sweep.kernel.flight import ACCELERATION, HEAD, WIDE, Flight
 from pounding_sweep.kernel.lanes import (
     Cell,
     Tracer,
@@ -29,9 +29,6 @@ from pounding_sweep.kernel.lanes import (
     whole,
 )
 from pounding_sweep.kernel.peaks import cubic_extreme, septic_extreme
-
-#: Numbers before the ground's accelerations: the step of the grid (s) and its inverse.
-HEAD = 2
 
 
 class Tables:
@@ -61,6 +58,7 @@ class Tables:
         for row in count_to(rows, self.trace):
             flight.base.now = row * self.layout.size(self.points)
             own = row * (len(self.layout.decays) * self.layout.wide_modes) + self.points + HEAD
+            flight.put_decays(self.wide, self.decays, own)
             for part in range(self.layout.wide_modes // self.lanes):
                 self._move(own + part * self.lanes, part)
                 if "given" in self.layout.timed:

@@ -161,6 +161,11 @@ class KernelSpec:
         return SERIES_ORDER[self.precision] if self.flies_exactly and polynomial and not self.yielding else 0
 
     @property
+    def blocks(self) -> bool:
+        """Whether exact flight knows blocks of motions, not all their points: energies and histories ask for these."""
+        return self.flies_exactly and not (self.windows or self.history or "energy" in self.reducers)
+
+    @property
     def n_dof(self) -> int:
         """Floors of all buildings."""
         return sum(self.storeys)
