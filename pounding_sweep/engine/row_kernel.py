@@ -31,12 +31,10 @@ from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES, Scheme
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
-#: others: peaks are looked for between the ends by a quintic, which errs by (w h)**6 / 46080 of what a mode adds.
+#: others: peaks are those of a septic between the ends, which errs by (w h)**8 / 10321920 of what a mode adds.
 GLIDE = (0.9, 2.0, 2.8)
-#: The same where outputs are asked for in which high modes weigh more, and peaks are those of a cubic.
-QUICK_GLIDE = (0.2, 0.3, 0.5)
 #: Largest divisor of these products: their errors are below any accuracy then, however often contacts are refined.
-FINEST_GLIDE = {GLIDE: 4.0, QUICK_GLIDE: 8.0}
+FINEST_GLIDE = 4.0
 #: Yield drift (m) of storeys that never yield, in both number formats.
 ELASTIC = 1e30
 #: Inputs handed to a kernel at a time (bytes).
@@ -261,11 +259,10 @@ class RowKernel:
         steps = self.numerics.steps(record)
         if self.history:
             return np.full(len(row), steps)
-        caps = QUICK_GLIDE if any(REDUCERS[name].quick for name in self.reducers) else GLIDE
-        finer, need = min(self.numerics.finer, FINEST_GLIDE[caps]), np.zeros(len(row))
+        finer, need = min(self.numerics.finer, FINEST_GLIDE), np.zeros(len(row))
         for index in range(len(self.scene.buildings)):
             frequencies = row.frequencies(index)
-            for w, cap in (*zip(frequencies.T[:2], caps, strict=False), (frequencies[:, -1], caps[-1])):
+            for w, cap in (*zip(frequencies.T[:2], GLIDE, strict=False), (frequencies[:, -1], GLIDE[-1])):
                 need = np.maximum(need, record.dt * w / cap * finer)
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
         return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])

@@ -17,7 +17,7 @@ at successive points of a grid.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -57,7 +57,7 @@ from pounding_sweep.kernel.lanes import (
     while_any,
     whole,
 )
-from pounding_sweep.kernel.peaks import cubic_extreme, followed, septic_extreme
+from pounding_sweep.kernel.peaks import followed, septic_extreme
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.kernel.spec import property_slots
 
@@ -74,6 +74,8 @@ STATE = 2
 STRAIGHT = 48
 #: What may happen to a watched quantity.
 TOUCH, TURN, ACCELERATION = 0, 1, 2
+#: Rows of modes' accelerations, of three rates of them, and of what the ground adds to the last two.
+SHAKEN = ("shake", "jerk", "fourth", "fifth", "lift", "lift5")
 
 
 @dataclass(frozen=True)
@@ -622,9 +624,9 @@ class Flight:
             for _ in when(turning):
                 self._bend(t, ACCELERATION in kinds)
             for q in self._asked(TURN):
-                self._turn(q, "y", "rate", True)
+                self._turn(q, ("y", "rate", "second", "third"), ("", "rise"))
             for q in self._asked(ACCELERATION):
-                self._turn(q, "shake", "jerk", False)
+                self._turn(q, SHAKEN[:4], SHAKEN[4:])
 
     def _moved(self, m: Any, t: Any, row: int) -> Any:
         """Mode m at the lanes' instants (row 0), or its rate times the step (row 2)."""
@@ -657,8 +659,13 @@ class Flight:
             second = fma(-pushed, ground, total)
             w["second", m], w["third", m], w["rise", m] = second, -fma(stiff, rate, damped * second), -pushed * rise
             if shakes:
+                third, rising = w["third", m], w["rise", m]
+                fourth, lift = -fma(stiff, second, damped * third), -damped * rising
+                fifth, lift5 = -fma(stiff, third, damped * fourth), -fma(stiff, rising, damped * lift)
                 per = self._number(inverse)
-                w["shake", m], w["jerk", m] = total * per, w["third", m] * per
+                shaken = (total, third, fourth, fifth, lift, lift5)
+                for name, x in zip(SHAKEN, shaken, strict=True):
+                    w[name, m] = x * per
 
     def _asked(self, kind: int) -> Iterator[Any]:
         """Go through the watched quantities of a kind that may reach something."""
@@ -710,21 +717,27 @@ class Flight:
             first = first_true(may & (number < real(self.steps.now)))
             self.steps.now = lesser(first, self.steps.now)
 
-    def _turn(self, q: Any, value: str, rate: str, smooth: bool) -> None:
-        """Take the peaks of a motion in the window."""
+    def _rates(self, q: Any, name: str, rise: str) -> tuple[Any, Any]:
+        """Return a higher rate at the starts and the ends of steps, `rise` being the ground's part in it."""
+        start = self._sum(q, name)
+        end = after(start)
+        if not rise:
+            return start, end
+        added = self._sum(q, rise)
+        return start + added, end + added
+
+    def _turn(self, q: Any, names: Sequence[str], rises: Sequence[str]) -> None:
+        """Take the peaks of a motion in the window, by rows of its rates and what the ground adds to the last two."""
         w, far, number = self.rows, self.group.limit.far, lane_numbers(self.trace, self.lanes)
         points, steps = number <= real(self.steps.now), number < real(self.steps.now)
-        x, bulge = self._sum(q, value), w.number("bulge", q)
+        x, bulge = self._sum(q, names[0]), w.number("bulge", q)
         high, low = w.number("high", q), w.number("low", q)
         for _ in when(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
-            s0 = self._sum(q, rate)
+            s0 = self._sum(q, names[1])
             x1, s1 = after(x), after(s0)
             turns = (s0 * s1 < 0.0) & steps
-            if smooth:
-                c0, j0, rise = (self._sum(q, row) for row in ("second", "third", "rise"))
-                inner = septic_extreme((x, s0, c0, j0 + rise), (x1, s1, after(c0), after(j0) + rise))
-            else:
-                inner = cubic_extreme(x, x1, s0, s1)
+            (c0, c1), (j0, j1) = (self._rates(q, *rows) for rows in zip(names[2:], rises, strict=True))
+            inner = septic_extreme((x, s0, c0, j0), (x1, s1, c1, j1))
             inner = where(turns, inner, x)
             up = largest_lane(where(points, maximum(x, inner), -far))
             down = -largest_lane(where(points, -minimum(x, inner), -far))
@@ -744,7 +757,9 @@ def scratch(layout: Layout) -> dict[str, int]:
     n, parts, wide = layout.modes, layout.wide_modes // layout.lanes, layout.wide_watched // layout.lanes
     rows = dict.fromkeys(("q", "p", "amplitude", "floor"), parts)
     rows |= dict.fromkeys(("high", "low", "reach", "bulge", "asks"), wide)
-    rows |= dict.fromkeys(("y", "rate", "second", "third", "rise", "shake", "jerk"), n)
+    rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n)
+    if any(each.kind == ACCELERATION for each in layout.watched):
+        rows |= dict.fromkeys(SHAKEN, n)
     if not layout.strides:
         return rows
     rows |= dict.fromkeys(("track", "shook"), n * SPAN) | dict.fromkeys(("bends", "reaches"), 2 * n)
