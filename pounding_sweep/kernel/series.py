@@ -68,7 +68,8 @@ class Series:
 
 def _is_product(group: Group) -> bool:
     """Whether dampers grow with the penetration."""
-    return bool(group.spec.law.damper) and group.spec.law.damper_exponent == 1.0
+    law = group.spec.law
+    return law is not None and bool(law.damper) and law.damper_exponent == 1.0
 
 
 def substep(group: Group, h: Any) -> None:
