@@ -209,6 +209,13 @@ class Group:
             rows |= {"now": nb, "gained0": nb, "gained1": nb}
             if spec.law is not None and spec.law.yields:
                 rows |= {"plastic": nc, "yield": nc}
+        if spec.series:
+            order, product = spec.series, bool(spec.law and spec.law.damper_exponent == 1.0)
+            rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "fj": nc * order, "pick": order + 1}
+            rows |= {"wj": nc * order} if product else {}
+            rows |= dict.fromkeys(("x", "y", "push"), n)
+            rows |= dict.fromkeys(("a1", "j0", "j1"), n)
+            rows |= dict.fromkeys(("span", "picked", "aim", "low", "high", "bends"), 1)
         for slot in (slot for reducer in self.reducers for slot in reducer.keeps):
             rows |= {slot.name: slot.count(spec)}
         return rows

@@ -151,6 +151,13 @@ def substep(group: Group, h: Any) -> None:
     add()
     if "acceleration" in r:
         largest_accelerations(group, located=True)
+    s["tries"] = s["tries"] + s["taken"]
+    close(group, kind, h)
+
+
+def close(group: Group, kind: ModuleType, h: Any) -> None:
+    """Conclude a sub-step: time goes on, lanes that land change their modes."""
+    s = group.state
     for reducer in group.reducers:
         if reducer.substep:
             reducer.substep(group)
@@ -161,7 +168,6 @@ def substep(group: Group, h: Any) -> None:
         hysteresis.follow(group)
     rest = s["time_left"] - s["h"]
     s["time_left"] = where(rest > group.limit.done * h, rest, 0.0)
-    s["tries"] = s["tries"] + s["taken"]
     conclude(group, kind, h)
     keep_start(group)
     late = (s["time_left"] > 0.0) & (s["tries"] >= forces.MAX_TRIES)

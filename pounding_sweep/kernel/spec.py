@@ -40,6 +40,11 @@ PARAMETERS = {
 CONTACT_CAP = 0.25
 
 
+#: The same of steps by series, and the order of these: what is left out of a step is of the size of rounding.
+SERIES_CAP = 2.0
+SERIES_ORDER = {"float64": 20, "float32": 12}
+
+
 #: Most degrees of freedom written as one straight line; longer rows run through loops.
 FUSED_DOF = 16
 
@@ -59,6 +64,11 @@ class LawShape:
     damper_exponent: float = 0.0
     impulsive: bool = False
     yields: bool = False
+
+    @property
+    def polynomial(self) -> bool:
+        """Whether the force is a polynomial of penetration and rate: k d, with a damper c or c d."""
+        return self.elastic == "k*d" and self.damper in ("", "c", "c*max(d, 0.0)") and not self.yields
 
     @property
     def clips(self) -> bool:
@@ -143,6 +153,17 @@ class KernelSpec:
     def impulsive(self) -> bool:
         """Whether velocities jump where floors meet."""
         return self.law is not None and self.law.impulsive
+
+    @property
+    def series(self) -> int:
+        """Order of the series by which contacts are stepped; 0: by the scheme's stages."""
+        polynomial = self.law is not None and self.law.polynomial
+        return SERIES_ORDER[self.precision] if self.flies_exactly and polynomial and not self.yielding else 0
+
+    @property
+    def blocks(self) -> bool:
+        """Whether exact flight knows blocks of motions, not all their points: energies and histories ask for these."""
+        return self.flies_exactly and not (self.windows or self.history or "energy" in self.reducers)
 
     @property
     def n_dof(self) -> int:

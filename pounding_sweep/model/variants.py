@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -164,10 +164,15 @@ class Variants:
 
 def variants_of(row: Scene | Variants) -> Variants:
     """Return a table of variants; of a scene as given, its one row stands for any number of scenarios."""
-    if isinstance(row, Variants):
-        return row
-    ones = np.ones((1, len(row.buildings)))
-    return Variants(row, ones, ones, np.array([np.nan]))
+    return row if isinstance(row, Variants) else _as_given(row)
+
+
+@lru_cache(maxsize=16)
+def _as_given(scene: Scene) -> Variants:
+    """One row, kept with all that follows from it."""
+    ones, none = np.ones((1, len(scene.buildings))), np.array([np.nan])
+    ones.flags.writeable = none.flags.writeable = False
+    return Variants(scene, ones, ones, none)
 
 
 def distinct(given: np.ndarray, compute: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

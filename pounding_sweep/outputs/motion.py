@@ -172,6 +172,6 @@ REDUCERS: tuple[Reducer, ...] = (
     Reducer("drift", (Slot("drift", "floor"),), follows=_drifts),
     Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
     Reducer("residual", (Slot("slip", "floor"),), where="yields"),
-    Reducer("acceleration", (Slot("acc", "floor"),), looks="ends", quick=True),
+    Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
     Reducer("closing", (Slot("closing", "contact"),), where="neighbours", follows=_closings),
 )
