@@ -378,7 +378,9 @@ class TestFile:
             for name in cube.variables:
                 assert again[name].dtype.kind == cube[name].dtype.kind
         with xr.open_dataset(path) as plain:
-            beside = {name: plain[name].load().str.decode("utf-8") for name in ("law_title", "law_model", "law_formula")}
+            beside = {
+                name: plain[name].load().str.decode("utf-8") for name in ("law_title", "law_model", "law_formula")
+            }
             assert all(plain[name].dtype.kind == "S" for name in beside)
             xr.testing.assert_identical(plain.load().assign_coords(beside), cube)
             assert plain["first_impact_time"].dtype == np.float64
