@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from pounding_sweep.analysis.scenarios import described
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.records import record_measures, resolve_records
+from pounding_sweep.spec.axes import plain_name
 from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
@@ -74,6 +76,36 @@ def intensity_of(
     scale = abs(cube["scale"]) if "scale" in cube.coords else xr.DataArray(1.0)
     units, name = (str(base.attrs.get(key, other)) for key, other in (("units", "1"), ("long_name", "intensity")))
     return described((base * scale).reset_coords(drop=True), units, name)
+
+
+def with_intensities(cube: xr.Dataset, names: Iterable[str], *, records: Any = None, folders: Any = None) -> xr.Dataset:
+    """Return a cube with intensities of its ground motions as coordinates: ``ground_sa_0_5`` for ``sa(0.5)``.
+
+    A table of it has a column for each.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with records.
+    names : iterable of str
+        Intensities, see `intensity_of`.
+    records, folders : optional
+        As for `intensity_of`.
+
+    Returns
+    -------
+    xarray.Dataset
+        The cube, with coordinates along ``record`` and what scales it.
+
+    Raises
+    ------
+    InputError
+        An intensity is unknown, or the cube or its records do not tell it.
+    """
+    for name in names:
+        own = plain_name(f"ground_{name}".rstrip(")"), map(str, cube.coords))
+        cube = cube.assign_coords({own: intensity_of(cube, name, records=records, folders=folders)})
+    return cube
 
 
 def own_intensity(cube: xr.Dataset) -> str:
