@@ -75,7 +75,7 @@ def export_command(
         asked = [option for option, value in of_fits.items() if value and (option == "--limit-state" or not table)]
         if asked and not fragility:
             also = "" if asked[0] == "--limit-state" else " or --table"
-            msg = f"{asked[0]} is for a fragility{also}, and {str(out)!r} is none; give -o FILE.xml{also}, or leave it out"
+            msg = f"{asked[0]} is for a fragility{also}, and this is none; give -o FILE.xml{also}, or leave it out"
             raise InputError(msg)
         if fragility and len(intensities or ()) > 1:
             msg = f"--intensity is given {len(intensities or ())} times, and a fragility is of one; give one"
