@@ -35,6 +35,7 @@ _ARGUMENTS = {
     "--given": "levels",
     "--hazard": "hazard",
     "--years": "years",
+    "--one-dispersion": "one_dispersion",
     "--records": "folders",
 }
 
@@ -71,6 +72,14 @@ def compare_command(
     ] = None,
     level: Annotated[
         float | None, typer.Option("--level", metavar="X", help="What the event must exceed, in its own unit.")
+    ] = None,
+    one_dispersion: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--one-dispersion",
+            metavar="AXIS",
+            help="Of the fragility: one dispersion for all curves along this axis, such as gap: they don't cross.",
+        ),
     ] = None,
     at: At = None,
     over: Annotated[
@@ -123,6 +132,7 @@ def compare_command(
         options: dict[str, Any] = {"--reference": reference, "--event": event, "--level": level}
         options |= {"--quantile": quantile or None, "--probability": probability or None, "--intensity": intensity}
         options |= {"--given": given or None, "--hazard": hazard, "--years": years, "--records": folders or None}
+        options["--one-dispersion"] = one_dispersion or None
         asked = {option: value for option, value in options.items() if value is not None}
         _check_options(list(asked), keys)
         if years is not None and hazard is None:
@@ -293,6 +303,8 @@ _NOTES = (
     "event_in_words",
     "intensity",
     "no_fractiles",
+    "one_dispersion",
+    "curves_cross",
     "hazard",
     "years",
     "confidence",
