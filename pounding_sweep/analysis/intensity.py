@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -106,6 +106,17 @@ def with_intensities(cube: xr.Dataset, names: Iterable[str], *, records: Any = N
         own = plain_name(f"ground_{name}".rstrip(")"), map(str, cube.coords))
         cube = cube.assign_coords({own: intensity_of(cube, name, records=records, folders=folders)})
     return cube
+
+
+def with_intensity(rows: Iterable[Mapping[str, Any]], strength: xr.DataArray, name: str) -> list[dict[str, Any]]:
+    """Return rows of a table with an intensity before their values; None where they are of several motions."""
+    column, found = f"{name} {strength.attrs['units']}", []
+    for row in rows:
+        at = {dim: row.get(str(dim)) for dim in strength.dims if strength.sizes[dim] > 1}
+        value = None if None in at.values() else float(strength.sel(at).values.item())
+        before, items = list(row).index("values"), list(row.items())
+        found.append(dict([*items[:before], (column, value), *items[before:]]))
+    return found
 
 
 def own_intensity(cube: xr.Dataset) -> str:
