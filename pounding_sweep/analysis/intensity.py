@@ -101,9 +101,16 @@ def with_intensities(cube: xr.Dataset, names: Iterable[str], *, records: Any = N
     ------
     InputError
         An intensity is unknown, or the cube or its records do not tell it.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> cube = xr.Dataset({"drift": ("record", [0.01])}, {"record": ["a"], "record_pga": ("record", [2.0])})
+    >>> with_intensities(cube, ["pga"]).ground_pga.values.tolist()
+    [2.0]
     """
     for name in names:
-        own = plain_name(f"ground_{name}".rstrip(")"), map(str, cube.coords))
+        own = plain_name(f"ground_{name}".rstrip(")"), [str(each) for each in cube.coords])
         cube = cube.assign_coords({own: intensity_of(cube, name, records=records, folders=folders)})
     return cube
 

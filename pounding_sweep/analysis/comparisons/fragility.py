@@ -321,7 +321,7 @@ def crossed(dataset: xr.Dataset) -> str:
         )
         for place in np.ndindex(status.shape[1:]):
             curves = [
-                LognormalFit(FitStatus(int(status[(i, *place)])), median[(i, *place)], dispersion[(i, *place)])
+                LognormalFit(FIT_STATUS[int(status[(i, *place)])], median[(i, *place)], dispersion[(i, *place)])
                 for i in range(len(status))
             ]
             for i, (one, other) in enumerate(pairwise(curves)):
