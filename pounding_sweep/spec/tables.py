@@ -419,11 +419,14 @@ class PathRecord(Table):
     name: str | None = Field(None, description="a text")
     scale: float = Field(1.0, description="a number")
     pga: float | None = Field(None, description="a number in m/s2")
+    sa: float | None = Field(None, description="a number in m/s2")
+    sa_period: float | None = Field(None, description="a number in s")
 
     def read(self, folder: Path, _folders: Folders) -> Record:
         """Read the file."""
-        values = dict(self)
-        return read_record(folder / expanded(values.pop("path"), RecordError), **values)
+        file = folder / expanded(self.path, RecordError)
+        found = read_record(file, units=self.units, dt=self.dt, name=self.name, scale=self.scale, pga=self.pga)
+        return _to_spectrum(self, found)
 
 
 class NamedRecord(Table):
@@ -433,6 +436,8 @@ class NamedRecord(Table):
     name: str | None = Field(None, description="a text")
     scale: float = Field(1.0, description="a number")
     pga: float | None = Field(None, description="a number in m/s2")
+    sa: float | None = Field(None, description="a number in m/s2")
+    sa_period: float | None = Field(None, description="a number in s")
 
     def read(self, _folder: Path, folders: Folders) -> Record:
         """Find the record."""
@@ -441,7 +446,23 @@ class NamedRecord(Table):
             msg = "scale and pga exclude each other; give one of them"
             raise SweepError(msg)
         found = found.scaled(self.scale) if self.pga is None else found.scaled_to(self.pga)
+        found = _to_spectrum(self, found)
         return found if self.name is None else found.renamed(self.name)
+
+
+def _to_spectrum(given: PathRecord | NamedRecord, record: Record) -> Record:
+    """Scale a record to the spectral acceleration that is given for it, if one is."""
+    if given.sa is None and given.sa_period is None:
+        return record
+    if given.sa is None or given.sa_period is None:
+        msg = "sa and sa_period belong together: a spectral acceleration (m/s2) and its period (s); give both"
+        raise SweepError(msg)
+    if given.pga is not None or given.scale != 1.0:
+        msg = f"sa and {'pga' if given.pga is not None else 'scale'} exclude each other; give one of them"
+        raise SweepError(msg)
+    from pounding_sweep.engine.spectrum import scaled_to_sa
+
+    return scaled_to_sa(record, given.sa, given.sa_period)
 
 
 class SyntheticRecord(Table):
