@@ -336,6 +336,8 @@ EDITS = [
         "yield_strengths = [3.0, inf]\nhardening = 1.0", "yield_strengths = [3.0, inf]\nhardening = 'x'",
         "damping_stiffness = 'tangent'", "yield_strengths = [3.0, inf]\ndamping_stiffness = 'tan'",
         "yield_strengths = [-3.0, 1]\nhardening = -0.1", "yield_strengths = [3.0, 1]",
+        "p_delta = 'yes'", "p_delta = true\nstorey_heights = [1e-3, 3.5]",
+        "p_delta = true\nyield_strengths = [3.0, 1]\ndamping_stiffness = 'tangent'",
     )),
     *(("restitution = 0.6", text) for text in (
         "restitution = 6", "hertz = 3", "restitution = 0.6\nhertz = {radii = [1, 2]}", "restitution = 'x'",

@@ -104,6 +104,9 @@ def kernel_shape(
     yields = scene.yields
     if not any(yields):
         wanted -= _existing("yields")
+    falls = any(b.p_delta and any(b.yields) for b in scene.buildings)
+    if falls:  # which its drift tells
+        wanted |= {"drift"}
     meets = touching or bool(wanted & _existing("neighbours"))
     compiled = None
     if touching:
@@ -137,6 +140,7 @@ def kernel_shape(
         windows=windows and not history,
         yielding=tuple(i for i, each in enumerate(yields) if each),
         tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in scene.buildings),
+        p_delta=falls and "shear" in wanted,
         struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
     )
 
@@ -379,6 +383,7 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "reduced": row.contact_masses,
         "hardening": row.hardenings,
         "yield_drift": np.minimum(row.yield_drifts, ELASTIC),
+        "geometric": row.geometric_stiffnesses,
         "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
         "lower": shares[None, :, 0],
         "upper": shares[None, :, 1],

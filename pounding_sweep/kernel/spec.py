@@ -17,7 +17,7 @@ LANES = 16
 
 
 #: Properties that may differ from lane to lane.
-VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift")
+VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "geometric")
 
 #: Parameters of a compiled kernel and their types.
 PARAMETERS = {
@@ -119,6 +119,8 @@ class KernelSpec:
     struck : tuple of int
         Of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where
         none are struck.
+    p_delta : bool
+        Shears of storeys that yield are kept, and weights push some of them.
     """
 
     storeys: tuple[int, ...]
@@ -138,6 +140,7 @@ class KernelSpec:
     yielding: tuple[int, ...] = ()
     tangent: bool = False
     struck: tuple[int, ...] = ()
+    p_delta: bool = False
 
     @property
     def impulsive(self) -> bool:
@@ -241,6 +244,8 @@ def property_slots(shape: KernelSpec) -> Slots:
     slots.add("reduced", len(shape.contacts))
     for name in ("hardening", "yield_drift", *(("tangent",) if shape.tangent else ())) if shape.yielding else ():
         slots.add(name, n)
+    if shape.p_delta:
+        slots.add("geometric", n)
     slots.add("cap")
     slots.add("newmark_beta")
     slots.add("newmark_gamma")

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import SceneError, shown, unknown
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.base.tables import html_table
 from pounding_sweep.base.text import label_fault
 from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors
@@ -98,11 +99,15 @@ class Building:
     column_stiffnesses : sequence of float, optional
         Lateral stiffnesses 12 E I / L^3 (kN/m) of those columns of each storey that a
         neighbour's floor strikes; those of the storeys where not given.
+    p_delta : bool
+        Weights above a storey act on its drift: its lateral stiffness is less by P / h, of the weight P = m g above it
+        (kN) and its height h. Periods, modes and Rayleigh damping are those of the building under its weight.
 
     Raises
     ------
     SceneError
-        A value is out of range, the lists differ in length, or `hardening` is outside [0, 1).
+        A value is out of range, the lists differ in length, `hardening` is outside [0, 1), or with `p_delta` a storey
+        does not stand under the weight above it.
 
     Examples
     --------
@@ -121,6 +126,7 @@ class Building:
     damping_stiffness: str = "initial"
     slab_depths: Sequence[float] | None = field(default=None, kw_only=True)
     column_stiffnesses: Sequence[float] | None = field(default=None, kw_only=True)
+    p_delta: bool = field(default=False, kw_only=True)
 
     def __post_init__(self) -> None:
         _check_name("building", self.name)
@@ -137,6 +143,7 @@ class Building:
         if self.column_stiffnesses is not None:
             columns = _positive_list(owner, "column_stiffnesses", "kN/m", self.column_stiffnesses, n)
             object.__setattr__(self, "column_stiffnesses", columns)
+        self._check_stability(owner)
         given = self.damping_ratio
         ratios = tuple(given) if isinstance(given, (tuple, list)) else (given,)
         if len(ratios) not in (1, 2) or not all(
@@ -170,6 +177,26 @@ class Building:
             msg = f"{owner}: {what} is that of storeys that yield; give yield_strengths too, or leave it out"
             raise SceneError(msg)
 
+    def _check_stability(self, owner: str) -> None:
+        if not isinstance(self.p_delta, bool):
+            msg = f"{owner}: p_delta is {shown(self.p_delta)}; it must be true or false"
+            raise SceneError(msg)
+        if self.p_delta and self.damping_stiffness == "tangent":
+            msg = (
+                f"{owner}: with p_delta the tangent stiffness of a storey that yields may be negative, and damping "
+                'that follows it would put energy in; give damping_stiffness = "initial", or leave out p_delta'
+            )
+            raise SceneError(msg)
+        pairs = zip(self.stability_coefficients, self.geometric_stiffnesses, strict=True)
+        for storey, (theta, least) in enumerate(pairs, start=1):
+            if not theta < 1.0:
+                msg = (
+                    f"{owner}: storey {storey} of stiffness {self.stiffnesses[storey - 1]:g} kN/m does not stand under "
+                    f"the weight above it: its stability coefficient P / (k h) is {theta:.3g}, and must be below 1; "
+                    f"give it a stiffness above P / h = {least:.4g} kN/m, or leave out p_delta"
+                )
+                raise SceneError(msg)
+
     def _checked_depths(self, owner: str) -> tuple[float, ...]:
         depths, heights = _numbers(f"{owner}: slab_depths", "m", self.slab_depths or ()), self.storey_heights
         assert heights is not None
@@ -196,6 +223,26 @@ class Building:
         given = self.yield_strengths
         return (False,) * self.n_storeys if given is None else tuple(math.isfinite(strength) for strength in given)
 
+    @cached_property
+    def geometric_stiffnesses(self) -> tuple[float, ...]:
+        """What the weights above take of each storey's lateral stiffness (kN/m), P / h; zeros without `p_delta`."""
+        if not self.p_delta:
+            return (0.0,) * self.n_storeys
+        assert self.storey_heights is not None
+        weights = np.cumsum(np.multiply(self.masses[::-1], STANDARD_GRAVITY))[::-1]
+        return tuple(map(float, weights / self.storey_heights))
+
+    @cached_property
+    def lateral_stiffnesses(self) -> tuple[float, ...]:
+        """Storey stiffnesses less what the weights above take of them (kN/m)."""
+        pairs = zip(self.stiffnesses, self.geometric_stiffnesses, strict=True)
+        return tuple(stiffness - taken for stiffness, taken in pairs)
+
+    @property
+    def stability_coefficients(self) -> tuple[float, ...]:
+        """P / (k h) of each storey; zeros without `p_delta`."""
+        return tuple(p / k for p, k in zip(self.geometric_stiffnesses, self.stiffnesses, strict=True))
+
     @property
     def slabs(self) -> Slabs:
         """Elevations and depths of the floors' slabs (m), shape (n_storeys,) each."""
@@ -209,8 +256,8 @@ class Building:
 
     @cached_property
     def stiffness_matrix(self) -> np.ndarray:
-        """K (kN/m), shape (n_storeys, n_storeys)."""
-        k = np.asarray(self.stiffnesses, dtype=float)
+        """K (kN/m), of the lateral stiffnesses, shape (n_storeys, n_storeys)."""
+        k = np.asarray(self.lateral_stiffnesses, dtype=float)
         above = np.append(k[1:], 0.0)
         return np.diag(k + above) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
 
@@ -486,6 +533,12 @@ class Scene:
                     'not known then; give that storey the strength inf, or contacts = "floors"'
                 )
                 raise SceneError(msg)
+            if contact.struck >= 0 and self.building_of((contact.left, contact.right)[contact.struck]).p_delta:
+                msg = (
+                    f"floors of pair {names[contact.pair]!r} strike columns of a building with p_delta, whose shape "
+                    'depends on their axial force; leave out its p_delta, or give contacts = "floors"'
+                )
+                raise SceneError(msg)
         object.__setattr__(self, "_labels", tuple(labels))
         object.__setattr__(self, "contacts", Contacts(contacts, asked))
 
@@ -538,6 +591,10 @@ class Scene:
     def offsets(self) -> tuple[int, ...]:
         """First degree of freedom of each building, and the total at the end."""
         return tuple(int(i) for i in np.cumsum([0] + [b.n_storeys for b in self.buildings]))
+
+    def building_of(self, floor: int) -> Building:
+        """Return the building of a degree of freedom."""
+        return next(b for b, end in zip(self.buildings, self.offsets[1:], strict=True) if floor < end)
 
     def faced(self, pair: int) -> tuple[list[Facing], list[Facing]]:
         """Floors of the left and of the right neighbour of a pair that stand before columns of the other."""

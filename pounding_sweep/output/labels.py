@@ -146,16 +146,22 @@ def building_coordinates(
 
     floors, each = ("building", "storey"), ("building",)
     found: Coordinates = {}
+    stability: list[Any] = []
+    if any(building.p_delta for building in scene.buildings):
+        theta = scatter_dof(variants.geometric_stiffnesses / variants.elastic_stiffnesses, scene)
+        text = "stability coefficient P / (k h) of the storey"
+        stability = [("stability_coefficient", floors, theta, ("period_factor",), "1", text)]
     for name, inner, values, kinds, units, text in (
         ("floor_mass", floors, scatter_dof(variants.masses, scene), ("mass_factor",), "t", "mass of the floor"),
         (
-            *("storey_stiffness", floors, scatter_dof(variants.stiffnesses, scene)),
+            *("storey_stiffness", floors, scatter_dof(variants.elastic_stiffnesses, scene)),
             *(("mass_factor", "period_factor"), "kN m-1", "stiffness of the storey"),
         ),
         ("fundamental_period", each, periods(0), ("period_factor",), "s", "fundamental period"),
         ("second_period", each, periods(1), ("period_factor",), "s", "second natural period"),
         ("first_damping_ratio", each, ratios(0), ("damping_ratio",), "1", "damping ratio of the first mode"),
         ("second_damping_ratio", each, ratios(1), ("damping_ratio",), "1", "damping ratio of the second mode"),
+        *stability,
     ):
         whole = values.reshape(*shape, *values.shape[1:])
         kept = [name for name, kind in dims if kind in ("", *kinds)]

@@ -254,6 +254,9 @@ def _varied(scene: Scene, case: Case) -> Scene:
             for name in ("stiffnesses", "column_stiffnesses")
             if getattr(item, name) is not None
         }
+        if item.p_delta:  # the period is that under the weights
+            pairs = zip(item.lateral_stiffnesses, item.geometric_stiffnesses, strict=True)
+            changed["stiffnesses"] = [mass * (left / period**2 + taken) for left, taken in pairs]
         if own is not None:
             changed["yield_strengths"] = [strength * each for each in own]
         changed["hardening"] = hardenings.get(item.name, item.hardening)
