@@ -75,6 +75,15 @@ LEANING_YIELDS = ps.Scene(
     LEANING.gaps,
     LEANING.contact,
 )
+#: The row that leans, with storeys of Bouc and Wen.
+SMOOTH = ps.Scene(
+    [
+        replace(LEANING.buildings[0], yield_strengths=[150.0, 90.0], hardening=0.1, bouc_wen=(1.0, 0.6, 0.3)),
+        replace(LEANING.buildings[1], yield_strengths=[180.0, 140.0], hardening=0.05, bouc_wen=(2.0, 0.5, 0.5)),
+    ],
+    [0.005],
+    LEANING.contact,
+)
 #: A row of more floors than one straight line of code holds: its loops are split within and between buildings.
 TALL = ps.Scene(
     [ps.Building("tower", [100.0] * 12, [4.5e5] * 12), ps.Building("annex", [120.0] * 5, [3.5e5] * 5)], gaps=[0.01]
@@ -137,6 +146,8 @@ def kernels() -> tuple[KernelSpec, ...]:
         *(simulated(method, "kelvin_voigt", scene=yielding_pair()) for method in YIELDING),
         *swept(**YIELDING_SWEEP),
         simulated("rk4", "kelvin_voigt", scene=LEANING_YIELDS),
+        *(simulated("rk4", law, scene=SMOOTH) for law in ("none", "linear")),
+        simulated("rk4", "linear", scene=ps.Scene([replace(b, p_delta=False) for b in SMOOTH.row], [0.005])),
         *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),
         simulated("rk4", "kelvin_voigt", scene=FRAMED),
         *swept(**both, laws="hertz_damped", method="rk4"),

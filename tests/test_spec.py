@@ -471,7 +471,7 @@ def test_cases_in_a_file(write):
     )
 
 
-@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding", "columns", "p_delta"])
+@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding", "columns", "p_delta", "bouc_wen"])
 def test_shipped_sweeps(name):
     spec = load_spec(ROOT / "sweeps" / f"{name}.toml")
     if name == "quickstart":
@@ -489,6 +489,8 @@ def test_shipped_sweeps(name):
         assert spec.scene.yields == (True,) * 5
         assert [axis.kind for axis in spec.property_axes] == ["strength_factor"] * 2
         assert spec.n_scenarios == 2 * 7 * 4 * 4
+    elif name == "bouc_wen":
+        assert spec.scene.smooth == (True,) * 2 + (False,) * 3
     elif name == "p_delta":
         assert [b.p_delta for b in spec.scene.buildings] == [True, False]
         assert spec.n_scenarios == 2 * 3 * 6 * 3
@@ -581,7 +583,7 @@ def places(value, place=()):
             yield from places(item, (*place, index))
 
 
-@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding", "columns", "p_delta"])
+@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding", "columns", "p_delta", "bouc_wen"])
 def test_key_lines_knows_every_place_of_the_shipped_files(name):
     text = (ROOT / "sweeps" / f"{name}.toml").read_text()
     assert set(key_lines(text)) == set(places(tomllib.loads(text)))

@@ -94,7 +94,9 @@ def _yielding_limit(variants: Variants, energy: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore"):
         hard = np.where(r > 0.0, held / np.sqrt(r), np.inf)
     soft = (1.0 - variants.elastic_hardenings) * variants.yield_strengths
-    drift = np.where(r < 0.0, variants.storey_heights, np.minimum(hard, held + 2.0 * energy / soft))
+    # what a smooth storey loses on its way is not known by its drift
+    slid = np.where(variants.scene.smooth, np.inf, held + 2.0 * energy / soft)
+    drift = np.where(r < 0.0, variants.storey_heights, np.minimum(hard, slid))
     parts = np.split(drift, variants.scene.offsets[1:-1], axis=1)
     return np.concatenate([np.cumsum(part, axis=1) for part in parts], axis=1)
 

@@ -141,8 +141,15 @@ def kernel_shape(
         yielding=tuple(i for i, each in enumerate(yields) if each),
         tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in scene.buildings),
         p_delta=falls and "shear" in wanted,
+        smooth=_exponents(scene),
         struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
     )
+
+
+def _exponents(scene: Scene) -> tuple[tuple[int, float], ...]:
+    """Floors above storeys of Bouc and Wen, with their exponents."""
+    laws = [building.bouc_wen for building in scene.buildings for _ in building.masses]
+    return tuple((i, law.n) for i, law in enumerate(laws) if law is not None and scene.yields[i])
 
 
 @lru_cache(maxsize=64)
@@ -387,4 +394,15 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
         "lower": shares[None, :, 0],
         "upper": shares[None, :, 1],
+        **_smooth(row.scene),
+    }
+
+
+def _smooth(scene: Scene) -> dict[str, np.ndarray]:
+    """Return what the law of Bouc and Wen takes of each storey, zeros where it is not its law, shape (1, slots)."""
+    laws = [building.bouc_wen for building in scene.buildings for _ in building.masses]
+    return {
+        "wen_beta": np.array([[law.beta if law else 0.0 for law in laws]]),
+        "wen_gamma": np.array([[law.gamma if law else 0.0 for law in laws]]),
+        "wen_limit": np.array([[law.limit if law else 0.0 for law in laws]]),
     }

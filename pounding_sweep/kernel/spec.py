@@ -121,6 +121,8 @@ class KernelSpec:
         none are struck.
     p_delta : bool
         Shears of storeys that yield are kept, and weights push some of them.
+    smooth : tuple of (int, float)
+        Those of `yielding` whose hysteresis is that of Bouc and Wen, with its exponent.
     """
 
     storeys: tuple[int, ...]
@@ -141,6 +143,7 @@ class KernelSpec:
     tangent: bool = False
     struck: tuple[int, ...] = ()
     p_delta: bool = False
+    smooth: tuple[tuple[int, float], ...] = ()
 
     @property
     def impulsive(self) -> bool:
@@ -160,7 +163,13 @@ class KernelSpec:
     @property
     def fused(self) -> bool:
         """Whether one step is one straight line."""
-        return self.n_dof <= FUSED_DOF
+        return self.n_dof <= FUSED_DOF or bool(self.smooth)
+
+    @property
+    def bilinear(self) -> tuple[int, ...]:
+        """Those of `yielding` whose hysteresis is bilinear."""
+        smooth = dict(self.smooth)
+        return tuple(i for i in self.yielding if i not in smooth)
 
     def home(self, b: int) -> int:
         """Lowest floor of a building."""
@@ -196,6 +205,7 @@ def from_json(data: dict[str, Any]) -> KernelSpec:
         "struck": tuple(data["struck"]),
         "reducers": frozenset(data["reducers"]),
         "yielding": tuple(data["yielding"]),
+        "smooth": tuple((int(i), float(n)) for i, n in data["smooth"]),
     }
     return KernelSpec(**{**data, **own})
 
@@ -246,6 +256,9 @@ def property_slots(shape: KernelSpec) -> Slots:
         slots.add(name, n)
     if shape.p_delta:
         slots.add("geometric", n)
+    if shape.smooth:
+        for name in ("wen_beta", "wen_gamma", "wen_limit"):
+            slots.add(name, n)
     slots.add("cap")
     slots.add("newmark_beta")
     slots.add("newmark_gamma")

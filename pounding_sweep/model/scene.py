@@ -10,7 +10,7 @@ import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,8 @@ from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_s
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
+#: Largest exponent of Bouc and Wen.
+MOST_SHARP = 100.0
 #: Stiffnesses that Rayleigh damping may follow in storeys that yield.
 DAMPING_STIFFNESSES = ("initial", "tangent")
 
@@ -58,6 +60,67 @@ def check_hardening(value: float, owner: str = "") -> None:
     if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and 0 <= value < 1):
         msg = f"{owner}{': ' * bool(owner)}hardening is {shown(value)}; it must be in [0, 1)"
         raise SceneError(msg)
+
+
+class BoucWen(NamedTuple):
+    """Smooth hysteresis of storeys that yield, in place of the bilinear one: the law of Bouc and Wen.
+
+    With the drift d and the yield drift dy = Vy / k, the shear is V = r k d + (1 - r) k z, of the hardening r and::
+
+        z' = d' - |z / dy|^n (beta |d'| sign z + gamma d')
+
+    Parameters
+    ----------
+    n : float
+        How sharply it yields, at least 1: the larger, the nearer to bilinear.
+    beta, gamma : float
+        Shape of loops, numbers without a unit, -beta < gamma <= beta. At their default z tends to the yield drift,
+        and unloading is straight; in general to dy / (beta + gamma)**(1 / n).
+
+    References
+    ----------
+    Wen (1976), Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102(2). Its A is 1, so that k
+    is the initial stiffness: another one is the same law with other k, r, beta and gamma (Ma et al. 2004).
+
+    Examples
+    --------
+    >>> b = Building("a", [100.0], [1e5], yield_strengths=[200.0], bouc_wen=BoucWen(n=2.0))
+    >>> b.bouc_wen
+    BoucWen(n=2.0, beta=0.5, gamma=0.5)
+    """
+
+    n: float = 1.0
+    beta: float = 0.5
+    gamma: float = 0.5
+
+    @property
+    def limit(self) -> float:
+        """What z tends to, over the yield drift."""
+        return float((self.beta + self.gamma) ** (-1.0 / self.n))
+
+
+def _bouc_wen(given: Any, owner: str) -> BoucWen:
+    """Return the law of a mapping or three numbers; `SceneError` where it is none."""
+    try:
+        law = BoucWen(**given) if isinstance(given, Mapping) else BoucWen(*given)
+    except TypeError:
+        msg = f"{owner}: bouc_wen is {shown(given)}; give n, beta and gamma, each a number"
+        raise SceneError(msg) from None
+    for name, value in law._asdict().items():
+        if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)):
+            msg = f"{owner}: {name} of bouc_wen is {shown(value)}; it must be a number"
+            raise SceneError(msg)
+    law = BoucWen(*map(float, law))
+    if not 1.0 <= law.n <= MOST_SHARP:
+        msg = f"{owner}: n of bouc_wen is {law.n:g}; it must be in [1, {MOST_SHARP:g}]"
+        raise SceneError(msg)
+    if not -law.beta < law.gamma <= law.beta:
+        msg = (
+            f"{owner}: gamma of bouc_wen is {law.gamma:g} beside beta {law.beta:g}; it must be above -beta, so that z "
+            "stays bounded, and at most beta, so that no energy is won"
+        )
+        raise SceneError(msg)
+    return law
 
 
 def _check_name(kind: str, name: str) -> None:
@@ -102,6 +165,8 @@ class Building:
     p_delta : bool
         Weights above a storey act on its drift: its lateral stiffness is less by P / h, of the weight P = m g above it
         (kN) and its height h. Periods, modes and Rayleigh damping are those of the building under its weight.
+    bouc_wen : BoucWen or mapping, optional
+        Smooth hysteresis of the storeys that yield, in place of the bilinear one.
 
     Raises
     ------
@@ -127,6 +192,7 @@ class Building:
     slab_depths: Sequence[float] | None = field(default=None, kw_only=True)
     column_stiffnesses: Sequence[float] | None = field(default=None, kw_only=True)
     p_delta: bool = field(default=False, kw_only=True)
+    bouc_wen: BoucWen | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         _check_name("building", self.name)
@@ -172,6 +238,17 @@ class Building:
         if self.damping_stiffness not in DAMPING_STIFFNESSES:
             msg = f"{owner}: {unknown('damping_stiffness', self.damping_stiffness, DAMPING_STIFFNESSES)}"
             raise SceneError(msg)
+        if self.bouc_wen is not None:
+            object.__setattr__(self, "bouc_wen", _bouc_wen(self.bouc_wen, owner))
+            if self.yield_strengths is None:
+                msg = f"{owner}: bouc_wen is that of storeys that yield; give yield_strengths too, or leave it out"
+                raise SceneError(msg)
+            if self.damping_stiffness == "tangent":
+                msg = (
+                    f"{owner}: bouc_wen has no tangent stiffness that is one number while a storey yields; give "
+                    'damping_stiffness = "initial"'
+                )
+                raise SceneError(msg)
         if self.yield_strengths is None and (self.hardening, self.damping_stiffness) != (0.0, "initial"):
             what = "hardening" if self.hardening else "damping_stiffness"
             msg = f"{owner}: {what} is that of storeys that yield; give yield_strengths too, or leave it out"
@@ -586,6 +663,11 @@ class Scene:
     def yields(self) -> tuple[bool, ...]:
         """Whether the storey below each floor may yield, of all buildings."""
         return tuple(each for building in self.buildings for each in building.yields)
+
+    @property
+    def smooth(self) -> tuple[bool, ...]:
+        """Whether that storey has the hysteresis of Bouc and Wen, of all buildings."""
+        return tuple(each and b.bouc_wen is not None for b in self.buildings for each in b.yields)
 
     @cached_property
     def offsets(self) -> tuple[int, ...]:

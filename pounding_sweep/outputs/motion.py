@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import hysteresis
+from pounding_sweep.kernel import bouc_wen, hysteresis
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.peaks import Motion, storeys
 from pounding_sweep.outputs.declare import CONTACT, FLOOR, UNMEASURED, Reducer, Slot, Variable, needs
@@ -96,7 +96,7 @@ YIELDS = (
         "residual interstorey drift",
         "Signed interstorey displacement at which the building comes to rest after the end of the record (RID, times "
         "the storey height): no storey shear is left. 0 where a storey has not yielded; missing where it falls under "
-        "the weight above it.",
+        "the weight above it, and of storeys of Bouc and Wen.",
         needs("residual"),
         lambda kept: scatter_dof(_residual(kept), kept.scene),
         error=UNMEASURED,
@@ -134,6 +134,7 @@ def _residual(kept: KernelResults) -> np.ndarray:
     if "slip" not in kept.slots:
         return np.zeros((len(kept), kept.scene.n_dof))
     p, r, limit = kept.slots["slip"], kept.variants.hardenings, kept.variants.yield_drifts
+    p = np.where(kept.scene.smooth, np.nan, p)  # that goes on flowing while it unloads
     back = np.where(r != 0.0, limit / np.where(r != 0.0, np.abs(r), 1.0), np.inf)
     rest = (1.0 - r) * np.sign(p) * np.minimum(np.abs(p), back)
     return np.asarray(np.where((r < 0.0) & (np.abs(p) > back), np.nan, rest))
@@ -159,6 +160,13 @@ def _shears(group: Group, straight: bool) -> Iterator[Motion]:
     for i, below in hysteresis.each_storey(group, straight):
         shear = _borne if group.spec.p_delta else hysteresis.shear
         yield Motion(("shear", i), None, True, partial(shear, group, i, below))
+    for i, below, n in bouc_wen.each_storey(group):
+        yield Motion(("shear", i), None, True, partial(_smooth_shear, group, i, below, n))
+
+
+def _smooth_shear(group: Group, i: int, below: int | None, n: float, name: str) -> Any:
+    found = bouc_wen.shear(group, i, below, n, name)
+    return found + group.prop("geometric", i) * hysteresis.drift(group, i, below, name) if group.spec.p_delta else found
 
 
 def _borne(group: Group, i: Any, below: Any, name: str = "u") -> Any:

@@ -703,6 +703,11 @@ def _method(given: Any, info: Any) -> str | None:
         name = next(building.name for building in scene.buildings if any(building.yields))
         msg = f"{found!r} does not follow storeys that yield, as those of building {name!r} do; give one of {able}"
         raise InputError(msg)
+    if found is not None and scene is not None and any(scene.smooth) and not SCHEMES[found].follows_smooth:
+        able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.follows_smooth)
+        name = next(building.name for building in scene.buildings if building.bouc_wen)
+        msg = f"{found!r} does not follow storeys of Bouc and Wen, as those of building {name!r} are; give {able}"
+        raise InputError(msg)
     return found
 
 
