@@ -145,6 +145,7 @@ def kernels() -> tuple[KernelSpec, ...]:
         simulated("rk4", "kelvin_voigt", scene=TALL),
         *(simulated(method, "kelvin_voigt", scene=yielding_pair()) for method in YIELDING),
         *swept(**YIELDING_SWEEP),
+        kernel_shape(yielding_pair(), LAWS["none"], Numerics("rk4", 1e-3), reducers_for(["drift_max"]), varied=True),
         simulated("rk4", "kelvin_voigt", scene=LEANING_YIELDS),
         *(simulated("rk4", law, scene=SMOOTH) for law in ("none", "linear")),
         simulated("rk4", "linear", scene=ps.Scene([replace(b, p_delta=False) for b in SMOOTH.row], [0.005])),

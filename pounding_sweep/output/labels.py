@@ -266,6 +266,9 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
         rows = keys == key
         realised[rows] = realised_restitution(spec.law(str(key)), nominal[rows], spec.restitution_basis)
     extra["restitution_realised"] = (("case",), realised, _REALISED)
+    if any(case.ductility is not None for case in cases):
+        about = {"units": "1", "long_name": AXES["ductilities"].long_name, "comment": AXES["ductilities"].comment}
+        extra["ductility"] = (("case",), [number(case.ductility) for case in cases], about)
     n_pairs = len(spec.scene.pair_names)
     if n_pairs:
         gaps = np.empty((len(cases), n_pairs))

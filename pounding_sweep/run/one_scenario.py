@@ -57,7 +57,7 @@ def choices(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
             for building in spec.scene.buildings:
                 name = mine.get(building.name) or plain_name(f"{axis.dimension}_{building.name}", found)
                 found[name] = (argument, building.name)
-        elif axis.of_buildings:
+        elif axis.of_buildings and not axis.listed:
             found[axis.dimension] = (axis.dimension, None)
     return found
 
