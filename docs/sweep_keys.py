@@ -9,7 +9,7 @@ from numpydoc.docscrape import NumpyDocString
 from pydantic.fields import FieldInfo
 
 from pounding_sweep.model.hertz import hertz_stiffness
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.scene import BoucWen, Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.spec import tables
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, Case, Range
@@ -75,6 +75,7 @@ def _arguments(section: str) -> dict[str, FieldInfo]:
 _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
     "[scene]": (tables.SceneTable.model_fields, Scene),
     "[[scene.row]], a building": (tables.BuildingTable.model_fields, Building),
+    "bouc_wen of a building": (tables.BoucWenTable.model_fields, BoucWen),
     "[[scene.row]], a wall": (tables.WallTable.model_fields, Wall),
     "[scene.contact]": (tables.ContactTable.model_fields, ContactProperties),
     "scene.contact.hertz": (tables.HertzTable.model_fields, hertz_stiffness),

@@ -105,6 +105,9 @@ def kernel_shape(
     yields = scene.yields
     if not any(yields):
         wanted -= _existing("yields")
+    falls = any(b.p_delta and any(b.yields) for b in scene.buildings)
+    if falls:  # which its drift tells
+        wanted |= {"drift"}
     meets = touching or bool(wanted & _existing("neighbours"))
     compiled = None
     if touching:
@@ -138,8 +141,16 @@ def kernel_shape(
         windows=windows and not history,
         yielding=tuple(i for i, each in enumerate(yields) if each),
         tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in scene.buildings),
+        p_delta=falls and "shear" in wanted,
+        smooth=_exponents(scene),
         struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
     )
+
+
+def _exponents(scene: Scene) -> tuple[tuple[int, float], ...]:
+    """Floors above storeys of Bouc and Wen, with their exponents."""
+    laws = [building.bouc_wen for building in scene.buildings for _ in building.masses]
+    return tuple((i, law.n) for i, law in enumerate(laws) if law is not None and scene.yields[i])
 
 
 _shape = lru_cache(maxsize=64)(kernel_shape)
@@ -173,8 +184,6 @@ def _constants(
     put("newmark_beta", numerics.beta)
     put("newmark_gamma", numerics.gamma)
     return values
-
-
 @lru_cache(maxsize=64)
 def _layout(shape: KernelSpec, constants: bytes) -> Layout:
     """Where a kernel's tables of flight lie, and what is watched."""
@@ -398,7 +407,19 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "reduced": row.contact_masses,
         "hardening": row.hardenings,
         "yield_drift": np.minimum(row.yield_drifts, ELASTIC),
+        "geometric": row.geometric_stiffnesses,
         "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
         "lower": shares[None, :, 0],
         "upper": shares[None, :, 1],
+        **_smooth(row.scene),
+    }
+
+
+def _smooth(scene: Scene) -> dict[str, np.ndarray]:
+    """Return what the law of Bouc and Wen takes of each storey, zeros where it is not its law, shape (1, slots)."""
+    laws = [building.bouc_wen for building in scene.buildings for _ in building.masses]
+    return {
+        "wen_beta": np.array([[law.beta if law else 0.0 for law in laws]]),
+        "wen_gamma": np.array([[law.gamma if law else 0.0 for law in laws]]),
+        "wen_limit": np.array([[law.limit if law else 0.0 for law in laws]]),
     }

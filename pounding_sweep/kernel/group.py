@@ -43,7 +43,7 @@ LOOKS = ("", "depth", "force", "ends")
 GRADED_SHARE = 0.5
 
 
-def _power(x: Any, exponent: float) -> Any:
+def power_of(x: Any, exponent: float) -> Any:
     """Return x to a constant power: products and roots where they do, of which lanes have instructions; else x >= 0."""
     whole, quarters = divmod(4.0 * exponent, 4.0)
     if not (0.0 <= exponent <= 4.0 and quarters == round(quarters)):
@@ -56,7 +56,7 @@ def _power(x: Any, exponent: float) -> Any:
 
 
 #: Functions in the formulas of laws.
-_FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": _power}
+_FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": power_of}
 
 
 class Law:
@@ -203,6 +203,7 @@ class Group:
         if spec.yielding:
             rows |= dict.fromkeys(("phase", "slip", "kt", "ct", "turn", "then"), n)
             rows |= {"kd": n} if spec.tangent else {}
+            rows |= {"slip0": n} if spec.smooth else {}
         if self.touching:
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
             rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)

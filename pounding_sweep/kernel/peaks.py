@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pounding_sweep.kernel import bouc_wen
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Table, count_to, fma, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.row import add_forces, total_accelerations, transferred
@@ -154,6 +155,8 @@ def largest_accelerations(group: Group, located: bool) -> None:
     ends = [("1", "u", "v", "g1")] + ([("0", "u0", "v0", "g0")] if located else [])
     for b, floors in group.each_building():
         for end, u, v, _ in ends:
+            if group.spec.smooth:
+                bouc_wen.linearise(group, floors, u[1:])
             x, y = [s[u, i] for i in floors], [s[v, i] for i in floors]
             for i, a in zip(floors, total_accelerations(group, [(b, floors)], x, y), strict=True):
                 s[f"acc{end}", i] = a
@@ -166,9 +169,13 @@ def largest_accelerations(group: Group, located: bool) -> None:
         return
     for b, floors in group.each_building():
         for end, _, v, ground in ends:
+            if group.spec.smooth:
+                bouc_wen.linearise(group, floors, v[1:])
             y, relative = [s[v, i] for i in floors], [s[f"acc{end}", i] - s[ground] for i in floors]
             for i, a in zip(floors, total_accelerations(group, [(b, floors)], y, relative, rates=True), strict=True):
                 s[f"rate{end}", i] = a
+    if group.spec.smooth:
+        bouc_wen.settle(group)
     if group.touching:
         for end, *_ in ends:
             add_forces(group, f"rate{end}", f"q{end}")

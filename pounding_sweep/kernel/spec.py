@@ -17,7 +17,7 @@ LANES = 16
 
 
 #: Properties that may differ from lane to lane.
-VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift")
+VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "geometric")
 
 #: Parameters of a compiled kernel and their types.
 PARAMETERS = {
@@ -129,6 +129,10 @@ class KernelSpec:
     struck : tuple of int
         Of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where
         none are struck.
+    p_delta : bool
+        Shears of storeys that yield are kept, and weights push some of them.
+    smooth : tuple of (int, float)
+        Those of `yielding` whose hysteresis is that of Bouc and Wen, with its exponent.
     """
 
     storeys: tuple[int, ...]
@@ -148,6 +152,8 @@ class KernelSpec:
     yielding: tuple[int, ...] = ()
     tangent: bool = False
     struck: tuple[int, ...] = ()
+    p_delta: bool = False
+    smooth: tuple[tuple[int, float], ...] = ()
 
     @property
     def impulsive(self) -> bool:
@@ -178,7 +184,13 @@ class KernelSpec:
     @property
     def fused(self) -> bool:
         """Whether one step is one straight line."""
-        return self.n_dof <= FUSED_DOF
+        return self.n_dof <= FUSED_DOF or bool(self.smooth)
+
+    @property
+    def bilinear(self) -> tuple[int, ...]:
+        """Those of `yielding` whose hysteresis is bilinear."""
+        smooth = dict(self.smooth)
+        return tuple(i for i in self.yielding if i not in smooth)
 
     def home(self, b: int) -> int:
         """Lowest floor of a building."""
@@ -214,6 +226,7 @@ def from_json(data: dict[str, Any]) -> KernelSpec:
         "struck": tuple(data["struck"]),
         "reducers": frozenset(data["reducers"]),
         "yielding": tuple(data["yielding"]),
+        "smooth": tuple((int(i), float(n)) for i, n in data["smooth"]),
     }
     return KernelSpec(**{**data, **own})
 
@@ -262,6 +275,11 @@ def property_slots(shape: KernelSpec) -> Slots:
     slots.add("reduced", len(shape.contacts))
     for name in ("hardening", "yield_drift", *(("tangent",) if shape.tangent else ())) if shape.yielding else ():
         slots.add(name, n)
+    if shape.p_delta:
+        slots.add("geometric", n)
+    if shape.smooth:
+        for name in ("wen_beta", "wen_gamma", "wen_limit"):
+            slots.add(name, n)
     slots.add("cap")
     slots.add("newmark_beta")
     slots.add("newmark_gamma")

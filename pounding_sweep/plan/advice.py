@@ -305,11 +305,14 @@ def advise(
     costs: dict[Scheme, float] = {}
     best: tuple[Scheme, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
     reached: dict[Scheme, tuple[float, str]] = {}
-    yields = any(spec.scene.yields)
+    yields, smooth = any(spec.scene.yields), any(spec.scene.smooth)
     schemes = [
         (m, p)
         for m, p in known.cost
-        if spec.method in (None, m) and p in _formats(spec) and not (yields and not SCHEMES[m].follows_yielding)
+        if spec.method in (None, m)
+        and p in _formats(spec)
+        and not (yields and not SCHEMES[m].follows_yielding)
+        and not (smooth and not SCHEMES[m].follows_smooth)
     ]
     if not schemes:
         msg = (

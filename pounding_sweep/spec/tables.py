@@ -79,6 +79,14 @@ def _damping_stiffness(value: str, info: ValidationInfo) -> str:
     return value
 
 
+class BoucWenTable(Table):
+    """``bouc_wen`` of a building: smooth hysteresis in place of the bilinear one."""
+
+    n: float = Field(1.0, description="a number")
+    beta: float = Field(0.5, description="a number")
+    gamma: float = Field(0.5, description="a number")
+
+
 class BuildingTable(Table):
     """[[scene.row]]: a building."""
 
@@ -105,6 +113,8 @@ class BuildingTable(Table):
     column_stiffnesses: Annotated[list[Any], AfterValidator(_positive)] | None = Field(
         None, description="a list of numbers, 12 E I / L^3 of the columns that may be struck in kN/m, bottom first"
     )
+    p_delta: bool = Field(False, description="true or false")
+    bouc_wen: BoucWenTable | None = Field(None, description="a table of n, beta and gamma")
 
 
 class WallTable(Table):
@@ -143,11 +153,16 @@ def _row(given: list[Any]) -> list[Building | Wall]:
             equal = _one_per_storey(faults, index, item)
             if table := faults.attempt((index,), BuildingTable.model_validate, item):
                 values = dict(table)
-                depths = values.pop("slab_depths")
+                depths, p_delta = values.pop("slab_depths"), values.pop("p_delta")
+                smooth = values.pop("bouc_wen")
                 last = "damping_ratio" if table.name.strip() else "name"  # all that can still be at fault
                 found = faults.attempt((index, last), Building, **values) if equal else None
                 if found is not None and depths is not None:
                     found = faults.attempt((index, "slab_depths"), replace, found, slab_depths=depths)
+                if found is not None and smooth is not None:
+                    found = faults.attempt((index, "bouc_wen"), replace, found, bouc_wen=dict(smooth))
+                if found is not None and p_delta:
+                    found = faults.attempt((index, "p_delta"), replace, found, p_delta=True)
                 made.append(found)
     return made
 
