@@ -25,7 +25,7 @@ DOCS = Path(__file__).parent
 PICTURES = DOCS / "_static" / "gallery"
 #: Sweep files and other input that the commands name.
 SWEEPS = (
-    *(DOCS.parent / "sweeps" / f"{name}.toml" for name in ("quickstart", "period_ratio", "yielding")),
+    *(DOCS.parent / "sweeps" / f"{name}.toml" for name in ("quickstart", "period_ratio", "what_matters", "yielding")),
     *sorted((DOCS / "gallery_sweeps").iterdir()),
 )
 
@@ -67,6 +67,7 @@ class Entry:
 
 _QUICK = "run quickstart.toml -o quickstart.nc"
 _PERIODS = "run period_ratio.toml -o period_ratio.nc"
+_DESIGN = "run what_matters.toml -o what_matters.nc"
 _SUITE = "run suite.toml -o suite.nc"
 _ONE = "simulate quickstart.toml -o one.nc --law hertz_damped --gap 0.006"
 _YIELDING = "simulate yielding.toml -o yielding.nc --law kelvin_voigt --gap 0.01"
@@ -81,7 +82,7 @@ plot(spectra, "response-spectra", "response_spectra.png", dpi=100)
 
 
 #: What a figure is drawn from where nothing else is said, by its source.
-_RUNS = {"cube": _QUICK, "histories": _ONE}
+_RUNS = {"cube": _QUICK, "design": _DESIGN, "histories": _ONE}
 #: Figures drawn from something else, or of one value of an axis: commands and options.
 _OTHERS = {
     "energy-budget": (_SUITE, " --at record=synthetic-1 --at scale=3"),

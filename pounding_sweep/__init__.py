@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pounding_sweep.base.deferred import attribute
 
 _HOME = {
+    "BoucWen": "pounding_sweep.model.scene",
     "Building": "pounding_sweep.model.scene",
     "ContactProperties": "pounding_sweep.model.scene",
     "Scene": "pounding_sweep.model.scene",
@@ -42,6 +43,7 @@ _PACKAGES = ("analysis", "figures")
 
 __all__ = [
     "LAWS",
+    "BoucWen",
     "Building",
     "ContactProperties",
     "Law",
@@ -76,7 +78,7 @@ if TYPE_CHECKING:
     from pounding_sweep.model.hertz import hertz_stiffness
     from pounding_sweep.model.laws import LAWS, Law, get_law
     from pounding_sweep.model.presets import get_preset
-    from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+    from pounding_sweep.model.scene import BoucWen, Building, ContactProperties, Scene, Wall
     from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.records import (
         Record,

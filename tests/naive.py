@@ -24,6 +24,9 @@ Conventions where a choice had to be made:
   struck, unless they rebound. ``impact_force_max`` and ``penetration_max`` mean nothing.
 * A storey with a yield strength Vy has the shear ``V = k drift - (1 - hardening) k p``; its plastic drift p stands
   still while ``|drift - p| < Vy / k`` and follows the drift at that distance while it yields, until the drift turns.
+* With ``p_delta`` every floor's weight m g stands on the storeys below it and, for each, does the work
+  ``m g drift^2 / (2 h)`` as its storey leans (it goes down by h - sqrt(h^2 - drift^2)); stiffness matrix, modes and
+  Rayleigh damping are those of storeys and weights. ``storey_shear_max`` is that of the storey alone.
 """
 
 from __future__ import annotations
@@ -59,6 +62,14 @@ class NaiveBuilding:
     yield_strengths: list[float] | None = None  # kN; infinite where a storey never yields
     hardening: float = 0.0
     tangent_damping: bool = False
+    p_delta: bool = False
+
+    def leaning(self):
+        """Return what the weights above take of each storey's stiffness (kN/m)."""
+        n, heights = len(self.masses), np.diff(self.elevations(), prepend=0.0)
+        if not self.p_delta:
+            return np.zeros(n)
+        return np.array([sum(9.81 * self.masses[j] / heights[i] for j in range(i, n)) for i in range(n)])
 
     def rayleigh_factors(self):
         """Return a and b of C = a M + b K (1/s, s)."""
@@ -78,7 +89,7 @@ class NaiveBuilding:
         n = len(self.masses)
         mass = np.diag(np.asarray(self.masses, dtype=float))
         stiffness = np.zeros((n, n))
-        for i, k in enumerate(self.stiffnesses):
+        for i, k in enumerate(self.stiffnesses - self.leaning()):
             stiffness[i, i] += k
             if i > 0:
                 stiffness[i - 1, i - 1] += k
@@ -280,6 +291,8 @@ class _Row:
         self.m = np.diag(mass)
         self.k_storey = np.concatenate([np.asarray(b.stiffnesses, dtype=float) for b in real])
 
+        self.leaning = np.concatenate([b.leaning() for b in real])
+
         self.drift = np.eye(n)  # drift = (this) @ u
         self.softening = np.concatenate([np.full(len(b.masses), 1.0 - b.hardening) for b in real])
         strengths = [[np.inf] * len(b.masses) if b.yield_strengths is None else b.yield_strengths for b in real]
@@ -410,10 +423,15 @@ class _Solver:
         rest = np.zeros(row.n)
         plastic = self.storeys(y[self.iu])[1]
         for i in np.flatnonzero(np.isfinite(row.strength)):
-            soft, p, limit = row.softening[i], abs(plastic[i]), row.strength[i] / row.k_storey[i]
-            # unloaded at (1 - r) p, where z = -r p; if that is beyond yield, on the line r k d = (1 - r) Vy
-            rest[i] = soft * p if (1 - soft) * p <= limit else soft * limit / (1 - soft)
-            rest[i] *= np.sign(plastic[i])
+            k, g = row.k_storey[i], row.leaning[i]
+            soft, p, limit = row.softening[i] * k, abs(plastic[i]), row.strength[i] / k
+            # no force is left where (k - g) d = soft p; if z = d - p is beyond yield there, it yields on
+            d = soft * p / (k - g)
+            if d - p < -limit:
+                d = soft * limit / (k - soft - g)
+            elif d - p > limit:
+                d = np.nan  # without end
+            rest[i] = d * np.sign(plastic[i])
         return rest
 
     def damping(self, v):
@@ -428,7 +446,11 @@ class _Solver:
         """Return (acceleration relative to the ground, F, d, rate of d)."""
         row = self.row
         m = row.m if u.ndim == 1 else row.m[:, None]
-        load = -self.damping(v) - (row.drift.T @ self.storeys(u)[2] if row.yields else row.K @ u)
+        if row.yields:
+            drift, _, shear = self.storeys(u)
+            load = -self.damping(v) - row.drift.T @ (shear - (row.leaning * drift.T).T)
+        else:
+            load = -self.damping(v) - row.K @ u
         if not self.contact:
             zero = np.zeros((row.np, *u.shape[1:]))
             return load / m - ag, zero, zero - 1.0, zero
@@ -469,8 +491,9 @@ class _Solver:
         strain = row.owner @ (0.5 * u * (row.K @ u))
         if row.yields:
             drift, plastic, _ = self.storeys(u)
-            k, soft = (x if y.ndim == 1 else x[:, None] for x in (row.k_storey, row.softening))
-            strain = row.owner @ (0.5 * k * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2))
+            k, soft, g = (x if y.ndim == 1 else x[:, None] for x in (row.k_storey, row.softening, row.leaning))
+            springs = 0.5 * k * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
+            strain = row.owner @ (springs - 0.5 * g * drift**2)
         k0 = self.kinetic0 if y.ndim == 1 else self.kinetic0[:, None]
         lost = y[self.i_hyst] if row.yields else 0.0
         return kinetic, strain, y[self.i_in] - (kinetic - k0) - y[self.i_damp] - strain - lost

@@ -378,7 +378,11 @@ class TestFile:
             for name in cube.variables:
                 assert again[name].dtype.kind == cube[name].dtype.kind
         with xr.open_dataset(path) as plain:
-            xr.testing.assert_identical(plain.load(), cube)
+            beside = {
+                name: plain[name].load().str.decode("utf-8") for name in ("law_title", "law_model", "law_formula")
+            }
+            assert all(plain[name].dtype.kind == "S" for name in beside)
+            xr.testing.assert_identical(plain.load().assign_coords(beside), cube)
             assert plain["first_impact_time"].dtype == np.float64
 
     @pytest.mark.parametrize("values", [[0.5, 2.0], [3.0, 2.0**31], [-1.0, 4.0], [np.inf, 1.0]])
@@ -420,7 +424,9 @@ class TestFile:
             assert again.identical(dataset)
             assert set(again.data_vars) == set(texts)
         with xr.open_dataset(tmp_path / "cube.nc") as plain:
-            assert plain["why"].values.tolist() == texts["why"][1]
+            assert plain["why"].str.decode("utf-8").values.tolist() == texts["why"][1]
+            assert plain["law"].values.tolist() == labels["law"][1]
+            assert plain["one"].item() == "alone"
 
     def test_plain_netcdf4(self, cube, tmp_path):
         path = write_cube(cube, tmp_path / "cube.nc")

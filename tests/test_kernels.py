@@ -85,6 +85,7 @@ def twins(scene):
             yield_strengths=b.yield_strengths,
             hardening=b.hardening,
             tangent_damping=b.damping_stiffness == "tangent",
+            p_delta=b.p_delta,
         )
         for b in scene.row
     ]

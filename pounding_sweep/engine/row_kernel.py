@@ -16,6 +16,7 @@ from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
     CONTACT_CAP,
     LANES,
+    SERIES_CAP,
     KernelSpec,
     LawShape,
     input_slots,
@@ -30,12 +31,10 @@ from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES, Scheme
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
-#: others: peaks are looked for between the ends by a quintic, which errs by (w h)**6 / 46080 of what a mode adds.
-GLIDE = (0.5, 1.3, 2.0)
-#: The same where outputs are asked for in which high modes weigh more, and peaks are those of a cubic.
-QUICK_GLIDE = (0.2, 0.3, 0.5)
+#: others: peaks are those of a septic between the ends, which errs by (w h)**8 / 10321920 of what a mode adds.
+GLIDE = (0.9, 2.0, 2.8)
 #: Largest divisor of these products: their errors are below any accuracy then, however often contacts are refined.
-FINEST_GLIDE = {GLIDE: 4.0, QUICK_GLIDE: 8.0}
+FINEST_GLIDE = 4.0
 #: Yield drift (m) of storeys that never yield, in both number formats.
 ELASTIC = 1e30
 #: Inputs handed to a kernel at a time (bytes).
@@ -106,6 +105,9 @@ def kernel_shape(
     yields = scene.yields
     if not any(yields):
         wanted -= _existing("yields")
+    falls = any(b.p_delta and any(b.yields) for b in scene.buildings)
+    if falls:  # which its drift tells
+        wanted |= {"drift"}
     meets = touching or bool(wanted & _existing("neighbours"))
     compiled = None
     if touching:
@@ -139,11 +141,26 @@ def kernel_shape(
         windows=windows and not history,
         yielding=tuple(i for i, each in enumerate(yields) if each),
         tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in scene.buildings),
+        p_delta=falls and "shear" in wanted,
+        smooth=_exponents(scene),
         struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
     )
 
 
+def _exponents(scene: Scene) -> tuple[tuple[int, float], ...]:
+    """Floors above storeys of Bouc and Wen, with their exponents."""
+    laws = [building.bouc_wen for building in scene.buildings for _ in building.masses]
+    return tuple((i, law.n) for i, law in enumerate(laws) if law is not None and scene.yields[i])
+
+
 _shape = lru_cache(maxsize=64)(kernel_shape)
+
+
+def _contact_cap(shape: KernelSpec, numerics: Numerics) -> float:
+    """Largest product of a sub-step and the rate of a contact."""
+    if not shape.series or "transfer" in shape.reducers:  # between the ends, energies are those of a cubic
+        return CONTACT_CAP / numerics.finer
+    return SERIES_CAP / max(1.0, numerics.finer)
 
 
 @lru_cache(maxsize=64)
@@ -163,12 +180,10 @@ def _constants(
             put(name, numbers[0])
     if initial_velocity is not None:
         put("v0", initial_velocity)
-    put("cap", CONTACT_CAP / numerics.finer)
+    put("cap", _contact_cap(shape, numerics))
     put("newmark_beta", numerics.beta)
     put("newmark_gamma", numerics.gamma)
     return values
-
-
 @lru_cache(maxsize=64)
 def _layout(shape: KernelSpec, constants: bytes) -> Layout:
     """Where a kernel's tables of flight lie, and what is watched."""
@@ -253,11 +268,10 @@ class RowKernel:
         steps = self.numerics.steps(record)
         if self.history:
             return np.full(len(row), steps)
-        caps = QUICK_GLIDE if any(REDUCERS[name].quick for name in self.reducers) else GLIDE
-        finer, need = min(self.numerics.finer, FINEST_GLIDE[caps]), np.zeros(len(row))
+        finer, need = min(self.numerics.finer, FINEST_GLIDE), np.zeros(len(row))
         for index in range(len(self.scene.buildings)):
             frequencies = row.frequencies(index)
-            for w, cap in (*zip(frequencies.T[:2], caps, strict=False), (frequencies[:, -1], caps[-1])):
+            for w, cap in (*zip(frequencies.T[:2], GLIDE, strict=False), (frequencies[:, -1], GLIDE[-1])):
                 need = np.maximum(need, record.dt * w / cap * finer)
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
         return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])
@@ -298,7 +312,7 @@ class RowKernel:
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
-                self.numerics.steps(record),
+                flight_substeps if self.shape.series else self.numerics.steps(record),
                 flight_substeps,
                 self.constants,
                 lanes.reshape(len(lanes), -1),
@@ -393,7 +407,19 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "reduced": row.contact_masses,
         "hardening": row.hardenings,
         "yield_drift": np.minimum(row.yield_drifts, ELASTIC),
+        "geometric": row.geometric_stiffnesses,
         "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
         "lower": shares[None, :, 0],
         "upper": shares[None, :, 1],
+        **_smooth(row.scene),
+    }
+
+
+def _smooth(scene: Scene) -> dict[str, np.ndarray]:
+    """Return what the law of Bouc and Wen takes of each storey, zeros where it is not its law, shape (1, slots)."""
+    laws = [building.bouc_wen for building in scene.buildings for _ in building.masses]
+    return {
+        "wen_beta": np.array([[law.beta if law else 0.0 for law in laws]]),
+        "wen_gamma": np.array([[law.gamma if law else 0.0 for law in laws]]),
+        "wen_limit": np.array([[law.limit if law else 0.0 for law in laws]]),
     }

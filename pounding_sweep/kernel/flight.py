@@ -17,7 +17,7 @@ at successive points of a grid.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -57,7 +57,7 @@ from pounding_sweep.kernel.lanes import (
     while_any,
     whole,
 )
-from pounding_sweep.kernel.peaks import cubic_extreme, followed
+from pounding_sweep.kernel.peaks import followed, septic_extreme
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.kernel.spec import property_slots
 
@@ -74,6 +74,8 @@ STATE = 2
 STRAIGHT = 48
 #: What may happen to a watched quantity.
 TOUCH, TURN, ACCELERATION = 0, 1, 2
+#: Rows of modes' accelerations, of three rates of them, and of what the ground adds to the last two.
+SHAKEN = ("shake", "jerk", "fourth", "fifth", "lift", "lift5")
 
 
 @dataclass(frozen=True)
@@ -622,9 +624,9 @@ class Flight:
             for _ in when(turning):
                 self._bend(t, ACCELERATION in kinds)
             for q in self._asked(TURN):
-                self._turn(q, "y", "rate", "second")
+                self._turn(q, ("y", "rate", "second", "third"), ("", "rise"))
             for q in self._asked(ACCELERATION):
-                self._turn(q, "shake", "jerk", "")
+                self._turn(q, SHAKEN[:4], SHAKEN[4:])
 
     def _moved(self, m: Any, t: Any, row: int) -> Any:
         """Mode m at the lanes' instants (row 0), or its rate times the step (row 2)."""
@@ -641,19 +643,29 @@ class Flight:
             self.rated.now = flag(self.trace, True)
 
     def _bend(self, t: Any, shakes: bool) -> None:
-        """Find second rates of all modes, and what accelerations ask for."""
+        """Find second and third rates of all modes, and what accelerations ask for.
+
+        Of third rates, the part of the ground's is apart: it jumps at the points of the grid.
+        """
         w = self.rows
         square, damping, push, inverse = (self.place_of(name) for name in ("square", "damping", "push", "inverse"))
         self._know_rates(t)
         ground = self.scale.now * self._free("ground", 0, t)
+        rise = after(ground) - ground
         for m in self.each(self.layout.modes, 4):
             stiff, damped, rate = self._number(square + m), self._number(damping + m), w["rate", m]
             total = -fma(stiff, w["y", m], damped * rate)
-            second = fma(-self._number(push + m), ground, total)
-            w["second", m] = second
+            pushed = self._number(push + m)
+            second = fma(-pushed, ground, total)
+            w["second", m], w["third", m], w["rise", m] = second, -fma(stiff, rate, damped * second), -pushed * rise
             if shakes:
+                third, rising = w["third", m], w["rise", m]
+                fourth, lift = -fma(stiff, second, damped * third), -damped * rising
+                fifth, lift5 = -fma(stiff, third, damped * fourth), -fma(stiff, rising, damped * lift)
                 per = self._number(inverse)
-                w["shake", m], w["jerk", m] = total * per, -fma(stiff, rate, damped * second) * per
+                shaken = (total, third, fourth, fifth, lift, lift5)
+                for name, x in zip(SHAKEN, shaken, strict=True):
+                    w[name, m] = x * per
 
     def _asked(self, kind: int) -> Iterator[Any]:
         """Go through the watched quantities of a kind that may reach something."""
@@ -705,21 +717,27 @@ class Flight:
             first = first_true(may & (number < real(self.steps.now)))
             self.steps.now = lesser(first, self.steps.now)
 
-    def _turn(self, q: Any, value: str, rate: str, second: str) -> None:
-        """Take the peaks of a motion in the window."""
+    def _rates(self, q: Any, name: str, rise: str) -> tuple[Any, Any]:
+        """Return a higher rate at the starts and the ends of steps, `rise` being the ground's part in it."""
+        start = self._sum(q, name)
+        end = after(start)
+        if not rise:
+            return start, end
+        added = self._sum(q, rise)
+        return start + added, end + added
+
+    def _turn(self, q: Any, names: Sequence[str], rises: Sequence[str]) -> None:
+        """Take the peaks of a motion in the window, by rows of its rates and what the ground adds to the last two."""
         w, far, number = self.rows, self.group.limit.far, lane_numbers(self.trace, self.lanes)
         points, steps = number <= real(self.steps.now), number < real(self.steps.now)
-        x, bulge = self._sum(q, value), w.number("bulge", q)
+        x, bulge = self._sum(q, names[0]), w.number("bulge", q)
         high, low = w.number("high", q), w.number("low", q)
         for _ in when(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
-            s0 = self._sum(q, rate)
+            s0 = self._sum(q, names[1])
             x1, s1 = after(x), after(s0)
             turns = (s0 * s1 < 0.0) & steps
-            if second:
-                c0 = self._sum(q, second)
-                inner = quintic_extreme(x, x1, s0, s1, c0, after(c0))
-            else:
-                inner = cubic_extreme(x, x1, s0, s1)
+            (c0, c1), (j0, j1) = (self._rates(q, *rows) for rows in zip(names[2:], rises, strict=True))
+            inner = septic_extreme((x, s0, c0, j0), (x1, s1, c1, j1))
             inner = where(turns, inner, x)
             up = largest_lane(where(points, maximum(x, inner), -far))
             down = -largest_lane(where(points, -minimum(x, inner), -far))
@@ -739,25 +757,12 @@ def scratch(layout: Layout) -> dict[str, int]:
     n, parts, wide = layout.modes, layout.wide_modes // layout.lanes, layout.wide_watched // layout.lanes
     rows = dict.fromkeys(("q", "p", "amplitude", "floor"), parts)
     rows |= dict.fromkeys(("high", "low", "reach", "bulge", "asks"), wide)
-    rows |= dict.fromkeys(("y", "rate", "second", "shake", "jerk"), n)
+    rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n)
+    if any(each.kind == ACCELERATION for each in layout.watched):
+        rows |= dict.fromkeys(SHAKEN, n)
     if not layout.strides:
         return rows
     rows |= dict.fromkeys(("track", "shook"), n * SPAN) | dict.fromkeys(("bends", "reaches"), 2 * n)
     rows |= dict.fromkeys(("above", "below", "swell"), layout.wide_watched)
     rows |= dict.fromkeys(("point_q", "point_p"), parts * SPAN)
     return rows | dict.fromkeys(("free_x", "free_rate"), n * layout.series_rows) | {"free_ground": layout.series_rows}
-
-
-def quintic_extreme(x0: Any, x1: Any, s0: Any, s1: Any, c0: Any, c1: Any) -> Any:
-    """Extreme inside a step of the quintic with values, rates and second rates (times the step) at its ends."""
-    r, r1, r2 = x1 - x0 - s0 - 0.5 * c0, s1 - s0 - c0, c1 - c0
-    b3 = 10.0 * r - 4.0 * r1 + 0.5 * r2
-    b4 = -15.0 * r + 7.0 * r1 - r2
-    b5 = 6.0 * r - 3.0 * r1 + 0.5 * r2
-    t = s0 / (s0 - s1)
-    for _ in range(2):
-        rate = s0 + t * (c0 + t * (3.0 * b3 + t * (4.0 * b4 + t * (5.0 * b5))))
-        bend = c0 + t * (6.0 * b3 + t * (12.0 * b4 + t * (20.0 * b5)))
-        next_t = t - rate / bend
-        t = where((next_t >= 0.0) & (next_t <= 1.0), next_t, t)
-    return x0 + t * (s0 + t * (0.5 * c0 + t * (b3 + t * (b4 + t * b5))))

@@ -82,6 +82,8 @@ def longest_substep(group: Group, h: Any) -> Any:
             fastest_here = law.elastic_slope(k, d) / mass
             if law.shape.damper:
                 b = law.damper(s["ce", j], d) / mass
+                if group.spec.series:  # the size of the roots of x**2 + b x + w**2
+                    b = 0.5 * b + sqrt(0.25 * b * b + fastest_here)
                 fastest_here = maximum(fastest_here, b * b)
             fastest.now = maximum(fastest.now, fastest_here)
         if law.touch_power > 1.0:

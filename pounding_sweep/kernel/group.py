@@ -43,7 +43,7 @@ LOOKS = ("", "depth", "force", "ends")
 GRADED_SHARE = 0.5
 
 
-def _power(x: Any, exponent: float) -> Any:
+def power_of(x: Any, exponent: float) -> Any:
     """Return x to a constant power: products and roots where they do, of which lanes have instructions; else x >= 0."""
     whole, quarters = divmod(4.0 * exponent, 4.0)
     if not (0.0 <= exponent <= 4.0 and quarters == round(quarters)):
@@ -56,7 +56,7 @@ def _power(x: Any, exponent: float) -> Any:
 
 
 #: Functions in the formulas of laws.
-_FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": _power}
+_FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": power_of}
 
 
 class Law:
@@ -203,12 +203,20 @@ class Group:
         if spec.yielding:
             rows |= dict.fromkeys(("phase", "slip", "kt", "ct", "turn", "then"), n)
             rows |= {"kd": n} if spec.tangent else {}
+            rows |= {"slip0": n} if spec.smooth else {}
         if self.touching:
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
             rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)
             rows |= {"now": nb, "gained0": nb, "gained1": nb}
             if spec.law is not None and spec.law.yields:
                 rows |= {"plastic": nc, "yield": nc}
+        if spec.series:
+            order, product = spec.series, bool(spec.law and spec.law.damper_exponent == 1.0)
+            rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "fj": nc * order, "pick": order + 1}
+            rows |= {"wj": nc * order} if product else {}
+            rows |= dict.fromkeys(("x", "y", "push"), n)
+            rows |= dict.fromkeys(("a1", "j0", "j1"), n)
+            rows |= dict.fromkeys(("span", "picked", "aim", "low", "high", "bends"), 1)
         for slot in (slot for reducer in self.reducers for slot in reducer.keeps):
             rows |= {slot.name: slot.count(spec)}
         return rows

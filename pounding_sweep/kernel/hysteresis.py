@@ -24,13 +24,13 @@ from pounding_sweep.kernel.roots import coefficients, quartic, rate, root
 
 
 def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any]]:
-    """Go through storeys that may yield, with the floors below (None: the ground); at run time if not `straight`."""
+    """Go through bilinear storeys, with the floors below (None: the ground); at run time if not `straight`."""
     spec = group.spec
     if group.trace is None or (straight and not group.long):
-        yield from ((i, None if spec.bottom[i] else i - 1) for i in spec.yielding)
+        yield from ((i, None if spec.bottom[i] else i - 1) for i in spec.bilinear)
         return
     for bottom in (True, False):
-        mine = [i for i in spec.yielding if spec.bottom[i] is bottom]
+        mine = [i for i in spec.bilinear if spec.bottom[i] is bottom]
         table = Table(group.trace, mine or [0])
         for q in count_to(len(mine), group.trace) if mine else ():
             i = table[q]

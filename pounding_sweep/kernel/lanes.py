@@ -726,21 +726,24 @@ def gather(trace: Tracer | None, pointer: Any, places: Any) -> Any:
 
 
 class Table:
-    """Whole numbers that are known beforehand, to be looked up at run time."""
+    """Numbers that are known beforehand, to be looked up at run time: whole ones, or all in the kernel's format."""
 
-    def __init__(self, trace: Tracer | None, numbers: Sequence[int]) -> None:
+    def __init__(self, trace: Tracer | None, numbers: Sequence[float]) -> None:
         self._trace, self._numbers = trace, list(numbers)
         if trace is not None:
-            kind = ir.ArrayType(_I64, len(self._numbers))
+            self._whole = all(isinstance(x, int) for x in self._numbers)
+            kind = ir.ArrayType(_I64 if self._whole else trace.real, len(self._numbers))
             self._table = ir.GlobalVariable(trace.module, kind, trace.module.get_unique_name("table"))
             self._table.linkage, self._table.global_constant = "internal", True
-            self._table.initializer = ir.Constant(kind, self._numbers)
+            given = self._numbers if self._whole else [trace.number(x) for x in self._numbers]
+            self._table.initializer = ir.Constant(kind, given)
 
     def __getitem__(self, i: Any) -> Any:
         if not isinstance(i, Count):
             return self._numbers[i]
         b = i.trace.builder
-        return Count(i.trace, b.load(b.gep(self._table, [ir.Constant(_I64, 0), i.value], inbounds=True)))
+        found = b.load(b.gep(self._table, [ir.Constant(_I64, 0), i.value], inbounds=True))
+        return Count(i.trace, found) if self._whole else Real(i.trace, found)
 
 
 class Contact(Count):

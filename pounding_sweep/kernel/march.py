@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pounding_sweep.kernel import forces, hysteresis, located
+from pounding_sweep.kernel import bouc_wen, forces, hysteresis, located
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -187,6 +187,8 @@ class FixedSteps:
             for now, before in (("u", "u0"), ("v", "v0"), *((("a", "a0"),) if group.spec.implicit else ())):
                 for k in group.each(group.spec.n_dof):
                     s[now, k] = s[before, k]
+            if group.spec.smooth:
+                bouc_wen.return_to_start(group)
             located.begin(group, None, s["scale"] * ga, s["scale"] * gb, h)
             for _ in while_any(lambda: s["time_left"] > 0.0, group.trace):
                 located.substep(group, h)

@@ -10,17 +10,20 @@ import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pounding_sweep.base.errors import SceneError, shown, unknown
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.base.tables import html_table
 from pounding_sweep.base.text import label_fault
 from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
+#: Largest exponent of Bouc and Wen.
+MOST_SHARP = 100.0
 #: Stiffnesses that Rayleigh damping may follow in storeys that yield.
 DAMPING_STIFFNESSES = ("initial", "tangent")
 
@@ -57,6 +60,67 @@ def check_hardening(value: float, owner: str = "") -> None:
     if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and 0 <= value < 1):
         msg = f"{owner}{': ' * bool(owner)}hardening is {shown(value)}; it must be in [0, 1)"
         raise SceneError(msg)
+
+
+class BoucWen(NamedTuple):
+    """Smooth hysteresis of storeys that yield, in place of the bilinear one: the law of Bouc and Wen.
+
+    With the drift d and the yield drift dy = Vy / k, the shear is V = r k d + (1 - r) k z, of the hardening r and::
+
+        z' = d' - |z / dy|^n (beta |d'| sign z + gamma d')
+
+    Parameters
+    ----------
+    n : float
+        How sharply it yields, at least 1: the larger, the nearer to bilinear.
+    beta, gamma : float
+        Shape of loops, numbers without a unit, -beta < gamma <= beta. At their default z tends to the yield drift,
+        and unloading is straight; in general to dy / (beta + gamma)**(1 / n).
+
+    References
+    ----------
+    Wen (1976), Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102(2). Its A is 1, so that k
+    is the initial stiffness: another one is the same law with other k, r, beta and gamma (Ma et al. 2004).
+
+    Examples
+    --------
+    >>> b = Building("a", [100.0], [1e5], yield_strengths=[200.0], bouc_wen=BoucWen(n=2.0))
+    >>> b.bouc_wen
+    BoucWen(n=2.0, beta=0.5, gamma=0.5)
+    """
+
+    n: float = 1.0
+    beta: float = 0.5
+    gamma: float = 0.5
+
+    @property
+    def limit(self) -> float:
+        """What z tends to, over the yield drift."""
+        return float((self.beta + self.gamma) ** (-1.0 / self.n))
+
+
+def _bouc_wen(given: Any, owner: str) -> BoucWen:
+    """Return the law of a mapping or three numbers; `SceneError` where it is none."""
+    try:
+        law = BoucWen(**given) if isinstance(given, Mapping) else BoucWen(*given)
+    except TypeError:
+        msg = f"{owner}: bouc_wen is {shown(given)}; give n, beta and gamma, each a number"
+        raise SceneError(msg) from None
+    for name, value in law._asdict().items():
+        if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)):
+            msg = f"{owner}: {name} of bouc_wen is {shown(value)}; it must be a number"
+            raise SceneError(msg)
+    law = BoucWen(*map(float, law))
+    if not 1.0 <= law.n <= MOST_SHARP:
+        msg = f"{owner}: n of bouc_wen is {law.n:g}; it must be in [1, {MOST_SHARP:g}]"
+        raise SceneError(msg)
+    if not -law.beta < law.gamma <= law.beta:
+        msg = (
+            f"{owner}: gamma of bouc_wen is {law.gamma:g} beside beta {law.beta:g}; it must be above -beta, so that z "
+            "stays bounded, and at most beta, so that no energy is won"
+        )
+        raise SceneError(msg)
+    return law
 
 
 def _check_name(kind: str, name: str) -> None:
@@ -98,11 +162,17 @@ class Building:
     column_stiffnesses : sequence of float, optional
         Lateral stiffnesses 12 E I / L^3 (kN/m) of those columns of each storey that a
         neighbour's floor strikes; those of the storeys where not given.
+    p_delta : bool
+        Weights above a storey act on its drift: its lateral stiffness is less by P / h, of the weight P = m g above it
+        (kN) and its height h. Periods, modes and Rayleigh damping are those of the building under its weight.
+    bouc_wen : BoucWen or mapping, optional
+        Smooth hysteresis of the storeys that yield, in place of the bilinear one.
 
     Raises
     ------
     SceneError
-        A value is out of range, the lists differ in length, or `hardening` is outside [0, 1).
+        A value is out of range, the lists differ in length, `hardening` is outside [0, 1), or with `p_delta` a storey
+        does not stand under the weight above it.
 
     Examples
     --------
@@ -121,6 +191,8 @@ class Building:
     damping_stiffness: str = "initial"
     slab_depths: Sequence[float] | None = field(default=None, kw_only=True)
     column_stiffnesses: Sequence[float] | None = field(default=None, kw_only=True)
+    p_delta: bool = field(default=False, kw_only=True)
+    bouc_wen: BoucWen | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         _check_name("building", self.name)
@@ -137,6 +209,7 @@ class Building:
         if self.column_stiffnesses is not None:
             columns = _positive_list(owner, "column_stiffnesses", "kN/m", self.column_stiffnesses, n)
             object.__setattr__(self, "column_stiffnesses", columns)
+        self._check_stability(owner)
         given = self.damping_ratio
         ratios = tuple(given) if isinstance(given, (tuple, list)) else (given,)
         if len(ratios) not in (1, 2) or not all(
@@ -165,10 +238,41 @@ class Building:
         if self.damping_stiffness not in DAMPING_STIFFNESSES:
             msg = f"{owner}: {unknown('damping_stiffness', self.damping_stiffness, DAMPING_STIFFNESSES)}"
             raise SceneError(msg)
+        if self.bouc_wen is not None:
+            object.__setattr__(self, "bouc_wen", _bouc_wen(self.bouc_wen, owner))
+            if self.yield_strengths is None:
+                msg = f"{owner}: bouc_wen is that of storeys that yield; give yield_strengths too, or leave it out"
+                raise SceneError(msg)
+            if self.damping_stiffness == "tangent":
+                msg = (
+                    f"{owner}: bouc_wen has no tangent stiffness that is one number while a storey yields; give "
+                    'damping_stiffness = "initial"'
+                )
+                raise SceneError(msg)
         if self.yield_strengths is None and (self.hardening, self.damping_stiffness) != (0.0, "initial"):
             what = "hardening" if self.hardening else "damping_stiffness"
             msg = f"{owner}: {what} is that of storeys that yield; give yield_strengths too, or leave it out"
             raise SceneError(msg)
+
+    def _check_stability(self, owner: str) -> None:
+        if not isinstance(self.p_delta, bool):
+            msg = f"{owner}: p_delta is {shown(self.p_delta)}; it must be true or false"
+            raise SceneError(msg)
+        if self.p_delta and self.damping_stiffness == "tangent":
+            msg = (
+                f"{owner}: with p_delta the tangent stiffness of a storey that yields may be negative, and damping "
+                'that follows it would put energy in; give damping_stiffness = "initial", or leave out p_delta'
+            )
+            raise SceneError(msg)
+        pairs = zip(self.stability_coefficients, self.geometric_stiffnesses, strict=True)
+        for storey, (theta, least) in enumerate(pairs, start=1):
+            if not theta < 1.0:
+                msg = (
+                    f"{owner}: storey {storey} of stiffness {self.stiffnesses[storey - 1]:g} kN/m does not stand under "
+                    f"the weight above it: its stability coefficient P / (k h) is {theta:.3g}, and must be below 1; "
+                    f"give it a stiffness above P / h = {least:.4g} kN/m, or leave out p_delta"
+                )
+                raise SceneError(msg)
 
     def _checked_depths(self, owner: str) -> tuple[float, ...]:
         depths, heights = _numbers(f"{owner}: slab_depths", "m", self.slab_depths or ()), self.storey_heights
@@ -196,6 +300,26 @@ class Building:
         given = self.yield_strengths
         return (False,) * self.n_storeys if given is None else tuple(math.isfinite(strength) for strength in given)
 
+    @cached_property
+    def geometric_stiffnesses(self) -> tuple[float, ...]:
+        """What the weights above take of each storey's lateral stiffness (kN/m), P / h; zeros without `p_delta`."""
+        if not self.p_delta:
+            return (0.0,) * self.n_storeys
+        assert self.storey_heights is not None
+        weights = np.cumsum(np.multiply(self.masses[::-1], STANDARD_GRAVITY))[::-1]
+        return tuple(map(float, weights / self.storey_heights))
+
+    @cached_property
+    def lateral_stiffnesses(self) -> tuple[float, ...]:
+        """Storey stiffnesses less what the weights above take of them (kN/m)."""
+        pairs = zip(self.stiffnesses, self.geometric_stiffnesses, strict=True)
+        return tuple(stiffness - taken for stiffness, taken in pairs)
+
+    @property
+    def stability_coefficients(self) -> tuple[float, ...]:
+        """P / (k h) of each storey; zeros without `p_delta`."""
+        return tuple(p / k for p, k in zip(self.geometric_stiffnesses, self.stiffnesses, strict=True))
+
     @property
     def slabs(self) -> Slabs:
         """Elevations and depths of the floors' slabs (m), shape (n_storeys,) each."""
@@ -209,8 +333,8 @@ class Building:
 
     @cached_property
     def stiffness_matrix(self) -> np.ndarray:
-        """K (kN/m), shape (n_storeys, n_storeys)."""
-        k = np.asarray(self.stiffnesses, dtype=float)
+        """K (kN/m), of the lateral stiffnesses, shape (n_storeys, n_storeys)."""
+        k = np.asarray(self.lateral_stiffnesses, dtype=float)
         above = np.append(k[1:], 0.0)
         return np.diag(k + above) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
 
@@ -486,6 +610,12 @@ class Scene:
                     'not known then; give that storey the strength inf, or contacts = "floors"'
                 )
                 raise SceneError(msg)
+            if contact.struck >= 0 and self.building_of((contact.left, contact.right)[contact.struck]).p_delta:
+                msg = (
+                    f"floors of pair {names[contact.pair]!r} strike columns of a building with p_delta, whose shape "
+                    'depends on their axial force; leave out its p_delta, or give contacts = "floors"'
+                )
+                raise SceneError(msg)
         object.__setattr__(self, "_labels", tuple(labels))
         object.__setattr__(self, "contacts", Contacts(contacts, asked))
 
@@ -534,10 +664,19 @@ class Scene:
         """Whether the storey below each floor may yield, of all buildings."""
         return tuple(each for building in self.buildings for each in building.yields)
 
+    @property
+    def smooth(self) -> tuple[bool, ...]:
+        """Whether that storey has the hysteresis of Bouc and Wen, of all buildings."""
+        return tuple(each and b.bouc_wen is not None for b in self.buildings for each in b.yields)
+
     @cached_property
     def offsets(self) -> tuple[int, ...]:
         """First degree of freedom of each building, and the total at the end."""
         return tuple(int(i) for i in np.cumsum([0] + [b.n_storeys for b in self.buildings]))
+
+    def building_of(self, floor: int) -> Building:
+        """Return the building of a degree of freedom."""
+        return next(b for b, end in zip(self.buildings, self.offsets[1:], strict=True) if floor < end)
 
     def faced(self, pair: int) -> tuple[list[Facing], list[Facing]]:
         """Floors of the left and of the right neighbour of a pair that stand before columns of the other."""

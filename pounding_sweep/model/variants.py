@@ -5,7 +5,8 @@ damping and strengths. None of them changes the shape of a mode, so that everyth
 needs of its buildings follows from the scene's own numbers by multiplication,
 for any number of scenarios at once:
 
-- a period factor f multiplies all periods of a building: stiffnesses / f**2, masses and strengths kept;
+- a period factor f multiplies all periods of a building: stiffnesses / f**2, masses and strengths kept; with P-Delta
+  it is what weights leave of the stiffnesses that is divided;
 - a mass factor multiplies its masses, stiffnesses and strengths, so that its motion alone is kept;
 - a damping ratio replaces the ratios of the first two modes of all buildings;
 - a strength factor multiplies the yield strengths of a building;
@@ -86,9 +87,25 @@ class Variants:
 
     @cached_property
     def stiffnesses(self) -> np.ndarray:
-        """Storey stiffnesses (kN/m), shape (n, floors)."""
-        own = np.concatenate([b.stiffnesses for b in self.scene.buildings])
+        """Lateral storey stiffnesses (kN/m), with P-Delta less P / h, shape (n, floors)."""
+        own = np.concatenate([b.lateral_stiffnesses for b in self.scene.buildings])
         return np.asarray(own * self.stiffness_factor[:, self._owner])
+
+    @cached_property
+    def geometric_stiffnesses(self) -> np.ndarray:
+        """What weights take of storey stiffnesses (kN/m), P / h, shape (n, floors)."""
+        own = np.concatenate([b.geometric_stiffnesses for b in self.scene.buildings])
+        return np.asarray(own * self.mass_factor[:, self._owner])
+
+    @cached_property
+    def storey_heights(self) -> np.ndarray:
+        """Heights of storeys (m), shape (floors,)."""
+        return np.concatenate([b.storey_heights or () for b in self.scene.buildings])
+
+    @cached_property
+    def elastic_stiffnesses(self) -> np.ndarray:
+        """Stiffnesses of the storeys themselves (kN/m), shape (n, floors)."""
+        return np.asarray(self.stiffnesses + self.geometric_stiffnesses)
 
     @cached_property
     def yield_strengths(self) -> np.ndarray:
@@ -100,13 +117,20 @@ class Variants:
     @cached_property
     def yield_drifts(self) -> np.ndarray:
         """Drifts at first yield (m), infinite where storeys never yield, shape (n, floors)."""
-        return np.asarray(self.yield_strengths / self.stiffnesses)
+        return np.asarray(self.yield_strengths / self.elastic_stiffnesses)
+
+    @cached_property
+    def elastic_hardenings(self) -> np.ndarray:
+        """Hardening of the storeys themselves, shape (n, floors)."""
+        own = np.array([b.hardening for b in self.scene.buildings])
+        return np.asarray(np.where(np.isnan(self.hardening), own, self.hardening)[:, self._owner])
 
     @cached_property
     def hardenings(self) -> np.ndarray:
-        """Hardening of storeys, shape (n, floors)."""
-        own = np.array([b.hardening for b in self.scene.buildings])
-        return np.asarray(np.where(np.isnan(self.hardening), own, self.hardening)[:, self._owner])
+        """Lateral stiffness of storeys that yield over their elastic one, with P-Delta negative where they soften."""
+        taken, own = self.geometric_stiffnesses, self.elastic_hardenings
+        left = (own * self.elastic_stiffnesses - taken) / self.stiffnesses
+        return np.asarray(np.where((taken > 0.0) & np.isfinite(self.yield_strengths), left, own))
 
     def frequencies(self, building: int) -> np.ndarray:
         """Natural circular frequencies of a building (rad/s), rising, shape (n, storeys)."""

@@ -145,8 +145,6 @@ class Reducer:
         What it needs beside.
     looks : str
         Out of `pounding_sweep.kernel.group.LOOKS`.
-    quick : bool
-        High modes weigh in it: exact flight takes shorter steps.
     follows : callable, optional
         Gives the motions whose extremes it keeps, turning points inside steps included; in one straight line of code
         where that is asked for and the row is short.
@@ -163,7 +161,6 @@ class Reducer:
     where: str = ""
     keeps: tuple[Slot, ...] = ()
     looks: str = ""
-    quick: bool = False
     follows: Callable[[Group, bool], Iterable[Motion]] | None = None
     touch: Callable[[Group, Touch], None] | None = None
     substep: Callable[[Group], None] | None = None

@@ -26,7 +26,7 @@ def hysteretic(kept: KernelResults) -> np.ndarray:
     """(1 - r) k dy by the plastic travel of its storeys, by building."""
     if "travel" not in kept.slots:
         return np.zeros((len(kept), len(kept.scene.buildings)))
-    held = (1.0 - kept.variants.hardenings) * kept.variants.yield_strengths
+    held = (1.0 - kept.variants.elastic_hardenings) * kept.variants.yield_strengths
     lost = np.where(kept.slots["travel"] > 0.0, held, 0.0) * kept.slots["travel"]
     return np.add.reduceat(lost, kept.scene.offsets[:-1], axis=1)
 
@@ -69,7 +69,7 @@ ENERGIES = (
         "kN m",
         "strain energy at the end",
         "Elastic strain energy u'Ku/2 at the end of the record; of storeys that yield, hardening k d^2/2 + (1 - "
-        "hardening) k z^2/2 of the drift d and z = d - p.",
+        "hardening) k z^2/2 of the drift d and z = d - p. With P-Delta less what weights have given, P d^2 / (2 h).",
         needs("energy"),
         buildings("e_strain"),
         error="energies",

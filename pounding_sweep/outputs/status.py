@@ -42,8 +42,9 @@ class Status(IntEnum):
     )
     DIVERGED = (
         1,
-        "the motion left the range of finite numbers, or of what the ground can bring about; no peaks are reported",
-        "use a smaller dt, the newmark scheme or a softer contact",
+        "the motion left the range of finite numbers, or of what the ground can bring about, or a storey fell under "
+        "the weight above it (with P-Delta, as far as it is high); no peaks are reported",
+        "use a smaller dt, the newmark scheme or a softer contact; a storey that falls does so under any",
         False,
     )
     UNDER_RESOLVED_CONTACT = (

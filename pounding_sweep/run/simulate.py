@@ -13,6 +13,7 @@ import numpy as np
 from pounding_sweep.base.errors import InputError, StabilityError
 from pounding_sweep.model.laws import Law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import assemble
 from pounding_sweep.outputs.differences import comparable
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
@@ -341,7 +342,8 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     ground = np.interp(time, motion.time, motion.acceleration)
     buildings = scene.buildings
     masses = np.concatenate([b.masses for b in buildings])
-    stiffnesses = np.concatenate([b.stiffnesses for b in buildings])
+    row = variants_of(scene)
+    stiffnesses, pushed = row.stiffnesses[0], row.geometric_stiffnesses[0]
     storeys = [b.n_storeys for b in buildings]
     owner = np.repeat(np.arange(len(buildings)), storeys)
     alpha = np.array([b.rayleigh[0] for b in buildings])[owner]
@@ -357,18 +359,18 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     strains = 0.5 * stiffnesses * drift**2
     hysteretic = np.zeros_like(taken)
     if yields:
-        soft = 1.0 - np.repeat([b.hardening for b in buildings], storeys)
+        soft = 1.0 - row.hardenings[0]
         plastic, strengths = (
             part("slip"),
             np.concatenate([b.yield_strengths or (0.0,) * b.n_storeys for b in buildings]),
         )
         storey = stiffnesses * (drift - soft * plastic)
         strains = 0.5 * stiffnesses * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
-        lost = soft * np.where(scene.yields, strengths, 0.0) * part("travel")
+        lost = (1.0 - row.elastic_hardenings[0]) * np.where(scene.yields, strengths, 0.0) * part("travel")
         hysteretic = _building_sum(lost, scene)
         damped = part("kd") if "kd" in slots.first else damped
-    shear = storey
-    storey = shear + beta * damped * _below(v, buildings)
+    shear = storey + pushed * drift
+    storey = storey + beta * damped * _below(v, buildings)
     on_floor -= storey
     for b, first in zip(buildings, scene.offsets[:-1], strict=True):
         on_floor[:, first : first + b.n_storeys - 1] += storey[:, first + 1 : first + b.n_storeys]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import impulse
+from pounding_sweep.kernel import bouc_wen, impulse
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import fma
 from pounding_sweep.kernel.located import keep_start
@@ -28,6 +28,7 @@ class Step:
     powers: list[tuple[Any, Any]] = field(default_factory=list)
     work: list[Any] = field(default_factory=list)
     impulse: list[Any] = field(default_factory=list)
+    travel: dict[int, Any] = field(default_factory=dict)
 
 
 #: Contact forces at a state, or what makes floors that rest on each other accelerate alike.
@@ -82,7 +83,10 @@ class Explicit(Scheme):
             scaled = [weight * value for value in values]
             return [old + new for old, new in zip(sums, scaled, strict=True)] if sums else scaled
 
+        flow = bouc_wen.Flow(group, [i for _, floors in part for i in floors]) if group.spec.smooth else None
         for number, (place, weight) in enumerate(self.nodes, 1):
+            if flow is not None:
+                flow.hold(x, y, weight)
             held: Sequence[Any] = forces(x, y) if forces is not None else ()
             now = accelerations(group, part, x, y, grounds[place], pushes(group, held))
             if join is not None:
@@ -100,6 +104,11 @@ class Explicit(Scheme):
                 found.impulse = total(found.impulse, held)
             states = [self.after(number, u[i], v[i], x[i], [each[i] for each in a], h) for i in every]
             x, y = ([state[side] for state in states] for side in (0, 1))
+            if flow is not None:
+                flow.advance(self.after, number, h)
+        if flow is not None:
+            flow.end()
+            found.travel = flow.lost
         found.u, found.v, found.a0 = x, y, a[0]
         return found
 
@@ -197,6 +206,8 @@ class Explicit(Scheme):
         u, v = group.floors("u"), group.floors("v")
         group.put("u0", u)
         group.put("v0", v)
+        if group.spec.smooth:
+            bouc_wen.keep(group)
         step = self.step(group, _row(group), u, v, h, press)
         group.put("u", step.u)
         group.put("v", step.v)
@@ -260,6 +271,8 @@ def _record(group: Group, step: Step) -> Callable[[], None]:
             s["work", j] = fma(h6, x, s["work", j])
         for j, x in enumerate(step.impulse):
             s["impulse", j] = fma(h6, x, s["impulse", j])
+        for i, x in step.travel.items():
+            s["travel", i] = fma(h6, x, s["travel", i])
 
     return add
 

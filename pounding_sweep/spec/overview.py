@@ -56,9 +56,12 @@ def overview_of(attributes: Mapping[Any, Any]) -> list[tuple[str, str]]:
 def _building(item: Building) -> str:
     periods = ", ".join(f"{period:.3g}" for period in item.periods[:2])
     several = item.n_storeys > 1
+    weight = f"weight {sum(item.masses) * STANDARD_GRAVITY:.0f} kN"
+    if item.p_delta:
+        weight += f" with P-Delta, stability coefficients up to {max(item.stability_coefficients):.2g}"
     return (
         f"{item.n_storeys} storey{'s' * several}, {item.elevations[-1]:g} m high, period{'s' * several} {periods} s, "
-        f"weight {sum(item.masses) * STANDARD_GRAVITY:.0f} kN"
+        f"{weight}"
     )
 
 

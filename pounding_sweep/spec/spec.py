@@ -186,7 +186,7 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
 
 
 #: What of a building and of a scene is stored only where it is not as usual, so that digests of other sweeps stay.
-_BUILDING_MORE = ("slab_depths", "column_stiffnesses")
+_BUILDING_MORE = ("slab_depths", "column_stiffnesses", "p_delta", "bouc_wen")
 _SCENE_MORE = ("tolerance", "storeys", "allow_unmet")
 
 

@@ -79,6 +79,14 @@ def _damping_stiffness(value: str, info: ValidationInfo) -> str:
     return value
 
 
+class BoucWenTable(Table):
+    """``bouc_wen`` of a building: smooth hysteresis in place of the bilinear one."""
+
+    n: float = Field(1.0, description="a number")
+    beta: float = Field(0.5, description="a number")
+    gamma: float = Field(0.5, description="a number")
+
+
 class BuildingTable(Table):
     """[[scene.row]]: a building."""
 
@@ -105,6 +113,8 @@ class BuildingTable(Table):
     column_stiffnesses: Annotated[list[Any], AfterValidator(_positive)] | None = Field(
         None, description="a list of numbers, 12 E I / L^3 of the columns that may be struck in kN/m, bottom first"
     )
+    p_delta: bool = Field(False, description="true or false")
+    bouc_wen: BoucWenTable | None = Field(None, description="a table of n, beta and gamma")
 
 
 class WallTable(Table):
@@ -143,11 +153,16 @@ def _row(given: list[Any]) -> list[Building | Wall]:
             equal = _one_per_storey(faults, index, item)
             if table := faults.attempt((index,), BuildingTable.model_validate, item):
                 values = dict(table)
-                depths = values.pop("slab_depths")
+                depths, p_delta = values.pop("slab_depths"), values.pop("p_delta")
+                smooth = values.pop("bouc_wen")
                 last = "damping_ratio" if table.name.strip() else "name"  # all that can still be at fault
                 found = faults.attempt((index, last), Building, **values) if equal else None
                 if found is not None and depths is not None:
                     found = faults.attempt((index, "slab_depths"), replace, found, slab_depths=depths)
+                if found is not None and smooth is not None:
+                    found = faults.attempt((index, "bouc_wen"), replace, found, bouc_wen=dict(smooth))
+                if found is not None and p_delta:
+                    found = faults.attempt((index, "p_delta"), replace, found, p_delta=True)
                 made.append(found)
     return made
 
@@ -419,11 +434,14 @@ class PathRecord(Table):
     name: str | None = Field(None, description="a text")
     scale: float = Field(1.0, description="a number")
     pga: float | None = Field(None, description="a number in m/s2")
+    sa: float | None = Field(None, description="a number in m/s2")
+    sa_period: float | None = Field(None, description="a number in s")
 
     def read(self, folder: Path, _folders: Folders) -> Record:
         """Read the file."""
-        values = dict(self)
-        return read_record(folder / expanded(values.pop("path"), RecordError), **values)
+        file = folder / expanded(self.path, RecordError)
+        found = read_record(file, units=self.units, dt=self.dt, name=self.name, scale=self.scale, pga=self.pga)
+        return _to_spectrum(self, found)
 
 
 class NamedRecord(Table):
@@ -433,6 +451,8 @@ class NamedRecord(Table):
     name: str | None = Field(None, description="a text")
     scale: float = Field(1.0, description="a number")
     pga: float | None = Field(None, description="a number in m/s2")
+    sa: float | None = Field(None, description="a number in m/s2")
+    sa_period: float | None = Field(None, description="a number in s")
 
     def read(self, _folder: Path, folders: Folders) -> Record:
         """Find the record."""
@@ -441,7 +461,23 @@ class NamedRecord(Table):
             msg = "scale and pga exclude each other; give one of them"
             raise SweepError(msg)
         found = found.scaled(self.scale) if self.pga is None else found.scaled_to(self.pga)
+        found = _to_spectrum(self, found)
         return found if self.name is None else found.renamed(self.name)
+
+
+def _to_spectrum(given: PathRecord | NamedRecord, record: Record) -> Record:
+    """Scale a record to the spectral acceleration that is given for it, if one is."""
+    if given.sa is None and given.sa_period is None:
+        return record
+    if given.sa is None or given.sa_period is None:
+        msg = "sa and sa_period belong together: a spectral acceleration (m/s2) and its period (s); give both"
+        raise SweepError(msg)
+    if given.pga is not None or given.scale != 1.0:
+        msg = f"sa and {'pga' if given.pga is not None else 'scale'} exclude each other; give one of them"
+        raise SweepError(msg)
+    from pounding_sweep.engine.spectrum import scaled_to_sa
+
+    return scaled_to_sa(record, given.sa, given.sa_period)
 
 
 class SyntheticRecord(Table):
