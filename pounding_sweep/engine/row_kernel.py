@@ -184,6 +184,8 @@ def _constants(
     put("newmark_beta", numerics.beta)
     put("newmark_gamma", numerics.gamma)
     return values
+
+
 @lru_cache(maxsize=64)
 def _layout(shape: KernelSpec, constants: bytes) -> Layout:
     """Where a kernel's tables of flight lie, and what is watched."""
