@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import re
 import shutil
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -57,6 +58,14 @@ YIELDING_SWEEP = {
     "dt": 2e-3,
     "outputs": [name for name in OUTPUTS if name != "first_impact_time"] + ["ductility_max", "hysteretic_energy"],
 }
+#: The pair with a dashpot, its roofs linked; and the schemes that run it.
+LINKED = ps.Scene(
+    [replace(pair().buildings[0], dashpots=[300.0, 0.0]), pair().buildings[1]],
+    [0.003],
+    pair().contact,
+    links=[ps.Link("a-b", [2], 2e4, 300.0)],
+)
+LINKING = ("rk4", "newmark")
 #: A row of more floors than one straight line of code holds: its loops are split within and between buildings.
 TALL = ps.Scene(
     [ps.Building("tower", [100.0] * 12, [4.5e5] * 12), ps.Building("annex", [120.0] * 5, [3.5e5] * 5)], gaps=[0.01]
@@ -118,6 +127,7 @@ def kernels() -> tuple[KernelSpec, ...]:
         simulated("rk4", "kelvin_voigt", scene=TALL),
         *(simulated(method, "kelvin_voigt", scene=yielding_pair()) for method in YIELDING),
         *swept(**YIELDING_SWEEP),
+        *(simulated(method, "kelvin_voigt", scene=LINKED) for method in LINKING),
         *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),
         simulated("rk4", "kelvin_voigt", scene=FRAMED),
         *swept(**both, laws="hertz_damped", method="rk4"),

@@ -81,7 +81,7 @@ class Numerics:
 
 
 def _existing(where: str) -> frozenset[str]:
-    """Return the reducers that exist only where floors are neighbours, or can touch."""
+    """Return the reducers that exist only in rows of some kind."""
     return frozenset(name for name, reducer in REDUCERS.items() if reducer.where == where)
 
 
@@ -104,6 +104,8 @@ def kernel_shape(
     yields = scene.yields
     if not any(yields):
         wanted -= _existing("yields")
+    if not scene.links:
+        wanted -= _existing("linked")
     meets = touching or bool(wanted & _existing("neighbours"))
     compiled = None
     if touching:
@@ -138,6 +140,8 @@ def kernel_shape(
         yielding=tuple(i for i, each in enumerate(yields) if each),
         tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in scene.buildings),
         struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
+        dashpots=tuple(i for i, each in enumerate(scene.dashed) if each),
+        links=tuple((link.left, link.right) for link in scene.linked_floors),
     )
 
 
@@ -382,4 +386,7 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
         "lower": shares[None, :, 0],
         "upper": shares[None, :, 1],
+        "dashpot": row.dashpots,
+        "link_k": np.array([[link.stiffness for link in row.scene.linked_floors]]),
+        "link_c": np.array([[link.damping for link in row.scene.linked_floors]]),
     }

@@ -17,7 +17,7 @@ LANES = 16
 
 
 #: Properties that may differ from lane to lane.
-VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift")
+VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "dashpot")
 
 #: Parameters of a compiled kernel and their types.
 PARAMETERS = {
@@ -119,6 +119,10 @@ class KernelSpec:
     struck : tuple of int
         Of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where
         none are struck.
+    dashpots : tuple of int
+        Degrees of freedom whose storeys have dashpots.
+    links : tuple of (left, right)
+        Degrees of freedom that are linked.
     """
 
     storeys: tuple[int, ...]
@@ -138,6 +142,8 @@ class KernelSpec:
     yielding: tuple[int, ...] = ()
     tangent: bool = False
     struck: tuple[int, ...] = ()
+    dashpots: tuple[int, ...] = ()
+    links: tuple[tuple[int, int], ...] = ()
 
     @property
     def impulsive(self) -> bool:
@@ -193,6 +199,8 @@ def from_json(data: dict[str, Any]) -> KernelSpec:
         "struck": tuple(data["struck"]),
         "reducers": frozenset(data["reducers"]),
         "yielding": tuple(data["yielding"]),
+        "dashpots": tuple(data["dashpots"]),
+        "links": tuple((int(a), int(b)) for a, b in data["links"]),
     }
     return KernelSpec(**{**data, **own})
 
@@ -247,6 +255,11 @@ def property_slots(shape: KernelSpec) -> Slots:
     if shape.struck:  # shares of a push on columns, of the floor above and below
         slots.add("upper", len(shape.contacts))
         slots.add("lower", len(shape.contacts))
+    if shape.dashpots:
+        slots.add("dashpot", n)
+    if shape.links:
+        slots.add("link_k", len(shape.links))
+        slots.add("link_c", len(shape.links))
     return slots
 
 
@@ -262,6 +275,8 @@ def history_slots(shape: KernelSpec) -> Slots:
     if "energy" in shape.reducers:
         slots.add("e_in", shape.n_buildings)
         slots.add("e_damp", shape.n_buildings)
+    if "links" in shape.reducers:
+        slots.add("e_link", shape.n_buildings)
     if shape.law is not None:
         slots.add("force", len(shape.contacts))
         if "work" in shape.reducers:

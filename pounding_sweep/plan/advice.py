@@ -59,7 +59,7 @@ def elastic_duration(exponent: float, stiffness: np.ndarray, mass: np.ndarray, s
 def highest_frequency(row: Scene | Variants) -> np.ndarray:
     """Highest natural circular frequency of the buildings (rad/s), shape (n,); one number for a scene."""
     variants = variants_of(row)
-    return np.max([variants.frequencies(b)[:, -1] for b in range(len(variants.scene.buildings))], axis=0)
+    return np.max([frequencies[:, -1] for frequencies, _ in variants.systems], axis=0)
 
 
 def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
@@ -305,11 +305,12 @@ def advise(
     costs: dict[Scheme, float] = {}
     best: tuple[Scheme, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
     reached: dict[Scheme, tuple[float, str]] = {}
-    yields = any(spec.scene.yields)
+    yields, links = any(spec.scene.yields), not spec.scene.has_own_modes
     schemes = [
         (m, p)
         for m, p in known.cost
         if spec.method in (None, m) and p in _formats(spec) and not (yields and not SCHEMES[m].follows_yielding)
+        if SCHEMES[m].follows_links or not links
     ]
     if not schemes:
         msg = (

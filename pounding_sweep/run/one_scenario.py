@@ -254,6 +254,8 @@ def _varied(scene: Scene, case: Case) -> Scene:
             for name in ("stiffnesses", "column_stiffnesses")
             if getattr(item, name) is not None
         }
+        if item.dashpots is not None:
+            changed["dashpots"] = [mass / period * c for c in item.dashpots]
         if own is not None:
             changed["yield_strengths"] = [strength * each for each in own]
         changed["hardening"] = hardenings.get(item.name, item.hardening)
