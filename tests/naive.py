@@ -270,7 +270,7 @@ def struck_beam(xi, stiffness):
 class _Row:
     """Matrices of the whole row, the contact geometry, and the split of flat arrays by building and pair."""
 
-    def __init__(self, buildings, gaps, columns=False, links=()):
+    def __init__(self, buildings, gaps, columns=False, links=(), only=()):
         if len(gaps) != len(buildings) - 1:
             msg = f"{len(buildings)} neighbours need {len(buildings) - 1} gaps, not {len(gaps)}"
             raise ValueError(msg)
@@ -312,6 +312,8 @@ class _Row:
         self.met = [contact_floors(buildings[p], buildings[p + 1]) for p in range(self.nb - 1)]
         if columns:
             self.met = [met + struck_columns(*buildings[p : p + 2]) for p, met in enumerate(self.met)]
+        for p, storeys in dict(only).items():
+            self.met[p] = [floors for floors in self.met[p] if (floors[0] or floors[1]) in storeys]
         rows, gap, self.softness, self.shares = [], [], [], []
         for p, floors in enumerate(self.met):
             for left, right, *struck in floors:
@@ -783,6 +785,7 @@ def run(
     *,
     columns=False,
     links=(),
+    only=(),
     initial_velocity=None,
     damping=None,
     rtol=1e-10,
@@ -796,6 +799,7 @@ def run(
     ag, dt : ground acceleration at the record points, m/s2, linear in between; the run covers all of it.
     law : key of LAWS, or "none", or "stereomechanical". k : kN/m or kN/m^1.5. e : nominal restitution.
     columns : slabs strike columns too, see `struck_columns`; the stiffness k and that of the column are in series.
+    only : storeys by pair, the left building's (the right one's behind a wall), at which alone it meets.
     links : list of (pair, left storey, right storey, stiffness in kN/m, damping in kN s/m) between neighbours.
     initial_velocity : list of arrays per building (None or empty for a wall), relative to the ground, m/s.
     damping : replaces the published z (dashpot and quarter laws) or D = coefficient * v0 (proportional laws).
@@ -814,7 +818,7 @@ def run(
     impact_count, penetration_max, impulse, first_impact_time (None: no impact), approach_speed_max, contact_time,
     contact_work. Scalars: event_count, duration.
     """
-    row = _Row(buildings, gaps, columns, links)
+    row = _Row(buildings, gaps, columns, links, only)
     ag = np.asarray(ag, dtype=float)
     s = _Solver(row, law, k, e, damping, rtol, atol)
     y = np.zeros(s.size)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,13 +32,14 @@ A, B = pair().buildings
 #: More floors than one straight line of code holds; storeys that yield, links between floors of unequal numbers.
 TOWER = ps.Scene(
     [
-        ps.Building("tower", [100.0] * 12, [4.5e5] * 12, yield_strengths=np.linspace(900.0, 200.0, 12), hardening=0.02),
+        ps.Building("tower", [100.0] * 7, [4.5e5] * 7, yield_strengths=np.linspace(900.0, 200.0, 7), hardening=0.02),
         ps.Building("annex", [120.0] * 5, [3.5e5] * 5, dashpots=[500.0, 0.0, 0.0, 200.0, 0.0]),
         ps.Building("twin", [90.0] * 5, [2.5e5] * 5, yield_strengths=[500.0] * 5),
     ],
     gaps=[0.004, 0.004],
     links=[ps.Link("tower-annex", [2, (4, 3)], 1e4, 400.0), ps.Link("annex-twin", [5], 5e4)],
 )
+ROOT = Path(__file__).parents[1]
 EVERYTHING = [name for name, each in VARIABLES.items() if name not in ("closing_max", "time_step", "error_estimate")]
 
 
@@ -458,3 +460,71 @@ def test_schemes_that_fly_in_modes_refuse_them(scene, what):
         ps.Sweep(scene, motion(51), "linear", method="exact")
     plan = ps.Sweep(scene, motion(51), "kelvin_voigt", accuracy=1e-3).plan()
     assert SCHEMES[plan.numerics.method].follows_links
+
+
+# -- isolated buildings ------------------------------------------------------------------------------------------------
+
+TOWER_ABOVE = ps.Building("tower", [150.0] * 3, [3e5] * 3, 0.02, storey_heights=[3.5] * 3)
+
+
+def test_an_isolated_building_has_the_numbers_that_were_asked_for():
+    made = ps.base_isolated(TOWER_ABOVE, 150.0, 2.5, 0.05, 250.0, 0.01)
+    total, k1, r = 600.0, made.stiffnesses[0], made.hardening
+    assert 2.0 * np.pi * np.sqrt(total / (r * k1)) == pytest.approx(2.5)
+    assert (made.yield_strengths[0] / k1, made.yield_strengths[0] * (1.0 - r)) == pytest.approx((0.01, 250.0))
+    assert made.yields == (True, False, False, False)
+    assert made.dashpots[0] / (2.0 * total * 2.0 * np.pi / 2.5) == pytest.approx(0.05)
+    assert made.rayleigh == (0.0, 0.0)
+    fixed = replace(TOWER_ABOVE, damping_ratio=0.0, dashpots=made.dashpots[1:])
+    ((frequencies, _),) = Variants(ps.Scene([fixed]), *np.ones((2, 1, 1)), np.array([np.nan])).systems
+    m, c, _ = matrices(ps.Scene([fixed]))
+    shape = TOWER_ABOVE.modes[1][:, 0]
+    assert shape @ c @ shape / (2.0 * frequencies[0, 0]) == pytest.approx(0.02)
+    assert np.allclose(np.diag(m), 150.0)
+    linear = ps.base_isolated(TOWER_ABOVE, 150.0, 2.5, 0.05)
+    assert (linear.yield_strengths, linear.hardening) == (None, 0.0)
+    assert linear.periods[0] == pytest.approx(2.5, rel=0.02)  # but for what the building above gives
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"period": 0.0}, "isolators of 'tower': period is 0.0 s; it must be a positive number"),
+        ({"strength": -1.0}, "strength is -1.0 kN; it must be zero or a positive number"),
+        ({"damping_ratio": np.nan}, "damping_ratio is nan of critical; it must be zero"),
+        ({"base_mass": "x"}, "base_mass is 'x' t"),
+        ({"building": replace(TOWER_ABOVE, yield_strengths=[9.0] * 3)}, "storeys of the building yield too"),
+    ],
+)
+def test_bad_isolators_are_refused(given, message):
+    usual = {"building": TOWER_ABOVE, "base_mass": 150.0, "period": 2.5, "damping_ratio": 0.05, "strength": 250.0}
+    with pytest.raises(SceneError, match=message):
+        ps.base_isolated(**(usual | given))
+
+
+def test_the_example_is_that_building():
+    sweep = ps.load_sweep(ROOT / "sweeps" / "isolated.toml")
+    (mine,) = sweep.spec.scene.buildings
+    made = ps.base_isolated(TOWER_ABOVE, 150.0, period=2.5, damping_ratio=0.05, strength=250.0, yield_drift=0.01)
+    for name in ("masses", "stiffnesses", "yield_strengths", "hardening", "dashpots", "storey_heights"):
+        np.testing.assert_allclose(getattr(mine, name), getattr(made, name), rtol=1e-4, err_msg=name)
+    assert [(c.pair, c.storey) for c in sweep.spec.scene.contacts] == [(0, 1), (1, 1)]
+    plan = sweep.plan()
+    assert plan.n_asked == 96 * 2 // 2
+    assert plan.numerics.method == "rk4"
+
+
+@pytest.mark.slow
+def test_an_isolated_building_in_its_moat_equals_the_twin():
+    made = ps.base_isolated(TOWER_ABOVE, 150.0, 2.5, 0.05, 250.0, 0.01)
+    scene = ps.Scene([made, ps.Wall()], [0.03], storeys={"tower-wall": [1]})
+    record = motion(201, 2.0)
+    one = ps.simulate(scene, record, law="kelvin_voigt", stiffness=5e5, restitution=0.6, dt=1e-3)
+    want = run(
+        twins(scene), [0.03], record.acceleration, record.dt, "kelvin_voigt", 5e5, 0.6, only={0: [1]}, rtol=1e-11
+    )
+    assert int(want["impact_count"][0][0]) == int(one.impact_count.sum()) >= 2
+    assert float(one.ductility_max.max()) > 3.0
+    for name in ("acceleration_max", "drift_max", "displacement_max", "storey_shear_max"):
+        np.testing.assert_allclose(one[name].values[0], want[name][0], rtol=2e-5, err_msg=name)
+    np.testing.assert_allclose(one.impact_force_max.values[0, 0], want["impact_force_max"][0][0], rtol=2e-5)

@@ -36,9 +36,9 @@ def forces(group: Group, x: Any, y: Any) -> list[Any]:
 
 
 def pushes(group: Group, found: Sequence[Any], push: list[list[tuple[str, Any]]]) -> list[list[tuple[str, Any]]]:
-    """Add the forces of links to those on each floor, of which there may be none."""
+    """Add the forces of all links to those on each floor, of which there may be none."""
     push = push or [[] for _ in range(group.spec.n_dof)]
-    for (_, (left, right)), pull in zip(group.each_link(), found, strict=True):
+    for (left, right), pull in zip(group.spec.links, found, strict=True):
         push[left].append(("-", pull))
         push[right].append(("+", pull))
     return push

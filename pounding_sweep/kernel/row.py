@@ -98,10 +98,10 @@ def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tupl
         mass = _sum([group.prop("m", i) * w * w for i, w in zip(floors, v, strict=True)])
         drift = [v[s] - v[s - 1] if s else v[s] for s in range(len(v))]
         stiff = _sum([damper_stiffness(group, i) * dv * dv for i, dv in zip(floors, drift, strict=True)])
-        lost = group.prop("alpha", b) * mass + group.prop("beta", b) * stiff
+        gained, lost = -ground * momentum, group.prop("alpha", b) * mass + group.prop("beta", b) * stiff
         for i, dv in zip(floors, drift, strict=True):
             lost = fma(group.prop("dashpot", i), dv * dv, lost) if group.dashed(i) else lost
-        found.append((-ground * momentum, lost))
+        found.append((gained, lost))
     return found
 
 

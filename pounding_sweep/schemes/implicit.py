@@ -63,18 +63,12 @@ def storey_stiffness(group: Group, b: Any, i: Any, be: Any, ga: Any) -> Any:
 def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
     """Keep the acceleration of every floor of a building for a unit force on some, in a Newmark step of length h."""
     s = group.state
-    beta, gamma = group.prop("newmark_beta"), group.prop("newmark_gamma")
-    be, ga = beta * h * h, gamma * h
     if group.spec.links:
-        row = enumerate(group.building_floors)
-        own = [storey_stiffness(group, b, i, be, ga) for b, storeys in row for i in storeys]
-        right = [group.full(0.0) for _ in own]
-        for floor, share in floors:
-            right = [where(flagged(group.trace, floor == i), share, x) for i, x in enumerate(right)]
-        for i, x in enumerate(links.solve(group, be, ga, own, right)):
-            s["response", first + i] = x
+        _keep_whole_compliance(group, first, floors, h)
         return
     home, storeys, b = group.home_of(floors[0][0])
+    beta, gamma = group.prop("newmark_beta"), group.prop("newmark_gamma")
+    be, ga = beta * h * h, gamma * h
     alpha, stiff = group.prop("alpha", b), be + ga * group.prop("beta", b)
     apart = bool(group.spec.yielding or group.spec.dashpots)  # storeys differ in the share of their dampers
     stiff = 1.0 if apart else stiff
@@ -113,6 +107,18 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
         p = last - 1 - q
         found = s["response", first + p] + stiff * stiffness(home + p + 1) * s["response", first + p + 1]
         s["response", first + p] = found / s["diagonal", p]
+
+
+def _keep_whole_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
+    """Keep the same of every floor of a linked row."""
+    be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
+    row = enumerate(group.building_floors)
+    own = [storey_stiffness(group, b, i, be, ga) for b, storeys in row for i in storeys]
+    right = [group.full(0.0) for _ in own]
+    for floor, share in floors:
+        right = [where(flagged(group.trace, floor == i), share, x) for i, x in enumerate(right)]
+    for i, x in enumerate(links.solve(group, be, ga, own, right)):
+        group.state["response", first + i] = x
 
 
 def _push(group: Group, first: Any, floors: Floors, be: Any, ga: Any, change: Any, lanes: Any) -> None:

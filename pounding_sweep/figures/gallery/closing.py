@@ -9,7 +9,7 @@ import numpy as np
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import WIDTH, heading, zoomed
-from pounding_sweep.figures.style import history_look, legend_beside, put_title, subplots
+from pounding_sweep.figures.style import COLOURS, history_look, legend_beside, put_title, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,12 +18,14 @@ if TYPE_CHECKING:
 
 @figure_of(
     "histories",
-    "relative displacement of the floors that can meet against time, beside their gap, from 'simulate'",
+    "relative displacement of the floors that can meet against time, beside their gap, onsets marked, from 'simulate'",
     needs=("time", "pair", "displacement"),
     also=one_instant,
 )
 def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
     """Draw the displacement of each left floor less that of the right one: they touch where it reaches the gap.
+
+    Circles mark the onsets of contact that the histories show.
 
     Parameters
     ----------
@@ -48,6 +50,10 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
             relative = 1e3 * sum(share * u[:, floor] for floor, share in contact.ends)
             label = f"storey {contact.storey}{' and columns' if contact.struck >= 0 else ''}"
             panel.plot(time, relative, label=label, **history_look(line))
+            closed = relative > 1e3 * gap
+            onsets = 1 + np.flatnonzero(closed[1:] & ~closed[:-1])
+            mark = {"markerfacecolor": "white", "markersize": 5, "color": COLOURS[line % len(COLOURS)]}
+            panel.plot(time[onsets], np.full(len(onsets), 1e3 * gap), "o", zorder=3, **mark)
         panel.axhline(1e3 * gap, color="0.4", linewidth=1.6, label="gap")
         panel.axhspan(1e3 * gap, max(1e3 * gap, panel.get_ylim()[1]), color="0.9", linewidth=0.0, zorder=0)
         panel.set_ylabel(f"{pair}\nrelative displacement (mm)")
