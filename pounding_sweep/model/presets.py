@@ -95,7 +95,7 @@ def base_isolated(
     strength: float = 0.0,
     yield_drift: float = 0.01,
     *,
-    height: float = 1.0,
+    height: float = 1.5,
 ) -> Building:
     """Put an elastic building on isolators: a first storey that yields, with a dashpot.
 
@@ -166,13 +166,6 @@ def base_isolated(
     ratio = building.damping_ratio if not isinstance(building.damping_ratio, tuple) else building.damping_ratio[0]
     share = 2.0 * ratio / float(building.frequencies[0])
     own = zip(building.stiffnesses, building.dashpots or (0.0,) * n, strict=True)
-    more = {
-        what: None if values is None else [first, *values]
-        for what, values, first in (
-            ("slab_depths", building.slab_depths, 0.0),
-            ("column_stiffnesses", building.column_stiffnesses, stiff),
-        )
-    }
     assert building.storey_heights is not None
     return replace(
         building,
@@ -183,6 +176,7 @@ def base_isolated(
         yield_strengths=[stiff * yield_drift, *[math.inf] * n] if strength else None,
         hardening=soft / stiff if strength else 0.0,
         damping_stiffness="initial",
+        slab_depths=None if building.slab_depths is None else [0.0, *building.slab_depths],
+        column_stiffnesses=None if building.column_stiffnesses is None else [stiff, *building.column_stiffnesses],
         dashpots=[2.0 * damping_ratio * total * w, *(share * k + c for k, c in own)],
-        **more,
     )
