@@ -528,3 +528,53 @@ def test_an_isolated_building_in_its_moat_equals_the_twin():
     for name in ("acceleration_max", "drift_max", "displacement_max", "storey_shear_max"):
         np.testing.assert_allclose(one[name].values[0], want[name][0], rtol=2e-5, err_msg=name)
     np.testing.assert_allclose(one.impact_force_max.values[0, 0], want["impact_force_max"][0][0], rtol=2e-5)
+
+
+# -- sweeps ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_a_sweep_is_its_scenarios_one_by_one(precision):
+    """Masses alone change nothing of a building by itself, but all of linked ones."""
+    given = {"period_factors": {"b": [1.0, 1.3]}, "mass_factors": {"a": [0.5, 1.0]}, "scales": [1.0, 2.0]}
+    outputs = ["displacement_max", "drift_max", "link_force_max", "energy_links", "energy_residual", "impact_count"]
+    sweep = ps.Sweep(
+        LINKED,
+        motion(101),
+        ["none", "kelvin_voigt"],
+        gaps=[0.002, 0.006],
+        dt=1e-3,
+        precision=precision,
+        outputs=outputs,
+        **given,
+    )
+    cube = sweep.run()
+    assert (cube.status == Status.OK).all()
+    a, b = LINKED.buildings
+    for f, m, scale, gap in [
+        (1.0, 1.0, 1.0, 0.002),
+        (1.3, 0.5, 2.0, 0.002),
+        (1.3, 1.0, 2.0, 0.006),
+        (1.0, 0.5, 1.0, 0.006),
+    ]:
+        row = [
+            replace(
+                a,
+                masses=[m * x for x in a.masses],
+                stiffnesses=[m * x for x in a.stiffnesses],
+                dashpots=[m * x for x in a.dashpots],
+            ),
+            replace(b, stiffnesses=[x / f**2 for x in b.stiffnesses]),
+        ]
+        for law in ("none", "kelvin_voigt"):
+            one = simulate(replace(LINKED, row=row, gaps=[gap]), law, 101, scale, dt=1e-3)
+            mine = cube.sel(period_factor_b=f, mass_factor_a=m, scale=scale, gap=gap, law=law).squeeze()
+            for name in ("displacement_max", "drift_max", "link_force_max", "energy_links"):
+                want, tolerance = one[name].values, 1e-8 if precision == "float64" else 2e-3
+                got = mine[name].values.reshape(want.shape)
+                np.testing.assert_allclose(got, want, rtol=tolerance, atol=tolerance * np.nanmax(np.abs(want)))
+    assert cube.impact_count.sum() > 10
+    still = cube.sel(law="none").isel(gap=0, period_factor_b=0)
+    twice = still.link_force_max.sel(scale=2.0) / still.link_force_max.sel(scale=1.0)
+    np.testing.assert_allclose(twice.values[np.isfinite(twice.values)], 2.0, rtol=1e-3)
