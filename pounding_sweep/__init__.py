@@ -15,6 +15,7 @@ _HOME = {
     "BoucWen": "pounding_sweep.model.scene",
     "Building": "pounding_sweep.model.scene",
     "ContactProperties": "pounding_sweep.model.scene",
+    "Link": "pounding_sweep.model.links",
     "Scene": "pounding_sweep.model.scene",
     "Wall": "pounding_sweep.model.scene",
     "Law": "pounding_sweep.model.laws",
@@ -28,6 +29,7 @@ _HOME = {
     "near_fault_record": "pounding_sweep.records",
     "pulse_record": "pounding_sweep.records",
     "synthetic_record": "pounding_sweep.records",
+    "base_isolated": "pounding_sweep.model.presets",
     "get_preset": "pounding_sweep.model.presets",
     "Range": "pounding_sweep.spec.axes",
     "Sweep": "pounding_sweep.run.sweep",
@@ -47,6 +49,7 @@ __all__ = [
     "Building",
     "ContactProperties",
     "Law",
+    "Link",
     "PoundingSweepError",
     "Range",
     "Record",
@@ -55,6 +58,7 @@ __all__ = [
     "Wall",
     "__version__",
     "analysis",
+    "base_isolated",
     "figures",
     "find_record",
     "get_law",
@@ -77,7 +81,8 @@ if TYPE_CHECKING:
     from pounding_sweep.base.errors import PoundingSweepError
     from pounding_sweep.model.hertz import hertz_stiffness
     from pounding_sweep.model.laws import LAWS, Law, get_law
-    from pounding_sweep.model.presets import get_preset
+    from pounding_sweep.model.links import Link
+    from pounding_sweep.model.presets import base_isolated, get_preset
     from pounding_sweep.model.scene import BoucWen, Building, ContactProperties, Scene, Wall
     from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.records import (

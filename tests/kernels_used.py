@@ -84,6 +84,14 @@ SMOOTH = ps.Scene(
     [0.005],
     LEANING.contact,
 )
+#: The pair with a dashpot, its roofs linked; and the schemes that run it.
+LINKED = ps.Scene(
+    [replace(pair().buildings[0], dashpots=[300.0, 0.0]), pair().buildings[1]],
+    [0.003],
+    pair().contact,
+    links=[ps.Link("a-b", [2], 2e4, 300.0)],
+)
+LINKING = ("rk4", "newmark")
 #: A row of more floors than one straight line of code holds: its loops are split within and between buildings.
 TALL = ps.Scene(
     [ps.Building("tower", [100.0] * 12, [4.5e5] * 12), ps.Building("annex", [120.0] * 5, [3.5e5] * 5)], gaps=[0.01]
@@ -149,6 +157,7 @@ def kernels() -> tuple[KernelSpec, ...]:
         simulated("rk4", "kelvin_voigt", scene=LEANING_YIELDS),
         *(simulated("rk4", law, scene=SMOOTH) for law in ("none", "linear")),
         simulated("rk4", "linear", scene=ps.Scene([replace(b, p_delta=False) for b in SMOOTH.row], [0.005])),
+        *(simulated(method, "kelvin_voigt", scene=LINKED) for method in LINKING),
         *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),
         simulated("rk4", "kelvin_voigt", scene=FRAMED),
         *swept(**both, laws="hertz_damped", method="rk4"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen, forces, hysteresis, located
+from pounding_sweep.kernel import bouc_wen, forces, hysteresis, links, located
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -21,7 +21,7 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import largest_accelerations, samples, transfers, turning, turns
+from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, transfers, turning, turns
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.model.laws import RESTING_SPEED
 
@@ -71,6 +71,8 @@ def conclude(group: Group) -> None:
     if "energy" in r:
         for b, floors in group.each_building():
             s["e_kin", b], s["e_strain", b] = kinetic(group, floors), strain(group, floors)
+    if "links" in r:
+        links.conclude(group)
     sound = Cell(group.lanes_where(True))
     for i in group.each(spec.n_dof):
         v = s["v", i]
@@ -162,6 +164,8 @@ class FixedSteps:
         elif group.follows:
             samples(group)
         add()
+        if group.spec.located:
+            each_step(group)
         if "acceleration" in group.asked:
             largest_accelerations(group, group.spec.located)
 

@@ -719,6 +719,12 @@ def _method(given: Any, info: Any) -> str | None:
         name = next(building.name for building in scene.buildings if building.bouc_wen)
         msg = f"{found!r} does not follow storeys of Bouc and Wen, as those of building {name!r} are; give {able}"
         raise InputError(msg)
+    if found is not None and scene is not None and not (scene.has_own_modes or SCHEMES[found].follows_links):
+        able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.follows_links)
+        dashed = (f"building {b.name!r} has dashpots" for b in scene.buildings if any(b.dashed))
+        what = next(dashed, None) or f"buildings of pair {scene.links[0].pair!r} are linked"
+        msg = f"{found!r} flies in modes that damping leaves apart, and {what}; give one of {able}"
+        raise InputError(msg)
     return found
 
 
