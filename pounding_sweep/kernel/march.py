@@ -109,10 +109,9 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
         c = s["c", j]
         if fastest is not None and law.shape.damper:
             c = c / maximum(fastest, RESTING_SPEED)
-        pull = maximum(v, 0.0) if law.shape.approach_only else v
         p = law.elastic(group.stiffness(j), c, d)
         if law.shape.damper:
-            p = p + law.damper(c, d) * pull
+            p = p + law.damper(c, d) * law.damped_rate(v)
         force, last = where(closed, p if law.shape.tension else maximum(p, 0.0), 0.0), s["f1", j]
         s["f1", j] = force
         if "force" in r:

@@ -59,6 +59,13 @@ class LawShape:
     damper_exponent: float = 0.0
     impulsive: bool = False
     yields: bool = False
+    rebound_only: bool = False
+    is_power: bool = True
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the damper acts on approach only, or on rebound only."""
+        return self.approach_only or self.rebound_only
 
     @property
     def clips(self) -> bool:
@@ -74,7 +81,8 @@ class LawShape:
 
         spring = 1.0 if self.yields else self.exponent
         damper = [self.damper_exponent] if self.damper else []
-        return power([spring, *damper]), power([spring, *([] if self.approach_only else damper)])
+        before, after = ([] if off else damper for off in (self.rebound_only, self.approach_only))
+        return power([spring, *before]), power([spring, *after])
 
 
 @dataclass(frozen=True)
