@@ -25,7 +25,7 @@ DOCS = Path(__file__).parent
 PICTURES = DOCS / "_static" / "gallery"
 #: Sweep files and other input that the commands name.
 SWEEPS = (
-    *(DOCS.parent / "sweeps" / f"{name}.toml" for name in ("quickstart", "period_ratio", "yielding")),
+    *(DOCS.parent / "sweeps" / f"{name}.toml" for name in ("quickstart", "period_ratio", "yielding", "ductility")),
     *sorted((DOCS / "gallery_sweeps").iterdir()),
 )
 
@@ -127,6 +127,14 @@ def _entry(kind: Kind) -> Entry:
 
 ENTRIES: tuple[Entry, ...] = (
     *map(_entry, FIGURES.values()),
+    Entry(
+        "map",
+        (
+            "run ductility.toml -o ductility.nc",
+            "plot ductility.nc map -o ductility.png --value ductility_max --at law=kelvin_voigt",
+        ),
+        "ductility.png",
+    ),
     Entry("animation", ("animate quickstart.toml -o row.gif --gap 0.006 --frames 30",), "row.gif"),
 )
 
