@@ -27,7 +27,7 @@ PICTURES = DOCS / "_static" / "gallery"
 SWEEPS = (
     *(
         DOCS.parent / "sweeps" / f"{name}.toml"
-        for name in ("quickstart", "period_ratio", "what_matters", "yielding", "isolated")
+        for name in ("quickstart", "period_ratio", "what_matters", "yielding", "isolated", "ductility")
     ),
     *sorted((DOCS / "gallery_sweeps").iterdir()),
 )
@@ -142,6 +142,14 @@ ENTRIES: tuple[Entry, ...] = (
         ),
         "moat.png",
         "an isolated building in its moat: displacement of the floor above the isolators against both walls",
+    ),
+    Entry(
+        "map",
+        (
+            "run ductility.toml -o ductility.nc",
+            "plot ductility.nc map -o ductility.png --value ductility_max --at law=kelvin_voigt",
+        ),
+        "ductility.png",
     ),
     Entry("animation", ("animate quickstart.toml -o row.gif --gap 0.006 --frames 30",), "row.gif"),
 )

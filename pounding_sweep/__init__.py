@@ -18,6 +18,7 @@ _HOME = {
     "Link": "pounding_sweep.model.links",
     "Scene": "pounding_sweep.model.scene",
     "Wall": "pounding_sweep.model.scene",
+    "rubber_bumper": "pounding_sweep.model.bumpers",
     "Law": "pounding_sweep.model.laws",
     "LAWS": "pounding_sweep.model.laws",
     "get_law": "pounding_sweep.model.laws",
@@ -70,6 +71,7 @@ __all__ = [
     "open_cube",
     "pulse_record",
     "read_record",
+    "rubber_bumper",
     "simulate",
     "synthetic_record",
     "tradeoff",
@@ -79,6 +81,7 @@ if TYPE_CHECKING:
     from pounding_sweep import analysis, figures
     from pounding_sweep.accuracy.tradeoff import tradeoff
     from pounding_sweep.base.errors import PoundingSweepError
+    from pounding_sweep.model.bumpers import rubber_bumper
     from pounding_sweep.model.hertz import hertz_stiffness
     from pounding_sweep.model.laws import LAWS, Law, get_law
     from pounding_sweep.model.links import Link

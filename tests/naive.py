@@ -127,7 +127,8 @@ class NaiveBuilding:
 #   "proportional":  damper = k d^n (D / v0) v                      D: dimensionless
 #   "quarter":       damper = 2 z sqrt(k sqrt(d) m) v               z: the damping ratio
 # A law with "yields" has no damper and a memory: see `Bilinear`; its z is the share of the energy that is lost.
-# "approach": the damper acts while v > 0 only. "clip": F = max(0, F) while d > 0.
+# "approach": the damper acts while v > 0 only; "rebound": while v < 0 only. "clip": F = max(0, F) while d > 0.
+# From the penetration "flat" on, k d^n goes on as a straight line of "stop" times its slope there.
 
 
 def _zeta_kelvin_voigt(e):
@@ -141,9 +142,12 @@ class Law:
     exponent: float
     damper: str | None = None
     approach_only: bool = False
+    rebound_only: bool = False
     clip: bool = False
     yields: bool = False
     published: object = None  # e -> z or D
+    flat: float = np.inf
+    stop: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -197,15 +201,24 @@ LAWS = {
 }
 
 
+def rule_of(law):
+    """The law of that name; one that is given stays as it is."""
+    return law if isinstance(law, Law) else LAWS[law]
+
+
 def damping_coefficient(law, e):
     """Published z or D of a law at nominal restitution e (None for an undamped law)."""
-    rule = LAWS[law]
+    rule = rule_of(law)
     return None if rule.published is None else float(rule.published(e))
 
 
 def elastic_force(rule, k, d):
     d = np.maximum(d, 0.0)
-    return k * d if rule.exponent == 1.0 else k * d * np.sqrt(d)
+    if rule.exponent in (1.0, 1.5):
+        return k * d if rule.exponent == 1.0 else k * d * np.sqrt(d)
+    n, flat = rule.exponent, rule.flat
+    beyond = np.where(d > flat, rule.stop * n * k * min(flat, 1e9) ** (n - 1) * (d - flat), 0.0)
+    return k * np.minimum(d, flat) ** n + beyond
 
 
 def damper_force(rule, k, d, v, m, v0, z):
@@ -367,7 +380,7 @@ class _Solver:
         self.row = row
         self.jump = law == "stereomechanical"
         self.contact = row.np > 0 and law != "none"
-        self.rule = None if law in ("none", "stereomechanical") else LAWS[law]
+        self.rule = None if law in ("none", "stereomechanical") else rule_of(law)
         self.k = (float(k) if k is not None else 0.0) / (1.0 + (k or 0.0) * np.array(row.softness))
         if self.rule is not None and self.rule.exponent != 1.0 and np.any(row.softness):
             msg = f"a spring like d^{self.rule.exponent} before a column is not one like it"
@@ -558,7 +571,7 @@ class _Solver:
         for p in range(row.np):
             now = self.state[p]
             if now == OPEN:
-                out.append((p, CLOSED, d[p]))
+                out.append((p, REBOUND if self.rule and self.rule.rebound_only else CLOSED, d[p]))
                 continue
             out.append((p, OPEN, -d[p]))
             if self.rule.yields:
@@ -573,6 +586,12 @@ class _Solver:
                 continue
             if self.rule.approach_only:
                 out.append((p, REBOUND, -rate[p]) if now == CLOSED else (p, CLOSED, rate[p]))
+            elif self.rule.rebound_only:  # of which REBOUND is the approach, without damper
+                pulls = -(rate[p] + self.v0[p] / self.z)
+                if now == REBOUND:
+                    out.append((p, CLOSED, -rate[p]))
+                else:
+                    out += [(p, REBOUND, rate[p]), (p, CLIPPED, pulls)] if now == CLOSED else [(p, CLOSED, -pulls)]
             elif self.rule.clip:
                 # Sign of the published force: d + (c/k) v, or 1 + (D/v0) v scaled to a speed.
                 if self.rule.damper == "dashpot":
@@ -919,7 +938,7 @@ def two_mass_impact(law, k, e, m1, m2, v0, *, damping=None, rtol=1e-12):
     Returns restitution, duration (to d = 0, or to F = 0 for a clipped dashpot), penetration_max, force_max,
     energy_lost.
     """
-    rule = LAWS[law]
+    rule = rule_of(law)
     m = m1 * m2 / (m1 + m2)
     if rule.yields:
         return _two_mass_bilinear(

@@ -125,6 +125,8 @@ def kernel_shape(
             law.damper_exponent,
             law.impulsive,
             law.yields,
+            law.rebound_only,
+            law.is_power,
         )
     return KernelSpec(
         storeys=tuple(b.n_storeys for b in scene.buildings),
@@ -382,7 +384,7 @@ class RowKernel:
 
         put("scale", scale[None, :])
         if "gap" in slots.first:
-            put("gap", gaps.T)
+            put("gap", gaps.T - self.law.thickness)
         if self.shape.law is not None:
             k = row.contact_stiffnesses(stiffness).T if self.shape.struck else stiffness[None, :]
             put("k", k)

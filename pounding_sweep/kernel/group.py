@@ -25,6 +25,7 @@ from pounding_sweep.kernel.lanes import (
     count_to,
     mask,
     maximum,
+    minimum,
     power,
     sqrt,
     where,
@@ -109,11 +110,16 @@ class Law:
             return slope * v
         return (slope + self._evaluate(self.shape.damper_slope or "0.0", d, c=c) * v) * v + self.damper(c, d) * a
 
+    def damped_rate(self, v: Any) -> Any:
+        """Rate of the penetration that the damper feels."""
+        if self.shape.rebound_only:
+            return minimum(v, 0.0)
+        return maximum(v, 0.0) if self.shape.approach_only else v
+
     def closed_force(self, k: Any, c: Any, d: Any, v: Any) -> Any:
         """Force of a closed contact, cut at zero where the law cannot pull."""
-        pull = maximum(v, 0.0) if self.shape.approach_only else v
         found = self.elastic(k, c, d)
-        found = found + self.damper(c, d) * pull if self.shape.damper else found
+        found = found + self.damper(c, d) * self.damped_rate(v) if self.shape.damper else found
         return found if self.shape.tension else where(d > 0.0, maximum(found, 0.0), 0.0)
 
     def memoryless(self, k: Any, c: Any, fastest: Any, d: Any, v: Any) -> Any:
@@ -126,7 +132,13 @@ class Law:
         """How long an elastic contact of this stiffness lasts (s)."""
         factor, share, speed = self._duration
         found = factor * power(mass / k, share)
-        return found * power(maximum(v, RESTING_SPEED), speed) if speed else found
+        found = found * power(maximum(v, RESTING_SPEED), speed) if speed else found
+        if self.shape.is_power:
+            return found
+        v, n = maximum(v, RESTING_SPEED), self.shape.exponent
+        # beside the power with which it begins, by the slopes where that one would turn
+        deepest = power(0.5 * (n + 1.0) * mass * v * v / k, 1.0 / (n + 1.0))
+        return found * sqrt(n * k * power(deepest, n - 1.0) / self.elastic_slope(k, deepest))
 
 
 class Group:

@@ -69,12 +69,15 @@ class Motion:
         It is its absolute value that counts.
     of : callable
         Reads it, or its rate, by the name of the floors' rows.
+    alone : bool
+        It may turn where no other motion does that is followed.
     """
 
     most: tuple[str, Any]
     least: tuple[str, Any] | None
     sized: bool
     of: Callable[[str], Any]
+    alone: bool = True
 
 
 def followed(group: Group, straight: bool) -> Iterator[Motion]:
@@ -144,7 +147,8 @@ def turning(group: Group) -> Any:
     """Return what is zero or less where some of the motion that is followed turns in the step just taken."""
     found = Cell(group.full(1.0))
     for motion in followed(group, straight=True):
-        found.now = minimum(found.now, motion.of("v0") * motion.of("v"))
+        if motion.alone:
+            found.now = minimum(found.now, motion.of("v0") * motion.of("v"))
     return found.now
 
 

@@ -64,11 +64,22 @@ class LawShape:
     damper_exponent: float = 0.0
     impulsive: bool = False
     yields: bool = False
+    rebound_only: bool = False
+    is_power: bool = True
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the damper acts on approach only, or on rebound only."""
+        return self.approach_only or self.rebound_only
 
     @property
     def polynomial(self) -> bool:
         """Whether the force is a polynomial of penetration and rate: k d, with a damper c or c d."""
-        return self.elastic == "k*d" and self.damper in ("", "c", "c*max(d, 0.0)") and not self.yields
+        return (
+            self.elastic == "k*d"
+            and self.damper in ("", "c", "c*max(d, 0.0)")
+            and not (self.yields or self.rebound_only)
+        )
 
     @property
     def clips(self) -> bool:
@@ -84,7 +95,8 @@ class LawShape:
 
         spring = 1.0 if self.yields else self.exponent
         damper = [self.damper_exponent] if self.damper else []
-        return power([spring, *damper]), power([spring, *([] if self.approach_only else damper)])
+        before, after = ([] if off else damper for off in (self.rebound_only, self.approach_only))
+        return power([spring, *before]), power([spring, *after])
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from pounding_sweep.kernel import links, yielding
-from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SLACK, contact_rate, is_closed, penetration
+from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SIDES, SLACK, contact_rate, is_closed, penetration
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.impulse import alone
 from pounding_sweep.kernel.lanes import Cell, count_to, flagged, maximum, minimum, size, when_any, where, while_any
@@ -337,9 +337,10 @@ def settle(group: Group, lanes: Any) -> None:
         if "work" in r:
             w = 0.5 * h * force * (group.between("v0", j) + v)
             s["work", j] = where(here, s["work", j] + w, s["work", j])
-        mode = where(d > 0.0, group.full(PRESSING), OPEN)
-        if law.shape.approach_only:
-            mode = where((d > 0.0) & (v < 0.0), REBOUND, mode)
+        nears, parting = SIDES[law.shape.rebound_only]
+        mode = where(d > 0.0, group.full(nears), OPEN)
+        if law.shape.one_sided:
+            mode = where((d > 0.0) & (v < 0.0), parting, mode)
         if law.shape.clips:
             slack = (s["cl", j] > 0.0) & (law.pressing(s["kl", j], s["cl", j], d, v) <= 0.0)
             mode = where((d > 0.0) & slack, SLACK, mode)
@@ -353,10 +354,14 @@ def settle(group: Group, lanes: Any) -> None:
 
 def touch_miss(group: Group) -> Any:
     """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
-    s, late = group.state, Cell(group.full(0.0))
+    s, law, late = group.state, group.law, Cell(group.full(0.0))
+    assert law is not None
+    nears = SIDES[law.shape.rebound_only][0]
     for j in group.each_contact():
         d, v = penetration(group, j), group.between("v", j)
-        mine = (s["mode", j] == OPEN) & (s["next", j] == 1.0) & (s["event", j] <= s["fraction"] + group.limit.same_time)
+        mine = (
+            (s["mode", j] == OPEN) & (s["next", j] == nears) & (s["event", j] <= s["fraction"] + group.limit.same_time)
+        )
         mine = mine & (v > 0.0) & (size(d) > group.limit.exact)
         late.now = where(mine, where(late.now == 0.0, d / v, maximum(late.now, d / v)), late.now)
     return late.now
