@@ -7,9 +7,11 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
+import xarray as xr
 
 import pounding_sweep as ps
 from pounding_sweep.model.presets import get_preset
+from pounding_sweep.outputs.variables import STATUS, get_variable
 from pounding_sweep.paper import found as paper_found
 from pounding_sweep.paper import search as paper_search
 from pounding_sweep.paper.fit import (
@@ -30,10 +32,12 @@ from pounding_sweep.paper.readings import READINGS
 from pounding_sweep.paper.search import (
     DAMPINGS,
     INPUTS,
+    OUTPUTS,
     WIDE,
     cases_of,
     damped,
     design,
+    held_against,
     narrowed,
     reading_points,
     scene_at,
@@ -179,6 +183,18 @@ def test_readings_are_points():
         row, preset = scene_at(points, at), get_preset(reading.preset)
         assert row.buildings == preset.buildings
         assert (row.gaps, row.contact.linear_stiffness) == (preset.gaps, preset.contact.linear_stiffness)
+
+
+def test_a_run_without_values_is_as_far_as_can_be():
+    shape = {"case": 2, "building": 3, "pair": 2, "storey": 3}
+    dims = {name: ("case", get_variable(name).dims[0], "storey") for name in OUTPUTS}
+    data = {name: (own, np.ones([shape[dim] for dim in own])) for name, own in dims.items()}
+    status = [int(next(one for one in STATUS if one.has_values is valued)) for valued in (True, False)]
+    cube = xr.Dataset({**data, "status": ("case", status)})
+    record = [ps.find_record("el_centro")]
+    assert held_against(cube, record).misfit()[1] == 2.0
+    assert held_against(cube, record).misfit()[0] < 2.0
+    assert np.isnan(held_against(cube, record, missing=np.nan).misfit()[1])
 
 
 TRUTH = {"left": 0.9, "middle": 1.2, "right": 2.1, "stiffness": 3e5, "gap": 0.012, "damping_ratio": 0.04, "scale": 1.1}

@@ -18,6 +18,10 @@ UNITS = {"displacement": 1e-3, "force": 1.0, "contacts": 1.0, "samples": 1.0}
 #: What is fitted. "contacts" and "samples" are two meanings of the paper's numbers of impacts; see `search.SAMPLING`.
 FITTED = ("displacement", "force", "samples")
 
+#: Square of the largest relative difference: one number is zero, the other is not.
+FARTHEST = 4.0
+_DIRECTIONS = ("displacement_max", "displacement_min")
+
 #: Values of a quantity, shape (..., records, places, storeys); places are buildings and directions, or pairs.
 Numbers = Mapping[str, np.ndarray]
 
@@ -34,9 +38,6 @@ def of_paper(records: Sequence[str], law: str = "linear", program: str = "matlab
     found["force"] = forces["impact_force_max"].values
     found["contacts"] = found["samples"] = forces["impact_count"].values
     return found
-
-
-_DIRECTIONS = ("displacement_max", "displacement_min")
 
 
 def relative_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:

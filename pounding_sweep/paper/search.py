@@ -15,7 +15,7 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Building, Scene, rayleigh_factors
 from pounding_sweep.outputs.variables import STATUS
-from pounding_sweep.paper.fit import FITTED, Numbers, Squares, likelihood, of_paper, squares
+from pounding_sweep.paper.fit import FARTHEST, FITTED, Numbers, Squares, likelihood, of_paper, squares
 from pounding_sweep.paper.published import BUILDINGS
 from pounding_sweep.paper.readings import GAP, READINGS, RESTITUTION
 from pounding_sweep.records import Record
@@ -158,9 +158,12 @@ def numbers(cube: xr.Dataset, records: int) -> dict[str, np.ndarray]:
     }
 
 
-def held_against(cube: xr.Dataset, records: Sequence[Record], law: str = "linear") -> Squares:
-    """Hold a cube of `run` against the paper's tables."""
-    return against_paper(numbers(cube, len(records)), records, law)
+def held_against(
+    cube: xr.Dataset, records: Sequence[Record], law: str = "linear", missing: float = FARTHEST
+) -> Squares:
+    """Hold a cube of `run` against the paper's tables; `missing` is the square of a run without values."""
+    found = against_paper(numbers(cube, len(records)), records, law)
+    return replace(found, values=np.nan_to_num(found.values, nan=missing))
 
 
 def against_paper(own: Numbers, records: Sequence[Record], law: str = "linear") -> Squares:
@@ -309,7 +312,9 @@ PLAIN_STEPS = (0.01, 0.005, 0.002, 0.001)
 def plain_steps(records: Sequence[Record], points: Points) -> dict[float, Squares]:
     """Run points with a plain RK4 of fixed steps; missing values where that is unstable."""
     return {
-        step: held_against(run(points, records, method="rk4", dt=step, locate=False, force_unstable=True), records)
+        step: held_against(
+            run(points, records, method="rk4", dt=step, locate=False, force_unstable=True), records, missing=np.nan
+        )
         for step in PLAIN_STEPS
     }
 
