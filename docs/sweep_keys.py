@@ -9,6 +9,7 @@ from numpydoc.docscrape import NumpyDocString
 from pydantic.fields import FieldInfo
 
 from pounding_sweep.model.hertz import hertz_stiffness
+from pounding_sweep.model.links import Link
 from pounding_sweep.model.scene import BoucWen, Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.spec import tables
@@ -78,6 +79,7 @@ _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
     "bouc_wen of a building": (tables.BoucWenTable.model_fields, BoucWen),
     "[[scene.row]], a wall": (tables.WallTable.model_fields, Wall),
     "[scene.contact]": (tables.ContactTable.model_fields, ContactProperties),
+    "[[scene.links]]": (tables.LinkTable.model_fields, Link),
     "scene.contact.hertz": (tables.HertzTable.model_fields, hertz_stiffness),
     "[sweep]": (_arguments("sweep"), build_spec),
     "Evenly spaced values": (tables.RangeTable.model_fields, Range),

@@ -84,6 +84,16 @@ SMOOTH = ps.Scene(
     [0.005],
     LEANING.contact,
 )
+#: The pair with a dashpot, its roofs linked; and the schemes that run it.
+LINKED = ps.Scene(
+    [replace(pair().buildings[0], dashpots=[300.0, 0.0]), pair().buildings[1]],
+    [0.003],
+    pair().contact,
+    links=[ps.Link("a-b", [2], 2e4, 300.0)],
+)
+LINKING = ("rk4", "newmark")
+#: A law that is damped on rebound only, by bumpers in the gap.
+BUMPER = ps.rubber_bumper(0.01, key="bumper", stiffness=3e8)
 #: A row of more floors than one straight line of code holds: its loops are split within and between buildings.
 TALL = ps.Scene(
     [ps.Building("tower", [100.0] * 12, [4.5e5] * 12), ps.Building("annex", [120.0] * 5, [3.5e5] * 5)], gaps=[0.01]
@@ -112,10 +122,10 @@ FRAMED = ps.Scene(
 
 
 @cache
-def simulated(method: str, law: str, *, located: bool = True, scene: ps.Scene | None = None) -> KernelSpec:
+def simulated(method: str, law: str | ps.Law, *, located: bool = True, scene: ps.Scene | None = None) -> KernelSpec:
     """The kernel that `simulate` compiles for the pair, or for another row."""
     reducers = reducers_for([name for name in VARIABLES if name != "closing_max"])
-    return kernel_shape(scene or pair(), LAWS[law], Numerics(method, 1e-3, located), reducers, history=True)
+    return kernel_shape(scene or pair(), ps.get_law(law), Numerics(method, 1e-3, located), reducers, history=True)
 
 
 def swept(**sweep) -> list[KernelSpec]:
@@ -142,6 +152,7 @@ def kernels() -> tuple[KernelSpec, ...]:
     return (
         *(simulated(method, law) for method, laws in SIMULATED.items() for law in sorted(laws)),
         simulated(method, law, located=False),
+        *(simulated(method, BUMPER) for method in ("rk4", "newmark")),
         simulated("rk4", "kelvin_voigt", scene=TALL),
         *(simulated(method, "kelvin_voigt", scene=yielding_pair()) for method in YIELDING),
         *swept(**YIELDING_SWEEP),
@@ -149,6 +160,7 @@ def kernels() -> tuple[KernelSpec, ...]:
         simulated("rk4", "kelvin_voigt", scene=LEANING_YIELDS),
         *(simulated("rk4", law, scene=SMOOTH) for law in ("none", "linear")),
         simulated("rk4", "linear", scene=ps.Scene([replace(b, p_delta=False) for b in SMOOTH.row], [0.005])),
+        *(simulated(method, "kelvin_voigt", scene=LINKED) for method in LINKING),
         *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),
         simulated("rk4", "kelvin_voigt", scene=FRAMED),
         *swept(**both, laws="hertz_damped", method="rk4"),

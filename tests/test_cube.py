@@ -155,11 +155,8 @@ class TestRegistry:
     def test_reducers(self):
         assert reducers_for([]) == frozenset()
         assert reducers_for(["displacement_min", "contact_work"]) == {"displacement", "work"}
-        assert reducers_for(["energy_transfer_max"]) == {
-            "energy",
-            "transfer",
-            "hysteretic",
-        }  # the last where storeys yield
+        # the last two where storeys yield, and where neighbours are linked
+        assert reducers_for(["energy_transfer_max"]) == {"energy", "transfer", "hysteretic", "links"}
         assert reducers_for(VARIABLES) == set(REDUCERS)
 
     @pytest.mark.parametrize("law", ["linear", "stereomechanical"])
@@ -277,7 +274,8 @@ class TestMask:
 class TestAssemble:
     def test_labels(self, cube):
         assert cube["impact_force_max"].dims == ("law", "gap", "record", "pair", "storey")
-        assert list(cube.data_vars) == [name for name, variable in VARIABLES.items() if not variable.of_columns]
+        there = (name for name, each in VARIABLES.items() if not (each.of_columns or each.of_links))
+        assert list(cube.data_vars) == list(there)
         assert cube["building"].values.tolist() == ["left", "right"]
         assert cube["pair"].values.tolist() == ["left-right"]
         assert cube["storey"].values.tolist() == [1, 2, 3]

@@ -327,6 +327,9 @@ def test_floors_touch_where_their_relative_displacement_reaches_the_gap():
         highest = max(np.max(line.get_ydata()) for line in ax.lines)
         touched = bool((part.contact_force.sel(pair=name) > 0).any())
         assert (highest > gap) == touched
+        marks = sorted(t for line in ax.lines if line.get_marker() == "o" for t in line.get_xdata())
+        deep = part.penetration.sel(pair=name).fillna(0.0).transpose("time", "storey").values > 0.0
+        assert marks == sorted(np.repeat(part.time.values[1:, None], deep.shape[1], axis=1)[deep[1:] & ~deep[:-1]])
 
 
 def test_loops_of_a_contact_hold_what_it_took():

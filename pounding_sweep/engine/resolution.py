@@ -37,10 +37,9 @@ def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np
     h = record.dt / numerics.steps(record)
     variants = variants_of(row)
     worst = np.zeros(len(variants))
-    for index in range(len(variants.scene.buildings)):
-        a, b = variants.rayleigh(index)
-        for w, weight in zip(variants.frequencies(index).T, (1.0, SECOND_MODE), strict=False):
-            memory = np.minimum(record.duration, 2.0 / np.maximum(a + b * w * w, 1e-300))
+    for frequencies, decays in variants.systems:
+        for w, decay, weight in zip(frequencies.T, decays.T, (1.0, SECOND_MODE), strict=False):
+            memory = np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
             x = w * h
             share = numerics.scheme.phase_error(x, numerics.beta, numerics.gamma)
             worst = np.maximum(worst, weight * w * memory * share)

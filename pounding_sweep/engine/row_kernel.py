@@ -82,7 +82,7 @@ class Numerics:
 
 
 def _existing(where: str) -> frozenset[str]:
-    """Return the reducers that exist only where floors are neighbours, or can touch."""
+    """Return the reducers that exist only in rows of some kind."""
     return frozenset(name for name, reducer in REDUCERS.items() if reducer.where == where)
 
 
@@ -108,6 +108,8 @@ def kernel_shape(
     falls = any(b.p_delta and any(b.yields) for b in scene.buildings)
     if falls:  # which its drift tells
         wanted |= {"drift"}
+    if not scene.links:
+        wanted -= _existing("linked")
     meets = touching or bool(wanted & _existing("neighbours"))
     compiled = None
     if touching:
@@ -123,6 +125,8 @@ def kernel_shape(
             law.damper_exponent,
             law.impulsive,
             law.yields,
+            law.rebound_only,
+            law.is_power,
         )
     return KernelSpec(
         storeys=tuple(b.n_storeys for b in scene.buildings),
@@ -144,6 +148,8 @@ def kernel_shape(
         p_delta=falls and "shear" in wanted,
         smooth=_exponents(scene),
         struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
+        dashpots=tuple(i for i, each in enumerate(scene.dashed) if each),
+        links=tuple((link.left, link.right) for link in scene.linked_floors),
     )
 
 
@@ -378,7 +384,7 @@ class RowKernel:
 
         put("scale", scale[None, :])
         if "gap" in slots.first:
-            put("gap", gaps.T)
+            put("gap", gaps.T - self.law.thickness)
         if self.shape.law is not None:
             k = row.contact_stiffnesses(stiffness).T if self.shape.struck else stiffness[None, :]
             put("k", k)
@@ -413,6 +419,9 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
         "lower": shares[None, :, 0],
         "upper": shares[None, :, 1],
+        "dashpot": row.dashpots,
+        "link_k": np.array([[link.stiffness for link in row.scene.linked_floors]]),
+        "link_c": np.array([[link.damping for link in row.scene.linked_floors]]),
         **_smooth(row.scene),
     }
 

@@ -19,7 +19,7 @@ from typing import Any
 
 from pounding_sweep.kernel.forces import NEVER
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, Table, count_to, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.lanes import Cell, Table, any_lane, count_to, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.roots import coefficients, quartic, rate, root
 
 
@@ -167,6 +167,14 @@ def follow(group: Group) -> None:
     """Let the plastic drifts of storeys that yield follow the motion to the present state."""
     for i, below in each_storey(group, straight=True):
         _follow(group, i, below)
+
+
+def is_any_yielding(group: Group) -> Any:
+    """Whether any storey of any lane yields."""
+    found = Cell(group.lanes_where(False))
+    for i, _ in each_storey(group, straight=True):
+        found.now = found.now | ~(group.state["phase", i] == 0.0)
+    return any_lane(found.now)
 
 
 def strain(group: Group, i: Any, drifted: Any) -> Any:

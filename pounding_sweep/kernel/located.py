@@ -8,7 +8,7 @@ from typing import Any
 from pounding_sweep.kernel import bouc_wen, forces, hysteresis, impulse
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, maximum, minimum, when_any, where
-from pounding_sweep.kernel.peaks import largest_accelerations, samples, turns
+from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, turns
 from pounding_sweep.kernel.row import transferred
 
 
@@ -157,6 +157,7 @@ def substep(group: Group, h: Any) -> None:
     add()
     if "acceleration" in r:
         largest_accelerations(group, located=True)
+    each_step(group)
     s["tries"] = s["tries"] + s["taken"]
     close(group, kind, h)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pounding_sweep.kernel import bouc_wen
+from pounding_sweep.kernel import bouc_wen, links
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Table, count_to, fma, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.row import add_forces, total_accelerations, transferred
@@ -69,12 +69,15 @@ class Motion:
         It is its absolute value that counts.
     of : callable
         Reads it, or its rate, by the name of the floors' rows.
+    alone : bool
+        It may turn where no other motion does that is followed.
     """
 
     most: tuple[str, Any]
     least: tuple[str, Any] | None
     sized: bool
     of: Callable[[str], Any]
+    alone: bool = True
 
 
 def followed(group: Group, straight: bool) -> Iterator[Motion]:
@@ -133,11 +136,19 @@ def samples(group: Group, lanes: Any = None) -> None:
             put(motion.least, minimum(s[motion.least], x))
 
 
+def each_step(group: Group) -> None:
+    """Let reducers take what they keep of each located step."""
+    for reducer in group.reducers:
+        if reducer.step:
+            reducer.step(group)
+
+
 def turning(group: Group) -> Any:
     """Return what is zero or less where some of the motion that is followed turns in the step just taken."""
     found = Cell(group.full(1.0))
     for motion in followed(group, straight=True):
-        found.now = minimum(found.now, motion.of("v0") * motion.of("v"))
+        if motion.alone:
+            found.now = minimum(found.now, motion.of("v0") * motion.of("v"))
     return found.now
 
 
@@ -163,6 +174,8 @@ def largest_accelerations(group: Group, located: bool) -> None:
     if group.touching:
         for end, *_ in ends:
             add_forces(group, f"acc{end}", f"f{end}")
+    for end, u, v, _ in ends if group.spec.links else ():
+        links.accelerate(group, f"acc{end}", u, v)
     if not located:
         for i in group.each(group.spec.n_dof):
             s["acc", i] = maximum(s["acc", i], size(s["acc1", i]))
@@ -179,6 +192,8 @@ def largest_accelerations(group: Group, located: bool) -> None:
     if group.touching:
         for end, *_ in ends:
             add_forces(group, f"rate{end}", f"q{end}")
+    for end, _, v, _ in ends if group.spec.links else ():
+        links.accelerate(group, f"rate{end}", v, f"acc{end}")  # of which the ground's is the same on both sides
     h = s["h"]
     for i in group.each(group.spec.n_dof):
         early, late = s["acc0", i], s["acc1", i]

@@ -17,7 +17,7 @@ LANES = 16
 
 
 #: Properties that may differ from lane to lane.
-VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "geometric")
+VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "geometric", "dashpot")
 
 #: Parameters of a compiled kernel and their types.
 PARAMETERS = {
@@ -64,11 +64,22 @@ class LawShape:
     damper_exponent: float = 0.0
     impulsive: bool = False
     yields: bool = False
+    rebound_only: bool = False
+    is_power: bool = True
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the damper acts on approach only, or on rebound only."""
+        return self.approach_only or self.rebound_only
 
     @property
     def polynomial(self) -> bool:
         """Whether the force is a polynomial of penetration and rate: k d, with a damper c or c d."""
-        return self.elastic == "k*d" and self.damper in ("", "c", "c*max(d, 0.0)") and not self.yields
+        return (
+            self.elastic == "k*d"
+            and self.damper in ("", "c", "c*max(d, 0.0)")
+            and not (self.yields or self.rebound_only)
+        )
 
     @property
     def clips(self) -> bool:
@@ -84,7 +95,8 @@ class LawShape:
 
         spring = 1.0 if self.yields else self.exponent
         damper = [self.damper_exponent] if self.damper else []
-        return power([spring, *damper]), power([spring, *([] if self.approach_only else damper)])
+        before, after = ([] if off else damper for off in (self.rebound_only, self.approach_only))
+        return power([spring, *before]), power([spring, *after])
 
 
 @dataclass(frozen=True)
@@ -133,6 +145,10 @@ class KernelSpec:
         Shears of storeys that yield are kept, and weights push some of them.
     smooth : tuple of (int, float)
         Those of `yielding` whose hysteresis is that of Bouc and Wen, with its exponent.
+    dashpots : tuple of int
+        Degrees of freedom whose storeys have dashpots.
+    links : tuple of (left, right)
+        Degrees of freedom that are linked.
     """
 
     storeys: tuple[int, ...]
@@ -154,6 +170,8 @@ class KernelSpec:
     struck: tuple[int, ...] = ()
     p_delta: bool = False
     smooth: tuple[tuple[int, float], ...] = ()
+    dashpots: tuple[int, ...] = ()
+    links: tuple[tuple[int, int], ...] = ()
 
     @property
     def impulsive(self) -> bool:
@@ -227,6 +245,8 @@ def from_json(data: dict[str, Any]) -> KernelSpec:
         "reducers": frozenset(data["reducers"]),
         "yielding": tuple(data["yielding"]),
         "smooth": tuple((int(i), float(n)) for i, n in data["smooth"]),
+        "dashpots": tuple(data["dashpots"]),
+        "links": tuple((int(a), int(b)) for a, b in data["links"]),
     }
     return KernelSpec(**{**data, **own})
 
@@ -286,6 +306,11 @@ def property_slots(shape: KernelSpec) -> Slots:
     if shape.struck:  # shares of a push on columns, of the floor above and below
         slots.add("upper", len(shape.contacts))
         slots.add("lower", len(shape.contacts))
+    if shape.dashpots:
+        slots.add("dashpot", n)
+    if shape.links:
+        slots.add("link_k", len(shape.links))
+        slots.add("link_c", len(shape.links))
     return slots
 
 
@@ -301,6 +326,8 @@ def history_slots(shape: KernelSpec) -> Slots:
     if "energy" in shape.reducers:
         slots.add("e_in", shape.n_buildings)
         slots.add("e_damp", shape.n_buildings)
+    if "links" in shape.reducers:
+        slots.add("e_link", shape.n_buildings)
     if shape.law is not None:
         slots.add("force", len(shape.contacts))
         if "work" in shape.reducers:

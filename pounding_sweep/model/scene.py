@@ -19,6 +19,7 @@ from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.base.tables import html_table
 from pounding_sweep.base.text import label_fault
 from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors
+from pounding_sweep.model.links import Link, LinkedFloors, check_linking
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
@@ -167,6 +168,9 @@ class Building:
         (kN) and its height h. Periods, modes and Rayleigh damping are those of the building under its weight.
     bouc_wen : BoucWen or mapping, optional
         Smooth hysteresis of the storeys that yield, in place of the bilinear one.
+    dashpots : sequence of float, optional
+        Coefficients (kN s/m) of dashpots between each floor and the one below (the ground), bottom first, beside
+        Rayleigh's damping; zero where a storey has none.
 
     Raises
     ------
@@ -193,6 +197,7 @@ class Building:
     column_stiffnesses: Sequence[float] | None = field(default=None, kw_only=True)
     p_delta: bool = field(default=False, kw_only=True)
     bouc_wen: BoucWen | None = field(default=None, kw_only=True)
+    dashpots: Sequence[float] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         _check_name("building", self.name)
@@ -210,6 +215,8 @@ class Building:
             columns = _positive_list(owner, "column_stiffnesses", "kN/m", self.column_stiffnesses, n)
             object.__setattr__(self, "column_stiffnesses", columns)
         self._check_stability(owner)
+        if self.dashpots is not None:
+            object.__setattr__(self, "dashpots", self._checked_dashpots(owner, n))
         given = self.damping_ratio
         ratios = tuple(given) if isinstance(given, (tuple, list)) else (given,)
         if len(ratios) not in (1, 2) or not all(
@@ -289,6 +296,15 @@ class Building:
                 raise SceneError(msg)
         return depths
 
+    def _checked_dashpots(self, owner: str, n: int) -> tuple[float, ...]:
+        found = _numbers(f"{owner}: dashpots", "kN s/m", self.dashpots or ())
+        if len(found) != n:
+            msg = f"{owner}: {len(found)} dashpots for {n} masses; give one value per storey, 0 where it has none"
+            raise SceneError(msg)
+        for storey, value in enumerate(found, start=1):
+            check_linking(value, f"{owner}: dashpots of storey {storey}", "kN s/m")
+        return found
+
     @property
     def n_storeys(self) -> int:
         """Number of storeys."""
@@ -319,6 +335,11 @@ class Building:
     def stability_coefficients(self) -> tuple[float, ...]:
         """P / (k h) of each storey; zeros without `p_delta`."""
         return tuple(p / k for p, k in zip(self.geometric_stiffnesses, self.stiffnesses, strict=True))
+
+    @property
+    def dashed(self) -> tuple[bool, ...]:
+        """Whether each storey has a dashpot."""
+        return (False,) * self.n_storeys if self.dashpots is None else tuple(c > 0.0 for c in self.dashpots)
 
     @property
     def slabs(self) -> Slabs:
@@ -508,13 +529,15 @@ class Scene:
         columns, the storeys are those of the floors that strike them.
     allow_unmet : bool
         Accept pairs with no floors that meet, which pass through each other.
+    links : sequence of Link, optional
+        Springs and dashpots between floors of neighbours.
 
     Raises
     ------
     SceneError
         No building, a wall inside the row, names that repeat, a wrong number of
         gaps, a gap below zero, a pair with no floors that meet, a floor that is level with
-        several of a neighbour, or a storey named that meets nothing.
+        several of a neighbour, a storey named that meets nothing, or a link to a floor that is not there.
 
     Examples
     --------
@@ -534,6 +557,7 @@ class Scene:
     contacts: Any = field(default=CONTACTS[0], kw_only=True, repr=False)
     storeys: Mapping[str, Sequence[int]] | Sequence[tuple[str, Sequence[int]]] = field(default=(), kw_only=True)
     allow_unmet: bool = field(default=False, kw_only=True)
+    links: Sequence[Link] = field(default=(), kw_only=True)
     _labels: tuple[tuple[str, int], ...] = field(default=(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -574,6 +598,38 @@ class Scene:
             check_gap(gap, f"gap of pair {name!r}")
         object.__setattr__(self, "gaps", gaps)
         self._check_meetings()
+        self._check_links()
+
+    def _check_links(self) -> None:
+        """Check that links join floors that are there, each two once."""
+        links = tuple(self.links) if isinstance(self.links, Iterable) else (self.links,)
+        for link in links:
+            if not isinstance(link, Link):
+                msg = f"links must be Link objects, not {shown(link)}"
+                raise SceneError(msg)
+            if link.pair not in self.pair_names:
+                raise SceneError(unknown("pair in links", link.pair, self.pair_names))
+            pair = self.pair_names.index(link.pair)
+            for side, item in enumerate(self.row[pair : pair + 2]):
+                if isinstance(item, Wall):
+                    msg = f"pair {link.pair!r} has a wall; links join floors of two buildings"
+                    raise SceneError(msg)
+                for each in link.floors:
+                    if not 1 <= each[side] <= item.n_storeys:
+                        msg = (
+                            f"pair {link.pair!r} is linked at storey {each[side]} of {item.name!r}, which is not "
+                            f"there; give one of 1 to {item.n_storeys}"
+                        )
+                        raise SceneError(msg)
+        object.__setattr__(self, "links", links)
+        places = [(each.pair, each.storey) for each in self.linked_floors]
+        for pair, storey in places:
+            if places.count((pair, storey)) > 1:
+                msg = (
+                    f"storey {storey} of {self.row[pair].name!r} has {places.count((pair, storey))} links to "
+                    f"{self.row[pair + 1].name!r}; give one, of their sum"
+                )
+                raise SceneError(msg)
 
     def _check_meetings(self) -> None:
         """Check where floors meet; limits become pairs of a name and storeys, so that scenes are values."""
@@ -668,6 +724,43 @@ class Scene:
     def smooth(self) -> tuple[bool, ...]:
         """Whether that storey has the hysteresis of Bouc and Wen, of all buildings."""
         return tuple(each and b.bouc_wen is not None for b in self.buildings for each in b.yields)
+
+    @cached_property
+    def dashed(self) -> tuple[bool, ...]:
+        """Whether the storey below each floor has a dashpot, of all buildings."""
+        return tuple(each for building in self.buildings for each in building.dashed)
+
+    @cached_property
+    def linked_floors(self) -> tuple[LinkedFloors, ...]:
+        """All links, each between two floors."""
+        first, found = 1 if isinstance(self.row[0], Wall) else 0, []
+        for link in self.links:
+            pair = self.pair_names.index(link.pair)
+            left, right = self.offsets[pair - first : pair - first + 2]
+            place = self.pair_labels.index(link.pair)
+            found += [
+                LinkedFloors(pair, s, left + s - 1, right + t - 1, link.stiffness, link.damping, place)
+                for s, t in link.floors
+            ]
+        return tuple(found)
+
+    @cached_property
+    def linked_buildings(self) -> tuple[tuple[int, ...], ...]:
+        """Buildings that move as one, by their numbers: those that links join, and each other one alone."""
+        owner = np.repeat(np.arange(len(self.buildings)), [b.n_storeys for b in self.buildings])
+        joined = {int(owner[each.left]) for each in self.linked_floors}  # those with a link to the right
+        groups: list[list[int]] = []
+        for b in range(len(self.buildings)):
+            if b - 1 in joined:
+                groups[-1].append(b)
+            else:
+                groups.append([b])
+        return tuple(map(tuple, groups))
+
+    @property
+    def has_own_modes(self) -> bool:
+        """Whether each building moves in modes of its own that damping leaves apart: no dashpots, no links."""
+        return not (any(self.dashed) or self.links)
 
     @cached_property
     def offsets(self) -> tuple[int, ...]:

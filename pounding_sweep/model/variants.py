@@ -5,9 +5,9 @@ damping and strengths. None of them changes the shape of a mode, so that everyth
 needs of its buildings follows from the scene's own numbers by multiplication,
 for any number of scenarios at once:
 
-- a period factor f multiplies all periods of a building: stiffnesses / f**2, masses and strengths kept; with P-Delta
-  it is what weights leave of the stiffnesses that is divided;
-- a mass factor multiplies its masses, stiffnesses and strengths, so that its motion alone is kept;
+- a period factor f multiplies all periods of a building: stiffnesses / f**2, dashpots / f, masses and strengths kept;
+  with P-Delta it is what weights leave of the stiffnesses that is divided;
+- a mass factor multiplies its masses, stiffnesses, dashpots and strengths, so that its motion alone is kept;
 - a damping ratio replaces the ratios of the first two modes of all buildings;
 - a strength factor multiplies the yield strengths of a building;
 - a hardening replaces that of a building.
@@ -25,6 +25,9 @@ import numpy as np
 
 from pounding_sweep.model.levels import column_softness
 from pounding_sweep.model.scene import Scene, rayleigh_factors
+
+#: Rows of linked buildings whose modes are found at a time.
+_BLOCK = 4096
 
 
 @dataclass(frozen=True)
@@ -132,6 +135,12 @@ class Variants:
         left = (own * self.elastic_stiffnesses - taken) / self.stiffnesses
         return np.asarray(np.where((taken > 0.0) & np.isfinite(self.yield_strengths), left, own))
 
+    @cached_property
+    def dashpots(self) -> np.ndarray:
+        """Coefficients of the storeys' dashpots (kN s/m), shape (n, floors)."""
+        own = np.concatenate([b.dashpots or (0.0,) * b.n_storeys for b in self.scene.buildings])
+        return np.asarray(own * (self.mass_factor / self.period_factor)[:, self._owner])
+
     def frequencies(self, building: int) -> np.ndarray:
         """Natural circular frequencies of a building (rad/s), rising, shape (n, storeys)."""
         return self._frequencies[building]
@@ -139,6 +148,50 @@ class Variants:
     @cached_property
     def _frequencies(self) -> list[np.ndarray]:
         return [b.frequencies / self.period_factor[:, i, None] for i, b in enumerate(self.scene.buildings)]
+
+    @cached_property
+    def systems(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Undamped frequencies (rad/s), rising, and decay 2 zeta w (1/s) of their modes, of all that moves as one.
+
+        Shape (n, modes) each; a single building's dashpots are left out, linked buildings are one with theirs.
+        """
+        found = []
+        for group in self.scene.linked_buildings:
+            if len(group) > 1:
+                given = np.column_stack([self.period_factor, self.mass_factor, self.damping_ratio])
+                _, first, which = np.unique(given, axis=0, return_index=True, return_inverse=True)
+                parts = [self._linked_modes(group, first[k : k + _BLOCK]) for k in range(0, len(first), _BLOCK)]
+                w, decay = (np.concatenate([part[i] for part in parts])[which.reshape(-1)] for i in (0, 1))
+            else:
+                (a, b), w = self.rayleigh(group[0]), self.frequencies(group[0])
+                decay = a[:, None] + b[:, None] * w * w
+            found.append((w, decay))
+        return found
+
+    def _linked_modes(self, group: tuple[int, ...], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`systems` of linked buildings, of some rows."""
+        start, stop = (self.scene.offsets[b] for b in (group[0], group[-1] + 1))
+        n = stop - start
+        stiff, damped = np.zeros((len(rows), n, n)), np.zeros((len(rows), n, n))
+        for b in group:
+            own = self.scene.buildings[b]
+            drift = np.eye(own.n_storeys) - np.eye(own.n_storeys, k=-1)
+            floors = slice(self.scene.offsets[b], self.scene.offsets[b + 1])
+            here = (slice(None), *[slice(floors.start - start, floors.stop - start)] * 2)
+            k = (drift.T * self.stiffnesses[rows, None, floors]) @ drift
+            alpha, beta = (factor[rows, None, None] for factor in self.rayleigh(b))
+            stiff[here] = k
+            damped[here] = beta * k + (drift.T * self.dashpots[rows, None, floors]) @ drift
+            damped[here] += alpha * self.masses[rows, None, floors] * np.eye(own.n_storeys)
+        for link in self.scene.linked_floors:
+            if start <= link.left < stop:
+                across = (np.arange(start, stop) == link.left) - 1.0 * (np.arange(start, stop) == link.right)
+                stiff += link.stiffness * np.outer(across, across)
+                damped += link.damping * np.outer(across, across)
+        root = 1.0 / np.sqrt(self.masses[rows, start:stop])
+        values, shapes = np.linalg.eigh(stiff * root[:, :, None] * root[:, None, :])
+        shapes = shapes * root[:, :, None]
+        return np.sqrt(np.maximum(values, 0.0)), np.einsum("nim,nij,njm->nm", shapes, damped, shapes)
 
     def rayleigh(self, building: int) -> tuple[np.ndarray, np.ndarray]:
         """Factors (a, b) of C = a M + b K of a building (1/s, s), shape (n,) each."""

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import bouc_wen, hysteresis
+from pounding_sweep.kernel import bouc_wen, hysteresis, links
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.peaks import Motion, storeys
 from pounding_sweep.outputs.declare import CONTACT, FLOOR, UNMEASURED, Reducer, Slot, Variable, needs
-from pounding_sweep.outputs.readout import KernelResults, contacts, floors, scatter_dof
+from pounding_sweep.outputs.readout import KernelResults, contacts, floors, scatter_dof, scatter_link
 
 #: Of outputs of floors.
 MOTIONS = (
@@ -104,6 +104,21 @@ YIELDS = (
         of_yielding=True,
     ),
 )
+#: Of outputs of links.
+LINKS = (
+    Variable(
+        "link_force_max",
+        CONTACT,
+        "kN",
+        "largest link force",
+        "Largest absolute force in the link of the left building's storey to its neighbour, spring and dashpot "
+        "together; missing where there is none.",
+        needs("link_force"),
+        lambda kept: scatter_link(kept.get("link_force", len(kept.scene.linked_floors)), kept.scene),
+        error=UNMEASURED,
+        of_links=True,
+    ),
+)
 #: Of outputs of neighbours.
 CLOSINGS = (
     Variable(
@@ -158,8 +173,9 @@ def _read(group: Group, i: Any, name: str, below: Any = None) -> Any:
 
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:
     for i, below in hysteresis.each_storey(group, straight):
+        # it turns with the drift, which is asked for too
         shear = _borne if group.spec.p_delta else hysteresis.shear
-        yield Motion(("shear", i), None, True, partial(shear, group, i, below))
+        yield Motion(("shear", i), None, True, partial(shear, group, i, below), alone=False)
     for i, below, n in bouc_wen.each_storey(group):
         yield Motion(("shear", i), None, True, partial(_smooth_shear, group, i, below, n))
 
@@ -180,6 +196,12 @@ def _closings(group: Group, straight: bool) -> Iterator[Motion]:
         yield Motion(("closing", j), None, False, partial(group.between, j=j))
 
 
+def _links(group: Group, straight: bool) -> Iterator[Motion]:
+    del straight
+    for j, ends in group.each_link():
+        yield Motion(("link_force", j), None, True, links.reader(group, j, ends))
+
+
 def _still(group: Group, i: Any) -> Any:
     return group.state["u", i]
 
@@ -190,5 +212,6 @@ REDUCERS: tuple[Reducer, ...] = (
     Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
     Reducer("residual", (Slot("slip", "floor"),), where="yields"),
     Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
+    Reducer("link_force", (Slot("link_force", "link"),), where="linked", follows=_links, step=links.sample),
     Reducer("closing", (Slot("closing", "contact"),), where="neighbours", follows=_closings),
 )

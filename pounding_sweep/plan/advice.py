@@ -59,7 +59,7 @@ def elastic_duration(exponent: float, stiffness: np.ndarray, mass: np.ndarray, s
 def highest_frequency(row: Scene | Variants) -> np.ndarray:
     """Highest natural circular frequency of the buildings (rad/s), shape (n,); one number for a scene."""
     variants = variants_of(row)
-    return np.max([variants.frequencies(b)[:, -1] for b in range(len(variants.scene.buildings))], axis=0)
+    return np.max([frequencies[:, -1] for frequencies, _ in variants.systems], axis=0)
 
 
 def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
@@ -305,7 +305,7 @@ def advise(
     costs: dict[Scheme, float] = {}
     best: tuple[Scheme, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
     reached: dict[Scheme, tuple[float, str]] = {}
-    yields, smooth = any(spec.scene.yields), any(spec.scene.smooth)
+    yields, smooth, links = any(spec.scene.yields), any(spec.scene.smooth), not spec.scene.has_own_modes
     schemes = [
         (m, p)
         for m, p in known.cost
@@ -313,6 +313,7 @@ def advise(
         and p in _formats(spec)
         and not (yields and not SCHEMES[m].follows_yielding)
         and not (smooth and not SCHEMES[m].follows_smooth)
+        and not (links and not SCHEMES[m].follows_links)
     ]
     if not schemes:
         msg = (

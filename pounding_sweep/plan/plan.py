@@ -167,7 +167,7 @@ class Plan:
         if not own.has_contact or own.damper:
             return None
         both = [item for item in self.laws if item.damper and item.elastic == own.elastic]
-        simple = [item for item in both if not (item.approach_only or item.tension or item.impulsive)]
+        simple = [item for item in both if not (item.approach_only or item.rebound_only or item.tension)]
         return simple[0] if simple else None
 
     @cached_property
@@ -373,7 +373,8 @@ def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
         needed[:, contact.pair] = np.maximum(needed[:, contact.pair], np.maximum(closing[:, j], 0.0))
     needed *= 1.0 + CLOSING_MARGIN
     known = np.isfinite(closing).all(axis=1)
+    thick = np.array([law.thickness for law in plan.laws])[table.law]
     result = known[plan.uncoupled_of]
     for pair in range(needed.shape[1]):
-        result &= table.gaps[:, pair] >= needed[plan.uncoupled_of, pair]
+        result &= table.gaps[:, pair] - thick >= needed[plan.uncoupled_of, pair]
     return result | plan.no_contact

@@ -257,6 +257,8 @@ def _varied(scene: Scene, case: Case) -> Scene:
         if item.p_delta:  # the period is that under the weights
             pairs = zip(item.lateral_stiffnesses, item.geometric_stiffnesses, strict=True)
             changed["stiffnesses"] = [mass * (left / period**2 + taken) for left, taken in pairs]
+        if item.dashpots is not None:
+            changed["dashpots"] = [mass / period * c for c in item.dashpots]
         if own is not None:
             changed["yield_strengths"] = [strength * each for each in own]
         changed["hardening"] = hardenings.get(item.name, item.hardening)

@@ -31,6 +31,8 @@ class Scheme(ABC):
         It takes rows in which storeys yield.
     follows_smooth : bool
         It takes rows whose storeys have the hysteresis of Bouc and Wen.
+    follows_links : bool
+        It takes rows that damping does not leave in modes of single buildings: dashpots, links.
     parameters : tuple of str
         Settings of a sweep that are its own.
     without_limit : str
@@ -54,6 +56,7 @@ class Scheme(ABC):
     follows_ground = True
     follows_yielding = True
     follows_smooth = False
+    follows_links = True
     parameters: tuple[str, ...] = ()
     without_limit = "the newmark scheme"
     min_steps_located: float

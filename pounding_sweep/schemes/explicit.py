@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import bouc_wen, impulse
+from pounding_sweep.kernel import bouc_wen, impulse, links
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import fma
 from pounding_sweep.kernel.located import keep_start
@@ -88,7 +88,12 @@ class Explicit(Scheme):
             if flow is not None:
                 flow.hold(x, y, weight)
             held: Sequence[Any] = forces(x, y) if forces is not None else ()
-            now = accelerations(group, part, x, y, grounds[place], pushes(group, held))
+            push = pushes(group, held)
+            if group.spec.links:
+                push = links.pushes(group, links.forces(group, x, y), push)
+                if "links" in asked:
+                    links.add_powers(group, x, y, weight, number == 1)
+            now = accelerations(group, part, x, y, grounds[place], push)
             if join is not None:
                 now, held = join(now)
             a.append(now)
@@ -141,6 +146,10 @@ class Explicit(Scheme):
                     add("dwork", j, force * group.between("y", j))
                 if "impulse" in r:
                     add("dimpulse", j, force)
+            if group.spec.links:
+                links.push_rows(group, "push", "x", "y")
+                if "links" in r:
+                    links.add_powers(group, "x", "y", weight, number == 1)
             for b, floors in group.each_building():
                 x, y = [s["x", i] for i in floors], [s["y", i] for i in floors]
                 push = [[("+", s["push", i])] for i in floors]
@@ -167,6 +176,10 @@ class Explicit(Scheme):
         s = group.state
         if not group.long:
             return self._whole(group, h, None)
+        if group.spec.links:  # the row moves as one
+            keep_start(group)
+            self.step_long(group, h, None, None)
+            return lambda: _record_long(group)
         for b, floors in group.each_building():
             u, v = [s["u", i] for i in floors], [s["v", i] for i in floors]
             step = self.step(group, [(b, floors)], u, v, h)
@@ -269,6 +282,8 @@ def _record(group: Group, step: Step) -> Callable[[], None]:
             add_powers(group, step.powers, h6)
         for j, x in enumerate(step.work):
             s["work", j] = fma(h6, x, s["work", j])
+        if "links" in group.asked:
+            links.record(group, h6)
         for j, x in enumerate(step.impulse):
             s["impulse", j] = fma(h6, x, s["impulse", j])
         for i, x in step.travel.items():
@@ -284,6 +299,8 @@ def _record_long(group: Group) -> None:
     for b in group.each(group.spec.n_buildings) if "energy" in group.asked else ():
         s["e_in", b] = fma(h6, s["din", b], s["e_in", b])
         s["e_damp", b] = fma(h6, s["ddamp", b], s["e_damp", b])
+    if "links" in group.asked:
+        links.record(group, h6)
 
 
 def _record_contacts(group: Group) -> None:

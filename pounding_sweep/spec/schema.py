@@ -719,6 +719,12 @@ def _method(given: Any, info: Any) -> str | None:
         name = next(building.name for building in scene.buildings if building.bouc_wen)
         msg = f"{found!r} does not follow storeys of Bouc and Wen, as those of building {name!r} are; give {able}"
         raise InputError(msg)
+    if found is not None and scene is not None and not (scene.has_own_modes or SCHEMES[found].follows_links):
+        able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.follows_links)
+        dashed = (f"building {b.name!r} has dashpots" for b in scene.buildings if any(b.dashed))
+        what = next(dashed, None) or f"buildings of pair {scene.links[0].pair!r} are linked"
+        msg = f"{found!r} flies in modes that damping leaves apart, and {what}; give one of {able}"
+        raise InputError(msg)
     return found
 
 
@@ -860,4 +866,22 @@ def check_sweep(given: dict[str, Any], *, file: bool = False) -> SweepSpec:
         records=tuple(records),
         records_left_out=tuple(left_out),
     )
+    _check_room(spec, laws)
     return with_strengths(spec)
+
+
+def _check_room(spec: SweepSpec, laws: Mapping[str, Law]) -> None:
+    """Refuse gaps that are narrower than what a law puts into them."""
+    if not any(law.thickness for law in laws.values()):
+        return
+    own, shared = spec.scene.gaps, Root(("scene", "gaps")) if spec.gaps is None else ("gaps",)
+    asked: list[tuple[Place, Sequence[str], Sequence[float]]] = [
+        (("cases", i, "gap"), (case.law,), own if case.gap is None else np.atleast_1d(case.gap).tolist())
+        for i, case in enumerate(spec.cases or ())
+    ] or [(shared, tuple(laws), own if spec.gaps is None else spec.gaps)]
+    with gathering() as faults:
+        for place, keys, gaps in asked:
+            for law in (laws[key] for key in keys):
+                if min(gaps, default=math.inf) < law.thickness:
+                    text = f"a gap of {min(gaps):g} m has no room for the {law.thickness:g} m of law {law.key!r}"
+                    faults.add(place, f"{text}; give a wider gap, or a law of less thickness")

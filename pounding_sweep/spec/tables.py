@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 from pounding_sweep.base.errors import InputError, RecordError, SweepError, shown, unknown
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.model.hertz import hertz_stiffness
+from pounding_sweep.model.links import Link, check_linking
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import (
     CONTACTS,
@@ -39,6 +40,13 @@ def _positive(values: list[Any], info: ValidationInfo) -> list[Any]:
         for index, value in enumerate(values):
             if not (is_number(value) and value > 0 and (infinite or value < math.inf)):
                 faults.add((index,), f"{shown(value)} is not a positive number ({what})")
+    return values
+
+
+def _dampers(values: list[Any]) -> list[Any]:
+    with gathering() as faults:
+        for index, value in enumerate(values):
+            faults.attempt((index,), check_linking, value, "coefficient", "kN s/m")
     return values
 
 
@@ -115,6 +123,9 @@ class BuildingTable(Table):
     )
     p_delta: bool = Field(False, description="true or false")
     bouc_wen: BoucWenTable | None = Field(None, description="a table of n, beta and gamma")
+    dashpots: Annotated[list[Any], AfterValidator(_dampers)] | None = Field(
+        None, description="a list of numbers, coefficients of the storeys' dashpots in kN s/m, bottom first"
+    )
 
 
 class WallTable(Table):
@@ -131,7 +142,7 @@ def _wall(given: dict[str, Any]) -> Wall:
 def _one_per_storey(faults: Faults, index: int, item: dict[str, Any]) -> bool:
     """Note lists of a building that are not as long as its masses, whatever else is wrong with them."""
     equal, masses = True, item.get("masses")
-    for name in ("stiffnesses", "storey_heights", "slab_depths", "column_stiffnesses", "yield_strengths"):
+    for name in ("stiffnesses", "storey_heights", "slab_depths", "column_stiffnesses", "yield_strengths", "dashpots"):
         values = item.get(name)
         if isinstance(masses, list) and isinstance(values, list) and len(values) != len(masses):
             text = f"{len(values)} {name} for {len(masses)} masses; give one value per storey"
@@ -239,6 +250,28 @@ def _contacts(value: str | None) -> str | None:
     return value
 
 
+def _linking(value: Any, info: ValidationInfo) -> float:
+    return check_linking(value, str(info.field_name), "kN/m" if info.field_name == "stiffness" else "kN s/m")
+
+
+class LinkTable(Table):
+    """[[scene.links]]: springs and dashpots between floors of two neighbours."""
+
+    pair: str = Field(description='a text, the pair of neighbours "left-right"')
+    storeys: list[Any] = Field(description="a list of whole numbers, or of two: the left and the right storey")
+    stiffness: Annotated[Any, AfterValidator(_linking)] = Field(0.0, description="a number in kN/m")
+    damping: Annotated[Any, AfterValidator(_linking)] = Field(0.0, description="a number in kN s/m")
+
+
+def _links(given: list[Any] | None) -> list[Link | None]:
+    made: list[Link | None] = []
+    with gathering() as faults:
+        for index, item in enumerate(given or ()):
+            table = faults.attempt((index,), LinkTable.model_validate, item)
+            made.append(faults.attempt((index,), Link, **dict(table)) if table else None)
+    return made
+
+
 class SceneTable(Table):
     """[scene]: a preset, or a row of its own."""
 
@@ -260,6 +293,9 @@ class SceneTable(Table):
         None, description="a table [scene.storeys] of pairs and lists of whole numbers, the storeys that alone meet"
     )
     allow_unmet: bool | None = Field(None, description="true or false, whether pairs may have no floors that meet")
+    links: Annotated[list[Any] | None, AfterValidator(_links)] = Field(
+        None, description="tables [[scene.links]] of springs and dashpots between neighbours"
+    )
 
 
 #: Keys of [scene] that are arguments of `Scene` as they stand.
@@ -294,6 +330,9 @@ def read_scene(given: dict[str, Any]) -> Scene:
         scene = faults.attempt(place, make, gaps=gaps, contact=contact, **more)
         if scene is not None and table.storeys is not None:
             scene = faults.attempt(("storeys",), replace, scene, storeys=table.storeys)
+        for index, link in enumerate(table.links or ()):
+            if scene is not None:
+                scene = faults.attempt(("links", index), replace, scene, links=(*scene.links, link)) or scene
     return scene
 
 
