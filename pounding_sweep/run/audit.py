@@ -34,7 +34,7 @@ from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.plan.plan import REFINED
 from pounding_sweep.plan.scenarios import BLOCK, changed
 from pounding_sweep.run.pool import Dispatcher
-from pounding_sweep.run.refinement import in_double
+from pounding_sweep.run.refinement import SINGLE_HALVINGS, in_double
 
 if TYPE_CHECKING:
     from pounding_sweep.output.results import Outcome
@@ -330,10 +330,11 @@ def _settling_task(plan: Plan, outputs: Sequence[str], tolerance: float) -> Call
 
 
 def _kernel_of(plan: Plan, sample: Sample) -> RowKernel:
-    """Return the kernel of a sample at half the step that it ended with."""
-    finer = plan.numerics.finer * sample.steps / sample.begun
+    """Return the kernel of a sample at half the step that it ended with, in the number format that it ended in."""
+    smaller = sample.steps / sample.begun
     kernel = plan.kernel(sample.law, record=sample.record, steps=FINER * sample.steps)
-    return replace(kernel, numerics=replace(kernel.numerics, finer=FINER * finer))
+    kernel = replace(kernel, numerics=replace(kernel.numerics, finer=FINER * plan.numerics.finer * smaller))
+    return in_double(kernel) if smaller > 2**SINGLE_HALVINGS else kernel
 
 
 def _counts_differ(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> np.ndarray:
