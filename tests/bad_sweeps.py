@@ -91,7 +91,6 @@ ARGUMENTS = [
     "scene=yielding, laws='linear', strength_factors={'a': [0.5, 0.0, 'x', inf]}, hardenings={'a': [0.1, 1.0, -0.1]}",
     "scene=yielding, laws='linear', hardenings={'b': [0.1], 'c': 0.2}",
     "scene=yielding, laws='linear', method='exact', locate=False",
-    "scene=yielding, laws='linear', accuracy=1e-3, method='exact'",
     "scene=yielding, laws=None, cases=[Case('none', hardenings={'a': 1.0, 'b': 0.1}, strength_factors=3)]",
     "restitutions=[0.0, 1.0, 1.5], laws=['linear', 'kelvin_voigt', 'gonthier', 'hertz_damped', 'modified_kelvin']",
     "restitutions=[0.0, 0.01], laws='all', restitution_basis='realised'",

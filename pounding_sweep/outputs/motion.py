@@ -155,7 +155,7 @@ def _read(group: Group, i: Any, name: str, below: Any = None) -> Any:
 
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:
     for i, below in hysteresis.each_storey(group, straight):
-        yield Motion(("shear", i), None, True, partial(hysteresis.shear, group, i, below))
+        yield Motion(("shear", i), None, True, partial(hysteresis.shear, group, i, below), i)
 
 
 def _closings(group: Group, straight: bool) -> Iterator[Motion]:

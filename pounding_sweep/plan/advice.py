@@ -305,12 +305,7 @@ def advise(
     costs: dict[Scheme, float] = {}
     best: tuple[Scheme, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
     reached: dict[Scheme, tuple[float, str]] = {}
-    yields = any(spec.scene.yields)
-    schemes = [
-        (m, p)
-        for m, p in known.cost
-        if spec.method in (None, m) and p in _formats(spec) and not (yields and not SCHEMES[m].follows_yielding)
-    ]
+    schemes = [(m, p) for m, p in known.cost if spec.method in (None, m) and p in _formats(spec)]
     if not schemes:
         msg = (
             f"accuracy: no errors of {spec.method} were measured; give dt instead, or measure them: "

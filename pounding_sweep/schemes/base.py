@@ -27,8 +27,6 @@ class Scheme(ABC):
         Buildings move without error between contacts, which must be located.
     follows_ground : bool
         A ground acceleration that is linear over the step is integrated twice without error.
-    follows_yielding : bool
-        It takes rows in which storeys yield.
     parameters : tuple of str
         Settings of a sweep that are its own.
     without_limit : str
@@ -50,7 +48,6 @@ class Scheme(ABC):
     implicit = False
     flies_exactly = False
     follows_ground = True
-    follows_yielding = True
     parameters: tuple[str, ...] = ()
     without_limit = "the newmark scheme"
     min_steps_located: float

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pounding_sweep.kernel import forces, located
+from pounding_sweep.kernel import forces, hysteresis, located
 from pounding_sweep.kernel.flight import Flight
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
@@ -47,7 +47,6 @@ class Exact(Rk4):
     title = "exact flight between contacts, `rk4` in short steps beside them"
     source = "Nigam & Jennings 1969"
     flies_exactly = True
-    follows_yielding = False
     step_cost = 0.2
     ladder = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
     finest_float32 = 2.0
@@ -95,7 +94,7 @@ class Events:
             for lane in each_lane(self.leaves.now):
                 self._serve(lane)
             more.now = any_lane(self.busy.now > 0.0)
-            if not group.touching:
+            if not group.eventful:
                 continue
             for _ in when(more.now):
                 starts = (self.busy.now > 0.0) & ~(s["time_left"] > 0.0)
@@ -120,10 +119,11 @@ class Events:
             whole_step = over & ~(left > 0.0)
             self.left.now = where(whole_step, real(self.short), where(over, left, self.left.now))
             closed, ends = forces.is_closed(group), over & (at >= self.last)
+            stays = closed | hysteresis.is_yielding(group) if group.spec.yielding else closed
             for _ in when(any_lane(over)) if self.note is not None else ():
                 assert self.note is not None
                 self.note(first_whole(at))
-            self.leaves.now = ends | (whole_step & ~closed)
+            self.leaves.now = ends | (whole_step & ~stays)
             if located.needs_ends(group):
                 located.clear_forces(group, over & ~closed)
             with when_any(ends):

@@ -695,17 +695,6 @@ def _locate(given: Any, info: Any) -> bool:
     return False
 
 
-def _method(given: Any, info: Any) -> str | None:
-    found: str | None = _choose(METHODS, "rk4", given, info)
-    scene = info.data.get("scene")
-    if found is not None and scene is not None and any(scene.yields) and not SCHEMES[found].follows_yielding:
-        able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.follows_yielding)
-        name = next(building.name for building in scene.buildings if any(building.yields))
-        msg = f"{found!r} does not follow storeys that yield, as those of building {name!r} do; give one of {able}"
-        raise InputError(msg)
-    return found
-
-
 def _parameter(default: float, low: float, high: float) -> PlainValidator:
     """Take a parameter of Newmark's method."""
 
@@ -785,7 +774,7 @@ class SweepInput(Table):
     accuracy: Annotated[Any, PlainValidator(_accuracy)] = Field(
         None, description="a number, the relative error asked for"
     )
-    method: Annotated[Any, PlainValidator(_method)] = Field(None, description="a text", validate_default=True)
+    method: Annotated[Any, _choice(METHODS, "rk4")] = Field(None, description="a text", validate_default=True)
     precision: Annotated[Any, _choice(PRECISIONS, "float64")] = Field(None, description="a text", validate_default=True)
     dt: Annotated[Any, PlainValidator(_dt)] = Field(None, description="a number in s", validate_default=True)
     audit: Annotated[Any, PlainValidator(_audit)] = Field(
