@@ -293,7 +293,7 @@ def test_what_is_left_out_of_a_flight_changes_nothing():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("law", "scene"),
-    [(law, PAIR) for law in ("none", "hertz_damped", "hysteretic", "stereomechanical")] + [("linear", TOWER)],
+    [(law, PAIR) for law in ("none", "hertz_damped", "hysteretic", "stereomechanical")] + [("kelvin_voigt", TOWER)],
     ids=lambda each: each if isinstance(each, str) else each.buildings[0].name,
 )
 def test_flown_scenarios_are_those_of_small_steps(scene, law):
@@ -331,7 +331,7 @@ def test_the_paper_row_under_el_centro_is_that_of_small_steps(law, reduction, ha
     )
     assert found["drift"].max() > elastic.max() / reduction
     for name, values in want.items():
-        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-5 * np.abs(values).max(), err_msg=name)
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=5e-5 * np.abs(values).max(), err_msg=name)
     np.testing.assert_array_equal(found.get("count"), want.get("count"))
 
 
