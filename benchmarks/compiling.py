@@ -26,7 +26,6 @@ from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.kernel.spec import KernelSpec, from_json, to_json
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, reducers_for
-from pounding_sweep.schemes import SCHEMES
 
 #: Lines of the plain function.
 STATEMENTS = 200
@@ -107,7 +106,7 @@ def _table(rows: Sequence[tuple[int, ...]]) -> Iterator[tuple[str, KernelSpec]]:
             yield f"{storeys} {method} none default", kernel(storeys, method, "none", DEFAULT_OUTPUTS)
             for name, outputs in OUTPUTS.items():
                 yield f"{storeys} {method} hertz_damped {name}", kernel(storeys, method, "hertz_damped", outputs)
-            for law in ("none", "hertz_damped") if SCHEMES[method].follows_yielding else ():
+            for law in ("none", "hertz_damped"):
                 shape = kernel(storeys, method, law, DEFAULT_OUTPUTS, strength=100.0)
                 yield f"{storeys} {method} {law} default, yielding", shape
 

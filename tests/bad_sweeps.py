@@ -93,7 +93,6 @@ ARGUMENTS = [
     "scene=yielding, laws='linear', method='exact', locate=False",
     "scene=yielding, laws='none', ductilities=[2, 0.5, 'x'], strength_factors={'a': 0.5}",
     "scene='mate2015', laws='none', ductilities=2",
-    "scene=yielding, laws='linear', accuracy=1e-3, method='exact'",
     "scene=yielding, laws=None, cases=[Case('none', hardenings={'a': 1.0, 'b': 0.1}, strength_factors=3)]",
     "restitutions=[0.0, 1.0, 1.5], laws=['linear', 'kelvin_voigt', 'gonthier', 'hertz_damped', 'modified_kelvin']",
     "restitutions=[0.0, 0.01], laws='all', restitution_basis='realised'",

@@ -45,7 +45,7 @@ ALONE = ("none", "linear", "hertz")
 #: The law and scheme that run with steps that are not split at contacts.
 UNLOCATED = ("newmark", "kelvin_voigt")
 #: Schemes that run the pair with storeys that yield.
-YIELDING = ("rk4", "newmark")
+YIELDING = ("rk4", "newmark", "exact")
 #: A sweep of that row, its strengths and hardening varied.
 YIELDING_SWEEP = {
     "scene": yielding_pair(),
@@ -161,6 +161,7 @@ def kernels() -> tuple[KernelSpec, ...]:
         *(simulated("rk4", law, scene=SMOOTH) for law in ("none", "linear")),
         simulated("rk4", "linear", scene=ps.Scene([replace(b, p_delta=False) for b in SMOOTH.row], [0.005])),
         *(simulated(method, "kelvin_voigt", scene=LINKED) for method in LINKING),
+        kernel_shape(yielding_pair(), LAWS["kelvin_voigt"], Numerics("exact", 5e-4), reducers_for(EVERY)),
         *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),
         simulated("rk4", "kelvin_voigt", scene=FRAMED),
         *swept(**both, laws="hertz_damped", method="rk4"),

@@ -416,7 +416,7 @@ def test_strengths_are_taken_over_the_masses_above():
 
 
 def test_schemes_that_do_not_follow_yielding_are_left_out(monkeypatch):
-    monkeypatch.setattr(SCHEMES["exact"], "follows_yielding", False)
+    monkeypatch.setattr(SCHEMES["exact"], "refuses", lambda scene: "does not yield" if any(scene.yields) else None)
     law = LAWS["linear"]
     weak = make_batch("", "", yielding_pair(1.0, 0.0), law, earthquake())
     assert schemes_of(weak, ["rk4", "exact"]) == ["rk4"]

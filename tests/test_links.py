@@ -368,7 +368,7 @@ variables = ["link_force_max", "energy_links"]
     sweep = ps.load_sweep(path)
     assert [link.floors for link in sweep.spec.scene.links] == [((1, 1), (2, 3)), ((3, 3),)]
     assert [(x.left, x.right) for x in sweep.spec.scene.linked_floors] == [(0, 3), (1, 5), (5, 8)]
-    assert sweep.plan().numerics.scheme.follows_links  # chosen for the accuracy
+    assert sweep.plan().numerics.scheme.refuses(sweep.spec.scene) is None  # chosen for the accuracy
     assert sweep.spec.scene.linked_buildings == ((0, 1, 2),)
 
 
@@ -472,7 +472,7 @@ def test_schemes_that_fly_in_modes_refuse_them(scene, what):
     with pytest.raises(SweepError, match=message):
         ps.Sweep(scene, motion(51), "linear", method="exact")
     plan = ps.Sweep(scene, motion(51), "kelvin_voigt", accuracy=1e-3).plan()
-    assert SCHEMES[plan.numerics.method].follows_links
+    assert SCHEMES[plan.numerics.method].refuses(plan.spec.scene) is None
 
 
 # -- isolated buildings ------------------------------------------------------------------------------------------------

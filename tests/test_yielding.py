@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from dataclasses import replace
 from functools import lru_cache
@@ -10,15 +11,20 @@ import numpy as np
 import pytest
 from kernels_used import YIELDING, YIELDING_SWEEP
 from naive import run
-from scenes import motions, pair, yielding_pair
+from scenes import EVERY, motions, pair, yielding_pair
 from test_kernels import errors, motion, twins
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, SceneError, SweepError
+from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
+from pounding_sweep.kernel import hysteresis
+from pounding_sweep.kernel.flight_yielding import find_sets
+from pounding_sweep.kernel.row import accelerations
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
+from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES, Status, reducers_for
+from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.spec import scene_data, scene_of
 
 PAIR = yielding_pair()
@@ -49,7 +55,9 @@ def simulate(scene, law, points, scale, **options):
 # -- against the twin --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("method", "dt", "bound"), [("rk4", 5e-4, 2e-5), ("newmark", 2e-4, 3e-3)])
+@pytest.mark.parametrize(
+    ("method", "dt", "bound"), [("rk4", 5e-4, 2e-5), ("exact", 5e-4, 1e-6), ("newmark", 2e-4, 3e-3)]
+)
 def test_every_variable_equals_the_twins(method, dt, bound):
     got, want = simulate(PAIR, "kelvin_voigt", 151, 1.5, method=method, dt=dt), truth(PAIR, "kelvin_voigt", 151, 1.5)
     assert int(got.status) == Status.OK
@@ -90,7 +98,7 @@ SMOOTH = ("displacement_max", "displacement_min", "storey_shear_max", "accelerat
 @pytest.mark.parametrize("method", YIELDING)
 def test_order_of_convergence(method):
     """Onset and unloading are located, so that the order is the scheme's own."""
-    order = {"rk4": 4, "newmark": 2}[method]
+    order = SCHEMES[method].order
     steps, total = [2e-3, 1e-3, 5e-4, 2.5e-4], []
     for dt in steps:
         got = simulate(PAIR, "kelvin_voigt", 101, 1.5, method=method, dt=dt)
@@ -111,9 +119,9 @@ def test_energy_closes(method):
         assert (np.diff(one.hysteretic.values, axis=0) >= 0.0).all()
         assert np.allclose(one.hysteretic.values[-1], one.hysteretic_energy.values)
         assert float(one.hysteretic_energy.min()) > 0.1 * float(one.energy_input.min())
-    order = {"rk4": 4, "newmark": 2}[method]
+    order = SCHEMES[method].order
     assert np.polyfit(np.log([2e-3, 1e-3, 5e-4]), np.log(left), 1)[0] > order - 0.8, left
-    assert left[-1] < {"rk4": 1e-7, "newmark": 2e-4}[method]
+    assert left[-1] < {4: 1e-7, 2: 2e-4}[order]
 
 
 def test_a_loop_is_bilinear():
@@ -209,6 +217,136 @@ def test_a_scenario_does_not_know_its_neighbours():
             assert np.array_equal(alone[name], values[[i]]), (i, name)
 
 
+# -- flight ------------------------------------------------------------------------------------------------------------
+
+
+def flying(scene=PAIR, **numerics):
+    """The kernel that leaves out windows of the record."""
+    return RowKernel(scene, LAWS["kelvin_voigt"], Numerics("exact", 5e-4, **numerics), reducers_for(EVERY))
+
+
+def some_scenarios(n=70):
+    rng = np.random.default_rng(3)
+    return {
+        "scale": rng.choice([-1.5, -1.0, 0.0, 0.3, 0.7, 1.0, 1.3], n),
+        "gaps": rng.choice([0.0005, 0.001, 0.002, 0.004, 0.02], (n, 1)),
+        "stiffness": 8e5 * 10.0 ** rng.uniform(-1.0, 1.0, n),
+        "restitution": rng.uniform(0.2, 1.0, n),
+    }
+
+
+def test_elastic_storeys_move_as_the_elastic_row_about_what_they_are_set_to():
+    """K u less what yielding has left is K (u - c), whatever yielded; watched motions have the value at c added."""
+    kernel, rng = flying(TOWER), np.random.default_rng(5)
+    group = make_group(kernel.shape, None, 8, kernel.constants)
+    n = TOWER.n_dof
+    slip, u = (rng.standard_normal((n, 8)) * 0.01 for _ in range(2))
+    hysteresis.begin(group)
+    yields = np.isin(np.arange(n), kernel.shape.yielding)[:, None]
+    group.state.array[group.state.first["slip"] :][:n] = slip = np.where(yields, slip, 0.0)
+    group.state.array[group.state.first["u"] :][:n] = u
+    k, r = (np.array([group.prop(name, i) for i in range(n)])[:, None] for name in ("k", "hardening"))
+    group.state.array[group.state.first["ct"] :][:n] = -(1.0 - r) * k * slip
+    find_sets(group)
+    c = group.state.array[group.state.first["set"] :][:n]
+    for b, floors in enumerate(group.building_floors):
+        x, still = [u[i] for i in floors], [np.zeros(8)] * len(floors)
+        found = accelerations(group, [(b, floors)], x, still, 0.0, [])
+        building = TOWER.buildings[b]
+        want = -building.stiffness_matrix @ (u - c)[floors] / np.array(building.masses)[:, None]
+        np.testing.assert_allclose(found, want, rtol=0, atol=1e-10 * np.abs(want).max())
+
+
+@pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
+def test_flown_scenarios_do_not_depend_on_order_and_neighbours(precision):
+    kernel, record, given = flying(precision=precision), motion(151), some_scenarios()
+    found = kernel.run(record, **given)
+    assert found["count"].sum() > 50
+    assert 10 < np.count_nonzero(found["travel"].sum(axis=1)) < 70
+    order = np.random.default_rng(1).permutation(70)
+    turned = kernel.run(record, **{name: values[order] for name, values in given.items()})
+    for name, values in found.items():
+        np.testing.assert_array_equal(turned[name], values[order], err_msg=name)
+    for part in (slice(0, 1), slice(5, 22), slice(30, 31)):
+        some = kernel.run(record, **{name: values[part] for name, values in given.items()})
+        for name, values in found.items():
+            np.testing.assert_array_equal(some[name], values[part], err_msg=name)
+
+
+def test_what_is_left_out_of_a_flight_changes_nothing():
+    """Windows of a record are passed where neither a touch, nor an onset, nor a peak may be: against every step."""
+    given, record = some_scenarios(24), motion(151)
+    found = flying().run(record, **given)
+    numerics = Numerics("exact", 5e-4)
+    whole = RowKernel(PAIR, LAWS["kelvin_voigt"], numerics, reducers_for(OUTPUTS), history=True)
+    steps = np.zeros((150 * numerics.steps(record) + 1, 100))
+    for i in range(24):
+        one = {name: values[[i]] for name, values in given.items()}
+        want = whole.run(record, **one, history=steps)
+        for name, values in want.items():
+            near = {"rtol": 2e-4, "atol": 2e-4 * np.abs(found[name]).max()}  # steps are of other lengths
+            np.testing.assert_allclose(found[name][i], values[0], **near, err_msg=f"{name} {i}")
+            if name in ("count", "flags"):
+                assert (found[name][i] == values[0]).all(), (name, i)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("law", "scene"),
+    [(law, PAIR) for law in ("none", "hertz_damped", "hysteretic", "stereomechanical")] + [("kelvin_voigt", TOWER)],
+    ids=lambda each: each if isinstance(each, str) else each.buildings[0].name,
+)
+def test_flown_scenarios_are_those_of_small_steps(scene, law):
+    record, given = motion(101), some_scenarios()
+    given["gaps"] = np.tile(given["gaps"], len(scene.gaps))
+    kernel = RowKernel(scene, LAWS[law], Numerics("exact", 5e-4, finer=4.0), reducers_for(EVERY))
+    small = RowKernel(scene, LAWS[law], Numerics("rk4", 1e-4), kernel.reducers)
+    found, want = kernel.run(record, **given), small.run(record, **given)
+    for name, values in want.items():
+        size = np.abs(values).max()
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=5e-5 * size, err_msg=name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hardening", [0.0, 0.05, 0.5])
+@pytest.mark.parametrize("reduction", [1.2, 2.0, 4.0])
+@pytest.mark.parametrize("law", ["none", "kelvin_voigt", "hertz_damped"])
+def test_the_paper_row_under_el_centro_is_that_of_small_steps(law, reduction, hardening):
+    scene, record = ps.get_preset("mate2015"), ps.find_record("el_centro")
+    record = ps.Record("el_centro", record.dt, record.acceleration[:600])
+    reducers, n = reducers_for(DEFAULT_OUTPUTS), 16
+    k = np.concatenate([building.stiffnesses for building in scene.buildings])
+    given = {"scale": np.ones(n), "stiffness": np.full(n, 2e6), "restitution": np.full(n, 0.6)}
+    given["gaps"] = np.linspace(0.002, 0.02, n)[:, None] * np.ones(2)
+    elastic = RowKernel(scene, LAWS["none"], Numerics("exact", 1e-3), reducers).run(record, **given)["drift"][0]
+    strengths = np.split(elastic * k / reduction, scene.offsets[1:-1])
+    row = [
+        replace(b, yield_strengths=v.tolist(), hardening=hardening)
+        for b, v in zip(scene.buildings, strengths, strict=True)
+    ]
+    weak = ps.Scene(row, scene.gaps, scene.contact)
+    found, want = (
+        RowKernel(weak, LAWS[law], Numerics(method, dt), reducers).run(record, **given)
+        for method, dt in (("exact", 1e-3), ("rk4", 2e-4))
+    )
+    assert found["drift"].max() > elastic.max() / reduction
+    for name, values in want.items():
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=5e-5 * np.abs(values).max(), err_msg=name)
+    np.testing.assert_array_equal(found.get("count"), want.get("count"))
+
+
+@pytest.mark.slow
+def test_a_sweep_in_flight_is_that_of_small_steps():
+    """Strengths and hardening differ between lanes that share their tables."""
+    given = YIELDING_SWEEP | {"records": motions()[0], "outputs": [*YIELDING_SWEEP["outputs"], "residual_drift"]}
+    found = ps.Sweep(**(given | {"method": "exact", "dt": 1e-3})).run()
+    want = ps.Sweep(**(given | {"method": "rk4", "dt": 2e-4})).run()
+    assert (found.impact_count == want.impact_count).all()
+    for name in given["outputs"]:
+        size = float(abs(want[name]).max())
+        np.testing.assert_allclose(found[name], want[name], rtol=0, atol=2e-5 * size, err_msg=name)
+
+
 # -- extremes ----------------------------------------------------------------------------------------------------------
 
 
@@ -222,7 +360,10 @@ def test_strengths_from_hardly_any_to_never(hardening, method):
         assert (one["status"] == Status.OK).all(), factor
         for name in ("displacement_max", "residual_drift", "hysteretic_energy", "acceleration_max"):
             assert np.isfinite(one[name]).all(), (factor, name)
-        assert (one["energy_residual"] < {"rk4": 1e-5, "newmark": 2e-3}[method]).all(), (factor, one["energy_residual"])
+        assert (one["energy_residual"] < {4: 1e-5, 2: 2e-3}[SCHEMES[method].order]).all(), (
+            factor,
+            one["energy_residual"],
+        )
         assert (one["hysteretic_energy"] >= 0.0).all()
         shears.append(one["storey_shear_max"][0])
     assert (one["hysteretic_energy"] == 0.0).all()
@@ -250,11 +391,13 @@ def test_a_scene_without_yielding_asks_for_the_kernel_that_it_had():
     """Infinite strengths are none; nothing of yielding is in its shape, state or results."""
     never = ps.Scene([replace(b, yield_strengths=[np.inf] * 2, hardening=0.3) for b in pair().row], [0.006])
     numerics = Numerics("rk4", 1e-3)
-    for law in ("none", "linear"):
-        mine, plain = (kernel_shape(scene, LAWS[law], numerics, reducers_for(OUTPUTS)) for scene in (never, pair()))
+    for law, method in itertools.product(("none", "linear"), ("rk4", "exact")):
+        each = Numerics(method, 1e-3)
+        mine, plain = (kernel_shape(scene, LAWS[law], each, reducers_for(OUTPUTS)) for scene in (never, pair()))
         assert mine == plain
         assert mine.yielding == ()
         assert not {"shear", "residual", "hysteretic"} & mine.reducers
+        assert not {"slip", "set"} & make_group(mine, None, 8, None).state.count.keys()
     asked = kernel_shape(PAIR, LAWS["linear"], numerics, reducers_for(OUTPUTS))
     assert asked.yielding == (0, 1, 2)
     assert {"shear", "residual", "hysteretic"} <= asked.reducers
@@ -388,10 +531,16 @@ def test_cases_vary_strengths_and_hardening():
     assert variants.hardenings[:, [0, 2]].tolist() == [[0.05, 0.0], [0.05, 0.2], [0.05, 0.0], [0.05, 0.0]]
 
 
-def test_accuracy_chooses_a_scheme_that_follows_yielding():
-    plan = ps.Sweep(PAIR, motions()[0], "kelvin_voigt", gaps=[0.002], accuracy=1e-3).plan()
-    assert plan.numerics.scheme.follows_yielding
-    assert ps.Sweep(pair(), motions()[0], "kelvin_voigt", gaps=[0.002], accuracy=1e-3).plan().numerics.method == "exact"
+@pytest.mark.slow
+@pytest.mark.parametrize("accuracy", [1e-3, 1e-5])
+def test_accuracy_holds_where_storeys_yield(accuracy):
+    given = {"scene": PAIR, "records": motions()[0], "laws": ["kelvin_voigt"], "gaps": [0.001, 0.002, 0.004]}
+    got = ps.Sweep(**given, accuracy=accuracy).run()
+    want = ps.Sweep(**given, method="rk4", dt=1e-4).run()
+    assert got.attrs["method"] == "exact"
+    assert (got.impact_count == want.impact_count).all()
+    for name in ("displacement_max", "drift_max", "storey_shear_max", "impact_force_max"):
+        assert float(abs(got[name] - want[name]).max() / abs(want[name]).max()) < accuracy, name
 
 
 @pytest.mark.slow
@@ -463,10 +612,6 @@ def test_bad_buildings_are_refused(given, message):
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        (
-            {"method": "exact"},
-            r"method: 'exact' does not follow storeys that yield, as those of building 'a' do; give ",
-        ),
         ({"locate": False}, r"locate: storeys of building 'a' yield, .* give locate = true"),
         ({"strength_factors": {"a": 0.0}}, r"strength_factors.a\[0\]: factor is 0.0; it must be in"),
         ({"hardenings": {"a": 1.0}}, r"hardenings.a\[0\]: hardening is 1.0; it must be in \[0, 1\)"),

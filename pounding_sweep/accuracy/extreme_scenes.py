@@ -97,7 +97,7 @@ def kernel_of(batch: Batch, method: str, dt: float, precision: str = "float64", 
 
 def schemes_of(batch: Batch, methods: Sequence[str]) -> list[str]:
     """Return the schemes that take the row of a batch."""
-    return [name for name in methods if SCHEMES[name].follows_yielding or not any(batch.scene.yields)]
+    return [name for name in methods if SCHEMES[name].refuses(batch.scene) is None]
 
 
 def take(batch: Batch, rows: np.ndarray) -> Batch:

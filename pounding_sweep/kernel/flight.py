@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from pounding_sweep.kernel import flight_yielding, hysteresis
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -73,7 +74,7 @@ STATE = 2
 #: Rounds of code that are written one after another instead of in a loop.
 STRAIGHT = 48
 #: What may happen to a watched quantity.
-TOUCH, TURN, ACCELERATION = 0, 1, 2
+TOUCH, TURN, ACCELERATION, ONSET = 0, 1, 2, 3
 #: Rows of modes' accelerations, of three rates of them, and of what the ground adds to the last two.
 SHAKEN = ("shake", "jerk", "fourth", "fifth", "lift", "lift5")
 
@@ -86,7 +87,7 @@ class Watched:
     ----------
     kind : int
         `TOUCH`: it may reach a gap; `TURN`: it may turn beyond its peak so far; `ACCELERATION`: the same of total
-        accelerations.
+        accelerations; `ONSET`: it may reach limits on both sides, within which a storey is elastic.
     weights : tuple of float
         Of each floor.
     most, least : int
@@ -94,6 +95,8 @@ class Watched:
         `most`.
     sized : bool
         It is its size that counts.
+    storey : int
+        Floor above the storey whose drift it is, to which yielding sets limits or whose shear is kept; -1: none.
     """
 
     kind: int
@@ -101,6 +104,7 @@ class Watched:
     most: int
     least: int
     sized: bool
+    storey: int = -1
 
 
 def watched(group: Group) -> list[Watched]:
@@ -111,14 +115,19 @@ def watched(group: Group) -> list[Watched]:
     probe = Group(group.spec, group.scheme, group.reducers, None, n, known)
     for i in range(n):
         probe.state["u", i] = np.arange(n) == i
+        if group.spec.yielding:  # of a shear it is the drift that is watched
+            probe.state["kt", i] = 1.0
     first = probe.state.first
     found = [
         Watched(TOUCH, tuple(probe.between("u", j)), first["gap"] + pair, -1, False)
         for j, (_, _, pair) in enumerate(probe.contacts)
     ]
+    for i, below in hysteresis.each_storey(probe):
+        found.append(Watched(ONSET, tuple(hysteresis.drift(probe, i, below)), -1, -1, False, i))
     for motion in followed(probe, straight=True):
         most, least = (-1 if row is None else first[row[0]] + row[1] for row in (motion.most, motion.least))
-        found.append(Watched(TURN, tuple(motion.of("u")), most, least, motion.sized))
+        sized = motion.sized and motion.shear < 0
+        found.append(Watched(TURN, tuple(motion.of("u")), most, least, sized, motion.shear))
     if "acceleration" in group.asked:
         eye = np.eye(n)
         found += [Watched(ACCELERATION, tuple(eye[i]), first["acc"] + i, -1, True) for i in range(n)]
@@ -139,7 +148,7 @@ class Layout:
 
     def __init__(self, group: Group) -> None:
         spec, lanes = group.spec, group.lanes
-        self.lanes, self.watched = lanes, watched(group)
+        self.lanes, self.watched, self.yields = lanes, watched(group), bool(spec.yielding)
         self.modes = n = spec.n_dof
 
         def padded(count: int) -> int:
@@ -250,6 +259,8 @@ class Flight:
         self.rated = Cell(flag(self.trace, False))
         #: Blocks of the grid, where motions are known by them.
         self.blocks: Any = None
+        #: Whether storeys may yield: what flies is the motion about what they are set to.
+        self.yields = bool(group.spec.yielding)
 
     # tables --------------------------------------------------------------------------------------------------------
 
@@ -328,11 +339,16 @@ class Flight:
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
         s, w, n = self.group.state, self.rows, self.layout.modes
+        if self.yields:
+            flight_yielding.find_sets(self.group)
+            flight_yielding.shift(self, lane)
         at = self.place_of("modal")
         for name, motion in (("q", "u"), ("p", "v")):
             sums = [Cell(self.group.full(0.0)) for _ in self._mode_parts]
             for i in self.each(n, len(sums)):
                 x = s.lane(s.first[motion] + i, lane)
+                if motion == "u" and self.yields:
+                    x = x - s.lane(s.first["set"] + i, lane)
                 for part, total in enumerate(sums):
                     coefficient = self._vector(at + (i * self.layout.wide_modes + part * self.lanes))
                     total.now = fma(coefficient, x, total.now)
@@ -359,6 +375,8 @@ class Flight:
                 w["floor", part] = total.now
             for i in self.each(n):
                 x = w.number("floor", i)
+                if motion == "u" and self.yields:
+                    x = x + s.lane(s.first["set"] + i, lane)
                 s.put_lane(s.first[motion] + i, lane, x)
                 s.put_lane(s.first[motion + "0"] + i, lane, x)
         self._account(lane, t, -1.0)
@@ -442,7 +460,12 @@ class Flight:
         s, w, far = self.group.state, self.rows, self.group.limit.far
         for part in self._watched_parts:
             w["high", part], w["low", part] = self.group.full(far), self.group.full(-far)
-        for low, high, least, sized in self._alike:
+        for low, high, least, sized, storeys in self._alike:
+            if storeys:
+                onsets = self.layout.watched[low].kind == ONSET
+                take = flight_yielding.take_onsets if onsets else flight_yielding.take_shears
+                take(self, lane, low, high)
+                continue
             for q in self._run(low, high):
                 x = s.lane(self._row_numbers[0][q], lane)
                 w.put_number("high", q, x)
@@ -452,11 +475,11 @@ class Flight:
                     w.put_number("low", q, s.lane(self._row_numbers[1][q], lane))
 
     @cached_property
-    def _alike(self) -> list[tuple[int, int, bool, bool]]:
-        """Runs of watched quantities that are alike: first, end, whether they have a least value, or are sized."""
-        found: list[tuple[int, int, bool, bool]] = []
+    def _alike(self) -> list[tuple[int, int, bool, bool, bool]]:
+        """Runs of watched quantities that are alike: first, end, if they have a least value, are sized, of storeys."""
+        found: list[tuple[int, int, bool, bool, bool]] = []
         for q, each in enumerate(self.layout.watched):
-            kind = (each.least >= 0, each.sized)
+            kind = (each.least >= 0, each.sized, each.storey >= 0)
             if found and found[-1][2:] == kind:
                 found[-1] = (found[-1][0], q + 1, *kind)
             else:
@@ -469,8 +492,11 @@ class Flight:
 
     def _keep_peaks(self, lane: Any) -> None:
         s, w = self.group.state, self.rows
-        touches = sum(each.kind == TOUCH for each in self.layout.watched)
-        for low, high, least, _ in self._alike:
+        touches = self._touches
+        for low, high, least, _, storeys in self._alike:
+            if storeys and low >= touches:
+                flight_yielding.keep_shears(self, lane, low, high)
+                continue
             for q in self._run(max(low, touches), high):
                 s.put_lane(self._row_numbers[0][q], lane, w.number("high", q))
                 if least:
@@ -505,6 +531,11 @@ class Flight:
         for part, total in enumerate(sums):
             w[row, part] = total.now
 
+    @property
+    def _touches(self) -> int:
+        """How many watched quantities, the first of all, end a flight where they reach something."""
+        return sum(each.kind in (TOUCH, ONSET) for each in self.layout.watched)
+
     def _undisturbed(self) -> Any:
         """Whether nothing but the record moves the row, and it has not begun."""
         w, most = self.rows, Cell(self.group.full(0.0))
@@ -514,7 +545,7 @@ class Flight:
 
     def _begin(self) -> None:
         """Go to the last point before floors may touch, by the running extremes of the motion without pounding."""
-        w, touches = self.rows, sum(each.kind == TOUCH for each in self.layout.watched)
+        w, touches = self.rows, self._touches
         low, high = Cell(whole(self.trace, 0)), Cell(self.last)
         parts = range(-(-touches // self.lanes))
 
@@ -522,8 +553,11 @@ class Flight:
             met = self.group.lanes_where(False)
             for part in parts:
                 number = lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
-                most, _ = self._extremes(t, "peak", "trough", part)
-                met = met | ((most >= w["high", part]) & (number < float(touches)))
+                most, least = self._extremes(t, "peak", "trough", part)
+                reached = most >= w["high", part]
+                if self.yields:
+                    reached = reached | (least <= w["low", part])
+                met = met | (reached & (number < float(touches)))
             return any_lane(met)
 
         for _ in when(touched(self.last)):
@@ -563,6 +597,8 @@ class Flight:
         for part in self._watched_parts:
             above, below = self._extremes(t, most, least, part)
             reach = w["reach", part]
+            if self.yields:
+                above, below = above + w["shift", part], below + w["shift", part]
             asks = (above + reach >= w["high", part]) | (below - reach <= w["low", part])
             if most == "most":
                 w["asks", part] = where(asks, 1.0, self.group.full(0.0))
@@ -618,8 +654,10 @@ class Flight:
         self._weigh("bulge", "bulge", t)
         for q in self._asked(TOUCH):
             self._touch(q, t)
+        for q in self._asked(ONSET):
+            self._touch(q, t, onset=True)
         kinds = {each.kind for each in self.layout.watched}
-        for _ in when(self.steps.now > 0) if kinds - {TOUCH} else ():
+        for _ in when(self.steps.now > 0) if kinds - {TOUCH, ONSET} else ():
             turning = any_lane(self._asking(TURN)) | any_lane(self._asking(ACCELERATION))
             for _ in when(turning):
                 self._bend(t, ACCELERATION in kinds)
@@ -703,16 +741,22 @@ class Flight:
         same = counts[0] if len(set(counts)) == 1 else None
         return Table(self.trace, lows), same or Table(self.trace, counts)
 
-    def _touch(self, q: Any, t: Any) -> None:
-        """End the window before the first step in which a contact may touch."""
+    def _touch(self, q: Any, t: Any, onset: bool = False) -> None:
+        """End the window before the first step in which a contact may touch, or a storey yield."""
         w, number = self.rows, lane_numbers(self.trace, self.lanes)
-        x, bulge = self._sum(q, "y") - w.number("high", q), w.number("bulge", q)
-        for _ in when(any_lane((x + bulge > 0.0) & (number <= real(self.steps.now)))):
+        x, bulge = self._sum(q, "y") - self._threshold(q, onset), w.number("bulge", q)
+        half = 0.5 * (w.number("high", q) - w.number("low", q)) if onset else 0.0
+
+        def past(x: Any) -> Any:
+            """Return how far beyond its limit it is."""
+            return size(x) - half if onset else x
+
+        for _ in when(any_lane((past(x) + bulge > 0.0) & (number <= real(self.steps.now)))):
             self._know_rates(t)
             s0 = self._sum(q, "rate") * (1.0 / 3.0)
             x1, s1 = after(x), after(s0)
             # a cubic keeps within the hull of its ends and of where their tangents are at a third of the step
-            hull = maximum(maximum(x, x1), maximum(x + s0, x1 - s1))
+            hull = maximum(maximum(past(x), past(x1)), maximum(past(x + s0), past(x1 - s1)))
             may = hull + bulge * self._number(self.place_of("remainder") + q) > 0.0
             first = first_true(may & (number < real(self.steps.now)))
             self.steps.now = lesser(first, self.steps.now)
@@ -726,11 +770,20 @@ class Flight:
         added = self._sum(q, rise)
         return start + added, end + added
 
+    def _threshold(self, q: Any, onset: bool) -> Any:
+        """Return where what flies touches; of an onset the middle between its limits."""
+        high = self.rows.number("high", q)
+        if onset:
+            high = 0.5 * (high + self.rows.number("low", q))
+        return high - self.rows.number("shift", q) if self.yields else high
+
     def _turn(self, q: Any, names: Sequence[str], rises: Sequence[str]) -> None:
         """Take the peaks of a motion in the window, by rows of its rates and what the ground adds to the last two."""
         w, far, number = self.rows, self.group.limit.far, lane_numbers(self.trace, self.lanes)
         points, steps = number <= real(self.steps.now), number < real(self.steps.now)
         x, bulge = self._sum(q, names[0]), w.number("bulge", q)
+        if self.yields:
+            x = x + w.number("shift", q)
         high, low = w.number("high", q), w.number("low", q)
         for _ in when(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
             s0 = self._sum(q, names[1])
@@ -756,7 +809,7 @@ def scratch(layout: Layout) -> dict[str, int]:
     """Rows of flight's own."""
     n, parts, wide = layout.modes, layout.wide_modes // layout.lanes, layout.wide_watched // layout.lanes
     rows = dict.fromkeys(("q", "p", "amplitude", "floor"), parts)
-    rows |= dict.fromkeys(("high", "low", "reach", "bulge", "asks"), wide)
+    rows |= dict.fromkeys(("high", "low", "reach", "bulge", "asks", *(("shift",) if layout.yields else ())), wide)
     rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n)
     if any(each.kind == ACCELERATION for each in layout.watched):
         rows |= dict.fromkeys(SHAKEN, n)

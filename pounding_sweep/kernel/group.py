@@ -218,6 +218,7 @@ class Group:
             rows |= dict.fromkeys(("phase", "slip", "kt", "ct", "turn", "then"), n)
             rows |= {"kd": n} if spec.tangent else {}
             rows |= {"slip0": n} if spec.smooth else {}
+            rows |= {"set": n} if spec.flies_exactly else {}
         if self.touching:
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
             rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)

@@ -43,13 +43,13 @@ def drift(group: Group, i: Any, below: Any, name: str = "u") -> Any:
     return x if below is None else x - group.state[name, below]
 
 
-def begin(group: Group) -> None:
-    """Let all storeys be elastic."""
+def begin(group: Group, lanes: Any = None) -> None:
+    """Let all storeys be elastic, in all lanes or some."""
     s = group.state
     for i in group.each(group.spec.n_dof):
-        s["kt", i] = group.full(group.prop("k", i))
-        if group.spec.tangent:
-            s["kd", i] = group.full(group.prop("k", i))
+        for name in ("kt", "kd") if group.spec.tangent else ("kt",):
+            k = group.full(group.prop("k", i))
+            s[name, i] = k if lanes is None else where(lanes, k, s[name, i])
 
 
 def shear(group: Group, i: Any, below: Any, name: str = "u") -> Any:
@@ -169,12 +169,17 @@ def follow(group: Group) -> None:
         _follow(group, i, below)
 
 
-def is_any_yielding(group: Group) -> Any:
-    """Whether any storey of any lane yields."""
+def is_yielding(group: Group) -> Any:
+    """Lanes in which any storey yields."""
     found = Cell(group.lanes_where(False))
     for i, _ in each_storey(group, straight=True):
         found.now = found.now | ~(group.state["phase", i] == 0.0)
-    return any_lane(found.now)
+    return found.now
+
+
+def is_any_yielding(group: Group) -> Any:
+    """Whether any storey of any lane yields."""
+    return any_lane(is_yielding(group))
 
 
 def strain(group: Group, i: Any, drifted: Any) -> Any:

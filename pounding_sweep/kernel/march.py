@@ -43,7 +43,7 @@ def begin(group: Group, start: Any, lanes: Any = None) -> None:
         put(("v", i), group.full(group.prop("v0", i)))
     put("g1", s["scale"] * start)
     if spec.yielding:
-        hysteresis.begin(group)
+        hysteresis.begin(group, lanes)
     if spec.law is not None:
         put("shortest", group.full(group.limit.far))
     for reducer in group.reducers:

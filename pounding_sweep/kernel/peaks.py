@@ -71,13 +71,21 @@ class Motion:
         Reads it, or its rate, by the name of the floors' rows.
     alone : bool
         It may turn where no other motion does that is followed.
+    shear : int
+        Floor above the storey that yields, of whose hysteresis it is the shear; -1: of none.
     """
 
     most: tuple[str, Any]
     least: tuple[str, Any] | None
     sized: bool
     of: Callable[[str], Any]
+    shear: Any = -1
     alone: bool = True
+
+    @property
+    def of_shear(self) -> bool:
+        """Whether it is the shear of a storey that yields."""
+        return not isinstance(self.shear, int) or self.shear >= 0
 
 
 def followed(group: Group, straight: bool) -> Iterator[Motion]:
@@ -112,10 +120,12 @@ def turns(group: Group) -> None:
         above = (maximum(size(x0), size(x1)) if sized else maximum(x0, x1)) + reach - high
         if least is not None:
             above = maximum(above, s[least] - minimum(x0, x1) + reach)
-        with when_any((v0 * v1 <= 0.0) & (above > 0.0)):
+        with when_any(asks := (v0 * v1 <= 0.0) & (above > 0.0)):
             p = cubic_extreme(x0, x1, h * v0, h * v1)
             if sized:
-                s[motion.most] = maximum(high, maximum(size(p), maximum(size(x0), size(x1))))
+                most = maximum(high, maximum(size(p), maximum(size(x0), size(x1))))
+                # at an onset a shear is off by what its instant is, until the storey yields
+                s[motion.most] = where(asks, most, high) if motion.of_shear else most
             else:
                 s[motion.most] = maximum(high, maximum(p, maximum(x0, x1)))
             if least is not None:

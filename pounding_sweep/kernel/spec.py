@@ -187,7 +187,7 @@ class KernelSpec:
     @property
     def blocks(self) -> bool:
         """Whether exact flight knows blocks of motions, not all their points: energies and histories ask for these."""
-        return self.flies_exactly and not (self.windows or self.history or "energy" in self.reducers)
+        return self.flies_exactly and not (self.windows or self.history or self.yielding or "energy" in self.reducers)
 
     @property
     def n_dof(self) -> int:

@@ -175,7 +175,7 @@ def _shears(group: Group, straight: bool) -> Iterator[Motion]:
     for i, below in hysteresis.each_storey(group, straight):
         # it turns with the drift, which is asked for too
         shear = _borne if group.spec.p_delta else hysteresis.shear
-        yield Motion(("shear", i), None, True, partial(shear, group, i, below), alone=False)
+        yield Motion(("shear", i), None, True, partial(shear, group, i, below), shear=i, alone=False)
     for i, below, n in bouc_wen.each_storey(group):
         yield Motion(("shear", i), None, True, partial(_smooth_shear, group, i, below, n))
 

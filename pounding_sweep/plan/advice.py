@@ -305,15 +305,10 @@ def advise(
     costs: dict[Scheme, float] = {}
     best: tuple[Scheme, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
     reached: dict[Scheme, tuple[float, str]] = {}
-    yields, smooth, links = any(spec.scene.yields), any(spec.scene.smooth), not spec.scene.has_own_modes
     schemes = [
         (m, p)
         for m, p in known.cost
-        if spec.method in (None, m)
-        and p in _formats(spec)
-        and not (yields and not SCHEMES[m].follows_yielding)
-        and not (smooth and not SCHEMES[m].follows_smooth)
-        and not (links and not SCHEMES[m].follows_links)
+        if spec.method in (None, m) and p in _formats(spec) and SCHEMES[m].refuses(spec.scene) is None
     ]
     if not schemes:
         msg = (

@@ -10,6 +10,7 @@ import numpy as np
 
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.march import FixedSteps
+from pounding_sweep.model.scene import Scene
 
 
 class Scheme(ABC):
@@ -27,12 +28,8 @@ class Scheme(ABC):
         Buildings move without error between contacts, which must be located.
     follows_ground : bool
         A ground acceleration that is linear over the step is integrated twice without error.
-    follows_yielding : bool
-        It takes rows in which storeys yield.
     follows_smooth : bool
         It takes rows whose storeys have the hysteresis of Bouc and Wen.
-    follows_links : bool
-        It takes rows that damping does not leave in modes of single buildings: dashpots, links.
     parameters : tuple of str
         Settings of a sweep that are its own.
     without_limit : str
@@ -54,9 +51,7 @@ class Scheme(ABC):
     implicit = False
     flies_exactly = False
     follows_ground = True
-    follows_yielding = True
     follows_smooth = False
-    follows_links = True
     parameters: tuple[str, ...] = ()
     without_limit = "the newmark scheme"
     min_steps_located: float
@@ -72,6 +67,13 @@ class Scheme(ABC):
     def ladder_in(self, precision: str) -> tuple[float, ...]:
         """Return the steps at which errors are measured in a number format."""
         return tuple(n for n in self.ladder if precision == "float64" or n <= self.finest_float32)
+
+    def refuses(self, scene: Scene) -> str | None:
+        """Say why it can't take a row; None where it can."""
+        if any(scene.smooth) and not self.follows_smooth:
+            name = next(building.name for building in scene.buildings if building.bouc_wen)
+            return f"does not follow storeys of Bouc and Wen, as those of building {name!r} are"
+        return None
 
     @abstractmethod
     def stability_limit(self, w2: np.ndarray, rate: np.ndarray, beta: float, gamma: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pounding_sweep.kernel import forces, located, series
+from pounding_sweep.kernel import forces, hysteresis, located, series
 from pounding_sweep.kernel.flight import Flight
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
@@ -37,21 +37,35 @@ from pounding_sweep.kernel.lanes import (
 )
 from pounding_sweep.kernel.march import begin, conclude
 from pounding_sweep.kernel.peaks import samples
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.schemes.rk4 import Rk4
 
 
 class Exact(Rk4):
-    """Exact flight; a step with contact is one of `Rk4`."""
+    """Exact flight; a step with contact is a series, or one of `Rk4`."""
 
     name = "exact"
-    title = "exact flight between contacts, `rk4` in short steps beside them"
+    title = "exact flight between contacts, Taylor series beside them or, where forces are roots, `rk4`"
     source = "Nigam & Jennings 1969"
     flies_exactly = True
-    follows_yielding = False
-    follows_links = False
+    follows_smooth = False
     step_cost = 0.2
     ladder = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
     finest_float32 = 2.0
+
+    def refuses(self, scene: Scene) -> str | None:
+        """Rows that do not fly in modes of their buildings, and storeys that yield under their weights."""
+        why = super().refuses(scene)
+        if why is not None:
+            return why
+        if not scene.has_own_modes:
+            dashed = (f"building {b.name!r} has dashpots" for b in scene.buildings if any(b.dashed))
+            what = next(dashed, None) or f"buildings of pair {scene.links[0].pair!r} are linked"
+            return f"flies in modes that damping leaves apart, and {what}"
+        for building in scene.buildings:
+            if building.p_delta and any(building.yields):
+                return f"does not follow storeys that yield under P-Delta, as those of building {building.name!r} do"
+        return None
 
 
 class Events:
@@ -96,7 +110,7 @@ class Events:
             for lane in each_lane(self.leaves.now):
                 self._serve(lane)
             more.now = any_lane(self.busy.now > 0.0)
-            if not group.touching:
+            if not group.eventful:
                 continue
             for _ in when(more.now):
                 starts = (self.busy.now > 0.0) & ~(s["time_left"] > 0.0)
@@ -121,10 +135,11 @@ class Events:
             whole_step = over & ~(left > 0.0)
             self.left.now = where(whole_step, real(self.short), where(over, left, self.left.now))
             closed, ends = forces.is_closed(group), over & (at >= self.last)
+            stays = closed | hysteresis.is_yielding(group) if group.spec.yielding else closed
             for _ in when(any_lane(over)) if self.note is not None else ():
                 assert self.note is not None
                 self.note(first_whole(at))
-            self.leaves.now = ends | (whole_step & ~closed)
+            self.leaves.now = ends | (whole_step & ~stays)
             if located.needs_ends(group):
                 located.clear_forces(group, over & ~closed)
             with when_any(ends):

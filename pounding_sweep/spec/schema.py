@@ -709,21 +709,10 @@ def _locate(given: Any, info: Any) -> bool:
 def _method(given: Any, info: Any) -> str | None:
     found: str | None = _choose(METHODS, "rk4", given, info)
     scene = info.data.get("scene")
-    if found is not None and scene is not None and any(scene.yields) and not SCHEMES[found].follows_yielding:
-        able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.follows_yielding)
-        name = next(building.name for building in scene.buildings if any(building.yields))
-        msg = f"{found!r} does not follow storeys that yield, as those of building {name!r} do; give one of {able}"
-        raise InputError(msg)
-    if found is not None and scene is not None and any(scene.smooth) and not SCHEMES[found].follows_smooth:
-        able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.follows_smooth)
-        name = next(building.name for building in scene.buildings if building.bouc_wen)
-        msg = f"{found!r} does not follow storeys of Bouc and Wen, as those of building {name!r} are; give {able}"
-        raise InputError(msg)
-    if found is not None and scene is not None and not (scene.has_own_modes or SCHEMES[found].follows_links):
-        able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.follows_links)
-        dashed = (f"building {b.name!r} has dashpots" for b in scene.buildings if any(b.dashed))
-        what = next(dashed, None) or f"buildings of pair {scene.links[0].pair!r} are linked"
-        msg = f"{found!r} flies in modes that damping leaves apart, and {what}; give one of {able}"
+    why = SCHEMES[found].refuses(scene) if found is not None and scene is not None else None
+    if why is not None:
+        able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.refuses(scene) is None)
+        msg = f"{found!r} {why}; give one of {able}"
         raise InputError(msg)
     return found
 
@@ -807,7 +796,7 @@ class SweepInput(Table):
     accuracy: Annotated[Any, PlainValidator(_accuracy)] = Field(
         None, description="a number, the relative error asked for"
     )
-    method: Annotated[Any, PlainValidator(_method)] = Field(None, description="a text", validate_default=True)
+    method: Annotated[Any, _choice(METHODS, "rk4")] = Field(None, description="a text", validate_default=True)
     precision: Annotated[Any, _choice(PRECISIONS, "float64")] = Field(None, description="a text", validate_default=True)
     dt: Annotated[Any, PlainValidator(_dt)] = Field(None, description="a number in s", validate_default=True)
     audit: Annotated[Any, PlainValidator(_audit)] = Field(
