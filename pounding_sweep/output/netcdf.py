@@ -51,31 +51,31 @@ def wrongly_stored(path: Path) -> str | None:
         return None
     taken: set[int] = set()
     with h5py.File(path, "r") as file:
-        for name in file:
-            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
-                return f"{name!r} is a link to something else"
-            found = file[name]
-            if isinstance(found, h5py.Group):  # the netCDF library would look into it before it can be refused
+        for name in file.id:
+            if file.id.links.get_info(name).type != h5py.h5l.TYPE_HARD:
+                return f"{name.decode()!r} is a link to something else"
+            found = h5py.h5o.open(file.id, name)
+            if isinstance(found, h5py.h5g.GroupID):  # the netCDF library would look into it before it can be refused
                 return "it has groups, or types of its own"
-            if isinstance(found, h5py.Dataset):
-                if found.external or found.is_virtual:
-                    return f"the values of {name!r} stand in other files"
-                if found.chunks and not _blocks_are_whole(found, taken):
-                    return f"blocks of the values of {name!r} are missing, or without checksums"
+            if isinstance(found, h5py.h5d.DatasetID):
+                kept = found.get_create_plist()
+                if kept.get_external_count() or kept.get_layout() == h5py.h5d.VIRTUAL:
+                    return f"the values of {name.decode()!r} stand in other files"
+                if kept.get_layout() == h5py.h5d.CHUNKED and not _blocks_are_whole(found, kept, taken):
+                    return f"blocks of the values of {name.decode()!r} are missing, or without checksums"
     return None
 
 
-def _blocks_are_whole(values: h5py.Dataset, taken: set[int]) -> bool:
+def _blocks_are_whole(values: h5py.h5d.DatasetID, kept: h5py.h5p.PropDCID, taken: set[int]) -> bool:
     """Whether each block is there once, is found where it belongs, and is read with its checksum, if there are any."""
     import h5py
 
-    pipeline = values.id.get_create_plist()
-    filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
+    filters = [kept.get_filter(i)[0] for i in range(kept.get_nfilters())]
     checked = sum(1 << i for i, each in enumerate(filters) if each == h5py.h5z.FILTER_FLETCHER32)
     blocks: list[Any] = []
-    if values.size:
-        values.id.chunk_iter(blocks.append)
-    starts = [range(0, size, block) for size, block in zip(values.shape, values.chunks, strict=True)]
+    if all(values.shape):
+        values.chunk_iter(blocks.append)
+    starts = [range(0, size, block) for size, block in zip(values.shape, kept.get_chunk(), strict=True)]
     if len(blocks) != math.prod(map(len, starts)):  # which may be more than can be counted
         return False
     corners = list(itertools.product(*starts))
@@ -92,10 +92,10 @@ def _blocks_are_whole(values: h5py.Dataset, taken: set[int]) -> bool:
     )
 
 
-def _is_found(values: h5py.Dataset, corner: tuple[int, ...]) -> bool:
+def _is_found(values: h5py.h5d.DatasetID, corner: tuple[int, ...]) -> bool:
     """Whether the library finds a block when it reads: it looks it up, and then sees that there is no room for it."""
     try:
-        values.id.read_direct_chunk(corner, out=bytearray())
+        values.read_direct_chunk(corner, out=bytearray())
     except ValueError:
         return True
     except RuntimeError:
@@ -446,18 +446,25 @@ def _open_checked(path: str | os.PathLike[str], target: Path) -> xr.Dataset:
     store = xr.backends.NetCDF4DataStore.open(target, lock=NETCDF_LOCK)
     try:
         refuse(wrong_form(store.ds, target.stat().st_size))
-        return _with_texts(xr.open_dataset(store, decode_times=False))
+        return _with_texts(xr.open_dataset(store, decode_times=False, create_default_indexes=False))
     except BaseException:
         store.close()
         raise
 
 
 def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
-    """Make texts of characters what they were when they were written, for which they are read."""
-    texts = [name for name, values in dataset.variables.items() if values.dtype.kind == "O"]
-    found = dataset.assign({name: dataset.variables[name].astype(str) for name in texts})
-    for name in texts:
-        found.variables[name].encoding = {**TEXT, **COMPRESSION}  # for who writes it anew with xarray
+    """Make texts of characters what they were when they were written, for which they are read, and index the axes."""
+    import xarray as xr
+
+    for values in dataset.variables.values():
+        if values.dtype.kind == "O":
+            values.data = values.values.astype(str)
+            values.encoding = {**TEXT, **COMPRESSION}  # for who writes it anew with xarray
+    inner, coordinates = (
+        {name: dataset.variables[name] for name in names} for names in (dataset.data_vars, dataset.coords)
+    )
+    found = xr.Dataset(inner, coordinates, dataset.attrs)
+    found.encoding = dataset.encoding
     found.set_close(dataset.close)
     return found
 
