@@ -341,8 +341,8 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
     encoding = {name: _encoding(name, dataset[name], name in dataset.coords) for name in dataset.variables}
     dataset = _with_plain_attributes(dataset)
     with _written(path, target) as temporary:
-        job = dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding, compute=False)
-        job.compute(scheduler="synchronous")  # other threads would wait for the lock
+        writing = dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding, compute=False)
+        writing.compute(scheduler="synchronous")  # other threads would wait for the lock
     return target
 
 
