@@ -68,10 +68,8 @@ class _Modes:
 
 
 def flight_tables(layout: Layout, points: int, fixed: np.ndarray) -> np.ndarray:
-    """Return tables of flight over so many points with all that a kernel does not fill in itself, one after another.
-
-    They stand until the thread's next call.
-    """
+    """Return tables of flight over so many points with all that a kernel does not fill in itself, one after another."""
+    # they stand until the thread's next call
     tables = _room(len(fixed) * int(layout.size(points)), str(fixed.dtype))
     tables.reshape(len(fixed), -1)[:, : layout.sizes[0]] = fixed
     return tables
@@ -80,10 +78,8 @@ def flight_tables(layout: Layout, points: int, fixed: np.ndarray) -> np.ndarray:
 def fixed_tables(
     layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what of the tables of all variants holds at any time, and what a kernel fills the others from.
-
-    `ground`: accelerations (m/s2) at all points of a grid of step `h` (s).
-    """
+    """Return what of the tables of all variants holds at any time, and what a kernel fills the others from."""
+    # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s)
     scene, n, count, q = row.scene, layout.modes, len(row), len(layout.watched)
     modes, floors = _modes(row)
     tables = np.zeros((count, layout.sizes[0]), precision)

@@ -379,10 +379,8 @@ def write_in_slabs(
 
 
 def _coordinates_of(cube: Frame) -> tuple[dict[str, str], str]:
-    """Return the attribute ``coordinates`` of each variable, as CF asks for it, and that of the whole file.
-
-    As xarray writes and reads it: the file's names those that belong to no variable.
-    """
+    """Return the attribute ``coordinates`` of each variable, as CF asks for it, and that of the whole file."""
+    # as xarray writes and reads it: the file's names those that belong to no variable
     beside = {name: set(label.dims) for name, label in cube.coords.items() if name not in label.dims}
     found = {
         name: sorted(label for label, dims in beside.items() if dims <= set(variable.dims))

@@ -147,10 +147,9 @@ def _run_there(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """A chunk on its way: its position, who may run it, and how often all of those were lost.
+    """A chunk on its way: its position, who may run it, and how often all of those were lost."""
 
-    What was lost may have been what they died of: after the second time it runs where nothing else does.
-    """
+    # what was lost may have been what they died of: after the second time it runs where nothing else does
 
     position: int
     workers: frozenset[str] = frozenset()
