@@ -25,7 +25,10 @@ DOCS = Path(__file__).parent
 PICTURES = DOCS / "_static" / "gallery"
 #: Sweep files and other input that the commands name.
 SWEEPS = (
-    *(DOCS.parent / "sweeps" / f"{name}.toml" for name in ("quickstart", "period_ratio", "yielding")),
+    *(
+        DOCS.parent / "sweeps" / f"{name}.toml"
+        for name in ("quickstart", "period_ratio", "what_matters", "yielding", "isolated", "ductility")
+    ),
     *sorted((DOCS / "gallery_sweeps").iterdir()),
 )
 
@@ -42,6 +45,8 @@ class Entry:
         Arguments of ``pounding-sweep``, in order; the last draws the picture, unless `code` does.
     picture : str
         File that the last command writes.
+    about : str
+        What it shows, where that is not the figure's own title.
     code : str
         Python that draws the picture from what the commands wrote.
     elsewhere : bool
@@ -51,13 +56,14 @@ class Entry:
     key: str
     commands: tuple[str, ...]
     picture: str
+    about: str = ""
     code: str = ""
     elsewhere: bool = False
 
     @property
     def title(self) -> str:
         """What it shows."""
-        return FIGURES[self.key].title if self.key in FIGURES else "the row in motion, impacts marked"
+        return self.about or FIGURES[self.key].title if self.key in FIGURES else "the row in motion, impacts marked"
 
     @property
     def place(self) -> Path:
@@ -67,6 +73,7 @@ class Entry:
 
 _QUICK = "run quickstart.toml -o quickstart.nc"
 _PERIODS = "run period_ratio.toml -o period_ratio.nc"
+_DESIGN = "run what_matters.toml -o what_matters.nc"
 _SUITE = "run suite.toml -o suite.nc"
 _ONE = "simulate quickstart.toml -o one.nc --law hertz_damped --gap 0.006"
 _YIELDING = "simulate yielding.toml -o yielding.nc --law kelvin_voigt --gap 0.01"
@@ -81,7 +88,7 @@ plot(spectra, "response-spectra", "response_spectra.png", dpi=100)
 
 
 #: What a figure is drawn from where nothing else is said, by its source.
-_RUNS = {"cube": _QUICK, "histories": _ONE}
+_RUNS = {"cube": _QUICK, "design": _DESIGN, "histories": _ONE}
 #: Figures drawn from something else, or of one value of an axis: commands and options.
 _OTHERS = {
     "energy-budget": (_SUITE, " --at record=synthetic-1 --at scale=3"),
@@ -127,6 +134,23 @@ def _entry(kind: Kind) -> Entry:
 
 ENTRIES: tuple[Entry, ...] = (
     *map(_entry, FIGURES.values()),
+    Entry(
+        "closing",
+        (
+            "simulate isolated.toml -o isolated.nc --law kelvin_voigt --gap 0.1 --scale 2",
+            "plot isolated.nc closing -o moat.png --end 12",
+        ),
+        "moat.png",
+        "an isolated building in its moat: displacement of the floor above the isolators against both walls",
+    ),
+    Entry(
+        "map",
+        (
+            "run ductility.toml -o ductility.nc",
+            "plot ductility.nc map -o ductility.png --value ductility_max --at law=kelvin_voigt",
+        ),
+        "ductility.png",
+    ),
     Entry("animation", ("animate quickstart.toml -o row.gif --gap 0.006 --frames 30",), "row.gif"),
 )
 
@@ -189,7 +213,8 @@ def gallery_page() -> str:
     for entry in ENTRIES:
         if entry.place.exists():
             title = entry.title[0].upper() + entry.title[1:]
-            lines += [f"## {entry.key}", "", f"{title}.", ""]
+            heading = entry.picture.partition(".")[0] if entry.about else entry.key
+            lines += [f"## {heading}", "", f"{title}.", ""]
             if entry.commands:
                 lines += ["```sh", *(f"pounding-sweep {command}" for command in entry.commands), "```", ""]
             lines += ["```python", *entry.code.rstrip().splitlines(), "```", ""] if entry.code else []

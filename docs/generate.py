@@ -184,8 +184,10 @@ def _helps(command: Any, name: str, parent: Any = None) -> Iterator[tuple[str, s
 def _sweeps() -> str:
     """Return directives that show every sweep file of the repository."""
     lines = []
-    for path in sorted((Path(__file__).parents[1] / "sweeps").glob("*.toml")):
-        lines += [f"```{{literalinclude}} ../sweeps/{path.name}", f":caption: {path.name}", ":language: toml"]
+    languages = {".py": "python", ".toml": "toml"}
+    for path in sorted((Path(__file__).parents[1] / "sweeps").glob("*.*")):
+        language = languages[path.suffix]
+        lines += [f"```{{literalinclude}} ../sweeps/{path.name}", f":caption: {path.name}", f":language: {language}"]
         lines += ["```", ""]
     return "\n".join(lines)
 

@@ -1,4 +1,4 @@
-"""Pages whose blocks are run when the documentation is built, with what they print put under them.
+"""Pages and notebooks that are run when the documentation is built, with what they print put under them.
 
 - ``python`` blocks run in order, as one program;
 - ``sh`` blocks run in bash, each by itself;
@@ -6,11 +6,12 @@
 
 Everything happens in one folder, empty at first, which all pages share;
 pictures made there are kept beside the pages. Blocks of other languages are
-only shown.
+only shown. A notebook runs in Jupyter, and becomes a page with what its cells show.
 """
 
 from __future__ import annotations
 
+import base64
 import io
 import os
 import re
@@ -35,8 +36,8 @@ def run_pages(sources: Sequence[Path], target: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         for source in sources:
             with chdir(folder):
-                text = _run(source)
-            (target / source.name).write_text(text, encoding="utf-8")
+                text = _run_notebook(source) if source.suffix == ".ipynb" else _run(source)
+            (target / source.with_suffix(".md").name).write_text(text, encoding="utf-8")
         for made in sorted(Path(folder).iterdir()):
             if made.suffix in _PICTURES:
                 shutil.copy(made, target)
@@ -59,6 +60,33 @@ def _run(source: Path) -> str:
         return block[0] + (f"\n```text\n{said}\n```\n" if said else "")
 
     return _BLOCK.sub(run, text)
+
+
+def _run_notebook(source: Path) -> str:
+    """Run a notebook in the current folder, its pictures kept there; return it as a page, for download as it is."""
+    import nbclient
+    import nbformat
+
+    book = nbformat.read(source, as_version=4)
+    nbclient.NotebookClient(book, timeout=600).execute()
+    parts = []
+    for number, cell in enumerate(book.cells, 1):
+        if cell.cell_type != "code":
+            parts.append(cell.source)
+            continue
+        parts.append(f"```python\n{cell.source}\n```")
+        for shown in cell.outputs:
+            data = shown.get("data", {"text/plain": shown.get("text", "")})
+            if "image/png" in data:
+                picture = Path(f"{source.stem}_{number}.png")
+                picture.write_bytes(base64.b64decode(data["image/png"]))
+                parts.append(f"![What the cell above draws]({picture})")
+            elif "text/html" in data:
+                parts.append(f"```{{raw}} html\n{data['text/html']}\n```")
+            else:
+                parts.append(f"```text\n{data['text/plain'].rstrip()}\n```")
+    parts.insert(1, f"As a notebook: {{download}}`{source.name} <../{source.name}>`.")
+    return "\n\n".join(parts) + "\n"
 
 
 def _python(code: str, name: str, line: int, namespace: dict[str, object]) -> str:

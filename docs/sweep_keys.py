@@ -9,13 +9,20 @@ from numpydoc.docscrape import NumpyDocString
 from pydantic.fields import FieldInfo
 
 from pounding_sweep.model.hertz import hertz_stiffness
-from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.model.links import Link
+from pounding_sweep.model.scene import BoucWen, Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.spec import tables
 from pounding_sweep.spec.axes import AXES, FACTOR_KINDS, Case, Range
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.schema import SweepInput
 from pounding_sweep.spec.toml import SECTIONS
+
+#: Of a record that is there: scaled to a spectral acceleration.
+_SA = {
+    "sa": "Spectral acceleration (pseudo-acceleration, 5 % damping) to scale to, in m/s2; excludes `scale` and `pga`.",
+    "sa_period": "Its period in s; needed with it.",
+}
 
 _AXIS = FieldInfo(default=None, description="a number, a list of numbers, or a table of evenly spaced values")
 _BUILDING = FieldInfo(default=None, description="tables building.NAME of factors")
@@ -52,6 +59,7 @@ _OWN = {
     ("A record by name", "name"): "Label of the record in the cube; its own by default.",
     ("A record by name", "scale"): "Factor on the motion.",
     ("A record by name", "pga"): "Peak ground acceleration to scale to, in m/s2; excludes `scale`.",
+    **{(heading, key): text for heading in ("A record by name", "A record from a file") for key, text in _SA.items()},
     ("A pulse", "pulse"): "Shape: half_sine, sine, ricker, rectangular or triangular.",
     ("A near-fault pulse", "near_fault"): "Amplitude A of the velocity in m/s, of either sign.",
     ("A synthetic earthquake", "synthetic"): "Seed; the same seed and parameters give the same record.",
@@ -68,8 +76,10 @@ def _arguments(section: str) -> dict[str, FieldInfo]:
 _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
     "[scene]": (tables.SceneTable.model_fields, Scene),
     "[[scene.row]], a building": (tables.BuildingTable.model_fields, Building),
+    "bouc_wen of a building": (tables.BoucWenTable.model_fields, BoucWen),
     "[[scene.row]], a wall": (tables.WallTable.model_fields, Wall),
     "[scene.contact]": (tables.ContactTable.model_fields, ContactProperties),
+    "[[scene.links]]": (tables.LinkTable.model_fields, Link),
     "scene.contact.hertz": (tables.HertzTable.model_fields, hertz_stiffness),
     "[sweep]": (_arguments("sweep"), build_spec),
     "Evenly spaced values": (tables.RangeTable.model_fields, Range),

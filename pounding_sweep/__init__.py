@@ -12,10 +12,13 @@ from typing import TYPE_CHECKING, Any
 from pounding_sweep.base.deferred import attribute
 
 _HOME = {
+    "BoucWen": "pounding_sweep.model.scene",
     "Building": "pounding_sweep.model.scene",
     "ContactProperties": "pounding_sweep.model.scene",
+    "Link": "pounding_sweep.model.links",
     "Scene": "pounding_sweep.model.scene",
     "Wall": "pounding_sweep.model.scene",
+    "rubber_bumper": "pounding_sweep.model.bumpers",
     "Law": "pounding_sweep.model.laws",
     "LAWS": "pounding_sweep.model.laws",
     "get_law": "pounding_sweep.model.laws",
@@ -27,6 +30,7 @@ _HOME = {
     "near_fault_record": "pounding_sweep.records",
     "pulse_record": "pounding_sweep.records",
     "synthetic_record": "pounding_sweep.records",
+    "base_isolated": "pounding_sweep.model.presets",
     "get_preset": "pounding_sweep.model.presets",
     "Range": "pounding_sweep.spec.axes",
     "Sweep": "pounding_sweep.run.sweep",
@@ -42,9 +46,11 @@ _PACKAGES = ("analysis", "figures")
 
 __all__ = [
     "LAWS",
+    "BoucWen",
     "Building",
     "ContactProperties",
     "Law",
+    "Link",
     "PoundingSweepError",
     "Range",
     "Record",
@@ -53,6 +59,7 @@ __all__ = [
     "Wall",
     "__version__",
     "analysis",
+    "base_isolated",
     "figures",
     "find_record",
     "get_law",
@@ -64,6 +71,7 @@ __all__ = [
     "open_cube",
     "pulse_record",
     "read_record",
+    "rubber_bumper",
     "simulate",
     "synthetic_record",
     "tradeoff",
@@ -73,10 +81,12 @@ if TYPE_CHECKING:
     from pounding_sweep import analysis, figures
     from pounding_sweep.accuracy.tradeoff import tradeoff
     from pounding_sweep.base.errors import PoundingSweepError
+    from pounding_sweep.model.bumpers import rubber_bumper
     from pounding_sweep.model.hertz import hertz_stiffness
     from pounding_sweep.model.laws import LAWS, Law, get_law
-    from pounding_sweep.model.presets import get_preset
-    from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+    from pounding_sweep.model.links import Link
+    from pounding_sweep.model.presets import base_isolated, get_preset
+    from pounding_sweep.model.scene import BoucWen, Building, ContactProperties, Scene, Wall
     from pounding_sweep.output.netcdf import open_cube
     from pounding_sweep.records import (
         Record,

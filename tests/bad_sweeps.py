@@ -91,6 +91,8 @@ ARGUMENTS = [
     "scene=yielding, laws='linear', strength_factors={'a': [0.5, 0.0, 'x', inf]}, hardenings={'a': [0.1, 1.0, -0.1]}",
     "scene=yielding, laws='linear', hardenings={'b': [0.1], 'c': 0.2}",
     "scene=yielding, laws='linear', method='exact', locate=False",
+    "scene=yielding, laws='none', ductilities=[2, 0.5, 'x'], strength_factors={'a': 0.5}",
+    "scene='mate2015', laws='none', ductilities=2",
     "scene=yielding, laws='linear', accuracy=1e-3, method='exact'",
     "scene=yielding, laws=None, cases=[Case('none', hardenings={'a': 1.0, 'b': 0.1}, strength_factors=3)]",
     "restitutions=[0.0, 1.0, 1.5], laws=['linear', 'kelvin_voigt', 'gonthier', 'hertz_damped', 'modified_kelvin']",
@@ -336,7 +338,16 @@ EDITS = [
         "yield_strengths = [3.0, inf]\nhardening = 1.0", "yield_strengths = [3.0, inf]\nhardening = 'x'",
         "damping_stiffness = 'tangent'", "yield_strengths = [3.0, inf]\ndamping_stiffness = 'tan'",
         "yield_strengths = [-3.0, 1]\nhardening = -0.1", "yield_strengths = [3.0, 1]",
+        "yield_strengths = [3.0, 1]\nbouc_wen = { n = 0.5 }", "bouc_wen = { n = 2 }", "bouc_wen = 3",
+        "yield_strengths = [3.0, 1]\nbouc_wen = { n = 'x', beta = 2, gama = 1 }",
+        "yield_strengths = [3.0, 1]\nbouc_wen = { gamma = 1 }\np_delta = 1",
+        "p_delta = 'yes'", "p_delta = true\nstorey_heights = [1e-3, 3.5]",
+        "p_delta = true\nyield_strengths = [3.0, 1]\ndamping_stiffness = 'tangent'",
     )),
+    *(("storey_heights = [3.0, 3.5]", f"dashpots = {text}") for text in (
+        "3.0", "[3.0]", "[3.0, -1.0]", "[3.0, inf]", "['x', true]", "[3.0, 0.0]",
+    )),
+    ("gaps = [0.01]", "gaps = [0.01]\nlinks = [{pair = 'left-moat wall', storeys = [1], stiffness = 3.0}]"),
     *(("restitution = 0.6", text) for text in (
         "restitution = 6", "hertz = 3", "restitution = 0.6\nhertz = {radii = [1, 2]}", "restitution = 'x'",
         "restitution = nan", "restituton = 0.6",
@@ -419,6 +430,22 @@ FILES = [
     f"{SMALL}[design]\nkind = 'halton'\nsamples = 64\n[design.inputs]\ngap.distribution = 'normal'\n"
     "gap.mean = 0.01\ngap.std = 0.01\nrecord.distribution = 'uniform'\n",
     f"{_STAGGERED}laws = 'hertz'\n",
+    *(
+        SMALL.replace('"mate2015"\n', f'"mate2015"\n{links}\n')
+        for links in (
+            "links = 3",
+            "links = [3, {}]",
+            "links = [{pair = 'left-right', storeys = [1], stiffness = 3.0}]",
+            "links = [{pair = 'left-middle', storeys = [1, 4], stiffness = 3.0}, {pair = 'x', storeys = 1}]",
+            "links = [{pair = 'left-middle', storeys = [1, [2, 0]], damping = -3.0}, {pair = 'x', storeys = [1, 'y']}]",
+            "links = [{pair = 'left-middle', storeys = [[1, 2, 3]], damping = 3.0, colour = 2}]",
+            "links = [{pair = 'left-middle', storeys = [1]}, {pair = 'middle-right', storeys = [0], damping = 1.0}]",
+            "[[scene.links]]\npair = 'left-middle'\nstoreys = [1]\ndamping = inf\nstiffness = 'x'",
+            "[[scene.links]]\npair = 'left-middle'\nstoreys = [1]\ndamping = 3\n"
+            "[[scene.links]]\npair = 'left-middle'\nstoreys = [2, [1, 3]]\ndamping = 3",
+            "[[scene.links]]\npair = 'left-middle'\nstoreys = [1]\ndamping = 3\n[solver]\nmethod = 'exact'",
+        )
+    ),
     *(
         _STAGGERED.replace("[scene]", '[scene]\ncontacts = "floors and columns"') + law
         for law in ("laws = ['linear', 'hertz']\nstiffness_factors = 1.0\n", "[[sweep.cases]]\nlaw = 'hertz'\n")

@@ -10,6 +10,7 @@ import xarray as xr
 from pounding_sweep.accuracy.tradeoff import KIND, KIND_ATTRIBUTE
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.output.dataset import Axis, assemble
+from pounding_sweep.output.labels import design_coordinates
 from pounding_sweep.outputs.layout import inner_shape
 from pounding_sweep.outputs.variables import VARIABLES
 from pounding_sweep.records import pulse_record
@@ -56,6 +57,27 @@ def cube(seed=0, *, right_wall=False, **sizes):
     }
     records = [pulse_record("sine", amplitude=1.0, period=0.5, dt=0.02, name=name) for name in axes[4].values]
     spec = build_spec(scene=row, records=records, laws=axes[0].values, gaps=axes[1].values, scales=axes[5].values)
+    return assemble(row, axes, arrays, {"title": "by hand", "sweep": to_json(spec)}, extra)
+
+
+def design(samples=8, **more):
+    """A cube of a Saltelli design of two inputs under two laws, its values those of a formula of the inputs."""
+    inputs = {
+        "gap": {"distribution": "uniform", "low": 0.002, "high": 0.02},
+        "scale": {"distribution": "uniform", "low": 0.5, "high": 1.5},
+    }
+    settings = {"design": {"kind": "saltelli", "samples": samples, "inputs": inputs}, "laws": LAWS[:2]} | more
+    record = pulse_record("sine", amplitude=1.0, period=0.5, dt=0.02, name="r1")
+    spec = build_spec(scene=scene(), records=record, **settings)
+    row, cases = scene(), spec.cases
+    gap, scale = (np.array([getattr(case, name) for case in cases])[:, None, None] for name in ("gap", "scale"))
+    arrays = {"status": np.zeros(len(cases), np.int8), "steps_per_contact": np.full(len(cases), 9.0)}
+    for name, values in (("impact_force_max", 1e3 * scale * (1.0 - 20.0 * gap)), ("drift_max", 0.01 * scale)):
+        arrays[name] = np.broadcast_to(values, (len(cases), *inner_shape(name, row))).copy()
+        arrays[name][:, -1, 2] = np.nan  # a storey that the lower building has not
+    extra = {name: (("case",), [getattr(case, name) for case in cases], {}) for name in ("law", "record")}
+    extra |= design_coordinates(spec, "case")
+    axes = [Axis("case", np.arange(1, len(cases) + 1), "1", "listed scenario")]
     return assemble(row, axes, arrays, {"title": "by hand", "sweep": to_json(spec)}, extra)
 
 

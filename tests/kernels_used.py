@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import re
 import shutil
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -57,6 +58,42 @@ YIELDING_SWEEP = {
     "dt": 2e-3,
     "outputs": [name for name in OUTPUTS if name != "first_impact_time"] + ["ductility_max", "hysteretic_energy"],
 }
+#: Two storeys each that lean under their weights, elastic and yielding: there they soften.
+LEANING = ps.Scene(
+    [
+        ps.Building("a", [120.0, 90.0], [6e3, 4.5e3], 0.05, [4.0, 3.0], p_delta=True),
+        ps.Building("b", [80.0, 110.0], [9e3, 8e3], 0.03, [4.0, 3.0], p_delta=True),
+    ],
+    gaps=[0.02],
+    contact=ps.ContactProperties(linear_stiffness=8e5, restitution=0.6),
+)
+LEANING_YIELDS = ps.Scene(
+    [
+        replace(LEANING.buildings[0], yield_strengths=[150.0, 90.0], hardening=0.05),
+        replace(LEANING.buildings[1], yield_strengths=[180.0, float("inf")], hardening=0.02),
+    ],
+    LEANING.gaps,
+    LEANING.contact,
+)
+#: The row that leans, with storeys of Bouc and Wen.
+SMOOTH = ps.Scene(
+    [
+        replace(LEANING.buildings[0], yield_strengths=[150.0, 90.0], hardening=0.1, bouc_wen=(1.0, 0.6, 0.3)),
+        replace(LEANING.buildings[1], yield_strengths=[180.0, 140.0], hardening=0.05, bouc_wen=(2.0, 0.5, 0.5)),
+    ],
+    [0.005],
+    LEANING.contact,
+)
+#: The pair with a dashpot, its roofs linked; and the schemes that run it.
+LINKED = ps.Scene(
+    [replace(pair().buildings[0], dashpots=[300.0, 0.0]), pair().buildings[1]],
+    [0.003],
+    pair().contact,
+    links=[ps.Link("a-b", [2], 2e4, 300.0)],
+)
+LINKING = ("rk4", "newmark")
+#: A law that is damped on rebound only, by bumpers in the gap.
+BUMPER = ps.rubber_bumper(0.01, key="bumper", stiffness=3e8)
 #: A row of more floors than one straight line of code holds: its loops are split within and between buildings.
 TALL = ps.Scene(
     [ps.Building("tower", [100.0] * 12, [4.5e5] * 12), ps.Building("annex", [120.0] * 5, [3.5e5] * 5)], gaps=[0.01]
@@ -85,10 +122,10 @@ FRAMED = ps.Scene(
 
 
 @cache
-def simulated(method: str, law: str, *, located: bool = True, scene: ps.Scene | None = None) -> KernelSpec:
+def simulated(method: str, law: str | ps.Law, *, located: bool = True, scene: ps.Scene | None = None) -> KernelSpec:
     """The kernel that `simulate` compiles for the pair, or for another row."""
     reducers = reducers_for([name for name in VARIABLES if name != "closing_max"])
-    return kernel_shape(scene or pair(), LAWS[law], Numerics(method, 1e-3, located), reducers, history=True)
+    return kernel_shape(scene or pair(), ps.get_law(law), Numerics(method, 1e-3, located), reducers, history=True)
 
 
 def swept(**sweep) -> list[KernelSpec]:
@@ -115,9 +152,15 @@ def kernels() -> tuple[KernelSpec, ...]:
     return (
         *(simulated(method, law) for method, laws in SIMULATED.items() for law in sorted(laws)),
         simulated(method, law, located=False),
+        *(simulated(method, BUMPER) for method in ("rk4", "newmark")),
         simulated("rk4", "kelvin_voigt", scene=TALL),
         *(simulated(method, "kelvin_voigt", scene=yielding_pair()) for method in YIELDING),
         *swept(**YIELDING_SWEEP),
+        kernel_shape(yielding_pair(), LAWS["none"], Numerics("rk4", 1e-3), reducers_for(["drift_max"]), varied=True),
+        simulated("rk4", "kelvin_voigt", scene=LEANING_YIELDS),
+        *(simulated("rk4", law, scene=SMOOTH) for law in ("none", "linear")),
+        simulated("rk4", "linear", scene=ps.Scene([replace(b, p_delta=False) for b in SMOOTH.row], [0.005])),
+        *(simulated(method, "kelvin_voigt", scene=LINKED) for method in LINKING),
         *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),
         simulated("rk4", "kelvin_voigt", scene=FRAMED),
         *swept(**both, laws="hertz_damped", method="rk4"),

@@ -24,6 +24,10 @@ Conventions where a choice had to be made:
   struck, unless they rebound. ``impact_force_max`` and ``penetration_max`` mean nothing.
 * A storey with a yield strength Vy has the shear ``V = k drift - (1 - hardening) k p``; its plastic drift p stands
   still while ``|drift - p| < Vy / k`` and follows the drift at that distance while it yields, until the drift turns.
+* With ``p_delta`` every floor's weight m g stands on the storeys below it and, for each, does the work
+  ``m g drift^2 / (2 h)`` as its storey leans (it goes down by h - sqrt(h^2 - drift^2)); stiffness matrix, modes and
+  Rayleigh damping are those of storeys and weights. ``storey_shear_max`` is that of the storey alone.
+* What a building gives to links is no part of its transfer, and has an integral of its own.
 """
 
 from __future__ import annotations
@@ -59,6 +63,15 @@ class NaiveBuilding:
     yield_strengths: list[float] | None = None  # kN; infinite where a storey never yields
     hardening: float = 0.0
     tangent_damping: bool = False
+    dashpots: list[float] | None = None  # kN s/m, between each floor and the one below
+    p_delta: bool = False
+
+    def leaning(self):
+        """Return what the weights above take of each storey's stiffness (kN/m)."""
+        n, heights = len(self.masses), np.diff(self.elevations(), prepend=0.0)
+        if not self.p_delta:
+            return np.zeros(n)
+        return np.array([sum(9.81 * self.masses[j] / heights[i] for j in range(i, n)) for i in range(n)])
 
     def rayleigh_factors(self):
         """Return a and b of C = a M + b K (1/s, s)."""
@@ -78,15 +91,17 @@ class NaiveBuilding:
         n = len(self.masses)
         mass = np.diag(np.asarray(self.masses, dtype=float))
         stiffness = np.zeros((n, n))
-        for i, k in enumerate(self.stiffnesses):
+        for i, k in enumerate(self.stiffnesses - self.leaning()):
             stiffness[i, i] += k
             if i > 0:
                 stiffness[i - 1, i - 1] += k
                 stiffness[i - 1, i] -= k
                 stiffness[i, i - 1] -= k
+        drift = np.eye(n) - np.eye(n, k=-1)
+        own = drift.T @ np.diag(np.zeros(n) if self.dashpots is None else self.dashpots) @ drift
         if self.rayleigh is not None:
             alpha, beta = self.rayleigh
-            return mass, alpha * mass + beta * stiffness, stiffness
+            return mass, alpha * mass + beta * stiffness + own, stiffness
         w = np.sqrt(eigh(stiffness, mass, eigvals_only=True))
         if n == 1:
             damping = 2.0 * self.damping_ratio * w[0] * mass
@@ -94,7 +109,7 @@ class NaiveBuilding:
             alpha = 2.0 * self.damping_ratio * w[0] * w[1] / (w[0] + w[1])
             beta = 2.0 * self.damping_ratio / (w[0] + w[1])
             damping = alpha * mass + beta * stiffness
-        return mass, damping, stiffness
+        return mass, damping + own, stiffness
 
     def elevations(self):
         heights = [3.0] * len(self.masses) if self.storey_heights is None else self.storey_heights
@@ -112,7 +127,8 @@ class NaiveBuilding:
 #   "proportional":  damper = k d^n (D / v0) v                      D: dimensionless
 #   "quarter":       damper = 2 z sqrt(k sqrt(d) m) v               z: the damping ratio
 # A law with "yields" has no damper and a memory: see `Bilinear`; its z is the share of the energy that is lost.
-# "approach": the damper acts while v > 0 only. "clip": F = max(0, F) while d > 0.
+# "approach": the damper acts while v > 0 only; "rebound": while v < 0 only. "clip": F = max(0, F) while d > 0.
+# From the penetration "flat" on, k d^n goes on as a straight line of "stop" times its slope there.
 
 
 def _zeta_kelvin_voigt(e):
@@ -126,9 +142,12 @@ class Law:
     exponent: float
     damper: str | None = None
     approach_only: bool = False
+    rebound_only: bool = False
     clip: bool = False
     yields: bool = False
     published: object = None  # e -> z or D
+    flat: float = np.inf
+    stop: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -182,15 +201,24 @@ LAWS = {
 }
 
 
+def rule_of(law):
+    """The law of that name; one that is given stays as it is."""
+    return law if isinstance(law, Law) else LAWS[law]
+
+
 def damping_coefficient(law, e):
     """Published z or D of a law at nominal restitution e (None for an undamped law)."""
-    rule = LAWS[law]
+    rule = rule_of(law)
     return None if rule.published is None else float(rule.published(e))
 
 
 def elastic_force(rule, k, d):
     d = np.maximum(d, 0.0)
-    return k * d if rule.exponent == 1.0 else k * d * np.sqrt(d)
+    if rule.exponent in (1.0, 1.5):
+        return k * d if rule.exponent == 1.0 else k * d * np.sqrt(d)
+    n, flat = rule.exponent, rule.flat
+    beyond = np.where(d > flat, rule.stop * n * k * min(flat, 1e9) ** (n - 1) * (d - flat), 0.0)
+    return k * np.minimum(d, flat) ** n + beyond
 
 
 def damper_force(rule, k, d, v, m, v0, z):
@@ -266,7 +294,7 @@ def struck_beam(xi, stiffness):
 class _Row:
     """Matrices of the whole row, the contact geometry, and the split of flat arrays by building and pair."""
 
-    def __init__(self, buildings, gaps, columns=False):
+    def __init__(self, buildings, gaps, columns=False, links=(), only=()):
         if len(gaps) != len(buildings) - 1:
             msg = f"{len(buildings)} neighbours need {len(buildings) - 1} gaps, not {len(gaps)}"
             raise ValueError(msg)
@@ -279,6 +307,8 @@ class _Row:
         mass, self.C, self.K = (block_diag(*[p[i] for p in parts]) for i in range(3))
         self.m = np.diag(mass)
         self.k_storey = np.concatenate([np.asarray(b.stiffnesses, dtype=float) for b in real])
+
+        self.leaning = np.concatenate([b.leaning() for b in real])
 
         self.drift = np.eye(n)  # drift = (this) @ u
         self.softening = np.concatenate([np.full(len(b.masses), 1.0 - b.hardening) for b in real])
@@ -299,9 +329,17 @@ class _Row:
             for i in range(self.start[b] + 1, self.start[b + 1]):
                 self.drift[i, i - 1] = -1.0
 
+        self.across = np.zeros((len(links), n))  # what a link stretches by = (this) @ u
+        for i, (pair, left, right, _, _) in enumerate(links):
+            self.across[i, self.start[pair] + left - 1] = 1.0
+            self.across[i, self.start[pair + 1] + right - 1] = -1.0
+        self.k_link, self.c_link = (np.array([link[i] for link in links]) for i in (3, 4))
+
         self.met = [contact_floors(buildings[p], buildings[p + 1]) for p in range(self.nb - 1)]
         if columns:
             self.met = [met + struck_columns(*buildings[p : p + 2]) for p, met in enumerate(self.met)]
+        for p, storeys in dict(only).items():
+            self.met[p] = [floors for floors in self.met[p] if (floors[0] or floors[1]) in storeys]
         rows, gap, self.softness, self.shares = [], [], [], []
         for p, floors in enumerate(self.met):
             for left, right, *struck in floors:
@@ -342,7 +380,7 @@ class _Solver:
         self.row = row
         self.jump = law == "stereomechanical"
         self.contact = row.np > 0 and law != "none"
-        self.rule = None if law in ("none", "stereomechanical") else LAWS[law]
+        self.rule = None if law in ("none", "stereomechanical") else rule_of(law)
         self.k = (float(k) if k is not None else 0.0) / (1.0 + (k or 0.0) * np.array(row.softness))
         if self.rule is not None and self.rule.exponent != 1.0 and np.any(row.softness):
             msg = f"a spring like d^{self.rule.exponent} before a column is not one like it"
@@ -359,7 +397,9 @@ class _Solver:
         self.i_imp = slice(2 * n + 2 * nb + np_, 2 * n + 2 * nb + 2 * np_)
         self.size = 2 * n + 2 * nb + 2 * np_
         self.i_hyst = slice(self.size, self.size + (nb if row.yields else 0))  # energies lost in yielding
-        self.size = self.i_hyst.stop
+        self.i_link = slice(self.i_hyst.stop, self.i_hyst.stop + (nb if len(row.across) else 0))  # given to links
+        self.i_lost = slice(self.i_link.stop, self.i_link.stop + len(row.across))  # lost in their dashpots
+        self.size = self.i_lost.stop
         self.phase = np.zeros(n)  # of each storey: 0 elastic, 1 or -1 yielding to that side
         self.slip = np.zeros(n)  # its plastic drift, while elastic
         self.atol = np.full(self.size, float(atol))
@@ -410,10 +450,15 @@ class _Solver:
         rest = np.zeros(row.n)
         plastic = self.storeys(y[self.iu])[1]
         for i in np.flatnonzero(np.isfinite(row.strength)):
-            soft, p, limit = row.softening[i], abs(plastic[i]), row.strength[i] / row.k_storey[i]
-            # unloaded at (1 - r) p, where z = -r p; if that is beyond yield, on the line r k d = (1 - r) Vy
-            rest[i] = soft * p if (1 - soft) * p <= limit else soft * limit / (1 - soft)
-            rest[i] *= np.sign(plastic[i])
+            k, g = row.k_storey[i], row.leaning[i]
+            soft, p, limit = row.softening[i] * k, abs(plastic[i]), row.strength[i] / k
+            # no force is left where (k - g) d = soft p; if z = d - p is beyond yield there, it yields on
+            d = soft * p / (k - g)
+            if d - p < -limit:
+                d = soft * limit / (k - soft - g)
+            elif d - p > limit:
+                d = np.nan  # without end
+            rest[i] = d * np.sign(plastic[i])
         return rest
 
     def damping(self, v):
@@ -424,11 +469,22 @@ class _Solver:
             found = found - row.drift.T @ ((row.undamped * np.abs(self.phase))[column] * (row.drift @ v))
         return found
 
+    def pull(self, u, v):
+        """Forces of links, which draw the floors together where they are positive."""
+        row, column = self.row, (slice(None),) + (None,) * (u.ndim - 1)
+        return row.k_link[column] * (row.across @ u) + row.c_link[column] * (row.across @ v)
+
     def motion(self, u, v, ag):
         """Return (acceleration relative to the ground, F, d, rate of d)."""
         row = self.row
         m = row.m if u.ndim == 1 else row.m[:, None]
-        load = -self.damping(v) - (row.drift.T @ self.storeys(u)[2] if row.yields else row.K @ u)
+        if row.yields:
+            drift, _, shear = self.storeys(u)
+            load = -self.damping(v) - row.drift.T @ (shear - (row.leaning * drift.T).T)
+        else:
+            load = -self.damping(v) - row.K @ u
+        if len(row.across):
+            load = load - row.across.T @ self.pull(u, v)
         if not self.contact:
             zero = np.zeros((row.np, *u.shape[1:]))
             return load / m - ag, zero, zero - 1.0, zero
@@ -458,6 +514,9 @@ class _Solver:
             with np.errstate(invalid="ignore"):
                 power = np.where(self.phase != 0.0, row.softening * row.strength * self.phase * (row.drift @ v), 0.0)
             rates.append(row.owner @ power)
+        if len(row.across):
+            pull = self.pull(u, v)
+            rates += [row.owner @ (v * (row.across.T @ pull)), row.c_link * (row.across @ v) ** 2]
         return np.concatenate(rates)
 
     def energies(self, y):
@@ -469,10 +528,12 @@ class _Solver:
         strain = row.owner @ (0.5 * u * (row.K @ u))
         if row.yields:
             drift, plastic, _ = self.storeys(u)
-            k, soft = (x if y.ndim == 1 else x[:, None] for x in (row.k_storey, row.softening))
-            strain = row.owner @ (0.5 * k * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2))
+            k, soft, g = (x if y.ndim == 1 else x[:, None] for x in (row.k_storey, row.softening, row.leaning))
+            springs = 0.5 * k * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
+            strain = row.owner @ (springs - 0.5 * g * drift**2)
         k0 = self.kinetic0 if y.ndim == 1 else self.kinetic0[:, None]
         lost = y[self.i_hyst] if row.yields else 0.0
+        lost = lost + (y[self.i_link] if len(row.across) else 0.0)
         return kinetic, strain, y[self.i_in] - (kinetic - k0) - y[self.i_damp] - strain - lost
 
     # -- events --------------------------------------------------------------------------------------------------
@@ -510,7 +571,7 @@ class _Solver:
         for p in range(row.np):
             now = self.state[p]
             if now == OPEN:
-                out.append((p, CLOSED, d[p]))
+                out.append((p, REBOUND if self.rule and self.rule.rebound_only else CLOSED, d[p]))
                 continue
             out.append((p, OPEN, -d[p]))
             if self.rule.yields:
@@ -525,6 +586,12 @@ class _Solver:
                 continue
             if self.rule.approach_only:
                 out.append((p, REBOUND, -rate[p]) if now == CLOSED else (p, CLOSED, rate[p]))
+            elif self.rule.rebound_only:  # of which REBOUND is the approach, without damper
+                pulls = -(rate[p] + self.v0[p] / self.z)
+                if now == REBOUND:
+                    out.append((p, CLOSED, -rate[p]))
+                else:
+                    out += [(p, REBOUND, rate[p]), (p, CLIPPED, pulls)] if now == CLOSED else [(p, CLOSED, -pulls)]
             elif self.rule.clip:
                 # Sign of the published force: d + (c/k) v, or 1 + (D/v0) v scaled to a speed.
                 if self.rule.damper == "dashpot":
@@ -662,7 +729,16 @@ class _Solver:
         a, f, d, _ = self.motion(u, v, ag)
         transfer = self.energies(y)[2]
         drift, _, shear = self.storeys(u)
-        return np.concatenate([u, -u, np.abs(drift), np.abs(a + ag), f, d, np.abs(shear), transfer, -transfer])
+        return np.concatenate(
+            [u, -u, np.abs(drift), np.abs(a + ag), f, d, np.abs(shear), self.spread(u, v), transfer, -transfer]
+        )
+
+    def spread(self, u, v):
+        """Sizes of the forces of links, by the left floors that they hold."""
+        found = np.zeros_like(u)
+        for row, force in zip(self.row.across, self.pull(u, v), strict=True):
+            found[int(np.argmax(row))] = np.abs(force)
+        return found
 
     def note_peaks(self, dense, ts, ys):
         q = self.observe(ts, ys)
@@ -750,6 +826,8 @@ def run(
     e=None,
     *,
     columns=False,
+    links=(),
+    only=(),
     initial_velocity=None,
     damping=None,
     rtol=1e-10,
@@ -763,6 +841,8 @@ def run(
     ag, dt : ground acceleration at the record points, m/s2, linear in between; the run covers all of it.
     law : key of LAWS, or "none", or "stereomechanical". k : kN/m or kN/m^1.5. e : nominal restitution.
     columns : slabs strike columns too, see `struck_columns`; the stiffness k and that of the column are in series.
+    only : storeys by pair, the left building's (the right one's behind a wall), at which alone it meets.
+    links : list of (pair, left storey, right storey, stiffness in kN/m, damping in kN s/m) between neighbours.
     initial_velocity : list of arrays per building (None or empty for a wall), relative to the ground, m/s.
     damping : replaces the published z (dashpot and quarter laws) or D = coefficient * v0 (proportional laws).
 
@@ -772,14 +852,15 @@ def run(
     acceleration_max, displacement_final, velocity_final, and displacement, velocity (record points x storeys).
     Per building arrays: energy_input, energy_damping, kinetic_final, strain_final, kinetic_initial,
     energy_transfer_final, energy_transfer_max, energy_transfer_min (a wall has zeros), and of storeys that may yield
-    ductility_max, plastic_drift_final, residual_drift (per storey) and energy_hysteretic (per building). Per pair
-    lists over the floors
+    ductility_max, plastic_drift_final, residual_drift (per storey) and energy_hysteretic (per building); of
+    links link_force (per storey of their left floors), energy_links (per building), energy_of_links (kept or lost).
+    Per pair lists over the floors
     that meet: floors (storeys left and right, None at a wall; see `struck_columns` for columns), column_shear_max
     (largest shears by the contact below and above the struck point, NaN between floors), impact_force_max,
     impact_count, penetration_max, impulse, first_impact_time (None: no impact), approach_speed_max, contact_time,
     contact_work. Scalars: event_count, duration.
     """
-    row = _Row(buildings, gaps, columns)
+    row = _Row(buildings, gaps, columns, links, only)
     ag = np.asarray(ag, dtype=float)
     s = _Solver(row, law, k, e, damping, rtol, atol)
     y = np.zeros(s.size)
@@ -801,8 +882,8 @@ def run(
     history = np.array(history)
 
     n, np_, nb = row.n, row.np, row.nb
-    cuts = np.cumsum([n, n, n, n, np_, np_, n, nb])
-    up, down, drift, acc, force, pen, shear, tr_max, tr_min = np.split(s.peak, cuts)
+    cuts = np.cumsum([n, n, n, n, np_, np_, n, n, nb])
+    up, down, drift, acc, force, pen, shear, pull, tr_max, tr_min = np.split(s.peak, cuts)
     kinetic, strain, transfer = s.energies(y)
     first = iter(s.first)
     return {
@@ -828,6 +909,9 @@ def run(
         "strain_final": strain,
         "energy_transfer_final": transfer,
         "energy_hysteretic": y[s.i_hyst].copy() if row.yields else np.zeros(nb),
+        "link_force": row.by_building(pull),
+        "energy_links": y[s.i_link].copy() if len(row.across) else np.zeros(nb),
+        "energy_of_links": float(np.sum(y[s.i_lost]) + 0.5 * np.sum(row.k_link * (row.across @ y[s.iu]) ** 2)),
         "plastic_drift_final": row.by_building(s.storeys(y[s.iu])[1]),
         "ductility_max": row.by_building(
             drift * row.k_storey / np.where(np.isfinite(row.strength), row.strength, np.nan)
@@ -854,7 +938,7 @@ def two_mass_impact(law, k, e, m1, m2, v0, *, damping=None, rtol=1e-12):
     Returns restitution, duration (to d = 0, or to F = 0 for a clipped dashpot), penetration_max, force_max,
     energy_lost.
     """
-    rule = LAWS[law]
+    rule = rule_of(law)
     m = m1 * m2 / (m1 + m2)
     if rule.yields:
         return _two_mass_bilinear(

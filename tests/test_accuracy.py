@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import tomllib
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +19,7 @@ from scenes import OUTPUTS, pair, row
 import pounding_sweep as ps
 from pounding_sweep.accuracy import calibrate
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.model.laws import LAWS, get_law
+from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.outputs.declare import UNMEASURED
 from pounding_sweep.outputs.differences import comparable, relative_error, relative_errors
@@ -316,6 +317,21 @@ def test_a_law_that_was_not_measured(monkeypatch):
     known.curves.pop(("rk4", "float64", "hertz", "contacts"))
     with pytest.raises(SweepError, match=r"no errors of law 'hertz' with rk4.*accuracy\.calibrate"):
         advised(monkeypatch, known, accuracy=1e-4)
+
+
+def test_a_law_of_ones_own_begins_as_the_one_that_asks_for_most(monkeypatch):
+    slow, slower = (Curve((1.0, steps, 1e6), (1e-1, 1e-2, 1e-7)) for steps in (10.0, 30.0))
+    known = measured(rk4_hunt_crossley=slow, rk4_gonthier=slower)
+    monkeypatch.setattr(advice, "load_measured", lambda: known)
+    own = Law(key="mine", exponent=2.0, reference_stiffness=1e7)
+    given = {"scene": pair(), "records": motions()[0], "gaps": [0.001], "accuracy": 1e-2, "method": "rk4"}
+    plan = Sweep(laws=["linear", own, "none"], **given).plan()
+    assert re.search(r"linear 3\.16, mine 30, none 3\.16; at least", plan.choice)
+    assert "mine: not measured, taken as the law that asks for most, and refined" in plan.choice
+    poor = measured(rk4_gonthier=Curve((1.0, 10.0), (1e-1, 2e-2)), newmark_gonthier=Curve((1.0, 10.0), (1e-1, 2e-2)))
+    monkeypatch.setattr(advice, "load_measured", lambda: poor)
+    with pytest.raises(SweepError, match=r"rk4 float64 reaches 0\.02 with law mine"):
+        Sweep(laws=[own], **given).plan()
 
 
 # -- what was measured -------------------------------------------------------------------------------------------------

@@ -17,8 +17,17 @@ from scipy.special import ndtr
 from pounding_sweep.analysis import fragility
 from pounding_sweep.analysis.comparisons.fragility import fit_rows, sentence
 from pounding_sweep.analysis.events import EVENTS
-from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, LognormalFit, fit_lognormal, probability
+from pounding_sweep.analysis.lognormal import (
+    FIT_STATUS,
+    FitStatus,
+    LognormalFit,
+    crossing,
+    fit_lognormal,
+    fit_with_one_dispersion,
+    probability,
+)
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.figures import FIGURES
 from pounding_sweep.outputs.variables import VARIABLES, Status
 
 _PLACE = importlib.util.spec_from_file_location(
@@ -313,3 +322,87 @@ class TestCube:
             if event.variable:
                 assert event.per in VARIABLES[event.variable].dims
                 assert event.units == VARIABLES[event.variable].units
+
+
+# -- one dispersion for several curves --------------------------------------------------------------------------------
+
+#: Intensity at which each record touches, by gap: small gaps by weak motions, and all more alike than large ones.
+GAPS = (0.004, 0.008, 0.02)
+
+
+def gaps(spreads=(0.2, 0.5, 0.9), medians=(0.6, 1.0, 1.8), seed=4):
+    """Return counts of a pair that touches from a threshold on that grows with the gap, and whether it touches."""
+    rng = np.random.default_rng(seed)
+    away = rng.standard_normal((len(RECORDS), 1))
+    count = np.zeros((1, len(GAPS), len(RECORDS), len(SCALES), 2, 2))
+    for i, (median, spread) in enumerate(zip(medians, spreads, strict=True)):
+        count[0, i] = (np.array(SCALES)[None, :] > median * np.exp(spread * away))[..., None, None]
+    axes = {"law": ["linear"], "gap": list(GAPS), "record": RECORDS, "scale": SCALES}
+    return hand_cube(axes, {"impact_count": count}), count[0, ..., 0, 0] > 0
+
+
+def test_the_joint_fit_is_likeliest():
+    """Against a search that knows only likelihoods, trial by trial."""
+    from scipy.optimize import minimize
+
+    _, touches = gaps()
+    x = np.tile(SCALES, len(RECORDS))
+    trials = [(x, part.ravel()) for part in touches]
+    fits = fit_with_one_dispersion(trials)
+    assert {fit.status for fit in fits} == {FitStatus.FITTED}
+    assert len({fit.dispersion for fit in fits}) == 1
+
+    def loss(p):
+        return sum(naive_loss(math.exp(p[i]), math.exp(p[-1]), *each) for i, each in enumerate(trials))
+
+    best = minimize(loss, [0.0, 0.0, 0.0, -0.5], method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-12}).x
+    assert [fit.median for fit in fits] == pytest.approx(np.exp(best[:3]), rel=1e-5)
+    assert fits[0].dispersion == pytest.approx(math.exp(best[3]), rel=1e-5)
+    alone = fit_lognormal(*trials[0])
+    assert fit_with_one_dispersion(trials[:1]) == [alone]
+
+
+def test_separated_trials_are_fitted_with_the_dispersion_of_others():
+    x = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    apart, mixed = x > 2.5, np.array([0, 0, 1, 0, 1, 1]) > 0
+    assert fit_lognormal(x, apart).status == FitStatus.SEPARATED
+    never = np.zeros(6, bool)
+    one, other, last = fit_with_one_dispersion([(x, apart), (x, mixed), (x, never)])
+    assert one.dispersion == other.dispersion
+    assert 2.0 < one.median < 3.0 < other.median < 5.0
+    assert last.status == FitStatus.NEVER
+    both = fit_with_one_dispersion([(x, apart), (x, apart)])  # nobody tells the dispersion
+    assert [fit.status for fit in both] == [FitStatus.SEPARATED] * 2
+
+
+@given(st.floats(0.1, 10), st.floats(0.1, 2), st.floats(0.1, 10), st.floats(0.1, 2))
+def test_curves_cross_where_they_are_equal(median, dispersion, other_median, other_dispersion):
+    one = LognormalFit(FitStatus.FITTED, median, dispersion)
+    other = LognormalFit(FitStatus.FITTED, other_median, other_dispersion)
+    at, share = crossing(one, other)
+    if dispersion == other_dispersion:
+        assert math.isnan(at)
+    elif 1e-6 < share < 1.0 - 1e-6:
+        assert probability(one, np.array([at])) == pytest.approx(share, rel=1e-6)
+        assert probability(other, np.array([at])) == pytest.approx(share, rel=1e-6)
+
+
+def test_curves_of_gaps_do_not_cross_with_one_dispersion():
+    """A larger gap is never likelier to be closed; with dispersions of their own the fits say so all the same."""
+    cube, _ = gaps()
+    levels = np.geomspace(0.01, 30.0, 300)
+    own, one = (fragility(cube, one_dispersion=axes, levels=levels) for axes in ([], ["gap"]))
+    assert one.attrs["one_dispersion"] == "gap"
+    assert "curves_cross" not in one.attrs
+    assert own.attrs["curves_cross"].startswith("of gap 0.008 and 0.02 at 0.302 m s-2, probability 0.027, and 1 more")
+    rising = one["probability"].sel(pair="a-b", law="linear").diff("gap")
+    assert float(rising.max()) <= 0.0
+    assert float(own["probability"].sel(pair="a-b", law="linear").diff("gap").max()) > 1e-3
+    assert np.isfinite(one["median_interval"].sel(pair="a-b")).all()
+    low, high = one["dispersion_interval"].sel(pair="a-b", law="linear").transpose("bound", "gap").values
+    dispersion = one["dispersion"].sel(pair="a-b", law="linear").values
+    assert ((low < dispersion) & (dispersion < high)).all()
+    assert "curves cross" in FIGURES["fragility"].draw(own).get_suptitle()
+    assert "one dispersion along gap" in FIGURES["fragility"].draw(one).get_suptitle()
+    with pytest.raises(InputError, match="unknown axis of one dispersion 'scale'; valid: gap, law, pair"):
+        fragility(cube, one_dispersion=["scale"])

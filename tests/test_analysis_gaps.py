@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AXES, motions, row
 
-from pounding_sweep import Sweep
+from pounding_sweep import Sweep, near_fault_record, pulse_record
 from pounding_sweep.analysis import SEPARATION_RULES, BehaviourFactors, gap_for_probability, required_gap
 from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.separation_rules import FROM_MEMORY, cqc_correlation
@@ -465,8 +465,27 @@ class TestIntensity:
         (found,) = records_of(stored_sweep(cube))
         np.testing.assert_array_equal(found.acceleration, record.acceleration)
 
+    def test_pulses_are_made_again(self):
+        """By what their source says: of any shape and length, and scaled."""
+        records = [
+            near_fault_record(-0.7, period=1.3, cycles=1.7, phase=90.0, dt=0.01, name="a"),
+            near_fault_record(0.5, period=1.0, cycles=2.0, dt=0.02, duration=5.0, name="b"),
+            pulse_record("ricker", amplitude=2.5, period=0.37, dt=0.01, name="c"),
+            pulse_record("half_sine", amplitude=-1.0, period=0.5, dt=0.01, duration=2.0, name="d").scaled(0.3),
+        ]
+        cube = told(row(), axes={"law": ["none"], "record": [one.name for one in records]}, records=records)
+        for found, record in zip(records_of(stored_sweep(cube)), records, strict=True):
+            assert found.name == record.name
+            np.testing.assert_array_equal(found.acceleration, record.acceleration)
+
     def test_sources_that_are_no_synthetic_record(self):
         from pounding_sweep.records.synthetic import remade
 
-        for source in ("El Centro", "synthetic, x: seed=1, duration=20 s", "synthetic, : seed=1, " + "0 " * 10):
+        for source in (
+            "El Centro",
+            "synthetic, x: seed=1, duration=20 s",
+            "synthetic, : seed=1, " + "0 " * 10,
+            "sine pulse: x=1",
+            "sine pulse: ",
+        ):
             assert remade(source) is None

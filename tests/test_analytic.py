@@ -297,7 +297,7 @@ def test_the_first_impact_knows_no_law(method):
     first = {law: shake(law, method=method).first_impact_time.values for law in SIMULATED[method]}
     earliest = np.nanmin(first[LAW_OF[method]])
     assert 0 < earliest < 2.0
-    assert {float(np.nanmin(times)) for times in first.values()} == {earliest}
+    near(np.array([np.nanmin(times) for times in first.values()]), earliest, 1e-9)  # roots of other polynomials
 
 
 @pytest.mark.slow

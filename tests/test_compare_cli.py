@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from pounding_sweep import pulse_record
 from pounding_sweep.analysis.comparisons import COMPARISONS, table_rows
+from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.cli import app as cli_app
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.outputs.variables import Status
@@ -194,6 +195,7 @@ def test_options_that_would_do_nothing_are_refused(cube_file, tmp_path):
         (("--what", "laws", "--level", "3"), "--level is for the comparison 'fragility'"),
         (("--what", "impacts", "--reference", "linear"), "--reference is for the comparison 'laws'"),
         (("--what", "laws", "--records", tmp_path), "--records is for the comparisons 'fragility', 'gap-for-prob"),
+        (("--what", "sensitivity", "--intensity", "sa"), "--intensity is for the comparisons 'amplification', 'ener"),
         (("--what", "laws", "--probability", "0.1"), "--probability is for the comparison 'gap-for-probability'"),
         (("--probability", "1.5"), "probabilities are [1.5], confidence is 0.95; all must be between 0 and 1"),
         (("--intensity", "sv"), "unknown intensity 'sv'; valid: pga, pgv, sa(PERIOD in s)"),
@@ -293,6 +295,18 @@ def test_quantiles_of_a_table(cube_file):
     for row in fitted:
         assert row["at 0.1"] == pytest.approx(row["median"] * np.exp(-1.2815515655 * row["dispersion"]))
     assert all(row["over"] == "2 records, 4 scales" for row in fits)
+
+
+def test_tables_of_records_and_scales_tell_the_intensity(cube_file):
+    """Of the motion of each row; where motions are taken together there is none."""
+    rows = rows_of(cube_file, "--what", "impacts", "--intensity", "pga")
+    with open_cube(cube_file) as cube:
+        strength = intensity_of(cube, "pga")
+        for row in rows:
+            own = strength.sel(record=row["record"], scale=row["scale"])
+            assert row["pga m s-2"] == pytest.approx(float(own))
+    whole = rows_of(cube_file, "--what", "amplification", "--intensity", "pga", "--over", "record")
+    assert {row["pga m s-2"] for row in whole} == {None}
 
 
 def test_the_question_of_a_gap_for_one_percent(tmp_path):

@@ -155,11 +155,8 @@ class TestRegistry:
     def test_reducers(self):
         assert reducers_for([]) == frozenset()
         assert reducers_for(["displacement_min", "contact_work"]) == {"displacement", "work"}
-        assert reducers_for(["energy_transfer_max"]) == {
-            "energy",
-            "transfer",
-            "hysteretic",
-        }  # the last where storeys yield
+        # the last two where storeys yield, and where neighbours are linked
+        assert reducers_for(["energy_transfer_max"]) == {"energy", "transfer", "hysteretic", "links"}
         assert reducers_for(VARIABLES) == set(REDUCERS)
 
     @pytest.mark.parametrize("law", ["linear", "stereomechanical"])
@@ -277,7 +274,8 @@ class TestMask:
 class TestAssemble:
     def test_labels(self, cube):
         assert cube["impact_force_max"].dims == ("law", "gap", "record", "pair", "storey")
-        assert list(cube.data_vars) == [name for name, variable in VARIABLES.items() if not variable.of_columns]
+        there = (name for name, each in VARIABLES.items() if not (each.of_columns or each.of_links))
+        assert list(cube.data_vars) == list(there)
         assert cube["building"].values.tolist() == ["left", "right"]
         assert cube["pair"].values.tolist() == ["left-right"]
         assert cube["storey"].values.tolist() == [1, 2, 3]
@@ -378,7 +376,11 @@ class TestFile:
             for name in cube.variables:
                 assert again[name].dtype.kind == cube[name].dtype.kind
         with xr.open_dataset(path) as plain:
-            xr.testing.assert_identical(plain.load(), cube)
+            beside = {
+                name: plain[name].load().str.decode("utf-8") for name in ("law_title", "law_model", "law_formula")
+            }
+            assert all(plain[name].dtype.kind == "S" for name in beside)
+            xr.testing.assert_identical(plain.load().assign_coords(beside), cube)
             assert plain["first_impact_time"].dtype == np.float64
 
     @pytest.mark.parametrize("values", [[0.5, 2.0], [3.0, 2.0**31], [-1.0, 4.0], [np.inf, 1.0]])
@@ -420,7 +422,9 @@ class TestFile:
             assert again.identical(dataset)
             assert set(again.data_vars) == set(texts)
         with xr.open_dataset(tmp_path / "cube.nc") as plain:
-            assert plain["why"].values.tolist() == texts["why"][1]
+            assert plain["why"].str.decode("utf-8").values.tolist() == texts["why"][1]
+            assert plain["law"].values.tolist() == labels["law"][1]
+            assert plain["one"].item() == "alone"
 
     def test_plain_netcdf4(self, cube, tmp_path):
         path = write_cube(cube, tmp_path / "cube.nc")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+import json
 import re
 import sys
 from pathlib import Path
@@ -105,7 +107,7 @@ def test_the_gallery_has_every_figure(pages):
 def test_links_between_pages_lead_somewhere(pages):
     """Those to pages and pictures, from every page that is not run."""
     run = re.search(r"_RUN = \((.*?)\)", (DOCS / "conf.py").read_text(encoding="utf-8"))[1]
-    known = {f"generated/{name}" for name in (*pages, *re.findall(r"[\w.]+\.md", run))}
+    known = {f"generated/{name}" for name in (*pages, *re.findall(r"[\w.]+\.md", run.replace(".ipynb", ".md")))}
     known |= {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*") if path.is_file()}
     texts = {f"generated/{name}": text for name, text in pages.items() if name.endswith(".md")}
     texts |= {path.name: path.read_text(encoding="utf-8") for path in DOCS.glob("*.md") if path.name not in run}
@@ -157,6 +159,37 @@ def test_a_block_that_fails_ends_the_build(tmp_path):
     with pytest.raises(ZeroDivisionError) as error:
         run_pages([page], tmp_path)
     assert error.traceback[-1].lineno + 1 == 5
+
+
+def test_cells_of_the_notebook_run(stub_engine):
+    """In order, as one program, each showing what it ends with; what Jupyter shows of them is tested nightly."""
+    book = json.loads((DOCS / "pounding.ipynb").read_text(encoding="utf-8"))
+    names, shown = {}, []
+    for cell in (cell for cell in book["cells"] if cell["cell_type"] == "code"):
+        assert not cell["outputs"], "outputs are made when the documentation is built"
+        *body, last = ast.parse("".join(cell["source"])).body
+        exec(compile(ast.Module(body, []), "pounding.ipynb", "exec"), names)
+        shown.append(eval(compile(ast.Expression(last.value), "pounding.ipynb", "eval"), names))
+    assert sum(hasattr(each, "_repr_png_") for each in shown) == 3
+    assert [type(each).__name__ for each in shown[:2]] == ["Scene", "Plan"]
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_in_jupyter(tmp_path):
+    pytest.importorskip("nbclient", reason="the documentation's own requirements are not installed")
+    from notebook import run_pages
+
+    run_pages([DOCS / "pounding.ipynb"], tmp_path)
+    page = (tmp_path / "pounding.md").read_text(encoding="utf-8")
+    pictures = re.findall(r"!\[[^]]*\]\((\w+\.png)\)", page)
+    assert len(pictures) == 3
+    for picture in pictures:
+        with Image.open(tmp_path / picture) as drawn:
+            assert min(drawn.size) > 200
+    forces = [float(force) for force in re.findall(r"^0\.0\d+ +(\d+\.0)$", page, re.MULTILINE)]
+    assert forces[0] > 1000.0
+    assert forces[-1] == 0.0  # farther apart than the row needs under most of the records
+    assert "<td" in page  # the row as a table
 
 
 @pytest.mark.slow

@@ -25,8 +25,11 @@ from pounding_sweep.accuracy.extreme_scenes import (
     pair,
     random_batches,
     run_batch,
+    schemes_of,
     stable_step,
+    staggered,
     take,
+    yielding_pair,
 )
 from pounding_sweep.accuracy.extremes import run_extremes, run_judged
 from pounding_sweep.accuracy.judge import judge, make_reference, peak_error, peaks_of, sensitive_rows
@@ -44,6 +47,7 @@ from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.figures import plot
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.outputs.readout import scatter_dof
 from pounding_sweep.outputs.variables import OK_CLAIM, Status
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.schemes import SCHEMES
@@ -96,7 +100,11 @@ def test_no_scenario_of_the_other_families_fails_a_demand(rest):
 def check_counts(suite_run, families):
     """Every family is run in every scheme, and has resolved scenarios."""
     found = by_family(suite_run)
-    assert set(found) == {(family, method) for family in families for method in measured_schemes()}
+    taking = {
+        family: schemes_of(family_batches([family], [LAWS[key] for key in suite_run.laws])[0], measured_schemes())
+        for family in families
+    }
+    assert set(found) == {(family, method) for family in families for method in taking[family]}
     for result in found.values():
         assert result.statuses.total() == result.scenarios > 0
         assert result.statuses["ok"] > 0
@@ -120,6 +128,12 @@ def test_the_suite_reaches_the_ends(fast):
         assert found[family, "newmark"].statuses["under_resolved_contact"] > 0
         assert found[family, "newmark"].statuses["beyond_stability_limit"] == 0  # it has no limit
     assert found["period", "newmark"].statuses["under_resolved_motion"] > 0
+    for method in schemes_of(make_batch("", "", yielding_pair(1.0, 0.0), LAWS["linear"], earthquake()), SCHEMES):
+        if ("yielding", method) in found:
+            assert found["yielding", method].statuses["ok"] > 0.4 * found["yielding", method].scenarios
+    assert found["yielding", "rk4"].statuses["beyond_stability_limit"] > 0
+    assert found["yielding", "newmark"].statuses["under_resolved_motion"] > 0
+    assert found["columns", "rk4"].statuses["beyond_stability_limit"] > 0
     assert found["grazing", "rk4"].missed >= found["grazing", "rk4"].sensitive > 0
 
 
@@ -381,6 +395,45 @@ def test_newmark_stays_bounded_at_any_step(law, dt):
     told = judge(batch, "newmark", dt, run_batch(batch, "newmark", dt), nothing)
     assert told.faults == []
     assert 0.0 < told.energy.max() < 1.0
+
+
+def test_slabs_stand_at_the_ends_of_a_storey():
+    near, far, deep = staggered(3.0015), staggered(5.9985), staggered(5.99, depth=2.98)
+    assert [(c.struck, c.below, round(c.xi, 6)) for c in near.contacts] == [(1, 1, 5e-4), (0, -1, round(3 / 3.0015, 6))]
+    assert [round(c.xi, 6) for c in far.contacts] == [0.9995, round(3 / 5.9985, 6)]
+    assert [round(c.xi, 3) for c in deep.contacts] == [0.5, round(3 / 5.99, 3)]
+    assert {c.struck for c in deep.contacts} == {0, 1}
+    assert not family_batches(["columns"], [LAWS["hertz"]])  # whose force is no spring in series with a column
+    softest = family_batches(["columns"], [LAWS["linear"]])[-2].scene.buildings[1]
+    assert softest.column_stiffnesses == pytest.approx(1e-6 * np.array(softest.stiffnesses))
+
+
+def test_strengths_are_taken_over_the_masses_above():
+    left, right = yielding_pair(0.1, 0.05).buildings
+    assert left.yield_strengths == pytest.approx([20.0, 10.0])
+    assert right.yield_strengths == pytest.approx([200.0, 100.0])
+    assert yielding_pair(np.inf, 0.0).yields == (False, False, True, True)
+
+
+def test_schemes_that_do_not_follow_yielding_are_left_out(monkeypatch):
+    monkeypatch.setattr(SCHEMES["exact"], "follows_yielding", False)
+    law = LAWS["linear"]
+    weak = make_batch("", "", yielding_pair(1.0, 0.0), law, earthquake())
+    assert schemes_of(weak, ["rk4", "exact"]) == ["rk4"]
+    assert schemes_of(make_batch("", "", pair(), law, earthquake()), ["rk4", "exact"]) == ["rk4", "exact"]
+
+
+def test_impossible_motion_of_storeys_that_yield_is_found():
+    """Of which a displacement grows like the energy, not like its root."""
+    batch = make_batch("", "", yielding_pair(0.1, 0.0), LAWS["kelvin_voigt"], earthquake(), steps=(2e-3,))
+    found = run_batch(batch, "rk4", 2e-3)
+    assert {"ductility_max", "residual_drift", "hysteretic_energy"} <= set(found)
+    nothing = make_reference(batch, np.zeros(1, bool), np.ones(1))
+    assert judge(batch, "rk4", 2e-3, found, nothing).faults == []
+    limit = displacement_limit(batch.scene, energy_limit(batch.scene, batch.record, batch.scale))
+    for factor, faults in ((0.99, 0), (1.2, 1)):
+        far = {**found, "displacement_max": factor * scatter_dof(limit, batch.scene)}
+        assert len(judge(batch, "rk4", 2e-3, far, nothing).faults) == faults
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import pounding_sweep as ps
-from pounding_sweep.analysis import COMPARISONS, amplification, response_spectrum
+from pounding_sweep.analysis import COMPARISONS, amplification, response_spectrum, sensitivity
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.cli.app import app
@@ -38,7 +38,7 @@ from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.build import build_spec
 
 #: Words of labels that have no unit.
-NO_UNIT = re.compile(r"impacts|error|probability|restitution|ratio|factor|share|pounding over|storey|law")
+NO_UNIT = re.compile(r"impacts|error|probability|restitution|ratio|factor|share|pounding over|storey|law|input")
 
 
 def spectra():
@@ -55,6 +55,7 @@ def _numbers(ticks):
 
 MAKERS = {
     "cube": lambda: made.cube(record=4, scale=5),
+    "design": made.design,
     "histories": made.histories,
     "trade": made.trade,
     "map": made.stability_map,
@@ -126,7 +127,8 @@ def test_laws_that_a_figure_needs():
 
 @pytest.mark.parametrize("key", [key for key, item in COMPARISONS.items() if item.figure])
 def test_figures_of_comparisons_take_a_cube_or_what_was_made_of_it(key):
-    cube = made.cube(right_wall=True, record=3, scale=3)
+    design = FIGURES[COMPARISONS[key].figure].source == "design"
+    cube = made.design() if design else made.cube(right_wall=True, record=3, scale=3)
     result = COMPARISONS[key].make(cube)
     one, other = (FIGURES[COMPARISONS[key].figure].draw(given) for given in (cube, result))
     assert shows_values(other)
@@ -201,6 +203,34 @@ def test_panels_show_all_of_their_lines(key):
                 seen += there.size
                 assert ((low <= there) & (there <= high)).all(), (ax.get_title(), line.get_label())
     assert seen or key in ("energy-budget", "map")  # of bars, of cells
+
+
+def test_sensitivity_shows_indices_and_intervals():
+    """Of drifts the scale decides alone: it stands at the top, with an index of 1; a panel for each law."""
+    cube = made.design(64)
+    figure = FIGURES["sensitivity"].draw(cube, value="drift_max")
+    axes = np.reshape(figure.axes, (2, 2))
+    assert [ax.get_title() for ax in axes[:, 0]] == [
+        f"building a; storey 3\n{LAWS[law].title}" for law in made.LAWS[:2]
+    ]
+    assert [ax.get_title().split("\n")[0] for ax in axes[0]] == ["building a; storey 3", "building b; storey 2"]
+    assert [tick.get_text() for tick in axes[0, 0].get_yticklabels()] == ["gap", "scale"]
+    result = sensitivity(cube)
+    for ax, group in ((axes[0, 1], 0), (axes[1, 1], 1)):
+        own = result.isel(group=group).sel(building="b", storey=2)
+        for line, bars, name in zip(ax.lines, ax.collections, ("drift_max_first", "drift_max_total"), strict=False):
+            np.testing.assert_array_equal(line.get_xdata(), own[name])
+            ends = [path.vertices[:, 0] for path in bars.get_paths()]
+            np.testing.assert_array_equal(ends, own[f"{name}_interval"].transpose("input", "bound"))
+    assert axes[0, 0].lines[1].get_xdata() == pytest.approx([0.0, 1.0], abs=0.1)
+    low, high = axes[0, 0].get_xlim()
+    assert (
+        low < float(result["drift_max_first_interval"].min()) < float(result["drift_max_total_interval"].max()) < high
+    )
+    force = FIGURES["sensitivity"].draw(select(cube, {"law": "linear"}))
+    assert [ax.get_title() for ax in force.axes] == ["pair a-b; storey 2"]
+    with pytest.raises(InputError, match='needs a design of kind "saltelli"'):
+        FIGURES["sensitivity"].draw(made.cube())
 
 
 def test_fragility_shows_trials_that_the_first_pair_has_not():
@@ -297,6 +327,9 @@ def test_floors_touch_where_their_relative_displacement_reaches_the_gap():
         highest = max(np.max(line.get_ydata()) for line in ax.lines)
         touched = bool((part.contact_force.sel(pair=name) > 0).any())
         assert (highest > gap) == touched
+        marks = sorted(t for line in ax.lines if line.get_marker() == "o" for t in line.get_xdata())
+        deep = part.penetration.sel(pair=name).fillna(0.0).transpose("time", "storey").values > 0.0
+        assert marks == sorted(np.repeat(part.time.values[1:, None], deep.shape[1], axis=1)[deep[1:] & ~deep[:-1]])
 
 
 def test_loops_of_a_contact_hold_what_it_took():

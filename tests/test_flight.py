@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,10 +15,11 @@ from scipy.linalg import expm
 from test_properties import scenes_of, some_variants, tall
 
 import pounding_sweep as ps
-from pounding_sweep.engine.flight import fixed_tables, flight_tables
+from pounding_sweep.engine.flight import fixed_tables, flight_tables, stops_of
 from pounding_sweep.engine.kernel import MARGIN, make_group, width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.kernel.flight import ACCELERATION, TOUCH, TURN, WIDE, Flight, Layout
+from pounding_sweep.kernel.flight import ACCELERATION, HEAD, TOUCH, TURN, WIDE, Flight, Layout
+from pounding_sweep.kernel.flight_blocks import Blocks
 from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
@@ -34,12 +36,17 @@ def layout_of(kernel):
 
 
 def tables_of(scene, ground, h, outputs=EVERY):
-    """Layout and tables of a scene or of variants, in double precision, before a kernel fills them."""
+    """Layout and tables of a scene or of variants, in double precision, before a kernel fills in their motions."""
     variants = variants_of(scene)
-    layout = layout_of(kernel_of(variants.scene, outputs))
-    return layout, flight_tables(layout, len(ground), fixed_tables(layout, variants, ground, h, "float64")[0]).reshape(
-        len(variants), -1
-    )
+    kernel = kernel_of(variants.scene, outputs)
+    layout = layout_of(kernel)
+    fixed, decays = fixed_tables(layout, variants, ground, h, "float64")
+    tables = flight_tables(layout, len(ground), fixed)
+    flight = Flight(make_group(kernel.shape, None, width("float64"), None), tables, len(ground))
+    for i in range(len(variants)):
+        flight.base.now = i * layout.size(len(ground))
+        flight.put_decays(None, decays, HEAD + len(ground) + i * len(layout.decays) * layout.wide_modes)
+    return layout, tables.reshape(len(variants), -1)
 
 
 def filled(scene, ground, h):
@@ -132,6 +139,60 @@ def test_motions_without_pounding_are_those_of_the_modes():
     peaks = layout.view(table, "peak", points).reshape(points, -1)[:, still]
     want = np.array([x[: 32 * t + 1].max(axis=0) for t in range(points)])
     assert (np.abs(peaks - want) <= size).all()
+
+
+def test_blocks_bound_what_is_watched_in_them():
+    """Motions of several rows of buildings at once, their bounds in blocks, and one of them point by point."""
+    scene, record, substeps = Scene([*tall().row[:2]], tall().gaps[:1]), motions()[0], 6
+    variants = some_variants(scene, 10)
+    motion = np.array(record.acceleration)[:61]
+    points, h = (len(motion) - 1) * substeps + 1, record.dt / substeps
+    ground = np.interp(np.arange(points) / substeps, np.arange(len(motion)), motion)
+    outputs = [name for name in EVERY if "energy" not in reducers_for([name])]
+    kernel = replace(kernel_of(scene, outputs), varied=True, windows=False)
+    layout = layout_of(kernel)
+    fixed, decays = fixed_tables(layout, variants, ground, h, "float64", substeps)
+    stops = stops_of(layout, points, substeps)
+    tables = flight_tables(layout, stops, fixed)
+    flight = Flight(make_group(kernel.shape, None, width("float64"), None), tables, points)
+    flight.blocks = blocks = Blocks(flight, decays, None, MARGIN["float64"], len(variants))
+    with np.errstate(all="ignore"):
+        blocks.fill()
+    assert (blocks.stride, blocks.length, blocks.blocks) == (3, 27, stops)
+    shaken = np.array([each.kind == ACCELERATION for each in layout.watched])
+    weights = np.array([each.weights for each in layout.watched])
+    fine = np.interp(np.arange(4 * (points - 1) + 1) / 4, np.arange(points), ground)
+    for i, each in enumerate(scenes_of(variants)):
+        alone = [NaiveBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in each.buildings]
+        u, v = (
+            np.concatenate(part, axis=1) for part in zip(*(modal_exact(b, fine, h / 4) for b in alone), strict=True)
+        )
+        forces, at = [], 0
+        for b in alone:
+            mass, damping, stiffness = b.matrices()
+            own = slice(at, at := at + len(mass))
+            forces.append(-np.linalg.solve(mass, damping @ v[:, own].T + stiffness @ u[:, own].T).T)
+        x = np.where(shaken, np.concatenate(forces, axis=1) @ weights.T, u @ weights.T)
+        table = tables[i * layout.size(stops) :]
+        bounds = {
+            name: layout.view(table, name, stops).reshape(stops, -1)[:, : len(shaken)]
+            for name in ("most", "least", "swell")
+        }
+        for block in range(stops):
+            here = x[4 * block * blocks.length : 4 * (block + 1) * blocks.length + 1]
+            room = 18.0 * bounds["swell"][block] + 1e-9 * np.abs(x).max(axis=0)  # at both ends 9 times one of a step
+            assert (here.max(axis=0) <= bounds["most"][block]).all()
+            assert (here.min(axis=0) >= bounds["least"][block]).all()
+            assert (bounds["most"][block] <= here.max(axis=0) + room).all()
+            assert (bounds["least"][block] >= here.min(axis=0) - room).all()
+        flight.base.now = i * layout.size(stops)
+        floors = layout.view(table, "floors", stops).reshape(layout.modes, -1)[:, : layout.modes]
+        for block in (stops - 1, 0):
+            blocks.know(block)
+            many = min(blocks.length, points - 1 - block * blocks.length) + 1
+            free = np.array([[flight.rows.number("free_x", m * 40 + k) for m in range(5)] for k in range(many)])
+            want = u[4 * block * blocks.length :: 4][:many]
+            np.testing.assert_allclose(free @ floors, want, rtol=0, atol=1e-10 * np.abs(u).max())
 
 
 # -- bounds ------------------------------------------------------------------------------------------------------------
@@ -253,14 +314,39 @@ def test_equal_buildings_never_touch():
     assert found["umax"].max() > 1e-3
 
 
+BLOCKS = [name for name in EVERY if "energy" not in reducers_for([name])]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("windows", [True, False])
-def test_variants_side_by_side_are_those_of_their_own(windows, monkeypatch):
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+def test_motions_known_by_blocks_are_those_of_windows(precision):
+    """Rows that touch often and rarely, scales of both signs, all outputs but energies."""
+    scene, n = tall(), 50
+    variants, rng = some_variants(scene, n), np.random.default_rng(5)
+    kernel = RowKernel(scene, get_law("linear"), Numerics("exact", 1e-3, precision=precision), reducers_for(BLOCKS))
+    given = {"scale": rng.choice([-1.5, 1.0, 2.0], n), "gaps": rng.choice([0.002, 0.01, 0.05], (n, 2))}
+    given |= {"stiffness": np.full(n, 2e5), "restitution": np.ones(n)}
+    found, want = (
+        replace(kernel, varied=True, windows=windows).run(motions()[0], **given, variants=variants)
+        for windows in (False, True)
+    )
+    assert want["count"].sum() > 100
+    np.testing.assert_array_equal(found["count"], want["count"])
+    for name, values in want.items():
+        size = np.abs(values).max()
+        np.testing.assert_allclose(
+            found[name], values, rtol=0, atol=size * (1e-8 if precision == "float64" else 1e-3), err_msg=name
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("windows", "outputs"), [(True, EVERY), (False, EVERY), (False, BLOCKS)])
+def test_variants_side_by_side_are_those_of_their_own(windows, outputs, monkeypatch):
     """Tables of several rows of buildings in one call, and handed over in parts."""
     scene, record = Scene([Building("a", [100.0], [9e4]), Wall("w")], gaps=[0.004]), motions()[0]
     variants = some_variants(scene, 40)
     kernel = RowKernel(
-        scene, get_law("linear"), Numerics("exact", 1e-3), reducers_for(EVERY), varied=True, windows=windows
+        scene, get_law("linear"), Numerics("exact", 1e-3), reducers_for(list(outputs)), varied=True, windows=windows
     )
     rows = np.arange(80) % 40
     given = {"scale": np.ones(80), "gaps": np.full((80, 1), 0.004), "stiffness": np.full(80, 2e5)}

@@ -85,6 +85,8 @@ def twins(scene):
             yield_strengths=b.yield_strengths,
             hardening=b.hardening,
             tangent_damping=b.damping_stiffness == "tangent",
+            p_delta=b.p_delta,
+            dashpots=b.dashpots,
         )
         for b in scene.row
     ]
@@ -114,7 +116,7 @@ FLOOR, CONTACT = (
     tuple(
         name
         for name, variable in VARIABLES.items()
-        if variable.dims == dims and name != "closing_max" and not variable.of_columns
+        if variable.dims == dims and name != "closing_max" and not (variable.of_columns or variable.of_links)
     )
     for dims in (("building", "storey"), ("pair", "storey"))
 )
@@ -124,6 +126,7 @@ BUILDING = {
     "energy_kinetic": "kinetic_final",
     "energy_strain": "strain_final",
     "hysteretic_energy": "energy_hysteretic",
+    "energy_links": "energy_links",
     "energy_transfer_max": "energy_transfer_max",
     "energy_transfer_min": "energy_transfer_min",
 }

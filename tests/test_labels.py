@@ -84,17 +84,25 @@ def test_buildings_of_listed_cases(tmp_path):
     check(plain, pair().buildings[0], (1.0, 1.0), None)
 
 
-def test_cubes_are_read_in_chunks(tmp_path):
-    """Texts beside the axes are objects to xarray, of which dask can't tell the size: `open_cube` reads them first."""
-    cases = [{"law": "none"}, {"law": "linear"}]
-    sweep(laws=None, cases=cases).run(tmp_path / "a.nc", workers=1).close()
-    with open_cube(tmp_path / "a.nc") as cube:
-        chunked = cube.chunk("auto")
-        assert chunked["drift_max"].chunks == ((2,), (2,), (2,))
-        assert chunked["law"].values.tolist() == ["none", "linear"]
-        np.testing.assert_array_equal(chunked["drift_max"].compute(scheduler="synchronous"), cube["drift_max"])
-    with xr.open_dataset(tmp_path / "a.nc", chunks={}) as plain:
-        assert plain["law"].values.tolist() == ["none", "linear"]
+@pytest.mark.parametrize(
+    ("more", "beside"),
+    [
+        ({"gaps": [0.0001, 0.0002], "audit": 1.0}, ["law_title", "law_formula", "audit_law", "audit_record"]),
+        ({"laws": None, "cases": [{"law": "none"}, {"law": "linear"}]}, ["law", "record"]),
+    ],
+)
+def test_cubes_are_read_in_chunks(more, beside, tmp_path):
+    """By xarray too, which can't cut texts that it reads as objects: those beside the axes are read as bytes."""
+    sweep(**more).run(tmp_path / "a.nc", workers=1).close()
+    with open_cube(tmp_path / "a.nc") as cube, xr.open_dataset(tmp_path / "a.nc", chunks="auto") as plain:
+        for chunked in (cube.chunk("auto"), plain):
+            assert chunked["drift_max"].chunks == tuple((size,) for size in cube["drift_max"].shape)
+            np.testing.assert_array_equal(chunked["drift_max"].compute(scheduler="synchronous"), cube["drift_max"])
+        for name in beside:
+            read = plain[name].compute(scheduler="synchronous")
+            assert read.dtype.kind == "S"
+            assert read.str.decode("utf-8").values.tolist() == cube[name].values.tolist()
+        assert plain["building"].values.tolist() == ["a", "b"]
 
 
 def test_storeys_that_meet():

@@ -24,6 +24,7 @@ from pounding_sweep.kernel.group import _FUNCTIONS
 from pounding_sweep.model import formula as formulas
 from pounding_sweep.model.laws import LAWS, Law, law_of, realised_restitution
 from pounding_sweep.output.merge import merge_cubes
+from pounding_sweep.outputs.differences import relative_errors
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.spec.own_laws import find_law
 from pounding_sweep.spec.spec import digest, to_json
@@ -359,6 +360,26 @@ def test_a_law_whose_rebound_depends_on_its_speed_has_no_relation():
     assert solved_restitution(mine, 0.2, speed=0.1) != pytest.approx(solved_restitution(mine, 0.2, speed=2.0), rel=1e-6)
     with pytest.raises(LawError, match="names no relation to the realised restitution"):
         mine.check_restitution(0.5, "realised")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("exponent", [1.25, 3.0])
+def test_an_accuracy_is_reached(exponent):
+    """Of a law that nobody measured: against runs in tiny steps."""
+    damped = {"damper": f"c*d**{exponent}", "damping": "elastic", "number": "1.5*(1 - e)"}
+    own = law(exponent=exponent, **damped, reference_stiffness=3e3 * 1e3**exponent)
+    axes = {"gaps": [0.001, 0.002, 0.004], "restitutions": [0.4, 0.8], "stiffness_factors": [0.1, 1.0]}
+    given = {"scene": pair(), "records": motions(), "laws": [own], "outputs": OUTPUTS, "audit": 0.0, **axes}
+    found, exact = ps.Sweep(**given, accuracy=1e-3).run(), ps.Sweep(**given, method="rk4", dt=2e-5).run()
+    assert (found["status"] == 0).all()
+    assert float(found["impact_count"].max()) > 3.0
+    shape = exact["status"].size
+    values, right = (
+        {name: each[name].values.reshape(shape, *each[name].shape[exact["status"].ndim :]) for name in OUTPUTS}
+        for each in (found, exact)
+    )
+    for name, error in relative_errors(OUTPUTS, values, right).items():
+        assert error.max() <= 1e-3, name
 
 
 @pytest.mark.slow

@@ -20,12 +20,13 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper.checks import energy_checks, findings, silent_models, unbalanced
 from pounding_sweep.paper.compare import agreement, side_by_side, table_grid
-from pounding_sweep.paper.conclusions import CONCLUSIONS, Outcome, Verdict, judge, overall, spread
+from pounding_sweep.paper.conclusions import CONCLUSIONS, Judgement, Outcome, Verdict, judge, overall, spread
 from pounding_sweep.paper.hertz import force_fit
 from pounding_sweep.paper.published import GROUND_MOTIONS, MODELS, RECORDS, TABLES, published
 from pounding_sweep.paper.readings import READINGS, RESCALED, paper_records, reading_of, sweep_of
 from pounding_sweep.paper.steps import largest_steps, step_rows
 from pounding_sweep.paper.study import study
+from pounding_sweep.paper.verdict import opening_grid, table_outcome, verdict_of_all
 from pounding_sweep.records.record import STANDARD_GRAVITY
 
 SWEEPS = Path(__file__).resolve().parent.parent / "sweeps"
@@ -399,3 +400,66 @@ def test_the_largest_step_is_the_last_before_an_error():
     assert found.sel(reading="as_printed", scheme="newmark").values.tolist() == [1e-3, 1e-3]
     assert found.sel(reading="as_run").isnull().all()
     assert found.attrs["units"] == "s"
+
+
+# --- the verdict ---------------------------------------------------------------------------------------------------
+
+
+def _judged(cube, verdict):
+    compared = {number: side_by_side(number, cube) for number in TABLES}
+    outcome = Outcome(*{Verdict.HOLDS: (9, 10), Verdict.PARTLY: (5, 10), Verdict.FAILS: (1, 10)}[verdict], "")
+    judgements = [Judgement(one, key, (outcome,)) for one in CONCLUSIONS.values() for key in READINGS]
+    return {(part.word, part.reading): "; ".join(part.items) for part in verdict_of_all(cube, compared, judgements)}
+
+
+def test_what_is_the_papers_own_is_reproduced():
+    """One reading has the paper's numbers, the other three times those."""
+    numbers = {}
+    for number in TABLES:
+        table = published(number).sel(record=["el_centro"])
+        table = table.sel(program="matlab", drop=True) if "program" in table.dims else table
+        for name, values in table.data_vars.items():
+            numbers[name] = values.reindex(law=LAWS, fill_value=0.0) if "law" in values.dims else values
+    factor = xr.DataArray([1.0, 3.0], dims="reading", coords={"reading": list(READINGS)})
+    cube = outputs(**{name: values * factor for name, values in numbers.items()})
+    # Table 4 is Model I of Table 5
+    said = _judged(cube, Verdict.PARTLY)
+    labels = [reading.label for reading in READINGS.values()]
+    assert said["Reproduced", labels[0]].count("Table") == 6
+    assert said["Not reproduced", labels[0]] == "nothing"
+    assert "displacements of Table 3 (18 of 18 numbers within 25%)" in said["Reproduced", labels[0]]
+    assert said["Reproduced in part", labels[0]] == "; ".join(
+        f"conclusion {one.key}: {one.text}" for one in CONCLUSIONS.values()
+    )
+    assert said["Reproduced", labels[1]] == "nothing"
+    assert said["Not reproduced", labels[1]].count("(0 of ") == 6
+    cant = said["Can't be", "in the paper itself"]
+    assert "misprint" not in cant
+
+
+@pytest.mark.parametrize(("shares", "word"), [(0, "Not reproduced"), (9, "Reproduced in part"), (17, "Reproduced")])
+def test_a_table_is_reproduced_by_its_share_of_cells(shares, word):
+    three = published(3).sel(record=["el_centro"], program="matlab", drop=True)
+    off = xr.where(xr.DataArray(np.arange(9).reshape(3, 3), dims=("building", "storey")) < shares / 2, 1.2, 1.3)
+    cube = outputs(displacement_max=three.displacement_max * off, displacement_min=three.displacement_min * off)
+    said = _judged(cube, Verdict.HOLDS)
+    assert "displacements of Table 3" in said[word, "as printed"]
+    assert "conclusion ii" in said["Reproduced", "as printed"]
+
+
+def test_zero_in_one_alone_is_no_agreement_and_in_both_no_case():
+    compared = side_by_side(4, outputs(impact_force_max=0.0))
+    printed = published(4).impact_force_max.sel(record="el_centro", program="matlab")
+    found = table_outcome(compared, ["impact_force_max"], "as_printed")
+    assert (found.held, found.cases) == (0, int((printed > 0).sum()))
+    touching = side_by_side(4, outputs(impact_force_max=1.0))
+    assert table_outcome(touching, ["impact_force_max"], "as_printed").cases == printed.size
+
+
+def test_the_verdict_says_what_cannot_be():
+    cube = outputs()
+    *parts, last = verdict_of_all(cube, {n: side_by_side(n, cube) for n in TABLES}, [])
+    assert last.word == "Can't be"
+    assert [item.split(":")[0] for item in last.items] == [one.title for one in findings(cube) if one.impossible]
+    assert [row[2] for row in opening_grid([*parts, last]).rows[-3:]] == list(last.items)
+    assert [one.impossible for one in findings(cube)] == [True, True, True, False]

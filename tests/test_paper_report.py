@@ -22,7 +22,7 @@ from pounding_sweep.base.errors import OutputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.paper.figures import FIGURES, roof_force, save_figures
 from pounding_sweep.paper.readings import READINGS, sweep_of
-from pounding_sweep.paper.report import Picture, contents, render, write_report
+from pounding_sweep.paper.report import Picture, contents, render, summary, write_report
 from pounding_sweep.paper.study import INTERVAL, kept, scenario
 
 #: Eight bytes that begin every PNG file.
@@ -84,6 +84,11 @@ def test_the_page_says_what_there_is_and_loads_nothing(made, picture):
         assert words in page.words, words
     # records, 4 of agreement, Hertz, largest steps, steps of 2 readings, energy, errors, 4 in full
     assert page.tables == 1 + 4 + 1 + 1 + 2 + 1 + 1 + 4
+    begin = page.words.index("The verdict")
+    assert begin < page.words.index("1. What was computed")
+    for part in contents(made)["opening"]:
+        assert f"{part.word}, {part.reading} {'; '.join(part.items)}" in page.words[begin:]
+    assert [grid.title for grid in summary(made)][:2] == ["The verdict", "The paper's conclusions"]
     verdicts = contents(made)["judgements"]
     assert len(verdicts) == 5 * len(READINGS)
     assert all(one.verdict.value in page.words for one in verdicts)
@@ -217,6 +222,7 @@ def test_a_fresh_machine_gets_the_report_of_el_centro(tmp_path):
     one = cli("paper", tmp_path / "mate2015.nc", "-o", tmp_path / "one")
     assert "as printed" in one.stdout
     assert "as probably run" not in one.stdout
+    assert {part["word"] for part in both["verdict"]} >= {"Reproduced", "Not reproduced", "Can't be"}
     own = [verdict for verdict in both["verdicts"] if verdict["reading"] == "as_printed"]
     with ps.open_cube(tmp_path / "mate2015.nc") as cube:
         assert float(cube.energy_residual.max()) < 1e-5

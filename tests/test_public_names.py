@@ -17,6 +17,8 @@ CALLS = {
     "Wall": "(name='wall')",
     "ContactProperties": "(linear_stiffness=None, hertz_stiffness=None, restitution=None)",
     "Scene": "(row, gaps=())",
+    "Link": "(pair, storeys, stiffness=0.0, damping=0.0)",
+    "base_isolated": "(building, base_mass, period, damping_ratio, strength=0.0, yield_drift=0.01, *, height=1.5)",
     "get_preset": "(name)",
     "get_law": "(key)",
     "hertz_stiffness": "(mass_1=None, mass_2=None, *, young_modulus=25000000.0, poisson_ratio=0.2, density=2.5, "

@@ -94,3 +94,17 @@ def test_many_labels_are_listed_in_part():
     with pytest.raises(InputError, match=r"unknown record 'no'; valid: .*, and 9950 more$") as caught:
         select(line("record", [f"station-{n}" for n in range(10_000)]), {"record": "no"})
     assert len(str(caught.value)) < 2000
+
+
+def test_cases_are_chosen_by_what_they_list():
+    """All that have one of the values, as they stand; what is along other axes is none of that."""
+    listed = {"law": ("case", ["none", "hertz", "none"]), "gap": ("case", [0.01, 0.02, 0.03]), "case": [1, 2, 5]}
+    cases = xr.Dataset({"x": ("case", [0, 1, 2])}, {**listed, "height": ("storey", [3.0])})
+    assert select(cases, {"law": "none"}).x.values.tolist() == [0, 2]
+    assert select(cases, {"law": "none"})["case"].values.tolist() == [1, 5]
+    assert select(cases, {"law": "none", "gap": 0.03}).x.values.tolist() == [2]
+    assert select(cases, {"gap": ["0.02", 0.03 * (1.0 + 0.5 * NEAR)]}).x.values.tolist() == [1, 2]
+    with pytest.raises(InputError, match="unknown law 'linear'; valid: hertz, none"):
+        select(cases, {"law": "linear"})
+    with pytest.raises(InputError, match="unknown axis 'height'; valid: case, gap, law, storey"):
+        select(cases, {"height": 3.0})

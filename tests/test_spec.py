@@ -471,7 +471,13 @@ def test_cases_in_a_file(write):
     )
 
 
-@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding", "columns"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("quickstart", "two_buildings_and_wall", "yielding", "columns", "p_delta", "bouc_wen"),
+        pytest.param("constant_ductility", marks=pytest.mark.slow),  # which looks for strengths
+    ],
+)
 def test_shipped_sweeps(name):
     spec = load_spec(ROOT / "sweeps" / f"{name}.toml")
     if name == "quickstart":
@@ -489,6 +495,13 @@ def test_shipped_sweeps(name):
         assert spec.scene.yields == (True,) * 5
         assert [axis.kind for axis in spec.property_axes] == ["strength_factor"] * 2
         assert spec.n_scenarios == 2 * 7 * 4 * 4
+    elif name == "constant_ductility":
+        assert [case.ductility for case in spec.cases[:3]] == [1.0, 2.0, 4.0]
+    elif name == "bouc_wen":
+        assert spec.scene.smooth == (True,) * 2 + (False,) * 3
+    elif name == "p_delta":
+        assert [b.p_delta for b in spec.scene.buildings] == [True, False]
+        assert spec.n_scenarios == 2 * 3 * 6 * 3
     elif name == "columns":
         scene = spec.scene
         assert scene.pair_labels == ("old-new", "old-new columns of new", "old-new columns of old", "new-moat")
@@ -578,7 +591,9 @@ def places(value, place=()):
             yield from places(item, (*place, index))
 
 
-@pytest.mark.parametrize("name", ["quickstart", "two_buildings_and_wall", "yielding", "columns"])
+@pytest.mark.parametrize(
+    "name", ["quickstart", "two_buildings_and_wall", "yielding", "columns", "p_delta", "bouc_wen", "constant_ductility"]
+)
 def test_key_lines_knows_every_place_of_the_shipped_files(name):
     text = (ROOT / "sweeps" / f"{name}.toml").read_text()
     assert set(key_lines(text)) == set(places(tomllib.loads(text)))

@@ -10,10 +10,10 @@ import xarray as xr
 from scenes import OUTPUTS, motions, pair
 
 import pounding_sweep as ps
-from pounding_sweep.analysis import required_gap, response_spectrum
+from pounding_sweep.analysis import required_gap, response_spectrum, scaled_to_sa
 from pounding_sweep.analysis.comparisons import MOTION_DIMS
 from pounding_sweep.analysis.intensity import intensity_of
-from pounding_sweep.base.errors import InputError, SweepError
+from pounding_sweep.base.errors import InputError, PoundingSweepError, RecordError, SweepError
 from pounding_sweep.output.merge import merge_cubes
 from pounding_sweep.spec.axes import DIMENSIONS, Case
 from pounding_sweep.spec.spec import to_json
@@ -93,3 +93,43 @@ def test_what_is_missing_or_wrong_is_said(given, said):
 
 def test_sweeps_without_it_stay_what_they_were():
     assert not {"sa_period", "sas"} & json.loads(to_json(sweep(sas=None, sa_period=None).spec)).keys()
+
+
+# -- one record ------------------------------------------------------------------------------------------------------
+
+
+def test_one_record_is_scaled(tmp_path):
+    """In Python, by name and from a file, to 5 m/s2 at 0.4 s."""
+    file = tmp_path / "motion.csv"
+    record = ps.find_record("el_centro")
+    points = zip(record.time, record.acceleration, strict=True)
+    file.write_text("time (s),acc (m/s2)\n" + "".join(f"{t:.6g},{float(a)!r}\n" for t, a in points), encoding="utf-8")
+    given = [{"record": "el_centro", "sa": 5.0, "sa_period": 0.4}, {"path": str(file), "sa": 5.0, "sa_period": 0.4}]
+    given.append(scaled_to_sa(ps.find_record("el_centro"), 5.0, period=0.4).renamed("third"))
+    records = ps.Sweep("mate2015", given, "linear", dt=0.01, force_unstable=True).spec.records
+    assert [each.name for each in records] == ["el_centro", "motion", "third"]
+    for each in records:
+        assert response_spectrum(each, [0.4])["pseudo_acceleration"].item() == pytest.approx(5.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"sa": 5.0}, "sa and sa_period belong together"),
+        ({"sa_period": 0.4}, "sa and sa_period belong together"),
+        ({"sa": 5.0, "sa_period": 0.4, "pga": 2.0}, "sa and pga exclude each other"),
+        ({"sa": 5.0, "sa_period": 0.4, "scale": 2.0}, "sa and scale exclude each other"),
+        ({"sa": -5.0, "sa_period": 0.4}, "spectral acceleration to scale to"),
+        ({"sa": 5.0, "sa_period": 1e-9}, r"can't be scaled .* at 1e-09 s; give a period of 0\.000"),
+        ({"sa": 5.0, "sa_period": "x"}, "a number in s"),
+    ],
+)
+def test_a_record_that_can_not_be_scaled_so(given, said):
+    with pytest.raises(PoundingSweepError, match=said):
+        ps.Sweep("mate2015", [{"record": "el_centro", **given}], "linear")
+
+
+def test_no_motion_has_no_scale():
+    still = ps.Record("still", 0.01, np.zeros(5))
+    with pytest.raises(RecordError, match="zero throughout"):
+        scaled_to_sa(still, 1.0, 0.5)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernels_used import FRAMED
+from kernels_used import FRAMED, LINKED
 from numba import config
 from scenes import pair
 
@@ -31,6 +31,8 @@ CASES = [
     ("rk4", "kelvin_voigt", True, YIELDS),
     ("newmark", "none", True, YIELDS),
     ("newmark", "kelvin_voigt", True, FRAMED),
+    ("rk4", "kelvin_voigt", True, LINKED),
+    ("newmark", "stereomechanical", True, LINKED),
     ("rk4", "linear", False, FRAMED),
 ]
 

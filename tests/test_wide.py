@@ -12,6 +12,8 @@ from scenes import motions, pair
 from typer.testing import CliRunner
 
 from pounding_sweep import Sweep, simulate
+from pounding_sweep.analysis.intensity import with_intensities
+from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app
 from pounding_sweep.output import tidy
@@ -127,6 +129,22 @@ def test_inputs_are_columns(tmp_path):
     assert {"audited_error_impact_force_max", "floor_mass_a_1", "fundamental_period_b"} <= {*rows[0]}
     assert columns["gap"]["units"] == "m"
     assert columns["ground_arias_intensity"]["units"] == "m s-1"
+
+
+@pytest.mark.parametrize("name", ["axes", "pgas", "cases", "design"])
+def test_chosen_intensities_are_columns(name, tmp_path):
+    """Spectral accelerations of the records as scaled, by their response spectra, a scenario at a time."""
+    cube = with_intensities(made(name), ["sa(0.3)", "sa(b)"], records=motions())
+    rows = read(export_cube(cube, tmp_path / "t.csv", ["impact_force_max"], table=True))
+    first = pair().buildings[1].periods[0]
+    dims = cube["status"].dims
+    for place, row in zip(np.ndindex(cube["status"].shape), rows, strict=True):
+        one = cube.isel(dict(zip(dims, place, strict=True)))
+        (record,) = [each for each in motions() if each.name == one["record"].item()]
+        scaled = record.scaled(float(one["scale"]))
+        for column, period in (("ground_sa_0_3", 0.3), ("ground_sa_b", first)):
+            exact = float(response_spectrum(scaled, [period], 0.05)["pseudo_acceleration"].squeeze())
+            assert float(row[column]) == pytest.approx(exact, rel=1e-9)
 
 
 def test_a_part_and_a_file(tmp_path):

@@ -23,7 +23,7 @@ from pounding_sweep.spec.spec import scene_data, scene_of
 
 PAIR = yielding_pair()
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
-OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and not each.of_columns]
+OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and each.exists_in(PAIR)]
 TOWER = ps.Scene(
     [
         ps.Building("tower", [100.0] * 12, [4.5e5] * 12, yield_strengths=np.linspace(900.0, 200.0, 12), hardening=0.02),

@@ -176,7 +176,7 @@ def _rebound(kernel: RowKernel, record: Record, nominal: np.ndarray) -> np.ndarr
     raw = kernel.run(
         record,
         scale=np.ones(n),
-        gaps=np.full((n, 1), kernel.scene.gaps[0]),
+        gaps=np.full((n, 1), kernel.scene.gaps[0] + kernel.law.thickness),
         stiffness=np.full(n, contact_stiffness(kernel.law)),
         restitution=nominal,
     )

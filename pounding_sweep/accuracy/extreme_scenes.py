@@ -17,10 +17,11 @@ from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import Law
-from pounding_sweep.model.scene import Building, Scene, Wall
+from pounding_sweep.model.scene import CONTACTS, DAMPING_STIFFNESSES, Building, Scene, Wall
 from pounding_sweep.outputs.layout import inner_shape, mask_invalid
 from pounding_sweep.outputs.variables import Status, cube_variables, get_variable, reducers_for
 from pounding_sweep.records import Record, synthetic_record
+from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
 
 #: Peaks whose error is judged.
@@ -35,6 +36,9 @@ OUTPUTS = (
     "contact_work",
     "energy_residual",
 )
+#: What is judged, and what is reported, of storeys that yield beside that.
+YIELDING_PEAKS = ("ductility_max",)
+YIELDING_OUTPUTS = (*YIELDING_PEAKS, "residual_drift", "hysteretic_energy")
 
 
 @dataclass(frozen=True)
@@ -79,10 +83,21 @@ class Batch:
         return len(self.scale)
 
 
+def outputs_of(scene: Scene) -> tuple[str, ...]:
+    """Return what a run of a row reports."""
+    return (*OUTPUTS, *(YIELDING_OUTPUTS if any(scene.yields) else ()))
+
+
 def kernel_of(batch: Batch, method: str, dt: float, precision: str = "float64", finer: float = 1.0) -> RowKernel:
     """Return the kernel that runs a batch."""
     numerics = Numerics(method, dt, precision=precision, finer=finer)
-    return RowKernel(batch.scene, batch.law, numerics, reducers_for(OUTPUTS), initial_velocity=batch.initial_velocity)
+    reducers = reducers_for(outputs_of(batch.scene))
+    return RowKernel(batch.scene, batch.law, numerics, reducers, initial_velocity=batch.initial_velocity)
+
+
+def schemes_of(batch: Batch, methods: Sequence[str]) -> list[str]:
+    """Return the schemes that take the row of a batch."""
+    return [name for name in methods if SCHEMES[name].follows_yielding or not any(batch.scene.yields)]
 
 
 def take(batch: Batch, rows: np.ndarray) -> Batch:
@@ -105,7 +120,8 @@ def run_batch(
     step = batch.record.dt / kernel.numerics.steps(batch.record)
     rows = np.flatnonzero(step <= stable_step(batch, method))
     result: dict[str, np.ndarray] = {}
-    for name in cube_variables(OUTPUTS):
+    outputs = outputs_of(batch.scene)
+    for name in cube_variables(outputs):
         variable = get_variable(name)
         empty = math.nan if variable.fill is None else variable.fill
         result[name] = np.full((len(batch), *inner_shape(variable, batch.scene)), empty)
@@ -115,7 +131,7 @@ def run_batch(
         raw = kernel.run(
             part.record, scale=part.scale, gaps=part.gaps, stiffness=part.stiffness, restitution=part.restitution
         )
-        for name, values in variables_of(kernel, raw, OUTPUTS, part.record).items():
+        for name, values in variables_of(kernel, raw, outputs, part.record).items():
             result[name][rows] = values
     return mask_invalid(result)
 
@@ -222,11 +238,15 @@ def _damping(law: Law) -> Iterable[Batch]:
         yield make_batch("damping", f"{ratio:g}", scene, law, earthquake(), stiffness=_around(law, 1e-1, 1.0, 1e2))
 
 
+def _slow() -> Record:
+    """Return a motion of few points, far apart."""
+    return Record("slow", 0.5, 3.0 * np.sin(np.arange(81) * 1.7))
+
+
 def _step(law: Law) -> Iterable[Batch]:
-    slow = Record("slow", 0.5, 3.0 * np.sin(np.arange(81) * 1.7))
     scene, stiffness = pair(), _around(law, 1e-2, 1.0, 1e2, 1e4, 1e6)
     steps = (0.5, 0.1, 0.05)
-    yield make_batch("step", "far too large", scene, law, slow, gaps=[0.0, 1e-3], stiffness=stiffness, steps=steps)
+    yield make_batch("step", "far too large", scene, law, _slow(), gaps=[0.0, 1e-3], stiffness=stiffness, steps=steps)
     fast = earthquake(duration=0.3)
     yield make_batch("step", "tiny", beside_wall(), law, fast, gaps=1e-3, steps=(1e-5, 1e-6))
 
@@ -329,6 +349,74 @@ def _chatter(law: Law) -> Iterable[Batch]:
     )
 
 
+#: Yield strengths (m/s2: storey shears over the masses above) and hardenings of rows that yield; inf: never.
+STRENGTHS = (1e-6, 1e-3, 0.1, 1.0, 1e3, math.inf)
+HARDENINGS = (0.0, 1e-6, 0.05, 0.999)
+
+
+def yielding_pair(strength: float, hardening: float, damping_stiffness: str = "initial") -> Scene:
+    """Return `pair`, whose left building yields at that strength (m/s2), and the right one at 1 m/s2."""
+    buildings = []
+    for building, each in zip(pair().buildings, (strength, 1.0), strict=True):
+        above = np.cumsum(building.masses[::-1])[::-1]
+        buildings.append(
+            replace(
+                building,
+                yield_strengths=[each * float(mass) for mass in above],
+                hardening=hardening,
+                damping_stiffness=damping_stiffness,
+            )
+        )
+    return Scene(buildings, [0.005])
+
+
+def _yielding(law: Law) -> Iterable[Batch]:
+    """Storeys that yield at once, or never; that keep their stiffness, or lose all of it and don't come back."""
+    for strength in STRENGTHS:
+        for hardening in HARDENINGS:
+            scene, name = yielding_pair(strength, hardening), f"{strength:g} m/s2, hardening {hardening:g}"
+            yield make_batch("yielding", name, scene, law, earthquake(), gaps=[0.0, 5e-3, OPEN_GAP])
+    time = np.linspace(0.0, 2.0, 201)
+    push = Record("push and rest", 0.01, np.where(time < 0.5, -6.0, 0.0))
+    for damping in DAMPING_STIFFNESSES:
+        scene = yielding_pair(0.5, 0.0, damping)
+        yield make_batch("yielding", f"left lying, {damping} damping", scene, law, push, gaps=[1e-3, 5e-3, OPEN_GAP])
+    large = (0.5, 0.1, 0.05)
+    yield make_batch("yielding", "steps far too large", yielding_pair(1.0, 0.0), law, _slow(), gaps=1e-3, steps=large)
+
+
+def staggered(level: float, depth: float = 0.0, columns: float = 1.0) -> Scene:
+    """Return a storey whose slab strikes the upper columns of two of 3 m, and they its own by their lower floor.
+
+    Parameters
+    ----------
+    level, depth : float
+        Elevation of that slab and its depth (m).
+    columns : float
+        Stiffness of all struck columns over that of their storeys.
+    """
+    low, high = oscillator("left", 0.4), oscillator("right", 0.25, 100.0, 2)
+    given = [[k * columns for k in building.stiffnesses] for building in (low, high)]
+    left = replace(low, storey_heights=[level], slab_depths=[depth], column_stiffnesses=given[0])
+    right = replace(high, storey_heights=[3.0, 3.0], column_stiffnesses=given[1])
+    return Scene([left, right], [0.005], contacts=CONTACTS[1])
+
+
+def _columns(law: Law) -> Iterable[Batch]:
+    """Slabs just above a floor and just below the next one, of hardly any depth and of nearly a storey's."""
+    if law.exponent != 1.0:
+        return
+    for xi in (5e-4, 0.02, 0.5, 0.98, 1.0 - 5e-4):
+        scene = staggered(3.0 + 3.0 * xi)
+        yield make_batch("columns", f"xi = {xi:g}", scene, law, earthquake(), gaps=[0.0, 1e-3, 5e-3])
+    scene = staggered(5.99, depth=2.98)
+    yield make_batch("columns", "a slab of nearly a storey", scene, law, earthquake(), gaps=[0.0, 1e-3, 5e-3])
+    for share in (1e-6, 1e6):
+        scene, stiffness = staggered(4.5, columns=share), _around(law, 1e-2, 1.0, 1e3)
+        name = f"columns of {share:g} times the storeys' stiffness"
+        yield make_batch("columns", name, scene, law, earthquake(), gaps=1e-3, stiffness=stiffness)
+
+
 @dataclass(frozen=True)
 class Family:
     """A family of extreme scenarios.
@@ -368,6 +456,8 @@ FAMILIES: dict[str, Family] = {
         Family("resting", "floors that lean on a wall", _resting),
         Family("grazing", "a touch with the last 1e-12 of the displacement", _grazing),
         Family("chatter", "bounces without end, ever weaker", _chatter),
+        Family("yielding", "yield strengths 1e-6 m/s2 to never, hardening 0 to 0.999", _yielding),
+        Family("columns", "slabs at 5e-4 to 1 - 5e-4 of a storey, struck columns far softer and stiffer", _columns),
         Family("row", "1 to 12 buildings, 1 to 40 storeys", _row, wide=False),
         Family("walls", "walls on both sides", _walls, wide=False),
         Family("together", "all floors touched from both sides at the same instant", _together, wide=False),

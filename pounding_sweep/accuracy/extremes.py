@@ -15,7 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.accuracy.extreme_scenes import FAMILIES, Batch, family_batches, kernel_of, random_batches, run_batch
+from pounding_sweep.accuracy.extreme_scenes import (
+    FAMILIES,
+    Batch,
+    family_batches,
+    kernel_of,
+    random_batches,
+    run_batch,
+    schemes_of,
+)
 from pounding_sweep.accuracy.judge import Verdict, judge, make_reference
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import LAWS, Law, get_law
@@ -208,7 +216,8 @@ def _prepare(
     batches = family_batches([key for key in keys if key in FAMILIES], laws)
     batches += random_batches(scenes, seed, laws) if RANDOM in keys else []
     formats = dict.fromkeys(("float64", precision))
-    shapes = [kernel_of(b, method, b.steps[0], f).shape for b in batches for method in methods for f in formats]
+    each = [(batch, method) for batch in batches for method in schemes_of(batch, methods)]
+    shapes = [kernel_of(batch, method, batch.steps[0], f).shape for batch, method in each for f in formats]
     wanted = list(dict.fromkeys(shapes))
     progress.stage("kernels", len(wanted))
     prepare(wanted, workers, progress.advance)
@@ -220,7 +229,7 @@ def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] 
     runs = []
     wanted = np.zeros(len(batch), bool)
     shortest = np.full(len(batch), np.inf)
-    for method in measured_schemes() if methods is None else methods:
+    for method in schemes_of(batch, measured_schemes() if methods is None else methods):
         for dt in batch.steps:
             start = time.perf_counter()
             found = run_batch(batch, method, dt, precision)

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pounding_sweep.accuracy.extreme_scenes import PEAKS, Batch, run_batch, stable_step, take
+from pounding_sweep.accuracy.extreme_scenes import PEAKS, YIELDING_PEAKS, Batch, run_batch, stable_step, take
 from pounding_sweep.engine.resolution import displacement_limit, energy_limit
 from pounding_sweep.outputs.differences import CHANGE, relative_error
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
@@ -112,9 +112,9 @@ class Verdict:
 
 
 def peaks_of(found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the judged peaks: force, penetration, and both displacements as one, so that the larger is the measure."""
+    """Return the judged peaks, those that are there; both displacements as one, so that the larger is the measure."""
     both = np.stack([found["displacement_max"], found["displacement_min"]], axis=1)
-    return {"displacement_max": both, **{name: found[name] for name in PEAKS[2:]}}
+    return {"displacement_max": both, **{name: found[name] for name in (*PEAKS[2:], *YIELDING_PEAKS) if name in found}}
 
 
 def peak_error(found: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -173,9 +173,11 @@ def energy_share(batch: Batch, found: Mapping[str, np.ndarray]) -> np.ndarray:
     """Energy at the end, or as the displacements imply, over what the ground can have brought in, shape (n,)."""
     limit = energy_limit(batch.scene, batch.record, batch.scale, batch.initial_velocity)
     share = (found["energy_kinetic"] + found["energy_strain"]).sum(axis=1)
-    reach = scatter_dof(displacement_limit(batch.scene, np.ones(len(batch))), batch.scene)  # at an energy of 1 kN m
+    yields = any(batch.scene.yields)  # beyond yielding a displacement grows up to like its energy, not like the root
+    reach = scatter_dof(displacement_limit(batch.scene, limit if yields else np.ones(len(batch))), batch.scene)
     for name in ("displacement_max", "displacement_min"):
-        implied = np.square(found[name] / reach).reshape(len(batch), -1)
+        part = np.abs(found[name]) / np.where(reach > 0.0, reach, 1e-300)
+        implied = (limit[:, None, None] * part if yields else np.square(part)).reshape(len(batch), -1)
         share = np.maximum(share, np.max(np.nan_to_num(implied, nan=0.0, posinf=np.inf), axis=1))
     return np.where(share == 0.0, 0.0, share / np.where(limit > 0.0, limit, 1e-300))
 
@@ -261,7 +263,8 @@ def _only_real(batch: Batch, name: str, values: np.ndarray) -> np.ndarray:
     dims = get_variable(name).dims
     scene = batch.scene
     if dims == ("building", "storey"):
-        there = np.isfinite(scatter_dof(np.zeros((1, scene.n_dof)), scene))[0]
+        exists = np.where(scene.yields, 0.0, np.nan) if name in YIELDING_PEAKS else np.zeros(scene.n_dof)
+        there = np.isfinite(scatter_dof(exists[None], scene))[0]
     elif dims == ("pair", "storey"):
         there = np.isfinite(scatter_contact(np.zeros((1, len(scene.contacts))), scene))[0]
     else:

@@ -140,7 +140,7 @@ def solved_restitution(
     def force(d: float, v: float) -> float:
         given = {"d": d, "r": math.sqrt(max(d, 0.0)), "k": k, "c": c}
         found = formulas.value(elastic, given, formulas.ON_ARRAYS)
-        if damper is None or (law.approach_only and v <= 0.0):
+        if damper is None or (law.approach_only and v <= 0.0) or (law.rebound_only and v >= 0.0):
             return float(found)
         return float(found + formulas.value(damper, given, formulas.ON_ARRAYS) * v)
 
@@ -155,7 +155,8 @@ def solved_restitution(
     deepest = run([0.0, speed], lambda _, y: y[1])[0]
 
     def parted(_: float, y: np.ndarray) -> float:
-        return float(y[0] if law.tension or law.approach_only else min(y[0], force(y[0], y[1])))
+        by_depth = law.tension or law.approach_only or law.rebound_only
+        return float(y[0] if by_depth else min(y[0], force(y[0], y[1])))
 
     return float(-run([deepest, 0.0], parted)[1] / speed)
 
@@ -170,7 +171,7 @@ def _twins(law: Law) -> tuple[dict[str, float], int]:
     reference = stiff.reference(law.exponent or 1.0)
     given: dict[str, Any] = {
         "scale": np.ones(1),
-        "gaps": np.full((1, 1), 0.002),
+        "gaps": np.full((1, 1), 0.002 + law.thickness),
         "stiffness": np.full(1, 2e5 * 100.0 ** ((law.exponent or 1.0) - 1.0) if reference is None else reference),
         "restitution": np.full(1, 0.6),
     }

@@ -22,6 +22,8 @@ _HOME = {
     "export_pelicun": "pounding_sweep.analysis.exchange",
     "response_spectrum": "pounding_sweep.analysis.spectra",
     "floor_spectra": "pounding_sweep.analysis.spectra",
+    "scaled_to_sa": "pounding_sweep.engine.spectrum",
+    "with_intensities": "pounding_sweep.analysis.intensity",
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from pounding_sweep.analysis.scenarios import described
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.records import record_measures, resolve_records
+from pounding_sweep.spec.axes import plain_name
 from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
@@ -74,6 +76,54 @@ def intensity_of(
     scale = abs(cube["scale"]) if "scale" in cube.coords else xr.DataArray(1.0)
     units, name = (str(base.attrs.get(key, other)) for key, other in (("units", "1"), ("long_name", "intensity")))
     return described((base * scale).reset_coords(drop=True), units, name)
+
+
+def with_intensities(cube: xr.Dataset, names: Iterable[str], *, records: Any = None, folders: Any = None) -> xr.Dataset:
+    """Return a cube with intensities of its ground motions as coordinates: ``ground_sa_0_5`` for ``sa(0.5)``.
+
+    A table of it has a column for each.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        A cube with records.
+    names : iterable of str
+        Intensities, see `intensity_of`.
+    records, folders : optional
+        As for `intensity_of`.
+
+    Returns
+    -------
+    xarray.Dataset
+        The cube, with coordinates along ``record`` and what scales it.
+
+    Raises
+    ------
+    InputError
+        An intensity is unknown, or the cube or its records do not tell it.
+
+    Examples
+    --------
+    >>> import xarray as xr
+    >>> cube = xr.Dataset({"drift": ("record", [0.01])}, {"record": ["a"], "record_pga": ("record", [2.0])})
+    >>> with_intensities(cube, ["pga"]).ground_pga.values.tolist()
+    [2.0]
+    """
+    for name in names:
+        own = plain_name(f"ground_{name}".rstrip(")"), [str(each) for each in cube.coords])
+        cube = cube.assign_coords({own: intensity_of(cube, name, records=records, folders=folders)})
+    return cube
+
+
+def with_intensity(rows: Iterable[Mapping[str, Any]], strength: xr.DataArray, name: str) -> list[dict[str, Any]]:
+    """Return rows of a table with an intensity before their values; None where they are of several motions."""
+    column, found = f"{name} {strength.attrs['units']}", []
+    for row in rows:
+        at = {dim: row.get(str(dim)) for dim in strength.dims if strength.sizes[dim] > 1}
+        value = None if None in at.values() else float(strength.sel(at).values.item())
+        before, items = list(row).index("values"), list(row.items())
+        found.append(dict([*items[:before], (column, value), *items[before:]]))
+    return found
 
 
 def own_intensity(cube: xr.Dataset) -> str:

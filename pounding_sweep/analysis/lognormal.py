@@ -4,7 +4,10 @@ P(event | x) = Phi(ln(x / median) / dispersion), by maximum likelihood of indepe
 trials that happened or not (Baker 2015, "Efficient analytical fragility function
 fitting using dynamic structural analysis", Earthquake Spectra 31(1)). In a + b ln x
 = ln(x / median) / dispersion the likelihood is log-concave, so that there is one
-maximum, or none at any finite value: those cases are told beforehand.
+maximum, or none at any finite value: those cases are told beforehand. Curves of
+several gaps or limit states may share one dispersion, and then never cross
+(Shinozuka, Feng, Lee & Naganuma 2000, "Statistical analysis of fragility curves",
+J. Eng. Mech. 126(12), 1224-1231).
 """
 
 from __future__ import annotations
@@ -94,7 +97,7 @@ def fit_lognormal(intensity: np.ndarray, happened: np.ndarray) -> LognormalFit:
         return LognormalFit(FitStatus.SEPARATED, low=float(x[~y].max()), high=float(x[y].min()))
     if x[y].max() <= x[~y].min():
         return LognormalFit(FitStatus.NOT_RISING)
-    return _maximum(np.log(x), y)
+    return _maximum(np.log(x), y)[0]
 
 
 def merged(x: np.ndarray) -> np.ndarray:
@@ -107,14 +110,41 @@ def merged(x: np.ndarray) -> np.ndarray:
     return found
 
 
-def _maximum(log_x: np.ndarray, y: np.ndarray) -> LognormalFit:
-    """Find where the slope of the likelihood is zero, which it is at one place: its maximum."""
+def fit_with_one_dispersion(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[LognormalFit]:
+    """Fit lognormals of one dispersion to several sets of trials, intensities and whether it happened.
+
+    A set that has no fit of its own has none here, but where trials are separated: the others tell the dispersion.
+    """
+    alone = [fit_lognormal(*each) for each in trials]
+    among = [i for i, fit in enumerate(alone) if fit.status in (FitStatus.FITTED, FitStatus.SEPARATED)]
+    own = [alone[i].dispersion for i in among if alone[i].status == FitStatus.FITTED]
+    if len(among) < 2 or not own:
+        return alone
+    used = [(merged(x[x > 0.0]), np.asarray(y, dtype=bool)[x > 0.0]) for x, y in (trials[i] for i in among)]
+    log_x, y = np.log(np.concatenate([x for x, _ in used])), np.concatenate([y for _, y in used])
+    of = np.repeat(np.arange(len(used)), [len(x) for x, _ in used])
+    places = np.array([_tends_to(alone[i])[0] for i in among])
+    found = _maximum(log_x, y, of, (places, float(np.median(own))))
+    return [found[among.index(i)] if i in among else fit for i, fit in enumerate(alone)]
+
+
+def _maximum(
+    log_x: np.ndarray, y: np.ndarray, of: np.ndarray | None = None, start: tuple[np.ndarray, float] | None = None
+) -> list[LognormalFit]:
+    """Find where the slope of the likelihood is zero, which it is at one place: its maximum.
+
+    With `of`, the set of each trial, each has a median and all one dispersion; `start`, logarithms of medians, and it.
+    """
     from scipy.optimize import root
     from scipy.special import log_ndtr
 
     middle, spread = float(log_x.mean()), float(log_x.std())
     sign = np.where(y, 1.0, -1.0)
-    columns = sign[:, None] * np.stack([np.ones_like(log_x), (log_x - middle) / spread], axis=1)
+    sets = np.ones((len(y), 1)) if of is None else (of[:, None] == np.arange(of[-1] + 1)).astype(float)
+    columns = sign[:, None] * np.column_stack([sets, (log_x - middle) / spread])
+    first = np.append(np.zeros(sets.shape[1]), 1.0)
+    if start is not None:
+        first = np.append((middle - start[0]) / start[1], spread / start[1])
 
     def ratio(t: np.ndarray) -> np.ndarray:  # density over distribution, which both underflow far out
         return np.asarray(np.exp(-0.5 * t**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(t)))
@@ -127,16 +157,34 @@ def _maximum(log_x: np.ndarray, y: np.ndarray) -> LognormalFit:
         r = ratio(t)
         return np.asarray((columns * (r * (r + t))[:, None]).T @ columns)
 
-    found = root(slope, np.array([0.0, 1.0]), jac=curvature, method="hybr")
+    found = root(slope, first, jac=curvature, method="hybr")
     if np.abs(slope(found.x)).max() > 1e-6 * len(y):  # its own verdict fails where the root is met to the last digit
         msg = f"the maximum of the likelihood of {len(y)} trials was not found: {found.message}"
         raise PoundingSweepError(msg)
-    a, b = (float(p) for p in found.x)
-    log_median = middle - spread * a / b if b > 0.0 else np.inf
-    inside = log_x.min() - np.log(FARTHEST) <= log_median <= log_x.max() + np.log(FARTHEST)
-    if not inside or spread > WIDEST * b:
-        return LognormalFit(FitStatus.NOT_RISING)
-    return LognormalFit(FitStatus.FITTED, float(np.exp(log_median)), spread / b)
+    *places, b = (float(p) for p in found.x)
+    fits = []
+    for number, a in enumerate(places):
+        mine = log_x if of is None else log_x[of == number]
+        log_median = middle - spread * a / b if b > 0.0 else np.inf
+        inside = mine.min() - np.log(FARTHEST) <= log_median <= mine.max() + np.log(FARTHEST)
+        fitted = inside and spread <= WIDEST * b
+        fits.append(
+            LognormalFit(FitStatus.FITTED, float(np.exp(log_median)), spread / b)
+            if fitted
+            else LognormalFit(FitStatus.NOT_RISING)
+        )
+    return fits
+
+
+def crossing(one: LognormalFit, other: LognormalFit) -> tuple[float, float]:
+    """Return the intensity at which two curves cross, and their probability there; NaN where they don't."""
+    from scipy.special import ndtr
+
+    if one.status != FitStatus.FITTED or other.status != FitStatus.FITTED or one.dispersion == other.dispersion:
+        return np.nan, np.nan
+    away = float(np.log(other.median / one.median)) / (one.dispersion - other.dispersion)
+    with np.errstate(over="ignore"):  # dispersions that hardly differ: the curves cross far away
+        return float(one.median * np.exp(one.dispersion * away)), float(ndtr(away))
 
 
 def probability(fit: LognormalFit, intensity: np.ndarray) -> np.ndarray:

@@ -90,7 +90,7 @@ def records_of(
 
 def _by_name(entry: Mapping[str, Any], folders: Any, at_hand: Callable[[], list[Record]]) -> Record | str:
     """Return the record of that name and digest, as found or scaled as the sweep says; or why there is none."""
-    record = remade(entry["source"])
+    record = remade(entry["source"], entry["n_points"])
     if record is None:
         record = _named(entry["name"], folders)
     if record is not None and (same := _same_motion(record, entry)) is not None:

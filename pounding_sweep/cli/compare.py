@@ -35,6 +35,7 @@ _ARGUMENTS = {
     "--given": "levels",
     "--hazard": "hazard",
     "--years": "years",
+    "--one-dispersion": "one_dispersion",
     "--records": "folders",
 }
 
@@ -71,6 +72,14 @@ def compare_command(
     ] = None,
     level: Annotated[
         float | None, typer.Option("--level", metavar="X", help="What the event must exceed, in its own unit.")
+    ] = None,
+    one_dispersion: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--one-dispersion",
+            metavar="AXIS",
+            help="Of the fragility: one dispersion for all curves along this axis, such as gap: they don't cross.",
+        ),
     ] = None,
     at: At = None,
     over: Annotated[
@@ -110,7 +119,7 @@ def compare_command(
         from pounding_sweep.analysis.along import check_quantiles
         from pounding_sweep.analysis.comparisons.gap_for_probability import PROBABILITIES, YEARS, check_numbers
         from pounding_sweep.analysis.hazard import hazard_of
-        from pounding_sweep.analysis.intensity import check_intensity
+        from pounding_sweep.analysis.intensity import check_intensity, intensity_of, with_intensity
         from pounding_sweep.analysis.scenarios import law_keys, pounding_only, scenario_dims
         from pounding_sweep.base.errors import InputError, unknown
         from pounding_sweep.output.netcdf import open_cube
@@ -123,8 +132,9 @@ def compare_command(
         options: dict[str, Any] = {"--reference": reference, "--event": event, "--level": level}
         options |= {"--quantile": quantile or None, "--probability": probability or None, "--intensity": intensity}
         options |= {"--given": given or None, "--hazard": hazard, "--years": years, "--records": folders or None}
+        options["--one-dispersion"] = one_dispersion or None
         asked = {option: value for option, value in options.items() if value is not None}
-        _check_options(list(asked), keys)
+        _check_options([option for option in asked if option != "--records" or intensity is None], keys)
         if years is not None and hazard is None:
             msg = "--years are those of a hazard; add --hazard, or leave them out"
             raise InputError(msg)
@@ -167,7 +177,10 @@ def compare_command(
                     continue
                 own = "quantiles" in comparison.arguments
                 table: dict[str, Any] = {"over": over or (), "quantiles": None if own else quantile or None}
-                report[key] |= {"attributes": _plain(result.attrs), "rows": table_rows(result, comparison, **table)}
+                rows = table_rows(result, comparison, **table)
+                if intensity is not None and "intensity" not in comparison.arguments and comparison.rows is None:
+                    rows = with_intensity(rows, intensity_of(found, intensity, folders=folders or None), intensity)
+                report[key] |= {"attributes": _plain(result.attrs), "rows": rows}
                 report[key]["lead"] = table_rows(result, comparison, lead=True, **table)
                 if out is not None:
                     report[key]["files"] = _write(result, report[key]["rows"], key, out, overwrite)
@@ -193,8 +206,9 @@ def _check_options(given: list[str], keys: list[str]) -> None:
 
 
 def _takes(comparison: Comparison, option: str) -> bool:
-    """Whether an option does something for a comparison; the tables of most have fractiles."""
-    return _ARGUMENTS[option] in comparison.arguments or (option == "--quantile" and comparison.rows is None)
+    """Whether an option does something for a comparison; the tables of most have fractiles and intensities."""
+    of_tables = option in ("--quantile", "--intensity") and comparison.rows is None
+    return _ARGUMENTS[option] in comparison.arguments or of_tables
 
 
 def _left_out(cube: xr.Dataset) -> tuple[int, dict[str, int]]:
@@ -293,6 +307,8 @@ _NOTES = (
     "event_in_words",
     "intensity",
     "no_fractiles",
+    "one_dispersion",
+    "curves_cross",
     "hazard",
     "years",
     "confidence",

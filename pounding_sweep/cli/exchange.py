@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pounding_sweep.base.tables import print_pairs
-from pounding_sweep.cli.app import At, CubeFile, Folders, Intensity, Overwrite, app
+from pounding_sweep.cli.app import At, CubeFile, Folders, Overwrite, app
 from pounding_sweep.cli.cubes import axis_values
 from pounding_sweep.cli.reporting import reporting, say
 
@@ -44,7 +44,15 @@ def export_command(
             help="Of a fragility (.xml, OpenQuake NRML): touch=touch, severe=drift:0.03; repeat, the mildest first.",
         ),
     ] = None,
-    intensity: Intensity = None,
+    intensities: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--intensity",
+            metavar="MEASURE",
+            help="Of a table, a column more, repeat for several; of a fragility, its intensity: pga, pgv, sa(PERIOD), "
+            "sa(BUILDING) at its first period, or sa at those of all.",
+        ),
+    ] = None,
     folders: Folders = None,
     pelicun: Annotated[
         str | None,
@@ -56,26 +64,33 @@ def export_command(
 ) -> None:
     """Write a cube, or a part of it, as a table (CSV, Parquet) or as Zarr, or for OpenQuake or Pelicun."""
     with reporting():
+        from pounding_sweep.analysis.intensity import with_intensities
         from pounding_sweep.base.errors import InputError
         from pounding_sweep.output.export import export_cube
         from pounding_sweep.output.netcdf import open_cube
         from pounding_sweep.output.select import select
 
-        of_fits = {"--limit-state": limit_states, "--intensity": intensity, "--records": folders}
-        asked = [option for option, value in of_fits.items() if value]
-        if asked and out.suffix.lower() != ".xml":
-            msg = f"{asked[0]} is for a fragility, and {str(out)!r} is none; give -o FILE.xml, or leave it out"
+        fragility = out.suffix.lower() == ".xml"
+        of_fits = {"--limit-state": limit_states, "--intensity": intensities, "--records": folders}
+        asked = [option for option, value in of_fits.items() if value and (option == "--limit-state" or not table)]
+        if asked and not fragility:
+            also = "" if asked[0] == "--limit-state" else " or --table"
+            msg = f"{asked[0]} is for a fragility{also}, and this is none; give -o FILE.xml{also}, or leave it out"
             raise InputError(msg)
-        other = out.suffix.lower() == ".xml" or pelicun is not None
+        if fragility and len(intensities or ()) > 1:
+            msg = f"--intensity is given {len(intensities or ())} times, and a fragility is of one; give one"
+            raise InputError(msg)
+        other = fragility or pelicun is not None
         if other and (names or table):
             msg = f"--{'var' if names else 'table'} is for tables of the cube itself; leave it out"
             raise InputError(msg)
         with open_cube(cube) as found:
             part = select(found, axis_values(at or []))
             if other:
-                fits: dict[str, Any] = {"intensity": intensity, "folders": folders or None}
+                fits: dict[str, Any] = {"intensity": next(iter(intensities or ()), None), "folders": folders or None}
                 _other_tools(part, out, limit_states or [], pelicun, overwrite=overwrite, **fits)
                 return
+            part = with_intensities(part, intensities or (), folders=folders or None)
             print(export_cube(part, out, names or (), overwrite=overwrite, table=table))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -44,7 +45,7 @@ def paper_command(
         from pounding_sweep.output.netcdf import check_output, open_cube
         from pounding_sweep.paper.conclusions import judge
         from pounding_sweep.paper.figures import save_figures
-        from pounding_sweep.paper.report import summary, write_report
+        from pounding_sweep.paper.report import opening, summary, write_report
         from pounding_sweep.paper.study import study
 
         try:
@@ -70,6 +71,7 @@ def paper_command(
                     "figures": [str(picture.path) for picture in pictures],
                     "records": [record.name for record in found.records],
                     "missing": dict(found.missing),
+                    "verdict": [asdict(part) for part in opening(found)],
                     "verdicts": [
                         {
                             "conclusion": one.conclusion.key,

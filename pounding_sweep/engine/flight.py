@@ -25,12 +25,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pounding_sweep.engine.kernel import MARGIN
-from pounding_sweep.kernel.flight import ACCELERATION, WIDE, Layout
+from pounding_sweep.kernel.flight import ACCELERATION, STATE, WIDE, Layout
 from pounding_sweep.model.variants import Variants
 
 #: Largest frequency or damping, times the step, for which the series is summed, and its number of terms:
 #: 0.5**16 / 16! is below the last place.
 _SMALL, _TERMS = 0.5, 16
+
+#: Most points of the grid in a long step.
+LONGEST = 4
 
 #: Memory of each thread.
 _KEPT = threading.local()
@@ -50,39 +53,37 @@ class _Modes:
     #: Mass of the building's first floor (t), as the scene has it.
     first_mass: np.ndarray
 
-    def over(self, times: np.ndarray) -> np.ndarray:
-        """exp(F t) of each mode, row by row, for some times (s), shape (times, 4, variants, modes)."""
-        t = times[:, None, None]
-        square, damping = (self.w * t) ** 2, self.c * t
-        (e0, e1), _, _ = _functions(square, damping)
-        return np.stack([e0, t * e1, -(self.w**2) * t * e1, e0 - damping * e1], axis=1)
+    def step(self, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """Motion over one step of `h` (s), as rows of four numbers of each mode, shape (4, variants, modes).
 
-    def pushed(self, h: float) -> np.ndarray:
-        """Return what the ground adds in a step: q, q' by its start, q, q' by its end, shape (4, variants, modes)."""
-        damping = self.c * h
-        _, (p0, p1), (q0, q1) = _functions((self.w * h) ** 2, damping)
-        found = []
+        exp(F h), row by row, and what the ground adds: q, q' by its start, q, q' by its end.
+        """
+        square, damping = (self.w * h) ** 2, self.c * h
+        (e0, e1), (p0, p1), (q0, q1) = _functions(square, damping)
+        over = np.stack([e0, h * e1, -(self.w**2) * h * e1, e0 - damping * e1])
+        added = []
         for f0, f1 in ((p0 - q0, p1 - q1), (q0, q1)):
-            found += [-(h**2) * f1, -h * (f0 - damping * f1)]
-        return np.stack(found) * self.participation
+            added += [-(h**2) * f1, -h * (f0 - damping * f1)]
+        return over, np.stack(added) * self.participation
 
 
-def flight_tables(layout: Layout, points: int, fixed: np.ndarray) -> np.ndarray:
-    """Return tables of flight over so many points with all that a kernel does not fill in itself, one after another."""
+def flight_tables(layout: Layout, stops: int, fixed: np.ndarray) -> np.ndarray:
+    """Return tables of flight over so many points or blocks, with all that a kernel does not fill in itself."""
     # they stand until the thread's next call
-    tables = _room(len(fixed) * int(layout.size(points)), str(fixed.dtype))
-    tables.reshape(len(fixed), -1)[:, : layout.sizes[0]] = fixed
+    precision = str(fixed.dtype)
+    tables = _room(len(fixed) * int(layout.size(stops)), precision, precision)
+    tables.reshape(len(fixed), -1)[:, : layout.given] = fixed
     return tables
 
 
 def fixed_tables(
-    layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str
+    layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str, substeps: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what of the tables of all variants holds at any time, and what a kernel fills the others from."""
-    # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s)
+    # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`
     scene, n, count, q = row.scene, layout.modes, len(row), len(layout.watched)
     modes, floors = _modes(row)
-    tables = np.zeros((count, layout.sizes[0]), precision)
+    tables = np.zeros((count, layout.given), precision)
 
     def put(name: str, values: np.ndarray) -> None:
         """Put in values of shape (variants or 1, ..., columns), padded to the width of the table."""
@@ -97,11 +98,6 @@ def fixed_tables(
     put("square", (w * h) ** 2)
     put("damping", c * h)
     put("push", modes.participation * h**2)
-    steps = modes.over(h * np.append(np.arange(layout.lanes), WIDE))
-    put("advance", steps.transpose(2, 0, 1, 3))
-    times = steps[: layout.lanes].transpose(2, 3, 1, 0).copy()
-    times[:, :, 2:] *= h
-    put("times", times)
     masses = np.concatenate([b.masses for b in scene.buildings])
     put("floors", floors.T[None])
     put("modal", (floors * masses[:, None])[None])
@@ -109,28 +105,44 @@ def fixed_tables(
     shape = np.array([each.weights for each in layout.watched]).reshape(q, n) @ floors
     if q:
         put("shape", shape[None])
+    if q and "across" in layout.fixed:
         put("across", shape.T[None])
     # what a mode of unit amplitude reaches at most, and its second and fourth rates: see the theory
-    ratio = (c / w)[:, :, None]
+    ratio, square = c / w, w**2
     near = np.sqrt(1.0 + ratio**2)
     far = np.hypot(near, 1.0 + ratio * near)
-    shakes, square = kinds == ACCELERATION, w[:, :, None] ** 2
+    shakes = kinds == ACCELERATION
     widened = np.abs(shape.T)[None] * (1.0 + 10.0 * MARGIN[precision])
-    put("bound", widened * np.where(shakes, square * near, 1.0))
-    put("bulge", widened * np.where(shakes, square**2 * near * far, square * near) * (h**2 / 8.0))
-    missed = np.where(widened > 0.0, square * h**2 * far / 48.0, 0.0)
+
+    def weighed(shaken: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        return widened * (
+            np.where(shakes, shaken[:, :, None], moved[:, :, None]) if shakes.any() else moved[:, :, None]
+        )
+
+    put("bound", weighed(square * near, np.ones_like(w)))
+    put("bulge", weighed(square**2 * near * far, square * near) * (h**2 / 8.0))
+    missed = np.where(widened > 0.0, (square * far)[:, :, None] * (h**2 / 48.0), 0.0)
     put("remainder", missed.max(axis=1, initial=0.0))
     put("sized", np.array([[each.sized for each in layout.watched]], float))
     put("shaken", shakes[None].astype(float))
-    return tables, _decays(layout, modes, ground, h)
+    own = _decays(layout, modes, h)
+    if not layout.strides:
+        return tables, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, own])
+    stride = stride_of(substeps)
+    block = layout.block // stride * stride
+    parts = [h, 1.0 / (stride * h), stride, block], ground, own, _strides(layout, modes, stride * h)
+    given, states = np.concatenate(parts), len(parts[-1]) // len(layout.strides) * STATE
+    room = _room(len(given) + states * stops_of(layout, len(ground), substeps) + STATE * layout.wide_modes, "decays")
+    room[: len(given)] = given
+    return tables, room
 
 
-def _room(numbers: int, precision: str) -> np.ndarray:
-    """Room for tables, the same again for each call of a thread: new memory costs as much as filling it."""
-    kept: np.ndarray | None = getattr(_KEPT, precision, None)
+def _room(numbers: int, name: str, precision: str = "float64") -> np.ndarray:
+    """Room of a name, the same again for each call of a thread: new memory costs as much as filling it."""
+    kept: np.ndarray | None = getattr(_KEPT, name, None)
     if kept is None or len(kept) < numbers:
         kept = np.empty(numbers, precision)
-        setattr(_KEPT, precision, kept)
+        setattr(_KEPT, name, kept)
     return kept[:numbers]
 
 
@@ -151,12 +163,12 @@ def _modes(row: Variants) -> tuple[_Modes, np.ndarray]:
     return modes, floors
 
 
-def _decays(layout: Layout, modes: _Modes, ground: np.ndarray, h: float) -> np.ndarray:
-    """Rows of modes from which a kernel finds the motion without pounding, after the ground's accelerations."""
+def _decays(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
+    """Rows of modes from which a kernel finds the motion without pounding, of each variant."""
     w, c = modes.w, modes.c
-    a = modes.over(np.array([h]))[0]
+    a, pushed = modes.step(h)
     found = dict(zip(("qq", "qp", "pq", "pp"), a, strict=True))
-    found |= dict(zip(("q0", "p0", "q1", "p1"), modes.pushed(h), strict=True))
+    found |= dict(zip(("q0", "p0", "q1", "p1"), pushed, strict=True))
     found |= {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
     # energies of a unit mass at the first floor
     weight, area = -modes.participation / modes.first_mass, 1.0 / (h * w**2)
@@ -169,7 +181,37 @@ def _decays(layout: Layout, modes: _Modes, ground: np.ndarray, h: float) -> np.n
     rows = np.zeros((len(w), len(layout.decays), layout.wide_modes))
     for k, name in enumerate(layout.decays):
         rows[:, k, : layout.modes] = found[name]
-    return np.concatenate([[h, 1.0 / h], ground, rows.ravel()])
+    return rows.ravel()
+
+
+def _strides(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
+    """Rows of variants side by side in lanes, from which a kernel finds their motion in long steps."""
+    lanes, w, c = layout.lanes, modes.w, modes.c
+    a, pushed = modes.step(h)
+    found = dict(zip(("qq", "qp", "pq", "pp"), a, strict=True))
+    found |= dict(zip(("q0", "p0", "q1", "p1"), pushed, strict=True))
+    found |= {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
+    found |= {"heft": w**2 * np.sqrt(1.0 + (c / w) ** 2)}
+    groups = -(-len(w) // lanes)
+    those = np.minimum(np.arange(groups * lanes), len(w) - 1)  # idle lanes repeat the last one
+    rows = np.empty((groups, len(layout.strides), layout.modes, lanes))
+    for k, name in enumerate(layout.strides):
+        values = np.broadcast_to(found[name], w.shape)[those]
+        rows[:, k] = values.reshape(groups, lanes, layout.modes).transpose(0, 2, 1)
+    return rows.ravel()
+
+
+def stride_of(substeps: int) -> int:
+    """Points of the grid in a long step, of so many in a record interval."""
+    return next(n for n in range(LONGEST, 0, -1) if substeps % n == 0)
+
+
+def stops_of(layout: Layout, points: int, substeps: int) -> int:
+    """How many points or blocks the tables of a grid of so many points have."""
+    if not layout.strides:
+        return points
+    stride = stride_of(substeps)
+    return -(-(points - 1) // (layout.block // stride * stride))
 
 
 def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Function, _Function]:

@@ -9,6 +9,7 @@ from llvmlite import ir
 
 from pounding_sweep.kernel import march
 from pounding_sweep.kernel.flight import Flight, Layout, scratch
+from pounding_sweep.kernel.flight_blocks import Blocks
 from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.kernel.forces import penetration
 from pounding_sweep.kernel.group import Group
@@ -185,13 +186,19 @@ def make_events(group: Group, ground: Any, arrays: dict[str, Any], scenarios: An
     points = ground.intervals * ground.substeps + 1
     flight = Flight(group, arrays["tables"], points, arrays["memory"])
     wide = None if trace is None else Tracer(trace.builder, "float64", trace.lanes)
-    Tables(flight, arrays["decays"], wide, MARGIN[group.spec.precision]).fill(rows)
+    own = flight, arrays["decays"], wide, MARGIN[group.spec.precision]
+    if group.spec.blocks:
+        flight.blocks = Blocks(*own, rows)
+        flight.blocks.fill()
+    else:
+        Tables(*own).fill(rows)
     given, found = (
         Rows(trace, list(slots.count.items()), LANES, arrays[name], wide=True)
         for slots, name in ((input_slots(group.spec), "inputs"), (output_slots(group.spec), "results"))
     )
-    own = Scenarios(group, given, found, scenarios, flight.layout.size(points))
-    return Events(group, ground, flight, own, note)
+    stops = flight.blocks.blocks if group.spec.blocks else points
+    those = Scenarios(group, given, found, scenarios, flight.layout.size(stops))
+    return Events(group, ground, flight, those, note)
 
 
 def _emit_events(group: Group, ground: Ground, arrays: Arrays, scenarios: Any, rows: Any) -> None:

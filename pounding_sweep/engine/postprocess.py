@@ -56,6 +56,13 @@ def _impossible(kernel: RowKernel, raw: Mapping[str, np.ndarray], record: Record
     return ~np.all((raw["umax"] <= limit) & (-raw["umin"] <= limit), axis=1)
 
 
+def _fallen(raw: Mapping[str, np.ndarray], row: Variants) -> np.ndarray:
+    """Whether a storey that softens under the weight above it drifted as far as it is high."""
+    if not any(b.p_delta and any(b.yields) for b in row.scene.buildings):
+        return np.zeros(len(raw["flags"]), dtype=bool)
+    return np.any((row.hardenings < 0.0) & ~(raw["drift"] < row.storey_heights), axis=1)
+
+
 def _status(
     kernel: RowKernel, raw: Mapping[str, np.ndarray], steps: np.ndarray, record: Record, row: Variants
 ) -> np.ndarray:
@@ -67,5 +74,6 @@ def _status(
     touching = kernel.shape.law is not None  # else it is storeys that yield too often within a step
     status[flags & FLAG_FALLBACK > 0] = Status.UNDER_RESOLVED_CONTACT if touching else Status.UNDER_RESOLVED_MOTION
     status[flags & FLAG_UNSOLVED > 0] = Status.NEWTON_NOT_CONVERGED
-    status[(flags & FLAG_DIVERGED > 0) | _impossible(kernel, raw, record, row)] = Status.DIVERGED
+    impossible = _impossible(kernel, raw, record, row) | _fallen(raw, row)
+    status[(flags & FLAG_DIVERGED > 0) | impossible] = Status.DIVERGED
     return status

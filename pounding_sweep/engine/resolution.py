@@ -37,10 +37,9 @@ def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np
     h = record.dt / numerics.steps(record)
     variants = variants_of(row)
     worst = np.zeros(len(variants))
-    for index in range(len(variants.scene.buildings)):
-        a, b = variants.rayleigh(index)
-        for w, weight in zip(variants.frequencies(index).T, (1.0, SECOND_MODE), strict=False):
-            memory = np.minimum(record.duration, 2.0 / np.maximum(a + b * w * w, 1e-300))
+    for frequencies, decays in variants.systems:
+        for w, decay, weight in zip(frequencies.T, decays.T, (1.0, SECOND_MODE), strict=False):
+            memory = np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
             x = w * h
             share = numerics.scheme.phase_error(x, numerics.beta, numerics.gamma)
             worst = np.maximum(worst, weight * w * memory * share)
@@ -76,7 +75,7 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
     if any(variants.scene.yields):
         return _yielding_limit(variants, np.asarray(energy)[:, None])
     # a push at floor i bends all storeys below it, each by 1 / k
-    softness = [np.cumsum(1.0 / np.asarray(b.stiffnesses)) for b in variants.scene.buildings]
+    softness = [np.cumsum(1.0 / np.asarray(b.lateral_stiffnesses)) for b in variants.scene.buildings]
     reach = np.concatenate(
         [own / variants.stiffness_factor[:, index, None] for index, own in enumerate(softness)], axis=1
     )
@@ -84,13 +83,19 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
 
 
 def _yielding_limit(variants: Variants, energy: np.ndarray) -> np.ndarray:
-    """`displacement_limit` of a row in which storeys yield: what each may drift, summed from the ground."""
+    """`displacement_limit` of a row in which storeys yield: what each may drift, summed from the ground.
+
+    No energy bounds the drift of one that softens under its weight: it has fallen where that is its height.
+    """
     k, r = variants.stiffnesses, variants.hardenings
     # its springs hold at most that energy, and its yielding has lost at most what the ground put in, twice that
     held = np.sqrt(2.0 * energy / k)
     with np.errstate(divide="ignore"):
         hard = np.where(r > 0.0, held / np.sqrt(r), np.inf)
-    drift = np.minimum(hard, held + 2.0 * energy / ((1.0 - r) * variants.yield_strengths))
+    soft = (1.0 - variants.elastic_hardenings) * variants.yield_strengths
+    # what a smooth storey loses on its way is not known by its drift
+    slid = np.where(variants.scene.smooth, np.inf, held + 2.0 * energy / soft)
+    drift = np.where(r < 0.0, variants.storey_heights, np.minimum(hard, slid))
     parts = np.split(drift, variants.scene.offsets[1:-1], axis=1)
     return np.concatenate([np.cumsum(part, axis=1) for part in parts], axis=1)
 

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import fixed_tables, flight_tables
+from pounding_sweep.engine.flight import fixed_tables, flight_tables, stops_of
 from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
     CONTACT_CAP,
     LANES,
+    SERIES_CAP,
     KernelSpec,
     LawShape,
     input_slots,
@@ -30,10 +31,10 @@ from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES, Scheme
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
-#: others: peaks are looked for between the ends by a quintic, which errs by (w h)**6 / 46080 of what a mode adds.
-GLIDE = (0.5, 1.3, 2.0)
-#: The same where outputs are asked for in which high modes weigh more, and peaks are those of a cubic.
-QUICK_GLIDE = (0.2, 0.3, 0.5)
+#: others: peaks are those of a septic between the ends, which errs by (w h)**8 / 10321920 of what a mode adds.
+GLIDE = (0.9, 2.0, 2.8)
+#: Largest divisor of these products: their errors are below any accuracy then, however often contacts are refined.
+FINEST_GLIDE = 4.0
 #: Yield drift (m) of storeys that never yield, in both number formats.
 ELASTIC = 1e30
 #: Inputs handed to a kernel at a time (bytes).
@@ -81,7 +82,7 @@ class Numerics:
 
 
 def _existing(where: str) -> frozenset[str]:
-    """Return the reducers that exist only where floors are neighbours, or can touch."""
+    """Return the reducers that exist only in rows of some kind."""
     return frozenset(name for name, reducer in REDUCERS.items() if reducer.where == where)
 
 
@@ -104,6 +105,11 @@ def kernel_shape(
     yields = scene.yields
     if not any(yields):
         wanted -= _existing("yields")
+    falls = any(b.p_delta and any(b.yields) for b in scene.buildings)
+    if falls:  # which its drift tells
+        wanted |= {"drift"}
+    if not scene.links:
+        wanted -= _existing("linked")
     meets = touching or bool(wanted & _existing("neighbours"))
     compiled = None
     if touching:
@@ -119,6 +125,8 @@ def kernel_shape(
             law.damper_exponent,
             law.impulsive,
             law.yields,
+            law.rebound_only,
+            law.is_power,
         )
     return KernelSpec(
         storeys=tuple(b.n_storeys for b in scene.buildings),
@@ -137,8 +145,51 @@ def kernel_shape(
         windows=windows and not history,
         yielding=tuple(i for i, each in enumerate(yields) if each),
         tangent=any(any(b.yields) and b.damping_stiffness == "tangent" for b in scene.buildings),
+        p_delta=falls and "shear" in wanted,
+        smooth=_exponents(scene),
         struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
+        dashpots=tuple(i for i, each in enumerate(scene.dashed) if each),
+        links=tuple((link.left, link.right) for link in scene.linked_floors),
     )
+
+
+def _exponents(scene: Scene) -> tuple[tuple[int, float], ...]:
+    """Floors above storeys of Bouc and Wen, with their exponents."""
+    laws = [building.bouc_wen for building in scene.buildings for _ in building.masses]
+    return tuple((i, law.n) for i, law in enumerate(laws) if law is not None and scene.yields[i])
+
+
+_shape = lru_cache(maxsize=64)(kernel_shape)
+
+
+def _contact_cap(shape: KernelSpec, numerics: Numerics) -> float:
+    """Largest product of a sub-step and the rate of a contact."""
+    if not shape.series or "transfer" in shape.reducers:  # between the ends, energies are those of a cubic
+        return CONTACT_CAP / numerics.finer
+    return SERIES_CAP / max(1.0, numerics.finer)
+
+
+@lru_cache(maxsize=64)
+def _constants(
+    shape: KernelSpec, scene: Scene, numerics: Numerics, initial_velocity: tuple[float, ...] | None
+) -> np.ndarray:
+    """Scene constants in a kernel's layout: each chunk asks for them."""
+    slots = property_slots(shape)
+    values = np.zeros(slots.size, numerics.precision)
+
+    def put(name: str, numbers: Any) -> None:
+        numbers = np.atleast_1d(np.asarray(numbers, dtype=float))
+        values[slots.first[name] : slots.first[name] + slots.count[name]] = numbers[: slots.count[name]]
+
+    for name, numbers in _properties(variants_of(scene)).items():
+        if slots.count.get(name):
+            put(name, numbers[0])
+    if initial_velocity is not None:
+        put("v0", initial_velocity)
+    put("cap", _contact_cap(shape, numerics))
+    put("newmark_beta", numerics.beta)
+    put("newmark_gamma", numerics.gamma)
+    return values
 
 
 @lru_cache(maxsize=64)
@@ -154,7 +205,7 @@ def _fixed_tables(
     motion, n = np.array(record.acceleration), flight_substeps
     inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
     ground = np.append(inner.ravel(), motion[-1])
-    return fixed_tables(_layout(shape, constants), row, ground, record.dt / n, shape.precision)
+    return fixed_tables(_layout(shape, constants), row, ground, record.dt / n, shape.precision, n)
 
 
 @lru_cache(maxsize=8)
@@ -212,27 +263,12 @@ class RowKernel:
     def shape(self) -> KernelSpec:
         """What the kernel is compiled for."""
         law = self.host or self.law
-        return kernel_shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
+        return _shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
 
-    @cached_property
+    @property
     def constants(self) -> np.ndarray:
         """Scene constants in the kernel's layout."""
-        slots = property_slots(self.shape)
-        values = np.zeros(slots.size, self.numerics.precision)
-
-        def put(name: str, numbers: Any) -> None:
-            numbers = np.atleast_1d(np.asarray(numbers, dtype=float))
-            values[slots.first[name] : slots.first[name] + slots.count[name]] = numbers[: slots.count[name]]
-
-        for name, numbers in _properties(variants_of(self.scene)).items():
-            if slots.count.get(name):
-                put(name, numbers[0])
-        if self.initial_velocity is not None:
-            put("v0", self.initial_velocity)
-        put("cap", CONTACT_CAP / self.numerics.finer)
-        put("newmark_beta", self.numerics.beta)
-        put("newmark_gamma", self.numerics.gamma)
-        return values
+        return _constants(self.shape, self.scene, self.numerics, self.initial_velocity)
 
     def flight_substeps(self, record: Record, variants: Variants | None = None) -> np.ndarray:
         """Return the exact steps of free flight per record interval: a divisor of the steps."""
@@ -240,12 +276,11 @@ class RowKernel:
         steps = self.numerics.steps(record)
         if self.history:
             return np.full(len(row), steps)
-        caps = QUICK_GLIDE if any(REDUCERS[name].quick for name in self.reducers) else GLIDE
-        need = np.zeros(len(row))
+        finer, need = min(self.numerics.finer, FINEST_GLIDE), np.zeros(len(row))
         for index in range(len(self.scene.buildings)):
             frequencies = row.frequencies(index)
-            for w, cap in (*zip(frequencies.T[:2], caps, strict=False), (frequencies[:, -1], caps[-1])):
-                need = np.maximum(need, record.dt * w / cap * self.numerics.finer)
+            for w, cap in (*zip(frequencies.T[:2], GLIDE, strict=False), (frequencies[:, -1], GLIDE[-1])):
+                need = np.maximum(need, record.dt * w / cap * finer)
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
         return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])
 
@@ -285,7 +320,7 @@ class RowKernel:
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
-                self.numerics.steps(record),
+                flight_substeps if self.shape.series else self.numerics.steps(record),
                 flight_substeps,
                 self.constants,
                 lanes.reshape(len(lanes), -1),
@@ -312,17 +347,18 @@ class RowKernel:
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
         points, precision = (record.n_points - 1) * flight_substeps + 1, self.numerics.precision
         layout = _layout(self.shape, self.constants.tobytes())
-        most = max(1, TABLE_BYTES // (np.dtype(precision).itemsize * layout.size(points)))
+        stops = stops_of(layout, points, flight_substeps)
+        most = max(1, TABLE_BYTES // (np.dtype(precision).itemsize * layout.size(stops)))
         late = np.flatnonzero(which >= most)
         groups = max(1, min(slab, int(late[0]) // LANES)) if len(late) else slab
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
         given = self.shape, self.constants.tobytes()
-        if self.varied:
+        if self.varied or self.shape.blocks:  # whose room is each thread's own
             fixed, decays = _fixed_tables(*given, row[needed], record, flight_substeps)
         else:
             fixed, decays = _fixed_tables_of_scene(*given, self.scene, record, flight_substeps)
-        return (flight_tables(layout, points, fixed), decays, len(needed)), which, groups
+        return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups
 
     def _lanes(
         self,
@@ -348,7 +384,7 @@ class RowKernel:
 
         put("scale", scale[None, :])
         if "gap" in slots.first:
-            put("gap", gaps.T)
+            put("gap", gaps.T - self.law.thickness)
         if self.shape.law is not None:
             k = row.contact_stiffnesses(stiffness).T if self.shape.struck else stiffness[None, :]
             put("k", k)
@@ -379,7 +415,22 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "reduced": row.contact_masses,
         "hardening": row.hardenings,
         "yield_drift": np.minimum(row.yield_drifts, ELASTIC),
+        "geometric": row.geometric_stiffnesses,
         "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
         "lower": shares[None, :, 0],
         "upper": shares[None, :, 1],
+        "dashpot": row.dashpots,
+        "link_k": np.array([[link.stiffness for link in row.scene.linked_floors]]),
+        "link_c": np.array([[link.damping for link in row.scene.linked_floors]]),
+        **_smooth(row.scene),
+    }
+
+
+def _smooth(scene: Scene) -> dict[str, np.ndarray]:
+    """Return what the law of Bouc and Wen takes of each storey, zeros where it is not its law, shape (1, slots)."""
+    laws = [building.bouc_wen for building in scene.buildings for _ in building.masses]
+    return {
+        "wen_beta": np.array([[law.beta if law else 0.0 for law in laws]]),
+        "wen_gamma": np.array([[law.gamma if law else 0.0 for law in laws]]),
+        "wen_limit": np.array([[law.limit if law else 0.0 for law in laws]]),
     }

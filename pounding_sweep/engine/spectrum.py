@@ -21,7 +21,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from pounding_sweep.base.errors import RecordError
 from pounding_sweep.records import Record
+from pounding_sweep.records.record import number
 
 #: Least number of steps per period.
 STEPS_PER_PERIOD = 32
@@ -128,6 +130,47 @@ def spectral_acceleration(record: Record, period: float, damping: float = 0.05) 
     """Return the pseudo-acceleration (m/s2) of a record at a period (s): w^2 times the peak displacement."""
     peaks, _ = oscillator_peaks(record.acceleration, record.dt, np.array([period]), damping)
     return float(peaks[0] * 2.0 * np.pi / period)
+
+
+def scaled_to_sa(record: Record, sa: float, period: float) -> Record:
+    """Scale a motion to a spectral acceleration at a period.
+
+    Parameters
+    ----------
+    record : Record
+        The motion.
+    sa : float
+        Spectral acceleration (m/s2; pseudo-acceleration, 5 % damping).
+    period : float
+        Period (s), at least 1/64 of the record's step.
+
+    Returns
+    -------
+    Record
+        The same motion by another scale.
+
+    Raises
+    ------
+    RecordError
+        A number is not positive, the period is too short, or the ground stands still.
+
+    Examples
+    --------
+    >>> import pounding_sweep as ps
+    >>> from pounding_sweep.analysis import response_spectrum, scaled_to_sa
+    >>> scaled = scaled_to_sa(ps.find_record("el_centro"), 6.0, period=0.5)
+    >>> round(float(response_spectrum(scaled, [0.5]).pseudo_acceleration.squeeze()), 9)
+    6.0
+    """
+    what = f"record {record.name!r}:"
+    sa = number(sa, f"{what} the spectral acceleration to scale to (m/s2)", positive=True)
+    period = number(period, f"{what} the period of the spectral acceleration (s)", positive=True)
+    shortest = STEPS_PER_PERIOD * record.dt / MOST_STEPS
+    if period < shortest or record.pga == 0.0:
+        why = "it is zero throughout" if record.pga == 0.0 else f"give a period of {shortest:g} s or more"
+        msg = f"{what} it can't be scaled to a spectral acceleration at {period:g} s; {why}"
+        raise RecordError(msg)
+    return record.scaled(sa / spectral_acceleration(record, period))
 
 
 def oscillator_peaks(ground: Array, dt: float, periods: Array, damping: float) -> tuple[Array, Array]:

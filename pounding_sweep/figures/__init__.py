@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 #: What figures are drawn from: name -> where such a file comes from.
 SOURCES: dict[str, str] = {
     "cube": "a cube of 'pounding-sweep run'",
+    "design": "a cube of 'pounding-sweep run' over a [design]",
     "histories": "histories of 'pounding-sweep simulate'",
     "trade": "the file of 'pounding-sweep tradeoff'",
     "map": "the file of 'pounding-sweep extremes --map MAP.nc'",

@@ -17,7 +17,7 @@ at successive points of a grid.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -47,23 +47,35 @@ from pounding_sweep.kernel.lanes import (
     not_,
     one,
     real,
+    rounded,
     size,
     sqrt,
+    store,
+    transposed,
     when,
     where,
     while_any,
     whole,
 )
-from pounding_sweep.kernel.peaks import cubic_extreme, followed
+from pounding_sweep.kernel.peaks import followed, septic_extreme
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.kernel.spec import property_slots
 
 #: Steps of the grid in a wide window.
 WIDE = 60
+#: Points of a block of the grid that lie side by side, where motions are known by blocks.
+SPAN = 32
+#: Numbers before the ground's accelerations: the step of the grid (s), the inverse of a long one, points in one, and
+#: points in a wide window or a block.
+HEAD = 4
+#: Numbers of a mode's state.
+STATE = 2
 #: Rounds of code that are written one after another instead of in a loop.
 STRAIGHT = 48
 #: What may happen to a watched quantity.
 TOUCH, TURN, ACCELERATION = 0, 1, 2
+#: Rows of modes' accelerations, of three rates of them, and of what the ground adds to the last two.
+SHAKEN = ("shake", "jerk", "fourth", "fifth", "lift", "lift5")
 
 
 @dataclass(frozen=True)
@@ -117,7 +129,7 @@ class Layout:
     """Where the numbers of flight's tables lie, for one row of buildings under one record.
 
     Those of `fixed` come first, then those of `timed`, as many at each point of the grid, then `series`, each over
-    all points and `lanes` more.
+    all points and `lanes` more. Where motions are known by blocks, these stand for points.
 
     Parameters
     ----------
@@ -155,20 +167,29 @@ class Layout:
             "remainder": wide,
             "sized": wide,
             "shaken": wide,
-            "advance": (lanes + 1) * 4 * m,
-            "times": n * 4 * lanes,
             "shape": max(1, q) * n,
-            "across": n * wide,
             "floors": n * m,
             "modal": n * m,
         }
+        if spec.windows:
+            self.fixed["across"] = n * wide
+        #: How many numbers are known before a kernel runs.
+        self.given = sum(self.fixed.values())
+        self.fixed |= {"advance": (lanes + 1) * 4 * m, "times": n * 4 * lanes}
         extremes = ("most", "least", "widest", "widest_least", "peak", "trough") if spec.windows else ()
         self.timed = dict.fromkeys(extremes, wide) | {"q": m, "p": m}
         if "energy" in spec.reducers:
             self.timed |= {"given": m, "adjoint_q": m, "adjoint_p": m}
         self.series = {"x": n, "rate": n, "ground": 1}
         #: Rows of modes in double precision from which the motion without pounding follows.
-        self.decays = ["qq", "qp", "pq", "pp", "q0", "p0", "q1", "p1", "square", "damping", "slowness", "push"]
+        moving, bending = ["qq", "qp", "pq", "pp", "q0", "p0", "q1", "p1"], ["square", "damping", "slowness", "push"]
+        self.decays = moving + bending
+        #: The same of long steps, where motions are known by blocks; most steps in a block, and rows of its series.
+        self.strides: list[str] = []
+        self.block, self.series_rows = SPAN - SPAN // lanes, SPAN // lanes + 1
+        if spec.blocks:
+            self.timed, self.series = dict.fromkeys(("most", "least", "swell"), wide), {}
+            self.decays, self.strides = moving, [*moving, *bending, "heft"]
         if "energy" in spec.reducers:
             self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
         self.first: dict[str, int] = {}
@@ -227,12 +248,15 @@ class Flight:
         self.at, self.hits = Cell(points), Cell(flag(self.trace, False))
         self.going, self.steps = Cell(flag(self.trace, True)), Cell(points)
         self.rated = Cell(flag(self.trace, False))
+        #: Blocks of the grid, where motions are known by them.
+        self.blocks: Any = None
 
     # tables --------------------------------------------------------------------------------------------------------
 
     @cached_property
     def _places(self) -> dict[str, Any]:
-        return {name: Cell(self.layout.place(name, self.points)) for name in (*self.layout.timed, *self.layout.series)}
+        points = self.points if self.blocks is None else self.blocks.blocks
+        return {name: Cell(self.layout.place(name, points)) for name in (*self.layout.timed, *self.layout.series)}
 
     def place_of(self, name: str) -> Any:
         """Where the numbers of a name begin."""
@@ -251,6 +275,40 @@ class Flight:
         width = self.layout.timed[name]
         return self._vector(self.place_of(name) + t * width + part * self.lanes)
 
+    def _still(self, name: str, t: Any, part: Any) -> Any:
+        """Modes, or their rates, of the motion without pounding at point t."""
+        if self.blocks is None:
+            return self._then(name, t, part)
+        return self.rows[f"point_{name}", t - self.blocks.start + part * SPAN]
+
+    def _free(self, name: str, m: Any, t: Any) -> Any:
+        """Return a mode, its rate times the step, or the ground, without pounding, at successive points from t on."""
+        if self.blocks is None:
+            return self._vector(self.place_of(name) + m * (self.points + self.lanes) + t)
+        at = m * self.layout.series_rows * self.lanes + (t - self.blocks.start)
+        return self.rows.vector(f"free_{name}", at)
+
+    def put_decays(self, wide: Any, decays: Any, own: Any) -> None:
+        """Fill in how modes decay over 0, 1 ... steps and a wide window or a block, from `own`, their one step."""
+        many, at, times = self.layout.wide_modes, self.place_of("advance"), self.place_of("times")
+        h, leap = self._number(self.place_of("step")), rounded(load_one(wide, decays, whole(self.trace, HEAD - 1)))
+        for part in self._mode_parts:
+            a = [load(wide, decays, own + (k * many + part * self.lanes), self.lanes) for k in range(4)]
+            e = [Cell(a[0] * 0.0 + start) for start in (1.0, 0.0, 0.0, 1.0)]
+            for k in count_to(leap + 1, self.trace):
+                place = lesser(k, k * 0 + self.lanes)  # what comes after the last lane's is replaced, up to the leap's
+                for row, cell in enumerate(e):
+                    there = at + place * (4 * many) + (row * many + part * self.lanes)
+                    store(self.trace, self.tables, there, cell.now)
+                e0, e1, e2, e3 = (cell.now for cell in e)
+                e[0].now, e[1].now = fma(a[0], e0, a[1] * e2), fma(a[0], e1, a[1] * e3)
+                e[2].now, e[3].now = fma(a[2], e0, a[3] * e2), fma(a[2], e1, a[3] * e3)
+            for row in range(4):
+                found = [self._vector(at + (k * 4 * many + row * many + part * self.lanes)) for k in range(self.lanes)]
+                for m, series in enumerate(transposed(found)[: self.layout.modes - part * self.lanes]):
+                    place = times + ((part * self.lanes + m) * 4 + row) * self.lanes
+                    store(self.trace, self.tables, place, series * h if row >= 2 else series)
+
     def each(self, n: int, times: int = 1) -> Iterator[Any]:
         """Count to n: in one straight line where that is short."""
         yield from range(n) if n * times <= STRAIGHT else count_to(n, self.trace)
@@ -267,6 +325,8 @@ class Flight:
 
     def leave(self, lane: Any, t: Any) -> None:
         """Take a scenario out of its lane at point t: the decaying modes follow from its motion."""
+        if self.blocks is not None:
+            self.blocks.know(self.blocks.of(t))
         s, w, n = self.group.state, self.rows, self.layout.modes
         at = self.place_of("modal")
         for name, motion in (("q", "u"), ("p", "v")):
@@ -277,16 +337,18 @@ class Flight:
                     coefficient = self._vector(at + (i * self.layout.wide_modes + part * self.lanes))
                     total.now = fma(coefficient, x, total.now)
             for part, total in enumerate(sums):
-                w[name, part] = total.now - self.scale.now * self._then(name, t, part)
+                w[name, part] = total.now - self.scale.now * self._still(name, t, part)
         self._account(lane, t, 1.0)
 
     def enter(self, lane: Any, t: Any) -> None:
         """Put a scenario into its lane at point t."""
+        if self.blocks is not None:
+            self.blocks.know(self.blocks.of(t))
         s, w, n = self.group.state, self.rows, self.layout.modes
         at, scale = self.place_of("floors"), self.group.full(self.scale.now)
         for name, motion in (("q", "u"), ("p", "v")):
             for part in self._mode_parts:
-                w["amplitude", part] = fma(scale, self._then(name, t, part), w[name, part])
+                w["amplitude", part] = fma(scale, self._still(name, t, part), w[name, part])
             sums = [Cell(self.group.full(0.0)) for _ in self._mode_parts]
             for m in self.each(n, len(sums)):
                 x = w.number("amplitude", m)
@@ -343,15 +405,18 @@ class Flight:
             self._bounds()
             room = self.last - t
             far = flag(self.trace, False)
-            if leaps:
+            if self.blocks is not None:
+                block = self.blocks.of(t)
+                room = lesser(room, (block + 1) * self.blocks.length - t)
+                far = not_(self._near(block, "most", "least"))
+            elif leaps:
                 far = not_(room < WIDE) & not_(self._near(t, "widest", "widest_least"))
             for _ in when(far):
-                self._advance(self.lanes)
-                self.at.now = t + WIDE
+                self._leap(room)
             for _ in when(not_(far)):
                 room = lesser(room, whole(self.trace, self.lanes - 1 if note is None else 1))
                 self.steps.now = room
-                for _ in when(self._near(t, "most", "least")) if self.group.spec.windows else self._ask_all():
+                for _ in self._asking_at(t):
                     self._look(t, room)
                 steps = self.steps.now
                 self._advance(steps)
@@ -418,14 +483,18 @@ class Flight:
             w["amplitude", part] = sqrt(fma(q, q, p * p))
         self._weigh("bound", "reach", None)
 
-    def _weigh(self, table: str, row: str, begin: str | None) -> None:
-        """Sum of the amplitudes, weighted for all that is watched."""
+    def _weigh(self, table: str, row: str, t: Any) -> None:
+        """Sum of the amplitudes, weighted for all that is watched; with the motion's own bulges at a point t."""
         w, at, wide = self.rows, self.place_of(table), self.layout.wide_watched
         sums = []
         for part in self._watched_parts:
             start = self.group.full(0.0)
-            if begin is not None:
-                start = size(self.group.full(self.scale.now)) * self._vector(self.place_of(begin) + part * self.lanes)
+            if t is not None:
+                if self.blocks is None:
+                    own = self._vector(self.place_of("bulge0") + part * self.lanes)
+                else:
+                    own = self._then("swell", self.blocks.of(t), part)
+                start = size(self.group.full(self.scale.now)) * own
             sums.append(Cell(start))
         for m in self.each(self.layout.modes, len(sums)):
             a = w.number("amplitude", m)
@@ -498,14 +567,37 @@ class Flight:
             found.now = found.now | asks
         return any_lane(found.now)
 
-    def _ask_all(self) -> Iterator[None]:
-        """Let all that is watched be looked at."""
+    def _asking_at(self, t: Any) -> Iterator[Any]:
+        """Go on where something may be reached in a window from point t on; of a block that is known by now."""
+        if self.blocks is not None:
+            self.blocks.know(self.blocks.of(t))
+            yield
+            return
+        if self.group.spec.windows:
+            yield from when(self._near(t, "most", "least"))
+            return
         for part in self._watched_parts:
             self.rows["asks", part] = self.group.full(1.0)
         yield
 
+    def _leap(self, room: Any) -> None:
+        """Pass a wide window, or what is left of a block."""
+        if self.blocks is None:
+            self._advance(self.lanes)
+            self.at.now = self.at.now + WIDE
+            return
+        left = Cell(room)
+        for _ in when(room == self.blocks.length):
+            self._advance(self.lanes)
+            left.now = whole(self.trace, 0)
+        for _ in while_any(lambda: left.now > 0, self.trace):
+            steps = lesser(left.now, whole(self.trace, self.lanes - 1))
+            self._advance(steps)
+            left.now = left.now - steps
+        self.at.now = self.at.now + room
+
     def _advance(self, steps: Any) -> None:
-        """Let the modes decay over steps of the grid; as many as there are lanes stand for a wide window."""
+        """Let the modes decay over steps of the grid; as many as there are lanes stand for a wide window or a block."""
         w, m = self.rows, self.layout.wide_modes
         at = self.place_of("advance") + steps * (4 * m)
         for part in self._mode_parts:
@@ -521,7 +613,7 @@ class Flight:
         for m in self.each(self.layout.modes, 4):
             w["y", m] = self._moved(m, t, 0)
         self.rated.now = flag(self.trace, False)
-        self._weigh("bulge", "bulge", "bulge0")
+        self._weigh("bulge", "bulge", t)
         for q in self._asked(TOUCH):
             self._touch(q, t)
         kinds = {each.kind for each in self.layout.watched}
@@ -530,15 +622,15 @@ class Flight:
             for _ in when(turning):
                 self._bend(t, ACCELERATION in kinds)
             for q in self._asked(TURN):
-                self._turn(q, "y", "rate", "second")
+                self._turn(q, ("y", "rate", "second", "third"), ("", "rise"))
             for q in self._asked(ACCELERATION):
-                self._turn(q, "shake", "jerk", "")
+                self._turn(q, SHAKEN[:4], SHAKEN[4:])
 
     def _moved(self, m: Any, t: Any, row: int) -> Any:
         """Mode m at the lanes' instants (row 0), or its rate times the step (row 2)."""
         at = self.place_of("times") + (m * 4 + row) * self.lanes
         q, p = self.rows.number("q", m), self.rows.number("p", m)
-        free = self._vector(self.place_of("rate" if row else "x") + m * (self.points + self.lanes) + t)
+        free = self._free("rate" if row else "x", m, t)
         return fma(self._vector(at), q, fma(self._vector(at + self.lanes), p, self.scale.now * free))
 
     def _know_rates(self, t: Any) -> None:
@@ -549,19 +641,29 @@ class Flight:
             self.rated.now = flag(self.trace, True)
 
     def _bend(self, t: Any, shakes: bool) -> None:
-        """Find second rates of all modes, and what accelerations ask for."""
+        """Find second and third rates of all modes, and what accelerations ask for.
+
+        Of third rates, the part of the ground's is apart: it jumps at the points of the grid.
+        """
         w = self.rows
         square, damping, push, inverse = (self.place_of(name) for name in ("square", "damping", "push", "inverse"))
         self._know_rates(t)
-        ground = self.scale.now * self._vector(self.place_of("ground") + t)
+        ground = self.scale.now * self._free("ground", 0, t)
+        rise = after(ground) - ground
         for m in self.each(self.layout.modes, 4):
             stiff, damped, rate = self._number(square + m), self._number(damping + m), w["rate", m]
             total = -fma(stiff, w["y", m], damped * rate)
-            second = fma(-self._number(push + m), ground, total)
-            w["second", m] = second
+            pushed = self._number(push + m)
+            second = fma(-pushed, ground, total)
+            w["second", m], w["third", m], w["rise", m] = second, -fma(stiff, rate, damped * second), -pushed * rise
             if shakes:
+                third, rising = w["third", m], w["rise", m]
+                fourth, lift = -fma(stiff, second, damped * third), -damped * rising
+                fifth, lift5 = -fma(stiff, third, damped * fourth), -fma(stiff, rising, damped * lift)
                 per = self._number(inverse)
-                w["shake", m], w["jerk", m] = total * per, -fma(stiff, rate, damped * second) * per
+                shaken = (total, third, fourth, fifth, lift, lift5)
+                for name, x in zip(SHAKEN, shaken, strict=True):
+                    w[name, m] = x * per
 
     def _asked(self, kind: int) -> Iterator[Any]:
         """Go through the watched quantities of a kind that may reach something."""
@@ -613,21 +715,27 @@ class Flight:
             first = first_true(may & (number < real(self.steps.now)))
             self.steps.now = lesser(first, self.steps.now)
 
-    def _turn(self, q: Any, value: str, rate: str, second: str) -> None:
-        """Take the peaks of a motion in the window."""
+    def _rates(self, q: Any, name: str, rise: str) -> tuple[Any, Any]:
+        """Return a higher rate at the starts and the ends of steps, `rise` being the ground's part in it."""
+        start = self._sum(q, name)
+        end = after(start)
+        if not rise:
+            return start, end
+        added = self._sum(q, rise)
+        return start + added, end + added
+
+    def _turn(self, q: Any, names: Sequence[str], rises: Sequence[str]) -> None:
+        """Take the peaks of a motion in the window, by rows of its rates and what the ground adds to the last two."""
         w, far, number = self.rows, self.group.limit.far, lane_numbers(self.trace, self.lanes)
         points, steps = number <= real(self.steps.now), number < real(self.steps.now)
-        x, bulge = self._sum(q, value), w.number("bulge", q)
+        x, bulge = self._sum(q, names[0]), w.number("bulge", q)
         high, low = w.number("high", q), w.number("low", q)
         for _ in when(any_lane(((x + bulge > high) | (x - bulge < low)) & points)):
-            s0 = self._sum(q, rate)
+            s0 = self._sum(q, names[1])
             x1, s1 = after(x), after(s0)
             turns = (s0 * s1 < 0.0) & steps
-            if second:
-                c0 = self._sum(q, second)
-                inner = quintic_extreme(x, x1, s0, s1, c0, after(c0))
-            else:
-                inner = cubic_extreme(x, x1, s0, s1)
+            (c0, c1), (j0, j1) = (self._rates(q, *rows) for rows in zip(names[2:], rises, strict=True))
+            inner = septic_extreme((x, s0, c0, j0), (x1, s1, c1, j1))
             inner = where(turns, inner, x)
             up = largest_lane(where(points, maximum(x, inner), -far))
             down = -largest_lane(where(points, -minimum(x, inner), -far))
@@ -644,22 +752,15 @@ class Flight:
 
 def scratch(layout: Layout) -> dict[str, int]:
     """Rows of flight's own."""
-    parts, wide = layout.wide_modes // layout.lanes, layout.wide_watched // layout.lanes
+    n, parts, wide = layout.modes, layout.wide_modes // layout.lanes, layout.wide_watched // layout.lanes
     rows = dict.fromkeys(("q", "p", "amplitude", "floor"), parts)
     rows |= dict.fromkeys(("high", "low", "reach", "bulge", "asks"), wide)
-    return rows | dict.fromkeys(("y", "rate", "second", "shake", "jerk"), layout.modes)
-
-
-def quintic_extreme(x0: Any, x1: Any, s0: Any, s1: Any, c0: Any, c1: Any) -> Any:
-    """Extreme inside a step of the quintic with values, rates and second rates (times the step) at its ends."""
-    r, r1, r2 = x1 - x0 - s0 - 0.5 * c0, s1 - s0 - c0, c1 - c0
-    b3 = 10.0 * r - 4.0 * r1 + 0.5 * r2
-    b4 = -15.0 * r + 7.0 * r1 - r2
-    b5 = 6.0 * r - 3.0 * r1 + 0.5 * r2
-    t = s0 / (s0 - s1)
-    for _ in range(2):
-        rate = s0 + t * (c0 + t * (3.0 * b3 + t * (4.0 * b4 + t * (5.0 * b5))))
-        bend = c0 + t * (6.0 * b3 + t * (12.0 * b4 + t * (20.0 * b5)))
-        next_t = t - rate / bend
-        t = where((next_t >= 0.0) & (next_t <= 1.0), next_t, t)
-    return x0 + t * (s0 + t * (0.5 * c0 + t * (b3 + t * (b4 + t * b5))))
+    rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n)
+    if any(each.kind == ACCELERATION for each in layout.watched):
+        rows |= dict.fromkeys(SHAKEN, n)
+    if not layout.strides:
+        return rows
+    rows |= dict.fromkeys(("track", "shook"), n * SPAN) | dict.fromkeys(("bends", "reaches"), 2 * n)
+    rows |= dict.fromkeys(("above", "below", "swell"), layout.wide_watched)
+    rows |= dict.fromkeys(("point_q", "point_p"), parts * SPAN)
+    return rows | dict.fromkeys(("free_x", "free_rate"), n * layout.series_rows) | {"free_ground": layout.series_rows}

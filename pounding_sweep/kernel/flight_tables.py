@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pounding_sweep.kernel.flight import ACCELERATION, WIDE, Flight, quintic_extreme
+from pounding_sweep.kernel.flight import ACCELERATION, HEAD, WIDE, Flight
 from pounding_sweep.kernel.lanes import (
     Cell,
     Tracer,
@@ -28,10 +28,7 @@ from pounding_sweep.kernel.lanes import (
     where,
     whole,
 )
-from pounding_sweep.kernel.peaks import cubic_extreme
-
-#: Numbers before the ground's accelerations: the step of the grid (s) and its inverse.
-HEAD = 2
+from pounding_sweep.kernel.peaks import septic_extreme
 
 
 class Tables:
@@ -61,6 +58,7 @@ class Tables:
         for row in count_to(rows, self.trace):
             flight.base.now = row * self.layout.size(self.points)
             own = row * (len(self.layout.decays) * self.layout.wide_modes) + self.points + HEAD
+            flight.put_decays(self.wide, self.decays, own)
             for part in range(self.layout.wide_modes // self.lanes):
                 self._move(own + part * self.lanes, part)
                 if "given" in self.layout.timed:
@@ -163,13 +161,13 @@ class Tables:
         h = load_one(self.trace, f.tables, f.place_of("step"))
         store(self.trace, f.tables, f.place_of("bulge0") + part * self.lanes, total.now * (h * h * 0.125))
 
-    def _watched_at(self, t: Any, part: int) -> tuple[Any, Any, Any]:
-        """Find what is watched at point t, its rate and its second rate, times the step."""
+    def _watched_at(self, t: Any, part: int) -> list[Any]:
+        """Find what is watched at point t and three rates, times the step; the rise of the ground is apart."""
         f, layout = self.flight, self.layout
         of = {name: f.place_of(name) for name in ("square", "damping", "push", "inverse", "step", "across")}
         h, per = (load_one(self.trace, f.tables, of[name]) for name in ("step", "inverse"))
         ground = narrow(self.trace, self._ground(t))
-        sums = [Cell(f.group.full(0.0)) for _ in range(3)]
+        sums = [Cell(f.group.full(0.0)) for _ in range(4)]
         shakes = any(each.kind == ACCELERATION for each in self._mine(part))
         moves = any(each.kind != ACCELERATION for each in self._mine(part))
         shaken = load(self.trace, f.tables, f.place_of("shaken") + part * self.lanes, self.lanes) > 0.5
@@ -183,18 +181,33 @@ class Tables:
             )
             total = -(stiff * q + damped * rate)
             second = total - push * ground
-            values: list[Any] = [q, rate, second]
+            third = -(stiff * rate + damped * second)
+            values: list[Any] = [q, rate, second, third]
             if shakes:
-                third = -(stiff * rate + damped * second)
-                shake = [total * per, third * per, 0.0 * per]
+                fourth = -(stiff * second + damped * third)
+                shake = [each * per for each in (total, third, fourth, -(stiff * third + damped * fourth))]
                 values = (
                     [where(shaken, a, f.group.full(b)) for a, b in zip(shake, values, strict=True)] if moves else shake
                 )
             weight = load(self.trace, f.tables, of["across"] + m * layout.wide_watched + part * self.lanes, self.lanes)
             for value, cell in zip(values, sums, strict=True):
                 cell.now = fma(weight, value, cell.now)
-        x, rate, second = (cell.now for cell in sums)
-        return x, rate, second
+        return [cell.now for cell in sums]
+
+    def _pushed(self, part: int) -> list[Any]:
+        """How much of the ground's rise in a step the second and the third rate of what is watched take off."""
+        f, sums = self.flight, [Cell(self.flight.group.full(0.0)) for _ in range(2)]
+        per, across = load_one(self.trace, f.tables, f.place_of("inverse")), f.place_of("across") + part * self.lanes
+        shaken = load(self.trace, f.tables, f.place_of("shaken") + part * self.lanes, self.lanes) > 0.5
+        for m in f.each(self.layout.modes):
+            weight = load(self.trace, f.tables, across + m * self.layout.wide_watched, self.lanes)
+            stiff, damped, push = (
+                load_one(self.trace, f.tables, f.place_of(name) + m) for name in ("square", "damping", "push")
+            )
+            lift, lift5 = -damped * push * per, (damped * damped - stiff) * push * per
+            for value, other, cell in ((lift, 0.0, sums[0]), (lift5, push, sums[1])):
+                cell.now = fma(weight, where(shaken, f.group.full(value), f.group.full(other)), cell.now)
+        return [cell.now for cell in sums]
 
     def _mine(self, part: int) -> list[Any]:
         return self.layout.watched[part * self.lanes : (part + 1) * self.lanes]
@@ -203,20 +216,21 @@ class Tables:
         """Extremes of what is watched in each step of the grid, and up to each point."""
         f = self.flight
         zero, none = f.group.full(0.0), whole(self.trace, 0)
-        x, rate, second = self._watched_at(none, part)
-        before = [Cell(value) for value in (x, rate, second)]
+        x, *rates = self._watched_at(none, part)
+        before, pushed = [Cell(value) for value in (x, *rates)], self._pushed(part)
         peak, trough = Cell(x), Cell(x)
-        shaken = load(self.trace, f.tables, f.place_of("shaken") + part * self.lanes, self.lanes) > 0.5
         self._put("peak", none, part, x)
         self._put("trough", none, part, x)
         for k in count_to(self.last, self.trace):
             t = k + 1
             now = self._watched_at(t, part)
-            (x0, s0, c0), (x1, s1, c1) = [cell.now for cell in before], now
+            (x0, s0, c0, j0), (x1, s1, c1, j1) = [cell.now for cell in before], now
             above, below = Cell(maximum(x0, x1)), Cell(minimum(x0, x1))
             turns = s0 * s1 < 0.0
             for _ in when(any_lane(turns)):
-                inner = where(shaken, cubic_extreme(x0, x1, s0, s1), quintic_extreme(x0, x1, s0, s1, c0, c1))
+                rise = narrow(self.trace, self._ground(t) - self._ground(k))
+                c, j = (each * rise for each in pushed)
+                inner = septic_extreme((x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j))
                 inner = where(turns, inner, x0)
                 above.now, below.now = maximum(above.now, inner), minimum(below.now, inner)
             self._put("widest", k, part, above.now)

@@ -7,6 +7,7 @@ Each contact is in one mode:
     0  open: no force             1  pressing: E(d) + B(d) v
     2  rebound: E(d) alone        3  slack: closed, the clipped force is zero
        of a law that yields: its yielding part slips (`yielding`)
+       of one damped on rebound only: approach
 
 The mode is frozen within a sub-step, so that the integrated right-hand side is smooth there
 and the scheme keeps its order. The force in any mode is that of the stiffness ``ke`` and the
@@ -27,6 +28,8 @@ from pounding_sweep.model.laws import RESTING_SPEED
 #: Sub-steps of one step before events are no longer followed (the lane is flagged).
 MAX_TRIES = 1000
 OPEN, PRESSING, REBOUND, SLACK = 0.0, 1.0, 2.0, 3.0
+#: Modes of approach and of rebound, of most laws and of those damped on rebound only.
+SIDES = ((PRESSING, REBOUND), (REBOUND, PRESSING))
 #: Fraction of a sub-step that stands for: not in it.
 NEVER = 2.0
 
@@ -82,6 +85,8 @@ def longest_substep(group: Group, h: Any) -> Any:
             fastest_here = law.elastic_slope(k, d) / mass
             if law.shape.damper:
                 b = law.damper(s["ce", j], d) / mass
+                if group.spec.series:  # the size of the roots of x**2 + b x + w**2
+                    b = 0.5 * b + sqrt(0.25 * b * b + fastest_here)
                 fastest_here = maximum(fastest_here, b * b)
             fastest.now = maximum(fastest.now, fastest_here)
         if law.touch_power > 1.0:
@@ -123,8 +128,9 @@ def measure(group: Group) -> Any:
         s["d0", j], s["d1", j], s["w0", j], s["w1", j] = d0, d1, v0, v1
         early, late = d0 + h * v0, d1 - h * v1
         parts = (d1 <= 0.0) | ((v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0))
-        if law.shape.approach_only:
-            parts = parts | ((mode == PRESSING) & (v1 < 0.0)) | ((mode == REBOUND) & (v1 > 0.0))
+        if law.shape.one_sided:
+            nears, parting = SIDES[law.shape.rebound_only]
+            parts = parts | ((mode == nears) & (v1 < 0.0)) | ((mode == parting) & (v1 > 0.0))
         if law.shape.clips:
             p = law.pressing(s["kl", j], s["cl", j], d1, v1)
             parts = parts | ((mode == PRESSING) & (p <= 0.0)) | ((mode == SLACK) & (p > 0.0))
@@ -188,13 +194,14 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
         event = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
         low, high = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
         when = where(event, root(group, event, low, high, lambda t: sign * quartic(t, start, b)), NEVER)
-        target = where(event, where(closed, OPEN, group.full(PRESSING)), mode)
-        if law.shape.approach_only:
-            slows, speeds = (mode == PRESSING) & (v1 < 0.0), (mode == REBOUND) & (v1 > 0.0)
+        nears, parting = SIDES[law.shape.rebound_only]
+        target = where(event, where(closed, OPEN, group.full(nears)), mode)
+        if law.shape.one_sided:
+            slows, speeds = (mode == nears) & (v1 < 0.0), (mode == parting) & (v1 > 0.0)
             toward = where(slows, -1.0, group.full(1.0))
             t = root(group, busy & (slows | speeds), 0.0, 1.0, lambda t: toward * quartic(t, r0, rb))
             sooner = busy & (slows | speeds) & (t < when)
-            when, target = where(sooner, t, when), where(sooner, where(slows, REBOUND, group.full(PRESSING)), target)
+            when, target = where(sooner, t, when), where(sooner, where(slows, parting, group.full(nears)), target)
         if law.shape.yields:
             t = yielding.event(group, j, busy & closed, h, (d0, d1, v0, v1), b)
             sooner = busy & closed & (t < when)

@@ -25,6 +25,7 @@ from pounding_sweep.kernel.lanes import (
     count_to,
     mask,
     maximum,
+    minimum,
     power,
     sqrt,
     where,
@@ -43,7 +44,7 @@ LOOKS = ("", "depth", "force", "ends")
 GRADED_SHARE = 0.5
 
 
-def _power(x: Any, exponent: float) -> Any:
+def power_of(x: Any, exponent: float) -> Any:
     """Return x to a constant power: products and roots where they do, of which lanes have instructions; else x >= 0."""
     whole, quarters = divmod(4.0 * exponent, 4.0)
     if not (0.0 <= exponent <= 4.0 and quarters == round(quarters)):
@@ -56,7 +57,7 @@ def _power(x: Any, exponent: float) -> Any:
 
 
 #: Functions in the formulas of laws.
-_FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": _power}
+_FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": power_of}
 
 
 class Law:
@@ -109,11 +110,16 @@ class Law:
             return slope * v
         return (slope + self._evaluate(self.shape.damper_slope or "0.0", d, c=c) * v) * v + self.damper(c, d) * a
 
+    def damped_rate(self, v: Any) -> Any:
+        """Rate of the penetration that the damper feels."""
+        if self.shape.rebound_only:
+            return minimum(v, 0.0)
+        return maximum(v, 0.0) if self.shape.approach_only else v
+
     def closed_force(self, k: Any, c: Any, d: Any, v: Any) -> Any:
         """Force of a closed contact, cut at zero where the law cannot pull."""
-        pull = maximum(v, 0.0) if self.shape.approach_only else v
         found = self.elastic(k, c, d)
-        found = found + self.damper(c, d) * pull if self.shape.damper else found
+        found = found + self.damper(c, d) * self.damped_rate(v) if self.shape.damper else found
         return found if self.shape.tension else where(d > 0.0, maximum(found, 0.0), 0.0)
 
     def memoryless(self, k: Any, c: Any, fastest: Any, d: Any, v: Any) -> Any:
@@ -126,7 +132,13 @@ class Law:
         """How long an elastic contact of this stiffness lasts (s)."""
         factor, share, speed = self._duration
         found = factor * power(mass / k, share)
-        return found * power(maximum(v, RESTING_SPEED), speed) if speed else found
+        found = found * power(maximum(v, RESTING_SPEED), speed) if speed else found
+        if self.shape.is_power:
+            return found
+        v, n = maximum(v, RESTING_SPEED), self.shape.exponent
+        # beside the power with which it begins, by the slopes where that one would turn
+        deepest = power(0.5 * (n + 1.0) * mass * v * v / k, 1.0 / (n + 1.0))
+        return found * sqrt(n * k * power(deepest, n - 1.0) / self.elastic_slope(k, deepest))
 
 
 class Group:
@@ -182,18 +194,20 @@ class Group:
         spec, n, nc, nb = self.spec, self.spec.n_dof, len(self.spec.contacts), self.spec.n_buildings
         rows = self._inputs.count | result_slots(spec, self.reducers).count
         rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1, "g0": 1, "g1": 1}
-        if spec.implicit or self.eventful:
+        if spec.implicit or self.eventful or spec.links:
             rows |= {"a0": n}
         if "acceleration" in self.asked:
             rows |= dict.fromkeys(("acc0", "acc1", "rate0", "rate1"), n)
         if not spec.fused:  # sums over the stages of a step, and its stages
             rows |= dict.fromkeys(("din", "ddamp"), nb)
-            if self.eventful:
+            if self.eventful or spec.links:
                 rows |= dict.fromkeys(("x", "y", "push", "s0", "s1", "s2", "s3"), n) | dict.fromkeys(
                     ("dwork", "dimpulse"), nc
                 )
+        if "links" in self.asked:  # sums over the stages of a step
+            rows |= {"dgiven": nb, "dlost": len(spec.links)}
         if spec.implicit and self.touching:
-            rows |= {"response": 2 * nc * max(spec.storeys), "diagonal": max(spec.storeys)}
+            rows |= {"response": (n if spec.links else 2 * max(spec.storeys)) * nc, "diagonal": max(spec.storeys)}
         if spec.implicit or spec.impulsive:
             rows |= {"a": n, "alone": n}
         if self.eventful:
@@ -203,12 +217,20 @@ class Group:
         if spec.yielding:
             rows |= dict.fromkeys(("phase", "slip", "kt", "ct", "turn", "then"), n)
             rows |= {"kd": n} if spec.tangent else {}
+            rows |= {"slip0": n} if spec.smooth else {}
         if self.touching:
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
             rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)
             rows |= {"now": nb, "gained0": nb, "gained1": nb}
             if spec.law is not None and spec.law.yields:
                 rows |= {"plastic": nc, "yield": nc}
+        if spec.series:
+            order, product = spec.series, bool(spec.law and spec.law.damper_exponent == 1.0)
+            rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "fj": nc * order, "pick": order + 1}
+            rows |= {"wj": nc * order} if product else {}
+            rows |= dict.fromkeys(("x", "y", "push"), n)
+            rows |= dict.fromkeys(("a1", "j0", "j1"), n)
+            rows |= dict.fromkeys(("span", "picked", "aim", "low", "high", "bends"), 1)
         for slot in (slot for reducer in self.reducers for slot in reducer.keeps):
             rows |= {slot.name: slot.count(spec)}
         return rows
@@ -222,6 +244,14 @@ class Group:
     def yields(self, i: Any) -> bool:
         """Whether the storey below floor i may yield; floors known at run time only have rows as those that may."""
         return bool(self.spec.yielding) and (not isinstance(i, int) or i in self.spec.yielding)
+
+    def dashed(self, i: Any) -> bool:
+        """Whether the storey below floor i has a dashpot; of floors known at run time, whether any has."""
+        return bool(self.spec.dashpots) and (not isinstance(i, int) or i in self.spec.dashpots)
+
+    def own_damper(self, i: Any) -> bool:
+        """Whether the damper of the storey below floor i is no share of its stiffness."""
+        return self.yields(i) or self.dashed(i)
 
     def prop(self, name: str, i: int = 0) -> Any:
         """Return a constant of the scene: of a floor, building or contact; per lane where buildings vary."""
@@ -310,6 +340,18 @@ class Group:
     def each_closing(self, straight: bool) -> Iterator[Any]:
         """Go through the floors of neighbours at one height, whether they can touch or not."""
         yield from self._each(self.spec.contacts, straight)
+
+    @cached_property
+    def _linked(self) -> Table:
+        return Table(self.trace, [i for ends in self.spec.links for i in ends])
+
+    def each_link(self) -> Iterator[tuple[Any, tuple[Any, Any]]]:
+        """Go through the links and the floors that they join; in a long row at run time."""
+        if not self.long:
+            yield from enumerate(self.spec.links)
+            return
+        for j in count_to(len(self.spec.links), self.trace):
+            yield j, (self._linked[2 * j], self._linked[2 * j + 1])
 
     def _each(self, contacts: Sequence[tuple[int, int, int]], straight: bool) -> Iterator[Any]:
         if self.trace is None or (straight and not self.long):

@@ -19,18 +19,18 @@ from typing import Any
 
 from pounding_sweep.kernel.forces import NEVER
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, Table, count_to, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.lanes import Cell, Table, any_lane, count_to, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.roots import coefficients, quartic, rate, root
 
 
 def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any]]:
-    """Go through storeys that may yield, with the floors below (None: the ground); at run time if not `straight`."""
+    """Go through bilinear storeys, with the floors below (None: the ground); at run time if not `straight`."""
     spec = group.spec
     if group.trace is None or (straight and not group.long):
-        yield from ((i, None if spec.bottom[i] else i - 1) for i in spec.yielding)
+        yield from ((i, None if spec.bottom[i] else i - 1) for i in spec.bilinear)
         return
     for bottom in (True, False):
-        mine = [i for i in spec.yielding if spec.bottom[i] is bottom]
+        mine = [i for i in spec.bilinear if spec.bottom[i] is bottom]
         table = Table(group.trace, mine or [0])
         for q in count_to(len(mine), group.trace) if mine else ():
             i = table[q]
@@ -167,6 +167,14 @@ def follow(group: Group) -> None:
     """Let the plastic drifts of storeys that yield follow the motion to the present state."""
     for i, below in each_storey(group, straight=True):
         _follow(group, i, below)
+
+
+def is_any_yielding(group: Group) -> Any:
+    """Whether any storey of any lane yields."""
+    found = Cell(group.lanes_where(False))
+    for i, _ in each_storey(group, straight=True):
+        found.now = found.now | ~(group.state["phase", i] == 0.0)
+    return any_lane(found.now)
 
 
 def strain(group: Group, i: Any, drifted: Any) -> Any:

@@ -7,9 +7,10 @@ from the equation of motion; they part when it would pull.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
+from pounding_sweep.kernel import links
 from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, is_closed, note_touch, penetration
 from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, when_any, where, while_any
@@ -25,12 +26,16 @@ PARTED = 1.0e-3
 LEAST_SHARE = 1.0e-3
 
 
-def alone(group: Group, ground: Any, put: Callable[[Any, Any], None]) -> None:
-    """Put accelerations as if nothing touched, at the present state."""
+def alone(group: Group, ground: Any) -> None:
+    """Accelerations as if nothing touched, at the present state, in rows ``alone``."""
+
+    def put(i: Any, x: Any) -> None:
+        group.state["alone", i] = x
+
     s = group.state
     for b, floors in group.each_building():
         v = [s["v", i] for i in floors]
-        if any(map(group.yields, floors)):
+        if any(map(group.own_damper, floors)):
             found = total_accelerations(group, [(b, floors)], [s["u", i] for i in floors], v)
             for i, a in zip(floors, found, strict=True):
                 put(i, a - ground)
@@ -41,6 +46,8 @@ def alone(group: Group, ground: Any, put: Callable[[Any, Any], None]) -> None:
             if p < len(floors) - 1:
                 f = f + group.prop("k", floors[p + 1]) * (w[p + 1] - w[p])
             put(i, f * group.prop("im", i) - group.prop("alpha", b) * v[p] - ground)
+    if group.spec.links:
+        links.accelerate(group, "alone", "u", "v")
 
 
 def join_rows(group: Group, name: str, keeps: str = "force") -> None:
@@ -100,10 +107,7 @@ def rest(group: Group, lanes: Any) -> None:
     """Accelerations at the present state, and the forces of resting contacts, in some lanes."""
     s = group.state
 
-    def put(i: Any, x: Any) -> None:
-        s["alone", i] = x
-
-    alone(group, s["g1"], put)
+    alone(group, s["g1"])
     join_rows(group, "alone", "joining")
     for i in group.each(group.spec.n_dof):
         s["a", i] = where(lanes, s["alone", i], s["a", i])

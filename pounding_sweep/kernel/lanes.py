@@ -493,6 +493,12 @@ class Rows:
         t = self.trace
         return Real(t, t.load(self._number_at(self.first[name] * self.stride + i), t.real, t.size))
 
+    def vector(self, name: str, i: Any) -> Any:
+        """Return as many numbers as there are lanes, from number `i` of the rows of a name on."""
+        at = self.first[name] * self.stride + i
+        pointer = self.array.reshape(-1) if self.trace is None else self.pointer
+        return load(self.trace, pointer, at, self.lanes)
+
     def put_number(self, name: str, i: Any, x: Any) -> None:
         """Write number `i` of the rows of a name."""
         if self.trace is None:
@@ -574,6 +580,24 @@ def after(x: Any) -> Any:
         return np.append(x[1:], x[-1])
     order = ir.Constant(ir.VectorType(_I32, trace.lanes), [*range(1, trace.lanes), trace.lanes - 1])
     return Vector(trace, trace.builder.shuffle_vector(x.value, x.value, order))
+
+
+def transposed(rows: Sequence[Any]) -> list[Any]:
+    """Of as many vectors as there are lanes, let those be lanes that were vectors."""
+    trace = _trace_of(*rows)
+    if trace is None:
+        return list(np.array(rows).T)
+    found, n = list(rows), trace.lanes
+    kind, apart = ir.VectorType(_I32, n), n // 2
+    while apart:  # squares of so many change places
+        low = ir.Constant(kind, [i if not i & apart else n + i - apart for i in range(n)])
+        high = ir.Constant(kind, [i + apart if not i & apart else n + i for i in range(n)])
+        for i in (i for i in range(n) if not i & apart):
+            a, b = found[i].value, found[i + apart].value
+            for place, order in ((i, low), (i + apart, high)):
+                found[place] = Vector(trace, trace.builder.shuffle_vector(a, b, order))
+        apart //= 2
+    return found
 
 
 def largest_lane(x: Any) -> Any:
@@ -702,21 +726,24 @@ def gather(trace: Tracer | None, pointer: Any, places: Any) -> Any:
 
 
 class Table:
-    """Whole numbers that are known beforehand, to be looked up at run time."""
+    """Numbers that are known beforehand, to be looked up at run time: whole ones, or all in the kernel's format."""
 
-    def __init__(self, trace: Tracer | None, numbers: Sequence[int]) -> None:
+    def __init__(self, trace: Tracer | None, numbers: Sequence[float]) -> None:
         self._trace, self._numbers = trace, list(numbers)
         if trace is not None:
-            kind = ir.ArrayType(_I64, len(self._numbers))
+            self._whole = all(isinstance(x, int) for x in self._numbers)
+            kind = ir.ArrayType(_I64 if self._whole else trace.real, len(self._numbers))
             self._table = ir.GlobalVariable(trace.module, kind, trace.module.get_unique_name("table"))
             self._table.linkage, self._table.global_constant = "internal", True
-            self._table.initializer = ir.Constant(kind, self._numbers)
+            given = self._numbers if self._whole else [trace.number(x) for x in self._numbers]
+            self._table.initializer = ir.Constant(kind, given)
 
     def __getitem__(self, i: Any) -> Any:
         if not isinstance(i, Count):
             return self._numbers[i]
         b = i.trace.builder
-        return Count(i.trace, b.load(b.gep(self._table, [ir.Constant(_I64, 0), i.value], inbounds=True)))
+        found = b.load(b.gep(self._table, [ir.Constant(_I64, 0), i.value], inbounds=True))
+        return Count(i.trace, found) if self._whole else Real(i.trace, found)
 
 
 class Contact(Count):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from types import ModuleType
 from typing import Any
 
-from pounding_sweep.kernel import forces, hysteresis, impulse
+from pounding_sweep.kernel import bouc_wen, forces, hysteresis, impulse
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, maximum, minimum, when_any, where
-from pounding_sweep.kernel.peaks import largest_accelerations, samples, turns
+from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, turns
 from pounding_sweep.kernel.row import transferred
 
 
@@ -28,6 +28,8 @@ def look_ahead(group: Group, h: Any) -> None:
     """Length and ground of every lane's next trial."""
     s = group.state
     rest, longest = s["time_left"], forces.longest_substep(group, h) if group.touching else group.full(h)
+    if group.spec.smooth:
+        longest = minimum(longest, bouc_wen.longest(group, h))
     ahead = where((longest < rest) & (s["tries"] < forces.MAX_TRIES), longest, rest)
     length = where(rest > 0.0, where(s["land"] > 0.0, s["ahead"], ahead), 0.0)
     ga, gb, done = s["ga"], s["gb"], h - rest
@@ -47,6 +49,8 @@ def refuse(group: Group, lanes: Any) -> None:
         for now, before in pairs:
             for i in group.each(n, straight=False):
                 s[now, i] = where(lanes, s[before, i], s[now, i])
+    if spec.smooth:
+        bouc_wen.return_to_start(group, lanes)
 
 
 def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
@@ -69,6 +73,8 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
         fraction = kind.first_event(group, asks) if group.touching else group.full(1.0)
         if group.spec.yielding:
             fraction = minimum(fraction, hysteresis.first_event(group, asks))
+        if group.spec.smooth:
+            fraction = minimum(fraction, bouc_wen.first_event(group, asks))
         early = asks & (fraction < 1.0)
         s["fraction"] = where(early, fraction, s["fraction"])
         s["ahead"] = where(early, h * fraction, s["ahead"])
@@ -141,7 +147,7 @@ def substep(group: Group, h: Any) -> None:
     add = group.scheme.trial(group)
     look = kind.measure(group) if group.touching else group.lanes_where(False)
     if group.spec.yielding:
-        look = look | hysteresis.may_change(group, s["h"])
+        look = look | storeys_may_change(group, s["h"])
     accept_substep(group, look, kind)
     if group.touching:
         kind.ends(group, h)
@@ -151,6 +157,14 @@ def substep(group: Group, h: Any) -> None:
     add()
     if "acceleration" in r:
         largest_accelerations(group, located=True)
+    each_step(group)
+    s["tries"] = s["tries"] + s["taken"]
+    close(group, kind, h)
+
+
+def close(group: Group, kind: ModuleType, h: Any) -> None:
+    """Conclude a sub-step: time goes on, lanes that land change their modes."""
+    s = group.state
     for reducer in group.reducers:
         if reducer.substep:
             reducer.substep(group)
@@ -159,9 +173,10 @@ def substep(group: Group, h: Any) -> None:
             s["age", j] = s["age", j] + s["h"]
     if group.spec.yielding:
         hysteresis.follow(group)
+    if group.spec.smooth:
+        bouc_wen.settle(group)
     rest = s["time_left"] - s["h"]
     s["time_left"] = where(rest > group.limit.done * h, rest, 0.0)
-    s["tries"] = s["tries"] + s["taken"]
     finalize_substep(group, kind, h)
     keep_start(group)
     late = (s["time_left"] > 0.0) & (s["tries"] >= forces.MAX_TRIES)
@@ -174,6 +189,8 @@ def keep_start(group: Group) -> None:
     for i in group.each(group.spec.n_dof):
         for name in names:
             group.state[f"{name}0", i] = group.state[name, i]
+    if group.spec.smooth:
+        bouc_wen.keep(group)
 
 
 def clear_forces(group: Group, lanes: Any) -> None:
@@ -197,8 +214,14 @@ def may_change(group: Group, h: Any) -> Any:
     """Lanes in which floors may touch, or storeys change their phase, in the step just flown."""
     if not group.spec.yielding:
         return may_touch(group, h)
-    yields = hysteresis.may_change(group, h)
+    yields = storeys_may_change(group, h)
     return yields | may_touch(group, h) if group.touching else yields
+
+
+def storeys_may_change(group: Group, h: Any) -> Any:
+    """Lanes in which storeys that yield ask for the step just taken to be cut."""
+    found = hysteresis.may_change(group, h)
+    return found | bouc_wen.may_change(group, h) if group.spec.smooth else found
 
 
 def may_touch(group: Group, h: Any) -> Any:

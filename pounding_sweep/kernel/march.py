@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pounding_sweep.kernel import forces, hysteresis, located
+from pounding_sweep.kernel import bouc_wen, forces, hysteresis, links, located
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -21,7 +21,7 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import largest_accelerations, samples, transfers, turning, turns
+from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, transfers, turning, turns
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.model.laws import RESTING_SPEED
 
@@ -71,6 +71,8 @@ def conclude(group: Group) -> None:
     if "energy" in r:
         for b, floors in group.each_building():
             s["e_kin", b], s["e_strain", b] = kinetic(group, floors), strain(group, floors)
+    if "links" in r:
+        links.conclude(group)
     sound = Cell(group.lanes_where(True))
     for i in group.each(spec.n_dof):
         v = s["v", i]
@@ -109,10 +111,9 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
         c = s["c", j]
         if fastest is not None and law.shape.damper:
             c = c / maximum(fastest, RESTING_SPEED)
-        pull = maximum(v, 0.0) if law.shape.approach_only else v
         p = law.elastic(group.stiffness(j), c, d)
         if law.shape.damper:
-            p = p + law.damper(c, d) * pull
+            p = p + law.damper(c, d) * law.damped_rate(v)
         force, last = where(closed, p if law.shape.tension else maximum(p, 0.0), 0.0), s["f1", j]
         s["f1", j] = force
         if "force" in r:
@@ -139,6 +140,7 @@ class FixedSteps:
         """Go through the record."""
         group, s, ground = self.group, self.group.state, self.ground
         closed = Cell(flag(group.trace, False))
+        flowing = Cell(flag(group.trace, False)) if group.spec.yielding else None
         for i in count_to(ground.intervals, group.trace):
             for j in count_to(ground.steps, group.trace):
                 ga, gb = ground.ends(i, j)
@@ -148,7 +150,7 @@ class FixedSteps:
                 if not group.eventful:
                     self._fly()
                 elif group.spec.located:
-                    self._locate(closed, ga, gb)
+                    self._locate(closed, flowing, ga, gb)
                 else:
                     self._plain(number)
                 if self.note is not None:
@@ -162,6 +164,8 @@ class FixedSteps:
         elif group.follows:
             samples(group)
         add()
+        if group.spec.located:
+            each_step(group)
         if "acceleration" in group.asked:
             largest_accelerations(group, group.spec.located)
 
@@ -170,7 +174,7 @@ class FixedSteps:
         add = group.scheme.flight(group, self.ground.h)
         self._reduce(add, turning(group))
 
-    def _locate(self, closed: Cell, ga: Any, gb: Any) -> None:
+    def _locate(self, closed: Cell, flowing: Cell | None, ga: Any, gb: Any) -> None:
         group, s, h = self.group, self.group.state, self.ground.h
         touched = Cell(flag(group.trace, True))
         for _ in when(not_(closed.now)):
@@ -178,8 +182,9 @@ class FixedSteps:
             turned = turning(group)
             touched.now = any_lane(located.may_change(group, h))
             for _ in when(not_(touched.now)):
-                if group.spec.yielding:
-                    hysteresis.follow(group)
+                if flowing is not None:
+                    for _ in when(flowing.now):
+                        hysteresis.follow(group)
                 self._reduce(add, turned)
         for _ in when(closed.now):
             located.keep_start(group)
@@ -187,10 +192,14 @@ class FixedSteps:
             for now, before in (("u", "u0"), ("v", "v0"), *((("a", "a0"),) if group.spec.implicit else ())):
                 for k in group.each(group.spec.n_dof):
                     s[now, k] = s[before, k]
+            if group.spec.smooth:
+                bouc_wen.return_to_start(group)
             located.begin(group, None, s["scale"] * ga, s["scale"] * gb, h)
             for _ in while_any(lambda: s["time_left"] > 0.0, group.trace):
                 located.substep(group, h)
             closed.now = located.is_any_closed(group)
+            if flowing is not None:
+                flowing.now = hysteresis.is_any_yielding(group)
             if located.needs_ends(group):
                 for _ in when(not_(closed.now)):
                     located.clear_forces(group, s["scale"] == s["scale"])

@@ -7,10 +7,11 @@ left out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pounding_sweep.kernel import bouc_wen, links
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Table, count_to, fma, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.row import add_forces, total_accelerations, transferred
@@ -26,6 +27,36 @@ def cubic_extreme(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
     return x0 + t * (s0 + t * (b + t * (2.0 * (x0 - x1) + (s0 + s1))))
 
 
+def septic_extreme(start: Sequence[Any], end: Sequence[Any]) -> Any:
+    """Extreme inside a step of the polynomial with value and three rates (times powers of the step) at both ends."""
+    (x0, s0, c0, j0), (x1, s1, c1, j1) = start, end
+    c, j = 0.5 * c0, (1.0 / 6.0) * j0
+    r, r1, r2, r3 = x1 - x0 - s0 - c - j, s1 - s0 - c0 - 0.5 * j0, c1 - c0 - j0, j1 - j0
+    b4 = 35.0 * r - 15.0 * r1 + 2.5 * r2 - (1.0 / 6.0) * r3
+    b5 = -84.0 * r + 39.0 * r1 - 7.0 * r2 + 0.5 * r3
+    b6 = 70.0 * r - 34.0 * r1 + 6.5 * r2 - 0.5 * r3
+    b7 = -20.0 * r + 10.0 * r1 - 2.0 * r2 + (1.0 / 6.0) * r3
+    coefficients = (s0, c, j, b4, b5, b6, b7)
+    t = s0 / (s0 - s1)
+    for _ in range(2):
+        rate = horner(t, [(n + 1.0) * b for n, b in enumerate(coefficients)])
+        bend = horner(t, [(n + 1.0) * (n + 2.0) * b for n, b in enumerate(coefficients[1:])])
+        next_t = t - rate / bend
+        t = where((next_t >= 0.0) & (next_t <= 1.0), next_t, t)
+    return horner(t, (x0, *coefficients))
+
+
+def horner(t: Any, coefficients: Sequence[Any]) -> Any:
+    """Value of a polynomial; of a long one in two halves, which need not wait for each other."""
+    if len(coefficients) > 8:
+        square = t * t
+        return fma(t, horner(square, coefficients[1::2]), horner(square, coefficients[::2]))
+    x = coefficients[-1]
+    for each in reversed(coefficients[:-1]):
+        x = fma(t, x, each)
+    return x
+
+
 @dataclass(frozen=True)
 class Motion:
     """A motion whose extremes are kept.
@@ -38,12 +69,15 @@ class Motion:
         It is its absolute value that counts.
     of : callable
         Reads it, or its rate, by the name of the floors' rows.
+    alone : bool
+        It may turn where no other motion does that is followed.
     """
 
     most: tuple[str, Any]
     least: tuple[str, Any] | None
     sized: bool
     of: Callable[[str], Any]
+    alone: bool = True
 
 
 def followed(group: Group, straight: bool) -> Iterator[Motion]:
@@ -102,11 +136,19 @@ def samples(group: Group, lanes: Any = None) -> None:
             put(motion.least, minimum(s[motion.least], x))
 
 
+def each_step(group: Group) -> None:
+    """Let reducers take what they keep of each located step."""
+    for reducer in group.reducers:
+        if reducer.step:
+            reducer.step(group)
+
+
 def turning(group: Group) -> Any:
     """Return what is zero or less where some of the motion that is followed turns in the step just taken."""
     found = Cell(group.full(1.0))
     for motion in followed(group, straight=True):
-        found.now = minimum(found.now, motion.of("v0") * motion.of("v"))
+        if motion.alone:
+            found.now = minimum(found.now, motion.of("v0") * motion.of("v"))
     return found.now
 
 
@@ -124,24 +166,34 @@ def largest_accelerations(group: Group, located: bool) -> None:
     ends = [("1", "u", "v", "g1")] + ([("0", "u0", "v0", "g0")] if located else [])
     for b, floors in group.each_building():
         for end, u, v, _ in ends:
+            if group.spec.smooth:
+                bouc_wen.linearise(group, floors, u[1:])
             x, y = [s[u, i] for i in floors], [s[v, i] for i in floors]
             for i, a in zip(floors, total_accelerations(group, [(b, floors)], x, y), strict=True):
                 s[f"acc{end}", i] = a
     if group.touching:
         for end, *_ in ends:
             add_forces(group, f"acc{end}", f"f{end}")
+    for end, u, v, _ in ends if group.spec.links else ():
+        links.accelerate(group, f"acc{end}", u, v)
     if not located:
         for i in group.each(group.spec.n_dof):
             s["acc", i] = maximum(s["acc", i], size(s["acc1", i]))
         return
     for b, floors in group.each_building():
         for end, _, v, ground in ends:
+            if group.spec.smooth:
+                bouc_wen.linearise(group, floors, v[1:])
             y, relative = [s[v, i] for i in floors], [s[f"acc{end}", i] - s[ground] for i in floors]
             for i, a in zip(floors, total_accelerations(group, [(b, floors)], y, relative, rates=True), strict=True):
                 s[f"rate{end}", i] = a
+    if group.spec.smooth:
+        bouc_wen.settle(group)
     if group.touching:
         for end, *_ in ends:
             add_forces(group, f"rate{end}", f"q{end}")
+    for end, _, v, _ in ends if group.spec.links else ():
+        links.accelerate(group, f"rate{end}", v, f"acc{end}")  # of which the ground's is the same on both sides
     h = s["h"]
     for i in group.each(group.spec.n_dof):
         early, late = s["acc0", i], s["acc1", i]

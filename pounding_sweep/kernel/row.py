@@ -18,7 +18,7 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any]) 
     forces, at = [], 0
     for b, floors in part:
         here = range(at, at + len(floors))
-        if any(map(group.yields, floors)):
+        if any(map(group.own_damper, floors)):
             below = [None, *here]
             pairs = zip(floors, here, below, strict=False)
             forces += [storey_force(group, b, i, _above(x, p, q), _above(y, p, q)) for i, p, q in pairs]
@@ -36,12 +36,19 @@ def _above(x: Sequence[Any], p: Any, below: Any) -> Any:
 
 
 def storey_force(group: Group, b: Any, i: Any, drift: Any, rate: Any, constant: bool = True) -> Any:
-    """Force of a storey of a building in which some may yield, its damper included; of rates without its constant."""
-    if not group.yields(i):
+    """Force of a storey of a building in which some may yield, or have dashpots, its dampers included.
+
+    Of rates it is without its constant.
+    """
+    if not group.own_damper(i):
         return group.prop("k", i) * fma(group.prop("beta", b), rate, drift)
     s = group.state
-    elastic = fma(s["kt", i], drift, s["ct", i]) if constant else s["kt", i] * drift
-    return fma(group.prop("beta", b) * damper_stiffness(group, i), rate, elastic)
+    if group.yields(i):
+        elastic = fma(s["kt", i], drift, s["ct", i]) if constant else s["kt", i] * drift
+    else:
+        elastic = group.prop("k", i) * drift
+    coefficient = group.prop("beta", b) * damper_stiffness(group, i)
+    return fma(coefficient + group.prop("dashpot", i) if group.dashed(i) else coefficient, rate, elastic)
 
 
 def damper_stiffness(group: Group, i: Any) -> Any:
@@ -91,7 +98,10 @@ def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tupl
         mass = _sum([group.prop("m", i) * w * w for i, w in zip(floors, v, strict=True)])
         drift = [v[s] - v[s - 1] if s else v[s] for s in range(len(v))]
         stiff = _sum([damper_stiffness(group, i) * dv * dv for i, dv in zip(floors, drift, strict=True)])
-        found.append((-ground * momentum, group.prop("alpha", b) * mass + group.prop("beta", b) * stiff))
+        gained, lost = -ground * momentum, group.prop("alpha", b) * mass + group.prop("beta", b) * stiff
+        for i, dv in zip(floors, drift, strict=True):
+            lost = fma(group.prop("dashpot", i), dv * dv, lost) if group.dashed(i) else lost
+        found.append((gained, lost))
     return found
 
 
@@ -113,9 +123,10 @@ def strain(group: Group, floors: Sequence[Any]) -> Any:
 
 
 def transferred(group: Group, b: Any, floors: Sequence[Any]) -> Any:
-    """Input - kinetic - damping - strain - lost in yielding of building b since the start: what its contacts took."""
+    """Input - kinetic - damping - strain - yielding - links of building b since the start: what its contacts took."""
     s = group.state
     found = s["e_in", b] - s["e_damp", b] - (kinetic(group, floors) + strain(group, floors) - s["kinetic0", b])
+    found = found - s["e_link", b] if group.spec.links else found
     yielding = [hysteresis.lost(group, i) for i in floors if group.yields(i)]
     return found - _sum(yielding) if yielding else found
 
@@ -125,7 +136,7 @@ def total_accelerations(group: Group, part: Part, x: Sequence[Any], y: Sequence[
     found: list[Any] = []
     for b, floors in part:
         at = len(found)
-        if any(map(group.yields, floors)):
+        if any(map(group.own_damper, floors)):
             here = [p + at for p in range(len(floors))]
             pairs = list(zip(floors, here, [None, *here], strict=False))
             forces = [storey_force(group, b, i, _above(x, p, q), _above(y, p, q), not rates) for i, p, q in pairs]

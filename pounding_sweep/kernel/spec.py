@@ -17,7 +17,7 @@ LANES = 16
 
 
 #: Properties that may differ from lane to lane.
-VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift")
+VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "geometric", "dashpot")
 
 #: Parameters of a compiled kernel and their types.
 PARAMETERS = {
@@ -40,6 +40,11 @@ PARAMETERS = {
 CONTACT_CAP = 0.25
 
 
+#: The same of steps by series, and the order of these: what is left out of a step is of the size of rounding.
+SERIES_CAP = 2.0
+SERIES_ORDER = {"float64": 20, "float32": 12}
+
+
 #: Most degrees of freedom written as one straight line; longer rows run through loops.
 FUSED_DOF = 16
 
@@ -59,6 +64,22 @@ class LawShape:
     damper_exponent: float = 0.0
     impulsive: bool = False
     yields: bool = False
+    rebound_only: bool = False
+    is_power: bool = True
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the damper acts on approach only, or on rebound only."""
+        return self.approach_only or self.rebound_only
+
+    @property
+    def polynomial(self) -> bool:
+        """Whether the force is a polynomial of penetration and rate: k d, with a damper c or c d."""
+        return (
+            self.elastic == "k*d"
+            and self.damper in ("", "c", "c*max(d, 0.0)")
+            and not (self.yields or self.rebound_only)
+        )
 
     @property
     def clips(self) -> bool:
@@ -74,7 +95,8 @@ class LawShape:
 
         spring = 1.0 if self.yields else self.exponent
         damper = [self.damper_exponent] if self.damper else []
-        return power([spring, *damper]), power([spring, *([] if self.approach_only else damper)])
+        before, after = ([] if off else damper for off in (self.rebound_only, self.approach_only))
+        return power([spring, *before]), power([spring, *after])
 
 
 @dataclass(frozen=True)
@@ -119,6 +141,14 @@ class KernelSpec:
     struck : tuple of int
         Of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where
         none are struck.
+    p_delta : bool
+        Shears of storeys that yield are kept, and weights push some of them.
+    smooth : tuple of (int, float)
+        Those of `yielding` whose hysteresis is that of Bouc and Wen, with its exponent.
+    dashpots : tuple of int
+        Degrees of freedom whose storeys have dashpots.
+    links : tuple of (left, right)
+        Degrees of freedom that are linked.
     """
 
     storeys: tuple[int, ...]
@@ -138,11 +168,26 @@ class KernelSpec:
     yielding: tuple[int, ...] = ()
     tangent: bool = False
     struck: tuple[int, ...] = ()
+    p_delta: bool = False
+    smooth: tuple[tuple[int, float], ...] = ()
+    dashpots: tuple[int, ...] = ()
+    links: tuple[tuple[int, int], ...] = ()
 
     @property
     def impulsive(self) -> bool:
         """Whether velocities jump where floors meet."""
         return self.law is not None and self.law.impulsive
+
+    @property
+    def series(self) -> int:
+        """Order of the series by which contacts are stepped; 0: by the scheme's stages."""
+        polynomial = self.law is not None and self.law.polynomial
+        return SERIES_ORDER[self.precision] if self.flies_exactly and polynomial and not self.yielding else 0
+
+    @property
+    def blocks(self) -> bool:
+        """Whether exact flight knows blocks of motions, not all their points: energies and histories ask for these."""
+        return self.flies_exactly and not (self.windows or self.history or "energy" in self.reducers)
 
     @property
     def n_dof(self) -> int:
@@ -157,7 +202,13 @@ class KernelSpec:
     @property
     def fused(self) -> bool:
         """Whether one step is one straight line."""
-        return self.n_dof <= FUSED_DOF
+        return self.n_dof <= FUSED_DOF or bool(self.smooth)
+
+    @property
+    def bilinear(self) -> tuple[int, ...]:
+        """Those of `yielding` whose hysteresis is bilinear."""
+        smooth = dict(self.smooth)
+        return tuple(i for i in self.yielding if i not in smooth)
 
     def home(self, b: int) -> int:
         """Lowest floor of a building."""
@@ -193,6 +244,9 @@ def from_json(data: dict[str, Any]) -> KernelSpec:
         "struck": tuple(data["struck"]),
         "reducers": frozenset(data["reducers"]),
         "yielding": tuple(data["yielding"]),
+        "smooth": tuple((int(i), float(n)) for i, n in data["smooth"]),
+        "dashpots": tuple(data["dashpots"]),
+        "links": tuple((int(a), int(b)) for a, b in data["links"]),
     }
     return KernelSpec(**{**data, **own})
 
@@ -241,12 +295,22 @@ def property_slots(shape: KernelSpec) -> Slots:
     slots.add("reduced", len(shape.contacts))
     for name in ("hardening", "yield_drift", *(("tangent",) if shape.tangent else ())) if shape.yielding else ():
         slots.add(name, n)
+    if shape.p_delta:
+        slots.add("geometric", n)
+    if shape.smooth:
+        for name in ("wen_beta", "wen_gamma", "wen_limit"):
+            slots.add(name, n)
     slots.add("cap")
     slots.add("newmark_beta")
     slots.add("newmark_gamma")
     if shape.struck:  # shares of a push on columns, of the floor above and below
         slots.add("upper", len(shape.contacts))
         slots.add("lower", len(shape.contacts))
+    if shape.dashpots:
+        slots.add("dashpot", n)
+    if shape.links:
+        slots.add("link_k", len(shape.links))
+        slots.add("link_c", len(shape.links))
     return slots
 
 
@@ -262,6 +326,8 @@ def history_slots(shape: KernelSpec) -> Slots:
     if "energy" in shape.reducers:
         slots.add("e_in", shape.n_buildings)
         slots.add("e_damp", shape.n_buildings)
+    if "links" in shape.reducers:
+        slots.add("e_link", shape.n_buildings)
     if shape.law is not None:
         slots.add("force", len(shape.contacts))
         if "work" in shape.reducers:

@@ -176,6 +176,9 @@ def _slope(part: ast.expr) -> str:
             return f"-({inner})" if inner else ""
         case ast.Call() if ast.unparse(part) == _OPEN:
             return "1.0"
+        case ast.Call(args=[rising, ast.Constant(value=0.0)]) if _function(part) == "max":
+            inner, base = _slope(rising), ast.unparse(rising)
+            return f"max({base}, 0.0)/max({base}, 1e-30)*({inner})" if inner else ""
         case ast.Call(args=[only]) if _function(part) == "sqrt":
             inner, base = _slope(only), ast.unparse(only)
             return f"0.5*sqrt({base})/max({base}, 1e-30)*({inner})" if inner else ""

@@ -96,8 +96,8 @@ class Law:
         Key of `pounding_sweep.model.rebound.RELATIONS`: what restitution the damping really gives.
     relation_factor : float
         Factor that turns the damping number into the one of the relation.
-    approach_only : bool
-        The damper acts only while v > 0.
+    approach_only, rebound_only : bool
+        The damper acts only while v > 0, or only while v < 0.
     tension : bool
         The force may pull while d > 0; otherwise F = max(0, E + B v).
     zero_restitution : bool
@@ -108,6 +108,8 @@ class Law:
         The whole law as text.
     reference : str
         Source.
+    thickness : float
+        Thickness (m) of what stands in each gap, such as a bumper: floors meet at the gap less this.
     source : str
         Where a law of a user's own was read, FILE:NAME. No part of what the law is.
 
@@ -142,9 +144,11 @@ class Law:
     relation: RelationName | None = None
     relation_factor: float = 1.0
     approach_only: bool = False
+    rebound_only: bool = False
     tension: bool = False
     zero_restitution: bool = False
     reference_stiffness: float | None = None
+    thickness: float = 0.0
     source: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
@@ -174,6 +178,14 @@ class Law:
     def impulsive(self) -> bool:
         """Whether velocities jump at the touch, and floors rest on each other without penetration."""
         return self.damping == "jump"
+
+    @property
+    def is_power(self) -> bool:
+        """Whether E is a power of the penetration all along."""
+        if self.exponent is None or self.impulsive or self.yields:
+            return True
+        share = _tried(self.elastic, _DEPTHS) / _DEPTHS**self.exponent
+        return bool(np.ptp(share) <= _ALIKE * share[0])
 
     @property
     def yields(self) -> bool:
@@ -303,6 +315,9 @@ def _completed(law: Law) -> dict[str, Any]:
         defaults = {"elastic": "0.0", "elastic_slope": "0.0", "damper_slope": "0.0"}
         found |= {name: text for name, text in defaults.items() if not getattr(law, name)}
         return {**found, "damper_exponent": 0.0, "relation": law.relation or ""}
+    if not (isinstance(law.thickness, int | float) and 0.0 <= law.thickness < math.inf):
+        msg = f"its thickness is {shown(law.thickness)} m; it must be zero or a positive number"
+        raise LawError(msg)
     n = law.exponent
     if isinstance(n, bool) or not isinstance(n, int | float) or not 1.0 <= n <= 10.0:
         msg = f"its exponent is {shown(n)}; it must be a number in [1, 10]"
@@ -364,8 +379,12 @@ def _completed(law: Law) -> dict[str, Any]:
     ends = number == SOLVED and math.isfinite(RELATIONS[relation or ""].at_zero)
     pressing = f"{shape} + {law.damper}*v" if damper else shape
     free = law.approach_only or law.tension or not damper
+    if law.approach_only and law.rebound_only:
+        msg = "its damper can't act on approach only and on rebound only; leave one of them out"
+        raise LawError(msg)
     text = f"F = {pressing if free else f'max(0, {pressing})'}"
     text += f" on approach, {shape} on rebound" * law.approach_only
+    text = f"F = {shape} on approach, max(0, {pressing}) on rebound" if law.rebound_only else text
     return {
         **found,
         "elastic": elastic,
@@ -422,10 +441,12 @@ def _relation(law: Law, spring: np.ndarray, dashpot: np.ndarray) -> tuple[Relati
         return bool(np.ptp(ratio) <= _ALIKE * ratio[0])
 
     if law.damping == "elastic" and alike(ratio := dashpot / spring):
-        return ("approach" if law.approach_only else "both_phases"), float(np.round(ratio[0], 12))
+        name = "approach" if law.approach_only else "rebound" if law.rebound_only else "both_phases"
+        return name, float(np.round(ratio[0], 12))  # type: ignore[return-value]
     # w = d^((n + 1) / 2) makes it a linear dashpot beside a linear spring
     if (
         law.damping == "viscous"
+        and not law.rebound_only
         and alike(spring / _DEPTHS**n)
         and alike(ratio := dashpot / _DEPTHS ** (0.5 * (n - 1.0)))
     ):

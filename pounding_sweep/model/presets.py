@@ -1,4 +1,4 @@
-"""Named scenes that a sweep can start from.
+"""Named scenes that a sweep can start from, and buildings made of a few numbers.
 
 Adding a scene is adding one entry to `PRESETS`; sweep files, the Python
 interface and the documentation read it.
@@ -6,9 +6,11 @@ interface and the documentation read it.
 
 from __future__ import annotations
 
+import math
+import numbers
 from dataclasses import dataclass, replace
 
-from pounding_sweep.base.errors import SceneError, unknown
+from pounding_sweep.base.errors import SceneError, shown, unknown
 from pounding_sweep.model.scene import Building, ContactProperties, Scene
 
 
@@ -83,3 +85,98 @@ def get_preset(name: str) -> Scene:
     if preset is None:
         raise SceneError(unknown("preset scene", name, PRESETS))
     return preset.scene
+
+
+def base_isolated(
+    building: Building,
+    base_mass: float,
+    period: float,
+    damping_ratio: float,
+    strength: float = 0.0,
+    yield_drift: float = 0.01,
+    *,
+    height: float = 1.5,
+) -> Building:
+    """Put an elastic building on isolators: a first storey that yields, with a dashpot.
+
+    The isolators' shear is bilinear: the characteristic strength at no displacement, and a stiffness that gives
+    the whole mass the isolation period. The building's damping becomes that of dashpots in its storeys, by the first
+    mode on a fixed base: Rayleigh's would damp the isolators as well.
+
+    Parameters
+    ----------
+    building : Building
+        What stands on the isolators, as on a fixed base; its damping ratio in the first mode is kept.
+    base_mass : float
+        Mass of the floor above the isolators (t).
+    period : float
+        Isolation period (s), of the whole mass on the isolators' stiffness after yielding.
+    damping_ratio : float
+        Of the isolators' dashpot, at that period.
+    strength : float
+        Characteristic strength (kN) of all isolators, their force at no displacement; 0: they are linear.
+    yield_drift : float
+        Displacement at which isolators with a strength yield (m).
+    height : float
+        Height of the isolators' storey (m).
+
+    Returns
+    -------
+    Building
+        Of one storey more, the isolators' the first.
+
+    Raises
+    ------
+    SceneError
+        A value is out of range, or storeys of the building yield.
+
+    References
+    ----------
+    Naeim & Kelly 1999, Design of Seismic Isolated Structures, Wiley. Ryan & Polanco 2008, Journal of Structural
+    Engineering 134(11).
+
+    Examples
+    --------
+    >>> from pounding_sweep.model.scene import Building
+    >>> tower = base_isolated(Building("tower", [100.0], [2e5], 0.02), 100.0, 2.0, 0.05, strength=60.0)
+    >>> [round(x, 1) for x in tower.yield_strengths], [round(x, 1) for x in tower.dashpots]
+    ([79.7, inf], [62.8, 178.9])
+    """
+    name = f"isolators of {building.name!r}"
+    for what, value, least, unit in (
+        ("base_mass", base_mass, 0.0, "t"),
+        ("period", period, 0.0, "s"),
+        ("yield_drift", yield_drift, 0.0, "m"),
+        ("height", height, 0.0, "m"),
+        ("strength", strength, None, "kN"),
+        ("damping_ratio", damping_ratio, None, "of critical"),
+    ):
+        real = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
+        if not (real and (value >= 0.0 if least is None else value > least)):
+            kind = "zero or a positive" if least is None else "a positive"
+            msg = f"{name}: {what} is {shown(value)} {unit}; it must be {kind} number"
+            raise SceneError(msg)
+    if any(building.yields):
+        msg = f"{name}: storeys of the building yield too, and hardening is one for all; leave out its yield_strengths"
+        raise SceneError(msg)
+    masses, n = [base_mass, *building.masses], building.n_storeys
+    w, total = 2.0 * math.pi / period, sum(masses)
+    soft = total * w**2
+    stiff = soft + strength / yield_drift
+    ratio = building.damping_ratio if not isinstance(building.damping_ratio, tuple) else building.damping_ratio[0]
+    share = 2.0 * ratio / float(building.frequencies[0])
+    own = zip(building.stiffnesses, building.dashpots or (0.0,) * n, strict=True)
+    assert building.storey_heights is not None
+    return replace(
+        building,
+        masses=masses,
+        stiffnesses=[stiff, *building.stiffnesses],
+        damping_ratio=0.0,
+        storey_heights=[height, *building.storey_heights],
+        yield_strengths=[stiff * yield_drift, *[math.inf] * n] if strength else None,
+        hardening=soft / stiff if strength else 0.0,
+        damping_stiffness="initial",
+        slab_depths=None if building.slab_depths is None else [0.0, *building.slab_depths],
+        column_stiffnesses=None if building.column_stiffnesses is None else [stiff, *building.column_stiffnesses],
+        dashpots=[2.0 * damping_ratio * total * w, *(share * k + c for k, c in own)],
+    )

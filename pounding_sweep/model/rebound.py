@@ -19,6 +19,8 @@ number of each law, its *relation*, which a law names in the registry:
     This is the exact damping of a damper that is proportional to the force of any spring.
 ``approach``
     The same damper on approach only: e^2 = 2 (D - ln(1 + D)) / D^2.
+``rebound``
+    The same damper on rebound only: D^2 = -2 (e D + ln(1 - e D)).
 
 ``yielding``
     A spring that yields at the share a = 0.1 of the depth at which an elastic Hertz contact
@@ -26,7 +28,7 @@ number of each law, its *relation*, which a law names in the registry:
     1 - e^2 = B (x - a) / 0.4, x the depth at which it really turns, in parts of the same,
     (1 - B) x^2 / 2 + B (x - a/2) = 0.4, B = 0.4 L / (1 - a).
 
-``both_phases`` and ``approach`` follow from m v dv = -F dd: the share S(D) = 2 (D - ln(1 + D)) / D^2 of
+``both_phases``, ``approach`` and ``rebound`` follow from m v dv = -F dd: the share S(D) = 2 (D - ln(1 + D)) / D^2 of
 the energy m v0^2 / 2 is stored in E at the deepest point; on the way back the damper
 has the sign of -e D, and what is stored is the share S(-e D) of m (e v0)^2 / 2.
 
@@ -53,7 +55,7 @@ RESTITUTION_BASES = ("published", "realised")
 SMALLEST = 1e-6
 
 RelationName = Literal[
-    "", "dashpot_tension", "dashpot_clipped", "dashpot_approach", "both_phases", "approach", "yielding"
+    "", "dashpot_tension", "dashpot_clipped", "dashpot_approach", "both_phases", "approach", "rebound", "yielding"
 ]
 #: Share of its greatest penetration at which a contact that yields does so.
 YIELD_SHARE = 0.1
@@ -137,6 +139,19 @@ def _both_phases_number(e: np.ndarray) -> np.ndarray:
     return np.asarray(_log_stored_rebound(_root(excess, e))[0] / e)
 
 
+def _rebound_restitution(number: np.ndarray) -> np.ndarray:
+    def excess(w: np.ndarray) -> np.ndarray:
+        y, stored = _log_stored_rebound(w)
+        return np.asarray(2.0 * np.log(y) + stored - 2.0 * np.log(number))
+
+    return np.asarray(_log_stored_rebound(_root(excess, number))[0] / number)
+
+
+def _rebound_number(e: np.ndarray) -> np.ndarray:
+    w = _root(lambda w: _log_stored_rebound(w)[1] + 2.0 * np.log(e), e)
+    return np.asarray(_log_stored_rebound(w)[0] / e)
+
+
 def _tension_restitution(z: np.ndarray) -> np.ndarray:
     """Zero from critical damping on: the masses then part only after infinite time."""
     under = np.minimum(z, 1.0)
@@ -181,6 +196,7 @@ RELATIONS: dict[str, Relation] = {
         lambda number: np.exp(0.5 * _log_stored_approach(number)),
         lambda e: _root(lambda number: 2.0 * np.log(e) - _log_stored_approach(number), e),
     ),
+    "rebound": Relation("D^2 = -2 (e D + ln(1 - e D))", _rebound_restitution, _rebound_number),
     "yielding": Relation(
         "1 - e^2 = B (x - a) / 0.4, (1 - B) x^2 / 2 + B (x - a/2) = 0.4, B = 0.4 L / (1 - a), a = 0.1",
         lambda lost: np.sqrt(1.0 - _yielding_lost(lost * 0.4 / (1.0 - YIELD_SHARE))),

@@ -10,17 +10,21 @@ import numbers
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pounding_sweep.base.errors import SceneError, shown, unknown
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.base.tables import html_table
 from pounding_sweep.base.text import label_fault
 from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors
+from pounding_sweep.model.links import Link, LinkedFloors, check_linking
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
+#: Largest exponent of Bouc and Wen.
+MOST_SHARP = 100.0
 #: Stiffnesses that Rayleigh damping may follow in storeys that yield.
 DAMPING_STIFFNESSES = ("initial", "tangent")
 
@@ -57,6 +61,67 @@ def check_hardening(value: float, owner: str = "") -> None:
     if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and 0 <= value < 1):
         msg = f"{owner}{': ' * bool(owner)}hardening is {shown(value)}; it must be in [0, 1)"
         raise SceneError(msg)
+
+
+class BoucWen(NamedTuple):
+    """Smooth hysteresis of storeys that yield, in place of the bilinear one: the law of Bouc and Wen.
+
+    With the drift d and the yield drift dy = Vy / k, the shear is V = r k d + (1 - r) k z, of the hardening r and::
+
+        z' = d' - |z / dy|^n (beta |d'| sign z + gamma d')
+
+    Parameters
+    ----------
+    n : float
+        How sharply it yields, at least 1: the larger, the nearer to bilinear.
+    beta, gamma : float
+        Shape of loops, numbers without a unit, -beta < gamma <= beta. At their default z tends to the yield drift,
+        and unloading is straight; in general to dy / (beta + gamma)**(1 / n).
+
+    References
+    ----------
+    Wen (1976), Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102(2). Its A is 1, so that k
+    is the initial stiffness: another one is the same law with other k, r, beta and gamma (Ma et al. 2004).
+
+    Examples
+    --------
+    >>> b = Building("a", [100.0], [1e5], yield_strengths=[200.0], bouc_wen=BoucWen(n=2.0))
+    >>> b.bouc_wen
+    BoucWen(n=2.0, beta=0.5, gamma=0.5)
+    """
+
+    n: float = 1.0
+    beta: float = 0.5
+    gamma: float = 0.5
+
+    @property
+    def limit(self) -> float:
+        """What z tends to, over the yield drift."""
+        return float((self.beta + self.gamma) ** (-1.0 / self.n))
+
+
+def _bouc_wen(given: Any, owner: str) -> BoucWen:
+    """Return the law of a mapping or three numbers; `SceneError` where it is none."""
+    try:
+        law = BoucWen(**given) if isinstance(given, Mapping) else BoucWen(*given)
+    except TypeError:
+        msg = f"{owner}: bouc_wen is {shown(given)}; give n, beta and gamma, each a number"
+        raise SceneError(msg) from None
+    for name, value in law._asdict().items():
+        if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)):
+            msg = f"{owner}: {name} of bouc_wen is {shown(value)}; it must be a number"
+            raise SceneError(msg)
+    law = BoucWen(*map(float, law))
+    if not 1.0 <= law.n <= MOST_SHARP:
+        msg = f"{owner}: n of bouc_wen is {law.n:g}; it must be in [1, {MOST_SHARP:g}]"
+        raise SceneError(msg)
+    if not -law.beta < law.gamma <= law.beta:
+        msg = (
+            f"{owner}: gamma of bouc_wen is {law.gamma:g} beside beta {law.beta:g}; it must be above -beta, so that z "
+            "stays bounded, and at most beta, so that no energy is won"
+        )
+        raise SceneError(msg)
+    return law
 
 
 def _check_name(kind: str, name: str) -> None:
@@ -98,11 +163,20 @@ class Building:
     column_stiffnesses : sequence of float, optional
         Lateral stiffnesses 12 E I / L^3 (kN/m) of those columns of each storey that a
         neighbour's floor strikes; those of the storeys where not given.
+    p_delta : bool
+        Weights above a storey act on its drift: its lateral stiffness is less by P / h, of the weight P = m g above it
+        (kN) and its height h. Periods, modes and Rayleigh damping are those of the building under its weight.
+    bouc_wen : BoucWen or mapping, optional
+        Smooth hysteresis of the storeys that yield, in place of the bilinear one.
+    dashpots : sequence of float, optional
+        Coefficients (kN s/m) of dashpots between each floor and the one below (the ground), bottom first, beside
+        Rayleigh's damping; zero where a storey has none.
 
     Raises
     ------
     SceneError
-        A value is out of range, the lists differ in length, or `hardening` is outside [0, 1).
+        A value is out of range, the lists differ in length, `hardening` is outside [0, 1), or with `p_delta` a storey
+        does not stand under the weight above it.
 
     Examples
     --------
@@ -121,6 +195,9 @@ class Building:
     damping_stiffness: str = "initial"
     slab_depths: Sequence[float] | None = field(default=None, kw_only=True)
     column_stiffnesses: Sequence[float] | None = field(default=None, kw_only=True)
+    p_delta: bool = field(default=False, kw_only=True)
+    bouc_wen: BoucWen | None = field(default=None, kw_only=True)
+    dashpots: Sequence[float] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         _check_name("building", self.name)
@@ -137,6 +214,9 @@ class Building:
         if self.column_stiffnesses is not None:
             columns = _positive_list(owner, "column_stiffnesses", "kN/m", self.column_stiffnesses, n)
             object.__setattr__(self, "column_stiffnesses", columns)
+        self._check_stability(owner)
+        if self.dashpots is not None:
+            object.__setattr__(self, "dashpots", self._checked_dashpots(owner, n))
         given = self.damping_ratio
         ratios = tuple(given) if isinstance(given, (tuple, list)) else (given,)
         if len(ratios) not in (1, 2) or not all(
@@ -165,10 +245,41 @@ class Building:
         if self.damping_stiffness not in DAMPING_STIFFNESSES:
             msg = f"{owner}: {unknown('damping_stiffness', self.damping_stiffness, DAMPING_STIFFNESSES)}"
             raise SceneError(msg)
+        if self.bouc_wen is not None:
+            object.__setattr__(self, "bouc_wen", _bouc_wen(self.bouc_wen, owner))
+            if self.yield_strengths is None:
+                msg = f"{owner}: bouc_wen is that of storeys that yield; give yield_strengths too, or leave it out"
+                raise SceneError(msg)
+            if self.damping_stiffness == "tangent":
+                msg = (
+                    f"{owner}: bouc_wen has no tangent stiffness that is one number while a storey yields; give "
+                    'damping_stiffness = "initial"'
+                )
+                raise SceneError(msg)
         if self.yield_strengths is None and (self.hardening, self.damping_stiffness) != (0.0, "initial"):
             what = "hardening" if self.hardening else "damping_stiffness"
             msg = f"{owner}: {what} is that of storeys that yield; give yield_strengths too, or leave it out"
             raise SceneError(msg)
+
+    def _check_stability(self, owner: str) -> None:
+        if not isinstance(self.p_delta, bool):
+            msg = f"{owner}: p_delta is {shown(self.p_delta)}; it must be true or false"
+            raise SceneError(msg)
+        if self.p_delta and self.damping_stiffness == "tangent":
+            msg = (
+                f"{owner}: with p_delta the tangent stiffness of a storey that yields may be negative, and damping "
+                'that follows it would put energy in; give damping_stiffness = "initial", or leave out p_delta'
+            )
+            raise SceneError(msg)
+        pairs = zip(self.stability_coefficients, self.geometric_stiffnesses, strict=True)
+        for storey, (theta, least) in enumerate(pairs, start=1):
+            if not theta < 1.0:
+                msg = (
+                    f"{owner}: storey {storey} of stiffness {self.stiffnesses[storey - 1]:g} kN/m does not stand under "
+                    f"the weight above it: its stability coefficient P / (k h) is {theta:.3g}, and must be below 1; "
+                    f"give it a stiffness above P / h = {least:.4g} kN/m, or leave out p_delta"
+                )
+                raise SceneError(msg)
 
     def _checked_depths(self, owner: str) -> tuple[float, ...]:
         depths, heights = _numbers(f"{owner}: slab_depths", "m", self.slab_depths or ()), self.storey_heights
@@ -185,6 +296,15 @@ class Building:
                 raise SceneError(msg)
         return depths
 
+    def _checked_dashpots(self, owner: str, n: int) -> tuple[float, ...]:
+        found = _numbers(f"{owner}: dashpots", "kN s/m", self.dashpots or ())
+        if len(found) != n:
+            msg = f"{owner}: {len(found)} dashpots for {n} masses; give one value per storey, 0 where it has none"
+            raise SceneError(msg)
+        for storey, value in enumerate(found, start=1):
+            check_linking(value, f"{owner}: dashpots of storey {storey}", "kN s/m")
+        return found
+
     @property
     def n_storeys(self) -> int:
         """Number of storeys."""
@@ -195,6 +315,31 @@ class Building:
         """Whether each storey may yield."""
         given = self.yield_strengths
         return (False,) * self.n_storeys if given is None else tuple(math.isfinite(strength) for strength in given)
+
+    @cached_property
+    def geometric_stiffnesses(self) -> tuple[float, ...]:
+        """What the weights above take of each storey's lateral stiffness (kN/m), P / h; zeros without `p_delta`."""
+        if not self.p_delta:
+            return (0.0,) * self.n_storeys
+        assert self.storey_heights is not None
+        weights = np.cumsum(np.multiply(self.masses[::-1], STANDARD_GRAVITY))[::-1]
+        return tuple(map(float, weights / self.storey_heights))
+
+    @cached_property
+    def lateral_stiffnesses(self) -> tuple[float, ...]:
+        """Storey stiffnesses less what the weights above take of them (kN/m)."""
+        pairs = zip(self.stiffnesses, self.geometric_stiffnesses, strict=True)
+        return tuple(stiffness - taken for stiffness, taken in pairs)
+
+    @property
+    def stability_coefficients(self) -> tuple[float, ...]:
+        """P / (k h) of each storey; zeros without `p_delta`."""
+        return tuple(p / k for p, k in zip(self.geometric_stiffnesses, self.stiffnesses, strict=True))
+
+    @property
+    def dashed(self) -> tuple[bool, ...]:
+        """Whether each storey has a dashpot."""
+        return (False,) * self.n_storeys if self.dashpots is None else tuple(c > 0.0 for c in self.dashpots)
 
     @property
     def slabs(self) -> Slabs:
@@ -209,8 +354,8 @@ class Building:
 
     @cached_property
     def stiffness_matrix(self) -> np.ndarray:
-        """K (kN/m), shape (n_storeys, n_storeys)."""
-        k = np.asarray(self.stiffnesses, dtype=float)
+        """K (kN/m), of the lateral stiffnesses, shape (n_storeys, n_storeys)."""
+        k = np.asarray(self.lateral_stiffnesses, dtype=float)
         above = np.append(k[1:], 0.0)
         return np.diag(k + above) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
 
@@ -384,13 +529,15 @@ class Scene:
         columns, the storeys are those of the floors that strike them.
     allow_unmet : bool
         Accept pairs with no floors that meet, which pass through each other.
+    links : sequence of Link, optional
+        Springs and dashpots between floors of neighbours.
 
     Raises
     ------
     SceneError
         No building, a wall inside the row, names that repeat, a wrong number of
         gaps, a gap below zero, a pair with no floors that meet, a floor that is level with
-        several of a neighbour, or a storey named that meets nothing.
+        several of a neighbour, a storey named that meets nothing, or a link to a floor that is not there.
 
     Examples
     --------
@@ -410,6 +557,7 @@ class Scene:
     contacts: Any = field(default=CONTACTS[0], kw_only=True, repr=False)
     storeys: Mapping[str, Sequence[int]] | Sequence[tuple[str, Sequence[int]]] = field(default=(), kw_only=True)
     allow_unmet: bool = field(default=False, kw_only=True)
+    links: Sequence[Link] = field(default=(), kw_only=True)
     _labels: tuple[tuple[str, int], ...] = field(default=(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -450,6 +598,38 @@ class Scene:
             check_gap(gap, f"gap of pair {name!r}")
         object.__setattr__(self, "gaps", gaps)
         self._check_meetings()
+        self._check_links()
+
+    def _check_links(self) -> None:
+        """Check that links join floors that are there, each two once."""
+        links = tuple(self.links) if isinstance(self.links, Iterable) else (self.links,)
+        for link in links:
+            if not isinstance(link, Link):
+                msg = f"links must be Link objects, not {shown(link)}"
+                raise SceneError(msg)
+            if link.pair not in self.pair_names:
+                raise SceneError(unknown("pair in links", link.pair, self.pair_names))
+            pair = self.pair_names.index(link.pair)
+            for side, item in enumerate(self.row[pair : pair + 2]):
+                if isinstance(item, Wall):
+                    msg = f"pair {link.pair!r} has a wall; links join floors of two buildings"
+                    raise SceneError(msg)
+                for each in link.floors:
+                    if not 1 <= each[side] <= item.n_storeys:
+                        msg = (
+                            f"pair {link.pair!r} is linked at storey {each[side]} of {item.name!r}, which is not "
+                            f"there; give one of 1 to {item.n_storeys}"
+                        )
+                        raise SceneError(msg)
+        object.__setattr__(self, "links", links)
+        places = [(each.pair, each.storey) for each in self.linked_floors]
+        for pair, storey in places:
+            if places.count((pair, storey)) > 1:
+                msg = (
+                    f"storey {storey} of {self.row[pair].name!r} has {places.count((pair, storey))} links to "
+                    f"{self.row[pair + 1].name!r}; give one, of their sum"
+                )
+                raise SceneError(msg)
 
     def _check_meetings(self) -> None:
         """Check where floors meet; limits become pairs of a name and storeys, so that scenes are values."""
@@ -484,6 +664,12 @@ class Scene:
                 msg = (
                     f"floors of pair {names[contact.pair]!r} strike columns of a storey that may yield, whose shape is "
                     'not known then; give that storey the strength inf, or contacts = "floors"'
+                )
+                raise SceneError(msg)
+            if contact.struck >= 0 and self.building_of((contact.left, contact.right)[contact.struck]).p_delta:
+                msg = (
+                    f"floors of pair {names[contact.pair]!r} strike columns of a building with p_delta, whose shape "
+                    'depends on their axial force; leave out its p_delta, or give contacts = "floors"'
                 )
                 raise SceneError(msg)
         object.__setattr__(self, "_labels", tuple(labels))
@@ -534,10 +720,56 @@ class Scene:
         """Whether the storey below each floor may yield, of all buildings."""
         return tuple(each for building in self.buildings for each in building.yields)
 
+    @property
+    def smooth(self) -> tuple[bool, ...]:
+        """Whether that storey has the hysteresis of Bouc and Wen, of all buildings."""
+        return tuple(each and b.bouc_wen is not None for b in self.buildings for each in b.yields)
+
+    @cached_property
+    def dashed(self) -> tuple[bool, ...]:
+        """Whether the storey below each floor has a dashpot, of all buildings."""
+        return tuple(each for building in self.buildings for each in building.dashed)
+
+    @cached_property
+    def linked_floors(self) -> tuple[LinkedFloors, ...]:
+        """All links, each between two floors."""
+        first, found = 1 if isinstance(self.row[0], Wall) else 0, []
+        for link in self.links:
+            pair = self.pair_names.index(link.pair)
+            left, right = self.offsets[pair - first : pair - first + 2]
+            place = self.pair_labels.index(link.pair)
+            found += [
+                LinkedFloors(pair, s, left + s - 1, right + t - 1, link.stiffness, link.damping, place)
+                for s, t in link.floors
+            ]
+        return tuple(found)
+
+    @cached_property
+    def linked_buildings(self) -> tuple[tuple[int, ...], ...]:
+        """Buildings that move as one, by their numbers: those that links join, and each other one alone."""
+        owner = np.repeat(np.arange(len(self.buildings)), [b.n_storeys for b in self.buildings])
+        joined = {int(owner[each.left]) for each in self.linked_floors}  # those with a link to the right
+        groups: list[list[int]] = []
+        for b in range(len(self.buildings)):
+            if b - 1 in joined:
+                groups[-1].append(b)
+            else:
+                groups.append([b])
+        return tuple(map(tuple, groups))
+
+    @property
+    def has_own_modes(self) -> bool:
+        """Whether each building moves in modes of its own that damping leaves apart: no dashpots, no links."""
+        return not (any(self.dashed) or self.links)
+
     @cached_property
     def offsets(self) -> tuple[int, ...]:
         """First degree of freedom of each building, and the total at the end."""
         return tuple(int(i) for i in np.cumsum([0] + [b.n_storeys for b in self.buildings]))
+
+    def building_of(self, floor: int) -> Building:
+        """Return the building of a degree of freedom."""
+        return next(b for b, end in zip(self.buildings, self.offsets[1:], strict=True) if floor < end)
 
     def faced(self, pair: int) -> tuple[list[Facing], list[Facing]]:
         """Floors of the left and of the right neighbour of a pair that stand before columns of the other."""

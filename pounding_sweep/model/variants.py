@@ -5,8 +5,9 @@ damping and strengths. None of them changes the shape of a mode, so that everyth
 needs of its buildings follows from the scene's own numbers by multiplication,
 for any number of scenarios at once:
 
-- a period factor f multiplies all periods of a building: stiffnesses / f**2, masses and strengths kept;
-- a mass factor multiplies its masses, stiffnesses and strengths, so that its motion alone is kept;
+- a period factor f multiplies all periods of a building: stiffnesses / f**2, dashpots / f, masses and strengths kept;
+  with P-Delta it is what weights leave of the stiffnesses that is divided;
+- a mass factor multiplies its masses, stiffnesses, dashpots and strengths, so that its motion alone is kept;
 - a damping ratio replaces the ratios of the first two modes of all buildings;
 - a strength factor multiplies the yield strengths of a building;
 - a hardening replaces that of a building.
@@ -17,13 +18,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from pounding_sweep.model.levels import column_softness
 from pounding_sweep.model.scene import Scene, rayleigh_factors
+
+#: Rows of linked buildings whose modes are found at a time.
+_BLOCK = 4096
 
 
 @dataclass(frozen=True)
@@ -86,9 +90,25 @@ class Variants:
 
     @cached_property
     def stiffnesses(self) -> np.ndarray:
-        """Storey stiffnesses (kN/m), shape (n, floors)."""
-        own = np.concatenate([b.stiffnesses for b in self.scene.buildings])
+        """Lateral storey stiffnesses (kN/m), with P-Delta less P / h, shape (n, floors)."""
+        own = np.concatenate([b.lateral_stiffnesses for b in self.scene.buildings])
         return np.asarray(own * self.stiffness_factor[:, self._owner])
+
+    @cached_property
+    def geometric_stiffnesses(self) -> np.ndarray:
+        """What weights take of storey stiffnesses (kN/m), P / h, shape (n, floors)."""
+        own = np.concatenate([b.geometric_stiffnesses for b in self.scene.buildings])
+        return np.asarray(own * self.mass_factor[:, self._owner])
+
+    @cached_property
+    def storey_heights(self) -> np.ndarray:
+        """Heights of storeys (m), shape (floors,)."""
+        return np.concatenate([b.storey_heights or () for b in self.scene.buildings])
+
+    @cached_property
+    def elastic_stiffnesses(self) -> np.ndarray:
+        """Stiffnesses of the storeys themselves (kN/m), shape (n, floors)."""
+        return np.asarray(self.stiffnesses + self.geometric_stiffnesses)
 
     @cached_property
     def yield_strengths(self) -> np.ndarray:
@@ -100,13 +120,26 @@ class Variants:
     @cached_property
     def yield_drifts(self) -> np.ndarray:
         """Drifts at first yield (m), infinite where storeys never yield, shape (n, floors)."""
-        return np.asarray(self.yield_strengths / self.stiffnesses)
+        return np.asarray(self.yield_strengths / self.elastic_stiffnesses)
+
+    @cached_property
+    def elastic_hardenings(self) -> np.ndarray:
+        """Hardening of the storeys themselves, shape (n, floors)."""
+        own = np.array([b.hardening for b in self.scene.buildings])
+        return np.asarray(np.where(np.isnan(self.hardening), own, self.hardening)[:, self._owner])
 
     @cached_property
     def hardenings(self) -> np.ndarray:
-        """Hardening of storeys, shape (n, floors)."""
-        own = np.array([b.hardening for b in self.scene.buildings])
-        return np.asarray(np.where(np.isnan(self.hardening), own, self.hardening)[:, self._owner])
+        """Lateral stiffness of storeys that yield over their elastic one, with P-Delta negative where they soften."""
+        taken, own = self.geometric_stiffnesses, self.elastic_hardenings
+        left = (own * self.elastic_stiffnesses - taken) / self.stiffnesses
+        return np.asarray(np.where((taken > 0.0) & np.isfinite(self.yield_strengths), left, own))
+
+    @cached_property
+    def dashpots(self) -> np.ndarray:
+        """Coefficients of the storeys' dashpots (kN s/m), shape (n, floors)."""
+        own = np.concatenate([b.dashpots or (0.0,) * b.n_storeys for b in self.scene.buildings])
+        return np.asarray(own * (self.mass_factor / self.period_factor)[:, self._owner])
 
     def frequencies(self, building: int) -> np.ndarray:
         """Natural circular frequencies of a building (rad/s), rising, shape (n, storeys)."""
@@ -115,6 +148,50 @@ class Variants:
     @cached_property
     def _frequencies(self) -> list[np.ndarray]:
         return [b.frequencies / self.period_factor[:, i, None] for i, b in enumerate(self.scene.buildings)]
+
+    @cached_property
+    def systems(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Undamped frequencies (rad/s), rising, and decay 2 zeta w (1/s) of their modes, of all that moves as one.
+
+        Shape (n, modes) each; a single building's dashpots are left out, linked buildings are one with theirs.
+        """
+        found = []
+        for group in self.scene.linked_buildings:
+            if len(group) > 1:
+                given = np.column_stack([self.period_factor, self.mass_factor, self.damping_ratio])
+                _, first, which = np.unique(given, axis=0, return_index=True, return_inverse=True)
+                parts = [self._linked_modes(group, first[k : k + _BLOCK]) for k in range(0, len(first), _BLOCK)]
+                w, decay = (np.concatenate([part[i] for part in parts])[which.reshape(-1)] for i in (0, 1))
+            else:
+                (a, b), w = self.rayleigh(group[0]), self.frequencies(group[0])
+                decay = a[:, None] + b[:, None] * w * w
+            found.append((w, decay))
+        return found
+
+    def _linked_modes(self, group: tuple[int, ...], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`systems` of linked buildings, of some rows."""
+        start, stop = (self.scene.offsets[b] for b in (group[0], group[-1] + 1))
+        n = stop - start
+        stiff, damped = np.zeros((len(rows), n, n)), np.zeros((len(rows), n, n))
+        for b in group:
+            own = self.scene.buildings[b]
+            drift = np.eye(own.n_storeys) - np.eye(own.n_storeys, k=-1)
+            floors = slice(self.scene.offsets[b], self.scene.offsets[b + 1])
+            here = (slice(None), *[slice(floors.start - start, floors.stop - start)] * 2)
+            k = (drift.T * self.stiffnesses[rows, None, floors]) @ drift
+            alpha, beta = (factor[rows, None, None] for factor in self.rayleigh(b))
+            stiff[here] = k
+            damped[here] = beta * k + (drift.T * self.dashpots[rows, None, floors]) @ drift
+            damped[here] += alpha * self.masses[rows, None, floors] * np.eye(own.n_storeys)
+        for link in self.scene.linked_floors:
+            if start <= link.left < stop:
+                across = (np.arange(start, stop) == link.left) - 1.0 * (np.arange(start, stop) == link.right)
+                stiff += link.stiffness * np.outer(across, across)
+                damped += link.damping * np.outer(across, across)
+        root = 1.0 / np.sqrt(self.masses[rows, start:stop])
+        values, shapes = np.linalg.eigh(stiff * root[:, :, None] * root[:, None, :])
+        shapes = shapes * root[:, :, None]
+        return np.sqrt(np.maximum(values, 0.0)), np.einsum("nim,nij,njm->nm", shapes, damped, shapes)
 
     def rayleigh(self, building: int) -> tuple[np.ndarray, np.ndarray]:
         """Factors (a, b) of C = a M + b K of a building (1/s, s), shape (n,) each."""
@@ -164,10 +241,15 @@ class Variants:
 
 def variants_of(row: Scene | Variants) -> Variants:
     """Return a table of variants; of a scene as given, its one row stands for any number of scenarios."""
-    if isinstance(row, Variants):
-        return row
-    ones = np.ones((1, len(row.buildings)))
-    return Variants(row, ones, ones, np.array([np.nan]))
+    return row if isinstance(row, Variants) else _as_given(row)
+
+
+@lru_cache(maxsize=16)
+def _as_given(scene: Scene) -> Variants:
+    """One row, kept with all that follows from it."""
+    ones, none = np.ones((1, len(scene.buildings))), np.array([np.nan])
+    ones.flags.writeable = none.flags.writeable = False
+    return Variants(scene, ones, ones, none)
 
 
 def distinct(given: np.ndarray, compute: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:

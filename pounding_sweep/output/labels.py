@@ -144,16 +144,22 @@ def building_coordinates(
 
     floors, each = ("building", "storey"), ("building",)
     found: Coordinates = {}
+    stability: list[Any] = []
+    if any(building.p_delta for building in scene.buildings):
+        theta = scatter_dof(variants.geometric_stiffnesses / variants.elastic_stiffnesses, scene)
+        text = "stability coefficient P / (k h) of the storey"
+        stability = [("stability_coefficient", floors, theta, ("period_factor",), "1", text)]
     for name, inner, values, kinds, units, text in (
         ("floor_mass", floors, scatter_dof(variants.masses, scene), ("mass_factor",), "t", "mass of the floor"),
         (
-            *("storey_stiffness", floors, scatter_dof(variants.stiffnesses, scene)),
+            *("storey_stiffness", floors, scatter_dof(variants.elastic_stiffnesses, scene)),
             *(("mass_factor", "period_factor"), "kN m-1", "stiffness of the storey"),
         ),
         ("fundamental_period", each, periods(0), ("period_factor",), "s", "fundamental period"),
         ("second_period", each, periods(1), ("period_factor",), "s", "second natural period"),
         ("first_damping_ratio", each, ratios(0), ("damping_ratio",), "1", "damping ratio of the first mode"),
         ("second_damping_ratio", each, ratios(1), ("damping_ratio",), "1", "damping ratio of the second mode"),
+        *stability,
     ):
         whole = values.reshape(*shape, *values.shape[1:])
         kept = [name for name, kind in dims if kind in ("", *kinds)]
@@ -258,6 +264,9 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
         rows = keys == key
         realised[rows] = realised_restitution(spec.law(str(key)), nominal[rows], spec.restitution_basis)
     extra["restitution_realised"] = (("case",), realised, _REALISED)
+    if any(case.ductility is not None for case in cases):
+        about = {"units": "1", "long_name": AXES["ductilities"].long_name, "comment": AXES["ductilities"].comment}
+        extra["ductility"] = (("case",), [number(case.ductility) for case in cases], about)
     n_pairs = len(spec.scene.pair_names)
     if n_pairs:
         gaps = np.empty((len(cases), n_pairs))

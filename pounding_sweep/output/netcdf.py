@@ -109,7 +109,8 @@ MOST_PACKED = 1100
 _RECODING = ("scale_factor", "add_offset", "dtype", "_Unsigned", "missing_value", "valid_range")
 #: Values of an axis at most, characters of a text, and of all texts together: they are in memory while a cube is open.
 LONGEST_AXIS, LONGEST_TEXT, MOST_CHARACTERS = 2**24, 2**12, 2**29
-#: How characters are to be read.
+#: How characters are to be read. Only texts that are labels of their dimension, or alone, say so in the file: xarray
+#: reads others that do as objects, of which dask can't tell the size, so that ``chunks="auto"`` would fail.
 ENCODING = "utf-8"
 #: Attributes that are text where they are there.
 _TEXTS = ("units", "unit_text", "long_name", "coordinates", "standard_name", "comment")
@@ -150,12 +151,18 @@ def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
         for key in _RECODING:
             if key in attributes:
                 yield f"variable {name!r} has an attribute {key!r}"
-        if attributes.get("_Encoding") != (ENCODING if characters else None):
-            yield f"variable {name!r} has {'no' if characters else 'an'} attribute '_Encoding' of {ENCODING!r}"
+        says = characters and _says_encoding(name, variable.dimensions[:-1])
+        if attributes.get("_Encoding") != (ENCODING if says else None):
+            yield f"variable {name!r} has {'no' if says else 'an'} attribute '_Encoding'{f' of {ENCODING!r}' * says}"
         for key in _TEXTS:
             if not isinstance(attributes.get(key, ""), str):
                 yield f"attribute {key!r} of variable {name!r} is no text"
     yield from _audit_faults(file)
+
+
+def _says_encoding(name: Hashable, dims: Sequence[Hashable]) -> bool:
+    """Whether a text of a file says how it is encoded."""
+    return tuple(dims) in ((), (name,))
 
 
 def _is_of_characters(variable: netCDF4.Variable) -> bool:
@@ -303,6 +310,16 @@ def _with_plain_attributes(dataset: xr.Dataset) -> xr.Dataset:
     return found
 
 
+def _beside(dataset: xr.Dataset) -> dict[Hashable, xr.Variable]:
+    """Return texts that do not say their encoding as bytes, as which xarray writes them so."""
+    texts = {name: array for name, array in dataset.variables.items() if array.dtype.kind in "OUT"}
+    return {
+        name: array.copy(data=np.char.encode(array.values.astype(str), ENCODING))
+        for name, array in texts.items()
+        if not _says_encoding(name, array.dims)
+    }
+
+
 def _holds(dtype: npt.DTypeLike, fill: Any, array: xr.DataArray) -> bool:
     """Whether numbers stay what they are when they are stored as that type, where `fill` stands for a missing one."""
     if not np.issubdtype(dtype, np.integer):
@@ -339,7 +356,7 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
     if truths:
         dataset = dataset.assign({name: dataset[name].astype("i1") for name in truths})
     encoding = {name: _encoding(name, dataset[name], name in dataset.coords) for name in dataset.variables}
-    dataset = _with_plain_attributes(dataset)
+    dataset = _with_plain_attributes(dataset.assign(_beside(dataset)))
     with _written(path, target) as temporary:
         writing = dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding, compute=False)
         writing.compute(scheduler="synchronous")  # other threads would wait for the lock
@@ -396,7 +413,8 @@ def _write_label(file: netCDF4.Dataset, name: str, label: Array) -> None:
     if values.dtype.kind in "OSUT":
         texts = np.array([str(text).encode(ENCODING) for text in values.ravel()], bytes)
         values = texts.reshape(*values.shape, 1).view("S1")
-        dims, attributes = (*dims, f"string{values.shape[-1]}"), {**attributes, "_Encoding": ENCODING}
+        attributes = {**attributes, **({"_Encoding": ENCODING} if _says_encoding(name, dims) else {})}
+        dims = (*dims, f"string{values.shape[-1]}")
     stored = _declare(file, name, Array(dims, values, {}), {"_FillValue": None}, **(COMPRESSION if dims else {}))
     stored.setncatts(attributes)
     stored[...] = values
@@ -455,8 +473,8 @@ def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
     import xarray as xr
 
     for values in dataset.variables.values():
-        if values.dtype.kind == "O":
-            values.data = values.values.astype(str)
+        if values.dtype.kind in "OS":
+            values.data = _decoded(values).values
             values.encoding = {**TEXT, **COMPRESSION}  # for who writes it anew with xarray
     inner, coordinates = (
         {name: dataset.variables[name] for name in names} for names in (dataset.data_vars, dataset.coords)
@@ -465,6 +483,10 @@ def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
     found.encoding = dataset.encoding
     found.set_close(dataset.close)
     return found
+
+
+def _decoded(texts: xr.Variable) -> xr.Variable:
+    return texts.astype(str) if texts.dtype.kind == "O" else texts.copy(data=np.char.decode(texts.values, ENCODING))
 
 
 def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 #: Relative difference from a value of an axis at which a number still means it.
 NEAR = 1e-6
+#: Dimension of listed scenarios, of which parts are taken by what they list too.
+_CASE = "case"
 #: Axes with at most so many values are shown in full.
 _FEW = 8
 
@@ -33,7 +35,8 @@ def select(
     cube : xarray.Dataset
         A cube.
     values : mapping of str to str, float or sequence of them
-        Axis -> value or values, numbers also as text.
+        Axis -> value or values, numbers also as text. Along listed cases also what they list, such as ``law``:
+        all cases with that value are taken.
     keep : collection of str
         Axes that stay dimensions where one value is taken too.
 
@@ -64,13 +67,19 @@ def select(
             more = "; variables are chosen by their names (--var of export)" if axis == "output" else ""
             msg = f"{axis!r} is a dimension of the cube's audit, no axis of its scenarios{more}"
             raise InputError(msg)
-        if axis not in cube.dims:
-            raise InputError(unknown("axis", axis, (str(dim) for dim in cube.sizes if dim not in audit)))
+        of_cases = [str(name) for name, label in cube.coords.items() if label.dims == (_CASE,) and name != _CASE]
+        if axis not in (*cube.dims, *of_cases):
+            raise InputError(unknown("axis", axis, (*(str(d) for d in cube.sizes if d not in audit), *of_cases)))
         there = cube[axis].values
         wanted = [given] if isinstance(given, str) or not isinstance(given, Sequence | np.ndarray) else given
         if not len(wanted):
             msg = f"no value of {axis} is given; give one or several"
             raise InputError(msg)
+        if axis in of_cases:
+            each, inverse = np.unique(there, return_inverse=True)
+            found = [_place(axis, each, value) for value in wanted]
+            cube = cube.isel({_CASE: np.flatnonzero(np.isin(inverse, found))})
+            continue
         places = sorted({_place(axis, there, value) for value in wanted})
         cube = cube.isel({axis: places if len(places) > 1 or axis in keep else places[0]})
     return cube

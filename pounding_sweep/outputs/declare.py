@@ -56,6 +56,8 @@ class Variable:
         It says nothing of a row whose storeys are all elastic.
     of_columns : bool
         It exists only where floors strike columns.
+    of_links : bool
+        It exists only where neighbours are linked.
     dtype : {"f8", "i4", "i1"}
         Stored type.
     default : bool
@@ -80,6 +82,7 @@ class Variable:
     of_force: bool = False
     of_yielding: bool = False
     of_columns: bool = False
+    of_links: bool = False
     dtype: str = "f8"
     default: bool = False
     always: bool = False
@@ -92,9 +95,10 @@ class Variable:
         return "pair" in self.dims
 
     def exists_in(self, scene: Scene) -> bool:
-        """Whether a scene has what it describes: pairs of neighbours, columns that are struck."""
+        """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links."""
         struck = any(contact.struck >= 0 for contact in scene.contacts)
-        return (not self.per_pair or bool(scene.pair_names)) and (struck or not self.of_columns)
+        there = (struck or not self.of_columns) and (bool(scene.links) or not self.of_links)
+        return there and (not self.per_pair or bool(scene.pair_names))
 
     @property
     def fill(self) -> float | int | None:
@@ -111,7 +115,7 @@ def needs(*names: str) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class Slot:
-    """A number that a kernel keeps of each "floor", "contact" or "building", and its first value (else 0)."""
+    """A number that a kernel keeps of each "floor", "contact", "link" or "building", and its first value (else 0)."""
 
     # the first value follows from the number of the floor or contact, or from the floors of the building
 
@@ -121,7 +125,8 @@ class Slot:
 
     def count(self, shape: KernelSpec) -> int:
         """How many of it a kernel has."""
-        return {"floor": shape.n_dof, "contact": len(shape.contacts), "building": shape.n_buildings}[self.per]
+        counts = {"contact": len(shape.contacts), "link": len(shape.links), "building": shape.n_buildings}
+        return counts.get(self.per, shape.n_dof)
 
 
 @dataclass(frozen=True)
@@ -137,18 +142,18 @@ class Reducer:
         By which outputs need it.
     slots : tuple of Slot
         What it leaves for the readouts.
-    where : {"", "yields", "neighbours", "touch"}
-        Whether it exists in all kernels, where storeys yield, where floors of neighbours stand at one height, or where
-        they can touch.
+    where : {"", "yields", "linked", "neighbours", "touch"}
+        Whether it exists in all kernels, where storeys yield, where neighbours are linked, where floors of neighbours
+        stand at one height, or where they can touch.
     keeps : tuple of Slot
         What it needs beside.
     looks : str
         Out of `pounding_sweep.kernel.group.LOOKS`.
-    quick : bool
-        High modes weigh in it: exact flight takes shorter steps.
     follows : callable, optional
         Gives the motions whose extremes it keeps, turning points inside steps included; in one straight line of code
         where that is asked for and the row is short.
+    step : callable, optional
+        What it does after each located step and sub-step.
     touch : callable, optional
         What it does at the onset of a contact.
     substep : callable, optional
@@ -162,8 +167,8 @@ class Reducer:
     where: str = ""
     keeps: tuple[Slot, ...] = ()
     looks: str = ""
-    quick: bool = False
     follows: Callable[[Group, bool], Iterable[Motion]] | None = None
+    step: Callable[[Group], None] | None = None
     touch: Callable[[Group, Touch], None] | None = None
     substep: Callable[[Group], None] | None = None
     plain: Callable[[Group, Sample], None] | None = None

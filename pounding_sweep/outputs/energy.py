@@ -26,7 +26,7 @@ def hysteretic(kept: KernelResults) -> np.ndarray:
     """(1 - r) k dy by the plastic travel of its storeys, by building."""
     if "travel" not in kept.slots:
         return np.zeros((len(kept), len(kept.scene.buildings)))
-    held = (1.0 - kept.variants.hardenings) * kept.variants.yield_strengths
+    held = (1.0 - kept.variants.elastic_hardenings) * kept.variants.yield_strengths
     lost = np.where(kept.slots["travel"] > 0.0, held, 0.0) * kept.slots["travel"]
     return np.add.reduceat(lost, kept.scene.offsets[:-1], axis=1)
 
@@ -48,7 +48,7 @@ ENERGIES = (
         _BUILDING,
         "kN m",
         "energy lost in damping",
-        "Energy lost in the building's own damping until the end of the record, int v'Cv dt.",
+        "Energy lost in the building's own damping, dashpots included, until the end of the record, int v'Cv dt.",
         needs("energy"),
         buildings("e_damp"),
         error="energies",
@@ -69,7 +69,7 @@ ENERGIES = (
         "kN m",
         "strain energy at the end",
         "Elastic strain energy u'Ku/2 at the end of the record; of storeys that yield, hardening k d^2/2 + (1 - "
-        "hardening) k z^2/2 of the drift d and z = d - p.",
+        "hardening) k z^2/2 of the drift d and z = d - p. With P-Delta less what weights have given, P d^2 / (2 h).",
         needs("energy"),
         buildings("e_strain"),
         error="energies",
@@ -87,13 +87,26 @@ ENERGIES = (
         of_yielding=True,
     ),
     Variable(
+        "energy_links",
+        _BUILDING,
+        "kN m",
+        "energy given to links",
+        "Energy that the building has given to its links until the end of the record, negative where it has taken it; "
+        "the sum over buildings is what the links' springs hold and their dashpots have lost.",
+        needs("links"),
+        buildings("e_link"),
+        error=UNMEASURED,
+        relative_to=("energy_input",),
+        of_links=True,
+    ),
+    Variable(
         "energy_transfer_max",
         _BUILDING,
         "kN m",
         "largest energy transfer",
-        "Largest value over time of the transfer = input - kinetic - damping - strain - lost in yielding: what the "
-        "building has given to its neighbours and contacts.",
-        needs("energy", "transfer", "hysteretic"),
+        "Largest value over time of the transfer = input - kinetic - damping - strain - lost in yielding - given to "
+        "links: what the building has given to its contacts.",
+        needs("energy", "transfer", "hysteretic", "links"),
         buildings("tmax"),
         error="energies",
         relative_to=_EXCHANGED,
@@ -103,9 +116,9 @@ ENERGIES = (
         _BUILDING,
         "kN m",
         "smallest energy transfer",
-        "Smallest value over time of the transfer = input - kinetic - damping - strain - lost in yielding; negative "
-        "where the building has taken energy from its neighbours.",
-        needs("energy", "transfer", "hysteretic"),
+        "Smallest value over time of the transfer = input - kinetic - damping - strain - lost in yielding - given to "
+        "links; negative where the building has taken energy through its contacts.",
+        needs("energy", "transfer", "hysteretic", "links"),
         buildings("tmin"),
         error="energies",
         relative_to=_EXCHANGED,
@@ -127,6 +140,11 @@ ENERGIES = (
 REDUCERS = (
     Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
     Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),
+    Reducer(
+        "links",
+        (Slot("e_link", "building"), Slot("link_lost", "link"), Slot("link_held", "link")),
+        where="linked",
+    ),
     Reducer("work", (Slot("work", "contact"),), where="touch"),
     Reducer(
         "transfer",

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import hysteresis
+from pounding_sweep.kernel import bouc_wen, hysteresis, links
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.peaks import Motion, storeys
 from pounding_sweep.outputs.declare import CONTACT, FLOOR, UNMEASURED, Reducer, Slot, Variable, needs
-from pounding_sweep.outputs.readout import KernelResults, contacts, floors, scatter_dof
+from pounding_sweep.outputs.readout import KernelResults, contacts, floors, scatter_dof, scatter_link
 
 #: Of outputs of floors.
 MOTIONS = (
@@ -57,7 +57,7 @@ MOTIONS = (
         "kN",
         "largest storey shear",
         "Largest absolute elastic storey force k |u_i - u_(i-1)|, of a storey that yields that of its hysteresis; "
-        "dampers not included.",
+        "dampers not included; with P-Delta what the columns bear, the push of the weights included.",
         needs("drift", "shear"),
         lambda kept: scatter_dof(_shear(kept), kept.scene),
         error="motions",
@@ -95,12 +95,28 @@ YIELDS = (
         "m",
         "residual interstorey drift",
         "Signed interstorey displacement at which the building comes to rest after the end of the record (RID, times "
-        "the storey height): no storey shear is left. 0 where a storey has not yielded.",
+        "the storey height): no storey shear is left. 0 where a storey has not yielded; missing where it falls under "
+        "the weight above it, and of storeys of Bouc and Wen.",
         needs("residual"),
         lambda kept: scatter_dof(_residual(kept), kept.scene),
         error=UNMEASURED,
         relative_to=("drift_max",),
         of_yielding=True,
+    ),
+)
+#: Of outputs of links.
+LINKS = (
+    Variable(
+        "link_force_max",
+        CONTACT,
+        "kN",
+        "largest link force",
+        "Largest absolute force in the link of the left building's storey to its neighbour, spring and dashpot "
+        "together; missing where there is none.",
+        needs("link_force"),
+        lambda kept: scatter_link(kept.get("link_force", len(kept.scene.linked_floors)), kept.scene),
+        error=UNMEASURED,
+        of_links=True,
     ),
 )
 #: Of outputs of neighbours.
@@ -119,7 +135,7 @@ CLOSINGS = (
 
 
 def _shear(kept: KernelResults) -> np.ndarray:
-    elastic = np.asarray(kept.slots["drift"] * kept.variants.stiffnesses)
+    elastic = np.asarray(kept.slots["drift"] * kept.variants.elastic_stiffnesses)
     return np.where(kept.scene.yields, kept.slots["shear"], elastic) if "shear" in kept.slots else elastic
 
 
@@ -129,12 +145,14 @@ def _ductility(kept: KernelResults) -> np.ndarray:
 
 
 def _residual(kept: KernelResults) -> np.ndarray:
-    """Drifts without shear: (1 - r) p, as far as no storey yields back, at r d = (1 - r) dy."""
+    """Drifts without force: (1 - r) p, as far as no storey yields back, at r d = (1 - r) dy; none where it falls."""
     if "slip" not in kept.slots:
         return np.zeros((len(kept), kept.scene.n_dof))
     p, r, limit = kept.slots["slip"], kept.variants.hardenings, kept.variants.yield_drifts
-    back = np.where(r > 0.0, limit / np.where(r > 0.0, r, 1.0), np.inf)
-    return np.asarray((1.0 - r) * np.sign(p) * np.minimum(np.abs(p), back))
+    p = np.where(kept.scene.smooth, np.nan, p)  # that goes on flowing while it unloads
+    back = np.where(r != 0.0, limit / np.where(r != 0.0, np.abs(r), 1.0), np.inf)
+    rest = (1.0 - r) * np.sign(p) * np.minimum(np.abs(p), back)
+    return np.asarray(np.where((r < 0.0) & (np.abs(p) > back), np.nan, rest))
 
 
 def _displacements(group: Group, straight: bool) -> Iterator[Motion]:
@@ -155,12 +173,33 @@ def _read(group: Group, i: Any, name: str, below: Any = None) -> Any:
 
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:
     for i, below in hysteresis.each_storey(group, straight):
-        yield Motion(("shear", i), None, True, partial(hysteresis.shear, group, i, below))
+        # it turns with the drift, which is asked for too
+        shear = _borne if group.spec.p_delta else hysteresis.shear
+        yield Motion(("shear", i), None, True, partial(shear, group, i, below), alone=False)
+    for i, below, n in bouc_wen.each_storey(group):
+        yield Motion(("shear", i), None, True, partial(_smooth_shear, group, i, below, n))
+
+
+def _smooth_shear(group: Group, i: int, below: int | None, n: float, name: str) -> Any:
+    found = bouc_wen.shear(group, i, below, n, name)
+    return found + group.prop("geometric", i) * hysteresis.drift(group, i, below, name) if group.spec.p_delta else found
+
+
+def _borne(group: Group, i: Any, below: Any, name: str = "u") -> Any:
+    """Shear of a storey that bears what the weights above it push too."""
+    pushed = group.prop("geometric", i) * hysteresis.drift(group, i, below, name)
+    return hysteresis.shear(group, i, below, name) + pushed
 
 
 def _closings(group: Group, straight: bool) -> Iterator[Motion]:
     for j in group.each_closing(straight):
         yield Motion(("closing", j), None, False, partial(group.between, j=j))
+
+
+def _links(group: Group, straight: bool) -> Iterator[Motion]:
+    del straight
+    for j, ends in group.each_link():
+        yield Motion(("link_force", j), None, True, links.reader(group, j, ends))
 
 
 def _still(group: Group, i: Any) -> Any:
@@ -172,6 +211,7 @@ REDUCERS: tuple[Reducer, ...] = (
     Reducer("drift", (Slot("drift", "floor"),), follows=_drifts),
     Reducer("shear", (Slot("shear", "floor"),), where="yields", follows=_shears),
     Reducer("residual", (Slot("slip", "floor"),), where="yields"),
-    Reducer("acceleration", (Slot("acc", "floor"),), looks="ends", quick=True),
+    Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
+    Reducer("link_force", (Slot("link_force", "link"),), where="linked", follows=_links, step=links.sample),
     Reducer("closing", (Slot("closing", "contact"),), where="neighbours", follows=_closings),
 )

@@ -50,6 +50,16 @@ def scatter_contact(values: Any, scene: Scene) -> np.ndarray:
     return result
 
 
+def scatter_link(values: Any, scene: Scene) -> np.ndarray:
+    """Put values per link where their pair and the storey of their left floor are."""
+    values = np.asarray(values)
+    _check_last(values, len(scene.linked_floors), "links")
+    result = _unfilled(values, len(scene.pair_labels), scene.n_storeys)
+    for i, link in enumerate(scene.linked_floors):
+        result[..., link.place, link.storey - 1] = values[..., i]
+    return result
+
+
 @dataclass(frozen=True)
 class KernelResults:
     """What a kernel returned, by the names of its slots, shape (scenarios, slots), and what the scenarios were."""

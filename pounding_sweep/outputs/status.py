@@ -42,8 +42,9 @@ class Status(IntEnum):
     )
     DIVERGED = (
         1,
-        "the motion left the range of finite numbers, or of what the ground can bring about; no peaks are reported",
-        "use a smaller dt, the newmark scheme or a softer contact",
+        "the motion left the range of finite numbers, or of what the ground can bring about, or a storey fell under "
+        "the weight above it (with P-Delta, as far as it is high); no peaks are reported",
+        "use a smaller dt, the newmark scheme or a softer contact; a storey that falls does so under any",
         False,
     )
     UNDER_RESOLVED_CONTACT = (
@@ -95,7 +96,7 @@ STATUS: tuple[Status, ...] = tuple(Status)
 
 
 def _energy_residual(kept: KernelResults) -> np.ndarray:
-    """|sum of transfers - sum of contact works| over the largest energy in the balance."""
+    """|sum of transfers - sum of works of contacts and links| over the largest energy in the balance."""
     raw = kept.slots
     initial: np.ndarray | float = 0.0
     if kept.initial_velocity is not None:
@@ -105,6 +106,8 @@ def _energy_residual(kept: KernelResults) -> np.ndarray:
         gained = gained + hysteretic(kept)
     left = raw["e_in"].sum(axis=1) - gained.sum(axis=1) + initial
     work = raw["work"].sum(axis=1) if "work" in raw else np.zeros(len(left))
+    if "link_held" in raw:
+        work = work + raw["link_held"].sum(axis=1) + raw["link_lost"].sum(axis=1)
     size = np.maximum.reduce([np.abs(raw["e_in"]).sum(axis=1), gained.sum(axis=1), np.abs(work)])
     return np.asarray(np.abs(left - work) / np.where(size > 0, size, 1.0))
 
@@ -152,8 +155,9 @@ RUNS = (
         "1",
         "relative residual of the energy balance",
         "|sum of the buildings' transfers - sum of the contacts' works| at the end of the record, over the largest "
-        "absolute value among the energies of the balance (input, damping, kinetic, strain, yielding, contact work).",
-        needs("energy", "work", "hysteretic"),
+        "absolute value among the energies of the balance (input, damping, kinetic, strain, yielding, contact work); "
+        "what links hold and lose counts as work.",
+        needs("energy", "work", "hysteretic", "links"),
         _energy_residual,
     ),
     Variable(

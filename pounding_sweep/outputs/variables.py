@@ -38,7 +38,15 @@ __all__ = [
 #: Every output by name, in the order in which cubes and tables list them.
 VARIABLES: dict[str, Variable] = {
     variable.name: variable
-    for variable in (*motion.MOTIONS, *motion.YIELDS, *contact.CONTACTS, *energy.ENERGIES, *motion.CLOSINGS, *RUNS)
+    for variable in (
+        *motion.MOTIONS,
+        *motion.YIELDS,
+        *contact.CONTACTS,
+        *motion.LINKS,
+        *energy.ENERGIES,
+        *motion.CLOSINGS,
+        *RUNS,
+    )
 }
 
 #: Every reducer by name, in the order in which their slots lie.

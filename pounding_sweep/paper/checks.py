@@ -64,6 +64,7 @@ class Finding:
     printed: str  # what the table says
     why: str  # why it can't be
     computed: str  # what the computed cubes say in its place
+    impossible: bool = True  # rather than hardly possible
 
 
 def findings(cube: xr.Dataset) -> list[Finding]:
@@ -164,4 +165,5 @@ def _misprint(cube: xr.Dataset) -> Finding:
         f"Not impossible, but alone: the next largest ratio of Model VI to Model V is {float(ratio[-2]):.1f}, "
         f"the median {float(ratio.median()):.1f}.",
         f"The largest computed ratio of the two is {' and '.join(texts)}.",
+        impossible=False,
     )

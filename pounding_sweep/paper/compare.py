@@ -103,14 +103,14 @@ def agreement(number: int, compared: xr.Dataset) -> Grid:
             paper, own = (one[name].sel(source=source).values for source in (first, reading))
             off = np.abs(difference[np.isfinite(difference)])
             shares = [f"{int((off <= share).sum())} of {off.size}" for share in CLOSE]
-            one_zero = int((np.isfinite(own) & ((paper == 0) != (np.abs(own) < _resolution(name)))).sum())
+            one_zero = int((np.isfinite(own) & ((paper == 0) != (np.abs(own) < resolution(name)))).sum())
             median = f"{np.median(off):.0%}" if off.size else "-"
             place = [_WRITTEN[name][0], READINGS[str(reading)].label, _place("record", str(record))]
             rows.append([*place, str(paper.size), median, *shares, str(one_zero)])
     return Grid(f"Agreement with Table {number}", headings, rows)
 
 
-def _resolution(name: str) -> float:
+def resolution(name: str) -> float:
     """Half a unit of the last digit that is written: less is zero."""
     _, factor, _, digits = _WRITTEN[name]
     return float(0.5 * 10.0**-digits / factor)

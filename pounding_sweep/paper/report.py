@@ -22,6 +22,7 @@ from pounding_sweep.paper.conclusions import HOLDS_SHARE, PARTLY_SHARE, Judgemen
 from pounding_sweep.paper.published import GROUND_MOTIONS, TABLES, record_title
 from pounding_sweep.paper.readings import READINGS, RESCALED, STEP
 from pounding_sweep.paper.steps import LIMIT, error_text, largest_steps, step_rows
+from pounding_sweep.paper.verdict import Part, opening_grid, rule, verdict_of_all
 from pounding_sweep.records.record import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -65,6 +66,8 @@ def contents(study: Study) -> dict[str, Any]:
     compared = {number: side_by_side(number, study.cube) for number in TABLES}
     readings = [READINGS[str(key)] for key in study.cube["reading"].values]
     return {
+        "opening": opening(study),
+        "rule": rule(),
         "version": package_version(),
         "how": _how(study.cube),
         "readings": readings,
@@ -86,10 +89,17 @@ def contents(study: Study) -> dict[str, Any]:
     }
 
 
+def opening(study: Study) -> list[Part]:
+    """Return the verdict that the report opens with."""
+    compared = {number: side_by_side(number, study.cube) for number in TABLES}
+    return verdict_of_all(study.cube, compared, judge(study.cube, study.floor_spectra))
+
+
 def summary(study: Study) -> list[Grid]:
-    """Return what a reader wants to know first, as tables: verdicts, agreement, impossibilities, steps, energy."""
+    """Return what a reader wants to know first, as tables: the verdict, and what it rests on."""
     impossible = [[one.title, one.printed] for one in findings(study.cube)]
     return [
+        opening_grid(opening(study)),
         verdict_grid(judge(study.cube, study.floor_spectra)),
         agreement_grid(study),
         hertz_grid(study),

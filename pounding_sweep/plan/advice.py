@@ -26,7 +26,7 @@ import numpy as np
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine.resolution import MAX_PHASE_ERROR, loses_ground, phase_error
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.model.laws import RESTING_SPEED, Law
+from pounding_sweep.model.laws import LAWS, RESTING_SPEED, Law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants, distinct, variants_of
 from pounding_sweep.outputs.variables import CLASSES, check_outputs, reducers_for
@@ -59,7 +59,7 @@ def elastic_duration(exponent: float, stiffness: np.ndarray, mass: np.ndarray, s
 def highest_frequency(row: Scene | Variants) -> np.ndarray:
     """Highest natural circular frequency of the buildings (rad/s), shape (n,); one number for a scene."""
     variants = variants_of(row)
-    return np.max([variants.frequencies(b)[:, -1] for b in range(len(variants.scene.buildings))], axis=0)
+    return np.max([frequencies[:, -1] for frequencies, _ in variants.systems], axis=0)
 
 
 def approach_speeds(row: Scene | Variants, record: Record) -> np.ndarray:
@@ -305,11 +305,15 @@ def advise(
     costs: dict[Scheme, float] = {}
     best: tuple[Scheme, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
     reached: dict[Scheme, tuple[float, str]] = {}
-    yields = any(spec.scene.yields)
+    yields, smooth, links = any(spec.scene.yields), any(spec.scene.smooth), not spec.scene.has_own_modes
     schemes = [
         (m, p)
         for m, p in known.cost
-        if spec.method in (None, m) and p in _formats(spec) and not (yields and not SCHEMES[m].follows_yielding)
+        if spec.method in (None, m)
+        and p in _formats(spec)
+        and not (yields and not SCHEMES[m].follows_yielding)
+        and not (smooth and not SCHEMES[m].follows_smooth)
+        and not (links and not SCHEMES[m].follows_links)
     ]
     if not schemes:
         msg = (
@@ -355,12 +359,13 @@ def _needed(
     assert spec.accuracy is not None
     need, best = {}, (0.0, "")
     for law in laws:
-        curves = [known.curves.get((*scheme, law.key, kind)) for kind in classes_of(spec.outputs)]
+        # a law of a user's own has no curves: its scenarios begin as those of the law that asks for most
+        likes = list(LAWS) if law in spec.own_laws else [law.key]
+        curves = [known.curves.get((*scheme, like, kind)) for like in likes for kind in classes_of(spec.outputs)]
         if None in curves:
-            remedy = ", or measure them: python -m pounding_sweep.accuracy.calibrate" * (law not in spec.own_laws)
             msg = (
                 f"accuracy: no errors of law {law.key!r} with {' and precision '.join(scheme)} were measured; "
-                f"give method and dt instead{remedy}"
+                "give method and dt instead, or measure them: python -m pounding_sweep.accuracy.calibrate"
             )
             raise SweepError(msg)
         need[law.key] = max(curve.needed(spec.accuracy) for curve in curves if curve is not None)
@@ -512,6 +517,9 @@ class _Demand:
         lasting = self.contact[np.isfinite(self.contact)]
         if lasting.size:
             text += f"; contacts last {_range(lasting, '.3g')} s"
+        own = [law.key for law in self.spec.own_laws]
+        if own:
+            text += f". {', '.join(own)}: not measured, taken as the law that asks for most, and refined"
         text += "".join(f". {' '.join(name)} would cost {ratio:.3g} times as much" for name, ratio in others.items())
         return text
 

@@ -41,8 +41,9 @@ CHUNK_BYTES = 2**22
 PLAN_BYTES = 300
 #: Scenarios whose largest steps are found at a time.
 LIMIT_BLOCK = 1 << 16
-#: Scenarios that must share a motion without pounding for the extremes of its windows to be worth finding.
-LEAST_SHARING = 6
+#: Scenarios that must share a motion without pounding for the extremes of its windows to be worth finding, and where
+#: energies are asked for, which motions that are known by blocks have not.
+LEAST_SHARING, LEAST_SHARING_ENERGIES = 32, 6
 #: Scenarios that must share a run without pounding for it to be run: it costs about what one of them does.
 LEAST_SHARED = 4
 #: Margin by which a gap must exceed the closing displacement to be left out.
@@ -146,7 +147,9 @@ class Plan:
     def _shares_flight(self) -> bool:
         """Whether scenarios of a law and a record that share a motion without pounding are enough for its windows."""
         motions = len(self.variants.flights()[0]) * len(self.laws) * len(self.spec.records)
-        return len(self.variants) == 1 or len(self.unique) >= LEAST_SHARING * motions
+        energies = "energy" in reducers_for(self.spec.outputs)
+        least = LEAST_SHARING_ENERGIES if energies else LEAST_SHARING
+        return len(self.variants) == 1 or len(self.unique) >= least * motions
 
     def kernels(self) -> dict[tuple[int, bool], RowKernel]:
         """Return the kernels that a run needs by (law, closing); the last law's decides who can touch."""
@@ -164,7 +167,7 @@ class Plan:
         if not own.has_contact or own.damper:
             return None
         both = [item for item in self.laws if item.damper and item.elastic == own.elastic]
-        simple = [item for item in both if not (item.approach_only or item.tension or item.impulsive)]
+        simple = [item for item in both if not (item.approach_only or item.rebound_only or item.tension)]
         return simple[0] if simple else None
 
     @cached_property
@@ -370,7 +373,8 @@ def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
         needed[:, contact.pair] = np.maximum(needed[:, contact.pair], np.maximum(closing[:, j], 0.0))
     needed *= 1.0 + CLOSING_MARGIN
     known = np.isfinite(closing).all(axis=1)
+    thick = np.array([law.thickness for law in plan.laws])[table.law]
     result = known[plan.uncoupled_of]
     for pair in range(needed.shape[1]):
-        result &= table.gaps[:, pair] >= needed[plan.uncoupled_of, pair]
+        result &= table.gaps[:, pair] - thick >= needed[plan.uncoupled_of, pair]
     return result | plan.no_contact

@@ -112,6 +112,9 @@ LIMITS = {
         1e10,
         (("N/m^1.5 given for kN/m^1.5", 1e-3), ("MN/m^1.5 given for kN/m^1.5", 1e3)),
     ),
+    "stability": Limit(
+        "stability coefficient P / (k h) of a storey", "", 0.0, 0.3, real="those that Eurocode 8 (4.4.2.2) allows"
+    ),
     "drift": Limit("storey drift over the storey's height", "", 0.0, 0.1),
 }
 
@@ -141,6 +144,9 @@ def doubts(spec: SweepSpec) -> list[str]:
         pairs = list(itertools.product(masses, periods))
         held("stiffness", ((f"{name}, storey {i}", f / p**2 * k) for i, (_, k, _) in each for f, p in pairs))
         held("height", ((f"{name}, storey {i}", h) for i, (_, _, h) in each))
+        for p in periods if building.p_delta else ():
+            shares = zip(building.lateral_stiffnesses, building.geometric_stiffnesses, strict=True)
+            held("stability", [(f"{name}, storey {i}", g / (k / p**2 + g)) for i, (k, g) in enumerate(shares, 1)])
         held("period", ((name, p * float(building.periods[0])) for p in periods))
         ratio = building.damping_ratio
         own = ratio if isinstance(ratio, tuple) else (ratio,)

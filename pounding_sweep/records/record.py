@@ -13,10 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pounding_sweep.base.errors import RecordError, shown, unknown
+from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.base.text import label_fault, printable
-
-STANDARD_GRAVITY = 9.81
-"""Acceleration of one g in m/s2, as in the pounding literature (not 9.80665)."""
 
 UNITS: dict[str, float] = {"g": STANDARD_GRAVITY, "m/s2": 1.0, "cm/s2": 0.01}
 """Acceleration units of files, each with its size in m/s2."""

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -174,17 +175,25 @@ _TOLD = (
 )
 
 
-def remade(source: str) -> Record | None:
-    """Make the synthetic record of a source again, from its six digits of each number; None of any other source."""
-    found = re.search(r"^synthetic, .*: seed=(\d+), (.*)$", source)
-    if found is None:
-        return None
-    numbers = re.findall(r"(?<![\w.])\d[\d.]*(?:e[-+]\d+)?(?![\w.])", found[2])
-    told: dict[str, Any] = dict(zip(_TOLD, map(float, numbers), strict=False))
+def remade(source: str, points: int | None = None) -> Record | None:
+    """Make a synthetic record or pulse of a source again, from its six digits of each number; None of any other source.
+
+    Of a pulse `points` tell the duration.
+    """
     try:
-        return synthetic_record(int(found[1]), **told) if len(numbers) == len(_TOLD) else None
-    except RecordError:  # a text that this package did not write
-        return None
+        if found := re.search(r"^synthetic, .*: seed=(\d+), (.*)$", source):
+            numbers = re.findall(r"(?<![\w.])\d[\d.]*(?:e[-+]\d+)?(?![\w.])", found[2])
+            given: dict[str, Any] = dict(zip(_TOLD, map(float, numbers), strict=False))
+            return synthetic_record(int(found[1]), **given) if len(numbers) == len(_TOLD) else None
+        told = {key: float(value) for key, value in re.findall(r"(\w+)=(-?[\d.]+(?:e[-+]\d+)?)", source)}
+        makers: dict[str, Callable[..., Record]] = {f"{shape} pulse": partial(pulse_record, shape) for shape in PULSES}
+        make = (makers | {_NEAR_FAULT: near_fault_record}).get(source.partition(":")[0])
+        if make is not None:
+            whole = make(**told)
+            return whole if points in (None, whole.n_points) else make(**told, duration=(points - 1) * whole.dt)
+    except (RecordError, TypeError, ValueError):  # a text that this package did not write
+        pass
+    return None
 
 
 def pulse_record(
@@ -249,6 +258,8 @@ def pulse_record(
     return Record(shape if name is None else name, dt, motion, source)
 
 
+#: What the source of a near-fault pulse begins with.
+_NEAR_FAULT = "near-fault pulse of Mavroeidis and Papageorgiou (2003)"
 #: Least number of steps in a period of a near-fault pulse.
 _STEPS_PER_PULSE = 8
 
@@ -331,7 +342,7 @@ def near_fault_record(
     rising, falling = np.sin(x / cycles) * np.cos(x + nu), cycles * (1.0 + np.cos(x / cycles)) * np.sin(x + nu)
     motion = np.where(time <= length, -velocity * math.pi / length * (rising + falling), 0.0)
     source = (
-        f"near-fault pulse of Mavroeidis and Papageorgiou (2003): velocity={velocity:g} m/s, period={period:g} s, "
+        f"{_NEAR_FAULT}: velocity={velocity:g} m/s, period={period:g} s, "
         f"cycles={cycles:g}, phase={phase:g} degrees, dt={dt:g} s"
     )
     return Record("near_fault" if name is None else name, dt, motion, source)

@@ -57,7 +57,7 @@ def choices(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
             for building in spec.scene.buildings:
                 name = mine.get(building.name) or plain_name(f"{axis.dimension}_{building.name}", found)
                 found[name] = (argument, building.name)
-        elif axis.of_buildings:
+        elif axis.of_buildings and not axis.listed:
             found[axis.dimension] = (axis.dimension, None)
     return found
 
@@ -254,6 +254,11 @@ def _varied(scene: Scene, case: Case) -> Scene:
             for name in ("stiffnesses", "column_stiffnesses")
             if getattr(item, name) is not None
         }
+        if item.p_delta:  # the period is that under the weights
+            pairs = zip(item.lateral_stiffnesses, item.geometric_stiffnesses, strict=True)
+            changed["stiffnesses"] = [mass * (left / period**2 + taken) for left, taken in pairs]
+        if item.dashpots is not None:
+            changed["dashpots"] = [mass / period * c for c in item.dashpots]
         if own is not None:
             changed["yield_strengths"] = [strength * each for each in own]
         changed["hardening"] = hardenings.get(item.name, item.hardening)

@@ -13,9 +13,10 @@ import numpy as np
 from pounding_sweep.base.errors import InputError, StabilityError
 from pounding_sweep.model.laws import Law, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import assemble
 from pounding_sweep.outputs.differences import comparable
-from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
+from pounding_sweep.outputs.readout import scatter_contact, scatter_dof, scatter_link
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.spec.axes import contact_stiffness
@@ -99,7 +100,8 @@ def simulate(
         ``contact_force`` (kN), ``penetration`` (m, zero while open), and energies
         (kN m) ``input``, ``kinetic``, ``strain``, ``damping`` and ``transfer`` per
         building and ``work`` per pair; where storeys yield ``storey_drift``, ``plastic_drift``
-        (m), ``storey_shear`` (kN) and ``hysteretic`` (kN m); beside them every variable of a
+        (m), ``storey_shear`` (kN) and ``hysteretic`` (kN m); where neighbours are linked
+        ``link_force`` (kN) and ``given_to_links`` (kN m); beside them every variable of a
         cube that the row can have. The attribute
         ``scene`` holds the row as JSON.
 
@@ -330,7 +332,8 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     ground = np.interp(time, motion.time, motion.acceleration)
     buildings = scene.buildings
     masses = np.concatenate([b.masses for b in buildings])
-    stiffnesses = np.concatenate([b.stiffnesses for b in buildings])
+    row = variants_of(scene)
+    stiffnesses, pushed = row.stiffnesses[0], row.geometric_stiffnesses[0]
     storeys = [b.n_storeys for b in buildings]
     owner = np.repeat(np.arange(len(buildings)), storeys)
     alpha = np.array([b.rayleigh[0] for b in buildings])[owner]
@@ -338,7 +341,7 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     u, v, taken = part("u"), part("v"), part("e_in")
     n_contacts = len(scene.contacts)
     force = part("force") if "force" in slots.first else np.zeros((len(time), n_contacts))
-    gap = np.array([scene.gaps[c.pair] for c in scene.contacts])
+    gap = np.array([scene.gaps[c.pair] for c in scene.contacts]) - kernel.law.thickness
     penetration = np.zeros((len(time), n_contacts))
     on_floor = -alpha * masses * v
     drift, damped, yields = _below(u, buildings), stiffnesses, any(scene.yields)
@@ -346,18 +349,19 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     strains = 0.5 * stiffnesses * drift**2
     hysteretic = np.zeros_like(taken)
     if yields:
-        soft = 1.0 - np.repeat([b.hardening for b in buildings], storeys)
+        soft = 1.0 - row.hardenings[0]
         plastic, strengths = (
             part("slip"),
             np.concatenate([b.yield_strengths or (0.0,) * b.n_storeys for b in buildings]),
         )
         storey = stiffnesses * (drift - soft * plastic)
         strains = 0.5 * stiffnesses * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
-        lost = soft * np.where(scene.yields, strengths, 0.0) * part("travel")
+        lost = (1.0 - row.elastic_hardenings[0]) * np.where(scene.yields, strengths, 0.0) * part("travel")
         hysteretic = _building_sum(lost, scene)
         damped = part("kd") if "kd" in slots.first else damped
-    shear = storey
-    storey = shear + beta * damped * _below(v, buildings)
+    shear = storey + pushed * drift
+    dashpots = np.concatenate([b.dashpots or (0.0,) * b.n_storeys for b in buildings])
+    storey = storey + (beta * damped + dashpots) * _below(v, buildings)
     on_floor -= storey
     for b, first in zip(buildings, scene.offsets[:-1], strict=True):
         on_floor[:, first : first + b.n_storeys - 1] += storey[:, first + 1 : first + b.n_storeys]
@@ -367,6 +371,13 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
             closing += share * u[:, floor]
             on_floor[:, floor] -= share * force[:, j]
         penetration[:, j] = np.maximum(closing - gap[j], 0.0)
+    pulls = np.zeros((len(time), len(scene.linked_floors)))
+    for j, link in enumerate(scene.linked_floors):
+        d, rate = (x[:, link.left] - x[:, link.right] for x in (u, v))
+        pulls[:, j] = link.stiffness * d + link.damping * rate
+        on_floor[:, link.left] -= pulls[:, j]
+        on_floor[:, link.right] += pulls[:, j]
+    given = part("e_link") if scene.links else np.zeros_like(taken)
     kinetic = _building_sum(0.5 * masses * v**2, scene)
     strain = _building_sum(strains, scene)
     damping = part("e_damp")
@@ -383,9 +394,9 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
         "strain": ((*axis, "building"), strain, "kN m", "strain energy"),
         "transfer": (
             (*axis, "building"),
-            taken - damping - strain - (kinetic - kinetic[0]) - hysteretic,
+            taken - damping - strain - (kinetic - kinetic[0]) - hysteretic - given,
             "kN m",
-            "transferred energy: input - kinetic - damping - strain - yielding since the start",
+            "transferred energy: input - kinetic - damping - strain - yielding - given to links since the start",
         ),
     }
     if yields:
@@ -395,6 +406,10 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
             "storey_shear": (floors, scatter_dof(shear, scene), "kN", "storey shear, dampers not included"),
             "hysteretic": ((*axis, "building"), hysteretic, "kN m", "energy lost in yielding"),
         }
+    if scene.links:
+        about = "force of the link, positive where it draws the floors together"
+        variables["link_force"] = (pairs, scatter_link(pulls, scene), "kN", about)
+        variables["given_to_links"] = ((*axis, "building"), given, "kN m", "energy given to links")
     if scene.pair_names:
         variables["contact_force"] = (pairs, scatter_contact(force, scene), "kN", "contact force, pressing positive")
         variables["penetration"] = (pairs, scatter_contact(penetration, scene), "m", "penetration, zero while open")

@@ -29,6 +29,10 @@ class Scheme(ABC):
         A ground acceleration that is linear over the step is integrated twice without error.
     follows_yielding : bool
         It takes rows in which storeys yield.
+    follows_smooth : bool
+        It takes rows whose storeys have the hysteresis of Bouc and Wen.
+    follows_links : bool
+        It takes rows that damping does not leave in modes of single buildings: dashpots, links.
     parameters : tuple of str
         Settings of a sweep that are its own.
     without_limit : str
@@ -51,6 +55,8 @@ class Scheme(ABC):
     flies_exactly = False
     follows_ground = True
     follows_yielding = True
+    follows_smooth = False
+    follows_links = True
     parameters: tuple[str, ...] = ()
     without_limit = "the newmark scheme"
     min_steps_located: float

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pounding_sweep.kernel import forces, located
+from pounding_sweep.kernel import forces, located, series
 from pounding_sweep.kernel.flight import Flight
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
@@ -48,6 +48,7 @@ class Exact(Rk4):
     source = "Nigam & Jennings 1969"
     flies_exactly = True
     follows_yielding = False
+    follows_links = False
     step_cost = 0.2
     ladder = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
     finest_float32 = 2.0
@@ -102,7 +103,7 @@ class Events:
                 with when_any(starts):
                     at = self.at.now
                     located.begin(group, starts, self._ground(at), self._ground(at + 1), self.ground.h)
-                located.substep(group, self.ground.h)
+                (series if group.spec.series else located).substep(group, self.ground.h)
                 self._go_on()
 
     def _ground(self, places: Any) -> Any:

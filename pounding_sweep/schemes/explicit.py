@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import impulse
+from pounding_sweep.kernel import bouc_wen, impulse, links
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import fma
 from pounding_sweep.kernel.located import keep_start
@@ -28,6 +28,7 @@ class Step:
     powers: list[tuple[Any, Any]] = field(default_factory=list)
     work: list[Any] = field(default_factory=list)
     impulse: list[Any] = field(default_factory=list)
+    travel: dict[int, Any] = field(default_factory=dict)
 
 
 #: Contact forces at a state, or what makes floors that rest on each other accelerate alike.
@@ -80,9 +81,17 @@ class Explicit(Scheme):
             scaled = [weight * value for value in values]
             return [old + new for old, new in zip(sums, scaled, strict=True)] if sums else scaled
 
+        flow = bouc_wen.Flow(group, [i for _, floors in part for i in floors]) if group.spec.smooth else None
         for number, (place, weight) in enumerate(self.nodes, 1):
+            if flow is not None:
+                flow.hold(x, y, weight)
             held: Sequence[Any] = forces(x, y) if forces is not None else ()
-            now = accelerations(group, part, x, y, grounds[place], pushes(group, held))
+            push = pushes(group, held)
+            if group.spec.links:
+                push = links.pushes(group, links.forces(group, x, y), push)
+                if "links" in asked:
+                    links.add_powers(group, x, y, weight, number == 1)
+            now = accelerations(group, part, x, y, grounds[place], push)
             if join is not None:
                 now, held = join(now)
             a.append(now)
@@ -98,6 +107,11 @@ class Explicit(Scheme):
                 found.impulse = total(found.impulse, held)
             states = [self.after(number, u[i], v[i], x[i], [each[i] for each in a], h) for i in every]
             x, y = ([state[side] for state in states] for side in (0, 1))
+            if flow is not None:
+                flow.advance(self.after, number, h)
+        if flow is not None:
+            flow.end()
+            found.travel = flow.lost
         found.u, found.v, found.a0 = x, y, a[0]
         return found
 
@@ -128,6 +142,10 @@ class Explicit(Scheme):
                     add("dwork", j, force * group.between("y", j))
                 if "impulse" in r:
                     add("dimpulse", j, force)
+            if group.spec.links:
+                links.push_rows(group, "push", "x", "y")
+                if "links" in r:
+                    links.add_powers(group, "x", "y", weight, number == 1)
             for b, floors in group.each_building():
                 x, y = [s["x", i] for i in floors], [s["y", i] for i in floors]
                 push = [[("+", s["push", i])] for i in floors]
@@ -154,6 +172,10 @@ class Explicit(Scheme):
         s = group.state
         if not group.long:
             return self._whole(group, h, None)
+        if group.spec.links:  # the row moves as one
+            keep_start(group)
+            self.step_long(group, h, None, None)
+            return lambda: _record_long(group)
         for b, floors in group.each_building():
             u, v = [s["u", i] for i in floors], [s["v", i] for i in floors]
             step = self.step(group, [(b, floors)], u, v, h)
@@ -193,6 +215,8 @@ class Explicit(Scheme):
         u, v = group.floors("u"), group.floors("v")
         group.put("u0", u)
         group.put("v0", v)
+        if group.spec.smooth:
+            bouc_wen.keep(group)
         step = self.step(group, _row(group), u, v, h, press)
         group.put("u", step.u)
         group.put("v", step.v)
@@ -254,8 +278,12 @@ def _record(group: Group, step: Step) -> Callable[[], None]:
             add_powers(group, step.powers, h6)
         for j, x in enumerate(step.work):
             s["work", j] = fma(h6, x, s["work", j])
+        if "links" in group.asked:
+            links.record(group, h6)
         for j, x in enumerate(step.impulse):
             s["impulse", j] = fma(h6, x, s["impulse", j])
+        for i, x in step.travel.items():
+            s["travel", i] = fma(h6, x, s["travel", i])
 
     return add
 
@@ -267,6 +295,8 @@ def _record_long(group: Group) -> None:
     for b in group.each(group.spec.n_buildings) if "energy" in group.asked else ():
         s["e_in", b] = fma(h6, s["din", b], s["e_in", b])
         s["e_damp", b] = fma(h6, s["ddamp", b], s["e_damp", b])
+    if "links" in group.asked:
+        links.record(group, h6)
 
 
 def _record_contacts(group: Group) -> None:

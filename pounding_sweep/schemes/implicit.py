@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from pounding_sweep.kernel import yielding
-from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SLACK, contact_rate, is_closed, penetration
+from pounding_sweep.kernel import links, yielding
+from pounding_sweep.kernel.forces import OPEN, PRESSING, REBOUND, SIDES, SLACK, contact_rate, is_closed, penetration
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.impulse import alone
 from pounding_sweep.kernel.lanes import Cell, count_to, flagged, maximum, minimum, size, when_any, where, while_any
@@ -30,9 +30,22 @@ Floors = list[tuple[Any, Any]]
 
 def _sides(group: Group, j: Any) -> list[tuple[Any, Floors, float]]:
     """Sides of a contact that move: where their responses begin, the floors, the sign of the force on them."""
+    if group.spec.links:  # both are of one whole, whose response is to the push on both
+        both = [(i, share if side else -share) for side in (0, 1) for i, share in _shares(group, j, side)]
+        return [(j * group.spec.n_dof, both, 1.0)]
     most = max(group.spec.storeys)
     sides = ((side, group.floors_of(j, side), sign) for side, sign in enumerate((-1.0, 1.0)))
     return [((j * 2 + side) * most, floors, sign) for side, floors, sign in sides if floors]
+
+
+def _shares(group: Group, j: Any, side: int) -> Floors:
+    """Floors that a contact acts on at a side, with numbers for shares."""
+    return [(i, group.full(1.0) if share is None else share) for i, share in group.floors_of(j, side)]
+
+
+def _whole(group: Group, floor: Any) -> tuple[Any, Any]:
+    """First floor and number of floors of what moves as one with a floor in a step."""
+    return (0, group.spec.n_dof) if group.spec.links else group.home_of(floor)[:2]
 
 
 def _count(group: Group, n: Any) -> Iterator[Any]:
@@ -43,21 +56,25 @@ def _count(group: Group, n: Any) -> Iterator[Any]:
 def storey_stiffness(group: Group, b: Any, i: Any, be: Any, ga: Any) -> Any:
     """Stiffness by which a storey resists an acceleration at the end of a Newmark step, its damper included."""
     k = group.state["kt", i] if group.yields(i) else group.prop("k", i)
-    return be * k + ga * group.prop("beta", b) * damper_stiffness(group, i)
+    found = be * k + ga * group.prop("beta", b) * damper_stiffness(group, i)
+    return found + ga * group.prop("dashpot", i) if group.dashed(i) else found
 
 
 def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
     """Keep the acceleration of every floor of a building for a unit force on some, in a Newmark step of length h."""
     s = group.state
+    if group.spec.links:
+        _keep_whole_compliance(group, first, floors, h)
+        return
     home, storeys, b = group.home_of(floors[0][0])
     beta, gamma = group.prop("newmark_beta"), group.prop("newmark_gamma")
     be, ga = beta * h * h, gamma * h
     alpha, stiff = group.prop("alpha", b), be + ga * group.prop("beta", b)
-    if group.spec.yielding:  # storeys differ in the share of their dampers
-        stiff = 1.0
+    apart = bool(group.spec.yielding or group.spec.dashpots)  # storeys differ in the share of their dampers
+    stiff = 1.0 if apart else stiff
 
     def stiffness(i: Any) -> Any:
-        return storey_stiffness(group, b, i, be, ga) if group.spec.yielding else group.prop("k", i)
+        return storey_stiffness(group, b, i, be, ga) if apart else group.prop("k", i)
 
     def ahead(p: Any, above: Any) -> tuple[Any, Any]:
         i = home + p
@@ -92,10 +109,22 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
         s["response", first + p] = found / s["diagonal", p]
 
 
+def _keep_whole_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
+    """Keep the same of every floor of a linked row."""
+    be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
+    row = enumerate(group.building_floors)
+    own = [storey_stiffness(group, b, i, be, ga) for b, storeys in row for i in storeys]
+    right = [group.full(0.0) for _ in own]
+    for floor, share in floors:
+        right = [where(flagged(group.trace, floor == i), share, x) for i, x in enumerate(right)]
+    for i, x in enumerate(links.solve(group, be, ga, own, right)):
+        group.state["response", first + i] = x
+
+
 def _push(group: Group, first: Any, floors: Floors, be: Any, ga: Any, change: Any, lanes: Any) -> None:
     """Add a change (kN) of force to the end state of a building."""
     s = group.state
-    home, storeys, _ = group.home_of(floors[0][0])
+    home, storeys = _whole(group, floors[0][0])
     for p in _count(group, storeys):
         i = home + p
         a = change * s["response", first + p]
@@ -109,7 +138,7 @@ def _unit(group: Group, j: Any) -> Any:
     unit = group.full(0.0)
     for first, floors, _ in _sides(group, j):
         for floor, share in floors:
-            unit = unit + part_of(group.state["response", first + (floor - group.home_of(floor)[0])], share)
+            unit = unit + part_of(group.state["response", first + (floor - _whole(group, floor)[0])], share)
     return unit
 
 
@@ -243,10 +272,7 @@ def balance(group: Group, lanes: Any, ground: Any, pressed: bool) -> None:
     """Find the accelerations of the equation of motion at the present state, contacts' forces in it if `pressed`."""
     s, law = group.state, group.law
 
-    def put(i: Any, x: Any) -> None:
-        s["alone", i] = x
-
-    alone(group, ground, put)
+    alone(group, ground)
     if pressed and group.spec.located and group.touching and law is not None and not group.spec.impulsive:
         for j in group.each_contact():
             k = s["ke", j]
@@ -311,9 +337,10 @@ def settle(group: Group, lanes: Any) -> None:
         if "work" in r:
             w = 0.5 * h * force * (group.between("v0", j) + v)
             s["work", j] = where(here, s["work", j] + w, s["work", j])
-        mode = where(d > 0.0, group.full(PRESSING), OPEN)
-        if law.shape.approach_only:
-            mode = where((d > 0.0) & (v < 0.0), REBOUND, mode)
+        nears, parting = SIDES[law.shape.rebound_only]
+        mode = where(d > 0.0, group.full(nears), OPEN)
+        if law.shape.one_sided:
+            mode = where((d > 0.0) & (v < 0.0), parting, mode)
         if law.shape.clips:
             slack = (s["cl", j] > 0.0) & (law.pressing(s["kl", j], s["cl", j], d, v) <= 0.0)
             mode = where((d > 0.0) & slack, SLACK, mode)
@@ -327,10 +354,14 @@ def settle(group: Group, lanes: Any) -> None:
 
 def touch_miss(group: Group) -> Any:
     """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
-    s, late = group.state, Cell(group.full(0.0))
+    s, law, late = group.state, group.law, Cell(group.full(0.0))
+    assert law is not None
+    nears = SIDES[law.shape.rebound_only][0]
     for j in group.each_contact():
         d, v = penetration(group, j), group.between("v", j)
-        mine = (s["mode", j] == OPEN) & (s["next", j] == 1.0) & (s["event", j] <= s["fraction"] + group.limit.same_time)
+        mine = (
+            (s["mode", j] == OPEN) & (s["next", j] == nears) & (s["event", j] <= s["fraction"] + group.limit.same_time)
+        )
         mine = mine & (v > 0.0) & (size(d) > group.limit.exact)
         late.now = where(mine, where(late.now == 0.0, d / v, maximum(late.now, d / v)), late.now)
     return late.now

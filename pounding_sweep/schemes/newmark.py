@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import impulse
+from pounding_sweep.kernel import impulse, links
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import fma, where
-from pounding_sweep.kernel.row import powers, storey_force
+from pounding_sweep.kernel.located import keep_start
+from pounding_sweep.kernel.row import accelerations, powers, storey_force
 from pounding_sweep.schemes import implicit
 from pounding_sweep.schemes.base import Scheme
 
@@ -59,6 +60,11 @@ class Newmark(Scheme):
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
         s = group.state
+        if group.spec.links:
+            keep_start(group)
+            for name, values in zip("uva", linked_step(group, h), strict=True):
+                group.put(name, values)
+            return lambda: add_gains(group)
         for b, floors in group.each_building():
             before = [[s[name, i] for i in floors] for name in "uva"]
             u, v, a = before
@@ -77,7 +83,12 @@ class Newmark(Scheme):
         """Try a sub-step of every lane's own length, contacts implicit."""
         s = group.state
         h = s["h"]
-        for b, floors in group.each_building():
+        if group.spec.links:
+            u, v, a = linked_step(group, h)
+            group.put("u", u)
+            group.put("v", v)
+            group.put("a", [where(h > 0.0, x, s["a0", i]) for i, x in enumerate(a)])
+        for b, floors in group.each_building() if not group.spec.links else ():
             u, v, before = ([s[name, i] for i in floors] for name in ("u0", "v0", "a0"))
             now = step(group, b, floors, u, v, before, h, s["g1"])
             for p, i in enumerate(floors):
@@ -126,7 +137,7 @@ def step(
     alpha, stiff = group.prop("alpha", b), fma(gg, group.prop("beta", b), be)
     k = [group.prop("k", i) for i in floors]
     each = range(len(floors))
-    if yields := any(map(group.yields, floors)):
+    if apart := any(map(group.own_damper, floors)):
         drifts, rates = ([z[s] - z[s - 1] if s else z[s] for s in each] for z in (x, y))
         f = [storey_force(group, b, i, drifts[s], rates[s]) for s, i in enumerate(floors)]
         own = [implicit.storey_stiffness(group, b, i, be, gg) for i in floors]
@@ -141,12 +152,12 @@ def step(
         m = group.prop("m", i)
         net = -f[s] if s == top else f[s + 1] - f[s]
         r = fma(-m, fma(alpha, y[s], ground), net)
-        if yields:
+        if apart:
             e = fma(m, gg * alpha, m) + (own[s] if s == top else own[s] + own[s + 1])
         else:
             e = fma(m, gg * alpha, m) + stiff * (k[s] if s == top else k[s] + k[s + 1])
         if s:
-            off.append(own[s] if yields else stiff * k[s])
+            off.append(own[s] if apart else stiff * k[s])
             low = off[s] * inverse[s - 1]
             e, r = fma(-low, off[s], e), fma(low, right[s - 1], r)
         inverse.append(1.0 / e)
@@ -158,6 +169,23 @@ def step(
     return after, [fma(gg, ends[s], y[s]) for s in range(len(floors))], ends
 
 
+def linked_step(group: Group, h: Any) -> tuple[list[Any], list[Any], list[Any]]:
+    """Return displacements, velocities and accelerations of a linked row after a step from its start."""
+    beta, gamma, every = group.prop("newmark_beta"), group.prop("newmark_gamma"), range(group.spec.n_dof)
+    h = group.full(h)
+    be, gg, pu, pv = beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma)
+    u, v, a = (group.floors(f"{name}0") for name in "uva")
+    x = [fma(pu, a[i], fma(h, v[i], u[i])) for i in every]
+    y = [fma(pv, a[i], v[i]) for i in every]
+    row = list(enumerate(group.building_floors))
+    push = links.pushes(group, [links.force(group, j, ends, x, y) for j, ends in enumerate(group.spec.links)], [])
+    own = [implicit.storey_stiffness(group, b, i, be, gg) for b, floors in row for i in floors]
+    load = accelerations(group, row, x, y, group.state["g1"], push)
+    right = [group.prop("m", i) * each for i, each in enumerate(load)]
+    ends = links.solve(group, be, gg, own, right)
+    return [fma(be, ends[i], x[i]) for i in every], [fma(gg, ends[i], y[i]) for i in every], ends
+
+
 def add_gains(group: Group) -> None:
     """Add the energies of a step: powers of input and damping at both ends, by the trapezoid."""
     s = group.state
@@ -167,3 +195,7 @@ def add_gains(group: Group) -> None:
         (late,) = powers(group, [(b, floors)], [s["v", i] for i in floors], s["g1"])
         s["e_in", b] = fma(h6, 3.0 * (early[0] + late[0]), s["e_in", b])
         s["e_damp", b] = fma(h6, 3.0 * (early[1] + late[1]), s["e_damp", b])
+    if "links" in group.asked:
+        links.add_powers(group, "u0", "v0", 3.0, first=True)
+        links.add_powers(group, "u", "v", 3.0, first=False)
+        links.record(group, h6)

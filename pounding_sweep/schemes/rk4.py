@@ -25,6 +25,7 @@ class Rk4(Explicit):
     title = "classical fourth-order Runge-Kutta"
     source = "Hairer, Nørsett & Wanner 1993"
     order = 4
+    follows_smooth = True
     min_steps_located = 1.5
     step_cost = 2.6
     ladder: tuple[float, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)

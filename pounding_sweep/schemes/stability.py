@@ -40,10 +40,22 @@ def largest_step(
             contact_c = law.damping_coefficient(restitution, stiffness, largest, basis)
     w2, rate = np.zeros_like(stiffness), np.zeros_like(stiffness)
     weights = _contact_weights(scene)
+    links, dashed = _link_weights(scene), not scene.has_own_modes
     for index, building in enumerate(scene.buildings):
         a, b = variants.rayleigh(index)
         masses = np.asarray(building.masses)
         rows = np.abs(building.stiffness_matrix).sum(axis=1) / masses
+        if dashed:
+            floors = slice(*scene.offsets[index : index + 2])
+            dampers = np.append(building.dashpots or (0.0,) * len(masses), 0.0)
+            dampers = (dampers[:-1] + 2.0 * dampers[1:] + np.append(0.0, dampers[1:-1])) / masses
+            each = zip(rows, weights[floors] / masses, links[:, floors].T / masses[:, None], dampers, strict=True)
+            period, mass = variants.period_factor[:, index], variants.mass_factor[:, index]
+            for own, weight, link, damper in each:
+                stiff, contact = own / np.square(period), weight / mass
+                w2 = np.maximum(w2, stiff + link[0] / mass + contact_k * contact)
+                rate = np.maximum(rate, a + b * stiff + damper / period + link[1] / mass + contact_c * contact)
+            continue
         # floors that differ only in a smaller row sum or weight can't decide
         for own, weight in _decisive(rows, weights[scene.offsets[index] : scene.offsets[index + 1]] / masses):
             stiff = own / np.square(variants.period_factor[:, index])
@@ -60,6 +72,15 @@ def _contact_weights(scene: Scene) -> np.ndarray:
         whole = sum(abs(share) for _, share in contact.ends)
         for floor, share in contact.ends:  # k on the diagonal, and -k beside it unless the other end is a wall
             weights[floor] += abs(share) * whole
+    return weights
+
+
+def _link_weights(scene: Scene) -> np.ndarray:
+    """Row sums of the links' stiffness and damping matrices (kN/m, kN s/m), shape (2, floors)."""
+    weights = np.zeros((2, scene.n_dof))
+    for link in scene.linked_floors:
+        for floor in (link.left, link.right):
+            weights[:, floor] += 2.0 * np.array([link.stiffness, link.damping])
     return weights
 
 

@@ -64,6 +64,8 @@ class Axis:
     unsaid : bool
         Whether the JSON of a sweep without it is silent of it. So it is of axes that came later: digests of sweeps
         without them stay what they were.
+    listed : bool
+        Whether a sweep with it is a list of cases: what it comes to in a scenario depends on all of that.
     """
 
     dimension: str
@@ -82,6 +84,7 @@ class Axis:
     by_building: bool = False
     parameter: str = ""
     unsaid: bool = False
+    listed: bool = False
 
 
 def positive(what: str) -> Check:
@@ -250,6 +253,18 @@ def _factor_to_spectrum(value: float, record: Record, sa_period: float, **_: Any
     return value / spectral_acceleration(record, sa_period)
 
 
+def _check_ductility(value: float, *_: Any) -> None:
+    if not 1.0 <= value < math.inf:
+        msg = f"ductility is {value!r}; it must be at least 1"
+        raise InputError(msg)
+
+
+def _need_yielding(scene: Scene, _laws: Sequence[Any], _records: Sequence[Record]) -> Iterator[Fault]:
+    """Tell a row that is elastic."""
+    if not any(scene.yields):
+        yield ("ductilities",), "no storey of this row yields; give its buildings yield_strengths, or leave it out"
+
+
 def _need_strengths(scene: Scene, names: Sequence[str], _records: Sequence[Record]) -> Iterator[Fault]:
     """Tell buildings of an axis that have no yield strengths."""
     for building in scene.buildings:
@@ -333,6 +348,14 @@ class AxisValues:
         "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each.",
         "stiffness of yielding storeys over their elastic one", requires=_need_strengths,
         of_buildings=True, by_building=True, unsaid=True,
+    )})
+    ductilities: Values = field(default=None, metadata={"axis": Axis(
+        "ductility", "ductility", "ductility", "ductilities", _check_ductility,
+        "Largest storey ductilities, at least 1: each building gets the factor on its yield strengths at which it "
+        "alone reaches it without pounding, under the record and scale of each scenario. The cube lists its scenarios.",
+        "largest storey ductility without pounding",
+        comment="the coordinate strength_factor has the factor on the yield strengths of each building",
+        requires=_need_yielding, of_buildings=True, unsaid=True, listed=True,
     )})
     # fmt: on
 
@@ -510,6 +533,8 @@ class Case:
         Factors on all yield strengths and hardening of buildings, by name; their own for those not named.
     sa : float, optional
         Spectral acceleration (m/s2) at the sweep's `sa_period` that the record is scaled to, instead of `scale`.
+    ductility : float, optional
+        Largest storey ductility for which the factors on strengths are found, where `strength_factors` gives none.
     """
 
     law: str
@@ -526,6 +551,7 @@ class Case:
     strength_factors: Factors | Mapping[str, float] = ()
     hardenings: Factors | Mapping[str, float] = ()
     sa: float | None = None
+    ductility: float | None = None
 
     def axis(self, column: str) -> tuple[Axis, float] | None:
         """Return the axis that the case has of a column, with its value; None where it has none."""

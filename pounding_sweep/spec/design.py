@@ -6,14 +6,14 @@ A design becomes listed cases: each of its points with each law, each record and
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.model.laws import get_law
+from pounding_sweep.model.laws import Law
 from pounding_sweep.spec.axes import AXES, AxisValues, Case, plain_name
 
 #: Kind of design -> what it is.
@@ -190,26 +190,36 @@ class Design:
         return {"kind": self.kind, "samples": self.samples, "seed": self.seed, "inputs": inputs}
 
     def cases(
-        self, laws: Sequence[str], records: Sequence[str], given: AxisValues, buildings: Sequence[str]
+        self, laws: Mapping[str, Law], records: Sequence[str], given: AxisValues, buildings: Sequence[str]
     ) -> tuple[Case, ...]:
         """Return every point with every law, record and value of the axes that are given, points innermost."""
         columns = [self.values(i, records) for i in range(len(self.inputs))]
         points = [tuple(zip(self.inputs, row, strict=True)) for row in zip(*columns, strict=True)]
-        beside: list[list[tuple[Input, Any]]] = []
-        for name, axis in AXES.items():
-            values = getattr(given, name)
-            for building, each in values if axis.by_building else [(None, values)] if values else []:
-                beside.append([(Input(axis.dimension, name, building, None), value) for value in each])
         drawn = {each.argument for each in self.inputs}
-        found = []
-        for key in laws:
-            law = get_law(key)
-            ignored = {"stiffness_factors": not law.has_contact, "restitutions": not law.takes_restitution}
-            kept = [choices for choices in beside if not ignored.get(choices[0][0].argument)]
-            for record in [None] if "records" in drawn else records:
-                for place in itertools.product(*kept):
-                    found += [_case(key, record, (*place, *point), buildings) for point in points]
-        return tuple(found)
+        return product_cases(laws, [None] if "records" in drawn else records, given, buildings, points)
+
+
+def product_cases(
+    laws: Mapping[str, Law],
+    records: Sequence[str | None],
+    given: AxisValues,
+    buildings: Sequence[str],
+    points: Sequence[tuple[tuple[Input, Any], ...]] = ((),),
+) -> tuple[Case, ...]:
+    """Return each law, record and value of the axes as a listed case, with every point of a design innermost."""
+    beside: list[list[tuple[Input, Any]]] = []
+    for name, axis in AXES.items():
+        values = getattr(given, name)
+        for building, each in values if axis.by_building else [(None, values)] if values else []:
+            beside.append([(Input(axis.dimension, name, building, None), value) for value in each])
+    found = []
+    for key, law in laws.items():
+        ignored = {"stiffness_factors": not law.has_contact, "restitutions": not law.takes_restitution}
+        kept = [choices for choices in beside if not ignored.get(choices[0][0].argument)]
+        for record in records:
+            for place in itertools.product(*kept):
+                found += [_case(key, record, (*place, *point), buildings) for point in points]
+    return tuple(found)
 
 
 def _case(law: str, record: str | None, given: Iterable[tuple[Input, Any]], buildings: Sequence[str]) -> Case:

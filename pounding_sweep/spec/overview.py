@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from pounding_sweep.base.errors import SceneError
 from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.variants import variants_of
 from pounding_sweep.records import STANDARD_GRAVITY
 from pounding_sweep.spec.spec import scene_of
 
@@ -27,8 +29,8 @@ def overview(scene: Scene) -> list[tuple[str, str]]:
     -------
     list of (str, str)
         Names of buildings and pairs, and of each what is to be known of it before anything is run: height, first
-        periods and total weight of a building; at which elevations floors of a pair meet, and which floors stand
-        before columns of the neighbour instead.
+        periods and total weight of a building; first periods of linked buildings as one; at which elevations floors
+        of a pair meet, and which floors stand before columns of the neighbour instead.
 
     Examples
     --------
@@ -41,6 +43,11 @@ def overview(scene: Scene) -> list[tuple[str, str]]:
     a-b: floors meet at 3 m; floor 2 of a (6 m) stands before columns of b, which it passes through
     """
     lines = [(item.name, _building(item)) for item in scene.buildings]
+    systems = zip(scene.linked_buildings, variants_of(scene).systems, strict=True) if scene.links else ()
+    for group, (frequencies, _) in systems:
+        if len(group) > 1:
+            periods = ", ".join(f"{2.0 * math.pi / w:.3g}" for w in frequencies[0, :4])
+            lines.append((" + ".join(scene.buildings[b].name for b in group), f"linked, periods as one {periods} s"))
     return lines + [(name, _pair(scene, index)) for index, name in enumerate(scene.pair_names)]
 
 
@@ -56,9 +63,12 @@ def overview_of(attributes: Mapping[Any, Any]) -> list[tuple[str, str]]:
 def _building(item: Building) -> str:
     periods = ", ".join(f"{period:.3g}" for period in item.periods[:2])
     several = item.n_storeys > 1
+    weight = f"weight {sum(item.masses) * STANDARD_GRAVITY:.0f} kN"
+    if item.p_delta:
+        weight += f" with P-Delta, stability coefficients up to {max(item.stability_coefficients):.2g}"
     return (
         f"{item.n_storeys} storey{'s' * several}, {item.elevations[-1]:g} m high, period{'s' * several} {periods} s, "
-        f"weight {sum(item.masses) * STANDARD_GRAVITY:.0f} kN"
+        f"{weight}"
     )
 
 

@@ -32,7 +32,7 @@ from pounding_sweep.model.scene import Scene, check_gap
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, AxisValues, Case, Range, by_exponent, positive
-from pounding_sweep.spec.design import RECORD, Design, Distribution, named_inputs
+from pounding_sweep.spec.design import RECORD, Design, Distribution, named_inputs, product_cases
 from pounding_sweep.spec.faults import (
     Faults,
     Place,
@@ -58,6 +58,7 @@ from pounding_sweep.spec.spec import (
     outside_accuracy,
     step_fault,
 )
+from pounding_sweep.spec.strengths import with_strengths
 from pounding_sweep.spec.tables import DesignTable, read_distribution, read_range, read_scene, record_table
 
 #: More faults than this on one axis are only counted; of laws, records and cases, no more are looked for.
@@ -422,11 +423,19 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
             checked = _axis_values(faults, sizes, place, each, AXES[name], laws, basis)
             if checked is not None:
                 values[name] = checked if building is None else (*values.get(name, ()), (building, checked))
-        most = MAX_AXIS if design else MAX_SCENARIOS  # each of a design is listed
+        # each of a list is held as such
+        listing = design or any(axis.listed and given.get(name) is not None for name, axis in AXES.items())
+        most = MAX_AXIS if listing else MAX_SCENARIOS
         if (size := math.prod(sizes.values())) > most:
             product = " x ".join(f"{count} {name}" for name, count in sizes.items())
             text = f"{product} = {size} scenarios ({size:.3g}); at most {most} in one sweep: split it"
             faults.add(Root(()), text)
+        if given.get("ductilities") is not None or ("ductilities", None) in drawn:
+            for place, text in AXES["ductilities"].requires(scene, laws, records) if scene is not None else ():
+                faults.add(Root(place), text)
+            if any(name == "strength_factors" for name, _ in (*items, *drawn)):
+                text = "ductilities and strength_factors exclude each other; give one of them"
+                faults.add(Root(("ductilities",)), text)
         _check_parameters(faults, info, [axis.dimension for name, axis in AXES.items() if given.get(name) is not None])
         for column in COLUMNS:
             choices = {name: axis for name, axis in AXES.items() if axis.column == column}
@@ -586,6 +595,8 @@ def _cases(given: Any, info: Any) -> tuple[Case, ...] | None:
         if scene := info.data.get("scene"):
             for axis in AXES.values():
                 using = [case for case in seen if (case.axis(axis.column) or [None])[0] is axis]
+                if not using:
+                    continue
                 laws = {case.law: info.context["own"][case.law] for case in using}
                 there = {case.record for case in using}
                 records = [record for record in info.data.get("records", ((), ()))[0] if record.name in there]
@@ -700,6 +711,17 @@ def _method(given: Any, info: Any) -> str | None:
         able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.follows_yielding)
         name = next(building.name for building in scene.buildings if any(building.yields))
         msg = f"{found!r} does not follow storeys that yield, as those of building {name!r} do; give one of {able}"
+        raise InputError(msg)
+    if found is not None and scene is not None and any(scene.smooth) and not SCHEMES[found].follows_smooth:
+        able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.follows_smooth)
+        name = next(building.name for building in scene.buildings if building.bouc_wen)
+        msg = f"{found!r} does not follow storeys of Bouc and Wen, as those of building {name!r} are; give {able}"
+        raise InputError(msg)
+    if found is not None and scene is not None and not (scene.has_own_modes or SCHEMES[found].follows_links):
+        able = ", ".join(name for name, scheme in SCHEMES.items() if scheme.follows_links)
+        dashed = (f"building {b.name!r} has dashpots" for b in scene.buildings if any(b.dashed))
+        what = next(dashed, None) or f"buildings of pair {scene.links[0].pair!r} are linked"
+        msg = f"{found!r} flies in modes that damping leaves apart, and {what}; give one of {able}"
         raise InputError(msg)
     return found
 
@@ -826,11 +848,15 @@ def check_sweep(given: dict[str, Any], *, file: bool = False) -> SweepSpec:
     records, left_out = values.pop("records")
     del values["laws"]
     laws: dict[str, Law] = context["laws"]
+    axes_given = AxisValues(**values["axes"])
+    names = [record.name for record in records], [building.name for building in values["scene"].buildings]
     if (design := values["design"]) is not None:
-        names = [record.name for record in records], [building.name for building in values["scene"].buildings]
-        values["cases"] = design.cases(list(laws), names[0], AxisValues(**values["axes"]), names[1])
+        values["cases"] = design.cases(laws, names[0], axes_given, names[1])
+    elif any(axis.listed and getattr(axes_given, name) for name, axis in AXES.items()):
+        values["cases"] = product_cases(laws, names[0], axes_given, names[1])
+    if values["cases"] is not None:
         values["axes"] = {}
-    return SweepSpec(
+    spec = SweepSpec(
         **values.pop("axes"),
         **values,
         laws=tuple(laws),
@@ -838,3 +864,22 @@ def check_sweep(given: dict[str, Any], *, file: bool = False) -> SweepSpec:
         records=tuple(records),
         records_left_out=tuple(left_out),
     )
+    _check_room(spec, laws)
+    return with_strengths(spec)
+
+
+def _check_room(spec: SweepSpec, laws: Mapping[str, Law]) -> None:
+    """Refuse gaps that are narrower than what a law puts into them."""
+    if not any(law.thickness for law in laws.values()):
+        return
+    own, shared = spec.scene.gaps, Root(("scene", "gaps")) if spec.gaps is None else ("gaps",)
+    asked: list[tuple[Place, Sequence[str], Sequence[float]]] = [
+        (("cases", i, "gap"), (case.law,), own if case.gap is None else np.atleast_1d(case.gap).tolist())
+        for i, case in enumerate(spec.cases or ())
+    ] or [(shared, tuple(laws), own if spec.gaps is None else spec.gaps)]
+    with gathering() as faults:
+        for place, keys, gaps in asked:
+            for law in (laws[key] for key in keys):
+                if min(gaps, default=math.inf) < law.thickness:
+                    text = f"a gap of {min(gaps):g} m has no room for the {law.thickness:g} m of law {law.key!r}"
+                    faults.add(place, f"{text}; give a wider gap, or a law of less thickness")

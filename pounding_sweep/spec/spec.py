@@ -14,6 +14,7 @@ from typing import Any
 
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.model.laws import Law, get_law
+from pounding_sweep.model.links import Link
 from pounding_sweep.model.scene import CONTACTS, Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
@@ -186,7 +187,7 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
 
 
 #: What of a building and of a scene is stored only where it is not as usual, so that digests of other sweeps stay.
-_BUILDING_MORE = ("slab_depths", "column_stiffnesses")
+_BUILDING_MORE = ("slab_depths", "column_stiffnesses", "p_delta", "bouc_wen", "dashpots")
 _SCENE_MORE = ("tolerance", "storeys", "allow_unmet")
 
 
@@ -220,6 +221,8 @@ def scene_data(scene: Scene) -> dict[str, Any]:
     more = _unusual(scene, _SCENE_MORE)
     if scene.contacts.asked != CONTACTS[0]:
         more["contacts"] = scene.contacts.asked
+    if scene.links:
+        more["links"] = [vars(link) for link in scene.links]
     return {"row": row, "gaps": list(scene.gaps), "contact": contact, **more}
 
 
@@ -243,6 +246,7 @@ def scene_of(data: Mapping[str, Any]) -> Scene:
             )
         )
     more = {name: data[name] for name in (*_SCENE_MORE, "contacts") if name in data}
+    more["links"] = [Link(**link) for link in data.get("links", ())]
     return Scene(row, data["gaps"], ContactProperties(**data["contact"]), **more)
 
 

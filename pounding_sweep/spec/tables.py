@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 from pounding_sweep.base.errors import InputError, RecordError, SweepError, shown, unknown
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.model.hertz import hertz_stiffness
+from pounding_sweep.model.links import Link, check_linking
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import (
     CONTACTS,
@@ -39,6 +40,13 @@ def _positive(values: list[Any], info: ValidationInfo) -> list[Any]:
         for index, value in enumerate(values):
             if not (is_number(value) and value > 0 and (infinite or value < math.inf)):
                 faults.add((index,), f"{shown(value)} is not a positive number ({what})")
+    return values
+
+
+def _dampers(values: list[Any]) -> list[Any]:
+    with gathering() as faults:
+        for index, value in enumerate(values):
+            faults.attempt((index,), check_linking, value, "coefficient", "kN s/m")
     return values
 
 
@@ -79,6 +87,14 @@ def _damping_stiffness(value: str, info: ValidationInfo) -> str:
     return value
 
 
+class BoucWenTable(Table):
+    """``bouc_wen`` of a building: smooth hysteresis in place of the bilinear one."""
+
+    n: float = Field(1.0, description="a number")
+    beta: float = Field(0.5, description="a number")
+    gamma: float = Field(0.5, description="a number")
+
+
 class BuildingTable(Table):
     """[[scene.row]]: a building."""
 
@@ -105,6 +121,11 @@ class BuildingTable(Table):
     column_stiffnesses: Annotated[list[Any], AfterValidator(_positive)] | None = Field(
         None, description="a list of numbers, 12 E I / L^3 of the columns that may be struck in kN/m, bottom first"
     )
+    p_delta: bool = Field(False, description="true or false")
+    bouc_wen: BoucWenTable | None = Field(None, description="a table of n, beta and gamma")
+    dashpots: Annotated[list[Any], AfterValidator(_dampers)] | None = Field(
+        None, description="a list of numbers, coefficients of the storeys' dashpots in kN s/m, bottom first"
+    )
 
 
 class WallTable(Table):
@@ -121,7 +142,7 @@ def _wall(given: dict[str, Any]) -> Wall:
 def _one_per_storey(faults: Faults, index: int, item: dict[str, Any]) -> bool:
     """Note lists of a building that are not as long as its masses, whatever else is wrong with them."""
     equal, masses = True, item.get("masses")
-    for name in ("stiffnesses", "storey_heights", "slab_depths", "column_stiffnesses", "yield_strengths"):
+    for name in ("stiffnesses", "storey_heights", "slab_depths", "column_stiffnesses", "yield_strengths", "dashpots"):
         values = item.get(name)
         if isinstance(masses, list) and isinstance(values, list) and len(values) != len(masses):
             text = f"{len(values)} {name} for {len(masses)} masses; give one value per storey"
@@ -143,11 +164,16 @@ def _row(given: list[Any]) -> list[Building | Wall]:
             equal = _one_per_storey(faults, index, item)
             if table := faults.attempt((index,), BuildingTable.model_validate, item):
                 values = dict(table)
-                depths = values.pop("slab_depths")
+                depths, p_delta = values.pop("slab_depths"), values.pop("p_delta")
+                smooth = values.pop("bouc_wen")
                 last = "damping_ratio" if table.name.strip() else "name"  # all that can still be at fault
                 found = faults.attempt((index, last), Building, **values) if equal else None
                 if found is not None and depths is not None:
                     found = faults.attempt((index, "slab_depths"), replace, found, slab_depths=depths)
+                if found is not None and smooth is not None:
+                    found = faults.attempt((index, "bouc_wen"), replace, found, bouc_wen=dict(smooth))
+                if found is not None and p_delta:
+                    found = faults.attempt((index, "p_delta"), replace, found, p_delta=True)
                 made.append(found)
     return made
 
@@ -224,6 +250,28 @@ def _contacts(value: str | None) -> str | None:
     return value
 
 
+def _linking(value: Any, info: ValidationInfo) -> float:
+    return check_linking(value, str(info.field_name), "kN/m" if info.field_name == "stiffness" else "kN s/m")
+
+
+class LinkTable(Table):
+    """[[scene.links]]: springs and dashpots between floors of two neighbours."""
+
+    pair: str = Field(description='a text, the pair of neighbours "left-right"')
+    storeys: list[Any] = Field(description="a list of whole numbers, or of two: the left and the right storey")
+    stiffness: Annotated[Any, AfterValidator(_linking)] = Field(0.0, description="a number in kN/m")
+    damping: Annotated[Any, AfterValidator(_linking)] = Field(0.0, description="a number in kN s/m")
+
+
+def _links(given: list[Any] | None) -> list[Link | None]:
+    made: list[Link | None] = []
+    with gathering() as faults:
+        for index, item in enumerate(given or ()):
+            table = faults.attempt((index,), LinkTable.model_validate, item)
+            made.append(faults.attempt((index,), Link, **dict(table)) if table else None)
+    return made
+
+
 class SceneTable(Table):
     """[scene]: a preset, or a row of its own."""
 
@@ -245,6 +293,9 @@ class SceneTable(Table):
         None, description="a table [scene.storeys] of pairs and lists of whole numbers, the storeys that alone meet"
     )
     allow_unmet: bool | None = Field(None, description="true or false, whether pairs may have no floors that meet")
+    links: Annotated[list[Any] | None, AfterValidator(_links)] = Field(
+        None, description="tables [[scene.links]] of springs and dashpots between neighbours"
+    )
 
 
 #: Keys of [scene] that are arguments of `Scene` as they stand.
@@ -279,6 +330,9 @@ def read_scene(given: dict[str, Any]) -> Scene:
         scene = faults.attempt(place, make, gaps=gaps, contact=contact, **more)
         if scene is not None and table.storeys is not None:
             scene = faults.attempt(("storeys",), replace, scene, storeys=table.storeys)
+        for index, link in enumerate(table.links or ()):
+            if scene is not None:
+                scene = faults.attempt(("links", index), replace, scene, links=(*scene.links, link)) or scene
     return scene
 
 
@@ -419,11 +473,14 @@ class PathRecord(Table):
     name: str | None = Field(None, description="a text")
     scale: float = Field(1.0, description="a number")
     pga: float | None = Field(None, description="a number in m/s2")
+    sa: float | None = Field(None, description="a number in m/s2")
+    sa_period: float | None = Field(None, description="a number in s")
 
     def read(self, folder: Path, _folders: Folders) -> Record:
         """Read the file."""
-        values = dict(self)
-        return read_record(folder / expanded(values.pop("path"), RecordError), **values)
+        file = folder / expanded(self.path, RecordError)
+        found = read_record(file, units=self.units, dt=self.dt, name=self.name, scale=self.scale, pga=self.pga)
+        return _to_spectrum(self, found)
 
 
 class NamedRecord(Table):
@@ -433,6 +490,8 @@ class NamedRecord(Table):
     name: str | None = Field(None, description="a text")
     scale: float = Field(1.0, description="a number")
     pga: float | None = Field(None, description="a number in m/s2")
+    sa: float | None = Field(None, description="a number in m/s2")
+    sa_period: float | None = Field(None, description="a number in s")
 
     def read(self, _folder: Path, folders: Folders) -> Record:
         """Find the record."""
@@ -441,7 +500,23 @@ class NamedRecord(Table):
             msg = "scale and pga exclude each other; give one of them"
             raise SweepError(msg)
         found = found.scaled(self.scale) if self.pga is None else found.scaled_to(self.pga)
+        found = _to_spectrum(self, found)
         return found if self.name is None else found.renamed(self.name)
+
+
+def _to_spectrum(given: PathRecord | NamedRecord, record: Record) -> Record:
+    """Scale a record to the spectral acceleration that is given for it, if one is."""
+    if given.sa is None and given.sa_period is None:
+        return record
+    if given.sa is None or given.sa_period is None:
+        msg = "sa and sa_period belong together: a spectral acceleration (m/s2) and its period (s); give both"
+        raise SweepError(msg)
+    if given.pga is not None or given.scale != 1.0:
+        msg = f"sa and {'pga' if given.pga is not None else 'scale'} exclude each other; give one of them"
+        raise SweepError(msg)
+    from pounding_sweep.engine.spectrum import scaled_to_sa
+
+    return scaled_to_sa(record, given.sa, given.sa_period)
 
 
 class SyntheticRecord(Table):

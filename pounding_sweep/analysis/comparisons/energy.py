@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 #: What each building's budget is made of.
 TERMS = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain")
-#: What a cube of storeys that yield has beside.
-YIELDING = "hysteretic_energy"
+#: What cubes of some rows have beside, and what the description of such a row holds.
+BESIDE = {"hysteretic_energy": '"yield_strengths":', "energy_links": '"links":'}
 #: What goes along where a cube has it.
 _EXTREMES = ("energy_transfer_max", "energy_transfer_min")
 
@@ -54,8 +54,8 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     -------
     xarray.Dataset
         On the cube's axes, all in kN m: `TERMS` and ``energy_transfer`` = input - damping -
-        kinetic - strain (- ``hysteretic_energy`` where storeys yield) by building (given to
-        neighbours and contacts, negative where taken), ``contact_work`` by pair,
+        kinetic - strain (- ``hysteretic_energy`` where storeys yield, - ``energy_links`` where
+        neighbours are linked) by building (given to contacts, negative where taken), ``contact_work`` by pair,
         ``transfer_sum`` over buildings, ``work_sum`` over pairs and ``residual``, their
         difference; ``residual_relative`` is its size over the largest energy of the
         balance. ``transfer_share`` is transfer over input. The attribute
@@ -79,17 +79,16 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
 
     what = "the energy budget"
     cube = scenarios_only(cube)
-    yields = '"yield_strengths"' in cube.attrs.get("sweep", cube.attrs.get("scene", ""))
-    need_variables(
-        cube, what, [*TERMS, *(["contact_work"] if "pair" in cube.coords else []), *([YIELDING] if yields else [])]
-    )
+    row = cube.attrs.get("sweep", cube.attrs.get("scene", ""))
+    beside = [name for name, text in BESIDE.items() if text in row]
+    need_variables(cube, what, [*TERMS, *(["contact_work"] if "pair" in cube.coords else []), *beside])
     need_dims(cube, what, ["building", *(["pair"] if "pair" in cube.coords else [])])
     if law_keys(cube) not in ([], ["none"]):
         cube = pounding_only(cube)
     if 0 in cube.sizes.values():
         msg = f"{what} needs a scenario, and this cube has none; select at least one"
         raise InputError(msg)
-    terms = (*TERMS, YIELDING) if YIELDING in cube.data_vars else TERMS
+    terms = [*TERMS, *(name for name in BESIDE if name in cube.data_vars)]
     found = {name: values(cube, name) for name in terms}
     given, transfer = found["energy_input"], energy_transfer(found)
     found["energy_transfer"] = transfer
@@ -115,10 +114,11 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
 
 
 def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:
-    """Energy (kN m) that each building has given to neighbours and contacts: input less what it lost and holds."""
+    """Energy (kN m) that each building has given to its contacts: input less what it lost, holds and gave to links."""
     given, damping, kinetic, strain = (energies[name] for name in TERMS)
     transfer = given - damping - kinetic - strain
-    transfer = transfer - energies[YIELDING] if YIELDING in energies else transfer
+    for name in (name for name in BESIDE if name in energies):
+        transfer = transfer - energies[name]
     return _about(transfer, "energy given to neighbours and contacts")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
+from itertools import pairwise, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +11,16 @@ import numpy as np
 from pounding_sweep.analysis.comparisons import MOTION_DIMS, Row, comparison, over_text
 from pounding_sweep.analysis.events import Event, get_event
 from pounding_sweep.analysis.intensity import intensity_of
-from pounding_sweep.analysis.lognormal import FIT_STATUS, FitStatus, fit_lognormal, jackknife, probability
+from pounding_sweep.analysis.lognormal import (
+    FIT_STATUS,
+    FitStatus,
+    LognormalFit,
+    crossing,
+    fit_lognormal,
+    fit_with_one_dispersion,
+    jackknife,
+    probability,
+)
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
@@ -26,7 +35,7 @@ from pounding_sweep.analysis.scenarios import (
     trusted,
     values,
 )
-from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.errors import InputError, unknown
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,6 +44,8 @@ if TYPE_CHECKING:
 LEVELS = 60
 #: Axes along which scenarios are trials of one thing.
 TRIALS = MOTION_DIMS
+#: Curves are said to cross where the probability is farther from 0 and 1 than this.
+SEEN = 1e-3
 #: Ends of an interval.
 BOUNDS = ("lower", "upper")
 
@@ -89,7 +100,7 @@ def _number(value: Any) -> Any:
     columns=("law", "gap", "pair"),
     variables=("median", "dispersion"),
     figure="fragility",
-    arguments=("event", "level", "intensity", "quantiles", "folders"),
+    arguments=("event", "level", "intensity", "quantiles", "one_dispersion", "folders"),
     summary={"confidence": None},
     rows=fit_rows,
 )
@@ -102,6 +113,7 @@ def fragility(
     confidence: float | None = 0.95,
     levels: Sequence[float] | None = None,
     quantiles: Sequence[float] = (),
+    one_dispersion: Sequence[str] = (),
     records: Any = None,
     folders: Any = None,
 ) -> xr.Dataset:
@@ -125,6 +137,9 @@ def fragility(
         largest of the cube.
     quantiles : sequence of float
         Probabilities, in (0, 1), at which the intensity is given.
+    one_dispersion : sequence of str
+        Axes, such as "gap", along which all curves have one dispersion, so that they never cross; by default each
+        curve has its own.
 
     Returns
     -------
@@ -176,11 +191,20 @@ def fragility(
     found, strength = found.transpose(..., *trials), strength.transpose(*trials)
     table, x = found.values, np.asarray(strength.values, dtype=float)
     at = _levels(levels, x)
-    places = {place: table[place].tobytes() for place in np.ndindex(table.shape[:-2])}
-    alike = {key: place for place, key in places.items()}  # many cells are: some laws ignore some axes
-    fits = {key: _cell(table[place], x, at, confidence) for key, place in alike.items()}
-
+    places = {place: table[place].tobytes() for place in np.ndindex(table.shape[:-2])}  # of each curve
     kept = found.isel(dict.fromkeys(trials, 0), drop=True)
+    shared = _shared(kept, one_dispersion)
+    groups: dict[tuple[int, ...], list[tuple[int, ...]]] = {}
+    for place in places:
+        groups.setdefault(tuple(i for n, i in enumerate(place) if n not in shared), []).append(place)
+    alike: dict[tuple[bytes, ...], list[dict[str, Any]]] = {}  # many are: some laws ignore some axes
+    fits: dict[tuple[int, ...], dict[str, Any]] = {}
+    for group in groups.values() if shared else ([place] for place in places):
+        key = tuple(places[place] for place in group)
+        if key not in alike:
+            alike[key] = _cells([table[place] for place in group], x, at, confidence)
+        fits |= zip(group, alike[key], strict=True)
+
     units, name, words = strength.attrs["units"], strength.attrs["long_name"], about.words(level)
     coords: dict[str, xr.DataArray] = {str(k): c for k, c in kept.coords.items() if k in kept.dims or not c.dims}
     for dim, labels, more in (
@@ -190,7 +214,7 @@ def fragility(
         coords[dim] = xr.DataArray(labels, dims=dim, attrs=more)
     variables = {}
     for variable, (dims, unit, text) in _VARIABLES.items():
-        stacked = np.array([fits[key][variable] for key in places.values()])
+        stacked = np.array([fits[place][variable] for place in places])
         attributes = {"units": units if unit is None else unit, "long_name": text.format(event=words)}
         variables[variable] = ((*kept.dims, *dims), stacked.reshape((*kept.shape, *stacked.shape[1:])), attributes)
     dataset = xr.Dataset(variables, coords=coords)
@@ -209,6 +233,10 @@ def fragility(
     sizes = {dim: size for dim, size in zip(trials, x.shape, strict=True)}
     about_it: dict[str, Any] = {"event": about.key, "event_in_words": words, "intensity": f"{name} ({units})"}
     about_it["trials_of"] = over_text(sizes)
+    if one_dispersion:
+        about_it["one_dispersion"] = ", ".join(one_dispersion)
+    if where := crossed(dataset):
+        about_it["curves_cross"] = where
     if confidence is not None:
         about_it["confidence"] = confidence
     return finished(dataset, cube, "fragility", **about_it)
@@ -236,28 +264,75 @@ _VARIABLES: dict[str, tuple[tuple[str, ...], str | None, str]] = {
 }
 
 
-def _cell(table: np.ndarray, x: np.ndarray, at: np.ndarray, confidence: float | None) -> dict[str, Any]:
-    """Fit one cell, all of shape (record, scale); returns `_VARIABLES`."""
-    there = np.isfinite(table)
-    trials, flags = x[there], table[there] > 0.0
-    fit = fit_lognormal(trials, flags)
-    without = []
-    if fit.status == FitStatus.FITTED and confidence is not None:
-        owner = np.nonzero(there)[0]
-        without = [fit_lognormal(trials[owner != one], flags[owner != one]) for one in np.unique(owner)]
-    intervals = jackknife(fit, without, at, confidence or np.nan)
-    return {
-        "fit_status": np.int8(fit.status),
-        "median": fit.median,
-        "dispersion": fit.dispersion,
-        "median_interval": intervals.median,
-        "dispersion_interval": intervals.dispersion,
-        "median_between": [fit.low, fit.high],
-        "trials": int(there.sum()),
-        "happened_count": int(flags.sum()),
-        "probability": probability(fit, at),
-        "probability_interval": intervals.probability,
-    }
+def _cells(
+    tables: Sequence[np.ndarray], x: np.ndarray, at: np.ndarray, confidence: float | None
+) -> list[dict[str, Any]]:
+    """Fit curves that share their dispersion, or one by itself, all of shape (record, scale); returns `_VARIABLES`."""
+
+    def fits(kept: np.ndarray) -> list[LognormalFit]:
+        there = [np.isfinite(table) & kept[:, None] for table in tables]
+        trials = [(x[known], table[known] > 0.0) for table, known in zip(tables, there, strict=True)]
+        return [fit_lognormal(*trials[0])] if len(trials) == 1 else fit_with_one_dispersion(trials)
+
+    everyone = np.ones(len(x), bool)
+    whole, without = fits(everyone), {}
+    owners = [np.flatnonzero(np.isfinite(table).any(axis=1)).tolist() for table in tables]
+    if confidence is not None and any(fit.status == FitStatus.FITTED for fit in whole):
+        without = {one: fits(np.arange(len(x)) != one) for one in sorted({*np.concatenate(owners).astype(int)})}
+    cells = []
+    for number, (table, fit) in enumerate(zip(tables, whole, strict=True)):
+        there = np.isfinite(table)
+        fitted = fit.status == FitStatus.FITTED
+        others = [without[one][number] for one in owners[number]] if without and fitted else []
+        intervals = jackknife(fit, others, at, confidence or np.nan)
+        cells.append(
+            {
+                "fit_status": np.int8(fit.status),
+                "median": fit.median,
+                "dispersion": fit.dispersion,
+                "median_interval": intervals.median,
+                "dispersion_interval": intervals.dispersion,
+                "median_between": [fit.low, fit.high],
+                "trials": int(there.sum()),
+                "happened_count": int((table[there] > 0.0).sum()),
+                "probability": probability(fit, at),
+                "probability_interval": intervals.probability,
+            }
+        )
+    return cells
+
+
+def _shared(kept: xr.DataArray, axes: Sequence[str]) -> list[int]:
+    """Return the places of axes along which curves have one dispersion."""
+    for axis in axes:
+        if axis not in kept.dims:
+            raise InputError(unknown("axis of one dispersion", axis, (str(dim) for dim in kept.dims)))
+    return [kept.dims.index(axis) for axis in axes]
+
+
+def crossed(dataset: xr.Dataset) -> str:
+    """Say which curves of neighbouring values cross at the intensities given, and where; "" where none do."""
+    count, first, at = 0, "", dataset["intensity"].values
+    whole = dataset["fit_status"]
+    for axis in (str(dim) for dim in whole.dims if whole.sizes[dim] > 1 and dim not in ("law", "pair", "building")):
+        order = (axis, *(dim for dim in whole.dims if dim != axis))
+        status, median, dispersion = (
+            dataset[name].transpose(*order).values for name in ("fit_status", "median", "dispersion")
+        )
+        for place in np.ndindex(status.shape[1:]):
+            curves = [
+                LognormalFit(FIT_STATUS[int(status[(i, *place)])], median[(i, *place)], dispersion[(i, *place)])
+                for i in range(len(status))
+            ]
+            for i, (one, other) in enumerate(pairwise(curves)):
+                intensity, share = crossing(one, other)
+                if at.min() <= intensity <= at.max() and min(share, 1.0 - share) > SEEN:
+                    count += 1
+                    values = " and ".join(f"{dataset[axis].values[i + n].item():g}" for n in (0, 1))
+                    units = dataset["median"].attrs["units"]
+                    first = first or f"of {axis} {values} at {intensity:.3g} {units}, probability {share:.2g}"
+    more = f", and {count - 1} more" if count > 1 else ""
+    return first and f"{first}{more}: their dispersions are fitted apart"
 
 
 def _check(cube: xr.Dataset, confidence: float | None) -> None:

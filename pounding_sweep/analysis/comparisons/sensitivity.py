@@ -57,6 +57,7 @@ def index_rows(result: xr.Dataset) -> list[Row]:
     "which inputs of a design matter: first and total Sobol indices of each output",
     needs='a design of kind "saltelli"',
     columns=("law", "record"),
+    figure="sensitivity",
     summary={"resamples": 100},
     rows=index_rows,
 )

@@ -9,7 +9,7 @@ import numpy as np
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import WIDTH, heading, zoomed
-from pounding_sweep.figures.style import history_look, legend_beside, put_title, subplots
+from pounding_sweep.figures.style import COLOURS, history_look, legend_beside, put_title, subplots
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,12 +18,14 @@ if TYPE_CHECKING:
 
 @figure_of(
     "histories",
-    "relative displacement of the floors that can meet against time, beside their gap, from 'simulate'",
+    "relative displacement of the floors that can meet against time, beside their gap, onsets marked, from 'simulate'",
     needs=("time", "pair", "displacement"),
     also=one_instant,
 )
 def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
     """Draw the displacement of each left floor less that of the right one: they touch where it reaches the gap.
+
+    Circles mark the onsets of contact that the histories show.
 
     Parameters
     ----------
@@ -43,13 +45,20 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
     figure, axes = subplots(len(pairs), 1, (7.2, 1.2 + 2.0 * len(pairs)), ax)
     for number, (pair, gap) in enumerate(zip(pairs, scene.gaps, strict=True)):
         panel = axes[number, 0]
+        onsets: list[Any] = []
         mine = [contact for contact in scene.contacts if contact.pair == number]
         for line, contact in enumerate(mine):
             relative = 1e3 * sum(share * u[:, floor] for floor, share in contact.ends)
             label = f"storey {contact.storey}{' and columns' if contact.struck >= 0 else ''}"
             panel.plot(time, relative, label=label, **history_look(line))
+            closed = relative > 1e3 * gap
+            onsets.append(time[1:][closed[1:] & ~closed[:-1]])
         panel.axhline(1e3 * gap, color="0.4", linewidth=1.6, label="gap")
         panel.axhspan(1e3 * gap, max(1e3 * gap, panel.get_ylim()[1]), color="0.9", linewidth=0.0, zorder=0)
+        for line, at in enumerate(onsets):
+            if len(at):
+                look = {"markerfacecolor": "white", "markersize": 5, "color": COLOURS[line % len(COLOURS)]}
+                panel.plot(at, np.full(len(at), 1e3 * gap), "o", zorder=3, **look)
         panel.set_ylabel(f"{pair}\nrelative displacement (mm)")
         panel.set_xlim(time[0], time[-1])
         legend_beside(panel)

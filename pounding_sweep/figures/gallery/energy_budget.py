@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 #: Parts of the input, from below; told apart by colour and hatching.
 _PARTS: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("energy_damping", "lost in damping", {"color": COLOURS[1]}),
+    ("hysteretic_energy", "lost in yielding", {"color": COLOURS[4], "hatch": "xx"}),
+    ("energy_links", "given to links", {"color": COLOURS[3], "hatch": "--"}),
     ("stored", "kinetic and strain at the end", {"color": COLOURS[6], "hatch": ".."}),
     ("energy_transfer", "given to neighbours and contacts", {"color": COLOURS[2], "hatch": "//"}),
 )
@@ -32,8 +34,8 @@ _PARTS: tuple[tuple[str, str, dict[str, Any]], ...] = (
 def energy_budget(cube: xr.Dataset) -> Figure:
     """Draw each building's energy budget at the end of the record, one bar per law that has values.
 
-    One panel per building: what was lost in damping, what is left and what was given
-    away, stacked; energy taken from neighbours hangs below zero. A line marks the
+    One panel per building: what was lost in damping (and in yielding, or given to links, where there are),
+    what is left and what was given away, stacked; energy taken from neighbours hangs below zero. A line marks the
     input, which the bar's parts sum to. The last panel is the work that the contacts
     of each pair took. Of all axes but ``law`` the middle value is shown: an energy
     balance is one scenario's.
@@ -62,7 +64,7 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     for ax, building in zip(axes, buildings, strict=False):
         part = result.sel(building=building)
         above, below = np.zeros(len(laws)), np.zeros(len(laws))
-        for name, label, style in _PARTS:
+        for name, label, style in (part for part in _PARTS if part[0] in result):
             values = np.nan_to_num(part[name].values)
             ax.bar(
                 x, values, 0.7, bottom=np.where(values >= 0.0, above, below), label=label, edgecolor="white", **style

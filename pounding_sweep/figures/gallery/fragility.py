@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pounding_sweep.analysis.comparisons.fragility import TRIALS, sentence
+from pounding_sweep.analysis.comparisons.fragility import TRIALS, crossed, sentence
 from pounding_sweep.analysis.events import EVENTS
 from pounding_sweep.analysis.lognormal import FitStatus, merged
 from pounding_sweep.figures import CONTACT, figure_of
@@ -38,7 +38,7 @@ def fragility(cube: xr.Dataset) -> Figure:
     (gap, stiffness, ...), five at most, evenly chosen, or else the laws; of the other axes, and
     of the laws, the middle value is shown. Bands are confidence
     intervals; marks are the shares observed at each intensity where trials share them (stripes),
-    else in classes of about equal numbers of trials.
+    else in classes of about equal numbers of trials. The title says where curves cross.
     Where there is no fit, the legend says why.
     """
     from matplotlib.transforms import ScaledTranslation
@@ -52,20 +52,22 @@ def fragility(cube: xr.Dataset) -> Figure:
     axis = first_varied(result, but=own) or "law"
     result, shown = middle(result, (*own, axis), ["happened"])
     result = result if axis in result.dims else result.expand_dims({axis: [""]})
-    ends = result[per].values.tolist()
+    ends, drawn = result[per].values.tolist(), lines_of(result, axis)
     figure, axes = subplots(1, len(ends), (1.4 + 3.4 * len(ends), 4.6))
     label = intensity_label(result)
     below = ScaledTranslation(0.0, -0.4 - 0.16 * label.count("\n"), figure.dpi_scale_trans)  # of the label
     for ax, end in zip(axes[0], ends, strict=True):
-        for number, place in enumerate(lines_of(result, axis)):
+        for number, place in enumerate(drawn):
             part = result.isel({axis: place}).sel({per: end})
             _line(ax, part, number, told(result, axis, result[axis].values[place].item()))
         ax.set(ylim=(-0.02, 1.02), title=f"{per} {end}")
         ax.set_xlabel(label)
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=ax.transAxes + below, fontsize=8)
+    cross = "curves cross, as each has its own dispersion" if crossed(result.isel({axis: drawn})) else ""
+    one = f"one dispersion along {result.attrs['one_dispersion']}" if "one_dispersion" in result.attrs else ""
     draw_intensities(axes[0, 0], result)  # shared: nothing drawn later would move it
     axes[0, 0].set_ylabel(f"probability that\n{words} (-)")
-    put_title(figure, words, records_of(result), shown)
+    put_title(figure, words, records_of(result), shown, cross, one)
     return figure
 
 

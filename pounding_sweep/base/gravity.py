@@ -1,0 +1,4 @@
+"""Gravity."""
+
+STANDARD_GRAVITY = 9.81
+"""Acceleration of one g in m/s2, as in the pounding literature (not 9.80665)."""

@@ -1,0 +1,168 @@
+"""Storeys whose hysteresis is smooth: the law of Bouc and Wen.
+
+    V = r k d + (1 - r) k z,    z = d - p
+    p' = |z / dy|^n (GAMMA d' + BETA |d'| sign z)
+
+d is the drift, p its plastic part, r the hardening and dy = Vy / k. The shear is k d - (1 - r) k p,
+as that of a bilinear storey whose plastic part stands still; here it flows along, stage by stage.
+Its rate has a kink where the drift turns and where z changes its sign: sub-steps end there. They
+are so short that z can't reach its limit, where it would be stiff, from anywhere within one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from pounding_sweep.kernel.group import Group, power_of
+from pounding_sweep.kernel.hysteresis import drift, hardened
+from pounding_sweep.kernel.lanes import Cell, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.roots import along, coefficients, rate, root
+
+#: Share of its limit, over n, by which a drift may move in a sub-step.
+REACH = 0.5
+#: Kinks that lie no farther (in sub-steps) from an end of a sub-step are at that end.
+AT_END = 1e-6
+
+
+def each_storey(group: Group) -> Iterator[tuple[int, int | None, float]]:
+    """Go through the storeys with the floors below (None: the ground) and their exponents."""
+    for i, n in group.spec.smooth:
+        yield i, None if group.spec.bottom[i] else i - 1, n
+
+
+def _share(group: Group, i: int, n: float, z: Any, v: Any) -> Any:
+    """Rate of the plastic drift over that of the drift."""
+    beta = group.prop("wen_beta", i)
+    filled = power_of(size(z) / group.prop("yield_drift", i), n)
+    return filled * (group.prop("wen_gamma", i) + where(z * v < 0.0, -beta, beta))
+
+
+def _end(group: Group, i: int, below: int | None, end: str) -> tuple[Any, Any]:
+    """Return z and the drift's rate at the start ("0") or the end ("") of the sub-step."""
+    z = drift(group, i, below, f"u{end}") - group.state[f"slip{end}", i]
+    return z, drift(group, i, below, f"v{end}")
+
+
+def shear(group: Group, i: int, below: int | None, n: float, name: str) -> Any:
+    """Storey shear at the displacements of that name; of rates, its rate."""
+    end = name[1:]
+    k, (_, soft), moves = group.prop("k", i), hardened(group, i), drift(group, i, below, name)
+    if name.startswith("v"):
+        return (k - soft * _share(group, i, n, *_end(group, i, below, end))) * moves
+    return k * moves - soft * group.state[f"slip{end}", i]
+
+
+class Flow:
+    """Plastic drifts of some buildings within a step, stage by stage."""
+
+    def __init__(self, group: Group, floors: Sequence[int]) -> None:
+        at = {i: q for q, i in enumerate(floors)}
+        self._group = group
+        self._storeys = [
+            (i, at[i], None if below is None else at[below], n) for i, below, n in each_storey(group) if i in at
+        ]
+        self._now = [group.state["slip0", i] for i, *_ in self._storeys]
+        self._start, self._rates = list(self._now), [[] for _ in self._storeys]  # type: ignore[var-annotated]
+        #: Sums of weight x rate of what yielding has lost, in (1 - r) Vy, by storey.
+        self.lost: dict[int, Any] = {}
+
+    def hold(self, x: Sequence[Any], y: Sequence[Any], weight: float) -> None:
+        """Make shears those of this stage, of displacements x and velocities y."""
+        group = self._group
+        for (i, p, below, n), slip, rates in zip(self._storeys, self._now, self._rates, strict=True):
+            moved, v = (values[p] if below is None else values[p] - values[below] for values in (x, y))
+            z = moved - slip
+            rates.append(_share(group, i, n, z, v) * v)
+            group.state["ct", i] = -hardened(group, i)[1] * slip
+            if "hysteretic" in group.asked:
+                part = weight * (z / group.prop("yield_drift", i) * rates[-1])
+                self.lost[i] = self.lost[i] + part if i in self.lost else part
+
+    def advance(self, after: Callable[..., tuple[Any, Any]], stage: int, h: Any) -> None:
+        """Go on from a stage, as `after` does with velocities."""
+        pairs = zip(self._start, self._rates, strict=True)
+        self._now = [after(stage, start, start, start, rates, h)[1] for start, rates in pairs]
+
+    def end(self) -> None:
+        """Leave the plastic drifts of the step's end."""
+        for (i, *_), slip in zip(self._storeys, self._now, strict=True):
+            self._group.state["slip", i] = slip
+        settle(self._group)
+
+
+def keep(group: Group) -> None:
+    """Let the present plastic drifts be those of the start of the next step."""
+    for i, _ in group.spec.smooth:
+        group.state["slip0", i] = group.state["slip", i]
+
+
+def return_to_start(group: Group, lanes: Any = None) -> None:
+    """Undo a step, in some lanes."""
+    s = group.state
+    for i, _ in group.spec.smooth:
+        s["slip", i] = s["slip0", i] if lanes is None else where(lanes, s["slip0", i], s["slip", i])
+
+
+def settle(group: Group) -> None:
+    """Make shears those of the present state."""
+    for i, _ in group.spec.smooth:
+        group.state["kt", i] = group.full(group.prop("k", i))
+        group.state["ct", i] = -hardened(group, i)[1] * group.state["slip", i]
+
+
+def linearise(group: Group, floors: Sequence[int], end: str) -> None:
+    """Make shears of a building and their rates those of the start ("0") or the end ("") of the sub-step."""
+    s = group.state
+    for i, below, n in each_storey(group):
+        if i in floors:
+            z, v = _end(group, i, below, end)
+            less = hardened(group, i)[1] * _share(group, i, n, z, v)
+            slip = s[f"slip{end}", i]
+            s["kt", i] = group.prop("k", i) - less
+            s["ct", i] = less * (z + slip) - hardened(group, i)[1] * slip
+
+
+def _reach(group: Group, i: int, n: float) -> Any:
+    """How far the drift may move in a sub-step."""
+    return (REACH / n) * (group.prop("yield_drift", i) * group.prop("wen_limit", i))
+
+
+def longest(group: Group, h: Any) -> Any:
+    """Longest sub-step from the present state, h where it may be as long."""
+    found = Cell(group.full(h))
+    for i, below, n in each_storey(group):
+        speed, reach = size(drift(group, i, below, "v")), _reach(group, i, n)
+        found.now = minimum(found.now, where(speed * h > reach, reach / speed, h))
+    return found.now
+
+
+def may_change(group: Group, h: Any) -> Any:
+    """Lanes in which a drift turned, or its z changed sign, in the step just taken, or that was too long."""
+    found = Cell(group.lanes_where(False))
+    for i, below, n in each_storey(group):
+        (z0, v0), (z1, v1) = (_end(group, i, below, end) for end in ("0", ""))
+        fast = h * maximum(size(v0), size(v1)) > (1.0 + AT_END) * _reach(group, i, n)
+        found.now = found.now | (v0 * v1 < 0.0) | (z0 * z1 < 0.0) | fast
+    return found.now
+
+
+def first_event(group: Group, asks: Any) -> Any:
+    """Fraction of the trial at which the first kink is (1: none), in the lanes that ask."""
+    h, first = group.state["h"], Cell(group.full(1.0))
+    for i, below, n in each_storey(group):
+        (z0, v0), (z1, v1) = (_end(group, i, below, end) for end in ("0", ""))
+        turns, crosses = asks & (v0 * v1 < 0.0), asks & (z0 * z1 < 0.0)
+        with when_any(turns | crosses):
+            now, later = drift(group, i, below, "u0"), drift(group, i, below)
+            r0, rb = rate(coefficients(h, now, later, v0, v1, drift(group, i, below, "a0")))
+            way = where(v0 > 0.0, -1.0, group.full(1.0))
+            turn = root(group, turns, 0.0, 1.0, along(r0, rb, way))
+            w0, w1 = (h * (v - _share(group, i, n, z, v) * v) for z, v in ((z0, v0), (z1, v1)))
+            cubic = w0, 3.0 * (z1 - z0) - 2.0 * w0 - w1, 2.0 * (z0 - z1) + w0 + w1, 0.0 * w0
+            side = where(z0 > 0.0, -1.0, group.full(1.0))
+            cross = root(group, crosses, 0.0, 1.0, along(z0, cubic, side))
+            for kinks, t in ((turns, turn), (crosses, cross)):
+                inside = kinks & (t > AT_END) & (t < 1.0 - AT_END)
+                first.now = where(inside, minimum(first.now, t), first.now)
+    return first.now

@@ -1,0 +1,165 @@
+"""Links between neighbours' floors: springs and dashpots that pull as well as push.
+
+    F = k d + c d',    d = u_left - u_right
+
+F pulls the left floor back and the right one along. Floors x and their rates y are given as sequences of
+all floors, or as names of rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.lanes import fma, maximum, size
+
+#: Shortest step (s) over which a rate is a difference: one that no lane takes.
+_LEAST_STEP = 1e-15
+
+
+def _across(group: Group, ends: tuple[Any, Any], x: Any) -> Any:
+    """Left floor less right one."""
+    left, right = ends
+    return group.state[x, left] - group.state[x, right] if isinstance(x, str) else x[left] - x[right]
+
+
+def force(group: Group, j: Any, ends: tuple[Any, Any], x: Any, y: Any) -> Any:
+    """Force of link j (kN)."""
+    return fma(group.prop("link_c", j), _across(group, ends, y), group.prop("link_k", j) * _across(group, ends, x))
+
+
+def forces(group: Group, x: Any, y: Any) -> list[Any]:
+    """Return the forces of all links of a short row."""
+    return [force(group, j, ends, x, y) for j, ends in group.each_link()]
+
+
+def pushes(group: Group, found: Sequence[Any], push: list[list[tuple[str, Any]]]) -> list[list[tuple[str, Any]]]:
+    """Add the forces of all links to those on each floor, of which there may be none."""
+    push = push or [[] for _ in range(group.spec.n_dof)]
+    for (left, right), pull in zip(group.spec.links, found, strict=True):
+        push[left].append(("-", pull))
+        push[right].append(("+", pull))
+    return push
+
+
+def push_rows(group: Group, name: str, x: str, y: str) -> None:
+    """Add the forces of links on each floor to rows."""
+    s = group.state
+    for j, (left, right) in group.each_link():
+        pull = force(group, j, (left, right), x, y)
+        s[name, left] = s[name, left] - pull
+        s[name, right] = s[name, right] + pull
+
+
+def accelerate(group: Group, name: str, x: str, y: str) -> None:
+    """Add what links do to accelerations, or to their rates where x and y are rates; names of rows."""
+    s = group.state
+    for j, (left, right) in group.each_link():
+        pull = force(group, j, (left, right), x, y)
+        s[name, left] = s[name, left] - group.prop("im", left) * pull
+        s[name, right] = s[name, right] + group.prop("im", right) * pull
+
+
+# energies ------------------------------------------------------------------------------------------------------------
+
+
+def add_powers(group: Group, x: Any, y: Any, weight: float, first: bool) -> None:
+    """Add to the sums over a step what buildings give to links and what their dashpots lose, at one state."""
+    s = group.state
+    if first:
+        for b in group.each(group.spec.n_buildings):
+            s["dgiven", b] = 0.0
+    for j, (left, right) in group.each_link():
+        pull, rate = weight * force(group, j, (left, right), x, y), _across(group, (left, right), y)
+        for floor, sign in ((left, 1.0), (right, -1.0)):
+            b, v = group.home_of(floor)[2], s[y, floor] if isinstance(y, str) else y[floor]
+            s["dgiven", b] = s["dgiven", b] + sign * pull * v
+        lost = weight * group.prop("link_c", j) * (rate * rate)
+        s["dlost", j] = lost if first else s["dlost", j] + lost
+
+
+def record(group: Group, h6: Any) -> None:
+    """Add energies of a step, from those sums, which are of six."""
+    s = group.state
+    for b in group.each(group.spec.n_buildings):
+        s["e_link", b] = fma(h6, s["dgiven", b], s["e_link", b])
+    for j, _ in group.each_link():
+        s["link_lost", j] = fma(h6, s["dlost", j], s["link_lost", j])
+
+
+def conclude(group: Group) -> None:
+    """Energies that springs of links hold at the end."""
+    for j, ends in group.each_link():
+        d = _across(group, ends, "u")
+        group.state["link_held", j] = 0.5 * group.prop("link_k", j) * (d * d)
+
+
+# peaks ---------------------------------------------------------------------------------------------------------------
+
+
+def motion(group: Group, j: Any, ends: tuple[Any, Any], name: str) -> Any:
+    """Force of a link at an end of the step (``u``, ``u0``), or its rate (``v``, ``v0``), d being a cubic."""
+    if name.startswith("u"):
+        return force(group, j, ends, name, name.replace("u", "v"))
+    d0, d1, v0, v1 = (_across(group, ends, row) for row in ("u0", "u", "v0", "v"))
+    per = 1.0 / maximum(group.full(group.state["h"]), _LEAST_STEP)
+    chord = 6.0 * (d1 - d0) * per
+    bend = chord - 4.0 * v0 - 2.0 * v1 if name == "v0" else 2.0 * v0 + 4.0 * v1 - chord
+    return fma(group.prop("link_c", j), bend * per, group.prop("link_k", j) * (v0 if name == "v0" else v1))
+
+
+def sample(group: Group) -> None:
+    """Take the forces at the end of a step: cubics on both sides of it have two rates there, and may miss a peak."""
+    s = group.state
+    for j, ends in group.each_link():
+        s["link_force", j] = maximum(s["link_force", j], size(motion(group, j, ends, "u")))
+
+
+def reader(group: Group, j: Any, ends: tuple[Any, Any]) -> Any:
+    """Return what reads `motion` by name."""
+    return partial(motion, group, j, ends)
+
+
+# implicit steps ------------------------------------------------------------------------------------------------------
+
+
+def solve(group: Group, be: Any, ga: Any, storeys: Sequence[Any], right: Sequence[Any]) -> list[Any]:
+    """Return (M + ga C + be K)^-1 `right` of the whole row, by what each of the `storeys` adds to its diagonal.
+
+    Floors are eliminated in the order in which they have the fewest others left beside them, which is known when the
+    kernel is written.
+    """
+    spec, n = group.spec, group.spec.n_dof
+    diagonal: list[Any] = []
+    beside: list[dict[int, Any]] = [{} for _ in range(n)]
+    for i, b in enumerate(spec.building_of):
+        m = group.prop("m", i)
+        own = storeys[i] if spec.top[i] else storeys[i] + storeys[i + 1]
+        diagonal.append(fma(m, ga * group.prop("alpha", b), m) + own)
+        if not spec.bottom[i]:
+            beside[i][i - 1] = beside[i - 1][i] = -storeys[i]
+    for j, (p, q) in enumerate(spec.links):
+        held = fma(ga, group.prop("link_c", j), be * group.prop("link_k", j))
+        diagonal[p], diagonal[q] = diagonal[p] + held, diagonal[q] + held
+        beside[p][q] = beside[q][p] = -held
+    x, left, done = list(right), set(range(n)), []
+    while left:
+        i = min(left, key=lambda i: (len(beside[i]), i))
+        left.remove(i)
+        others, inverse = sorted(beside[i]), 1.0 / diagonal[i]
+        for p in others:
+            share = beside[i][p] * inverse
+            x[p] = fma(-share, x[i], x[p])
+            diagonal[p] = fma(-share, beside[i][p], diagonal[p])
+            for q in (q for q in others if q > p):
+                change = -share * beside[i][q]
+                beside[p][q] = beside[q][p] = beside[p][q] + change if q in beside[p] else change
+            del beside[p][i]
+        done.append((i, inverse))
+    for i, inverse in reversed(done):
+        for p, value in beside[i].items():
+            x[i] = fma(-value, x[p], x[i])
+        x[i] = x[i] * inverse
+    return x

@@ -1,0 +1,293 @@
+"""Storeys of Bouc and Wen: against scipy, by closed forms, order, energies, and the bilinear limit."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from kernels_used import SMOOTH
+from scipy.integrate import solve_ivp
+from test_kernels import motion
+
+import pounding_sweep as ps
+from pounding_sweep.base.errors import SceneError, SweepError
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.model.scene import BoucWen
+from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
+from pounding_sweep.spec.spec import scene_data, scene_of
+
+NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
+OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and not each.of_columns]
+CONTACT = 8e5
+
+
+@lru_cache
+def truth(scene, points, scale, law="linear"):
+    """The row of two buildings by DOP853, plastic flow as a state; only the scene's numbers are taken."""
+    record = motion(points, scale)
+    a, b = scene.buildings
+    n, sizes = 4, (2, 2)
+    m, k, h = (
+        np.concatenate([getattr(x, name) for x in (a, b)]) for name in ("masses", "stiffnesses", "storey_heights")
+    )
+    dy = np.concatenate([x.yield_strengths for x in (a, b)]) / k
+    r, power, beta, gamma = (
+        np.repeat(x, sizes) for x in zip(*[(x.hardening, *x.bouc_wen) for x in (a, b)], strict=True)
+    )
+    above = np.concatenate([[9.81 * sum(x.masses[i:]) * x.p_delta for i in range(2)] for x in (a, b)]) / h
+    alpha, factor = (np.repeat([x.rayleigh[i] for x in (a, b)], sizes) for i in (0, 1))
+    below = np.array([-1, 0, -1, 2])
+    first = below < 0
+
+    def rates(u):
+        return u - np.where(first, 0.0, u[below])
+
+    def on_floors(f):
+        return -f + np.array([f[1], 0.0, f[3], 0.0])
+
+    def forces(u, v, p):
+        d, w = rates(u), rates(v)
+        z = d - p
+        filled = np.where(np.isfinite(dy), np.abs(z / dy), 0.0) ** power
+        flow = filled * (gamma * w + beta * np.abs(w) * np.sign(z))
+        shear = r * k * d + (1.0 - r) * k * z
+        press = np.maximum(u[[0, 1]] - u[[2, 3]] - scene.gaps[0], 0.0) * CONTACT * (law != "none")
+        return d, w, z, flow, shear, press
+
+    def rhs(t, y, k0, slope, t0):
+        u, v, p = y[:n], y[n : 2 * n], y[2 * n : 3 * n]
+        ag = k0 + slope * (t - t0)
+        d, w, z, flow, shear, press = forces(u, v, p)
+        push = np.concatenate([-press, press])
+        acc = (on_floors(shear - above * d + factor * (k - above) * w) + push) / m - alpha * v - ag
+        lost = (1.0 - r) * k * z * flow
+        return np.concatenate([v, acc, flow, [lost[:2].sum(), lost[2:].sum()]])
+
+    y, found = np.zeros(3 * n + 2), {"drift": np.zeros(n), "shear": np.zeros(n), "u": [np.zeros(n)], "force": 0.0}
+    for i, (t0, t1) in enumerate(zip(record.time[:-1], record.time[1:], strict=True)):
+        slope = (record.acceleration[i + 1] - record.acceleration[i]) / record.dt
+        args = (record.acceleration[i], slope, t0)
+        step = solve_ivp(rhs, (t0, t1), y, method="DOP853", rtol=1e-11, atol=1e-14, args=args, dense_output=True)
+        y = step.y[:, -1]
+        for x in step.sol(np.linspace(t0, t1, 60)).T:
+            d, _, _, _, shear, press = forces(x[:n], x[n : 2 * n], x[2 * n : 3 * n])
+            found["drift"] = np.maximum(found["drift"], np.abs(d))
+            found["shear"] = np.maximum(found["shear"], np.abs(shear))
+            found["force"] = np.maximum(found["force"], press)
+        found["u"].append(y[:n])
+    found["plastic"], found["lost"] = y[2 * n : 3 * n], y[3 * n :]
+    return found
+
+
+def simulate(scene, points, scale, law="linear", **options):
+    stiffness = None if law == "none" else CONTACT
+    return ps.simulate(scene, motion(points, scale), law=law, stiffness=stiffness, **options)
+
+
+# -- against scipy -----------------------------------------------------------------------------------------------------
+
+
+def test_a_pounding_row_that_leans_moves_as_scipy_says():
+    got, want = simulate(SMOOTH, 126, 2.0, dt=1e-3), truth(SMOOTH, 126, 2.0)
+    assert int(got.status) == Status.OK
+    assert int(got.impact_count.sum()) >= 3
+    assert np.count_nonzero(got.ductility_max > 1.5) >= 3
+    largest = np.abs(want["u"]).max()
+    np.testing.assert_allclose(got.displacement.values[::20].reshape(-1, 4), want["u"], atol=2e-6 * largest)
+    for name, values in (("drift_max", want["drift"]), ("storey_shear_max", want["shear"])):
+        np.testing.assert_allclose(got[name].values.ravel(), values, rtol=1e-4, err_msg=name)  # scipy's are sampled
+        assert (got[name].values.ravel() > values * (1.0 - 2e-6)).all()
+    np.testing.assert_allclose(got.plastic_drift.values[-1].ravel(), want["plastic"], atol=2e-6 * largest)
+    np.testing.assert_allclose(got.hysteretic_energy.values, want["lost"], rtol=1e-6)
+    np.testing.assert_allclose(got.impact_force_max.values.ravel(), want["force"], rtol=1e-2)
+    assert np.isnan(got.residual_drift.values[0]).all()
+
+
+def test_order_of_convergence():
+    """Sub-steps end at kinks, so that the order is the scheme's."""
+    steps = [2e-2, 1e-2, 5e-3, 2.5e-3]
+    moved = [
+        simulate(SMOOTH, 151, 1.5, "none", dt=dt).displacement.values[:: round(0.02 / dt)] for dt in (*steps, 3.125e-4)
+    ]
+    total = [np.abs(each - moved[-1]).max() for each in moved[:-1]]
+    slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
+    assert 3.5 < slope < 5.5, (slope, total)
+
+
+def test_energy_closes():
+    left = []
+    for dt in (1e-2, 5e-3, 2.5e-3):
+        one = simulate(SMOOTH, 151, 1.5, dt=dt)
+        left.append(float(one.energy_residual))
+        own = one.input - one.damping - one.strain - one.kinetic - one.hysteretic - one.transfer
+        assert np.abs(own).max() < 1e-9
+        assert (np.diff(one.hysteretic.values, axis=0) >= -1e-12).all()
+    assert np.polyfit(np.log([1e-2, 5e-3, 2.5e-3]), np.log(left), 1)[0] > 3.2, left
+    assert left[-1] < 1e-6
+
+
+# -- by closed forms ---------------------------------------------------------------------------------------------------
+
+
+def test_loading_for_the_first_time_follows_its_closed_form():
+    """n = 2, beta + gamma = 1: z = dy tanh(d / dy), at whatever speed."""
+    one = simulate(SMOOTH, 251, 1.5, "none", dt=1e-3)
+    d, p = (one[name].values[:, 1, 0] for name in ("storey_drift", "plastic_drift"))
+    b = SMOOTH.buildings[1]
+    assert b.bouc_wen == BoucWen(2.0)
+    dy = b.yield_strengths[0] / b.stiffnesses[0]
+    way = np.sign(d[5])
+    turned = int(np.argmax(np.diff(way * d[1:]) < 0.0)) + 1
+    assert way * d[turned] > 0.3 * dy
+    np.testing.assert_allclose((d - p)[:turned], dy * np.tanh(d[:turned] / dy), atol=1e-8 * dy)
+
+
+@pytest.mark.slow
+def test_the_sharper_the_nearer_to_bilinear():
+    bilinear = ps.Scene([replace(b, bouc_wen=None) for b in SMOOTH.row], SMOOTH.gaps, SMOOTH.contact)
+    want = lanes(bilinear, [1.5])[1]
+    far = []
+    for n in (5.0, 20.0, 80.0):
+        sharp = ps.Scene([replace(b, bouc_wen=(n, 0.5, 0.5)) for b in SMOOTH.row], SMOOTH.gaps, SMOOTH.contact)
+        got = lanes(sharp, [1.5])[1]
+        far.append(np.abs(got["drift_max"] / want["drift_max"] - 1.0).max())
+    assert far[0] > 2.0 * far[1] > 4.0 * far[2], far
+    assert far[2] < 0.02
+
+
+def lanes(scene, scales, law="none", dt=5e-3, twin=False, points=101):
+    kernel = RowKernel(scene, LAWS[law], Numerics("rk4", dt), reducers_for(OUTPUTS), history=not twin)
+    record, n = motion(points), len(scales)
+    raw = kernel.run(
+        record,
+        scale=np.asarray(scales, float),
+        gaps=np.tile(scene.gaps, (n, 1)),
+        stiffness=np.full(n, CONTACT),
+        restitution=np.ones(n),
+        history=np.zeros(((points - 1) * kernel.numerics.steps(record) + 1, 100)),
+        twin=twin,
+    )
+    return raw, variables_of(kernel, raw, OUTPUTS, record)
+
+
+@pytest.mark.slow
+def test_a_bilinear_neighbour_moves_as_without_it():
+    """Storeys of both kinds in one row, which don't touch: each as beside its own."""
+    a, b = SMOOTH.buildings
+    plain = [replace(x, bouc_wen=None) for x in (a, b)]
+    both, smooth, bilinear = (
+        lanes(ps.Scene(row, [1e3], SMOOTH.contact), [1.5])[1] for row in ([a, plain[1]], [a, b], plain)
+    )
+    for name in ("drift_max", "storey_shear_max", "hysteretic_energy", "acceleration_max"):
+        np.testing.assert_allclose(both[name][:, 0], smooth[name][:, 0], rtol=1e-6, err_msg=name)
+        np.testing.assert_allclose(both[name][:, 1], bilinear[name][:, 1], rtol=1e-6, err_msg=name)
+    assert np.isfinite(both["residual_drift"][:, 1]).all()
+
+
+def test_the_other_way_is_the_mirror_image_to_the_last_bit():
+    far = ps.Scene(SMOOTH.row, [1e3], SMOOTH.contact)
+    _, both = lanes(far, [1.5, -1.5], "linear")
+    for name, other, sign in (
+        ("displacement_max", "displacement_min", -1.0),
+        ("drift_max", "drift_max", 1.0),
+        ("storey_shear_max", "storey_shear_max", 1.0),
+        ("hysteretic_energy", "hysteretic_energy", 1.0),
+    ):
+        assert np.array_equal(both[name][1], sign * both[other][0]), name
+
+
+def test_the_twin_in_python_runs_the_same_source():
+    compiled, twin = (lanes(SMOOTH, [1.5], "linear", twin=twin, points=26)[0] for twin in (False, True))
+    for name in ("drift", "travel", "shear", "acc", "e_in"):
+        np.testing.assert_allclose(compiled[name], twin[name], rtol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e-3, 1.0, 1e3, 1e9])
+def test_strengths_from_hardly_any_to_never(factor):
+    """Where it yields too much within a step even for sub-steps, it says so."""
+    row = [replace(b, yield_strengths=[factor * v for v in b.yield_strengths], p_delta=False) for b in SMOOTH.row]
+    _, one = lanes(ps.Scene(row, [1e3], SMOOTH.contact), [1.0], "linear", dt=5e-3)
+    if factor < 1e-4:
+        assert one["status"].tolist() == [Status.DIVERGED]
+        return
+    assert one["status"].tolist() == [Status.OK]
+    assert (one["energy_residual"] < 1e-3).all()
+    if factor >= 1e3:
+        elastic = ps.Scene([replace(b, yield_strengths=None, bouc_wen=None, hardening=0.0) for b in row], [1e3])
+        want = lanes(elastic, [1.0], twin=True)[1]
+        np.testing.assert_allclose(one["drift_max"], want["drift_max"], rtol=2.0 / factor if factor < 1e6 else 1e-6)
+
+
+# -- what is compiled, stored and refused ------------------------------------------------------------------------------
+
+
+def test_only_rows_with_it_have_it():
+    numerics, plain = Numerics("rk4", 1e-3), [replace(b, bouc_wen=None) for b in SMOOTH.row]
+    other = ps.Scene(plain, SMOOTH.gaps, SMOOTH.contact)
+    mine, own = (kernel_shape(s, LAWS["none"], numerics, reducers_for(OUTPUTS)) for s in (SMOOTH, other))
+    assert mine.smooth == ((0, 1.0), (1, 1.0), (2, 2.0), (3, 2.0))
+    assert own.smooth == ()
+    assert mine == replace(own, smooth=mine.smooth)
+    assert mine.bilinear == ()
+
+
+def test_a_row_comes_back_from_its_json():
+    again = scene_of(json.loads(json.dumps(scene_data(SMOOTH))))
+    assert again == SMOOTH
+    assert again.buildings[0].bouc_wen == BoucWen(1.0, 0.6, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"bouc_wen": BoucWen(0.5)}, r"building 'a': n of bouc_wen is 0.5; it must be in \[1, 100\]"),
+        ({"bouc_wen": {"gamma": 0.7}}, r"gamma of bouc_wen is 0.7 beside beta 0.5; it must be above -beta"),
+        ({"bouc_wen": {"beta": 0.3, "gamma": -0.3}}, r"gamma of bouc_wen is -0.3 beside beta 0.3"),
+        ({"bouc_wen": {"alpha": 1.0}}, r"bouc_wen is {'alpha': 1.0}; give n, beta and gamma, each a number"),
+        ({"bouc_wen": [1.0, "x", 0.5]}, r"beta of bouc_wen is 'x'; it must be a number"),
+        ({"bouc_wen": 3}, r"bouc_wen is 3; give n, beta and gamma"),
+        ({"bouc_wen": BoucWen(), "yield_strengths": None}, r"bouc_wen is that of storeys that yield"),
+        ({"bouc_wen": BoucWen(), "damping_stiffness": "tangent"}, r"bouc_wen has no tangent stiffness that is one"),
+    ],
+)
+def test_bad_buildings_are_refused(given, message):
+    with pytest.raises(SceneError, match=message):
+        ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5], **({"yield_strengths": [10.0, 10.0]} | given))
+
+
+@pytest.mark.parametrize("method", ["newmark", "exact", "central_difference"])
+def test_other_schemes_are_refused(method):
+    with pytest.raises(SweepError, match=rf"method: '{method}' does not follow (storeys of Bouc and Wen|storeys that)"):
+        ps.Sweep(SMOOTH, motion(11), "linear", method=method)
+    assert ps.Sweep(SMOOTH, motion(11), "linear", accuracy=1e-2).plan().numerics.method == "rk4"
+
+
+def test_a_file_gives_it(tmp_path):
+    path = tmp_path / "sweep.toml"
+    text = """
+[scene]
+[[scene.row]]
+name = "a"
+masses = [120.0]
+stiffnesses = [1e4]
+yield_strengths = [100.0]
+bouc_wen = { n = 3, gamma = 0.1 }
+[sweep]
+records = ["el_centro"]
+laws = ["none"]
+"""
+    path.write_text(text)
+    assert ps.load_sweep(path).spec.scene.buildings[0].bouc_wen == BoucWen(3.0, 0.5, 0.1)
+    for bad, message in (
+        ("n = 0.1", r"scene.row\[0\].bouc_wen: building 'a': n of bouc_wen is 0.1"),
+        ("m = 3", r"scene.row\[0\].bouc_wen.m: unknown key 'm'"),
+        ("n = 'x'", r"scene.row\[0\].bouc_wen.n"),
+    ):
+        path.write_text(text.replace("n = 3", bad))
+        with pytest.raises(SweepError, match=message):
+            ps.load_sweep(path)

@@ -1,0 +1,307 @@
+"""P-Delta: weights that take part of the storeys' stiffness: against the slow twin, by formula, where a row falls."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from kernels_used import LEANING, LEANING_YIELDS
+from naive import run
+from scipy.linalg import eigh
+from test_kernels import errors, motion, twins
+
+import pounding_sweep as ps
+from pounding_sweep.base.errors import SceneError, SweepError
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.model.variants import Variants
+from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
+from pounding_sweep.plan.sanity import doubts
+from pounding_sweep.run.one_scenario import _varied
+from pounding_sweep.spec.axes import Case
+from pounding_sweep.spec.overview import overview
+from pounding_sweep.spec.spec import scene_data, scene_of
+
+G = 9.81
+NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
+OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and not each.of_columns]
+
+
+def upright(scene):
+    """The row without P-Delta."""
+    return ps.Scene([replace(b, p_delta=False) for b in scene.row], scene.gaps, scene.contact)
+
+
+# -- by formula --------------------------------------------------------------------------------------------------------
+
+
+def test_a_period_grows_as_its_storey_leans():
+    """One storey: T = T0 / sqrt(1 - theta), theta = P / (k h)."""
+    m, k, h = 100.0, 3000.0, 4.0
+    plain, leaning = (ps.Building("a", [m], [k], 0.04, [h], p_delta=p) for p in (False, True))
+    theta = m * G / (k * h)
+    assert leaning.stability_coefficients == pytest.approx((theta,))
+    assert leaning.periods[0] == pytest.approx(plain.periods[0] / np.sqrt(1.0 - theta), rel=1e-12)
+    assert leaning.rayleigh[0] == pytest.approx(2.0 * 0.04 * 2.0 * np.pi / leaning.periods[0])
+
+
+def test_modes_are_those_under_all_weights():
+    """K less a geometric stiffness that is put together floor by floor, each leaning on all storeys below it."""
+    masses, stiffnesses, heights = [90.0, 80.0, 60.0], [5e3, 4e3, 2e3], [4.5, 3.0, 3.5]
+    building = ps.Building("a", masses, stiffnesses, (0.03, 0.05), heights, p_delta=True)
+    n = len(masses)
+    drift = np.eye(n) - np.eye(n, k=-1)
+    taken = np.zeros((n, n))
+    for floor, mass in enumerate(masses):
+        for storey in range(floor + 1):
+            taken += mass * G / heights[storey] * np.outer(drift[storey], drift[storey])
+    want = eigh(drift.T @ np.diag(stiffnesses) @ drift - taken, np.diag(masses), eigvals_only=True)
+    np.testing.assert_allclose(building.frequencies**2, want, rtol=1e-12)
+    a, b = building.rayleigh
+    w = np.sqrt(want[:2])
+    np.testing.assert_allclose(0.5 * (a / w + b * w), [0.03, 0.05], rtol=1e-12)
+
+
+def test_a_period_factor_is_one_under_the_weights():
+    """Storeys get what weights take and what the factor leaves; a mass factor changes weights too, and no period."""
+    n = len(LEANING.buildings)
+    periods, masses, hardening = np.array([[2.0, 0.5]]), np.array([[3.0, 0.7]]), np.full((1, n), 0.1)
+    row = Variants(LEANING_YIELDS, periods, masses, np.array([np.nan]), None, hardening)
+    for i, building in enumerate(LEANING_YIELDS.buildings):
+        here = slice(LEANING_YIELDS.offsets[i], LEANING_YIELDS.offsets[i + 1])
+        stiffer = replace(
+            building,
+            masses=row.masses[0, here],
+            stiffnesses=row.elastic_stiffnesses[0, here],
+            hardening=0.1,
+            yield_strengths=row.yield_strengths[0, here],
+        )
+        np.testing.assert_allclose(stiffer.periods, periods[0, i] * building.periods, rtol=1e-12)
+        np.testing.assert_allclose(row.frequencies(i)[0], stiffer.frequencies, rtol=1e-12)
+        np.testing.assert_allclose(row.stiffnesses[0, here], stiffer.lateral_stiffnesses, rtol=1e-12)
+        np.testing.assert_allclose(row.yield_drifts[0, here], np.divide(stiffer.yield_strengths, stiffer.stiffnesses))
+        k, taken = np.array(stiffer.stiffnesses), np.array(stiffer.geometric_stiffnesses)
+        slopes = np.where(stiffer.yields, 0.1 * k - taken, 0.1 * (k - taken))
+        np.testing.assert_allclose((row.hardenings * row.stiffnesses)[0, here], slopes, rtol=1e-12)
+
+
+# -- against the twin --------------------------------------------------------------------------------------------------
+
+
+@lru_cache
+def truth(scene, points, scale):
+    record = motion(points, scale)
+    found = run(twins(scene), list(scene.gaps), record.acceleration, record.dt, "kelvin_voigt", 8e5, 0.6, rtol=1e-11)
+    return {**found, "law": "kelvin_voigt"}
+
+
+@pytest.mark.parametrize("method", ["rk4", "exact"])
+def test_every_variable_equals_the_twins(method):
+    got, want = ps.simulate(LEANING, motion(251, 1.5), law="kelvin_voigt", method=method), truth(LEANING, 251, 1.5)
+    assert int(got.status) == Status.OK
+    assert sum(int(count) for each in want["impact_count"] for count in each) >= 5
+    found = errors(got, want, LEANING)
+    assert max(found.values()) < 2e-5, found
+    assert float(got.energy_residual) < 1e-6
+    without = ps.simulate(upright(LEANING), motion(251, 1.5), law="kelvin_voigt", method=method)
+    assert abs(float(got.drift_max.max() / without.drift_max.max()) - 1.0) > 0.02
+
+
+@pytest.mark.parametrize(
+    ("method", "dt", "bound"), [("rk4", 5e-4, 1e-5), pytest.param("newmark", 2e-4, 3e-3, marks=pytest.mark.slow)]
+)
+def test_storeys_that_yield_equal_the_twins(method, dt, bound):
+    """Storeys soften under their weights, and stay up."""
+    got = ps.simulate(LEANING_YIELDS, motion(251, 1.5), law="kelvin_voigt", method=method, dt=dt)
+    want = truth(LEANING_YIELDS, 251, 1.5)
+    assert (
+        LEANING_YIELDS.buildings[0].hardening - np.array(LEANING_YIELDS.buildings[0].stability_coefficients)
+    ).max() < 0
+    assert int(got.status) == Status.OK
+    assert np.count_nonzero(got.ductility_max > 3.0) == 3
+    assert set(OUTPUTS) <= set(got.data_vars)
+    found = errors(got, want, LEANING_YIELDS)
+    assert max(found.values()) < bound, found
+    assert float(got.energy_residual) < bound
+    own = got.input - got.damping - got.strain - got.kinetic - got.hysteretic - got.transfer
+    assert np.abs(own).max() < 1e-9
+    # what the columns bear is the hysteresis of the storey alone
+    k, strength, r = 6e3, 150.0, 0.05
+    d, v = (got[name].values[:, 0, 0] for name in ("storey_drift", "storey_shear"))
+    assert np.abs(v - r * k * d).max() == pytest.approx((1.0 - r) * strength, rel=1e-9)
+    assert got.storey_shear_max.values[0, 0] == pytest.approx(np.abs(v).max(), rel=1e-4)
+
+
+# -- where a row falls -------------------------------------------------------------------------------------------------
+
+
+def standing(strengths, scale=1.0, p_delta=True, outputs=("ductility_max", "drift_max", "status", "residual_drift")):
+    """One storey under one motion, its strength varied: status and ductility."""
+    tower = ps.Building("a", [100.0], [3e3], 0.02, [3.0], yield_strengths=[200.0], p_delta=p_delta)
+    sweep = ps.Sweep(
+        ps.Scene([tower]), motion(501, 1.5), laws="none", strength_factors={"a": list(strengths)}, outputs=list(outputs)
+    )
+    return sweep.run()
+
+
+@pytest.mark.slow
+def test_ductility_grows_without_end_as_strength_falls():
+    """A weaker storey drifts farther, and at last falls: status diverged, no values; upright it would not."""
+    strengths = np.geomspace(2.0, 0.1, 40)
+    cube, plain = standing(strengths), standing(strengths, p_delta=False)
+    fallen = cube.status.values.ravel() == Status.DIVERGED
+    first = int(fallen.argmax())
+    assert 5 < first < 35
+    assert (plain.status == Status.OK).all()
+    mine, own = (each.ductility_max.values.ravel() for each in (cube, plain))
+    assert np.isnan(mine[fallen]).all()
+    assert np.isfinite(mine[:first]).all()
+    assert mine[:first].max() > 1.5 * own[:first].max()
+    np.testing.assert_array_equal(
+        standing(strengths, outputs=["displacement_max"]).status.values.ravel(), cube.status.values.ravel()
+    )
+
+
+@pytest.mark.parametrize(("share", "falls"), [(0.999, False), (1.001, True)])
+def test_a_storey_falls_beyond_the_drift_at_which_nothing_holds_it(share, falls):
+    """Without damping or ground motion the start decides: m v^2 / 2 against the work up to the drift Vy h / P.
+
+    There the storey's shear is just what its weight pushes; beyond, the weight wins.
+    """
+    m, k, h, strength = 100.0, 3e3, 3.0, 200.0
+    pushed = m * G / h
+    yields, top = strength / k, strength / pushed
+    work = 0.5 * (k - pushed) * yields**2 + strength * (top - yields) - 0.5 * pushed * (top**2 - yields**2)
+    start = share * np.sqrt(2.0 * work / m)
+    scene = ps.Scene([ps.Building("a", [m], [k], 0.0, [h], yield_strengths=[strength], p_delta=True)])
+    numerics = Numerics("rk4", 0.005)
+    kernel = RowKernel(scene, LAWS["none"], numerics, reducers_for(OUTPUTS), initial_velocity=(start,))
+    still = ps.Record("still", 0.02, np.zeros(401))
+    lanes = {"scale": np.ones(1), "gaps": np.ones((1, 0)), "stiffness": np.zeros(1), "restitution": np.ones(1)}
+    raw = kernel.run(still, twin=True, **lanes)
+    found = variables_of(kernel, raw, OUTPUTS, still)
+    assert found["status"].tolist() == [Status.DIVERGED if falls else Status.OK]
+    if falls:
+        assert raw["drift"].max() > h
+    else:
+        held = 0.5 * m * (start / share) ** 2 * (1.0 - share**2)  # what is missing to the top
+        assert raw["drift"].max() == pytest.approx(top - np.sqrt(2.0 * held / pushed), rel=1e-5)
+        assert found["ductility_max"].max() < top / yields
+
+
+def test_a_storey_rests_where_its_weight_and_its_spring_agree():
+    """(k - P / h) d = (1 - r) k p: by the twin; and where that is beyond what it holds, it does not rest."""
+    got = ps.simulate(LEANING_YIELDS, motion(251, 1.5), law="kelvin_voigt", dt=5e-4)
+    a = LEANING_YIELDS.buildings[0]
+    plastic = got.plastic_drift.values[-1, 0]
+    want = 0.95 * np.array(a.stiffnesses) * plastic / np.array(a.lateral_stiffnesses)
+    np.testing.assert_allclose(got.residual_drift.values[0], want, rtol=1e-9)
+    assert (np.abs(want) > np.abs(0.95 * plastic)).all()
+
+
+# -- what is compiled, stored and told ---------------------------------------------------------------------------------
+
+
+def test_an_elastic_row_asks_for_the_kernel_that_it_had():
+    """Weights are numbers alone; shears of storeys that yield are what needs them by name."""
+    numerics = Numerics("rk4", 1e-3)
+    for law in ("none", "linear"):
+        shapes = [kernel_shape(s, LAWS[law], numerics, reducers_for(OUTPUTS)) for s in (LEANING, upright(LEANING))]
+        assert shapes[0] == shapes[1]
+    for outputs, asks in ((OUTPUTS, True), (["drift_max"], False)):
+        mine, own = (
+            kernel_shape(s, LAWS["none"], numerics, reducers_for(outputs))
+            for s in (LEANING_YIELDS, upright(LEANING_YIELDS))
+        )
+        assert mine == replace(own, p_delta=asks)
+
+
+def test_a_row_comes_back_from_its_json():
+    assert scene_of(json.loads(json.dumps(scene_data(LEANING)))) == LEANING
+    assert "p_delta" not in json.dumps(scene_data(upright(LEANING)))
+
+
+def test_a_scenario_of_a_sweep_is_its_row():
+    """The row of one scenario has the periods that the factor says, under its weights."""
+    case = Case("none", period_factors={"a": 1.5}, mass_factors={"a": 2.0})
+    one = _varied(LEANING, case).buildings[0]
+    np.testing.assert_allclose(one.periods, 1.5 * LEANING.buildings[0].periods, rtol=1e-12)
+    np.testing.assert_allclose(one.geometric_stiffnesses, 2.0 * np.array(LEANING.buildings[0].geometric_stiffnesses))
+
+
+def test_a_row_in_words_tells_how_near_it_is_to_falling():
+    told = dict(overview(LEANING))["a"]
+    assert told.endswith("with P-Delta, stability coefficients up to 0.086")
+    assert "P-Delta" not in dict(overview(upright(LEANING)))["a"]
+    near = ps.Building("a", [100.0], [1e3], storey_heights=[2.5], p_delta=True)
+    found = doubts(ps.Sweep(ps.Scene([near]), motion(51), laws="none").spec)
+    assert any(text.startswith("stability coefficient P / (k h) of a storey 0.3924 (a, storey 1)") for text in found)
+
+
+# -- refusals ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (
+            {"stiffnesses": [1e3, 200.0]},
+            r"building 'a': storey 2 of stiffness 200 kN/m does not stand under the weight above it: its stability "
+            r"coefficient P / \(k h\) is 1.47, and must be below 1; give it a stiffness above P / h = 294.3 kN/m",
+        ),
+        ({"p_delta": "yes"}, r"p_delta is 'yes'; it must be true or false"),
+        (
+            {"yield_strengths": [1.0, 1.0], "damping_stiffness": "tangent"},
+            r"with p_delta the tangent stiffness .* may be negative.*give damping_stiffness = \"initial\"",
+        ),
+    ],
+)
+def test_bad_buildings_are_refused(given, message):
+    with pytest.raises(SceneError, match=message):
+        ps.Building("a", **({"masses": [120.0, 90.0], "stiffnesses": [6e3, 4e3], "p_delta": True} | given))
+
+
+def test_columns_of_a_leaning_building_are_not_struck():
+    row = [
+        ps.Building("a", [100.0], [1e5], storey_heights=[4.0]),
+        ps.Building("b", [100.0] * 2, [1e5] * 2, p_delta=True),
+    ]
+    with pytest.raises(
+        SceneError, match="strike columns of a building with p_delta, whose shape depends on their axial"
+    ):
+        ps.Scene(row, [0.01], contacts="floors and columns")
+    ps.Scene(row, [0.01], allow_unmet=True)
+
+
+def test_a_file_says_where_it_is_wrong(tmp_path):
+    path = tmp_path / "sweep.toml"
+    path.write_text(
+        """
+[scene]
+gaps = [0.01]
+[[scene.row]]
+name = "a"
+masses = [120.0]
+stiffnesses = [100.0]
+p_delta = true
+[[scene.row]]
+name = "b"
+masses = [120.0]
+stiffnesses = [1e4]
+p_delta = 3
+[sweep]
+records = ["el_centro"]
+laws = ["none"]
+"""
+    )
+    with pytest.raises(SweepError) as caught:
+        ps.load_sweep(path)
+    text = str(caught.value)
+    assert "storey 1 of stiffness 100 kN/m does not stand" in text
+    assert "scene.row[1].p_delta" in text
+    path.write_text(path.read_text().replace("100.0", "1e4").replace("p_delta = 3", "p_delta = false"))
+    assert [b.p_delta for b in ps.load_sweep(path).spec.scene.buildings] == [True, False]
