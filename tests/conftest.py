@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from functools import cache as once
 
 import counting
 import pytest
+import typer.testing
 from counting import (  # noqa: F401 - hooks and a fixture
     counts,
     pytest_sessionfinish,
@@ -21,6 +23,8 @@ from pounding_sweep.engine import cache, compile
 # kernels are compiled inside examples, on cores that other tests use too
 settings.register_profile("compiled", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("compiled")
+# the command line is made of its declarations once, not for every call of it
+typer.testing._get_command = once(typer.testing._get_command)
 
 
 #: Modules that take longest, in that order: they begin first, so that all cores have work until the end.

@@ -17,10 +17,12 @@ from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
+import dask
 import numpy as np
 import psutil
 import pytest
 from dask_cluster import DaskCluster
+from distributed import Client, KilledWorker, LocalCluster, get_worker
 from test_cli import HEEDING, LONG, environment, write
 from test_execute import make, same
 
@@ -139,13 +141,11 @@ def test_workers_are_killed_and_others_join(reference, tmp_path, whole, count):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "given_up_after",
-    ["15s", pytest.param("10ms", marks=pytest.mark.release)],  # of which dask may make that none starts again
+    [far_workers.RESTART_SECONDS, pytest.param(0.01, marks=pytest.mark.release)],
 )
-def test_own_processes_are_killed(reference, whole, count, given_up_after):
+def test_own_processes_are_killed(monkeypatch, reference, whole, count, given_up_after):
     """Those that `processes` starts too, again and again; also where dask gives them up before they are back."""
-    import dask
-    import distributed  # noqa: F401 - whose settings are there from then on
-
+    monkeypatch.setattr(far_workers, "RESTART_SECONDS", given_up_after)
     killed = []
 
     def die():
@@ -155,8 +155,7 @@ def test_own_processes_are_killed(reference, whole, count, given_up_after):
 
     events = Events(*((at, die) for at in (8, 16, 40, 64)))
     sweep = make()
-    with dask.config.set({"distributed.deploy.lost-worker-timeout": given_up_after}):
-        whole(sweep.run(scheduler="processes", workers=2, progress=events), sweep, reference)
+    whole(sweep.run(scheduler="processes", workers=2, progress=events), sweep, reference)
     assert not events.events
     assert len(killed) >= 2
     count("workers killed", len(killed))
@@ -528,6 +527,26 @@ def poison(kernel, record, table, variants, outputs):
     return np.array([table])
 
 
+def ending(kernel, record, table, variants, outputs):
+    """What `poison` is for a worker that lives in this process."""
+    if table == 7:
+        worker = get_worker()
+        worker.loop.add_callback(worker.close, executor_wait=False)
+        time.sleep(0.2)
+    return np.array([table])
+
+
+def lost_once(record):
+    """Give back a record, except for the first time."""
+    if not LOST:
+        LOST.append(record)
+        raise KilledWorker("record", None, 3)
+    return record
+
+
+LOST = []
+
+
 def settings(kernel, record, table, variants, outputs):
     import numba
 
@@ -568,16 +587,63 @@ def test_sent_once_and_few_in_flight():
     assert Counted.sent <= 2 * 5
 
 
+@pytest.fixture
+def in_this_process():
+    """A cluster of two workers in threads of this process, others of which come for those that end."""
+    with (
+        dask.config.set({"distributed.deploy.lost-worker-timeout": 0.01}),
+        LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=False,
+            dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+            silence_logs=50,
+        ) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
+        yield client
+
+
+def only_one_is_lost(found):
+    bad = found.pop(7)
+    assert isinstance(bad, str)
+    assert bad.startswith("lost 3 times while nothing else ran on its worker: ")
+    assert {at: result if isinstance(result, str) else result.tolist() for at, result in found.items()} == {
+        i: [i] for i in range(40) if i != 7
+    }
+
+
+def test_a_chunk_that_ends_its_worker_costs_itself_only(in_this_process, count):
+    found, notes = {}, []
+    workers = far_workers.ClusterWorkers(in_this_process, [None, None], ending, notes.append)
+    workers.run(40, jobs(40, SimpleNamespace(scene=None)), found.__setitem__)
+    only_one_is_lost(found)
+    ended = sum("has left" in note for note in notes)
+    assert ended >= far_workers.ALONE
+    count("workers ended", ended)
+
+
+@pytest.mark.slow
 @pytest.mark.usefixtures("importable")
 def test_a_chunk_that_kills_costs_itself_only(count):
     found, notes = {}, []
     with Dispatcher("processes", 2, [None, None], poison, notes.append) as dispatcher:
         dispatcher.run(40, jobs(40, SimpleNamespace(scene=None)), found.__setitem__)
-    bad = found.pop(7)
-    assert isinstance(bad, str)
-    assert bad.startswith("lost 3 times while nothing else ran on its worker: ")
-    assert {at: result.tolist() for at, result in found.items()} == {i: [i] for i in range(40) if i != 7}
+    only_one_is_lost(found)
     count("workers killed", sum("has left" in note for note in notes))
+
+
+def test_a_record_whose_workers_died_is_sent_again(in_this_process, monkeypatch):
+    """Else all chunks of it would be lost with it."""
+    monkeypatch.setattr(far_workers, "_same", lost_once)
+    found = {}
+    workers = far_workers.ClusterWorkers(in_this_process, [None, None], where, [].append)
+    workers.run(12, jobs(12, SimpleNamespace(scene=None)), found.__setitem__)
+    assert len(LOST) == 1
+    assert {at: result if isinstance(result, str) else result[0] for at, result in found.items()} == {
+        i: i for i in range(12)
+    }
 
 
 @pytest.mark.slow

@@ -198,7 +198,7 @@ def test_each_period_is_independent_of_its_neighbours():
 
 
 @pytest.mark.slow
-def test_a_damaged_cache_costs_itself_only(tmp_path):
+def test_a_damaged_cache_is_compiled_and_kept_anew(tmp_path):
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     peaks = "print(oscillator_peaks(np.sin(np.arange(50.0)), 0.02, np.array([0.1, 0.4]), 0.05))"
     text = f"import numpy as np; from pounding_sweep.engine.spectrum import oscillator_peaks; {peaks}"
@@ -206,9 +206,12 @@ def test_a_damaged_cache_costs_itself_only(tmp_path):
     first = run(capture_output=True).stdout
     found = [path for path in tmp_path.rglob("*.nb?") if path.is_file()]
     assert found
+    sound = [path.read_bytes() for path in found]
     for path in found:
         path.write_bytes(bytes(path.stat().st_size))
     assert run(capture_output=True).stdout == first
+    assert [path.stat().st_size for path in found] == [len(each) for each in sound]
+    assert all(any(path.read_bytes()) for path in found)  # compiled once, and kept again
 
 
 def test_where_no_cache_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):

@@ -128,23 +128,9 @@ def solved_restitution(
     stiffness: float | None = None,
     speed: float = APPROACH,
 ) -> float:
-    """Restitution of two free masses by integrating the formulas of a law (DOP853, relative tolerance 1e-12).
-
-    Parameters
-    ----------
-    law : Law
-        A law with a force that has no memory.
-    e : float
-        Nominal restitution.
-    basis : {"published", "realised"}
-        What it means.
-    mass : float
-        Effective mass (t).
-    stiffness : float, optional
-        Contact stiffness (kN/m**exponent); by default that of the certificate.
-    speed : float
-        Approach velocity (m/s).
-    """
+    """Restitution of two free masses by integrating the formulas of a law (DOP853, relative tolerance 1e-12)."""
+    # `basis` says what the nominal restitution `e` means; `mass` is the effective one (t), `stiffness` in
+    # kN/m**exponent
     from scipy.integrate import solve_ivp
 
     k = contact_stiffness(law) if stiffness is None else stiffness

@@ -52,11 +52,9 @@ def sobol_indices(a: np.ndarray, b: np.ndarray, mixed: np.ndarray) -> tuple[np.n
 def bootstrap_intervals(
     a: np.ndarray, b: np.ndarray, mixed: np.ndarray, confidence: float, resamples: int, seed: int = 0
 ) -> np.ndarray:
-    """Return percentile intervals of the indices, shape (first and total, lower and upper, inputs, ...).
-
-    Points are drawn anew, each with its values in all blocks (Efron & Tibshirani 1993, "An Introduction to the
-    Bootstrap", chapter 13).
-    """
+    """Return percentile intervals of the indices, shape (first and total, lower and upper, inputs, ...)."""
+    # points are drawn anew, each with its values in all blocks (Efron & Tibshirani 1993, "An Introduction to the
+    # Bootstrap", chapter 13)
     columns, n, tail = _columns(a, b, mixed), a.shape[-1], (1.0 - confidence) / 2.0
     random, block = np.random.default_rng(seed), max(1, BLOCK // n)
     means = [

@@ -132,8 +132,8 @@ def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any
     if signs:
         kept["scales"] = sorted(set(signs))
     found = _found_again(sweep, records, folders)
-    job = Sweep(scene, found, NO_POUNDING, **kept, **_parameters(sweep), **_settings(scene))
-    unit = _reduced(job.run())
+    alone = Sweep(scene, found, NO_POUNDING, **kept, **_parameters(sweep), **_settings(scene))
+    unit = _reduced(alone.run())
     if not signs:
         return unit
     about = {"units": "1", "long_name": "factor on the record"}

@@ -22,13 +22,7 @@ _CHECKED = ("damping_number", "measured", "solved", "analytic")
 
 
 def print_certificate(nominal: str | None, as_json: bool) -> None:
-    """Measure and print the restitution of every law, at the values of a list such as "0.2,0.6".
-
-    Raises
-    ------
-    InputError
-        The list holds something that is no number in [0, 1].
-    """
+    """Measure and print the restitution of every law, at the values of a list such as "0.2,0.6"."""
     from pounding_sweep.accuracy.certificate import RESTITUTIONS, certify
     from pounding_sweep.cli.progress import make_progress
     from pounding_sweep.run.execute import check_scheduler
@@ -42,13 +36,7 @@ def print_certificate(nominal: str | None, as_json: bool) -> None:
 
 
 def print_check(name: str, nominal: str | None, as_json: bool) -> None:
-    """Check one law and print what was found; exit with a failure where it is not what its formulas say.
-
-    Raises
-    ------
-    InputError
-        There is no such law, or the list of nominal values is none.
-    """
+    """Check one law and print what was found; exit with a failure where it is not what its formulas say."""
     from pounding_sweep.accuracy.certificate import RESTITUTIONS
     from pounding_sweep.accuracy.law_check import check_law
     from pounding_sweep.cli.progress import make_progress

@@ -28,10 +28,8 @@ INTERRUPTS = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.
 
 @contextmanager
 def reporting(out: Path | None = None) -> Iterator[list[str]]:
-    """Turn errors into one message and an exit code; gives the list of warnings said so far.
-
-    `out` is the cube of a run, whose finished chunks outlast an interruption.
-    """
+    """Turn errors into one message and an exit code; gives the list of warnings said so far."""
+    # `out` is the cube of a run, whose finished chunks outlast an interruption
     from pounding_sweep.base.errors import (
         ClusterError,
         InputError,
@@ -82,11 +80,9 @@ def reporting(out: Path | None = None) -> Iterator[list[str]]:
 
 @contextmanager
 def _ended_by_interrupts() -> Iterator[None]:
-    """Have Ctrl-C, SIGTERM and SIGHUP end the block in order, and one more of them the process at once.
-
-    What the process was started to ignore (by ``nohup``, or in the background of a script) stays
-    so, as does what has a handler already. Only a main thread can be interrupted.
-    """
+    """Have Ctrl-C, SIGTERM and SIGHUP end the block in order, and one more of them the process at once."""
+    # what the process was started to ignore (by `nohup`, or in the background of a script) stays so, as does what has a
+    # handler already. Only a main thread can be interrupted.
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -145,10 +141,8 @@ def _stdout_fails() -> bool:
 
 
 def open_streams() -> None:
-    """Have somewhere to write where the process was started without stdout or stderr (``>&-``).
-
-    Else a file that is opened later would have their numbers, and be written into by who prints to them.
-    """
+    """Have somewhere to write where the process was started without stdout or stderr (``>&-``)."""
+    # else a file that is opened later would have their numbers, and be written into by who prints to them
     for number, (name, mode) in enumerate({"stdin": "r", "stdout": "w", "stderr": "w"}.items()):
         if getattr(sys, name) is None:
             handle = os.open(os.devnull, os.O_RDWR)

@@ -32,19 +32,19 @@ Laws = Annotated[
 ]
 
 
-def _job(sweep: Path, accuracy: float | None, skip: bool, folders: list[Path] | None, laws: list[str] | None) -> Sweep:
+def _load(sweep: Path, accuracy: float | None, skip: bool, folders: list[Path] | None, laws: list[str] | None) -> Sweep:
     """Read a sweep file; ask for `accuracy` and `laws` if they are given."""
     from pounding_sweep.run.sweep import load_sweep
     from pounding_sweep.spec.own_laws import LAW_GROUPS, find_law
 
     chosen = [name if name in LAW_GROUPS else find_law(name) for name in laws or ()]
-    job = load_sweep(sweep, skip_missing_records=skip, folders=folders or None, laws=chosen or None)
-    say_laws(job.spec.own_laws)
+    loaded = load_sweep(sweep, skip_missing_records=skip, folders=folders or None, laws=chosen or None)
+    say_laws(loaded.spec.own_laws)
     if accuracy is None:
-        return job
+        return loaded
     from pounding_sweep.spec.spec import with_accuracy
 
-    return job.from_spec(with_accuracy(job.spec, accuracy))
+    return loaded.from_spec(with_accuracy(loaded.spec, accuracy))
 
 
 @app.command("run")
@@ -75,23 +75,23 @@ def run_command(
         from pounding_sweep.cli.progress import make_progress
         from pounding_sweep.output.audited import audit_sentence, audit_table
 
-        job = _job(sweep, accuracy, skip_missing, folders, laws)
+        loaded = _load(sweep, accuracy, skip_missing, folders, laws)
         progress = make_progress(quiet)
         try:
-            cube = job.write(
+            cube = loaded.write(
                 out, scheduler=scheduler, workers=workers, overwrite=overwrite, progress=progress, extend=extend
             )
         finally:
             progress.close()
-        outcome = job.last_outcome
+        outcome = loaded.last_outcome
         assert outcome is not None
         report = {
-            "row": _row(job),
-            **_run_report(job.spec.n_scenarios, outcome),
+            "row": _row(loaded),
+            **_run_report(loaded.spec.n_scenarios, outcome),
             "extended_from": json.loads(cube.frame.attrs.get("extended_from", "null")),
             "accuracy_choice": cube.frame.attrs.get("accuracy_choice", ""),
-            "records_left_out": list(job.spec.records_left_out),
-            "own_laws": {law.key: law.sha256 for law in job.spec.own_laws},
+            "records_left_out": list(loaded.spec.records_left_out),
+            "own_laws": {law.key: law.sha256 for law in loaded.spec.own_laws},
             "audit": audit_table(cube.frame),
             "audit_sentence": audit_sentence(cube.frame),
             "statuses": cube.tally.statuses(),
@@ -129,20 +129,20 @@ def plan_command(
         from pounding_sweep.run.execute import check_scheduler
 
         n_workers = check_scheduler("threads", workers)
-        job = _job(sweep, accuracy, skip_missing, folders, laws)
-        plan = job.plan()
+        loaded = _load(sweep, accuracy, skip_missing, folders, laws)
+        plan = loaded.plan()
         found = {**plan.summary(n_workers), "workers": n_workers, "sweep_sha256": plan.digest}
         missing, seconds = still_to_compile([kernel.shape for kernel in plan.kernels().values()])
         found |= {"kernels_to_compile": missing, "compile_seconds": seconds}
         limit = float(plan.limit[plan.refused].min()) if plan.refused.any() else None
         found["largest_stable_step"] = limit
-        found |= {"records_left_out": list(job.spec.records_left_out), "warnings": said}
-        found["own_laws"] = {law.key: law.sha256 for law in job.spec.own_laws}
-        found["row"] = _row(job)
+        found |= {"records_left_out": list(loaded.spec.records_left_out), "warnings": said}
+        found["own_laws"] = {law.key: law.sha256 for law in loaded.spec.own_laws}
+        found["row"] = _row(loaded)
         if as_json:
             print_json(found)
             return
-        print(printable(str(job.spec.title or sweep)))
+        print(printable(str(loaded.spec.title or sweep)))
         _print_row(found["row"])
         compiling = f"{missing} to compile: about {seconds_text(seconds)} of CPU time" if missing else "all compiled"
         rows = plan.rows(found, compiling)
@@ -150,11 +150,11 @@ def plan_command(
         print_pairs(rows)
 
 
-def _row(job: Sweep) -> list[dict[str, str]]:
+def _row(loaded: Sweep) -> list[dict[str, str]]:
     """Describe the row of a sweep, one entry per building and pair."""
     from pounding_sweep.spec.overview import overview
 
-    return [{"name": name, "about": text} for name, text in overview(job.spec.scene)]
+    return [{"name": name, "about": text} for name, text in overview(loaded.spec.scene)]
 
 
 def _print_row(row: list[dict[str, str]]) -> None:

@@ -48,11 +48,11 @@ def tradeoff_command(
             check_output(out, overwrite)
         if figure is not None:
             check_output(figure, overwrite=True, netcdf=False)
-        job = load_sweep(sweep, folders=folders or None)
+        loaded = load_sweep(sweep, folders=folders or None)
         progress = make_progress(quiet)
         try:
             trade = tradeoff(
-                job,
+                loaded,
                 steps=DEFAULT_STEPS if steps is None else _numbers(steps),
                 scenarios=scenarios,
                 seed=seed,

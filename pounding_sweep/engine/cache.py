@@ -311,10 +311,8 @@ def _tell(folder: Path, text: str) -> None:
 
 @lru_cache(maxsize=256)
 def get_kernel(shape: KernelSpec) -> Callable[..., None]:
-    """Return the kernel as a function of motion, length, steps, substeps, constants, inputs, results, history.
-
-    It is compiled, or loaded from the disk cache where it is there; where numba's JIT is disabled, it is the twin.
-    """
+    """Return the kernel as a function of motion, length, steps, substeps, constants, inputs, results, history."""
+    # it is compiled, or loaded from the disk cache where it is there; where numba's JIT is disabled, it is the twin
     from numba import config
 
     found = twin_of(shape) if getattr(config, "DISABLE_JIT", False) else partial(_run, shape, _compiled_kernel(shape))

@@ -68,10 +68,8 @@ class _Modes:
 
 
 def flight_tables(layout: Layout, stops: int, fixed: np.ndarray) -> np.ndarray:
-    """Return tables of flight over so many points or blocks, with all that a kernel does not fill in itself.
-
-    They stand until the thread's next call.
-    """
+    """Return tables of flight over so many points or blocks, with all that a kernel does not fill in itself."""
+    # they stand until the thread's next call
     precision = str(fixed.dtype)
     tables = _room(len(fixed) * int(layout.size(stops)), precision, precision)
     tables.reshape(len(fixed), -1)[:, : layout.given] = fixed
@@ -81,10 +79,8 @@ def flight_tables(layout: Layout, stops: int, fixed: np.ndarray) -> np.ndarray:
 def fixed_tables(
     layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str, substeps: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what of the tables of all variants holds at any time, and what a kernel fills the others from.
-
-    `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`.
-    """
+    """Return what of the tables of all variants holds at any time, and what a kernel fills the others from."""
+    # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`
     scene, n, count, q = row.scene, layout.modes, len(row), len(layout.watched)
     modes, floors = _modes(row)
     tables = np.zeros((count, layout.given), precision)

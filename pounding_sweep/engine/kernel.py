@@ -180,10 +180,8 @@ class Scenarios:
 
 
 def make_events(group: Group, ground: Any, arrays: dict[str, Any], scenarios: Any, rows: Any, note: Any) -> Events:
-    """Return the scenarios of a call on their way through the lanes, the tables of their flight being filled.
-
-    `arrays` are inputs, results, tables, decays and flight's own memory, by name; `rows` counts rows of buildings.
-    """
+    """Return the scenarios of a call on their way through the lanes, the tables of their flight being filled."""
+    # `arrays` are inputs, results, tables, decays and flight's own memory, by name; `rows` counts rows of buildings
     trace = group.trace
     points = ground.intervals * ground.substeps + 1
     flight = Flight(group, arrays["tables"], points, arrays["memory"])

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -60,9 +61,17 @@ _OPTIONS: Any = {"nogil": True, "error_model": "numpy", "boundscheck": False, "f
 def _compiled(function: Callable[..., None]) -> Callable[..., None]:
     """Compile a function and keep it on disk beside this module, which holds all that it depends on."""
     try:
-        compiled: Callable[..., None] = njit(_SIGNATURE, cache=True, **_OPTIONS)(function)
-    except Exception:  # whatever numba makes of such a folder; a fault of the function shows again below
-        compiled = njit(_SIGNATURE, **_OPTIONS)(function)
+        kept = njit(cache=True, **_OPTIONS)(function)
+        try:
+            kept.compile(_SIGNATURE)
+        except Exception:  # whatever numba makes of damaged files
+            for file in Path(kept.stats.cache_path).glob(f"{Path(__file__).stem}.{function.__name__}-*"):
+                file.unlink()
+            kept.compile(_SIGNATURE)
+        kept.disable_compile()
+    except Exception:  # whatever it makes of a folder that holds nothing; a fault of the function shows again below
+        kept = njit(_SIGNATURE, **_OPTIONS)(function)
+    compiled: Callable[..., None] = kept
     return compiled
 
 

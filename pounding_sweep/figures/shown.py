@@ -49,10 +49,8 @@ _BY_BUILDING = tuple(f"{axis.dimension}_" for axis in AXES.values() if axis.by_b
 
 
 def middle(cube: xr.Dataset, keep: Collection[str], drawn: Collection[str] | None = None) -> tuple[xr.Dataset, str]:
-    """Take one value of every scenario axis that a figure does not draw: the middle one at which floors touch.
-
-    Where nothing touches it is the middle one that has values. The text tells what was taken, and of how many.
-    """
+    """Take one value of every scenario axis that a figure does not draw: the middle one at which floors touch."""
+    # where nothing touches it is the middle one that has values. The text tells what was taken, and of how many.
     inner = {*INNER_DIMS, *AUDIT_DIMS}
     varied = {str(dim): size for dim, size in cube.sizes.items() if dim not in inner and dim not in keep}
     for dim in varied:

@@ -111,11 +111,9 @@ def side_of(result: xr.Dataset, name: str) -> Side:
 
 
 def drawn_side(result: xr.Dataset, asked: str | None, but: Collection[str] = ()) -> Side | None:
-    """Return the axis that was asked for, else the first that has several numbers; None where none has.
-
-    Along a building property without a name of its own, the ratio to the neighbour's is drawn. ``period_ratio`` alone
-    means the first of such names.
-    """
+    """Return the axis that was asked for, else the first that has several numbers; None where none has."""
+    # along a building property without a name of its own, the ratio to the neighbour's is drawn. `period_ratio` alone
+    # means the first of such names.
     found = sides_of(result)
     if asked is None:
         dim = first_varied(result, but)

@@ -60,10 +60,8 @@ def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
 
 
 def subplots(rows: int, columns: int, size: tuple[float, float], ax: Any = None) -> tuple[Any, Any]:
-    """Return a figure and its axes, always a 2-D array; `size` in inches.
-
-    With `ax`, the one panel is drawn into these axes, which stand for the figure too: titles and legends go there.
-    """
+    """Return a figure and its axes, always a 2-D array; `size` in inches."""
+    # with `ax`, the one panel is drawn into these axes, which stand for the figure too: titles and legends go there
     import numpy as np
     from matplotlib.figure import Figure
 

@@ -409,10 +409,8 @@ class Flight:
     # flight --------------------------------------------------------------------------------------------------------
 
     def fly(self, lane: Any, note: Callable[[Any], None] | None = None) -> None:
-        """Fly from point `at` on to where floors may touch in the step to come (`hits`), or to the last point.
-
-        With a `note` of each point's motion, windows are one step long.
-        """
+        """Fly from point `at` on to where floors may touch in the step to come (`hits`), or to the last point."""
+        # with a `note` of each point's motion, windows are one step long
         self._take_thresholds(lane)
         self.hits.now = flag(self.trace, False)
         self.going.now = flag(self.trace, True)

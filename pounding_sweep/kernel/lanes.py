@@ -747,10 +747,9 @@ class Table:
 
 
 class Contact(Count):
-    """Number of a contact that is known at run time, and its sides: left floor, right floor (-1: a wall), gap.
+    """Number of a contact that is known at run time, and its sides: left floor, right floor (-1: a wall), gap."""
 
-    Beside them the side whose columns are struck (-1: floors meet), and whether these stand on the ground.
-    """
+    # beside them the side whose columns are struck (-1: floors meet), and whether these stand on the ground
 
     def __init__(self, count: Count, sides: tuple[Any, Any, Any], columns: tuple[int, bool]) -> None:
         super().__init__(count.trace, count.value)

@@ -53,7 +53,7 @@ def refuse(group: Group, lanes: Any) -> None:
         bouc_wen.return_to_start(group, lanes)
 
 
-def accept(group: Group, look: Any, kind: ModuleType) -> None:
+def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
     """Let lanes refuse their trial where an event ends it earlier; the length of the next one is in ``ahead``."""
     s, h = group.state, group.state["h"]
     ongoing = s["time_left"] > 0.0
@@ -82,7 +82,7 @@ def accept(group: Group, look: Any, kind: ModuleType) -> None:
             refuse(group, early)
 
 
-def conclude(group: Group, kind: ModuleType, h: Any) -> None:
+def finalize_substep(group: Group, kind: ModuleType, h: Any) -> None:
     """Do what a lane does at the end of a sub-step that it takes: energies transferred, modes, velocity jumps."""
     s = group.state
     taken = s["taken"] > 0.0
@@ -148,7 +148,7 @@ def substep(group: Group, h: Any) -> None:
     look = kind.measure(group) if group.touching else group.lanes_where(False)
     if group.spec.yielding:
         look = look | storeys_may_change(group, s["h"])
-    accept(group, look, kind)
+    accept_substep(group, look, kind)
     if group.touching:
         kind.ends(group, h)
     turns(group)
@@ -177,7 +177,7 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
         bouc_wen.settle(group)
     rest = s["time_left"] - s["h"]
     s["time_left"] = where(rest > group.limit.done * h, rest, 0.0)
-    conclude(group, kind, h)
+    finalize_substep(group, kind, h)
     keep_start(group)
     late = (s["time_left"] > 0.0) & (s["tries"] >= forces.MAX_TRIES)
     s["fallback"] = where(late, 1.0, s["fallback"])

@@ -235,8 +235,8 @@ def _zarr(cube: xr.Dataset, path: Path, names: Iterable[str]) -> None:
         with replacing(path) as unfinished:
             # format 2: the later one has no agreed way to store text
             blocks = chosen.drop_encoding().chunk(block)
-            job = blocks.to_zarr(unfinished, mode="w-", encoding=encoding, zarr_format=2, compute=False)
-            job.compute(scheduler="synchronous")  # as little in memory as can be
+            writing = blocks.to_zarr(unfinished, mode="w-", encoding=encoding, zarr_format=2, compute=False)
+            writing.compute(scheduler="synchronous")  # as little in memory as can be
             _sync(unfinished)
     except RuntimeError:  # of the netCDF library: zarr's are of the system
         with reading(_source(cube)):

@@ -126,10 +126,8 @@ def row_coordinates(variants: Variants, dimension: str, prefix: str = "") -> Coo
 def building_coordinates(
     variants: Variants, dims: Sequence[tuple[str, str]], shape: Sequence[int], taken: Collection[str]
 ) -> Coordinates:
-    """Return masses, stiffnesses, periods and damping of all buildings, along the dimensions that change them.
-
-    `dims` are names of the dimensions of `variants`, of that shape, with the kind of property that they vary; "": any.
-    """
+    """Return masses, stiffnesses, periods and damping of all buildings, along the dimensions that change them."""
+    # `dims` are names of the dimensions of `variants`, of that shape, with the kind of property that they vary; "": any
     scene, n = variants.scene, range(len(variants.scene.buildings))
     modes = [[variants.frequencies(b)[:, mode : mode + 1] for b in n] for mode in (0, 1)]
 

@@ -51,31 +51,31 @@ def wrongly_stored(path: Path) -> str | None:
         return None
     taken: set[int] = set()
     with h5py.File(path, "r") as file:
-        for name in file:
-            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
-                return f"{name!r} is a link to something else"
-            found = file[name]
-            if isinstance(found, h5py.Group):  # the netCDF library would look into it before it can be refused
+        for name in file.id:
+            if file.id.links.get_info(name).type != h5py.h5l.TYPE_HARD:
+                return f"{name.decode()!r} is a link to something else"
+            found = h5py.h5o.open(file.id, name)
+            if isinstance(found, h5py.h5g.GroupID):  # the netCDF library would look into it before it can be refused
                 return "it has groups, or types of its own"
-            if isinstance(found, h5py.Dataset):
-                if found.external or found.is_virtual:
-                    return f"the values of {name!r} stand in other files"
-                if found.chunks and not _blocks_are_whole(found, taken):
-                    return f"blocks of the values of {name!r} are missing, or without checksums"
+            if isinstance(found, h5py.h5d.DatasetID):
+                kept = found.get_create_plist()
+                if kept.get_external_count() or kept.get_layout() == h5py.h5d.VIRTUAL:
+                    return f"the values of {name.decode()!r} stand in other files"
+                if kept.get_layout() == h5py.h5d.CHUNKED and not _blocks_are_whole(found, kept, taken):
+                    return f"blocks of the values of {name.decode()!r} are missing, or without checksums"
     return None
 
 
-def _blocks_are_whole(values: h5py.Dataset, taken: set[int]) -> bool:
+def _blocks_are_whole(values: h5py.h5d.DatasetID, kept: h5py.h5p.PropDCID, taken: set[int]) -> bool:
     """Whether each block is there once, is found where it belongs, and is read with its checksum, if there are any."""
     import h5py
 
-    pipeline = values.id.get_create_plist()
-    filters = [pipeline.get_filter(i)[0] for i in range(pipeline.get_nfilters())]
+    filters = [kept.get_filter(i)[0] for i in range(kept.get_nfilters())]
     checked = sum(1 << i for i, each in enumerate(filters) if each == h5py.h5z.FILTER_FLETCHER32)
     blocks: list[Any] = []
-    if values.size:
-        values.id.chunk_iter(blocks.append)
-    starts = [range(0, size, block) for size, block in zip(values.shape, values.chunks, strict=True)]
+    if all(values.shape):
+        values.chunk_iter(blocks.append)
+    starts = [range(0, size, block) for size, block in zip(values.shape, kept.get_chunk(), strict=True)]
     if len(blocks) != math.prod(map(len, starts)):  # which may be more than can be counted
         return False
     corners = list(itertools.product(*starts))
@@ -92,10 +92,10 @@ def _blocks_are_whole(values: h5py.Dataset, taken: set[int]) -> bool:
     )
 
 
-def _is_found(values: h5py.Dataset, corner: tuple[int, ...]) -> bool:
+def _is_found(values: h5py.h5d.DatasetID, corner: tuple[int, ...]) -> bool:
     """Whether the library finds a block when it reads: it looks it up, and then sees that there is no room for it."""
     try:
-        values.id.read_direct_chunk(corner, out=bytearray())
+        values.read_direct_chunk(corner, out=bytearray())
     except ValueError:
         return True
     except RuntimeError:
@@ -358,8 +358,8 @@ def write_cube(dataset: xr.Dataset, path: str | os.PathLike[str], overwrite: boo
     encoding = {name: _encoding(name, dataset[name], name in dataset.coords) for name in dataset.variables}
     dataset = _with_plain_attributes(dataset.assign(_beside(dataset)))
     with _written(path, target) as temporary:
-        job = dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding, compute=False)
-        job.compute(scheduler="synchronous")  # other threads would wait for the lock
+        writing = dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4", encoding=encoding, compute=False)
+        writing.compute(scheduler="synchronous")  # other threads would wait for the lock
     return target
 
 
@@ -396,10 +396,8 @@ def write_in_slabs(
 
 
 def _coordinates_of(cube: Frame) -> tuple[dict[str, str], str]:
-    """Return the attribute ``coordinates`` of each variable, as CF asks for it, and that of the whole file.
-
-    As xarray writes and reads it: the file's names those that belong to no variable.
-    """
+    """Return the attribute ``coordinates`` of each variable, as CF asks for it, and that of the whole file."""
+    # as xarray writes and reads it: the file's names those that belong to no variable
     beside = {name: set(label.dims) for name, label in cube.coords.items() if name not in label.dims}
     found = {
         name: sorted(label for label, dims in beside.items() if dims <= set(variable.dims))
@@ -464,18 +462,25 @@ def _open_checked(path: str | os.PathLike[str], target: Path) -> xr.Dataset:
     store = xr.backends.NetCDF4DataStore.open(target, lock=NETCDF_LOCK)
     try:
         refuse(wrong_form(store.ds, target.stat().st_size))
-        return _with_texts(xr.open_dataset(store, decode_times=False))
+        return _with_texts(xr.open_dataset(store, decode_times=False, create_default_indexes=False))
     except BaseException:
         store.close()
         raise
 
 
 def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
-    """Make texts of characters what they were when they were written, for which they are read."""
-    texts = [name for name, values in dataset.variables.items() if values.dtype.kind in "OS"]
-    found = dataset.assign({name: _decoded(dataset.variables[name]) for name in texts})
-    for name in texts:
-        found.variables[name].encoding = {**TEXT, **COMPRESSION}  # for who writes it anew with xarray
+    """Make texts of characters what they were when they were written, for which they are read, and index the axes."""
+    import xarray as xr
+
+    for values in dataset.variables.values():
+        if values.dtype.kind in "OS":
+            values.data = _decoded(values).values
+            values.encoding = {**TEXT, **COMPRESSION}  # for who writes it anew with xarray
+    inner, coordinates = (
+        {name: dataset.variables[name] for name in names} for names in (dataset.data_vars, dataset.coords)
+    )
+    found = xr.Dataset(inner, coordinates, dataset.attrs)
+    found.encoding = dataset.encoding
     found.set_close(dataset.close)
     return found
 

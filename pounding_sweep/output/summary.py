@@ -10,26 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.output.dataset import as_read
-from pounding_sweep.output.slabs import cuts, status_counts
-from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
+from pounding_sweep.outputs.variables import STATUS, Status
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from pounding_sweep.output.frame import Frame
 
 
-def summary_table(cube: xr.Dataset) -> list[dict[str, Any]]:
-    """Summarise the impacts of a cube, one row per law and pair."""
-    if "pair" not in cube.coords:
-        return []
-    pairs = [str(name) for name in np.atleast_1d(cube["pair"].values)]
-    titles = _titles(cube.coords)
-    return [row for law, part in _by_law(cube) for row in _rows(law, titles, pairs, *_impacts(part, len(pairs)))]
-
-
 class Tally:
-    """`summary_table` and `status_table` of a cube that is being made, of which it is shown one slab after another."""
+    """Impacts by law and pair, and statuses, of a cube that is being made and shown one slab after another."""
 
     def __init__(self, cube: Frame, outer: Sequence[str]) -> None:
         law = cube.coords["law"]
@@ -63,17 +51,26 @@ class Tally:
                 impacts.add(None if force is None else force[:, p], None if count is None else count[:, p])
 
     def summary(self) -> list[dict[str, Any]]:
-        """Return the rows of `summary_table`."""
-        found = self._found.items()
+        """Return the impacts, one row per law and pair."""
         return [
-            row
-            for law, impacts in found
-            for row in _rows(law, self._titles, self._pairs, self._scenarios[law], impacts)
+            {
+                "law": law,
+                "title": self._titles.get(law, ""),
+                "pair": pair,
+                "scenarios": self._scenarios[law],
+                **impacts.row(),
+            }
+            for law, found in self._found.items()
+            for pair, impacts in zip(self._pairs, found, strict=True)
         ]
 
     def statuses(self) -> list[dict[str, Any]]:
-        """Return the rows of `status_table`."""
-        return _status_rows(self._statuses)
+        """Return the number of scenarios of each status that occurs, with what it means."""
+        return [
+            {"status": int(s), "label": s.label, "count": self._statuses[s], "meaning": s.meaning, "remedy": s.remedy}
+            for s in STATUS
+            if s in self._statuses
+        ]
 
 
 @dataclass
@@ -110,50 +107,12 @@ class _Impacts:
         }
 
 
-def _impacts(cube: xr.Dataset, n_pairs: int) -> tuple[int, list[_Impacts]]:
-    """Go once through a cube of one law: its ok scenarios, and what happened at each pair."""
-    present = [name for name in ("impact_force_max", "impact_count", "status") if name in cube.data_vars]
-    found = [_Impacts("impact_force_max" in present, "impact_count" in present) for _ in range(n_pairs)]
-    scenarios = 0
-    for cut in cuts(cube[present[0]]) if present else [{}]:
-        part = cube.isel(cut, missing_dims="ignore")
-        ok = _ok(part)
-        scenarios += int(ok.sum())
-        force, count = (_floors(part, name, ok) for name in ("impact_force_max", "impact_count"))
-        for index, impacts in enumerate(found):
-            impacts.add(None if force is None else force[index], None if count is None else count[index])
-    return scenarios, found
-
-
 def _median(times: dict[float, int]) -> float:
     """Median of values that occur so many times each."""
     values = np.array(sorted(times))
     upto = np.cumsum([times[value] for value in values.tolist()])
     middle = np.searchsorted(upto, [(upto[-1] - 1) // 2, upto[-1] // 2], side="right")
     return float(values[middle].mean())
-
-
-def status_table(cube: xr.Dataset) -> list[dict[str, Any]]:
-    """Count the scenarios of a cube by status."""
-    return _status_rows(status_counts(cube["status"]))
-
-
-def _rows(
-    law: str, titles: Mapping[str, str], pairs: Sequence[str], scenarios: int, found: Sequence[_Impacts]
-) -> list[dict[str, Any]]:
-    about = {"law": law, "title": titles.get(law, "")}
-    return [
-        {**about, "pair": pair, "scenarios": scenarios, **impacts.row()}
-        for pair, impacts in zip(pairs, found, strict=True)
-    ]
-
-
-def _status_rows(found: Mapping[int, int]) -> list[dict[str, Any]]:
-    return [
-        {"status": int(s), "label": s.label, "count": found[int(s)], "meaning": s.meaning, "remedy": s.remedy}
-        for s in STATUS
-        if int(s) in found
-    ]
 
 
 def _titles(coordinates: Mapping[Any, Any]) -> dict[str, str]:
@@ -166,38 +125,3 @@ def _titles(coordinates: Mapping[Any, Any]) -> dict[str, str]:
     return known | dict(
         zip(*(np.ravel(coordinates[name].values).tolist() for name in ("law", "law_title")), strict=True)
     )
-
-
-def _by_law(cube: xr.Dataset) -> list[tuple[str, xr.Dataset]]:
-    """Cut a cube by law, in the order in which laws first occur."""
-    if "law" not in cube.coords:
-        return [("", cube)]
-    laws = cube["law"]
-    if not laws.dims:
-        return [(str(laws.values), cube)]
-    names = [str(name) for name in laws.values]
-    dim = laws.dims[0]
-    return [(law, cube.isel({dim: [i for i, name in enumerate(names) if name == law]})) for law in dict.fromkeys(names)]
-
-
-def _ok(cube: xr.Dataset) -> xr.DataArray:
-    """Which scenarios are ok; all of them where the cube does not say."""
-    import xarray as xr
-
-    if "status" in cube.data_vars:
-        return cube["status"] == int(Status.OK)
-    sizes = {dim: size for dim, size in cube.sizes.items() if dim not in INNER_DIMS}
-    return xr.DataArray(np.ones(tuple(sizes.values()), dtype=bool), dims=tuple(sizes))
-
-
-def _floors(cube: xr.Dataset, name: str, ok: xr.DataArray) -> np.ndarray | None:
-    """Values of ok scenarios, shape (pair, scenario, storey), -inf where there is none; None if the cube lacks it."""
-    if name not in cube.data_vars:
-        return None
-    values = cube[name].where(ok)
-    for dim in ("pair", "storey"):
-        if dim not in values.dims:
-            values = values.expand_dims(dim)
-    array = values.transpose("pair", ..., "storey").values.astype(float)
-    array = np.where(np.isfinite(array), array, -np.inf)
-    return array.reshape(array.shape[0], -1, array.shape[-1])

@@ -115,10 +115,9 @@ def needs(*names: str) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class Slot:
-    """A number that a kernel keeps of each "floor", "contact", "link" or "building", and its first value (else 0).
+    """A number that a kernel keeps of each "floor", "contact", "link" or "building", and its first value (else 0)."""
 
-    The first value follows from the number of the floor or contact, or from the floors of the building.
-    """
+    # the first value follows from the number of the floor or contact, or from the floors of the building
 
     name: str
     per: str

@@ -62,10 +62,9 @@ def scatter_link(values: Any, scene: Scene) -> np.ndarray:
 
 @dataclass(frozen=True)
 class KernelResults:
-    """What a kernel returned, by the names of its slots, shape (scenarios, slots), and what the scenarios were.
+    """What a kernel returned, by the names of its slots, shape (scenarios, slots), and what the scenarios were."""
 
-    `step` is the time step (s); `initial_velocity` that of every floor (m/s), None at rest.
-    """
+    # `step` is the time step (s); `initial_velocity` that of every floor (m/s), None at rest
 
     scene: Scene
     slots: Mapping[str, np.ndarray]

@@ -301,7 +301,7 @@ def advise(
     """
     assert spec.accuracy is not None
     known = load_measured() if measured is None else measured
-    job = _Job(spec, laws, table, variants, initial_speed)
+    demand = _Demand(spec, laws, table, variants, initial_speed)
     costs: dict[Scheme, float] = {}
     best: tuple[Scheme, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
     reached: dict[Scheme, tuple[float, str]] = {}
@@ -319,8 +319,8 @@ def advise(
     for scheme in schemes:
         need, error = _needed(known, spec, scheme, laws)
         if max(need.values()) < math.inf:
-            steps, still = job.steps(scheme[0], need)
-            costs[scheme] = job.cost(scheme[0], known.cost[scheme], steps, need)
+            steps, still = demand.steps(scheme[0], need)
+            costs[scheme] = demand.cost(scheme[0], known.cost[scheme], steps, need)
             if best is None or costs[scheme] < costs[best[0]]:
                 best = scheme, steps, still, need
         else:
@@ -336,7 +336,7 @@ def advise(
     cost = costs[scheme]
     others = {name: each / cost for name, each in costs.items() if name != scheme and cost > 0}
     return Advice(
-        *scheme, _finer(scheme[0], need), steps, still, job.sentence(known, scheme, need, steps, still, others)
+        *scheme, _finer(scheme[0], need), steps, still, demand.sentence(known, scheme, need, steps, still, others)
     )
 
 
@@ -373,7 +373,7 @@ def _finer(method: str, need: dict[str, float]) -> float:
     return max(need.values()) if SCHEMES[method].flies_exactly else 1.0
 
 
-class _Job:
+class _Demand:
     """The times that the scenarios of a sweep must resolve, and what steps then cost."""
 
     def __init__(

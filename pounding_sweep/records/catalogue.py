@@ -295,11 +295,9 @@ def resolve_records(
     folders: Folders = None,
     base: str | os.PathLike[str] | None = None,
 ) -> list[Record]:
-    """Turn records, paths, names and names of sets into records, in order; no two may have the same name.
-
-    A text with a path separator or a record file's ending is a path, from the folder `base` on, any other a name for
-    `find_record`. A path without folder that is not in `base` is looked for in `folders` too.
-    """
+    """Turn records, paths, names and names of sets into records, in order; no two may have the same name."""
+    # a text with a path separator or a record file's ending is a path, from the folder `base` on, any other a name for
+    # `find_record`. A path without folder that is not in `base` is looked for in `folders` too.
     records: list[Record] = []
     for item in [items] if isinstance(items, Record | str | os.PathLike) else items:
         group = plain_name(item) if isinstance(item, str) else None

@@ -46,10 +46,9 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Content:
-    """What a record file says: accelerations, step (s), text with their unit, title, and the unit if that has none.
+    """What a record file says: accelerations, step (s), text with their unit, title, and the unit if that has none."""
 
-    `name` is the record's label where the file name without its ending tells too little.
-    """
+    # `name` is the record's label where the file name without its ending tells too little
 
     values: Array
     dt: float

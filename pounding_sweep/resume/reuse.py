@@ -300,14 +300,14 @@ class EarlierCube:
             known |= {name: getattr(variants, name) for name in names}
         return scenario_keys(known)
 
-    def find(self, job: ChunkTask) -> np.ndarray:
-        """Return the rows of the table of results that answer the scenarios of a job; -1 where there is none."""
-        if self._rising is None or set(job.outputs) != set(self._plan.outputs):
-            return np.full(len(job.table), -1)
-        numerics, record = job.kernel.numerics, self._plan.spec.records[job.record]
-        steps = np.full(len(job.table), numerics.steps(record))
-        table = replace(job.table, record=self._first[job.table.record])
-        found = places_of(self._keys(table, job.variants, steps), self._rising)
+    def find(self, task: ChunkTask) -> np.ndarray:
+        """Return the rows of the table of results that answer the scenarios of a chunk; -1 where there is none."""
+        if self._rising is None or set(task.outputs) != set(self._plan.outputs):
+            return np.full(len(task.table), -1)
+        numerics, record = task.kernel.numerics, self._plan.spec.records[task.record]
+        steps = np.full(len(task.table), numerics.steps(record))
+        table = replace(task.table, record=self._first[task.table.record])
+        found = places_of(self._keys(table, task.variants, steps), self._rising)
         return np.where(found >= 0, self._place[found], -1)
 
     def results(self, rows: np.ndarray) -> np.ndarray:

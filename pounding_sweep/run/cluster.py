@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
+import dask
 import numpy as np
 from distributed import Client, KilledWorker, LocalCluster, WorkerPlugin, as_completed, get_worker
 from distributed.comm import get_address_host
@@ -34,6 +35,9 @@ LOOK_SECONDS, GLANCE_SECONDS = 1.0, 0.01
 ALONE_SECONDS = 10.0
 #: Seconds without any of the processes that the run has started after which it ends: nobody else will come.
 OWN_SECONDS = 120.0
+#: Seconds that a process which ended has to start again, before dask stops waiting and another is started: on a busy
+#: machine that takes longer than dask's own 15 s, after which the new one was stopped in the midst of its first chunk.
+RESTART_SECONDS = 60.0
 #: Seconds that those who are there at the start have to say what they have installed, before the rest begins.
 ANSWER_SECONDS = 5.0
 #: Times that a chunk may lose all its workers while others run there too, before it runs alone.
@@ -72,6 +76,7 @@ def cluster_client(scheduler: str, workers: int) -> Iterator[Client]:
             yield client
         return
     with ExitStack() as opened:
+        opened.enter_context(dask.config.set({"distributed.deploy.lost-worker-timeout": RESTART_SECONDS}))
         with _interrupts_later():
             cluster = LocalCluster(
                 n_workers=workers,
@@ -142,10 +147,9 @@ def _run_there(
 
 @dataclass(frozen=True)
 class _Attempt:
-    """A chunk on its way: its position, who may run it, and how often all of those were lost.
+    """A chunk on its way: its position, who may run it, and how often all of those were lost."""
 
-    What was lost may have been what they died of: after the second time it runs where nothing else does.
-    """
+    # what was lost may have been what they died of: after the second time it runs where nothing else does
 
     position: int
     workers: frozenset[str] = frozenset()
@@ -303,7 +307,7 @@ class ClusterWorkers:
 
     def _send(self, index: int) -> Any:
         """Return the task that gives a record, sent once; what is scattered would be lost with its worker."""
-        if index not in self._sent:
+        if index not in self._sent or self._sent[index][0].status == "error":  # all who held it died beside others
             key = f"record-{self.client.id}-{next(self._numbers)}"
             # before all chunks that wait: those of every worker need it
             future = self._submit(self._threads, _same, self._records[index], key=key, priority=1)

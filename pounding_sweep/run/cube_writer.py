@@ -46,15 +46,9 @@ def cube_in_memory(
 
 @dataclass(frozen=True)
 class Written:
-    """What a run tells of the cube that it wrote, which need not be read for it.
+    """What a run tells of the cube that it wrote, which need not be read for it."""
 
-    Attributes
-    ----------
-    frame : Frame
-        Labels, attributes and audit; no values of scenarios.
-    tally : Tally
-        Impacts and statuses.
-    """
+    # `frame` has labels, attributes and the audit, no values of scenarios; `tally` counts impacts and statuses
 
     frame: Frame
     tally: Tally

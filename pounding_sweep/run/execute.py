@@ -43,10 +43,9 @@ SCHEDULERS = ("threads", "processes", "synchronous")
 
 @dataclass
 class Progress:
-    """What a display is told while a sweep runs; this one is silent.
+    """What a display is told while a sweep runs; this one is silent."""
 
-    ``stage`` names what goes on; ``advance`` counts scenarios.
-    """
+    # `stage` names what goes on; `advance` counts scenarios
 
     def stage(self, name: str, total: int) -> None:
         """Begin a stage of `total` steps."""

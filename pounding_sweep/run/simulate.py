@@ -225,20 +225,9 @@ _SEEN = {
 
 
 def peaks_shown(one: xr.Dataset) -> float:
-    """Return the least share of a reported peak that its history shows, of displacements, accelerations and forces.
-
-    Peaks are located between the instants of the histories; the share is that of the largest of all floors or contacts.
-
-    Parameters
-    ----------
-    one : xarray.Dataset
-        What `simulate` returned.
-
-    Returns
-    -------
-    float
-        1 where every peak is shown, or where there are no histories.
-    """
+    """Return the least share of a reported peak that its history shows, of displacements, accelerations and forces."""
+    # peaks are located between the instants of the histories; the share is that of the largest of all floors or
+    # contacts, 1 where every peak is shown
     shares = [1.0]
     for peak, (history, sign) in _SEEN.items():
         if peak in one and history in one:

@@ -54,10 +54,8 @@ class Explicit(Scheme):
 
     @abstractmethod
     def after(self, stage: int, u: Any, v: Any, x: Any, a: Sequence[Any], h: Any) -> tuple[Any, Any]:
-        """Displacement and velocity of a floor after a stage (from 1): the next one's, after the last those of the end.
-
-        `u` and `v` are the start, `x` is the displacement of this stage, `a` the accelerations up to it.
-        """
+        """Displacement and velocity of a floor after a stage (from 1): of the next one, at last of the end."""
+        # `u` and `v` are the start, `x` is the displacement of this stage, `a` the accelerations up to it
 
     def stability_limit(self, w2: np.ndarray, rate: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """By the radii."""
@@ -120,12 +118,10 @@ class Explicit(Scheme):
     def step_long(
         self, group: Group, h: Any, press: Callable[[Any], Any] | None, join: Callable[[str], None] | None
     ) -> None:
-        """Step from ``u0`` and ``v0`` to ``u`` and ``v`` in a long row in contact, stage by stage.
-
-        `press` is a contact's force. The sums over the stages are left in ``din``, ``ddamp``, ``dwork`` and
-        ``dimpulse``; where floors rest on each other, `join` makes their accelerations in a row alike and leaves the
-        forces in ``force``.
-        """
+        """Step from ``u0`` and ``v0`` to ``u`` and ``v`` in a long row in contact, stage by stage."""
+        # `press` is a contact's force. The sums over the stages are left in `din`, `ddamp`, `dwork` and `dimpulse`;
+        # where floors rest on each other, `join` makes their accelerations in a row alike and leaves the forces in
+        # `force`.
         s, r, n, grounds = group.state, group.asked, group.spec.n_dof, _grounds(group)
         for i in group.each(n):
             s["x", i], s["y", i] = s["u0", i], s["v0", i]

@@ -281,10 +281,8 @@ def _axis_values(
 def _by_building(
     faults: Faults, given: Mapping[str, Any], place: Place, scene: Scene | None
 ) -> dict[tuple[str, Any], tuple[Place, Any]]:
-    """Return what is given for buildings as (argument, building) -> place and value, in the order of the row.
-
-    It is given as tables by name of the building, or as one table ``building`` of tables by name.
-    """
+    """Return what is given for buildings as (argument, building) -> place and value, in the order of the row."""
+    # it is given as tables by name of the building, or as one table `building` of tables by name
     found: dict[tuple[str, Any], tuple[Place, Any]] = {}
     for argument in FACTOR_KINDS:
         table = given.get(argument)
