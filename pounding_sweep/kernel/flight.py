@@ -180,7 +180,7 @@ class Layout:
             "floors": n * m,
             "modal": n * m,
         }
-        if spec.windows:
+        if spec.windows or spec.yielding:
             self.fixed["across"] = n * wide
         #: How many numbers are known before a kernel runs.
         self.given = sum(self.fixed.values())

@@ -794,7 +794,7 @@ class SweepInput(Table):
     accuracy: Annotated[Any, PlainValidator(_accuracy)] = Field(
         None, description="a number, the relative error asked for"
     )
-    method: Annotated[Any, _choice(METHODS, "rk4")] = Field(None, description="a text", validate_default=True)
+    method: Annotated[Any, PlainValidator(_method)] = Field(None, description="a text", validate_default=True)
     precision: Annotated[Any, _choice(PRECISIONS, "float64")] = Field(None, description="a text", validate_default=True)
     dt: Annotated[Any, PlainValidator(_dt)] = Field(None, description="a number in s", validate_default=True)
     audit: Annotated[Any, PlainValidator(_audit)] = Field(
