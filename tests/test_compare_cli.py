@@ -12,7 +12,7 @@ import xarray as xr
 from analysis_cubes import hand_cube, low_and_high, random_fill, sweep_attribute
 from typer.testing import CliRunner
 
-from pounding_sweep import pulse_record
+from pounding_sweep import Record
 from pounding_sweep.analysis.comparisons import COMPARISONS, table_rows
 from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.cli import app as cli_app
@@ -33,7 +33,7 @@ def cube_file(tmp_path_factory):
         "impact_count",
         "impact_force_max",
     ]
-    records = [pulse_record("sine", amplitude=1.0, period=0.5, dt=0.01, name=name) for name in axes["record"]]
+    records = [Record(name, 0.01, np.sin(12.0 * np.arange(50) * 0.01)) for name in axes["record"]]
     about = sweep_attribute(low_and_high(), records, laws="none", scales=axes["scale"])
     cube = hand_cube(axes, random_fill(1, *names), attributes=about)
     cube["impact_count"][0] = 0
@@ -312,7 +312,7 @@ def test_tables_of_records_and_scales_tell_the_intensity(cube_file):
 def test_the_question_of_a_gap_for_one_percent(tmp_path):
     """From runs without pounding alone; parts of the row are taken of what the whole row gives."""
     axes = {"law": ["none"], "record": ["one", "two", "three"]}
-    records = [pulse_record("sine", amplitude=1.0, period=0.5, dt=0.01, name=name) for name in axes["record"]]
+    records = [Record(name, 0.01, np.sin(12.0 * np.arange(50) * 0.01)) for name in axes["record"]]
     about = sweep_attribute(low_and_high(), records, laws="none")
     cube = hand_cube(axes, random_fill(2, "displacement_max", "displacement_min", "closing_max"), attributes=about)
     path = write_cube(cube, tmp_path / "still.nc")
@@ -339,7 +339,7 @@ def test_the_question_of_a_gap_for_one_percent(tmp_path):
 def test_pairs_that_never_touch_are_told_instead_of_a_ratio(tmp_path):
     """Closing displacements of rounding make no ratio of 1e15."""
     axes = {"law": ["none"], "record": ["one", "two"]}
-    records = [pulse_record("sine", amplitude=1.0, period=0.5, dt=0.01, name=name) for name in axes["record"]]
+    records = [Record(name, 0.01, np.sin(12.0 * np.arange(50) * 0.01)) for name in axes["record"]]
     about = sweep_attribute(low_and_high(), records, laws="none")
     cube = hand_cube(axes, random_fill(2, "displacement_max", "displacement_min", "closing_max"), attributes=about)
     cube["closing_max"] = cube.closing_max.where(cube.pair != "a-b", cube.closing_max * 1e-15)

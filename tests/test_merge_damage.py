@@ -24,7 +24,7 @@ from test_extend import SWEEP
 from typer.testing import CliRunner
 
 from pounding_sweep.cli.app import app
-from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.output.netcdf import _beside, open_cube, write_cube
 
 pytestmark = pytest.mark.usefixtures("stub_module")
 
@@ -358,7 +358,7 @@ def test_values_stored_otherwise(parts, expected, tmp_path, monkeypatch, name, s
             variable.encoding = dict(variable.encoding) if variable.dtype.kind == "U" else {}
         encoding = {key: {"dtype": kinds[key], "_FillValue": fill[key], **usual} for key in fill}
         encoding[name] |= stored
-        cube.to_netcdf(tmp_path / "odd.nc", engine="netcdf4", encoding=encoding)
+        cube.assign(_beside(cube)).to_netcdf(tmp_path / "odd.nc", engine="netcdf4", encoding=encoding)
     for command in TAKING:
         check(command, tmp_path / "odd.nc", says, expected)
 

@@ -28,7 +28,7 @@ from pounding_sweep.spec.spec import scene_data, scene_of
 
 G = 9.81
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
-OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and not each.of_columns]
+OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and each.exists_in(LEANING_YIELDS)]
 
 
 def upright(scene):

@@ -88,7 +88,11 @@ def test_the_ends_of_a_limit_are_within_it(kind):
         assert limit.low <= wrong <= limit.high or slip in limit.doubt([("", wrong)])
 
 
-SWEEPS = [*sorted((ROOT / "sweeps").glob("*.toml")), *sorted((ROOT / "docs" / "gallery_sweeps").glob("*.toml"))]
+SWEEPS = [
+    pytest.param(path, marks=pytest.mark.slow) if path.stem == "constant_ductility" else path  # finds strengths first
+    for folder in ("sweeps", "docs/gallery_sweeps")
+    for path in sorted((ROOT / folder).glob("*.toml"))
+]
 
 
 @pytest.mark.parametrize("path", SWEEPS, ids=lambda path: path.stem)
