@@ -22,7 +22,7 @@ from typing import Any
 from pounding_sweep.kernel import yielding
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, power, size, sqrt, when_any, where
-from pounding_sweep.kernel.roots import along, coefficients, peak, quartic, rate, root
+from pounding_sweep.kernel.roots import Series, along, coefficients, newton, peak, quartic, rate, root
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged).
@@ -180,26 +180,26 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
         busy = busy & ~(closed & (s["stiff"] > 0.0))
     with when_any(busy):
         b = coefficients(h, d0, d1, v0, v1, group.between("a0", j))
-        r0, rb = rate(b)
         sign = where(closed, -1.0, group.full(1.0))
         start = where(closed, d0, minimum(d0, 0.0))
         # else a closed contact has touched but for a rounding error, and goes on
         crosses = where(closed, (d1 <= 0.0) & ((d0 > 0.0) | (v1 <= 0.0)), d1 > 0.0)
         dips = (v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0)
         turns = ~crosses & where(closed, dips, (v0 > 0.0) & (v1 < 0.0))
-        rises = crosses & closed & (v0 > 0.0) & (v1 < 0.0)  # to its largest value first, then to the release
-        at_peak = where(closed & ~rises, 1.0, group.full(-1.0))
-        extreme = root(group, busy & (turns | rises), 0.0, 1.0, lambda t: at_peak * quartic(t, r0, rb))
+        rises = crosses & (sign * v0 < 0.0) & (sign * v1 > 0.0)  # the other way first: it may begin at its event
+        at_peak = where(rises, sign, -sign)
+        depth = Series((start, *b).__getitem__, 4)
+        extreme = newton(group, busy & (turns | rises), 0.0, 1.0, depth.rate, at_peak)
         there = quartic(extreme, start, b)
         event = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
         low, high = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
-        when = where(event, root(group, event, low, high, lambda t: sign * quartic(t, start, b)), NEVER)
+        when = where(event, newton(group, event, low, high, depth, sign), NEVER)
         nears, parting = SIDES[law.shape.rebound_only]
         target = where(event, where(closed, OPEN, group.full(nears)), mode)
         if law.shape.one_sided:
             slows, speeds = (mode == nears) & (v1 < 0.0), (mode == parting) & (v1 > 0.0)
             toward = where(slows, -1.0, group.full(1.0))
-            t = root(group, busy & (slows | speeds), 0.0, 1.0, lambda t: toward * quartic(t, r0, rb))
+            t = newton(group, busy & (slows | speeds), 0.0, 1.0, depth.rate, toward)
             sooner = busy & (slows | speeds) & (t < when)
             when, target = where(sooner, t, when), where(sooner, where(slows, parting, group.full(nears)), target)
         if law.shape.yields:

@@ -14,6 +14,7 @@ from typing import Any
 from pounding_sweep.kernel import bouc_wen, links
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Table, count_to, fma, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.roots import horner
 from pounding_sweep.kernel.row import add_forces, total_accelerations, transferred
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
@@ -44,17 +45,6 @@ def septic_extreme(start: Sequence[Any], end: Sequence[Any]) -> Any:
         next_t = t - rate / bend
         t = where((next_t >= 0.0) & (next_t <= 1.0), next_t, t)
     return horner(t, (x0, *coefficients))
-
-
-def horner(t: Any, coefficients: Sequence[Any]) -> Any:
-    """Value of a polynomial; of a long one in two halves, which need not wait for each other."""
-    if len(coefficients) > 8:
-        square = t * t
-        return fma(t, horner(square, coefficients[1::2]), horner(square, coefficients[::2]))
-    x = coefficients[-1]
-    for each in reversed(coefficients[:-1]):
-        x = fma(t, x, each)
-    return x
 
 
 @dataclass(frozen=True)

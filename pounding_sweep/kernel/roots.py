@@ -1,13 +1,16 @@
-"""Quartics through the ends of a sub-step, and where lanes find a change of sign."""
+"""Polynomials of the time within a sub-step, and where lanes find a change of sign."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, maximum, minimum, where, while_any
+from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, where, while_any
 
+#: Newton's last change of a root (in steps) that it need not repeat, in both number formats.
+SETTLED = {"float64": 1e-8, "float32": 1e-4}
 #: Coefficients of t, t**2, t**3, t**4.
 Quartic = tuple[Any, Any, Any, Any]
 
@@ -34,6 +37,56 @@ def coefficients(h: Any, d0: Any, d1: Any, v0: Any, v1: Any, a0: Any) -> Quartic
     rise = d1 - d0 - b1 - b2
     turn = h * v1 - b1 - 2.0 * b2
     return b1, b2, 4.0 * rise - turn, turn - 3.0 * rise
+
+
+def horner(t: Any, coefficients: Sequence[Any]) -> Any:
+    """Value of a polynomial; of a long one in two halves, which need not wait for each other."""
+    if len(coefficients) > 8:
+        square = t * t
+        return fma(t, horner(square, coefficients[1::2]), horner(square, coefficients[::2]))
+    x = coefficients[-1]
+    for each in reversed(coefficients[:-1]):
+        x = fma(t, x, each)
+    return x
+
+
+@dataclass(frozen=True)
+class Series:
+    """A polynomial of the time since the start of a step, in steps: its coefficients, and the highest."""
+
+    read: Callable[[int], Any]
+    order: int
+
+    def value(self, t: Any) -> Any:
+        """Its value."""
+        return horner(t, [self.read(n) for n in range(self.order + 1)])
+
+    @property
+    def rate(self) -> Series:
+        """Its derivative."""
+        return Series(lambda n: float(n + 1) * self.read(n + 1), self.order - 1)
+
+
+def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: Any) -> Any:
+    """Where sign times a series turns positive between two instants, in lanes that ask (Newton in a bracket)."""
+    low, high, slope = group.full(low), group.full(high), series.rate
+    at_low, at_high = sign * series.value(low), sign * series.value(high)
+    going = Cell(asks & ~(at_low > 0.0) & (at_high > 0.0))
+    begin = where(at_low > 0.0, low, high)
+    secant = low + (high - low) * (at_low / (at_low - at_high))
+    lo, hi, at = Cell(low), Cell(high), Cell(where(going.now, secant, begin))
+    settled, exact = SETTLED[group.spec.precision], group.limit.exact
+    for _ in while_any(lambda: going.now, group.trace, at_most=60):
+        t, mine = at.now, going.now
+        x, rate = sign * series.value(t), sign * slope.value(t)
+        up = x > 0.0
+        a, b = where(up, lo.now, t), where(up, t, hi.now)
+        lo.now, hi.now = a, b
+        then = t - x / rate
+        then = where((then >= a) & (then <= b), then, 0.5 * (a + b))
+        at.now = where(mine, then, t)
+        going.now = mine & (size(then - t) > settled) & (b - a > exact)
+    return at.now
 
 
 def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) -> Any:

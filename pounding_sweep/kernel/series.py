@@ -14,7 +14,6 @@ a few steps.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -36,34 +35,16 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import Motion, followed, horner, septic_extreme
+from pounding_sweep.kernel.peaks import Motion, followed, septic_extreme
+from pounding_sweep.kernel.roots import Series, newton
 from pounding_sweep.kernel.row import accelerations, powers, pushes
 
-#: Newton's last change of a root (in steps) that it need not repeat, in both number formats.
-SETTLED = {"float64": 1e-8, "float32": 1e-4}
 #: Largest last term of a series beside its first ones, in both number formats.
 LEFT_OUT = {"float64": 1e-14, "float32": 2e-7}
 #: Nodes of the quadrature of powers over a step, in both number formats.
 NODES = {"float64": 6, "float32": 4}
 #: Most that a motion leaves its ends by, in its rates there times the step.
 BULGE = 0.2
-
-
-@dataclass(frozen=True)
-class Series:
-    """A polynomial of the time since the start of a step, in steps."""
-
-    read: Callable[[int], Any]
-    order: int
-
-    def value(self, t: Any) -> Any:
-        """Its value."""
-        return horner(t, [self.read(n) for n in range(self.order + 1)])
-
-    @property
-    def rate(self) -> Series:
-        """Its derivative."""
-        return Series(lambda n: float(n + 1) * self.read(n + 1), self.order - 1)
 
 
 def _is_product(group: Group) -> bool:
@@ -185,31 +166,9 @@ def _force(group: Group, j: Any) -> Series:
     return Series(lambda k: s["fj", j + k * nc], group.spec.series - 1)
 
 
-def _root(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: Any) -> Any:
-    """Where sign times a series turns positive between two instants, in lanes that ask (Newton in a bracket)."""
-    low, high, slope = group.full(low), group.full(high), series.rate
-    at_low, at_high = sign * series.value(low), sign * series.value(high)
-    going = Cell(asks & ~(at_low > 0.0) & (at_high > 0.0))
-    begin = where(at_low > 0.0, low, high)
-    secant = low + (high - low) * (at_low / (at_low - at_high))
-    lo, hi, at = Cell(low), Cell(high), Cell(where(going.now, secant, begin))
-    settled, exact = SETTLED[group.spec.precision], group.limit.exact
-    for _ in while_any(lambda: going.now, group.trace, at_most=60):
-        t, mine = at.now, going.now
-        x, rate = sign * series.value(t), sign * slope.value(t)
-        up = x > 0.0
-        a, b = where(up, lo.now, t), where(up, t, hi.now)
-        lo.now, hi.now = a, b
-        then = t - x / rate
-        then = where((then >= a) & (then <= b), then, 0.5 * (a + b))
-        at.now = where(mine, then, t)
-        going.now = mine & (size(then - t) > settled) & (b - a > exact)
-    return at.now
-
-
 def _peak(group: Group, asks: Any, series: Series) -> Any:
     """Return the largest value of a series whose rate falls through zero in the step, in lanes that ask."""
-    t = _root(group, asks, 0.0, group.state["fraction"], series.rate, -1.0)
+    t = newton(group, asks, 0.0, group.state["fraction"], series.rate, -1.0)
     return series.value(t)
 
 
@@ -315,11 +274,11 @@ def _locate(group: Group, found: Any) -> None:
     pick, end, bends = Series(lambda k: s["pick", k], group.spec.series), s["fraction"], s["bends"]
     s["low"], s["high"], happens = group.full(0.0), end, Cell(found)
     with when_any(found & ~(bends == 0.0)):
-        extreme = _root(group, found & ~(bends == 0.0), 0.0, end, pick.rate, bends)
+        extreme = newton(group, found & ~(bends == 0.0), 0.0, end, pick.rate, bends)
         turns = bends < 0.0
         s["low"], s["high"] = where(bends > 0.0, extreme, s["low"]), where(turns, extreme, s["high"])
         happens.now = found & ~(turns & (pick.value(extreme) <= 0.0))
-    t = _root(group, happens.now, s["low"], s["high"], pick, 1.0)
+    t = newton(group, happens.now, s["low"], s["high"], pick, 1.0)
     s["fraction"] = where(happens.now, t, end)
     for j in group.each_contact():
         mine = found & (s["picked"] == real(j))
@@ -453,5 +412,5 @@ def _take_accelerations(group: Group) -> None:
         sign = where(r0 > 0.0, -1.0, group.full(1.0))
         turns = moves & (r0 * r1 < 0.0)
         with when_any(turns):
-            at = _root(group, turns, 0.0, t, shake.rate, sign)
+            at = newton(group, turns, 0.0, t, shake.rate, sign)
             s["acc", i] = maximum(s["acc", i], where(turns, size(shake.value(at)), 0.0))
