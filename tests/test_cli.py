@@ -445,11 +445,12 @@ def test_an_interrupted_run_continues_to_the_same_cube(tmp_path):
     kept = len(manifest.read_text().splitlines())
     assert 2 <= kept < 1 + 8  # the run without pounding is a chunk of its own
 
-    found = json.loads(cli("run", "sweep.toml", "-o", "out.nc", "--json", cwd=tmp_path).stdout)
+    real = {"start": ("-m", "pounding_sweep"), "cwd": tmp_path}
+    found = json.loads(cli("run", "sweep.toml", "-o", "out.nc", "--json", **real).stdout)
     assert found["scenarios"]["reused"] == 1 + 16 * (kept - 1)
     assert found["scenarios"]["run"] == 129 - found["scenarios"]["reused"]
     assert not manifest.parent.exists()
-    cli("run", "sweep.toml", "-o", "whole.nc", cwd=tmp_path)
+    cli("run", "sweep.toml", "-o", "whole.nc", **real)
     same_data(tmp_path / "out.nc", tmp_path / "whole.nc")
 
 

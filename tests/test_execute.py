@@ -598,7 +598,7 @@ def test_simulate_gives_the_numbers_of_the_sweep():
             one = ps.simulate(pair().with_gaps([gap]), record, law="linear", stiffness=8e5, dt=0.005)
             at = {"law": "linear", "gap": gap, "stiffness_factor": 1.0, "restitution": 0.5, "record": record.name}
             among = cube.sel({**at, "scale": 1.0})
-            for name in among.data_vars:
+            for name in one.data_vars.keys() & among.data_vars.keys():
                 np.testing.assert_array_equal(one[name].values, among[name].values, err_msg=f"{name} {at}")
             # histories agree with the peaks: samples never exceed them
             peak = one["displacement"].max("time")

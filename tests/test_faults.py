@@ -33,7 +33,7 @@ from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.sweep import Sweep, load_sweep
 
 #: In this process; those that are started, and what they are compared with, have kernels.
-pytestmark = pytest.mark.usefixtures("stub_engine")
+pytestmark = pytest.mark.usefixtures("stub_by_day")
 
 OUT, PARTS = "out.nc", "out.nc.parts"
 

@@ -22,7 +22,7 @@ from typing import Any
 from pounding_sweep.kernel import yielding
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, power, size, sqrt, when_any, where
-from pounding_sweep.kernel.roots import Series, along, coefficients, newton, peak, quartic, rate, root
+from pounding_sweep.kernel.roots import Series, along, coefficients, crossing, peak, quartic, rate, root
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged).
@@ -187,19 +187,21 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
         dips = (v0 < 0.0) & (v1 > 0.0) & (maximum(early, late) < 0.0)
         turns = ~crosses & where(closed, dips, (v0 > 0.0) & (v1 < 0.0))
         rises = crosses & (sign * v0 < 0.0) & (sign * v1 > 0.0)  # the other way first: it may begin at its event
+        if group.spec.implicit:
+            rises = rises & closed
         at_peak = where(rises, sign, -sign)
         depth = Series((start, *b).__getitem__, 4)
-        extreme = newton(group, busy & (turns | rises), 0.0, 1.0, depth.rate, at_peak)
+        extreme = crossing(group, busy & (turns | rises), 0.0, 1.0, depth.rate, at_peak)
         there = quartic(extreme, start, b)
         event = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
         low, high = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
-        when = where(event, newton(group, event, low, high, depth, sign), NEVER)
+        when = where(event, crossing(group, event, low, high, depth, sign), NEVER)
         nears, parting = SIDES[law.shape.rebound_only]
         target = where(event, where(closed, OPEN, group.full(nears)), mode)
         if law.shape.one_sided:
             slows, speeds = (mode == nears) & (v1 < 0.0), (mode == parting) & (v1 > 0.0)
             toward = where(slows, -1.0, group.full(1.0))
-            t = newton(group, busy & (slows | speeds), 0.0, 1.0, depth.rate, toward)
+            t = crossing(group, busy & (slows | speeds), 0.0, 1.0, depth.rate, toward)
             sooner = busy & (slows | speeds) & (t < when)
             when, target = where(sooner, t, when), where(sooner, where(slows, parting, group.full(nears)), target)
         if law.shape.yields:

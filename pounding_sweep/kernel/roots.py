@@ -67,6 +67,13 @@ class Series:
         return Series(lambda n: float(n + 1) * self.read(n + 1), self.order - 1)
 
 
+def crossing(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: Any) -> Any:
+    """Where sign times a series turns positive, in lanes that ask; at huge steps there may be several."""
+    if group.spec.implicit:
+        return root(group, asks, low, high, lambda t: sign * series.value(t))
+    return newton(group, asks, low, high, series, sign)
+
+
 def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: Any) -> Any:
     """Where sign times a series turns positive between two instants, in lanes that ask (Newton in a bracket)."""
     low, high, slope = group.full(low), group.full(high), series.rate
