@@ -164,7 +164,8 @@ def test_located_schemes_keep_their_order(trade, scheme, least, most):
 @pytest.mark.slow
 def test_the_converged_solution_is_better_than_all_it_judges(trade):
     own = trade.reference_error.sel(population="all", statistic="worst", output="impact_force_max").item()
-    errors = chosen(trade, precision="float64", output="impact_force_max").error
+    # of the linear law, `exact` is without error but for rounding
+    errors = chosen(trade, precision="float64", output="impact_force_max").error.drop_sel(scheme="exact")
     assert 0.0 < own < 1e-7
     assert own < float(errors.where(errors > 0).min())
     assert trade.attrs["reference_step"] <= STEPS[-1] / 4
