@@ -75,7 +75,7 @@ def _expand(group: Group) -> None:
     s["span"] = s["h"]
     for i in group.each(n):
         s["jet", i] = s["u0", i]
-    if group.long or _is_product(group):
+    if group.long:
         _expand_in_rounds(group)
     else:
         x, y, ground = group.floors("u0"), group.floors("v0"), [s["g0"], s["g1"] - s["g0"]]
@@ -116,7 +116,7 @@ def _press(group: Group, j: Any, k: Any, x: Any, y: Any, gaps: Any) -> Any:
     else:
         s["wj", j + k * nc] = w
         total = Cell(group.full(0.0))
-        for i in count_to(k + 1, group.trace):
+        for i in range(k + 1) if isinstance(k, int) else count_to(k + 1, group.trace):
             total.now = fma(s["dj", j + i * nc], s["wj", j + (k - i) * nc], total.now)
         f = fma(s["ke", j], d, s["ce", j] * total.now)
     s["fj", j + k * nc] = f
@@ -336,19 +336,15 @@ def _take_turns(group: Group) -> None:
             above = maximum(above, s[motion.least] - minimum(x0, x1))
         return (v0 * v1 <= 0.0) & (above + BULGE * h * (size(v0) + size(v1)) > 0.0)
 
-    found = Cell(group.lanes_where(False))
+    per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
+    for i in group.each(group.spec.n_dof, straight=False):
+        bend, per2 = _floor(group, i).rate.rate, per * per
+        for name, x in (("a", bend), ("j", bend.rate)):
+            s[f"{name}0", i], s[f"{name}1", i] = x.read(0) * per2, x.value(t) * per2
+            per2 = per2 * per
     for motion in followed(group, straight=False):
-        found.now = found.now | asks(motion)
-    with when_any(found.now):
-        per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
-        for i in group.each(group.spec.n_dof, straight=False):
-            bend, per2 = _floor(group, i).rate.rate, per * per
-            for name, x in (("a", bend), ("j", bend.rate)):
-                s[f"{name}0", i], s[f"{name}1", i] = x.read(0) * per2, x.value(t) * per2
-                per2 = per2 * per
-        for motion in followed(group, straight=False):
-            with when_any(asks(motion)):
-                _take_turn(group, motion)
+        with when_any(asks(motion)):
+            _take_turn(group, motion)
 
 
 def _take_turn(group: Group, motion: Motion) -> None:
