@@ -49,10 +49,7 @@ def test_which_laws_have_series():
 
 @pytest.mark.parametrize(
     "law",
-    [
-        law if law in {"kelvin_voigt", "modified_kelvin"} else pytest.param(law, marks=pytest.mark.slow)
-        for law in POLYNOMIAL
-    ],
+    [law if law == "kelvin_voigt" else pytest.param(law, marks=pytest.mark.slow) for law in POLYNOMIAL],
 )
 def test_contacts_are_exact_at_the_step_of_the_record(law):
     scene, record = pair(0.003), motions()[0]
@@ -78,6 +75,7 @@ def test_contacts_are_exact_at_the_step_of_the_record(law):
             np.testing.assert_allclose(ours[name][i], np.concatenate(other[key]), rtol=1e-5, err_msg=name)
 
 
+@pytest.mark.slow
 def test_a_force_that_ends_and_returns_within_a_step():
     """Two floors part so fast that the damper would pull, and are pressed together again before the step ends."""
     scene = Scene(

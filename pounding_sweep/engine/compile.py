@@ -24,6 +24,8 @@ COMPILING = {
     "floor and reducer": 0.0105,
     "yielding": 0.15,
     "storey that yields": 0.035,
+    "flight": 0.9,
+    "floor and reducer in flight": 0.035,
 }
 #: Floors from which on kernels do not grow with a row: it runs through loops.
 MOST_FLOORS = FUSED_DOF + 2
@@ -42,6 +44,8 @@ def compiling_parts(shape: KernelSpec) -> dict[str, int]:
         "floor and reducer": floors * len(shape.reducers),
         "yielding": int(bool(shape.yielding)),
         "storey that yields": min(len(shape.yielding), MOST_FLOORS),
+        "flight": int(shape.flies_exactly),
+        "floor and reducer in flight": floors * len(shape.reducers) * shape.flies_exactly,
     }
 
 
