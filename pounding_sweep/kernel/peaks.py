@@ -111,15 +111,18 @@ def turns(group: Group) -> None:
         if least is not None:
             above = maximum(above, s[least] - minimum(x0, x1) + reach)
         with when_any(asks := (v0 * v1 <= 0.0) & (above > 0.0)):
-            p = cubic_extreme(x0, x1, h * v0, h * v1)
-            if sized:
-                most = maximum(high, maximum(size(p), maximum(size(x0), size(x1))))
-                # at an onset a shear is off by what its instant is, until the storey yields
-                s[motion.most] = where(asks, most, high) if motion.of_shear else most
-            else:
-                s[motion.most] = maximum(high, maximum(p, maximum(x0, x1)))
-            if least is not None:
-                s[least] = minimum(s[least], minimum(p, minimum(x0, x1)))
+            take_extremes(group, motion, asks, (cubic_extreme(x0, x1, h * v0, h * v1), x0, x1))
+
+
+def take_extremes(group: Group, motion: Motion, lanes: Any, found: tuple[Any, Any, Any]) -> None:
+    """Take three values of a motion, in some lanes: others must not know that their neighbours turn."""
+    s, (p, x0, x1) = group.state, found
+    high = s[motion.most]
+    largest = maximum(size(p), maximum(size(x0), size(x1))) if motion.sized else maximum(p, maximum(x0, x1))
+    s[motion.most] = where(lanes, maximum(high, largest), high)
+    if motion.least is not None:
+        low = s[motion.least]
+        s[motion.least] = where(lanes, minimum(low, minimum(p, minimum(x0, x1))), low)
 
 
 def samples(group: Group, lanes: Any = None) -> None:

@@ -35,7 +35,7 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import Motion, followed, septic_extreme
+from pounding_sweep.kernel.peaks import Motion, followed, septic_extreme, take_extremes
 from pounding_sweep.kernel.roots import Series, newton
 from pounding_sweep.kernel.row import accelerations, powers, pushes
 
@@ -124,7 +124,7 @@ def _press(group: Group, j: Any, k: Any, x: Any, y: Any, gaps: Any) -> Any:
 
 
 def _expand_in_rounds(group: Group) -> None:
-    """Find coefficient after coefficient at run time, of a long row or where a term is long."""
+    """Find coefficient after coefficient at run time, of a long row."""
     s, n = group.state, group.spec.n_dof
     for i in group.each(n):
         s["x", i], s["y", i] = s["u0", i], s["v0", i]
@@ -343,24 +343,12 @@ def _take_turns(group: Group) -> None:
             s[f"{name}0", i], s[f"{name}1", i] = x.read(0) * per2, x.value(t) * per2
             per2 = per2 * per
     for motion in followed(group, straight=False):
-        with when_any(asks(motion)):
-            _take_turn(group, motion)
-
-
-def _take_turn(group: Group, motion: Motion) -> None:
-    """Take the extremes of a motion over the step."""
-    s, h = group.state, group.state["h"]
-    x0, x1, v0, v1 = (motion.of(name) for name in ("u0", "u", "v0", "v"))
-    c0, c1 = (h * h * motion.of(name) for name in ("a0", "a1"))
-    j0, j1 = (h * h * h * motion.of(name) for name in ("j0", "j1"))
-    inner = septic_extreme((x0, h * v0, c0, j0), (x1, h * v1, c1, j1))
-    p = where(v0 * v1 < 0.0, inner, x1)
-    if motion.sized:
-        s[motion.most] = maximum(s[motion.most], maximum(size(p), maximum(size(x0), size(x1))))
-    else:
-        s[motion.most] = maximum(s[motion.most], maximum(p, maximum(x0, x1)))
-    if motion.least is not None:
-        s[motion.least] = minimum(s[motion.least], minimum(p, minimum(x0, x1)))
+        with when_any(turned := asks(motion)):
+            x0, x1, v0, v1 = (motion.of(name) for name in ("u0", "u", "v0", "v"))
+            c0, c1 = (h * h * motion.of(name) for name in ("a0", "a1"))
+            j0, j1 = (h * h * h * motion.of(name) for name in ("j0", "j1"))
+            inner = septic_extreme((x0, h * v0, c0, j0), (x1, h * v1, c1, j1))
+            take_extremes(group, motion, turned, (where(v0 * v1 < 0.0, inner, x1), x0, x1))
 
 
 def _integrate(group: Group) -> None:
