@@ -8,6 +8,7 @@ from typing import Any
 from numpydoc.docscrape import NumpyDocString
 from pydantic.fields import FieldInfo
 
+from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.hertz import hertz_stiffness
 from pounding_sweep.model.links import Link
 from pounding_sweep.model.scene import BoucWen, Building, ContactProperties, Scene, Wall
@@ -77,6 +78,7 @@ _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
     "[scene]": (tables.SceneTable.model_fields, Scene),
     "[[scene.row]], a building": (tables.BuildingTable.model_fields, Building),
     "bouc_wen of a building": (tables.BoucWenTable.model_fields, BoucWen),
+    "foundation of a building": (tables.FoundationTable.model_fields, Foundation),
     "[[scene.row]], a wall": (tables.WallTable.model_fields, Wall),
     "[scene.contact]": (tables.ContactTable.model_fields, ContactProperties),
     "[[scene.links]]": (tables.LinkTable.model_fields, Link),

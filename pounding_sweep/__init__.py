@@ -15,6 +15,7 @@ _HOME = {
     "BoucWen": "pounding_sweep.model.scene",
     "Building": "pounding_sweep.model.scene",
     "ContactProperties": "pounding_sweep.model.scene",
+    "Foundation": "pounding_sweep.model.foundation",
     "Link": "pounding_sweep.model.links",
     "Scene": "pounding_sweep.model.scene",
     "Wall": "pounding_sweep.model.scene",
@@ -49,6 +50,7 @@ __all__ = [
     "BoucWen",
     "Building",
     "ContactProperties",
+    "Foundation",
     "Law",
     "Link",
     "PoundingSweepError",
@@ -82,6 +84,7 @@ if TYPE_CHECKING:
     from pounding_sweep.accuracy.tradeoff import tradeoff
     from pounding_sweep.base.errors import PoundingSweepError
     from pounding_sweep.model.bumpers import rubber_bumper
+    from pounding_sweep.model.foundation import Foundation
     from pounding_sweep.model.hertz import hertz_stiffness
     from pounding_sweep.model.laws import LAWS, Law, get_law
     from pounding_sweep.model.links import Link

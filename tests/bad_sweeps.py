@@ -346,6 +346,14 @@ EDITS = [
     *(("storey_heights = [3.0, 3.5]", f"dashpots = {text}") for text in (
         "3.0", "[3.0]", "[3.0, -1.0]", "[3.0, inf]", "['x', true]", "[3.0, 0.0]",
     )),
+    *(("storey_heights = [3.0, 3.5]", f"foundation = {text}") for text in (
+        "3.0", "{}", "{ mass = 0, inertia = 1, sway_stiffness = 2, rocking_stiffness = 3 }",
+        "{ mass = 1, inertia = 0.0, sway_stiffness = 2, rocking_stiffness = 3 }",
+        "{ mass = 'x', inertia = 1, sway_stiffness = inf, rocking_stiffness = -3, colour = 2 }",
+        "{ mass = 1, inertia = 1, sway_stiffness = inf, rocking_stiffness = 3 }",
+        "{ mass = 1, inertia = 1, sway_stiffness = 2, rocking_stiffness = 3, rocking_damping = -1 }",
+        "{ mass = 1, inertia = 1, sway_stiffness = 2, rocking_stiffness = 3 }\np_delta = true",
+    )),
     ("gaps = [0.01]", "gaps = [0.01]\nlinks = [{pair = 'left-moat wall', storeys = [1], stiffness = 3.0}]"),
     *(("restitution = 0.6", text) for text in (
         "restitution = 6", "hertz = 3", "restitution = 0.6\nhertz = {radii = [1, 2]}", "restitution = 'x'",

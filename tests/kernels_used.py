@@ -92,6 +92,26 @@ LINKED = ps.Scene(
     links=[ps.Link("a-b", [2], 2e4, 300.0)],
 )
 LINKING = ("rk4", "newmark")
+#: The pair, the left building on a foundation; and the schemes that run it.
+FOUNDED = ps.Scene(
+    [
+        replace(
+            pair().buildings[0],
+            foundation=ps.Foundation(
+                mass=70.0,
+                inertia=500.0,
+                sway_stiffness=2.5e5,
+                rocking_stiffness=6e6,
+                sway_damping=900.0,
+                rocking_damping=8e3,
+            ),
+        ),
+        pair().buildings[1],
+    ],
+    [0.003],
+    pair().contact,
+)
+FOUNDING = ("rk4", "newmark")
 #: A law that is damped on rebound only, by bumpers in the gap.
 BUMPER = ps.rubber_bumper(0.01, key="bumper", stiffness=3e8)
 #: A row of more floors than one straight line of code holds: its loops are split within and between buildings.
@@ -161,6 +181,7 @@ def kernels() -> tuple[KernelSpec, ...]:
         *(simulated("rk4", law, scene=SMOOTH) for law in ("none", "linear")),
         simulated("rk4", "linear", scene=ps.Scene([replace(b, p_delta=False) for b in SMOOTH.row], [0.005])),
         *(simulated(method, "kelvin_voigt", scene=LINKED) for method in LINKING),
+        *(simulated(method, "kelvin_voigt", scene=FOUNDED) for method in FOUNDING),
         kernel_shape(yielding_pair(), LAWS["kelvin_voigt"], Numerics("exact", 5e-4), reducers_for(EVERY)),
         *(simulated(method, "kelvin_voigt", scene=STAGGERED) for method in ("rk4", "newmark")),
         simulated("rk4", "kelvin_voigt", scene=FRAMED),

@@ -27,6 +27,9 @@ Conventions where a choice had to be made:
 * With ``p_delta`` every floor's weight m g stands on the storeys below it and, for each, does the work
   ``m g drift^2 / (2 h)`` as its storey leans (it goes down by h - sqrt(h^2 - drift^2)); stiffness matrix, modes and
   Rayleigh damping are those of storeys and weights. ``storey_shear_max`` is that of the storey alone.
+* A building on a foundation moves by its own displacements w on a base that sways by u and rocks by theta: floors by
+  w + u + h theta. Its matrices are those of (w, u, theta), where masses are coupled, taken to the floors' displacements
+  relative to the ground, the sway and the rocking of each base after all floors. C of the building acts on w alone.
 * What a building gives to links is no part of its transfer, and has an integral of its own.
 """
 
@@ -65,6 +68,26 @@ class NaiveBuilding:
     tangent_damping: bool = False
     dashpots: list[float] | None = None  # kN s/m, between each floor and the one below
     p_delta: bool = False
+    # m, I, K_h, K_theta, c_h, c_theta
+    foundation: tuple[float, float, float, float, float, float] | None = None
+
+    def on_base(self):
+        """Return dense M, C, K and the ground's share of floors, sway and rocking of the base."""
+        n, h = len(self.masses), self.elevations()
+        mass, damping, stiffness = self.matrices()
+        m, inertia, k_sway, k_rock, c_sway, c_rock = self.foundation
+        coupled = np.zeros((n + 2, n + 2))
+        coupled[:n, :n] = mass
+        coupled[:n, n] = coupled[n, :n] = self.masses
+        coupled[:n, n + 1] = coupled[n + 1, :n] = self.masses * h
+        coupled[n, n] = np.sum(self.masses) + m
+        coupled[n, n + 1] = coupled[n + 1, n] = np.sum(self.masses * h)
+        coupled[n + 1, n + 1] = np.sum(self.masses * h**2) + inertia
+        own = np.eye(n + 2)  # (w, u, theta) = (this) @ (w + u + h theta, u, theta)
+        own[:n, n], own[:n, n + 1] = -1.0, -h
+        load = own.T @ coupled[:, n]
+        found = coupled, block_diag(damping, c_sway, c_rock), block_diag(stiffness, k_sway, k_rock)
+        return *(own.T @ each @ own for each in found), load
 
     def leaning(self):
         """Return what the weights above take of each storey's stiffness (kN/m)."""
@@ -300,17 +323,37 @@ class _Row:
             raise ValueError(msg)
         sizes = [0 if isinstance(b, str) else len(b.masses) for b in buildings]
         self.start = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
-        self.n = n = int(self.start[-1])
+        self.floors = floors = int(self.start[-1])
         self.nb = len(buildings)
         real = [b for b in buildings if not isinstance(b, str)]
-        parts = [b.matrices() for b in real]
-        mass, self.C, self.K = (block_diag(*[p[i] for p in parts]) for i in range(3))
+        based = [b for b in range(self.nb) if not isinstance(buildings[b], str) and buildings[b].foundation]
+        self.n = n = floors + 2 * len(based)
+        self.bases = [(b, floors + 2 * i) for i, b in enumerate(based)]
+        mass, self.C, self.K, self.base = (np.zeros((n, n)) for _ in range(4))
+        self.ground = np.ones(n)  # what of its acceleration each has
+        self.drift = np.eye(floors, n)  # drift = (this) @ u
+        for b, building in enumerate(buildings):
+            if isinstance(building, str):
+                continue
+            mine = np.arange(self.start[b], self.start[b + 1])
+            at, parts = mine, building.matrices()
+            self.drift[mine[1:], mine[:-1]] = -1.0
+            if b in based:
+                sway = floors + 2 * based.index(b)
+                at = np.array([*mine, sway, sway + 1])
+                *parts, load = building.on_base()
+                self.ground[at] = load / np.diag(parts[0])
+                self.base[at[-2:], at[-2:]] = building.foundation[2:4]
+                self.drift[mine[0], sway] = -1.0
+                self.drift[mine, sway + 1] = -np.diff(building.elevations(), prepend=0.0)
+            for whole, part in zip((mass, self.C, self.K), parts, strict=True):
+                whole[np.ix_(at, at)] = part
         self.m = np.diag(mass)
+        assert np.abs(mass - np.diag(self.m)).max() < 1e-9 * self.m.max()
         self.k_storey = np.concatenate([np.asarray(b.stiffnesses, dtype=float) for b in real])
 
         self.leaning = np.concatenate([b.leaning() for b in real])
 
-        self.drift = np.eye(n)  # drift = (this) @ u
         self.softening = np.concatenate([np.full(len(b.masses), 1.0 - b.hardening) for b in real])
         strengths = [[np.inf] * len(b.masses) if b.yield_strengths is None else b.yield_strengths for b in real]
         self.strength = np.concatenate(strengths).astype(float)
@@ -326,8 +369,8 @@ class _Row:
         self.owner = np.zeros((self.nb, n))  # sums storeys over each building
         for b in range(self.nb):
             self.owner[b, self.start[b] : self.start[b + 1]] = 1.0
-            for i in range(self.start[b] + 1, self.start[b + 1]):
-                self.drift[i, i - 1] = -1.0
+        for b, sway in self.bases:
+            self.owner[b, sway : sway + 2] = 1.0
 
         self.across = np.zeros((len(links), n))  # what a link stretches by = (this) @ u
         for i, (pair, left, right, _, _) in enumerate(links):
@@ -400,8 +443,8 @@ class _Solver:
         self.i_link = slice(self.i_hyst.stop, self.i_hyst.stop + (nb if len(row.across) else 0))  # given to links
         self.i_lost = slice(self.i_link.stop, self.i_link.stop + len(row.across))  # lost in their dashpots
         self.size = self.i_lost.stop
-        self.phase = np.zeros(n)  # of each storey: 0 elastic, 1 or -1 yielding to that side
-        self.slip = np.zeros(n)  # its plastic drift, while elastic
+        self.phase = np.zeros(row.floors)  # of each storey: 0 elastic, 1 or -1 yielding to that side
+        self.slip = np.zeros(row.floors)  # its plastic drift, while elastic
         self.atol = np.full(self.size, float(atol))
         self.atol[2 * n :] *= max(1.0, float(np.max(row.m)))  # energies and impulses: mass times velocities
         self.state = np.zeros(np_, dtype=int)
@@ -447,7 +490,7 @@ class _Solver:
     def at_rest(self, y):
         """Drift of each storey under no shear: unloaded, and yielding back on the way where it must."""
         row = self.row
-        rest = np.zeros(row.n)
+        rest = np.zeros(row.floors)
         plastic = self.storeys(y[self.iu])[1]
         for i in np.flatnonzero(np.isfinite(row.strength)):
             k, g = row.k_storey[i], row.leaning[i]
@@ -478,9 +521,10 @@ class _Solver:
         """Return (acceleration relative to the ground, F, d, rate of d)."""
         row = self.row
         m = row.m if u.ndim == 1 else row.m[:, None]
+        ag = row.ground * ag if u.ndim == 1 else row.ground[:, None] * ag
         if row.yields:
             drift, _, shear = self.storeys(u)
-            load = -self.damping(v) - row.drift.T @ (shear - (row.leaning * drift.T).T)
+            load = -self.damping(v) - row.drift.T @ (shear - (row.leaning * drift.T).T) - row.base @ u
         else:
             load = -self.damping(v) - row.K @ u
         if len(row.across):
@@ -507,13 +551,13 @@ class _Solver:
         u, v = y[self.iu], y[self.iv]
         ag = self.ag0 + self.slope * tau
         a, f, _, rate = self.motion(u, v, ag)
-        power_in = row.owner @ (-row.m * ag * v)
+        power_in = row.owner @ (-row.m * row.ground * ag * v)
         power_damp = row.owner @ (v * self.damping(v))
         rates = [v, a, power_in, power_damp, f * rate, f]
         if row.yields:  # of a storey that yields, z dp = Vy/k |d drift|
             with np.errstate(invalid="ignore"):
                 power = np.where(self.phase != 0.0, row.softening * row.strength * self.phase * (row.drift @ v), 0.0)
-            rates.append(row.owner @ power)
+            rates.append(row.owner[:, : row.floors] @ power)
         if len(row.across):
             pull = self.pull(u, v)
             rates += [row.owner @ (v * (row.across.T @ pull)), row.c_link * (row.across @ v) ** 2]
@@ -530,7 +574,8 @@ class _Solver:
             drift, plastic, _ = self.storeys(u)
             k, soft, g = (x if y.ndim == 1 else x[:, None] for x in (row.k_storey, row.softening, row.leaning))
             springs = 0.5 * k * ((1.0 - soft) * drift**2 + soft * (drift - plastic) ** 2)
-            strain = row.owner @ (springs - 0.5 * g * drift**2)
+            strain = row.owner[:, : row.floors] @ (springs - 0.5 * g * drift**2)
+            strain += row.owner @ (0.5 * u * (row.base @ u))
         k0 = self.kinetic0 if y.ndim == 1 else self.kinetic0[:, None]
         lost = y[self.i_hyst] if row.yields else 0.0
         lost = lost + (y[self.i_link] if len(row.across) else 0.0)
@@ -724,13 +769,14 @@ class _Solver:
 
     def observe(self, tau, y):
         """Every quantity whose largest value is wanted, one row each."""
-        u, v = y[self.iu], y[self.iv]
+        row, u, v = self.row, y[self.iu], y[self.iv]
         ag = self.ag0 + self.slope * tau
         a, f, d, _ = self.motion(u, v, ag)
         transfer = self.energies(y)[2]
         drift, _, shear = self.storeys(u)
+        total = np.abs(a + row.ground.reshape(-1, *[1] * (u.ndim - 1)) * ag)
         return np.concatenate(
-            [u, -u, np.abs(drift), np.abs(a + ag), f, d, np.abs(shear), self.spread(u, v), transfer, -transfer]
+            [u, -u, np.abs(drift), total, f, d, np.abs(shear), self.spread(u, v), transfer, -transfer]
         )
 
     def spread(self, u, v):
@@ -854,6 +900,7 @@ def run(
     energy_transfer_final, energy_transfer_max, energy_transfer_min (a wall has zeros), and of storeys that may yield
     ductility_max, plastic_drift_final, residual_drift (per storey) and energy_hysteretic (per building); of
     links link_force (per storey of their left floors), energy_links (per building), energy_of_links (kept or lost).
+    foundation: largest sway and rotation by building.
     Per pair lists over the floors
     that meet: floors (storeys left and right, None at a wall; see `struck_columns` for columns), column_shear_max
     (largest shears by the contact below and above the struck point, NaN between floors), impact_force_max,
@@ -882,7 +929,7 @@ def run(
     history = np.array(history)
 
     n, np_, nb = row.n, row.np, row.nb
-    cuts = np.cumsum([n, n, n, n, np_, np_, n, n, nb])
+    cuts = np.cumsum([n, n, row.floors, n, np_, np_, row.floors, n, nb])
     up, down, drift, acc, force, pen, shear, pull, tr_max, tr_min = np.split(s.peak, cuts)
     kinetic, strain, transfer = s.energies(y)
     first = iter(s.first)
@@ -917,6 +964,7 @@ def run(
             drift * row.k_storey / np.where(np.isfinite(row.strength), row.strength, np.nan)
         ),
         "residual_drift": row.by_building(s.at_rest(y)),
+        "foundation": {b: np.maximum(up, down)[sway : sway + 2] for b, sway in row.bases},
         "energy_transfer_max": tr_max,
         "energy_transfer_min": -tr_min,
         "displacement_final": row.by_building(y[s.iu].copy()),

@@ -153,7 +153,7 @@ def _response(
 
     owner = np.array(shape.building_of)
     height = np.array([(s + 1.0) / n for n in shape.storeys for s in range(n)])
-    mass, stiffness = of("m"), of("k")
+    mass, stiffness = (of(name)[:, : shape.n_dof] for name in "mk")
     factor = np.array([2.0 * n**2 * (1.0 - np.cos(np.pi / (2 * n + 1))) for n in shape.storeys])  # of equal storeys
     rate = np.sqrt(factor / (_of_buildings(mass, owner) * _of_buildings(1.0 / stiffness, owner)))  # rad/s, first mode
     ratio = 0.5 * (of("alpha") / rate + of("beta") * rate)
@@ -163,7 +163,7 @@ def _response(
     peaks = np.array([_peaks(shape.contacts, owner, height, motion, interval, row) for row in rows])[which.ravel()]
     scale = _part(brought, "scale", given)
     strongest = float(np.abs(motion).max(initial=0.0)) * scale
-    speeds = np.asarray(_part(shared, "v0", np.asarray(constants, float)))
+    speeds = np.asarray(_part(shared, "v0", np.asarray(constants, float)))[: shape.n_dof]
     upwards = np.maximum(scale * peaks[:, 0], scale * peaks[:, 1]) * (1.0 + error)
     downwards = np.minimum(scale * peaks[:, 0], scale * peaks[:, 1]) * (1.0 + error)
     umax = upwards[:, : shape.n_dof] + np.abs(speeds) / rate[:, owner]
@@ -229,6 +229,8 @@ def _response(
         "e_strain": strain,
         "tmax": np.maximum(gained, 0.0),
         "tmin": np.minimum(gained, 0.0),
+        "sway": 0.1 * umax[:, [shape.home(b) for b in shape.foundations]],
+        "rotation": 0.01 * umax[:, [shape.home(b) for b in shape.foundations]],
     }
     moving = {"u": umax, "rate": rate[:, owner], "force": force, "work": work[:, : len(contacts)]}
     return found, moving | {"e_in": found["e_in"], "e_damp": lost}

@@ -87,6 +87,7 @@ def twins(scene):
             tangent_damping=b.damping_stiffness == "tangent",
             p_delta=b.p_delta,
             dashpots=b.dashpots,
+            foundation=None if b.foundation is None else tuple(vars(b.foundation).values()),
         )
         for b in scene.row
     ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from kernels_used import FRAMED, LINKED
+from kernels_used import FOUNDED, FRAMED, LINKED
 from numba import config
 from scenes import pair
 
@@ -33,6 +33,8 @@ CASES = [
     ("newmark", "kelvin_voigt", True, FRAMED),
     ("rk4", "kelvin_voigt", True, LINKED),
     ("newmark", "stereomechanical", True, LINKED),
+    ("rk4", "kelvin_voigt", True, FOUNDED),
+    ("newmark", "stereomechanical", True, FOUNDED),
     ("rk4", "linear", False, FRAMED),
 ]
 

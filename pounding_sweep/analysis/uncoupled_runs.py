@@ -23,9 +23,10 @@ from pounding_sweep.analysis.scenarios import (
     without_pounding,
 )
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.model.scene import CONTACTS, Building, Scene
+from pounding_sweep.model.scene import CONTACTS, Scene
 from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records import Record, resolve_records
+from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, DIMENSIONS, PropertyAxis, axes_of, case_of, property_axes
 from pounding_sweep.spec.spec import scene_of
 
@@ -97,7 +98,8 @@ def _check_pairs(scene: Scene) -> None:
 
 def _settings(scene: Scene | str) -> dict[str, Any]:
     """Solver of runs without pounding: exact where all is elastic."""
-    method = "rk4" if isinstance(scene, Scene) and (any(scene.yields) or not scene.has_own_modes) else "exact"
+    exact = not isinstance(scene, Scene) or not (any(scene.yields) or SCHEMES["exact"].refuses(scene))
+    method = "exact" if exact else "rk4"
     return {"outputs": list(OUTPUTS), "method": method, "dt": STEP, "audit": 0.0}
 
 
@@ -169,20 +171,25 @@ def _first_modes(scene: Scene, axes: Sequence[PropertyAxis]) -> tuple[xr.DataArr
     """First periods (s) and damping ratios of the buildings, along ``building`` and the axes that vary them."""
     import xarray as xr
 
-    def own(building: Building) -> float:
-        ratio = building.damping_ratio
-        return ratio[0] if isinstance(ratio, tuple) else ratio
-
     names = [b.name for b in scene.buildings]
     periods = xr.DataArray([float(b.periods[0]) for b in scene.buildings], dims="building", coords={"building": names})
-    damping = periods.copy(data=[own(b) for b in scene.buildings])
+    damping = periods.copy(data=[b.first_damping for b in scene.buildings])
     for axis in axes:
         along = xr.DataArray(list(axis.values), dims=axis.dimension, coords={axis.dimension: list(axis.values)})
         if axis.kind == "period_factor":
             periods = periods * xr.where(periods["building"] == axis.building, along, 1.0)
         elif axis.kind == "damping_ratio":
-            damping = xr.zeros_like(damping) + along
+            damping = _first_damping(scene, xr.zeros_like(damping) + along)
     return periods, damping
+
+
+def _first_damping(scene: Scene, ratio: xr.DataArray) -> xr.DataArray:
+    """Damping ratios of first modes, along ``building`` too, where those are the ones given for the buildings."""
+    for b in scene.foundations:  # the rest is their dashpots'
+        building = scene.buildings[b]
+        none, half = (replace(building, damping_ratio=given).first_damping for given in (0.0, 0.5))
+        ratio = ratio.where(ratio["building"] != building.name, none + 2.0 * (half - none) * ratio)
+    return ratio
 
 
 def _where(part: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:
@@ -198,5 +205,6 @@ def _first_modes_of_cases(scene: Scene, cube: xr.Dataset) -> tuple[xr.DataArray,
         periods = cube["fundamental_period"].reset_coords(drop=True)
     if "damping_ratio" in cube.coords:
         given = cube["damping_ratio"].reset_coords(drop=True)
+        given = _first_damping(scene, given + 0.0 * damping)
         damping = given.where(given.notnull(), damping)
     return periods, damping

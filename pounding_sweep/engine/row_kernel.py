@@ -110,6 +110,8 @@ def kernel_shape(
         wanted |= {"drift"}
     if not scene.links:
         wanted -= _existing("linked")
+    if not scene.foundations:
+        wanted -= _existing("founded")
     meets = touching or bool(wanted & _existing("neighbours"))
     compiled = None
     if touching:
@@ -150,6 +152,7 @@ def kernel_shape(
         struck=tuple(c.struck for c in scene.contacts) if meets and any(c.struck >= 0 for c in scene.contacts) else (),
         dashpots=tuple(i for i, each in enumerate(scene.dashed) if each),
         links=tuple((link.left, link.right) for link in scene.linked_floors),
+        foundations=scene.foundations,
     )
 
 
@@ -185,7 +188,7 @@ def _constants(
         if slots.count.get(name):
             put(name, numbers[0])
     if initial_velocity is not None:
-        put("v0", initial_velocity)
+        put("v0", (*initial_velocity, *[0.0] * (slots.count["v0"] - len(initial_velocity))))
     put("cap", _contact_cap(shape, numerics))
     put("newmark_beta", numerics.beta)
     put("newmark_gamma", numerics.gamma)
@@ -406,10 +409,11 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
     alpha, beta = zip(*(row.rayleigh(b) for b in range(len(buildings))), strict=True)
     tangent = [float(b.damping_stiffness == "tangent") for b in buildings]
     storeys = [b.n_storeys for b in buildings]
+    masses = np.concatenate([row.masses, row.base_masses], axis=1)
     return {
-        "m": row.masses,
-        "im": 1.0 / row.masses,
-        "k": row.stiffnesses,
+        "m": masses,
+        "im": 1.0 / masses,
+        "k": np.concatenate([row.stiffnesses, row.base_stiffnesses], axis=1),
         "alpha": np.stack(alpha, axis=1),
         "beta": np.stack(beta, axis=1),
         "reduced": row.contact_masses,
@@ -419,7 +423,9 @@ def _properties(row: Variants) -> dict[str, np.ndarray]:
         "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
         "lower": shares[None, :, 0],
         "upper": shares[None, :, 1],
-        "dashpot": row.dashpots,
+        "dashpot": np.concatenate([row.dashpots, row.base_dashpots], axis=1),
+        "height": row.storey_heights[None, :],
+        "elevation": np.concatenate([b.elevations for b in buildings])[None, :],
         "link_k": np.array([[link.stiffness for link in row.scene.linked_floors]]),
         "link_c": np.array([[link.damping for link in row.scene.linked_floors]]),
         **_smooth(row.scene),

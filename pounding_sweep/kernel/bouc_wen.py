@@ -28,7 +28,7 @@ AT_END = 1e-6
 def each_storey(group: Group) -> Iterator[tuple[int, int | None, float]]:
     """Go through the storeys with the floors below (None: the ground) and their exponents."""
     for i, n in group.spec.smooth:
-        yield i, None if group.spec.bottom[i] else i - 1, n
+        yield i, group.spec.below(i), n
 
 
 def _share(group: Group, i: int, n: float, z: Any, v: Any) -> Any:
@@ -54,14 +54,11 @@ def shear(group: Group, i: int, below: int | None, n: float, name: str) -> Any:
 
 
 class Flow:
-    """Plastic drifts of some buildings within a step, stage by stage."""
+    """Plastic drifts of a row within a step, stage by stage."""
 
-    def __init__(self, group: Group, floors: Sequence[int]) -> None:
-        at = {i: q for q, i in enumerate(floors)}
+    def __init__(self, group: Group) -> None:
         self._group = group
-        self._storeys = [
-            (i, at[i], None if below is None else at[below], n) for i, below, n in each_storey(group) if i in at
-        ]
+        self._storeys = list(each_storey(group))
         self._now = [group.state["slip0", i] for i, *_ in self._storeys]
         self._start, self._rates = list(self._now), [[] for _ in self._storeys]  # type: ignore[var-annotated]
         #: Sums of weight x rate of what yielding has lost, in (1 - r) Vy, by storey.
@@ -70,8 +67,8 @@ class Flow:
     def hold(self, x: Sequence[Any], y: Sequence[Any], weight: float) -> None:
         """Make shears those of this stage, of displacements x and velocities y."""
         group = self._group
-        for (i, p, below, n), slip, rates in zip(self._storeys, self._now, self._rates, strict=True):
-            moved, v = (values[p] if below is None else values[p] - values[below] for values in (x, y))
+        for (i, below, n), slip, rates in zip(self._storeys, self._now, self._rates, strict=True):
+            moved, v = (group.drift(i, below, values) for values in (x, y))
             z = moved - slip
             rates.append(_share(group, i, n, z, v) * v)
             group.state["ct", i] = -hardened(group, i)[1] * slip

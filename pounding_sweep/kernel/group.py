@@ -191,8 +191,8 @@ class Group:
 
     def _rows(self) -> dict[str, int]:
         """Name all rows of state: inputs, results, motion, and what the scheme and the contacts need."""
-        spec, n, nc, nb = self.spec, self.spec.n_dof, len(self.spec.contacts), self.spec.n_buildings
-        rows = self._inputs.count | result_slots(spec, self.reducers).count
+        spec, nc, nb = self.spec, len(self.spec.contacts), self.spec.n_buildings
+        rows, n = self._inputs.count | result_slots(spec, self.reducers).count, spec.n_moving
         rows |= {"u": n, "v": n, "u0": n, "v0": n, "h": 1, "g0": 1, "g1": 1}
         if spec.implicit or self.eventful or spec.links:
             rows |= {"a0": n}
@@ -207,7 +207,7 @@ class Group:
         if "links" in self.asked:  # sums over the stages of a step
             rows |= {"dgiven": nb, "dlost": len(spec.links)}
         if spec.implicit and self.touching:
-            rows |= {"response": (n if spec.links else 2 * max(spec.storeys)) * nc, "diagonal": max(spec.storeys)}
+            rows |= {"response": (n if spec.whole else 2 * max(spec.storeys)) * nc, "diagonal": max(spec.storeys)}
         if spec.implicit or spec.impulsive:
             rows |= {"a": n, "alone": n}
         if self.eventful:
@@ -297,8 +297,8 @@ class Group:
         return np.full(self.lanes, x) if self.trace is None else mask(self.trace, x)
 
     def floors(self, name: str) -> list[Any]:
-        """Return a row of each floor."""
-        return [self.state[name, i] for i in range(self.spec.n_dof)]
+        """Return a row of each floor, and of foundations."""
+        return [self.state[name, i] for i in range(self.spec.n_moving)]
 
     def put(self, name: str, values: Sequence[Any]) -> None:
         """Write rows."""
@@ -396,6 +396,34 @@ class Group:
                     home = self._homes[at + 1]
                     yield self._homes[at], [home + s for s in range(n)]
             done += len(some)
+
+    def each_part(self) -> Iterator[tuple[list[tuple[Any, list[Any]]], list[Any]]]:
+        """Go through what is worked out at once, and its degrees of freedom: buildings, or a row on foundations."""
+        if self.spec.foundations:
+            yield list(enumerate(self.building_floors)), list(range(self.spec.n_moving))
+            return
+        for b, floors in self.each_building():
+            yield [(b, floors)], floors
+
+    def base(self, floor: Any) -> tuple[int, int] | None:
+        """Sway and rocking of the foundation below a floor; None where there is none."""
+        return self.spec.base_of(floor) if self.spec.foundations else None
+
+    def drift(self, i: Any, below: Any, x: Any) -> Any:
+        """Drift of the storey below floor i, of a row's name or of values floor by floor; `below` None: the ground."""
+        read = (lambda p: self.state[x, p]) if isinstance(x, str) else x.__getitem__
+        found, base = read(i), self.base(i)
+        found = found if below is None else found - read(below)
+        return found if base is None else found - self.prop("height", i) * read(base[1])
+
+    def deformation(self, i: Any, x: Any, p: Any) -> Any:
+        """Motion relative to the base of floor i, whose value is number p of `x`."""
+        base = self.base(i)
+        return x[p] if base is None else x[p] - x[base[0]] - self.prop("elevation", i) * x[base[1]]
+
+    def rocks(self, i: Any) -> bool:
+        """Whether a degree of freedom is a rotation, which the ground does not accelerate."""
+        return bool(self.spec.foundations) and i >= self.spec.n_dof and (i - self.spec.n_dof) % 2 == 1
 
     def each(self, n: int, straight: bool = True) -> Iterator[Any]:
         """Count to n, at run time in a long row."""

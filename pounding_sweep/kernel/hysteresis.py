@@ -26,8 +26,8 @@ from pounding_sweep.kernel.roots import coefficients, quartic, rate, root
 def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any]]:
     """Go through bilinear storeys, with the floors below (None: the ground); at run time if not `straight`."""
     spec = group.spec
-    if group.trace is None or (straight and not group.long):
-        yield from ((i, None if spec.bottom[i] else i - 1) for i in spec.bilinear)
+    if group.trace is None or spec.foundations or (straight and not group.long):
+        yield from ((i, spec.below(i)) for i in spec.bilinear)
         return
     for bottom in (True, False):
         mine = [i for i in spec.bilinear if spec.bottom[i] is bottom]
@@ -39,8 +39,7 @@ def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any
 
 def drift(group: Group, i: Any, below: Any, name: str = "u") -> Any:
     """Drift of a storey, or its rate."""
-    x = group.state[name, i]
-    return x if below is None else x - group.state[name, below]
+    return group.drift(i, below, name)
 
 
 def begin(group: Group, lanes: Any = None) -> None:

@@ -33,12 +33,12 @@ def alone(group: Group, ground: Any) -> None:
         group.state["alone", i] = x
 
     s = group.state
-    for b, floors in group.each_building():
-        v = [s["v", i] for i in floors]
-        if any(map(group.own_damper, floors)):
-            found = total_accelerations(group, [(b, floors)], [s["u", i] for i in floors], v)
-            for i, a in zip(floors, found, strict=True):
-                put(i, a - ground)
+    for part, moving in group.each_part():
+        v, (b, floors) = [s["v", i] for i in moving], part[0]
+        if any(map(group.own_damper, floors)) or group.spec.foundations:
+            found = total_accelerations(group, part, [s["u", i] for i in moving], v)
+            for i, a in zip(moving, found, strict=True):
+                put(i, a if group.rocks(i) else a - ground)
             continue
         w = [s["u", i] + group.prop("beta", b) * y for i, y in zip(floors, v, strict=True)]
         for p, i in enumerate(floors):
@@ -94,7 +94,7 @@ def join(group: Group, x: Sequence[Any], resting: Sequence[Any]) -> tuple[list[A
         for i in (left, right):
             if i >= 0:
                 found[i] = where(resting[j], common[j], found[i])
-    assert spec.n_dof == len(found)
+    assert spec.n_moving == len(found)
     return found, force
 
 
@@ -109,7 +109,7 @@ def rest(group: Group, lanes: Any) -> None:
 
     alone(group, s["g1"])
     join_rows(group, "alone", "joining")
-    for i in group.each(group.spec.n_dof):
+    for i in group.each(group.spec.n_moving):
         s["a", i] = where(lanes, s["alone", i], s["a", i])
     for j in group.each(len(group.contacts)):
         s["f1", j] = where(lanes, s["joining", j], s["f1", j])

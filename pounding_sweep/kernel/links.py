@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
+from pounding_sweep.kernel import foundation
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import fma, maximum, size
 
@@ -131,15 +132,19 @@ def solve(group: Group, be: Any, ga: Any, storeys: Sequence[Any], right: Sequenc
     Floors are eliminated in the order in which they have the fewest others left beside them, which is known when the
     kernel is written.
     """
-    spec, n = group.spec, group.spec.n_dof
+    spec, n = group.spec, group.spec.n_moving
     diagonal: list[Any] = []
     beside: list[dict[int, Any]] = [{} for _ in range(n)]
     for i, b in enumerate(spec.building_of):
         m = group.prop("m", i)
+        if spec.base(b) is not None:
+            diagonal.append(m)
+            continue
         own = storeys[i] if spec.top[i] else storeys[i] + storeys[i + 1]
         diagonal.append(fma(m, ga * group.prop("alpha", b), m) + own)
         if not spec.bottom[i]:
             beside[i][i - 1] = beside[i - 1][i] = -storeys[i]
+    foundation.stiffen(group, diagonal, beside, storeys, be, ga)
     for j, (p, q) in enumerate(spec.links):
         held = fma(ga, group.prop("link_c", j), be * group.prop("link_k", j))
         diagonal[p], diagonal[q] = diagonal[p] + held, diagonal[q] + held

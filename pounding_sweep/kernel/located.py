@@ -45,7 +45,7 @@ def refuse(group: Group, lanes: Any) -> None:
     s["taken"], s["h"] = where(lanes, 0.0, s["taken"]), where(lanes, 0.0, s["h"])
     floors = [("u", "u0"), ("v", "v0")] + ([("a", "a0")] if spec.implicit else [])
     contacts = [("d1", "d0"), ("w1", "w0")] + ([("f1", "f0")] if spec.impulsive else [])
-    for pairs, n in ((floors, spec.n_dof), *(((contacts, len(group.contacts)),) if group.touching else ())):
+    for pairs, n in ((floors, spec.n_moving), *(((contacts, len(group.contacts)),) if group.touching else ())):
         for now, before in pairs:
             for i in group.each(n, straight=False):
                 s[now, i] = where(lanes, s[before, i], s[now, i])
@@ -186,7 +186,7 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
 def keep_start(group: Group) -> None:
     """Let the present state be the start of the next step."""
     names = ("u", "v", "a") if group.spec.implicit else ("u", "v")
-    for i in group.each(group.spec.n_dof):
+    for i in group.each(group.spec.n_moving):
         for name in names:
             group.state[f"{name}0", i] = group.state[name, i]
     if group.spec.smooth:

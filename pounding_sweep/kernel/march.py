@@ -38,7 +38,7 @@ def begin(group: Group, start: Any, lanes: Any = None) -> None:
     def put(row: Any, x: Any) -> None:
         s[row] = x if lanes is None else where(lanes, x, s[row])
 
-    for i in group.each(spec.n_dof):
+    for i in group.each(spec.n_moving):
         put(("u", i), group.full(group.prop("u0", i)))
         put(("v", i), group.full(group.prop("v0", i)))
     put("g1", s["scale"] * start)
@@ -74,7 +74,7 @@ def conclude(group: Group) -> None:
     if "links" in r:
         links.conclude(group)
     sound = Cell(group.lanes_where(True))
-    for i in group.each(spec.n_dof):
+    for i in group.each(spec.n_moving):
         v = s["v", i]
         sound.now = sound.now & (size(s["u", i]) < DIVERGED) & (v - v == 0.0)
     flags = where(sound.now, group.full(0.0), float(FLAG_DIVERGED))
@@ -190,7 +190,7 @@ class FixedSteps:
             located.keep_start(group)
         for _ in when(touched.now):
             for now, before in (("u", "u0"), ("v", "v0"), *((("a", "a0"),) if group.spec.implicit else ())):
-                for k in group.each(group.spec.n_dof):
+                for k in group.each(group.spec.n_moving):
                     s[now, k] = s[before, k]
             if group.spec.smooth:
                 bouc_wen.return_to_start(group)

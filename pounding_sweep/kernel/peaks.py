@@ -89,7 +89,7 @@ def storeys(group: Group) -> Iterator[tuple[Any, Any]]:
     """Go through the floors with those below (None: the ground)."""
     if not group.long:
         for i in range(group.spec.n_dof):
-            yield i, None if group.spec.bottom[i] else i - 1
+            yield i, group.spec.below(i)
         return
     for bottom in (True, False):
         mine = [i for i in range(group.spec.n_dof) if group.spec.bottom[i] is bottom]
@@ -167,12 +167,12 @@ def largest_accelerations(group: Group, located: bool) -> None:
     """Take the total accelerations of all floors over the step just taken."""
     s = group.state
     ends = [("1", "u", "v", "g1")] + ([("0", "u0", "v0", "g0")] if located else [])
-    for b, floors in group.each_building():
+    for part, moving in group.each_part():
         for end, u, v, _ in ends:
             if group.spec.smooth:
-                bouc_wen.linearise(group, floors, u[1:])
-            x, y = [s[u, i] for i in floors], [s[v, i] for i in floors]
-            for i, a in zip(floors, total_accelerations(group, [(b, floors)], x, y), strict=True):
+                bouc_wen.linearise(group, moving, u[1:])
+            x, y = [s[u, i] for i in moving], [s[v, i] for i in moving]
+            for i, a in zip(moving, total_accelerations(group, part, x, y), strict=True):
                 s[f"acc{end}", i] = a
     if group.touching:
         for end, *_ in ends:
@@ -183,12 +183,13 @@ def largest_accelerations(group: Group, located: bool) -> None:
         for i in group.each(group.spec.n_dof):
             s["acc", i] = maximum(s["acc", i], size(s["acc1", i]))
         return
-    for b, floors in group.each_building():
+    for part, moving in group.each_part():
         for end, _, v, ground in ends:
             if group.spec.smooth:
-                bouc_wen.linearise(group, floors, v[1:])
-            y, relative = [s[v, i] for i in floors], [s[f"acc{end}", i] - s[ground] for i in floors]
-            for i, a in zip(floors, total_accelerations(group, [(b, floors)], y, relative, rates=True), strict=True):
+                bouc_wen.linearise(group, moving, v[1:])
+            y = [s[v, i] for i in moving]
+            relative = [s[f"acc{end}", i] - (0.0 if group.rocks(i) else s[ground]) for i in moving]
+            for i, a in zip(moving, total_accelerations(group, part, y, relative, rates=True), strict=True):
                 s[f"rate{end}", i] = a
     if group.spec.smooth:
         bouc_wen.settle(group)

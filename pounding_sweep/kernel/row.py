@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from pounding_sweep.kernel import hysteresis
+from pounding_sweep.kernel import foundation, hysteresis
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import fma
 
@@ -18,10 +18,10 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any]) 
     forces, at = [], 0
     for b, floors in part:
         here = range(at, at + len(floors))
-        if any(map(group.own_damper, floors)):
-            below = [None, *here]
-            pairs = zip(floors, here, below, strict=False)
-            forces += [storey_force(group, b, i, _above(x, p, q), _above(y, p, q)) for i, p, q in pairs]
+        if on_own_terms(group, floors):
+            for i, p in zip(floors, here, strict=True):
+                moves = [_drift(group, i, values, p, at) for values in (x, y)]
+                forces.append(storey_force(group, b, i, *moves))
             at += len(floors)
             continue
         w = [fma(group.prop("beta", b), y[p], x[p]) if len(floors) > 1 else x[p] for p in here]
@@ -30,9 +30,16 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any]) 
     return forces
 
 
-def _above(x: Sequence[Any], p: Any, below: Any) -> Any:
-    """Value of a floor over that of the floor below (None: the ground)."""
-    return x[p] if below is None else x[p] - x[below]
+def on_own_terms(group: Group, floors: Sequence[Any]) -> bool:
+    """Whether storeys of a building have dampers of their own, or drifts that a foundation's rocking is part of."""
+    return any(map(group.own_damper, floors)) or group.base(floors[0]) is not None
+
+
+def _drift(group: Group, i: Any, x: Sequence[Any], p: Any, first: Any) -> Any:
+    """Drift below floor i, whose value is number p of `x`, that of its building's lowest floor number `first`."""
+    if group.base(i) is not None:  # values are those of the whole row
+        return group.drift(i, group.spec.below(i), x)
+    return x[p] if p == first else x[p] - x[p - 1]
 
 
 def storey_force(group: Group, b: Any, i: Any, drift: Any, rate: Any, constant: bool = True) -> Any:
@@ -68,8 +75,10 @@ def accelerations(
             net = -f[p] if s == len(floors) - 1 else f[p + 1] - f[p]
             for sign, force in push[p] if push else ():
                 net = net - force if sign == "-" else net + force
-            found.append(fma(group.prop("im", i), net, -fma(group.prop("alpha", b), y[p], ground)))
-    return found
+            moves = group.deformation(i, y, p)
+            found.append(fma(group.prop("im", i), net, -fma(group.prop("alpha", b), moves, ground)))
+    bases = foundation.accelerations(group, f, x, y)
+    return found + [a if group.rocks(i) else a - ground for i, a in bases]
 
 
 def pushes(group: Group, forces: Sequence[Any]) -> list[list[tuple[str, Any]]]:
@@ -95,30 +104,39 @@ def powers(group: Group, part: Part, y: Sequence[Any], ground: Any) -> list[tupl
         v = y[at : at + len(floors)]
         at += len(floors)
         momentum = _sum([group.prop("m", i) * w for i, w in zip(floors, v, strict=True)])
+        if (base := group.base(floors[0])) is not None:
+            momentum = fma(group.prop("m", base[0]), y[base[0]], momentum)
+            v = [group.deformation(i, y, i) for i in floors]
         mass = _sum([group.prop("m", i) * w * w for i, w in zip(floors, v, strict=True)])
-        drift = [v[s] - v[s - 1] if s else v[s] for s in range(len(v))]
+        first = at - len(floors)
+        drift = [_drift(group, i, y, p, first) for p, i in enumerate(floors, first)]
         stiff = _sum([damper_stiffness(group, i) * dv * dv for i, dv in zip(floors, drift, strict=True)])
         gained, lost = -ground * momentum, group.prop("alpha", b) * mass + group.prop("beta", b) * stiff
         for i, dv in zip(floors, drift, strict=True):
             lost = fma(group.prop("dashpot", i), dv * dv, lost) if group.dashed(i) else lost
+        for i in base or ():
+            lost = fma(group.prop("dashpot", i), y[i] * y[i], lost)
         found.append((gained, lost))
     return found
 
 
 def kinetic(group: Group, floors: Sequence[Any]) -> Any:
     """v'Mv/2 of a building."""
-    return _sum([0.5 * group.prop("m", i) * group.state["v", i] * group.state["v", i] for i in floors])
+    all_of_it = (*floors, *(group.base(floors[0]) or ()))
+    return _sum([0.5 * group.prop("m", i) * group.state["v", i] * group.state["v", i] for i in all_of_it])
 
 
 def strain(group: Group, floors: Sequence[Any]) -> Any:
     """u'Ku/2 of a building, of storeys that yield of their elastic parts."""
-    terms, below = [], None
+    terms, below, base = [], None, group.base(floors[0])
     for i in floors:
         u = group.state["u", i]
         drift = u if below is None else u - below
+        drift = drift if base is None else group.drift(i, group.spec.below(i), "u")
         elastic = not group.yields(i)
         terms.append(0.5 * group.prop("k", i) * drift * drift if elastic else hysteresis.strain(group, i, drift))
         below = u
+    terms += [0.5 * group.prop("k", i) * group.state["u", i] * group.state["u", i] for i in base or ()]
     return _sum(terms)
 
 
@@ -134,15 +152,18 @@ def transferred(group: Group, b: Any, floors: Sequence[Any]) -> Any:
 def total_accelerations(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], rates: bool = False) -> list[Any]:
     """-M^-1 (C y + K x): total accelerations without contact forces, or of rates x, y their rates."""
     found: list[Any] = []
+    shears: dict[int, Any] = {}
     for b, floors in part:
         at = len(found)
-        if any(map(group.own_damper, floors)):
-            here = [p + at for p in range(len(floors))]
-            pairs = list(zip(floors, here, [None, *here], strict=False))
-            forces = [storey_force(group, b, i, _above(x, p, q), _above(y, p, q), not rates) for i, p, q in pairs]
+        if on_own_terms(group, floors):
+            forces = [
+                storey_force(group, b, i, _drift(group, i, x, p, at), _drift(group, i, y, p, at), not rates)
+                for p, i in enumerate(floors, at)
+            ]
             for s, i in enumerate(floors):
                 net = -forces[s] if s == len(floors) - 1 else forces[s + 1] - forces[s]
-                found.append(fma(group.prop("im", i), net, -(group.prop("alpha", b) * y[at + s])))
+                found.append(fma(group.prop("im", i), net, -(group.prop("alpha", b) * group.deformation(i, y, at + s))))
+            shears |= dict(zip(floors, forces, strict=True)) if group.base(floors[0]) else {}
             continue
         w = [x[at + s] + group.prop("beta", b) * y[at + s] for s in range(len(floors))]
         for s, i in enumerate(floors):
@@ -152,7 +173,7 @@ def total_accelerations(group: Group, part: Part, x: Sequence[Any], y: Sequence[
             if s < len(floors) - 1:
                 here = here + group.prop("im", i) * (group.prop("k", floors[s + 1]) * (w[s + 1] - w[s]))
             found.append(here)
-    return found
+    return found + [a for _, a in foundation.accelerations(group, shears, x, y)]
 
 
 def add_forces(group: Group, name: str, forces: str) -> None:

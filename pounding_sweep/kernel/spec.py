@@ -149,6 +149,8 @@ class KernelSpec:
         Degrees of freedom whose storeys have dashpots.
     links : tuple of (left, right)
         Degrees of freedom that are linked.
+    foundations : tuple of int
+        Buildings on foundations: after all floors come sway and rocking of each.
     """
 
     storeys: tuple[int, ...]
@@ -172,6 +174,7 @@ class KernelSpec:
     smooth: tuple[tuple[int, float], ...] = ()
     dashpots: tuple[int, ...] = ()
     links: tuple[tuple[int, int], ...] = ()
+    foundations: tuple[int, ...] = ()
 
     @property
     def impulsive(self) -> bool:
@@ -195,6 +198,11 @@ class KernelSpec:
         return sum(self.storeys)
 
     @property
+    def n_moving(self) -> int:
+        """Floors of all buildings, and sway and rocking of foundations."""
+        return self.n_dof + 2 * len(self.foundations)
+
+    @property
     def n_buildings(self) -> int:
         """Buildings in the row."""
         return len(self.storeys)
@@ -202,7 +210,12 @@ class KernelSpec:
     @property
     def fused(self) -> bool:
         """Whether one step is one straight line."""
-        return self.n_dof <= FUSED_DOF or bool(self.smooth)
+        return self.n_dof <= FUSED_DOF or bool(self.smooth or self.foundations)
+
+    @property
+    def whole(self) -> bool:
+        """Whether implicit steps are of the whole row: neighbours are linked, or buildings stand on foundations."""
+        return bool(self.links or self.foundations)
 
     @property
     def bilinear(self) -> tuple[int, ...]:
@@ -213,6 +226,24 @@ class KernelSpec:
     def home(self, b: int) -> int:
         """Lowest floor of a building."""
         return sum(self.storeys[:b])
+
+    def base(self, b: int) -> tuple[int, int] | None:
+        """Sway and rocking of a building's foundation; None where it has none."""
+        if b not in self.foundations:
+            return None
+        sway = self.n_dof + 2 * self.foundations.index(b)
+        return sway, sway + 1
+
+    def base_of(self, floor: int) -> tuple[int, int] | None:
+        """Sway and rocking of the foundation below a floor; None where its building has none."""
+        return self.base(self.building_of[floor]) if self.foundations else None
+
+    def below(self, floor: int) -> int | None:
+        """Floor below a floor, or the sway of the foundation; None: the ground."""
+        if not self.bottom[floor]:
+            return floor - 1
+        base = self.base_of(floor)
+        return None if base is None else base[0]
 
     @property
     def building_of(self) -> list[int]:
@@ -247,6 +278,7 @@ def from_json(data: dict[str, Any]) -> KernelSpec:
         "smooth": tuple((int(i), float(n)) for i, n in data["smooth"]),
         "dashpots": tuple(data["dashpots"]),
         "links": tuple((int(a), int(b)) for a, b in data["links"]),
+        "foundations": tuple(data["foundations"]),
     }
     return KernelSpec(**{**data, **own})
 
@@ -289,7 +321,7 @@ def property_slots(shape: KernelSpec) -> Slots:
     n = shape.n_dof
     slots = Slots()
     for name in ("m", "im", "k", "u0", "v0"):
-        slots.add(name, n)
+        slots.add(name, shape.n_moving)
     slots.add("alpha", shape.n_buildings)
     slots.add("beta", shape.n_buildings)
     slots.add("reduced", len(shape.contacts))
@@ -306,19 +338,22 @@ def property_slots(shape: KernelSpec) -> Slots:
     if shape.struck:  # shares of a push on columns, of the floor above and below
         slots.add("upper", len(shape.contacts))
         slots.add("lower", len(shape.contacts))
-    if shape.dashpots:
-        slots.add("dashpot", n)
+    if shape.dashpots or shape.foundations:
+        slots.add("dashpot", shape.n_moving)
     if shape.links:
         slots.add("link_k", len(shape.links))
         slots.add("link_c", len(shape.links))
+    if shape.foundations:  # of each floor, above the floor below and above the base
+        slots.add("height", n)
+        slots.add("elevation", n)
     return slots
 
 
 def history_slots(shape: KernelSpec) -> Slots:
     """Layout of one row of a history."""
     slots = Slots()
-    slots.add("u", shape.n_dof)
-    slots.add("v", shape.n_dof)
+    slots.add("u", shape.n_moving)
+    slots.add("v", shape.n_moving)
     for name in ("slip", *(("kd",) if shape.tangent else ())) if shape.yielding else ():
         slots.add(name, shape.n_dof)
     if "hysteretic" in shape.reducers:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ from pounding_sweep.base.errors import SceneError, shown, unknown
 from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.base.tables import html_table
 from pounding_sweep.base.text import label_fault
+from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors
 from pounding_sweep.model.links import Link, LinkedFloors, check_linking
 
@@ -171,12 +172,16 @@ class Building:
     dashpots : sequence of float, optional
         Coefficients (kN s/m) of dashpots between each floor and the one below (the ground), bottom first, beside
         Rayleigh's damping; zero where a storey has none.
+    foundation : Foundation or mapping, optional
+        What the building stands on, free to sway and to rock; fixed to the ground where not given. Rayleigh damping is
+        that of the building on a fixed base, and acts on its motion relative to the base; periods and modes are those
+        of both together.
 
     Raises
     ------
     SceneError
-        A value is out of range, the lists differ in length, `hardening` is outside [0, 1), or with `p_delta` a storey
-        does not stand under the weight above it.
+        A value is out of range, the lists differ in length, `hardening` is outside [0, 1), with `p_delta` a storey
+        does not stand under the weight above it, or it comes with a `foundation`.
 
     Examples
     --------
@@ -198,6 +203,7 @@ class Building:
     p_delta: bool = field(default=False, kw_only=True)
     bouc_wen: BoucWen | None = field(default=None, kw_only=True)
     dashpots: Sequence[float] | None = field(default=None, kw_only=True)
+    foundation: Foundation | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         _check_name("building", self.name)
@@ -217,6 +223,8 @@ class Building:
         self._check_stability(owner)
         if self.dashpots is not None:
             object.__setattr__(self, "dashpots", self._checked_dashpots(owner, n))
+        if self.foundation is not None:
+            object.__setattr__(self, "foundation", self._checked_foundation(owner))
         given = self.damping_ratio
         ratios = tuple(given) if isinstance(given, (tuple, list)) else (given,)
         if len(ratios) not in (1, 2) or not all(
@@ -305,6 +313,27 @@ class Building:
             check_linking(value, f"{owner}: dashpots of storey {storey}", "kN s/m")
         return found
 
+    def _checked_foundation(self, owner: str) -> Foundation:
+        given: Any = self.foundation
+        try:
+            found = Foundation(**given) if isinstance(given, Mapping) else given
+        except TypeError:
+            found = None
+        except SceneError as error:
+            msg = f"{owner}: {error}"
+            raise SceneError(msg) from None
+        if not isinstance(found, Foundation):
+            names = ", ".join(each.name for each in fields(Foundation))
+            msg = f"{owner}: foundation is {shown(given)}; give a Foundation of {names}"
+            raise SceneError(msg)
+        if self.p_delta:
+            msg = (
+                f"{owner}: p_delta and a foundation do not go together, as weights would act on its rocking too; leave "
+                "one of them out"
+            )
+            raise SceneError(msg)
+        return found
+
     @property
     def n_storeys(self) -> int:
         """Number of storeys."""
@@ -359,11 +388,39 @@ class Building:
         above = np.append(k[1:], 0.0)
         return np.diag(k + above) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
 
+    @property
+    def inertias(self) -> np.ndarray:
+        """Floor masses (t), with a foundation its mass and moment of inertia (t m2) after them, shape (n,)."""
+        return np.array([*self.masses, *(self.foundation.masses if self.foundation else ())], dtype=float)
+
+    @cached_property
+    def drifts(self) -> np.ndarray:
+        """Storey drifts by displacements of floors, of the base and its rotation, shape (n_storeys, n)."""
+        found = np.eye(self.n_storeys) - np.eye(self.n_storeys, k=-1)
+        if self.foundation is None:
+            return found
+        return np.column_stack([found, -np.eye(self.n_storeys)[0], -np.diff(self.elevations, prepend=0.0)])
+
+    @cached_property
+    def deformations(self) -> np.ndarray:
+        """Displacements of floors relative to the base, of the same, shape (n_storeys, n)."""
+        found = np.eye(self.n_storeys)
+        if self.foundation is None:
+            return found
+        return np.column_stack([found, -np.ones(self.n_storeys), -self.elevations])
+
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Circular frequencies (rad/s), rising, and mass-normalised mode shapes (t^-1/2) in columns."""
-        root = 1.0 / np.sqrt(np.asarray(self.masses, dtype=float))
-        values, vectors = np.linalg.eigh(self.stiffness_matrix * np.outer(root, root))
+        """Circular frequencies (rad/s), rising, and mass-normalised mode shapes (t^-1/2) in columns.
+
+        With a foundation those of both together: two more, their shapes with the base's displacement and rotation
+        (rad/m) last.
+        """
+        root, stiff = 1.0 / np.sqrt(self.inertias), self.stiffness_matrix
+        if self.foundation is not None:
+            stiff = (self.drifts.T * self.lateral_stiffnesses) @ self.drifts
+            stiff += np.diag([0.0] * self.n_storeys + [*self.foundation.stiffnesses])
+        values, vectors = np.linalg.eigh(stiff * np.outer(root, root))
         return np.sqrt(np.maximum(values, 0.0)), vectors * root[:, None]
 
     @property
@@ -377,10 +434,34 @@ class Building:
         return 2.0 * math.pi / self.frequencies
 
     @cached_property
+    def on_fixed_base(self) -> Building:
+        """The building without its foundation."""
+        return self if self.foundation is None else replace(self, foundation=None)
+
+    @cached_property
     def rayleigh(self) -> tuple[float, float]:
-        """Factors (a, b) of C = a M + b K (1/s, s), from the first two modes."""
+        """Factors (a, b) of C = a M + b K (1/s, s), from the first two modes on a fixed base."""
         given = self.damping_ratio
-        return rayleigh_factors(self.frequencies, given if isinstance(given, tuple) else (given, given))
+        return rayleigh_factors(self.on_fixed_base.frequencies, given if isinstance(given, tuple) else (given, given))
+
+    @property
+    def first_damping(self) -> float:
+        """Damping ratio of the first mode: as given, with a foundation that of both together, by its shape."""
+        if self.foundation is None:
+            return self.damping_ratio[0] if isinstance(self.damping_ratio, tuple) else self.damping_ratio
+        (a, b), (mass, stiff, dashed) = self.rayleigh, self.damping_shares[:, 0]
+        return float(a * mass + b * stiff + dashed)
+
+    @cached_property
+    def damping_shares(self) -> np.ndarray:
+        """What Rayleigh's a and b each take of damping ratios (s, 1/s), and dashpots give, of modes, shape (3, n)."""
+        w, shapes = self.modes
+        moved, drift = self.deformations @ shapes, self.drifts @ shapes
+        other = np.asarray(self.dashpots or (0.0,) * self.n_storeys) @ np.square(drift)
+        if self.foundation is not None:
+            other += self.foundation.dashpots @ np.square(shapes[-2:])
+        powers = np.asarray(self.masses) @ np.square(moved), self.lateral_stiffnesses @ np.square(drift), other
+        return np.array(powers) / (2.0 * w)
 
 
 def rayleigh_factors(frequencies: np.ndarray, ratios: tuple[float, float]) -> tuple[float, float]:
@@ -666,6 +747,12 @@ class Scene:
                     'not known then; give that storey the strength inf, or contacts = "floors"'
                 )
                 raise SceneError(msg)
+            if contact.struck >= 0 and self.building_of((contact.left, contact.right)[contact.struck]).foundation:
+                msg = (
+                    f"floors of pair {names[contact.pair]!r} strike columns of a building on a foundation, whose ends "
+                    'rotate with it; leave out its foundation, or give contacts = "floors"'
+                )
+                raise SceneError(msg)
             if contact.struck >= 0 and self.building_of((contact.left, contact.right)[contact.struck]).p_delta:
                 msg = (
                     f"floors of pair {names[contact.pair]!r} strike columns of a building with p_delta, whose shape "
@@ -731,6 +818,11 @@ class Scene:
         return tuple(each for building in self.buildings for each in building.dashed)
 
     @cached_property
+    def foundations(self) -> tuple[int, ...]:
+        """Buildings that stand on foundations, by their numbers."""
+        return tuple(b for b, building in enumerate(self.buildings) if building.foundation is not None)
+
+    @cached_property
     def linked_floors(self) -> tuple[LinkedFloors, ...]:
         """All links, each between two floors."""
         first, found = 1 if isinstance(self.row[0], Wall) else 0, []
@@ -759,8 +851,8 @@ class Scene:
 
     @property
     def has_own_modes(self) -> bool:
-        """Whether each building moves in modes of its own that damping leaves apart: no dashpots, no links."""
-        return not (any(self.dashed) or self.links)
+        """Whether each building moves in modes that damping leaves apart: no dashpots, no links, no foundations."""
+        return not (any(self.dashed) or self.links or self.foundations)
 
     @cached_property
     def offsets(self) -> tuple[int, ...]:

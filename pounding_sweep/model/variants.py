@@ -8,6 +8,7 @@ for any number of scenarios at once:
 - a period factor f multiplies all periods of a building: stiffnesses / f**2, dashpots / f, masses and strengths kept;
   with P-Delta it is what weights leave of the stiffnesses that is divided;
 - a mass factor multiplies its masses, stiffnesses, dashpots and strengths, so that its motion alone is kept;
+  both apply to its foundation too;
 - a damping ratio replaces the ratios of the first two modes of all buildings;
 - a strength factor multiplies the yield strengths of a building;
 - a hardening replaces that of a building.
@@ -141,8 +142,30 @@ class Variants:
         own = np.concatenate([b.dashpots or (0.0,) * b.n_storeys for b in self.scene.buildings])
         return np.asarray(own * (self.mass_factor / self.period_factor)[:, self._owner])
 
+    def _bases(self, name: str, factor: np.ndarray) -> np.ndarray:
+        """Return a property of all foundations times a factor, sway and rocking of each, shape (n, 2 foundations)."""
+        those, found = self.scene.foundations, [np.empty((len(self), 0))]
+        for b in those:
+            found.append(np.array(getattr(self.scene.buildings[b].foundation, name)) * factor[:, b, None])
+        return np.concatenate(found, axis=1)
+
+    @cached_property
+    def base_masses(self) -> np.ndarray:
+        """Masses (t) and moments of inertia (t m2) of foundations, shape (n, 2 foundations)."""
+        return self._bases("masses", self.mass_factor)
+
+    @cached_property
+    def base_stiffnesses(self) -> np.ndarray:
+        """Stiffnesses of sway (kN/m) and rocking (kN m/rad) under foundations, shape (n, 2 foundations)."""
+        return self._bases("stiffnesses", self.stiffness_factor)
+
+    @cached_property
+    def base_dashpots(self) -> np.ndarray:
+        """Coefficients of their dashpots (kN s/m, kN m s/rad), shape (n, 2 foundations)."""
+        return self._bases("dashpots", self.mass_factor / self.period_factor)
+
     def frequencies(self, building: int) -> np.ndarray:
-        """Natural circular frequencies of a building (rad/s), rising, shape (n, storeys)."""
+        """Natural circular frequencies of a building on its foundation (rad/s), rising, shape (n, modes)."""
         return self._frequencies[building]
 
     @cached_property
@@ -153,11 +176,12 @@ class Variants:
     def systems(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Undamped frequencies (rad/s), rising, and decay 2 zeta w (1/s) of their modes, of all that moves as one.
 
-        Shape (n, modes) each; a single building's dashpots are left out, linked buildings are one with theirs.
+        Shape (n, modes) each; dashpots of a single building on a fixed base are left out, linked buildings are one with
+        theirs.
         """
         found = []
         for group in self.scene.linked_buildings:
-            if len(group) > 1:
+            if len(group) > 1 or self.scene.buildings[group[0]].foundation:
                 given = np.column_stack([self.period_factor, self.mass_factor, self.damping_ratio])
                 _, first, which = np.unique(given, axis=0, return_index=True, return_inverse=True)
                 parts = [self._linked_modes(group, first[k : k + _BLOCK]) for k in range(0, len(first), _BLOCK)]
@@ -169,29 +193,48 @@ class Variants:
         return found
 
     def _linked_modes(self, group: tuple[int, ...], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`systems` of linked buildings, of some rows."""
+        """`systems` of linked buildings, or of one on its foundation, of some rows."""
         start, stop = (self.scene.offsets[b] for b in (group[0], group[-1] + 1))
-        n = stop - start
+        based = [b for b in group if self.scene.buildings[b].foundation]
+        n, first = stop - start + 2 * len(based), 2 * sum(b < group[0] for b in self.scene.foundations)
+        bases = slice(first, first + 2 * len(based))
         stiff, damped = np.zeros((len(rows), n, n)), np.zeros((len(rows), n, n))
         for b in group:
             own = self.scene.buildings[b]
-            drift = np.eye(own.n_storeys) - np.eye(own.n_storeys, k=-1)
             floors = slice(self.scene.offsets[b], self.scene.offsets[b + 1])
-            here = (slice(None), *[slice(floors.start - start, floors.stop - start)] * 2)
-            k = (drift.T * self.stiffnesses[rows, None, floors]) @ drift
+            at = list(range(floors.start - start, floors.stop - start))
+            at += [stop - start + 2 * based.index(b) + side for side in (0, 1)] if b in based else []
+            here = (slice(None), np.array(at)[:, None], at)
+            k = (own.drifts.T * self.stiffnesses[rows, None, floors]) @ own.drifts
             alpha, beta = (factor[rows, None, None] for factor in self.rayleigh(b))
             stiff[here] = k
-            damped[here] = beta * k + (drift.T * self.dashpots[rows, None, floors]) @ drift
-            damped[here] += alpha * self.masses[rows, None, floors] * np.eye(own.n_storeys)
+            damped[here] = beta * k + (own.drifts.T * self.dashpots[rows, None, floors]) @ own.drifts
+            damped[here] += alpha * ((own.deformations.T * self.masses[rows, None, floors]) @ own.deformations)
         for link in self.scene.linked_floors:
             if start <= link.left < stop:
-                across = (np.arange(start, stop) == link.left) - 1.0 * (np.arange(start, stop) == link.right)
+                across = (np.arange(start, start + n) == link.left) - 1.0 * (np.arange(start, start + n) == link.right)
                 stiff += link.stiffness * np.outer(across, across)
                 damped += link.damping * np.outer(across, across)
-        root = 1.0 / np.sqrt(self.masses[rows, start:stop])
+        masses = self.masses[rows, start:stop]
+        if based:
+            last = np.arange(stop - start, n)
+            stiff[:, last, last] += self.base_stiffnesses[rows, bases]
+            damped[:, last, last] += self.base_dashpots[rows, bases]
+            masses = np.concatenate([masses, self.base_masses[rows, bases]], axis=1)
+        root = 1.0 / np.sqrt(masses)
         values, shapes = np.linalg.eigh(stiff * root[:, :, None] * root[:, None, :])
         shapes = shapes * root[:, :, None]
         return np.sqrt(np.maximum(values, 0.0)), np.einsum("nim,nij,njm->nm", shapes, damped, shapes)
+
+    def modal_damping(self, building: int, mode: int) -> np.ndarray:
+        """Damping ratio of a mode of a building, dashpots left out unless it stands on a foundation, shape (n,)."""
+        item, (a, b) = self.scene.buildings[building], self.rayleigh(building)
+        if item.foundation is None:
+            w = self.frequencies(building)[:, mode]
+            return np.asarray((a / w + b * w) / 2.0)
+        mass, stiff, dashed = item.damping_shares[:, mode]
+        period = self.period_factor[:, building]
+        return np.asarray(a * mass * period + b * stiff / period + dashed)
 
     def rayleigh(self, building: int) -> tuple[np.ndarray, np.ndarray]:
         """Factors (a, b) of C = a M + b K of a building (1/s, s), shape (n,) each."""
@@ -203,7 +246,7 @@ class Variants:
 
     def _rayleigh_of(self, building: int) -> tuple[np.ndarray, np.ndarray]:
         item, period = self.scene.buildings[building], self.period_factor[:, building]
-        own, unit = item.rayleigh, rayleigh_factors(item.frequencies, (1.0, 1.0))
+        own, unit = item.rayleigh, rayleigh_factors(item.on_fixed_base.frequencies, (1.0, 1.0))
         given = np.isnan(self.damping_ratio)
         a = np.where(given, own[0], self.damping_ratio * unit[0]) / period
         b = np.where(given, own[1], self.damping_ratio * unit[1]) * period

@@ -139,7 +139,8 @@ def building_coordinates(
         own = []
         for b in n:
             (alpha, beta), w = variants.rayleigh(b), 2.0 * np.pi / periods(mode)[:, b]
-            own.append(0.5 * (alpha / w + beta * w))
+            founded = scene.buildings[b].foundation is not None
+            own.append(variants.modal_damping(b, mode) if founded else 0.5 * (alpha / w + beta * w))
         return np.stack(own, axis=1)
 
     floors, each = ("building", "storey"), ("building",)

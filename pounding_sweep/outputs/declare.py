@@ -58,6 +58,8 @@ class Variable:
         It exists only where floors strike columns.
     of_links : bool
         It exists only where neighbours are linked.
+    of_foundations : bool
+        It exists only where buildings stand on foundations.
     dtype : {"f8", "i4", "i1"}
         Stored type.
     default : bool
@@ -83,6 +85,7 @@ class Variable:
     of_yielding: bool = False
     of_columns: bool = False
     of_links: bool = False
+    of_foundations: bool = False
     dtype: str = "f8"
     default: bool = False
     always: bool = False
@@ -95,9 +98,10 @@ class Variable:
         return "pair" in self.dims
 
     def exists_in(self, scene: Scene) -> bool:
-        """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links."""
+        """Whether a scene has what it describes: pairs of neighbours, columns that are struck, links, foundations."""
         struck = any(contact.struck >= 0 for contact in scene.contacts)
         there = (struck or not self.of_columns) and (bool(scene.links) or not self.of_links)
+        there = there and (bool(scene.foundations) or not self.of_foundations)
         return there and (not self.per_pair or bool(scene.pair_names))
 
     @property
@@ -115,9 +119,9 @@ def needs(*names: str) -> frozenset[str]:
 
 @dataclass(frozen=True)
 class Slot:
-    """A number that a kernel keeps of each "floor", "contact", "link" or "building", and its first value (else 0)."""
+    """A number that a kernel keeps of each "floor", "contact", "link", "building" or "base", and its first value."""
 
-    # the first value follows from the number of the floor or contact, or from the floors of the building
+    # the first value follows from the number of the floor or contact, or from the floors of the building; else it is 0
 
     name: str
     per: str
@@ -126,7 +130,7 @@ class Slot:
     def count(self, shape: KernelSpec) -> int:
         """How many of it a kernel has."""
         counts = {"contact": len(shape.contacts), "link": len(shape.links), "building": shape.n_buildings}
-        return counts.get(self.per, shape.n_dof)
+        return {**counts, "base": len(shape.foundations)}.get(self.per, shape.n_dof)
 
 
 @dataclass(frozen=True)
@@ -142,9 +146,9 @@ class Reducer:
         By which outputs need it.
     slots : tuple of Slot
         What it leaves for the readouts.
-    where : {"", "yields", "linked", "neighbours", "touch"}
-        Whether it exists in all kernels, where storeys yield, where neighbours are linked, where floors of neighbours
-        stand at one height, or where they can touch.
+    where : {"", "yields", "linked", "founded", "neighbours", "touch"}
+        Whether it exists in all kernels, where storeys yield, where neighbours are linked, where buildings stand on
+        foundations, where floors of neighbours stand at one height, or where they can touch.
     keeps : tuple of Slot
         What it needs beside.
     looks : str

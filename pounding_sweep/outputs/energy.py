@@ -38,7 +38,8 @@ ENERGIES = (
         _BUILDING,
         "kN m",
         "energy input",
-        "Energy put in by the ground until the end of the record, -int m ag v dt with v relative to the ground.",
+        "Energy put in by the ground until the end of the record, -int m ag v dt with v relative to the ground; its "
+        "foundation included.",
         needs("energy"),
         buildings("e_in"),
         error="energies",
@@ -48,7 +49,8 @@ ENERGIES = (
         _BUILDING,
         "kN m",
         "energy lost in damping",
-        "Energy lost in the building's own damping, dashpots included, until the end of the record, int v'Cv dt.",
+        "Energy lost in the building's own damping, dashpots and its foundation included, until the end of the record, "
+        "int v'Cv dt.",
         needs("energy"),
         buildings("e_damp"),
         error="energies",
@@ -58,7 +60,7 @@ ENERGIES = (
         _BUILDING,
         "kN m",
         "kinetic energy at the end",
-        "Kinetic energy v'Mv/2 of the motion relative to the ground, at the end of the record.",
+        "Kinetic energy v'Mv/2 of the motion relative to the ground, at the end of the record; foundation included.",
         needs("energy"),
         buildings("e_kin"),
         error="energies",
@@ -69,7 +71,8 @@ ENERGIES = (
         "kN m",
         "strain energy at the end",
         "Elastic strain energy u'Ku/2 at the end of the record; of storeys that yield, hardening k d^2/2 + (1 - "
-        "hardening) k z^2/2 of the drift d and z = d - p. With P-Delta less what weights have given, P d^2 / (2 h).",
+        "hardening) k z^2/2 of the drift d and z = d - p. With P-Delta less what weights have given, P d^2 / (2 h); "
+        "springs of its foundation included.",
         needs("energy"),
         buildings("e_strain"),
         error="energies",

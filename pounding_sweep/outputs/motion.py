@@ -12,7 +12,7 @@ from pounding_sweep.kernel import bouc_wen, hysteresis, links
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.peaks import Motion, storeys
 from pounding_sweep.outputs.declare import CONTACT, FLOOR, UNMEASURED, Reducer, Slot, Variable, needs
-from pounding_sweep.outputs.readout import KernelResults, contacts, floors, scatter_dof, scatter_link
+from pounding_sweep.outputs.readout import KernelResults, contacts, floors, scatter_base, scatter_dof, scatter_link
 
 #: Of outputs of floors.
 MOTIONS = (
@@ -45,7 +45,8 @@ MOTIONS = (
         FLOOR,
         "m",
         "largest interstorey drift",
-        "Largest absolute interstorey displacement |u_i - u_(i-1)|; of storey 1, relative to the ground.",
+        "Largest absolute interstorey displacement |u_i - u_(i-1)|; of storey 1, relative to the ground; on a "
+        "foundation relative to it, and less what its rotation gives.",
         needs("drift"),
         floors("drift"),
         error="motions",
@@ -119,6 +120,33 @@ LINKS = (
         of_links=True,
     ),
 )
+#: Of outputs of foundations.
+FOUNDATIONS = (
+    Variable(
+        "foundation_sway_max",
+        ("building",),
+        "m",
+        "largest sway of the foundation",
+        "Largest absolute displacement of the building's foundation relative to the ground; missing where it has none. "
+        "The sway spring's largest force is K_h times it.",
+        needs("foundation"),
+        lambda kept: scatter_base(kept.get("sway", len(kept.scene.foundations)), kept.scene),
+        error=UNMEASURED,
+        of_foundations=True,
+    ),
+    Variable(
+        "foundation_rotation_max",
+        ("building",),
+        "rad",
+        "largest rotation of the foundation",
+        "Largest absolute rotation of the building's foundation in its rocking; missing where it has none. The rocking "
+        "spring's largest moment is K_theta times it.",
+        needs("foundation"),
+        lambda kept: scatter_base(kept.get("rotation", len(kept.scene.foundations)), kept.scene),
+        error=UNMEASURED,
+        of_foundations=True,
+    ),
+)
 #: Of outputs of neighbours.
 CLOSINGS = (
     Variable(
@@ -163,12 +191,11 @@ def _displacements(group: Group, straight: bool) -> Iterator[Motion]:
 def _drifts(group: Group, straight: bool) -> Iterator[Motion]:
     del straight
     for i, below in storeys(group):
-        yield Motion(("drift", i), None, True, partial(_read, group, i, below=below))
+        yield Motion(("drift", i), None, True, partial(group.drift, i, below))
 
 
-def _read(group: Group, i: Any, name: str, below: Any = None) -> Any:
-    x = group.state[name, i]
-    return x if below is None else x - group.state[name, below]
+def _read(group: Group, i: Any, name: str) -> Any:
+    return group.state[name, i]
 
 
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:
@@ -189,6 +216,13 @@ def _borne(group: Group, i: Any, below: Any, name: str = "u") -> Any:
     """Shear of a storey that bears what the weights above it push too."""
     pushed = group.prop("geometric", i) * hysteresis.drift(group, i, below, name)
     return hysteresis.shear(group, i, below, name) + pushed
+
+
+def _bases(group: Group, straight: bool) -> Iterator[Motion]:
+    del straight
+    for q, b in enumerate(group.spec.foundations):
+        for name, i in zip(("sway", "rotation"), group.spec.base(b) or (), strict=True):
+            yield Motion((name, q), None, True, partial(_read, group, i))
 
 
 def _closings(group: Group, straight: bool) -> Iterator[Motion]:
@@ -213,5 +247,6 @@ REDUCERS: tuple[Reducer, ...] = (
     Reducer("residual", (Slot("slip", "floor"),), where="yields"),
     Reducer("acceleration", (Slot("acc", "floor"),), looks="ends"),
     Reducer("link_force", (Slot("link_force", "link"),), where="linked", follows=_links, step=links.sample),
+    Reducer("foundation", (Slot("sway", "base"), Slot("rotation", "base")), where="founded", follows=_bases),
     Reducer("closing", (Slot("closing", "contact"),), where="neighbours", follows=_closings),
 )

@@ -60,6 +60,15 @@ def scatter_link(values: Any, scene: Scene) -> np.ndarray:
     return result
 
 
+def scatter_base(values: Any, scene: Scene) -> np.ndarray:
+    """Put values per foundation where their building is."""
+    values = np.asarray(values)
+    _check_last(values, len(scene.foundations), "foundations")
+    result = _unfilled(values, len(scene.buildings))
+    result[..., list(scene.foundations)] = values
+    return result
+
+
 @dataclass(frozen=True)
 class KernelResults:
     """What a kernel returned, by the names of its slots, shape (scenarios, slots), and what the scenarios were."""

@@ -43,6 +43,7 @@ VARIABLES: dict[str, Variable] = {
         *motion.YIELDS,
         *contact.CONTACTS,
         *motion.LINKS,
+        *motion.FOUNDATIONS,
         *energy.ENERGIES,
         *motion.CLOSINGS,
         *RUNS,

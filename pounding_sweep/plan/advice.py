@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 
 #: Variants whose motions are estimated at a time.
 _BLOCK = 4096
+#: Damping ratio at which a first mode is taken that its base damps beyond vibration.
+_MOST_DAMPED = 0.999
 
 
 def elastic_duration(exponent: float, stiffness: np.ndarray, mass: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -99,10 +101,9 @@ def _roof_velocities(variants: Variants, record: Record) -> Iterator[np.ndarray]
     h, ground = record.dt, record.acceleration
     buildings = variants.scene.buildings
     frequency = np.stack([variants.frequencies(b)[:, 0] for b in range(len(buildings))])
-    factors = [variants.rayleigh(b) for b in range(len(buildings))]
-    damping = np.stack([a / w + b * w for (a, b), w in zip(factors, frequency, strict=True)]) / 2.0
-    shapes = [b.modes[1][:, 0] for b in buildings]
-    share = np.array([phi[-1] * (phi @ b.masses) for phi, b in zip(shapes, buildings, strict=True)])
+    damping = np.stack([variants.modal_damping(b, 0) for b in range(len(buildings))])
+    damping = np.where(damping < 1.0, damping, _MOST_DAMPED)
+    share = np.array([_roof_share(building) for building in buildings])
     # q'' + 2 zeta w q' + w^2 q = -a_g in the complex root s: z' = s z - a_g, q' = Im(s z) / Im(s)
     root = frequency * (-damping + 1j * np.sqrt(1.0 - damping**2))
     grown = np.exp(root * h)
@@ -112,6 +113,13 @@ def _roof_velocities(variants: Variants, record: Record) -> Iterator[np.ndarray]
     for i in range(1, len(ground)):
         state = grown * state - early * ground[i - 1] - late * ground[i]
         yield (root * state).imag * (share[:, None] / root.imag)
+
+
+def _roof_share(building: Building) -> float:
+    """Velocity of the roof by that of the first mode, as the ground moves the building with all it stands on."""
+    phi, n = building.modes[1][:, 0], building.n_storeys
+    moved = building.masses if building.foundation is None else (*building.masses, building.foundation.mass)
+    return float(phi[n - 1] * (phi[: len(moved)] @ moved))
 
 
 def shortest_contact(

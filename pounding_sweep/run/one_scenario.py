@@ -259,6 +259,8 @@ def _varied(scene: Scene, case: Case) -> Scene:
             changed["stiffnesses"] = [mass * (left / period**2 + taken) for left, taken in pairs]
         if item.dashpots is not None:
             changed["dashpots"] = [mass / period * c for c in item.dashpots]
+        if item.foundation is not None:
+            changed["foundation"] = item.foundation.scaled(mass, period)
         if own is not None:
             changed["yield_strengths"] = [strength * each for each in own]
         changed["hardening"] = hardenings.get(item.name, item.hardening)

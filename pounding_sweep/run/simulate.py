@@ -6,17 +6,18 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.base.errors import InputError, StabilityError
 from pounding_sweep.model.laws import Law, realised_restitution
-from pounding_sweep.model.scene import Building, Scene
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import variants_of
 from pounding_sweep.output.dataset import assemble
 from pounding_sweep.outputs.differences import comparable
-from pounding_sweep.outputs.readout import scatter_contact, scatter_dof, scatter_link
+from pounding_sweep.outputs.readout import scatter_base, scatter_contact, scatter_dof, scatter_link
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record, resolve_record
 from pounding_sweep.spec.axes import contact_stiffness
@@ -101,8 +102,8 @@ def simulate(
         (kN m) ``input``, ``kinetic``, ``strain``, ``damping`` and ``transfer`` per
         building and ``work`` per pair; where storeys yield ``storey_drift``, ``plastic_drift``
         (m), ``storey_shear`` (kN) and ``hysteretic`` (kN m); where neighbours are linked
-        ``link_force`` (kN) and ``given_to_links`` (kN m); beside them every variable of a
-        cube that the row can have. The attribute
+        ``link_force`` (kN) and ``given_to_links`` (kN m); of foundations ``foundation_sway`` (m) and
+        ``foundation_rotation`` (rad); beside them every variable of a cube that the row can have. The attribute
         ``scene`` holds the row as JSON.
 
     Raises
@@ -238,6 +239,10 @@ def peaks_shown(one: xr.Dataset) -> float:
     return min(shares)
 
 
+#: Histories of foundations: name, unit, what it is.
+_OF_BASES = (("foundation_sway", "m", "displacement"), ("foundation_rotation", "rad", "rotation"))
+
+
 def _checked_step(output_step: float) -> float:
     """Return an output step that is a positive number."""
     if not (math.isfinite(output_step) and output_step > 0.0):
@@ -308,13 +313,23 @@ def _building_sum(values: np.ndarray, scene: Scene) -> np.ndarray:
     return np.add.reduceat(values, np.array(scene.offsets[:-1]), axis=1)
 
 
-def _below(values: np.ndarray, buildings: Sequence[Building]) -> np.ndarray:
-    """Difference to the floor below (the ground, at rest, for the lowest)."""
+def _below(values: np.ndarray, base: np.ndarray, scene: Scene) -> np.ndarray:
+    """Storey drifts of floors and of the bases of those that have foundations."""
     result = values.copy()
-    first = 0
-    for b in buildings:
-        result[:, first + 1 : first + b.n_storeys] -= values[:, first : first + b.n_storeys - 1]
-        first += b.n_storeys
+    for start, stop in pairwise(scene.offsets):
+        result[:, start + 1 : stop] -= values[:, start : stop - 1]
+    for q, b in enumerate(scene.foundations):
+        drifts, (start, stop) = scene.buildings[b].drifts, scene.offsets[b : b + 2]
+        result[:, start:stop] += base[:, 2 * q : 2 * q + 2] @ drifts[:, -2:].T
+    return result
+
+
+def _on_base(values: np.ndarray, base: np.ndarray, scene: Scene) -> np.ndarray:
+    """Motions of floors relative to their base, of foundations."""
+    result = values.copy()
+    for q, b in enumerate(scene.foundations):
+        moved, (start, stop) = scene.buildings[b].deformations, scene.offsets[b : b + 2]
+        result[:, start:stop] += base[:, 2 * q : 2 * q + 2] @ moved[:, -2:].T
     return result
 
 
@@ -338,13 +353,14 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     owner = np.repeat(np.arange(len(buildings)), storeys)
     alpha = np.array([b.rayleigh[0] for b in buildings])[owner]
     beta = np.array([b.rayleigh[1] for b in buildings])[owner]
-    u, v, taken = part("u"), part("v"), part("e_in")
+    (u, u_base), (v, v_base) = (np.split(part(name), [scene.n_dof], axis=1) for name in "uv")
+    taken = part("e_in")
     n_contacts = len(scene.contacts)
     force = part("force") if "force" in slots.first else np.zeros((len(time), n_contacts))
     gap = np.array([scene.gaps[c.pair] for c in scene.contacts]) - kernel.law.thickness
     penetration = np.zeros((len(time), n_contacts))
-    on_floor = -alpha * masses * v
-    drift, damped, yields = _below(u, buildings), stiffnesses, any(scene.yields)
+    on_floor = -alpha * masses * _on_base(v, v_base, scene)
+    drift, damped, yields = _below(u, u_base, scene), stiffnesses, any(scene.yields)
     storey = stiffnesses * drift
     strains = 0.5 * stiffnesses * drift**2
     hysteretic = np.zeros_like(taken)
@@ -361,7 +377,7 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
         damped = part("kd") if "kd" in slots.first else damped
     shear = storey + pushed * drift
     dashpots = np.concatenate([b.dashpots or (0.0,) * b.n_storeys for b in buildings])
-    storey = storey + (beta * damped + dashpots) * _below(v, buildings)
+    storey = storey + (beta * damped + dashpots) * _below(v, v_base, scene)
     on_floor -= storey
     for b, first in zip(buildings, scene.offsets[:-1], strict=True):
         on_floor[:, first : first + b.n_storeys - 1] += storey[:, first + 1 : first + b.n_storeys]
@@ -380,6 +396,10 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     given = part("e_link") if scene.links else np.zeros_like(taken)
     kinetic = _building_sum(0.5 * masses * v**2, scene)
     strain = _building_sum(strains, scene)
+    for q, b in enumerate(scene.foundations):
+        mine = slice(2 * q, 2 * q + 2)
+        kinetic[:, b] += v_base[:, mine] ** 2 @ (0.5 * row.base_masses[0, mine])
+        strain[:, b] += u_base[:, mine] ** 2 @ (0.5 * row.base_stiffnesses[0, mine])
     damping = part("e_damp")
     axis = ("time",)
     floors, pairs = (*axis, "building", "storey"), (*axis, "pair", "storey")
@@ -410,6 +430,9 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
         about = "force of the link, positive where it draws the floors together"
         variables["link_force"] = (pairs, scatter_link(pulls, scene), "kN", about)
         variables["given_to_links"] = ((*axis, "building"), given, "kN m", "energy given to links")
+    for side, (name, unit, what) in enumerate(_OF_BASES) if scene.foundations else ():
+        moved = scatter_base(u_base[:, side::2], scene)
+        variables[name] = ((*axis, "building"), moved, unit, f"{what} of the foundation relative to the ground")
     if scene.pair_names:
         variables["contact_force"] = (pairs, scatter_contact(force, scene), "kN", "contact force, pressing positive")
         variables["penetration"] = (pairs, scatter_contact(penetration, scene), "m", "penetration, zero while open")

@@ -58,6 +58,9 @@ class Exact(Rk4):
         why = super().refuses(scene)
         if why is not None:
             return why
+        if scene.foundations:
+            name = scene.buildings[scene.foundations[0]].name
+            return f"flies in modes of buildings on a fixed base, and building {name!r} stands on a foundation"
         if not scene.has_own_modes:
             dashed = (f"building {b.name!r} has dashpots" for b in scene.buildings if any(b.dashed))
             what = next(dashed, None) or f"buildings of pair {scene.links[0].pair!r} are linked"

@@ -81,7 +81,7 @@ class Explicit(Scheme):
             scaled = [weight * value for value in values]
             return [old + new for old, new in zip(sums, scaled, strict=True)] if sums else scaled
 
-        flow = bouc_wen.Flow(group, [i for _, floors in part for i in floors]) if group.spec.smooth else None
+        flow = bouc_wen.Flow(group) if group.spec.smooth else None
         for number, (place, weight) in enumerate(self.nodes, 1):
             if flow is not None:
                 flow.hold(x, y, weight)

@@ -30,9 +30,9 @@ Floors = list[tuple[Any, Any]]
 
 def _sides(group: Group, j: Any) -> list[tuple[Any, Floors, float]]:
     """Sides of a contact that move: where their responses begin, the floors, the sign of the force on them."""
-    if group.spec.links:  # both are of one whole, whose response is to the push on both
+    if group.spec.whole:  # both are of one whole, whose response is to the push on both
         both = [(i, share if side else -share) for side in (0, 1) for i, share in _shares(group, j, side)]
-        return [(j * group.spec.n_dof, both, 1.0)]
+        return [(j * group.spec.n_moving, both, 1.0)]
     most = max(group.spec.storeys)
     sides = ((side, group.floors_of(j, side), sign) for side, sign in enumerate((-1.0, 1.0)))
     return [((j * 2 + side) * most, floors, sign) for side, floors, sign in sides if floors]
@@ -45,7 +45,7 @@ def _shares(group: Group, j: Any, side: int) -> Floors:
 
 def _whole(group: Group, floor: Any) -> tuple[Any, Any]:
     """First floor and number of floors of what moves as one with a floor in a step."""
-    return (0, group.spec.n_dof) if group.spec.links else group.home_of(floor)[:2]
+    return (0, group.spec.n_moving) if group.spec.whole else group.home_of(floor)[:2]
 
 
 def _count(group: Group, n: Any) -> Iterator[Any]:
@@ -63,7 +63,7 @@ def storey_stiffness(group: Group, b: Any, i: Any, be: Any, ga: Any) -> Any:
 def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
     """Keep the acceleration of every floor of a building for a unit force on some, in a Newmark step of length h."""
     s = group.state
-    if group.spec.links:
+    if group.spec.whole:
         _keep_whole_compliance(group, first, floors, h)
         return
     home, storeys, b = group.home_of(floors[0][0])
@@ -110,11 +110,11 @@ def _keep_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
 
 
 def _keep_whole_compliance(group: Group, first: Any, floors: Floors, h: Any) -> None:
-    """Keep the same of every floor of a linked row."""
+    """Keep the same of every floor of a row that moves as one."""
     be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
     row = enumerate(group.building_floors)
     own = [storey_stiffness(group, b, i, be, ga) for b, storeys in row for i in storeys]
-    right = [group.full(0.0) for _ in own]
+    right = [group.full(0.0) for _ in range(group.spec.n_moving)]
     for floor, share in floors:
         right = [where(flagged(group.trace, floor == i), share, x) for i, x in enumerate(right)]
     for i, x in enumerate(links.solve(group, be, ga, own, right)):
@@ -282,7 +282,7 @@ def balance(group: Group, lanes: Any, ground: Any, pressed: bool) -> None:
                 before = s["alone", floor]
                 change = part_of(force, share) * group.prop("im", floor)
                 s["alone", floor] = before - change if sign == "-" else before + change
-    for i in group.each(group.spec.n_dof):
+    for i in group.each(group.spec.n_moving):
         s["a", i] = s["alone", i] if lanes is None else where(lanes, s["alone", i], s["a", i])
 
 
@@ -317,7 +317,7 @@ def soften(group: Group) -> None:
                 yielding.slip(group, j, soft & (s["mode", j] == REBOUND), penetration(group, j))
         with when_any(stiff):
             balance(group, stiff, s["g0"], pressed=False)
-            for i in group.each(group.spec.n_dof):
+            for i in group.each(group.spec.n_moving):
                 s["a0", i] = where(stiff, s["a", i], s["a0", i])
 
 

@@ -60,9 +60,9 @@ class Newmark(Scheme):
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
         s = group.state
-        if group.spec.links:
+        if group.spec.whole:
             keep_start(group)
-            for name, values in zip("uva", linked_step(group, h), strict=True):
+            for name, values in zip("uva", whole_step(group, h), strict=True):
                 group.put(name, values)
             return lambda: add_gains(group)
         for b, floors in group.each_building():
@@ -83,12 +83,12 @@ class Newmark(Scheme):
         """Try a sub-step of every lane's own length, contacts implicit."""
         s = group.state
         h = s["h"]
-        if group.spec.links:
-            u, v, a = linked_step(group, h)
+        if group.spec.whole:
+            u, v, a = whole_step(group, h)
             group.put("u", u)
             group.put("v", v)
             group.put("a", [where(h > 0.0, x, s["a0", i]) for i, x in enumerate(a)])
-        for b, floors in group.each_building() if not group.spec.links else ():
+        for b, floors in group.each_building() if not group.spec.whole else ():
             u, v, before = ([s[name, i] for i in floors] for name in ("u0", "v0", "a0"))
             now = step(group, b, floors, u, v, before, h, s["g1"])
             for p, i in enumerate(floors):
@@ -169,16 +169,17 @@ def step(
     return after, [fma(gg, ends[s], y[s]) for s in range(len(floors))], ends
 
 
-def linked_step(group: Group, h: Any) -> tuple[list[Any], list[Any], list[Any]]:
-    """Return displacements, velocities and accelerations of a linked row after a step from its start."""
-    beta, gamma, every = group.prop("newmark_beta"), group.prop("newmark_gamma"), range(group.spec.n_dof)
+def whole_step(group: Group, h: Any) -> tuple[list[Any], list[Any], list[Any]]:
+    """Return displacements, velocities and accelerations of a row that moves as one after a step from its start."""
+    beta, gamma, every = group.prop("newmark_beta"), group.prop("newmark_gamma"), range(group.spec.n_moving)
     h = group.full(h)
     be, gg, pu, pv = beta * (h * h), gamma * h, h * h * (0.5 - beta), h * (1.0 - gamma)
     u, v, a = (group.floors(f"{name}0") for name in "uva")
     x = [fma(pu, a[i], fma(h, v[i], u[i])) for i in every]
     y = [fma(pv, a[i], v[i]) for i in every]
     row = list(enumerate(group.building_floors))
-    push = links.pushes(group, [links.force(group, j, ends, x, y) for j, ends in enumerate(group.spec.links)], [])
+    pulls = [links.force(group, j, ends, x, y) for j, ends in enumerate(group.spec.links)]
+    push = links.pushes(group, pulls, []) if pulls else []
     own = [implicit.storey_stiffness(group, b, i, be, gg) for b, floors in row for i in floors]
     load = accelerations(group, row, x, y, group.state["g1"], push)
     right = [group.prop("m", i) * each for i, each in enumerate(load)]
@@ -190,11 +191,12 @@ def add_gains(group: Group) -> None:
     """Add the energies of a step: powers of input and damping at both ends, by the trapezoid."""
     s = group.state
     h6 = s["h"] * (1.0 / 6.0)
-    for b, floors in group.each_building() if "energy" in group.asked else ():
-        (early,) = powers(group, [(b, floors)], [s["v0", i] for i in floors], s["g0"])
-        (late,) = powers(group, [(b, floors)], [s["v", i] for i in floors], s["g1"])
-        s["e_in", b] = fma(h6, 3.0 * (early[0] + late[0]), s["e_in", b])
-        s["e_damp", b] = fma(h6, 3.0 * (early[1] + late[1]), s["e_damp", b])
+    for part, moving in group.each_part() if "energy" in group.asked else ():
+        early = powers(group, part, [s["v0", i] for i in moving], s["g0"])
+        late = powers(group, part, [s["v", i] for i in moving], s["g1"])
+        for (b, _), first, last in zip(part, early, late, strict=True):
+            s["e_in", b] = fma(h6, 3.0 * (first[0] + last[0]), s["e_in", b])
+            s["e_damp", b] = fma(h6, 3.0 * (first[1] + last[1]), s["e_damp", b])
     if "links" in group.asked:
         links.add_powers(group, "u0", "v0", 3.0, first=True)
         links.add_powers(group, "u", "v", 3.0, first=False)

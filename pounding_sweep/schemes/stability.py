@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pounding_sweep.model.laws import Law
-from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.schemes import SCHEMES
 
@@ -43,6 +43,14 @@ def largest_step(
     links, dashed = _link_weights(scene), not scene.has_own_modes
     for index, building in enumerate(scene.buildings):
         a, b = variants.rayleigh(index)
+        if building.foundation is not None:
+            floors = slice(*scene.offsets[index : index + 2])
+            contact, *link = _largest_pulls(building, weights[floors], links[:, floors])
+            mass, own_rate = variants.mass_factor[:, index], _largest_rate(variants, index)
+            most = np.square(variants.frequencies(index)[:, -1])
+            w2 = np.maximum(w2, most + (link[0] + contact_k * contact) / mass)
+            rate = np.maximum(rate, own_rate + (link[1] + contact_c * contact) / mass)
+            continue
         masses = np.asarray(building.masses)
         rows = np.abs(building.stiffness_matrix).sum(axis=1) / masses
         if dashed:
@@ -63,6 +71,25 @@ def largest_step(
             w2 = np.maximum(w2, stiff + contact_k * contact)
             rate = np.maximum(rate, a + b * stiff + contact_c * contact)
     return np.broadcast_to(scheme.stability_limit(w2, rate, beta, gamma), shape)
+
+
+def _largest_pulls(building: Building, contacts: np.ndarray, links: np.ndarray) -> np.ndarray:
+    """Largest row sums over the masses of contacts, by the stiffness of one, and of links' stiffness and damping."""
+    return np.asarray((np.vstack([contacts, links]) / np.asarray(building.masses)).max(axis=1))
+
+
+def _largest_rate(variants: Variants, index: int) -> np.ndarray:
+    """Bound of M^-1 C of a building on its foundation (1/s), by the largest eigenvalues of its parts, shape (n,)."""
+    building, (a, b), period = variants.scene.buildings[index], variants.rayleigh(index), variants.period_factor
+    assert building.foundation is not None
+    root = 1.0 / np.sqrt(building.inertias)
+    drifts, moved = building.drifts * root, building.deformations * root
+    dashpots = np.asarray(building.dashpots or (0.0,) * building.n_storeys)
+    own = np.square(root[-2:]) * building.foundation.dashpots
+    other = (drifts.T * dashpots) @ drifts + np.diag([*[0.0] * building.n_storeys, *own])
+    parts = (moved.T * building.masses) @ moved, (drifts.T * building.lateral_stiffnesses) @ drifts, other
+    mass, stiff, dashed = (float(np.linalg.eigvalsh(part)[-1]) for part in parts)
+    return np.asarray(a * mass + b * stiff / np.square(period[:, index]) + dashed / period[:, index])
 
 
 def _contact_weights(scene: Scene) -> np.ndarray:

@@ -66,6 +66,9 @@ def _building(item: Building) -> str:
     weight = f"weight {sum(item.masses) * STANDARD_GRAVITY:.0f} kN"
     if item.p_delta:
         weight += f" with P-Delta, stability coefficients up to {max(item.stability_coefficients):.2g}"
+    if item.foundation is not None:
+        fixed = ", ".join(f"{period:.3g}" for period in item.on_fixed_base.periods[:2])
+        weight += f", on a foundation (on a fixed base {fixed} s)"
     return (
         f"{item.n_storeys} storey{'s' * several}, {item.elevations[-1]:g} m high, period{'s' * several} {periods} s, "
         f"{weight}"

@@ -187,7 +187,7 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
 
 
 #: What of a building and of a scene is stored only where it is not as usual, so that digests of other sweeps stay.
-_BUILDING_MORE = ("slab_depths", "column_stiffnesses", "p_delta", "bouc_wen", "dashpots")
+_BUILDING_MORE = ("slab_depths", "column_stiffnesses", "p_delta", "bouc_wen", "dashpots", "foundation")
 _SCENE_MORE = ("tolerance", "storeys", "allow_unmet")
 
 
@@ -212,6 +212,7 @@ def scene_data(scene: Scene) -> dict[str, Any]:
                     "storey_heights": list(item.storey_heights or ()),
                     **_yielding_data(item),
                     **_unusual(item, _BUILDING_MORE),
+                    **({"foundation": vars(item.foundation)} if item.foundation else {}),
                 }
             )
         else:

@@ -95,6 +95,17 @@ class BoucWenTable(Table):
     gamma: float = Field(0.5, description="a number")
 
 
+class FoundationTable(Table):
+    """``foundation`` of a building: its base on springs and dashpots."""
+
+    mass: float = Field(description="a number in t")
+    inertia: float = Field(description="a number in t m2")
+    sway_stiffness: float = Field(description="a number in kN/m")
+    rocking_stiffness: float = Field(description="a number in kN m/rad")
+    sway_damping: float = Field(0.0, description="a number in kN s/m")
+    rocking_damping: float = Field(0.0, description="a number in kN m s/rad")
+
+
 class BuildingTable(Table):
     """[[scene.row]]: a building."""
 
@@ -126,6 +137,7 @@ class BuildingTable(Table):
     dashpots: Annotated[list[Any], AfterValidator(_dampers)] | None = Field(
         None, description="a list of numbers, coefficients of the storeys' dashpots in kN s/m, bottom first"
     )
+    foundation: FoundationTable | None = Field(None, description="a table of mass, inertia, stiffnesses and dampings")
 
 
 class WallTable(Table):
@@ -165,7 +177,7 @@ def _row(given: list[Any]) -> list[Building | Wall]:
             if table := faults.attempt((index,), BuildingTable.model_validate, item):
                 values = dict(table)
                 depths, p_delta = values.pop("slab_depths"), values.pop("p_delta")
-                smooth = values.pop("bouc_wen")
+                smooth, base = values.pop("bouc_wen"), values.pop("foundation")
                 last = "damping_ratio" if table.name.strip() else "name"  # all that can still be at fault
                 found = faults.attempt((index, last), Building, **values) if equal else None
                 if found is not None and depths is not None:
@@ -174,6 +186,8 @@ def _row(given: list[Any]) -> list[Building | Wall]:
                     found = faults.attempt((index, "bouc_wen"), replace, found, bouc_wen=dict(smooth))
                 if found is not None and p_delta:
                     found = faults.attempt((index, "p_delta"), replace, found, p_delta=True)
+                if found is not None and base is not None:
+                    found = faults.attempt((index, "foundation"), replace, found, foundation=dict(base))
                 made.append(found)
     return made
 

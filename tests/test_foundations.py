@@ -1,0 +1,532 @@
+"""Buildings on foundations that sway and rock: against exact answers and the slow twin, and what sweeps do."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kernels_used import FOUNDED, FOUNDING, LEANING, SMOOTH
+from naive import run
+from scenes import pair
+from scipy.integrate import solve_ivp
+from scipy.linalg import block_diag, eig, eigh, expm
+from test_kernels import errors, motion, twins
+from test_links import radius
+
+import pounding_sweep as ps
+from pounding_sweep.base.errors import SceneError, SweepError
+from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.model.variants import Variants
+from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
+from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.overview import overview
+from pounding_sweep.spec.spec import scene_data, scene_of
+
+A, B = FOUNDED.buildings
+SOFT = A.foundation
+#: Both on foundations: storeys that yield with dashpots, unequal heights, linked roofs.
+BOTH = ps.Scene(
+    [
+        replace(
+            A,
+            storey_heights=[4.0, 2.0],
+            yield_strengths=[220.0, np.inf],
+            hardening=0.05,
+            dashpots=[200.0, 0.0],
+            damping_stiffness="tangent",
+        ),
+        replace(B, storey_heights=[4.0, 2.0], foundation=ps.Foundation(40.0, 90.0, 4e5, 3e6, 300.0)),
+        ps.Wall(),
+    ],
+    [0.003, 0.004],
+    FOUNDED.contact,
+    links=[ps.Link("a-b", [2], 1e4, 150.0)],
+)
+OUTPUTS = ("foundation_sway_max", "foundation_rotation_max")
+EVERYTHING = [name for name, each in VARIABLES.items() if name not in ("closing_max", "time_step", "error_estimate")]
+ROOT = Path(__file__).parents[1]
+
+
+def classical(building):
+    """M, C, K of a building in its own displacements, the sway and the rotation of its base, masses coupled."""
+    n, h, base = building.n_storeys, building.elevations, building.foundation
+    m, c, k = twins(ps.Scene([replace(building, foundation=None)]))[0].matrices()
+    moved = np.column_stack([np.eye(n), np.ones(n), h])  # floors by (w, u, theta)
+    mass = moved.T @ m @ moved + block_diag(np.zeros((n, n)), base.mass, base.inertia)
+    return (
+        mass,
+        block_diag(c, base.sway_damping, base.rocking_damping),
+        block_diag(k, base.sway_stiffness, base.rocking_stiffness),
+    )
+
+
+def periods(building):
+    mass, _, stiff = classical(building)
+    return 2.0 * np.pi / np.sqrt(eigh(stiff, mass, eigvals_only=True))
+
+
+@lru_cache
+def truth(scene, law, points, scale):
+    record, ends = motion(points, scale), [each for link in scene.links for each in link.floors]
+    links = [
+        (link.pair, link.storey, right, link.stiffness, link.damping)
+        for link, (_, right) in zip(scene.linked_floors, ends, strict=True)
+    ]
+    k, e = (None if law in ("none", "stereomechanical") else 8e5), 0.6
+    found = run(twins(scene), list(scene.gaps), record.acceleration, record.dt, law, k, e, links=links, rtol=1e-11)
+    return {**found, "law": law}
+
+
+def simulate(scene, law, points, scale, **options):
+    stiffness = None if LAWS[law].exponent is None else 8e5
+    e = 0.6 if LAWS[law].takes_restitution else None
+    return ps.simulate(scene, motion(points, scale), law=law, stiffness=stiffness, restitution=e, **options)
+
+
+def all_errors(got, want, scene):
+    found = errors(got, want, scene)
+    for side, name in enumerate(OUTPUTS):
+        theirs = np.array([want["foundation"][b][side] for b in scene.foundations])
+        found[name] = np.abs(got[name].values[list(scene.foundations)] / theirs - 1.0).max()
+        assert np.isfinite(got[name]).sum() == len(theirs)
+    return found
+
+
+# -- periods, modes and damping ---------------------------------------------------------------------------------------
+
+
+def test_modes_are_those_of_the_coupled_equations():
+    for building in (A, *BOTH.buildings):
+        np.testing.assert_allclose(building.periods, periods(building), rtol=1e-12)
+        w, shapes = building.modes
+        mass, damping, stiff = classical(building)
+        own = np.eye(building.n_storeys + 2)  # (w, u, theta) of floors' displacements, sway and rotation
+        own[: building.n_storeys, -2:] = np.column_stack([-np.ones(building.n_storeys), -building.elevations])
+        there = own @ shapes
+        np.testing.assert_allclose(there.T @ mass @ there, np.eye(len(w)), atol=1e-10)
+        np.testing.assert_allclose(there.T @ stiff @ there, np.diag(w**2), rtol=1e-9, atol=1e-9 * w[-1] ** 2)
+        decay = np.diag(there.T @ damping @ there)
+        assert building.first_damping == pytest.approx(decay[0] / (2.0 * w[0]), rel=1e-9)
+        single = ps.Scene([building])
+        given = Variants(single, np.array([[1.4]]), np.array([[0.7]]), np.array([np.nan]))
+        ((frequencies, decays),) = given.systems
+        np.testing.assert_allclose(frequencies[0], w / 1.4, rtol=1e-9)
+        np.testing.assert_allclose(decays[0], decay / 1.4, rtol=1e-8)
+        assert given.modal_damping(0, 0)[0] == pytest.approx(building.first_damping, rel=1e-9)
+        assert given.modal_damping(0, 1)[0] == pytest.approx(decay[1] / (2.0 * w[1]), rel=1e-9)
+
+
+@given(
+    st.floats(0.02, 5.0), st.floats(0.02, 5.0), st.floats(1.0, 20.0), st.floats(0.0, 0.2), st.floats(0.0, 0.1),
+    st.floats(0.0, 0.1),
+)  # fmt: skip
+def test_periods_lengthen_as_by_veletsos(sway, rocking, height, ratio, soil_sway, soil_rocking):
+    """A massless base: T~/T = sqrt(1 + k/K_h + k h^2/K_theta), each element's damping by its share of the strain."""
+    m, k = 100.0, 1e5
+    w = np.sqrt(k / m)
+    k_sway, k_rock = k / sway, k * height**2 / rocking
+    base = ps.Foundation(1e-7, 1e-7, k_sway, k_rock, 2.0 * soil_sway * k_sway / w, 2.0 * soil_rocking * k_rock / w)
+    building = ps.Building("a", [m], [k], ratio, [height], foundation=base)
+    longer = np.sqrt(1.0 + sway + rocking)
+    assert building.periods[0] == pytest.approx(longer * building.on_fixed_base.periods[0], rel=1e-6)
+    want = (ratio + soil_sway * sway + soil_rocking * rocking) / longer**3
+    assert building.first_damping == pytest.approx(want, rel=1e-5, abs=1e-12)
+
+
+def test_a_rigid_building_on_springs_by_hand():
+    """Two modes of a rigid body: (K_h - w^2 M)(K_theta - w^2 J) = w^4 S^2, of mass, first and second moments."""
+    base = ps.Foundation(50.0, 300.0, 2e5, 5e6)
+    rigid = ps.Building("a", [100.0, 80.0], [1e12, 1e12], 0.0, foundation=base)
+    m, s, j = 230.0, 100.0 * 3.0 + 80.0 * 6.0, 300.0 + 100.0 * 9.0 + 80.0 * 36.0
+    w2 = np.roots([m * j - s * s, -(m * 5e6 + j * 2e5), 2e5 * 5e6])
+    np.testing.assert_allclose(rigid.frequencies[:2] ** 2, np.sort(w2), rtol=1e-5)
+
+
+def test_stiff_springs_fix_the_base():
+    firm = replace(A, foundation=replace(SOFT, sway_stiffness=1e13, rocking_stiffness=1e15))
+    np.testing.assert_allclose(firm.periods[:2], A.on_fixed_base.periods, rtol=1e-6)
+    assert A.on_fixed_base == pair().buildings[0]
+    assert A.rayleigh == firm.rayleigh == pair().buildings[0].rayleigh
+    assert B.on_fixed_base is B
+
+
+# -- against exact answers and the twin --------------------------------------------------------------------------------
+
+
+def test_the_twin_is_exact_without_pounding():
+    """The twin against the exponential of the state in other coordinates, in which masses are coupled."""
+    record, n = motion(101, 1.5), 4
+    mass, damping, stiff = classical(A)
+    a = np.zeros((2 * n + 2, 2 * n + 2))
+    a[:n, n : 2 * n] = np.eye(n)
+    a[n : 2 * n, : 2 * n] = -np.linalg.solve(mass, np.hstack([stiff, damping]))
+    a[n : 2 * n, 2 * n] = [0.0, 0.0, -1.0, 0.0]  # the ground moves the base
+    a[2 * n, 2 * n + 1] = 1.0
+    step, x, want = expm(a * record.dt), np.zeros(2 * n), [np.zeros(2)]
+    for g0, g1 in zip(record.acceleration[:-1], record.acceleration[1:], strict=True):
+        x = (step @ np.concatenate([x, [g0, (g1 - g0) / record.dt]]))[: 2 * n]
+        want.append(x[:2] + x[2] + x[3] * A.elevations)
+    found = truth(FOUNDED, "none", 101, 1.5)["displacement"][0]
+    assert np.abs(found - want).max() < 1e-9 * np.abs(want).max()
+
+
+@pytest.mark.parametrize(("method", "bound"), [("rk4", 2e-7), ("newmark", 2e-3)])
+def test_every_variable_equals_the_twins(method, bound):
+    dt = {"rk4": 5e-4, "newmark": 1e-3}[method]
+    got = simulate(FOUNDED, "kelvin_voigt", 151, 1.5, method=method, dt=dt)
+    want = truth(FOUNDED, "kelvin_voigt", 151, 1.5)
+    assert int(got.status) == Status.OK
+    assert sum(int(count) for each in want["impact_count"] for count in each) > 10
+    found = all_errors(got, want, FOUNDED)
+    assert max(found.values()) < 4.0 * bound, found
+    moved = got.displacement.values[:: round(0.02 / dt)]
+    for b in range(2):
+        assert np.abs(moved[:, b] - want["displacement"][b]).max() < bound * np.abs(want["displacement"][b]).max()
+    for name, history in (
+        ("acceleration_max", "acceleration"),
+        *((name, name[:-4]) for name in OUTPUTS),
+    ):
+        shown = np.abs(got[history]).max("time")
+        assert np.nanmax(np.abs(shown / got[name] - 1.0)) < 2e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["none", "hertz_damped", "hysteretic", "stereomechanical"])
+@pytest.mark.parametrize(
+    ("method", "dt", "bound"), [("rk4", 5e-4, 4e-6), ("newmark", 2e-4, 4e-3), ("central_difference", 1e-4, 4e-3)]
+)
+def test_other_laws_and_schemes_equal_the_twin(law, method, dt, bound):
+    found = all_errors(simulate(FOUNDED, law, 101, 1.5, method=method, dt=dt), truth(FOUNDED, law, 101, 1.5), FOUNDED)
+    if law == "stereomechanical":  # floors that rest part where the force that follows is zero, to a chord
+        assert found.pop("contact_time") < max(50.0 * bound, 1e-4)
+    assert max(found.values()) < bound, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "newmark", "central_difference"])
+def test_yielding_storeys_dashpots_links_and_a_wall_beside_them_equal_the_twin(method):
+    dt = {"rk4": 5e-4}.get(method, 1e-4)
+    got, want = simulate(BOTH, "kelvin_voigt", 101, 1.5, method=method, dt=dt), truth(BOTH, "kelvin_voigt", 101, 1.5)
+    assert float(got.ductility_max.max()) > 1.5
+    assert float(got.energy_residual) < 1e-3
+    found = all_errors(got, want, BOTH)
+    assert max(found.values()) < {"rk4": 1e-5}.get(method, 2e-3), found
+
+
+@pytest.mark.slow
+def test_storeys_of_bouc_and_wen_on_a_foundation_equal_an_integration():
+    smooth = replace(SMOOTH.buildings[0], p_delta=False, foundation=SOFT)
+    record = motion(151, 1.0)
+    one = ps.simulate(ps.Scene([smooth]), record, law="none", dt=2e-4)
+    mass, damping, stiff = classical(replace(smooth, yield_strengths=None, hardening=0.0, bouc_wen=None))
+    drift = np.eye(2) - np.eye(2, k=-1)
+    k, strength, r, (n, beta, gamma) = (
+        np.array(smooth.stiffnesses),
+        np.array(smooth.yield_strengths),
+        smooth.hardening,
+        smooth.bouc_wen,
+    )
+
+    def rates(t, x):
+        w, v, z = x[:4], x[4:8], x[8:]
+        moves = drift @ v[:2]
+        less = np.concatenate([drift.T @ ((1.0 - r) * k * (drift @ w[:2] - z)), [0.0, 0.0]])
+        load = less - stiff @ w - damping @ v
+        a = np.linalg.solve(mass, load) - np.array([0, 0, np.interp(t, record.time, record.acceleration), 0])
+        share = np.abs(z * k / strength) ** n
+        return np.concatenate([v, a, moves - share * (beta * np.abs(moves) * np.sign(z) + gamma * moves)])
+
+    found = solve_ivp(
+        rates, (0.0, record.duration), np.zeros(10), "DOP853", t_eval=record.time, rtol=1e-9, atol=1e-12, max_step=1e-3
+    ).y
+    want = found[:2] + found[2] + np.outer(smooth.elevations, found[3])
+    got = one.displacement.values[:: round(record.dt / 2e-4), 0]
+    assert float(one.ductility_max.max()) > 1.5
+    np.testing.assert_allclose(got, want.T, atol=1e-5 * np.abs(want).max())
+    assert float(one.energy_residual) < 1e-7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "newmark", "central_difference"])
+def test_order_of_convergence(method):
+    order, steps = {"rk4": 4}.get(method, 2), [2e-3, 1e-3, 5e-4, 2.5e-4]
+    names, total = ("displacement_max", *OUTPUTS, "energy_damping", "energy_strain", "impact_force_max"), []
+    for dt in steps:
+        got = simulate(FOUNDED, "kelvin_voigt", 101, 1.5, method=method, dt=dt)
+        found = all_errors(got, truth(FOUNDED, "kelvin_voigt", 101, 1.5), FOUNDED)
+        total.append(np.sqrt(np.mean([found[name] ** 2 for name in names])))
+    slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
+    assert 0.9 * order - 0.1 <= slope < order + 1.5, (slope, total)
+
+
+@pytest.mark.parametrize("method", FOUNDING)
+def test_energy_closes(method):
+    """Springs, dashpots and masses of the base are in the balance: without them it would be far from closed."""
+    left = []
+    for dt in (2e-3, 1e-3, 5e-4):
+        one = simulate(FOUNDED, "kelvin_voigt", 151, 1.5, method=method, dt=dt)
+        left.append(float(one.energy_residual))
+        assert np.abs(one.input - one.damping - one.strain - one.kinetic - one.transfer).max() < 1e-9
+        assert np.allclose(one.strain.values[-1], one.energy_strain.values)
+        assert np.allclose(one.kinetic.values[-1], one.energy_kinetic.values)
+    order = {"rk4": 4, "newmark": 2}[method]
+    assert np.polyfit(np.log([2e-3, 1e-3, 5e-4]), np.log(left), 1)[0] > order - 0.8, left
+    assert left[-1] < {"rk4": 1e-7, "newmark": 2e-4}[method]
+    held = (
+        0.5 * SOFT.sway_stiffness * one.foundation_sway**2 + 0.5 * SOFT.rocking_stiffness * one.foundation_rotation**2
+    )
+    assert float(held.sel(building="a").max()) > 0.05 * float(one.strain.sel(building="a").max())
+
+
+# -- invariants --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", FOUNDING)
+def test_a_ground_that_moves_the_other_way_mirrors_the_motion_to_the_last_bit(method):
+    far = replace(FOUNDED, gaps=[1e3])
+    one, other = (simulate(far, "kelvin_voigt", 101, scale, method=method, dt=1e-3) for scale in (1.5, -1.5))
+    assert np.array_equal(one.displacement, -other.displacement)
+    for name in (*OUTPUTS, "energy_damping", "storey_shear_max", "drift_max"):
+        assert np.array_equal(one[name], other[name], equal_nan=True), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "newmark"])
+def test_a_mirrored_row_moves_as_its_image(method):
+    image = replace(FOUNDED, row=FOUNDED.row[::-1])
+    one, other = (
+        simulate(s, "kelvin_voigt", 101, x, method=method, dt=1e-3) for s, x in ((FOUNDED, 1.5), (image, -1.5))
+    )
+    assert int(one.impact_count.sum()) == int(other.impact_count.sum()) > 0
+    np.testing.assert_allclose(other.impact_force_max.values, one.impact_force_max.values, rtol=1e-7)
+    for name in (*OUTPUTS, "energy_damping", "storey_shear_max", "displacement_max"):
+        twin, sign = ("displacement_min", -1.0) if name == "displacement_max" else (name, 1.0)
+        np.testing.assert_allclose(other[name].values[::-1], sign * one[twin].values, rtol=1e-7, err_msg=name)
+
+
+def test_a_stiff_foundation_leaves_the_building_as_it_is_on_a_fixed_base():
+    """What is left is the base's share of the sway, which falls as its stiffness grows."""
+    fixed = simulate(replace(FOUNDED, row=pair().row), "kelvin_voigt", 101, 1.5, method="rk4", dt=1e-3)
+    apart = []
+    for stiffer in (30.0, 300.0):  # as the step allows
+        base = ps.Foundation(70.0, 500.0, stiffer * 2.5e5, stiffer * 6e6, 900.0, 8e3)
+        scene = replace(FOUNDED, row=[replace(A, foundation=base), B])
+        one = simulate(scene, "kelvin_voigt", 101, 1.5, method="rk4", dt=2.5e-4)
+        apart.append(float(np.abs(one.drift_max / fixed.drift_max - 1.0).max()))
+    assert apart[1] < 0.2 * apart[0] < 0.05
+
+
+# -- limits of steps ---------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40)
+@given(
+    st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), st.floats(3.0, 9.0), st.floats(3.0, 9.0), st.floats(0.0, 6.0),
+    st.floats(0.0, 6.0), st.sampled_from(["rk4", "central_difference"]),
+)  # fmt: skip
+def test_steps_at_the_limit_do_not_grow(mass, inertia, sway, rocking, sway_damping, rocking_damping, method):
+    base = ps.Foundation(mass, inertia, 10**sway, 10**rocking, 10**sway_damping, 10**rocking_damping)
+    building = replace(A, foundation=base, dashpots=[200.0, 0.0])
+    limit = float(largest_step(ps.Scene([building]), LAWS["none"], np.zeros(1), np.ones(1), method=method)[0])
+    assert radius(method, limit, *(twins(ps.Scene([building]))[0].on_base()[:3])) < 1.0 + 1e-9
+    m, _, k = twins(ps.Scene([building]))[0].on_base()[:3]
+    assert limit <= 2.0 * np.sqrt(2.0) / np.sqrt(eig(k, m)[0].real.max()) * (1.0 + 1e-9)
+
+
+def test_the_limit_with_contacts_closed():
+    """All contacts closed: the row with the springs of its contacts is stable at the limit too."""
+    limit = float(largest_step(FOUNDED, LAWS["linear"], np.full(1, 8e5), np.ones(1), method="central_difference")[0])
+    (m1, c1, k1), (m2, c2, k2) = (each[:3] for each in (twins(FOUNDED)[0].on_base(), twins(FOUNDED)[1].matrices()))
+    m, c, k = (block_diag(*each) for each in ((m1, m2), (c1, c2), (k1, k2)))
+    for i, j in ((0, 4), (1, 5)):
+        across = np.eye(6)[i] - np.eye(6)[j]
+        k = k + 8e5 * np.outer(across, across)
+    assert radius("central_difference", limit, m, c, k) < 1.0 + 1e-9
+    assert np.isinf(largest_step(FOUNDED, LAWS["linear"], np.full(1, 8e5), np.ones(1), method="newmark")[0])
+
+
+# -- what is compiled, described and planned ---------------------------------------------------------------------------
+
+
+def test_a_scene_without_them_asks_for_the_kernel_that_it_had():
+    plain, mine = (
+        kernel_shape(scene, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(EVERYTHING))
+        for scene in (pair(), FOUNDED)
+    )
+    assert plain.foundations == ()
+    assert plain.n_moving == plain.n_dof == 4
+    assert "foundation" not in plain.reducers
+    assert (mine.foundations, mine.n_moving, mine.below(0), mine.below(2)) == ((0,), 6, 4, None)
+    assert "foundation" in mine.reducers
+    assert "foundation" not in json.dumps(scene_data(pair()))
+
+
+def test_a_row_comes_back_from_its_json():
+    for scene in (FOUNDED, BOTH):
+        assert scene_of(json.loads(json.dumps(scene_data(scene)))) == scene
+
+
+def test_what_is_told_of_the_row_is_of_the_whole():
+    told = dict(overview(FOUNDED))["a"]
+    long, short = (", ".join(f"{t:.3g}" for t in each.periods[:2]) for each in (A, pair().buildings[0]))
+    assert f"periods {long} s" in told
+    assert f"on a foundation (on a fixed base {short} s)" in told
+    plan = ps.Sweep(FOUNDED, motion(51), "kelvin_voigt", accuracy=1e-3).plan()
+    assert SCHEMES[plan.numerics.method].refuses(FOUNDED) is None
+
+
+def test_a_file_describes_them(tmp_path):
+    path = tmp_path / "sweep.toml"
+    path.write_text(
+        """
+[[scene.row]]
+name = "a"
+masses = [120.0, 90.0]
+stiffnesses = [1.5e5, 1.2e5]
+[scene.row.foundation]
+mass = 70.0
+inertia = 500.0
+sway_stiffness = 2.5e5
+rocking_stiffness = 6e6
+sway_damping = 900.0
+rocking_damping = 8e3
+[[scene.row]]
+name = "b"
+masses = [80.0, 110.0]
+stiffnesses = [2.4e5, 2e5]
+[scene]
+gaps = [0.003]
+[scene.contact]
+linear_stiffness = 8e5
+[sweep]
+records = ["el_centro"]
+laws = ["linear"]
+[solver]
+method = "rk4"
+[output]
+variables = ["foundation_sway_max", "foundation_rotation_max"]
+"""
+    )
+    assert ps.load_sweep(path).spec.scene.buildings == FOUNDED.buildings
+
+
+def test_outputs_of_foundations_are_of_rows_on_them_only(stub_engine):
+    del stub_engine
+    cube = ps.Sweep(FOUNDED, motion(51), "kelvin_voigt", method="rk4", dt=2e-3, outputs=[*OUTPUTS]).run()
+    assert cube.foundation_sway_max.dims[-1] == "building"
+    cube = ps.Sweep(pair(), motion(51), "kelvin_voigt", method="rk4", dt=2e-3, outputs=[*OUTPUTS, "drift_max"]).run()
+    assert not set(OUTPUTS) & set(cube)
+
+
+def test_rules_of_gaps_take_periods_and_damping_of_the_whole(stub_engine):
+    del stub_engine
+    from pounding_sweep.analysis.uncoupled_runs import _first_modes, _settings
+    from pounding_sweep.spec.axes import PropertyAxis
+
+    axis = PropertyAxis("damping_ratio", None, (0.02, 0.08), "damping_ratio")
+    t, z = _first_modes(FOUNDED, [axis])
+    assert t.sel(building="a") == pytest.approx(periods(A)[0])
+    for ratio in axis.values:
+        want = replace(A, damping_ratio=ratio).first_damping
+        assert float(z.sel({"building": "a", axis.dimension: ratio})) == pytest.approx(want)
+        assert float(z.sel({"building": "b", axis.dimension: ratio})) == ratio
+    assert (_settings(FOUNDED)["method"], _settings(pair())["method"]) == ("rk4", "exact")
+
+
+# -- refusals ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"mass": 0.0}, r"mass is 0.0 t; it must be a positive number, as the base has its own equation of motion"),
+        ({"inertia": 0}, r"inertia is 0 t m2; it must be a positive number, as the base has its own"),
+        ({"sway_stiffness": 0.0}, r"sway_stiffness is 0.0 kN/m; .* number, as nothing else holds the base"),
+        ({"rocking_stiffness": np.inf}, r"rocking_stiffness is inf .* number; leave the foundation out where"),
+        ({"mass": -3.0}, r"mass is -3.0 t; it must be a positive number$"),
+        ({"sway_damping": -1.0}, r"sway_damping is -1.0 kN s/m; it must be zero or a positive number"),
+        ({"rocking_damping": "x"}, r"rocking_damping is 'x' kN m s/rad"),
+        ({"inertia": True}, r"inertia is True t m2"),
+    ],
+)
+def test_bad_foundations_are_refused(changed, message):
+    with pytest.raises(SceneError, match=f"foundation: {message}"):
+        replace(SOFT, **changed)
+    with pytest.raises(SceneError, match=f"building 'a': foundation: {message}"):
+        replace(A, foundation=vars(SOFT) | changed)
+
+
+@pytest.mark.parametrize("given", [3.0, "soft", {"mass": 1.0}, {**vars(SOFT), "colour": 1.0}])
+def test_what_is_no_foundation_is_refused(given):
+    with pytest.raises(SceneError, match=r"building 'a': foundation is .*; give a Foundation of mass, inertia, "):
+        replace(A, foundation=given)
+
+
+def test_what_does_not_go_with_a_foundation_is_refused():
+    with pytest.raises(SceneError, match="building 'a': p_delta and a foundation do not go together"):
+        replace(LEANING.buildings[0], foundation=SOFT)
+    low = replace(B, storey_heights=[2.0, 3.5])
+    with pytest.raises(SceneError, match="strike columns of a building on a foundation, whose ends rotate with it"):
+        ps.Scene([A, low], [0.01], contacts="floors and columns", storeys={"a-b": [1]})
+    message = (
+        "'exact' flies in modes of buildings on a fixed base, and building 'a' stands on a foundation; give one of"
+    )
+    with pytest.raises(SweepError, match=message):
+        ps.Sweep(FOUNDED, motion(51), "linear", method="exact")
+
+
+# -- sweeps ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_sweep_is_its_scenarios_one_by_one():
+    """Factors on periods and masses are those of the building with its foundation."""
+    given = {"period_factors": {"a": [1.0, 1.3]}, "mass_factors": {"a": [0.5, 1.0]}, "damping_ratios": [0.02, 0.06]}
+    outputs = ["displacement_max", "drift_max", *OUTPUTS, "energy_damping", "energy_residual", "impact_count"]
+    sweep = ps.Sweep(
+        FOUNDED, motion(101), ["none", "kelvin_voigt"], gaps=[0.002, 0.006], method="rk4", dt=1e-3, outputs=outputs,
+        **given,
+    )  # fmt: skip
+    cube = sweep.run()
+    assert (cube.status == Status.OK).all()
+    for f, m, ratio, gap in [(1.0, 1.0, 0.02, 0.002), (1.3, 0.5, 0.06, 0.002), (1.3, 1.0, 0.02, 0.006)]:
+        base = ps.Foundation(m * 70.0, m * 500.0, m * 2.5e5 / f**2, m * 6e6 / f**2, m * 900.0 / f, m * 8e3 / f)
+        row = [
+            replace(
+                A,
+                masses=[m * x for x in A.masses],
+                stiffnesses=[m * x / f**2 for x in A.stiffnesses],
+                damping_ratio=ratio,
+                foundation=base,
+            ),
+            replace(B, damping_ratio=ratio),
+        ]
+        for law in ("none", "kelvin_voigt"):
+            one = simulate(replace(FOUNDED, row=row, gaps=[gap]), law, 101, 1.0, method="rk4", dt=1e-3)
+            mine = cube.sel(period_factor_a=f, mass_factor_a=m, damping_ratio=ratio, gap=gap, law=law).squeeze()
+            for name in ("displacement_max", "drift_max", *OUTPUTS, "energy_damping"):
+                want = one[name].values
+                np.testing.assert_allclose(mine[name].values.reshape(want.shape), want, rtol=1e-8, err_msg=name)
+    assert cube.impact_count.sum() > 10
+    assert float(cube.energy_residual.max()) < 1e-5
+
+
+@pytest.mark.slow
+def test_required_gaps_of_a_row_on_foundations():
+    outputs = ["displacement_max", "displacement_min", "closing_max"]
+    cube = ps.Sweep(FOUNDED, motion(151), "none", method="rk4", dt=1e-3, outputs=outputs).run()
+    gaps = ps.analysis.required_gap(cube)
+    one = run(twins(FOUNDED), [0.003], motion(151).acceleration, motion(151).dt, "none")
+    closing = (one["displacement"][0] - one["displacement"][1]).max(axis=0)
+    assert (gaps.closing.values.ravel() >= 0.98 * closing).all()
+    other = ps.Sweep(FOUNDED, motion(151), "linear", gaps=[0.002], method="rk4", dt=1e-3).run()
+    again = ps.analysis.required_gap(other, records=motion(151))
+    np.testing.assert_allclose(again.closing.values.ravel(), gaps.closing.values.ravel(), rtol=1e-6)
