@@ -78,6 +78,8 @@ class Stage:
         self.names = one.building.values.tolist()
         self.heights = [z[np.isfinite(z)] for z in one.floor_elevation.transpose("building", "storey").values]
         self.motion = one.displacement.transpose("time", "building", "storey").values
+        bases = (one[name] for name in ("foundation_sway", "foundation_rotation") if name in one)
+        self.bases = [base.transpose("time", "building").values for base in bases]
         self.top = max(z[-1] for z in self.heights)
         self.width = _WIDTH * self.top
         scene = stored_scene(one)
@@ -144,9 +146,14 @@ class Stage:
     def show(self, number: int, impacts: np.ndarray) -> None:
         """Move the row to instant `number`; `impacts` are the areas of the marks, 0 to 1, per pair and storey."""
         sway = self.factor * np.nan_to_num(self.motion[number])
-        for (left, right, floors), z, x0, u in zip(self._frames, self.heights, self.left, sway, strict=True):
-            at, height = np.concatenate([[0.0], u[: len(z)]]), np.concatenate([[0.0], z])
-            column = (at[:-1, None] + np.diff(at)[:, None] * _BENT).ravel()
+        bases = [self.factor * np.nan_to_num(base[number]) for base in self.bases] or np.zeros((2, len(sway)))
+        for (left, right, floors), z, x0, u, *base in zip(
+            self._frames, self.heights, self.left, sway, *bases, strict=True
+        ):
+            at, height = np.concatenate([[base[0]], u[: len(z)]]), np.concatenate([[0.0], z])
+            rocked = base[1] * np.diff(height)  # columns turn with the base, and bend by the rest
+            bent = (np.diff(at) - rocked)[:, None] * _BENT + rocked[:, None] * _ALONG
+            column = (at[:-1, None] + bent).ravel()
             up = (height[:-1, None] + np.diff(height)[:, None] * _ALONG).ravel()
             left.set_data(x0 + column, up)
             right.set_data(x0 + self.width + column, up)
