@@ -21,6 +21,7 @@ from test_links import radius
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError, SweepError
+from pounding_sweep.engine.resolution import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
@@ -322,6 +323,29 @@ def test_a_stiff_foundation_leaves_the_building_as_it_is_on_a_fixed_base():
         one = simulate(scene, "kelvin_voigt", 101, 1.5, method="rk4", dt=2.5e-4)
         apart.append(float(np.abs(one.drift_max / fixed.drift_max - 1.0).max()))
     assert apart[1] < 0.2 * apart[0] < 0.05
+
+
+@pytest.mark.parametrize("strength", [None, [1e6, 1e6]])
+def test_a_base_that_hardly_holds_is_no_diverged_run(strength):
+    """What energy allows floors to move is more on soft springs, and more with the mass of the base."""
+    base = replace(SOFT, mass=700.0, sway_stiffness=2.5e2, rocking_stiffness=6e3, sway_damping=0.0, rocking_damping=0.0)
+    soft = replace(FOUNDED, row=[replace(A, foundation=base, yield_strengths=strength), B], gaps=[1.0])
+    limits = []
+    for scene in (soft, replace(soft, row=[soft.buildings[0].on_fixed_base, B])):
+        energy = energy_limit(scene, motion(151, 3.0), np.ones(1))
+        limits.append(displacement_limit(scene, energy)[0])
+    record = motion(151, 3.0)
+    mass, damping, stiff = classical(replace(soft.buildings[0], yield_strengths=None))
+    rates = np.block([[np.zeros((4, 4)), np.eye(4)], [-np.linalg.solve(mass, np.hstack([stiff, damping]))]])
+    load = np.array([0.0, 0, 0, 0, 0, 0, -1.0, 0])
+    found = solve_ivp(
+        lambda t, x: rates @ x + load * np.interp(t, record.time, record.acceleration), (0.0, record.duration),
+        np.zeros(8), rtol=1e-8, atol=1e-10, max_step=record.dt,
+    ).y  # fmt: skip
+    moved = np.abs(found[:2] + found[2] + np.outer(A.elevations, found[3])).max(axis=1)
+    assert (moved < limits[0][:2]).all()
+    assert moved[0] > limits[1][0]
+    np.testing.assert_array_equal(limits[0][2:] >= limits[1][2:], True)  # of more energy in the row
 
 
 # -- limits of steps ---------------------------------------------------------------------------------------------------

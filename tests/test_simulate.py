@@ -59,7 +59,7 @@ def assert_finite(got):
 def test_every_variable_and_history_is_there_with_its_units():
     got = shake()
     yielding = {name for name, variable in VARIABLES.items() if variable.of_yielding}
-    absent = {name for name, variable in VARIABLES.items() if variable.of_columns or variable.of_links}
+    absent = {name for name, variable in VARIABLES.items() if not variable.exists_in(PAIR)}
     assert set(VARIABLES) - set(NOT_OF_ONE) - yielding - absent <= set(got.data_vars)
     assert not yielding & set(got.data_vars)  # all is elastic
     floors, pairs = ("time", "building", "storey"), ("time", "pair", "storey")

@@ -16,6 +16,7 @@ import numpy as np
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import LANES
+from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import CONTACTS, DAMPING_STIFFNESSES, Building, Scene, Wall
 from pounding_sweep.outputs.layout import inner_shape, mask_invalid
@@ -385,6 +386,36 @@ def _yielding(law: Law) -> Iterable[Batch]:
     yield make_batch("yielding", "steps far too large", yielding_pair(1.0, 0.0), law, _slow(), gaps=1e-3, steps=large)
 
 
+#: Masses of foundations over those of their buildings; stiffness of sway over that of the first storey, that of rocking
+#: over the same times the square of the height; damping ratios of rigid bodies on them.
+BASES = ((1e-3, 1e-1, 0.0), (1e-3, 1e3, 0.1), (0.3, 1e-2, 0.0), (0.3, 1.0, 0.3), (0.3, 1.0, 10.0), (100.0, 1e2, 0.05))
+
+
+def on_bases(share: float, stiffer: float, damping: float) -> Scene:
+    """Return `pair` on foundations of so much of its mass, its stiffness and damping."""
+    row = []
+    for building in pair().buildings:
+        height, mass = float(building.elevations[-1]), sum(building.masses)
+        stiffness = stiffer * building.stiffnesses[0]
+        rate = 2.0 * damping * math.sqrt(stiffness * mass * (1.0 + share))
+        arm = height**2
+        base = Foundation(
+            share * mass, share * mass * arm, stiffness, stiffness * arm, sway_damping=rate, rocking_damping=rate * arm
+        )
+        row.append(replace(building, foundation=base))
+    return Scene(row, [0.005])
+
+
+def _foundations(law: Law) -> Iterable[Batch]:
+    """Bases that hardly hold, or hardly move; without damping, or with more than any vibration takes."""
+    for share, stiffer, damping in BASES:
+        name = f"{share:g} of the mass, {stiffer:g} of the stiffness, damping ratio {damping:g}"
+        scene = on_bases(share, stiffer, damping)
+        yield make_batch("foundations", name, scene, law, earthquake(), gaps=[0.0, 5e-3, OPEN_GAP])
+    large = (0.5, 0.1, 0.05)
+    yield make_batch("foundations", "steps far too large", on_bases(*BASES[3]), law, _slow(), gaps=1e-3, steps=large)
+
+
 def staggered(level: float, depth: float = 0.0, columns: float = 1.0) -> Scene:
     """Return a storey whose slab strikes the upper columns of two of 3 m, and they its own by their lower floor.
 
@@ -458,6 +489,7 @@ FAMILIES: dict[str, Family] = {
         Family("chatter", "bounces without end, ever weaker", _chatter),
         Family("yielding", "yield strengths 1e-6 m/s2 to never, hardening 0 to 0.999", _yielding),
         Family("columns", "slabs at 5e-4 to 1 - 5e-4 of a storey, struck columns far softer and stiffer", _columns),
+        Family("foundations", "bases of 1e-3 to 100 of the mass, 1e-2 to 1e3 of the stiffness", _foundations),
         Family("row", "1 to 12 buildings, 1 to 40 storeys", _row, wide=False),
         Family("walls", "walls on both sides", _walls, wide=False),
         Family("together", "all floors touched from both sides at the same instant", _together, wide=False),

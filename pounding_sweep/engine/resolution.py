@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.records import Record
@@ -62,11 +62,12 @@ def energy_limit(
     row: Scene | Variants, record: Record, scale: np.ndarray, initial_velocity: Sequence[float] | None = None
 ) -> np.ndarray:
     """Most energy that a row can ever hold (kN m), shape of `scale`."""
-    masses = variants_of(row).masses
+    masses, bases = variants_of(row).masses, variants_of(row).base_masses[:, ::2]
     a = np.abs(record.acceleration)
     pushed = 0.5 * float(np.sum(a[1:] + a[:-1])) * record.dt  # never less than the integral
     start = 0.0 if initial_velocity is None else np.sqrt((masses * np.square(initial_velocity)).sum(axis=1))
-    return np.asarray(0.5 * (np.sqrt(masses.sum(axis=1)) * pushed * np.abs(scale) + start) ** 2)
+    whole = masses.sum(axis=1) + bases.sum(axis=1)
+    return np.asarray(0.5 * (np.sqrt(whole) * pushed * np.abs(scale) + start) ** 2)
 
 
 def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
@@ -74,8 +75,11 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
     variants = variants_of(row)
     if any(variants.scene.yields):
         return _yielding_limit(variants, np.asarray(energy)[:, None])
-    # a push at floor i bends all storeys below it, each by 1 / k
-    softness = [np.cumsum(1.0 / np.asarray(b.lateral_stiffnesses)) for b in variants.scene.buildings]
+    # a push at floor i bends all storeys below it, each by 1 / k, and what the building stands on
+    softness = [
+        np.cumsum(1.0 / np.asarray(b.lateral_stiffnesses)) + np.square(_moves_with_base(b)).sum(axis=0)
+        for b in variants.scene.buildings
+    ]
     reach = np.concatenate(
         [own / variants.stiffness_factor[:, index, None] for index, own in enumerate(softness)], axis=1
     )
@@ -97,7 +101,22 @@ def _yielding_limit(variants: Variants, energy: np.ndarray) -> np.ndarray:
     slid = np.where(variants.scene.smooth, np.inf, held + 2.0 * energy / soft)
     drift = np.where(r < 0.0, variants.storey_heights, np.minimum(hard, slid))
     parts = np.split(drift, variants.scene.offsets[1:-1], axis=1)
-    return np.concatenate([np.cumsum(part, axis=1) for part in parts], axis=1)
+    each = zip(variants.scene.buildings, parts, variants.stiffness_factor.T, strict=True)
+    return np.concatenate(
+        [
+            np.cumsum(part, axis=1) + np.sqrt(2.0 * energy / factor[:, None]) * _moves_with_base(b).sum(axis=0)
+            for b, part, factor in each
+        ],
+        axis=1,
+    )
+
+
+def _moves_with_base(building: Building) -> np.ndarray:
+    """Displacement of each floor by sway and by rocking of its base, by the roots of their springs, shape (2, n)."""
+    if building.foundation is None:
+        return np.zeros((2, building.n_storeys))
+    sway, rocking = building.foundation.stiffnesses
+    return np.stack([np.full(building.n_storeys, sway**-0.5), building.elevations * rocking**-0.5])
 
 
 def resolution_status(
