@@ -26,8 +26,10 @@ from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
+from pounding_sweep.run.one_scenario import _varied
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.axes import Case, PropertyAxis
 from pounding_sweep.spec.overview import overview
 from pounding_sweep.spec.spec import scene_data, scene_of
 
@@ -220,6 +222,22 @@ def test_yielding_storeys_dashpots_links_and_a_wall_beside_them_equal_the_twin(m
     assert float(got.energy_residual) < 1e-3
     found = all_errors(got, want, BOTH)
     assert max(found.values()) < {"rk4": 1e-5}.get(method, 2e-3), found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "bound"), [("rk4", 1e-5), ("newmark", 2e-3)])
+def test_a_row_of_more_floors_than_one_straight_line_holds_equals_the_twin(method, bound):
+    tall = ps.Scene(
+        [
+            ps.Building("a", [100.0] * 12, [3e5] * 12, foundation=replace(SOFT, mass=200.0, inertia=8e3)),
+            ps.Building("b", [90.0] * 10, [3.5e5] * 10, foundation=replace(SOFT, rocking_stiffness=6e7)),
+        ],
+        [0.01],
+    )
+    got, want = simulate(tall, "kelvin_voigt", 101, 2.0, method=method, dt=1e-3), truth(tall, "kelvin_voigt", 101, 2.0)
+    assert int(got.impact_count.sum()) > 10
+    found = all_errors(got, want, tall)
+    assert max(found.values()) < bound, found
 
 
 @pytest.mark.slow
@@ -453,7 +471,6 @@ def test_outputs_of_foundations_are_of_rows_on_them_only(stub_engine):
 def test_rules_of_gaps_take_periods_and_damping_of_the_whole(stub_engine):
     del stub_engine
     from pounding_sweep.analysis.uncoupled_runs import _first_modes, _settings
-    from pounding_sweep.spec.axes import PropertyAxis
 
     axis = PropertyAxis("damping_ratio", None, (0.02, 0.08), "damping_ratio")
     t, z = _first_modes(FOUNDED, [axis])
@@ -508,6 +525,18 @@ def test_what_does_not_go_with_a_foundation_is_refused():
 
 
 # -- sweeps ------------------------------------------------------------------------------------------------------------
+
+
+def test_one_scenario_of_a_sweep_has_its_foundation():
+    """Its masses, stiffnesses and dashpots follow the factors of the building, as those of the kernel do."""
+    case = Case(law="linear", period_factors={"a": 1.3}, mass_factors={"a": 0.5}, damping_ratio=0.06)
+    one = _varied(FOUNDED, case)
+    row = Variants(FOUNDED, np.array([[1.3, 1.0]]), np.array([[0.5, 1.0]]), np.array([0.06]))
+    base = one.buildings[0].foundation
+    for name in ("masses", "stiffnesses", "dashpots"):
+        np.testing.assert_allclose(getattr(base, name), getattr(row, f"base_{name}")[0], rtol=1e-12)
+    assert one.buildings[0].periods[0] == pytest.approx(1.3 * A.periods[0])
+    assert one.buildings[0].rayleigh == pytest.approx([float(x[0]) for x in row.rayleigh(0)])
 
 
 @pytest.mark.slow
