@@ -15,6 +15,7 @@ _HOME = {
     "BoucWen": "pounding_sweep.model.scene",
     "Building": "pounding_sweep.model.scene",
     "ContactProperties": "pounding_sweep.model.scene",
+    "Bumper": "pounding_sweep.model.bumpers",
     "Link": "pounding_sweep.model.links",
     "Scene": "pounding_sweep.model.scene",
     "Wall": "pounding_sweep.model.scene",
@@ -48,6 +49,7 @@ __all__ = [
     "LAWS",
     "BoucWen",
     "Building",
+    "Bumper",
     "ContactProperties",
     "Law",
     "Link",
@@ -81,7 +83,7 @@ if TYPE_CHECKING:
     from pounding_sweep import analysis, figures
     from pounding_sweep.accuracy.tradeoff import tradeoff
     from pounding_sweep.base.errors import PoundingSweepError
-    from pounding_sweep.model.bumpers import rubber_bumper
+    from pounding_sweep.model.bumpers import Bumper, rubber_bumper
     from pounding_sweep.model.hertz import hertz_stiffness
     from pounding_sweep.model.laws import LAWS, Law, get_law
     from pounding_sweep.model.links import Link

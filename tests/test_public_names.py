@@ -18,6 +18,7 @@ CALLS = {
     "ContactProperties": "(linear_stiffness=None, hertz_stiffness=None, restitution=None)",
     "Scene": "(row, gaps=())",
     "Link": "(pair, storeys, stiffness=0.0, damping=0.0)",
+    "Bumper": "(pair, law, stiffness=None, restitution=None, thickness=None, storeys=())",
     "base_isolated": "(building, base_mass, period, damping_ratio, strength=0.0, yield_drift=0.01, *, height=1.5)",
     "get_preset": "(name)",
     "get_law": "(key)",

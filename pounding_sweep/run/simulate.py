@@ -341,7 +341,7 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     u, v, taken = part("u"), part("v"), part("e_in")
     n_contacts = len(scene.contacts)
     force = part("force") if "force" in slots.first else np.zeros((len(time), n_contacts))
-    gap = np.array([scene.gaps[c.pair] for c in scene.contacts]) - kernel.law.thickness
+    gap = np.array([scene.gaps[c.pair] for c in scene.contacts]) - scene.thicknesses(kernel.law.thickness)
     penetration = np.zeros((len(time), n_contacts))
     on_floor = -alpha * masses * v
     drift, damped, yields = _below(u, buildings), stiffnesses, any(scene.yields)
