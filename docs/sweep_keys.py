@@ -8,6 +8,7 @@ from typing import Any
 from numpydoc.docscrape import NumpyDocString
 from pydantic.fields import FieldInfo
 
+from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.hertz import hertz_stiffness
 from pounding_sweep.model.links import Link
@@ -82,6 +83,7 @@ _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
     "[[scene.row]], a wall": (tables.WallTable.model_fields, Wall),
     "[scene.contact]": (tables.ContactTable.model_fields, ContactProperties),
     "[[scene.links]]": (tables.LinkTable.model_fields, Link),
+    "[[scene.bumpers]]": (tables.BumperTable.model_fields, Bumper),
     "scene.contact.hertz": (tables.HertzTable.model_fields, hertz_stiffness),
     "[sweep]": (_arguments("sweep"), build_spec),
     "Evenly spaced values": (tables.RangeTable.model_fields, Range),

@@ -14,6 +14,7 @@ from pounding_sweep.base.deferred import attribute
 _HOME = {
     "BoucWen": "pounding_sweep.model.scene",
     "Building": "pounding_sweep.model.scene",
+    "Bumper": "pounding_sweep.model.bumpers",
     "ContactProperties": "pounding_sweep.model.scene",
     "Foundation": "pounding_sweep.model.foundation",
     "Link": "pounding_sweep.model.links",
@@ -49,6 +50,7 @@ __all__ = [
     "LAWS",
     "BoucWen",
     "Building",
+    "Bumper",
     "ContactProperties",
     "Foundation",
     "Law",
@@ -83,7 +85,7 @@ if TYPE_CHECKING:
     from pounding_sweep import analysis, figures
     from pounding_sweep.accuracy.tradeoff import tradeoff
     from pounding_sweep.base.errors import PoundingSweepError
-    from pounding_sweep.model.bumpers import rubber_bumper
+    from pounding_sweep.model.bumpers import Bumper, rubber_bumper
     from pounding_sweep.model.foundation import Foundation
     from pounding_sweep.model.hertz import hertz_stiffness
     from pounding_sweep.model.laws import LAWS, Law, get_law

@@ -454,6 +454,35 @@ FILES = [
         )
     ),
     *(
+        SMALL.replace('"mate2015"\n', f'"mate2015"\n{bumpers}\n')
+        for bumpers in (
+            "bumpers = 3",
+            "bumpers = [3, {}]",
+            "bumpers = [{pair = 'left-right', law = 'linear', stiffness = 3.0}]",
+            "bumpers = [{pair = 'left-middle', law = 'nobody'}, {pair = 'x', law = 'none'}, {pair = 'x', law = 3}]",
+            "bumpers = [{pair = 'left-middle', law = 'linear', stiffness = -3.0}, {pair = 'x', law = 'hertz'}]",
+            "bumpers = [{pair = 'left-middle', law = 'linear', stiffness = 3.0, restitution = 0.5, colour = 2}]",
+            "bumpers = [{pair = 'left-middle', law = 'linear', stiffness = 3.0, restitution = 0.5}]",
+            "bumpers = [{pair = 'left-middle', law = 'kelvin_voigt', stiffness = 3.0, restitution = 1.5}]",
+            "bumpers = [{pair = 'left-middle', law = 'kelvin_voigt', stiffness = 3.0}]",
+            "bumpers = [{pair = 'left-middle', law = 'rubber_bumper', stiffness = 3.0, restitution = 0.5}]",
+            "bumpers = [{pair = 'left-middle', law = 'linear', stiffness = 3.0, thickness = -0.1}]",
+            "bumpers = [{pair = 'left-middle', law = 'linear', stiffness = 3.0, thickness = 0.5}]",
+            "bumpers = [{pair = 'left-middle', law = 'linear', stiffness = 3.0, storeys = [4]}]",
+            "bumpers = [{pair = 'left-middle', law = 'linear', stiffness = 3.0, storeys = ['x']}]",
+            "bumpers = [{pair = 'left-middle', law = 'gone.py:pad', stiffness = 3.0}]",
+            "[[scene.bumpers]]\npair = 'left-middle'\nlaw = 'linear'\nstiffness = 3.0\n"
+            "[[scene.bumpers]]\npair = 'left-middle'\nlaw = 'linear'\nstiffness = 3.0\nstoreys = [2]",
+            "[[scene.bumpers]]\npair = 'left-middle'\nlaw = 'hysteretic'\nstiffness = 3.0\nrestitution = 0.5\n"
+            "[solver]\nlocate = false",
+        )
+    ),
+    '[scene]\npreset = "mate2015"\n[[scene.bumpers]]\npair = "left-middle"\nlaw = "hysteretic"\nstiffness = 3.0\n'
+    'restitution = 0.1\n[sweep]\nrecords = ["el_centro"]\nlaws = ["linear"]\nrestitution_basis = "realised"\n',
+    SMALL.replace("linear", "stereomechanical").replace(
+        "[sweep]", "[[scene.bumpers]]\npair = 'left-middle'\nlaw = 'linear'\nstiffness = 3.0\n[sweep]"
+    ),
+    *(
         _STAGGERED.replace("[scene]", '[scene]\ncontacts = "floors and columns"') + law
         for law in ("laws = ['linear', 'hertz']\nstiffness_factors = 1.0\n", "[[sweep.cases]]\nlaw = 'hertz'\n")
     ),

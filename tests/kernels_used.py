@@ -114,6 +114,18 @@ FOUNDED = ps.Scene(
 FOUNDING = ("rk4", "newmark")
 #: A law that is damped on rebound only, by bumpers in the gap.
 BUMPER = ps.rubber_bumper(0.01, key="bumper", stiffness=3e8)
+#: Rubber between the pair and, before one floor of a wall, a law of another kind; what is bare takes the sweep's.
+BUMPED = ps.Scene(
+    [*pair().buildings, ps.Building("c", [100.0, 70.0], [0.9e5, 0.8e5]), ps.Wall()],
+    [0.012, 0.003, 0.006],
+    pair().contact,
+    bumpers=[
+        ps.Bumper("a-b", "rubber_bumper", 3e8, 0.5, 0.009),
+        ps.Bumper("c-wall", "modified_kelvin_voigt", 2e5, 0.4, storeys=[1]),
+    ],
+)
+#: Laws of which all are polynomials, so that `exact` steps their contacts by series.
+PADDED = replace(BUMPED, bumpers=[ps.Bumper("a-b", "modified_kelvin", 3e5, 0.5, 0.009), BUMPED.bumpers[1]])
 #: A row of more floors than one straight line of code holds: its loops are split within and between buildings.
 TALL = ps.Scene(
     [ps.Building("tower", [100.0] * 12, [4.5e5] * 12), ps.Building("annex", [120.0] * 5, [3.5e5] * 5)], gaps=[0.01]
@@ -173,6 +185,8 @@ def kernels() -> tuple[KernelSpec, ...]:
         *(simulated(method, law) for method, laws in SIMULATED.items() for law in sorted(laws)),
         simulated(method, law, located=False),
         *(simulated(method, BUMPER) for method in ("rk4", "newmark")),
+        *(simulated(method, "hertz_damped", scene=BUMPED) for method in ("rk4", "newmark")),
+        simulated("exact", "kelvin_voigt", scene=PADDED),
         simulated("rk4", "kelvin_voigt", scene=TALL),
         *(simulated(method, "kelvin_voigt", scene=yielding_pair()) for method in YIELDING),
         *swept(**YIELDING_SWEEP),

@@ -31,6 +31,7 @@ Conventions where a choice had to be made:
   w + u + h theta. Its matrices are those of (w, u, theta), where masses are coupled, taken to the floors' displacements
   relative to the ground, the sway and the rocking of each base after all floors. C of the building acts on w alone.
 * What a building gives to links is no part of its transfer, and has an integral of its own.
+* Contacts with bumpers have a law, k and e of their own, and meet earlier by a thickness.
 """
 
 from __future__ import annotations
@@ -410,6 +411,15 @@ class _Row:
         self.gap = np.array(gap)
         self.meff = np.array(meff)
 
+    def standing(self, pair, storeys):
+        """Numbers of the floors of a pair that meet at some storeys (None: all), columns left out."""
+        every = [(p, floors) for p, met in enumerate(self.met) for floors in met]
+        return [
+            i
+            for i, (p, (left, right, *struck)) in enumerate(every)
+            if p == pair and not struck and (storeys is None or (left or right) in storeys)
+        ]
+
     def by_building(self, x):
         return [x[..., self.start[b] : self.start[b + 1]] for b in range(self.nb)]
 
@@ -419,19 +429,25 @@ class _Row:
 
 
 class _Solver:
-    def __init__(self, row, law, k, e, damping, rtol, atol):
+    def __init__(self, row, law, k, e, damping, rtol, atol, bumpers):
         self.row = row
         self.jump = law == "stereomechanical"
         self.contact = row.np > 0 and law != "none"
-        self.rule = None if law in ("none", "stereomechanical") else rule_of(law)
+        rule = None if law in ("none", "stereomechanical") else rule_of(law)
         self.k = (float(k) if k is not None else 0.0) / (1.0 + (k or 0.0) * np.array(row.softness))
-        if self.rule is not None and self.rule.exponent != 1.0 and np.any(row.softness):
-            msg = f"a spring like d^{self.rule.exponent} before a column is not one like it"
+        if rule is not None and rule.exponent != 1.0 and np.any(row.softness):
+            msg = f"a spring like d^{rule.exponent} before a column is not one like it"
             raise ValueError(msg)
         self.e = e
-        self.z = None
-        if self.rule is not None and self.rule.published is not None:
-            self.z = float(damping) if damping is not None else damping_coefficient(law, e)
+        z = np.nan  # no damping
+        if rule is not None and rule.published is not None:
+            z = float(damping) if damping is not None else damping_coefficient(law, e)
+        self.rules, self.z = [rule] * row.np, np.full(row.np, z)
+        for pair, storeys, own, stiffness, restitution, _ in bumpers:
+            for p in row.standing(pair, storeys):
+                self.rules[p], self.k[p] = rule_of(own), stiffness
+                number = damping_coefficient(own, restitution)
+                self.z[p] = np.nan if number is None else number
         self.rtol = rtol
         n, nb, np_ = row.n, row.nb, row.np
         self.iu, self.iv = slice(0, n), slice(n, 2 * n)
@@ -465,19 +481,17 @@ class _Solver:
 
     def force(self, d, v):
         """Contact force in the frozen phases."""
+        found = np.zeros_like(d)
         if not self.contact or not self.state.any():
-            return np.zeros_like(d)
-        if self.rule.yields:
-            each = zip(self.state, self.bilinear, d, self.plastic, strict=True)
-            now = [spring.force(phase, x, plastic) if phase else 0.0 * x for phase, spring, x, plastic in each]
-            return np.array(now)
-        column = (slice(None),) + (None,) * (d.ndim - 1)
-        pushing = ((self.state == CLOSED) | (self.state == REBOUND))[column]
-        f = elastic_force(self.rule, self.k[column], d)
-        if self.z is not None:
-            damper = damper_force(self.rule, self.k[column], d, v, self.row.meff[column], self.v0[column], self.z)
-            f = f + np.where((self.state == CLOSED)[column], damper, 0.0)
-        return np.where(pushing, f, 0.0)
+            return found
+        for p, rule in enumerate(self.rules):
+            if self.state[p] and rule.yields:
+                found[p] = self.bilinear[p].force(self.state[p], d[p], self.plastic[p])
+            elif self.state[p] in (CLOSED, REBOUND):
+                found[p] = elastic_force(rule, self.k[p], d[p])
+                if self.state[p] == CLOSED and not np.isnan(self.z[p]):
+                    found[p] += damper_force(rule, self.k[p], d[p], v[p], self.row.meff[p], self.v0[p], self.z[p])
+        return found
 
     def storeys(self, u):
         """Return (drift, plastic drift, shear) of every storey in the frozen phases."""
@@ -613,36 +627,36 @@ class _Solver:
             stuck = self.state == CLOSED
             return [(p, OPEN, -f[p] / row.meff[p]) if stuck[p] else (p, CLOSED, d[p]) for p in range(row.np)]
         out = []
-        for p in range(row.np):
-            now = self.state[p]
+        for p, rule in enumerate(self.rules):
+            now, z = self.state[p], self.z[p]
             if now == OPEN:
-                out.append((p, REBOUND if self.rule and self.rule.rebound_only else CLOSED, d[p]))
+                out.append((p, REBOUND if rule.rebound_only else CLOSED, d[p]))
                 continue
             out.append((p, OPEN, -d[p]))
-            if self.rule.yields:
-                if now == CLOSED and self.z > 0.0:
+            if rule.yields:
+                if now == CLOSED and z > 0.0:
                     out.append((p, YIELDING, d[p] - self.plastic[p] - self.bilinear[p].dy))
                     if self.plastic[p] > 0.0:
                         out.append((p, SPENT, self.plastic[p] - d[p]))
                 elif now != CLOSED:
                     out.append((p, CLOSED, -rate[p] if now == YIELDING else rate[p]))
                 continue
-            if self.z is None or self.z == 0.0:
+            if np.isnan(z) or z == 0.0:
                 continue
-            if self.rule.approach_only:
+            if rule.approach_only:
                 out.append((p, REBOUND, -rate[p]) if now == CLOSED else (p, CLOSED, rate[p]))
-            elif self.rule.rebound_only:  # of which REBOUND is the approach, without damper
-                pulls = -(rate[p] + self.v0[p] / self.z)
+            elif rule.rebound_only:  # of which REBOUND is the approach, without damper
+                pulls = -(rate[p] + self.v0[p] / z)
                 if now == REBOUND:
                     out.append((p, CLOSED, -rate[p]))
                 else:
                     out += [(p, REBOUND, rate[p]), (p, CLIPPED, pulls)] if now == CLOSED else [(p, CLOSED, -pulls)]
-            elif self.rule.clip:
+            elif rule.clip:
                 # Sign of the published force: d + (c/k) v, or 1 + (D/v0) v scaled to a speed.
-                if self.rule.damper == "dashpot":
-                    sign = d[p] + 2.0 * self.z * np.sqrt(row.meff[p] / self.k[p]) * rate[p]
+                if rule.damper == "dashpot":
+                    sign = d[p] + 2.0 * z * np.sqrt(row.meff[p] / self.k[p]) * rate[p]
                 else:
-                    sign = rate[p] + self.v0[p] / self.z
+                    sign = rate[p] + self.v0[p] / z
                 out.append((p, CLIPPED, -sign) if now == CLOSED else (p, CLOSED, sign))
         return out
 
@@ -705,8 +719,8 @@ class _Solver:
             self.approach[p] = max(self.approach[p], v)
             if self.first[p] is None:
                 self.first[p] = float(t_global if located else min(t_global, self.last_open[p]))
-            if self.rule.yields:
-                self.bilinear[p], self.plastic[p] = Bilinear(self.k[p], self.row.meff[p], self.v0[p], self.z), 0.0
+            if self.rules[p].yields:
+                self.bilinear[p], self.plastic[p] = Bilinear(self.k[p], self.row.meff[p], self.v0[p], self.z[p]), 0.0
         elif self.state[p] in (YIELDING, SPENT) and target == CLOSED:
             d = float(self.row.B[p] @ y[self.iu]) - self.row.gap[p]
             self.plastic[p] = self.bilinear[p].plastic(self.state[p], d)
@@ -874,6 +888,7 @@ def run(
     columns=False,
     links=(),
     only=(),
+    bumpers=(),
     initial_velocity=None,
     damping=None,
     rtol=1e-10,
@@ -889,6 +904,7 @@ def run(
     columns : slabs strike columns too, see `struck_columns`; the stiffness k and that of the column are in series.
     only : storeys by pair, the left building's (the right one's behind a wall), at which alone it meets.
     links : list of (pair, left storey, right storey, stiffness in kN/m, damping in kN s/m) between neighbours.
+    bumpers : list of (pair, storeys as in `only` or None for all, law, k, e, thickness in m) of contacts of their own.
     initial_velocity : list of arrays per building (None or empty for a wall), relative to the ground, m/s.
     damping : replaces the published z (dashpot and quarter laws) or D = coefficient * v0 (proportional laws).
 
@@ -909,7 +925,9 @@ def run(
     """
     row = _Row(buildings, gaps, columns, links, only)
     ag = np.asarray(ag, dtype=float)
-    s = _Solver(row, law, k, e, damping, rtol, atol)
+    for pair, storeys, *_, thickness in bumpers:
+        row.gap[row.standing(pair, storeys)] -= thickness
+    s = _Solver(row, law, k, e, damping, rtol, atol, bumpers)
     y = np.zeros(s.size)
     if initial_velocity is not None:
         for b, v in enumerate(initial_velocity):

@@ -19,6 +19,7 @@ CALLS = {
     "Scene": "(row, gaps=())",
     "Foundation": "(mass, inertia, sway_stiffness, rocking_stiffness, sway_damping=0.0, rocking_damping=0.0)",
     "Link": "(pair, storeys, stiffness=0.0, damping=0.0)",
+    "Bumper": "(pair, law, stiffness=None, restitution=None, thickness=None, storeys=())",
     "base_isolated": "(building, base_mass, period, damping_ratio, strength=0.0, yield_drift=0.01, *, height=1.5)",
     "get_preset": "(name)",
     "get_law": "(key)",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from kernels_used import FOUNDED, FRAMED, LINKED
@@ -20,6 +22,7 @@ WALL = ps.Scene([ps.Wall(), ps.Building("a", [30.0], [2e4])], gaps=[0.002])
 YIELDS = ps.Scene(
     [ps.Building("a", [30.0], [2e4], yield_strengths=[40.0], hardening=0.1), ps.Building("b", [20.0], [2e4])], [0.002]
 )
+PADS = replace(pair(), bumpers=[ps.Bumper("a-b", "rubber_bumper", 3e8, 0.5, 0.001, storeys=[1])])
 CASES = [
     ("rk4", "hertz_damped", True, WALL),
     ("newmark", "hysteretic", True, WALL),
@@ -36,6 +39,8 @@ CASES = [
     ("rk4", "kelvin_voigt", True, FOUNDED),
     ("newmark", "stereomechanical", True, FOUNDED),
     ("rk4", "linear", False, FRAMED),
+    ("rk4", "kelvin_voigt", True, PADS),
+    ("newmark", "hysteretic", True, PADS),
 ]
 
 

@@ -38,8 +38,8 @@ def compiling_parts(shape: KernelSpec) -> dict[str, int]:
     floors, touching = min(shape.n_dof, MOST_FLOORS), shape.law is not None
     return {
         "any": 1,
-        "contacts": int(touching),
-        "implicit contacts": int(touching and shape.implicit),
+        "contacts": len(shape.laws),
+        "implicit contacts": len(shape.laws) * shape.implicit,
         "floor in contacts": floors * touching,
         "floor and reducer": floors * len(shape.reducers),
         "yielding": int(bool(shape.yielding)),

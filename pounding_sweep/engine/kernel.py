@@ -236,9 +236,8 @@ def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Cal
                 elif group.spec.impulsive or not group.spec.located:
                     value = s["f1", q]
                 else:
-                    assert group.law is not None
                     v = group.between(group.floors("v"), q)
-                    value = group.law.pressing(s["ke", q], s["ce", q], penetration(group, q), v)
+                    value = group.law_of(q).pressing(s["ke", q], s["ce", q], penetration(group, q), v)
                 put(row, place.first[name] + q, value)
 
     return note

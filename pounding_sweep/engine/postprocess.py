@@ -33,7 +33,7 @@ def variables_of(
     for name in cube_variables(outputs):
         variable = get_variable(name)
         if name == "status":
-            result[name] = _status(kernel, raw, kept.steps_per_contact, record, row)
+            result[name] = _status(kernel, raw, kept.steps_by_law, record, row)
         elif variable.readout is None:
             result[name] = np.zeros((len(kept), *inner_shape(variable, kernel.scene)))
         else:
@@ -69,8 +69,8 @@ def _status(
     from pounding_sweep.kernel.march import FLAG_DIVERGED, FLAG_FALLBACK, FLAG_UNSOLVED
 
     flags = raw["flags"][:, 0].astype(int)
-    quickening = raw["quickening"][:, 0] if "quickening" in raw else np.ones(len(flags))
-    status = resolution_status(row, record, kernel.numerics, steps, quickening)
+    fastest = np.fmin.reduce(steps / raw.get("quickening", 1.0), axis=1)
+    status = resolution_status(row, record, kernel.numerics, fastest)
     touching = kernel.shape.law is not None  # else it is storeys that yield too often within a step
     status[flags & FLAG_FALLBACK > 0] = Status.UNDER_RESOLVED_CONTACT if touching else Status.UNDER_RESOLVED_MOTION
     status[flags & FLAG_UNSOLVED > 0] = Status.NEWTON_NOT_CONVERGED

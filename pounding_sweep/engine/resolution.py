@@ -120,12 +120,12 @@ def _moves_with_base(building: Building) -> np.ndarray:
 
 
 def resolution_status(
-    row: Scene | Variants, record: Record, numerics: Numerics, steps_per_contact: np.ndarray, quickening: np.ndarray
+    row: Scene | Variants, record: Record, numerics: Numerics, steps_per_contact: np.ndarray
 ) -> np.ndarray:
-    """Status of scenarios by what their step resolves."""
+    """Status of scenarios by what their step resolves, `steps_per_contact` of the fastest part of the shortest."""
     blurred = (phase_error(row, record, numerics) > MAX_PHASE_ERROR) | loses_ground(record, numerics)
     status = np.full(len(steps_per_contact), Status.OK, dtype=np.int8)
     status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
     need = numerics.scheme.min_steps_per_contact(numerics.locate)
-    status[steps_per_contact / quickening < need] = Status.UNDER_RESOLVED_CONTACT
+    status[steps_per_contact < need] = Status.UNDER_RESOLVED_CONTACT
     return status

@@ -113,28 +113,15 @@ def kernel_shape(
     if not scene.foundations:
         wanted -= _existing("founded")
     meets = touching or bool(wanted & _existing("neighbours"))
-    compiled = None
-    if touching:
-        compiled = LawShape(
-            law.elastic,
-            law.elastic_slope,
-            law.damper,
-            law.damper_slope,
-            law.exponent or 1.0,
-            law.approach_only,
-            law.tension,
-            law.damping == "elastic",
-            law.damper_exponent,
-            law.impulsive,
-            law.yields,
-            law.rebound_only,
-            law.is_power,
-        )
+    own = [_compiled(bumper.law) for bumper in scene.bumper_of if bumper] if touching else []
+    bumpers = tuple(dict.fromkeys(own))
     return KernelSpec(
         storeys=tuple(b.n_storeys for b in scene.buildings),
-        contacts=tuple((c.left, c.right, c.pair) for c in scene.contacts) if meets else (),
-        n_pairs=len(scene.pair_names),
-        law=compiled,
+        contacts=tuple((c.left, c.right, j if bumpers else c.pair) for j, c in enumerate(scene.contacts))
+        if meets
+        else (),
+        n_gaps=len(scene.contacts if bumpers else scene.pair_names),
+        law=_compiled(law) if touching else None,
         scheme=numerics.method,
         order=numerics.scheme.order,
         implicit=numerics.scheme.implicit,
@@ -153,6 +140,27 @@ def kernel_shape(
         dashpots=tuple(i for i, each in enumerate(scene.dashed) if each),
         links=tuple((link.left, link.right) for link in scene.linked_floors),
         foundations=scene.foundations,
+        bumpers=bumpers,
+        bumped=tuple(1 + bumpers.index(_compiled(b.law)) if b else 0 for b in scene.bumper_of) if bumpers else (),
+    )
+
+
+def _compiled(law: Law) -> LawShape:
+    """Part of a law that is compiled."""
+    return LawShape(
+        law.elastic,
+        law.elastic_slope,
+        law.damper,
+        law.damper_slope,
+        law.exponent or 1.0,
+        law.approach_only,
+        law.tension,
+        law.damping == "elastic",
+        law.damper_exponent,
+        law.impulsive,
+        law.yields,
+        law.rebound_only,
+        law.is_power,
     )
 
 
@@ -338,7 +346,16 @@ class RowKernel:
         # what the status asks of the scenario beside its results
         found["scale"] = np.asarray(scale, float)[:, None]
         if self.shape.law is not None:
-            found["quickening"] = self.law.quickening(e[:, None], self.basis)
+            found["quickening"] = self._quickening(e)
+        return found
+
+    def _quickening(self, e: np.ndarray) -> np.ndarray:
+        """Factors by which damping shortens contacts, one of each law of the kernel, shape (scenarios, laws)."""
+        found = np.ones((len(e), len(self.shape.laws)))
+        found[:, 0] = self.law.quickening(e, self.basis)
+        for which, bumper in zip(self.shape.bumped, self.scene.bumper_of, strict=False):
+            if bumper:
+                found[:, which] = np.maximum(found[:, which], bumper.quickening(self.basis))
         return found
 
     def _tables(
@@ -387,12 +404,19 @@ class RowKernel:
 
         put("scale", scale[None, :])
         if "gap" in slots.first:
-            put("gap", gaps.T - self.law.thickness)
+            thickness: Any = self.law.thickness
+            if self.shape.bumped:
+                gaps = gaps[:, [contact.pair for contact in self.scene.contacts]]
+                thickness = self.scene.thicknesses(thickness)
+            put("gap", (gaps - thickness).T)
         if self.shape.law is not None:
-            k = row.contact_stiffnesses(stiffness).T if self.shape.struck else stiffness[None, :]
+            k = row.contact_stiffnesses(stiffness).T if self.shape.own_stiffness else stiffness[None, :]
+            c = self.law.damping_coefficient(restitution, k, row.contact_masses.T, self.basis)
+            for j, bumper in enumerate(self.scene.bumper_of if self.shape.bumped else ()):
+                if bumper:
+                    k[j], c[j] = bumper.stiffness, bumper.damping_coefficient(row.contact_mass(j), self.basis)
             put("k", k)
-            damping = self.law.damping_coefficient(restitution, k, row.contact_masses.T, self.basis)
-            put("c", damping)
+            put("c", c)
         if self.varied:
             for name, values in _properties(row).items():
                 if f"p_{name}" in slots.first:

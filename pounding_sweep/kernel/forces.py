@@ -71,13 +71,12 @@ def is_capped(group: Group) -> bool:
 
 def longest_substep(group: Group, h: Any) -> Any:
     """How long the next sub-step may be for the contacts that are closed."""
-    s, law = group.state, group.law
-    assert law is not None
-    capped = is_capped(group)
-    if not capped and not law.graded:
+    s, capped = group.state, is_capped(group)
+    if not capped and not any(law.graded for law in group.laws):
         return group.full(h)
     longest, fastest = Cell(group.full(h)), Cell(group.full(0.0))
     for j in group.each_contact():
+        law = group.law_of(j)
         now, v = penetration(group, j), group.between("v", j)
         lasts, k, mass = s["lasts", j], s["ke", j], group.prop("reduced", j)
         if capped:
@@ -118,10 +117,10 @@ def _raised(x: Any, degree: float) -> Any:
 
 def measure(group: Group) -> Any:
     """Keep penetrations and their rates at both ends of the trial; returns the lanes in which something may happen."""
-    s, law = group.state, group.law
-    assert law is not None
+    s = group.state
     h, look = s["h"], Cell(group.lanes_where(False))
     for j in group.each_contact():
+        law = group.law_of(j)
         mode, k, c = s["mode", j], s["ke", j], s["ce", j]
         v0, v1 = group.between("v0", j), group.between("v", j)
         d0, d1 = penetration(group, j, "u0"), penetration(group, j)
@@ -150,8 +149,7 @@ def measure(group: Group) -> Any:
 
 def contact_rate(group: Group, j: Any, deepest: Any) -> Any:
     """Fastest rate (1/s) of contact j down to a penetration: of its spring or of its damper."""
-    s, law, mass = group.state, group.law, group.prop("reduced", j)
-    assert law is not None
+    s, law, mass = group.state, group.law_of(j), group.prop("reduced", j)
     spring = sqrt(law.elastic_slope(s["ke", j], deepest) / mass)
     return maximum(spring, law.damper(s["ce", j], deepest) / mass) if law.shape.damper else spring
 
@@ -169,8 +167,7 @@ def first_event(group: Group, asks: Any) -> Any:
 
 def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
     """Find when contact j changes its mode in the trial, and to which."""
-    s, law, h = group.state, group.law, group.state["h"]
-    assert law is not None
+    s, law, h = group.state, group.law_of(j), group.state["h"]
     mode, d0, d1, v0, v1 = s["mode", j], s["d0", j], s["d1", j], s["w0", j], s["w1", j]
     s["event", j], s["next", j] = where(asks, NEVER, s["event", j]), where(asks, mode, s["next", j])
     closed = mode > OPEN
@@ -219,8 +216,7 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
 
 def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, start: tuple[Any, Any], b: Any) -> tuple[Any, Any]:
     """Look for the instant at which a force that cannot pull ends, or begins again, before any other event."""
-    s, law, h = group.state, group.law, group.state["h"]
-    assert law is not None
+    s, law, h = group.state, group.law_of(j), group.state["h"]
     (d0, v0), mode, k, c = start, s["mode", j], s["kl", j], s["cl", j]
     r0, rb = rate(b)
 
@@ -243,8 +239,7 @@ def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, start: tuple
 
 def ends(group: Group, whole: Any) -> None:
     """Take forces and penetrations of the sub-step just taken, at its ends and between them."""
-    s, law, r, h = group.state, group.law, group.asked, group.state["h"]
-    assert law is not None
+    s, r, h = group.state, group.asked, group.state["h"]
     implicit = group.spec.implicit
     needs_force = group.looks("force") or (implicit and bool(r & {"work", "impulse"}))
     follows = None
@@ -271,8 +266,7 @@ def ends(group: Group, whole: Any) -> None:
 
 def _force_ends(group: Group, j: Any, looks: Any, whole: Any, at: tuple[Any, ...], b: Any, follows: Any) -> None:
     """Take the force of one contact at the ends of a sub-step, its rates there, and its largest value between them."""
-    s, law, r, h, limit = group.state, group.law, group.asked, group.state["h"], group.limit
-    assert law is not None
+    s, law, r, h, limit = group.state, group.law_of(j), group.asked, group.state["h"], group.limit
     d0, d1, v0, v1, a0 = at
     k, c, mode = s["ke", j], s["ce", j], s["mode", j]
     a1 = (2.0 * b[1] + 6.0 * b[2] + 12.0 * b[3]) / (h * h)
@@ -328,10 +322,10 @@ def is_due(group: Group, j: Any, lands: Any) -> Any:
 
 def apply_events(group: Group, lands: Any, h: Any) -> Any:
     """Switch the contacts whose event ends this sub-step; returns the lanes in which any did."""
-    s, law = group.state, group.law
-    assert law is not None
+    s = group.state
     switched = Cell(lands & ~lands)
     for j in group.each_contact():
+        law, which = group.law_of(j), group.law_index(j)
         due = is_due(group, j, lands)
         switched.now = switched.now | due
         mode, target = s["mode", j], s["next", j]
@@ -341,7 +335,7 @@ def apply_events(group: Group, lands: Any, h: Any) -> Any:
             k, c = group.stiffness(j), s["c", j]
             lasts = law.duration(k, v, mass)
             s["lasts", j], s["age", j] = where(touches, lasts, s["lasts", j]), where(touches, 0.0, s["age", j])
-            s["shortest"] = where(touches, minimum(s["shortest"], lasts), s["shortest"])
+            s["shortest", which] = where(touches, minimum(s["shortest", which], lasts), s["shortest", which])
             if law.shape.per_speed:
                 c = c / maximum(v, RESTING_SPEED)
             note_touch(group, j, touches, touches, v, h)

@@ -181,7 +181,7 @@ class Group:
         #: Whether steps are cut at events: of contacts, or of storeys that yield.
         self.eventful = self.touching or bool(spec.yielding)
         self.limit = SimpleNamespace(**TOLERANCES[spec.precision])
-        self.law = Law(spec.law, spec.order, self.limit.exact) if spec.law is not None else None
+        self.laws = [Law(shape, spec.order, self.limit.exact) for shape in spec.laws]
         #: Number of the step that lanes are within: one for all, or one each.
         self.number: Callable[[], Any] = lambda: 0
         self._places, self._inputs = property_slots(spec), input_slots(spec)
@@ -223,10 +223,10 @@ class Group:
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
             rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)
             rows |= {"now": nb, "gained0": nb, "gained1": nb}
-            if spec.law is not None and spec.law.yields:
+            if any(law.yields for law in spec.laws):
                 rows |= {"plastic": nc, "yield": nc}
         if spec.series:
-            order, product = spec.series, bool(spec.law and spec.law.damper_exponent == 1.0)
+            order, product = spec.series, any(law.damper_exponent == 1.0 for law in spec.laws)
             rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "fj": nc * order, "pick": order + 1}
             rows |= {"wj": nc * order} if product else {}
             rows |= dict.fromkeys(("x", "y", "push"), n)
@@ -358,7 +358,7 @@ class Group:
         if self.trace is None or (straight and not self.long):
             yield from range(len(contacts))
             return
-        for (walls, columns), same in groupby(range(len(contacts)), key=self._kind):
+        for (walls, columns, law), same in groupby(range(len(contacts)), key=self._kind):
             some = list(same)
             if len(some) == 1:
                 yield some[0]
@@ -367,11 +367,21 @@ class Group:
                 j = q + some[0]
                 sides = [self._sides[3 * j + side] for side in range(3)]
                 left, right = (-1 if wall else side for wall, side in zip(walls, sides, strict=False))
-                yield Contact(j, (left, right, sides[2]), columns)
+                yield Contact(j, (left, right, sides[2]), columns, law)
 
-    def _kind(self, j: int) -> tuple[tuple[bool, ...], tuple[int, bool]]:
-        """Return what contacts that are gone through in one loop have in common: walls, and columns that are struck."""
-        return tuple(i < 0 for i in self.spec.contacts[j][:2]), self._columns(j)
+    def _kind(self, j: int) -> tuple[tuple[bool, ...], tuple[int, bool], int]:
+        """Return what contacts that are gone through in one loop have in common: walls, struck columns, the law."""
+        return tuple(i < 0 for i in self.spec.contacts[j][:2]), self._columns(j), self.law_index(j)
+
+    def law_index(self, j: Any) -> int:
+        """Return the number of the law of contact j."""
+        if isinstance(j, Contact):
+            return j.law
+        return self.spec.bumped[j] if self.spec.bumped else 0
+
+    def law_of(self, j: Any) -> Law:
+        """Return the law of contact j."""
+        return self.laws[self.law_index(j)]
 
     def _columns(self, j: Any) -> tuple[int, bool]:
         """Side of contact j whose columns are struck (-1: floors meet), and whether they stand on the ground."""
@@ -466,8 +476,8 @@ class Group:
         return left if right is None else left - right
 
     def stiffness(self, j: Any) -> Any:
-        """Stiffness of contact j (kN/m**exponent); one for all where no columns are struck."""
-        return self.state["k", j] if self.spec.struck else self.state["k"]
+        """Stiffness of contact j (kN/m**exponent)."""
+        return self.state["k", j] if self.spec.own_stiffness else self.state["k"]
 
     def gap(self, j: Any) -> Any:
         """Gap of contact j (m)."""

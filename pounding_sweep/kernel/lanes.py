@@ -749,11 +749,11 @@ class Table:
 class Contact(Count):
     """Number of a contact that is known at run time, and its sides: left floor, right floor (-1: a wall), gap."""
 
-    # beside them the side whose columns are struck (-1: floors meet), and whether these stand on the ground
+    # beside them the side whose columns are struck (-1: floors meet), whether these stand on the ground, and the law
 
-    def __init__(self, count: Count, sides: tuple[Any, Any, Any], columns: tuple[int, bool]) -> None:
+    def __init__(self, count: Count, sides: tuple[Any, Any, Any], columns: tuple[int, bool], law: int) -> None:
         super().__init__(count.trace, count.value)
-        self.sides, self.columns = sides, columns
+        self.sides, self.columns, self.law = sides, columns, law
 
 
 def whole(trace: Tracer | None, x: int) -> Any:

@@ -168,7 +168,7 @@ def close(group: Group, kind: ModuleType, h: Any) -> None:
     for reducer in group.reducers:
         if reducer.substep:
             reducer.substep(group)
-    if group.law is not None and group.law.graded and not group.spec.impulsive:
+    if any(law.graded for law in group.laws) and not group.spec.impulsive:
         for j in group.each(len(group.contacts)):
             s["age", j] = s["age", j] + s["h"]
     if group.spec.yielding:

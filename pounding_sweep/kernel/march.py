@@ -45,7 +45,8 @@ def begin(group: Group, start: Any, lanes: Any = None) -> None:
     if spec.yielding:
         hysteresis.begin(group, lanes)
     if spec.law is not None:
-        put("shortest", group.full(group.limit.far))
+        for which in range(len(spec.laws)):
+            put(("shortest", which), group.full(group.limit.far))
     for reducer in group.reducers:
         for slot in (slot for slot in (*reducer.slots, *reducer.keeps) if slot.first):
             if slot.per == "building":
@@ -86,10 +87,10 @@ def conclude(group: Group) -> None:
 
 def plain_contacts(group: Group, h: Any, time: Any) -> None:
     """Onsets and sampled peaks of contacts at the end of a step."""
-    s, law, r = group.state, group.law, group.asked
-    assert law is not None
+    s, r = group.state, group.asked
     implicit = group.spec.implicit
     for j in group.each_contact():
+        law, which = group.law_of(j), group.law_index(j)
         d = forces.penetration(group, j)
         v, before = group.between("v", j), group.between("v0", j)
         speed = maximum(v, before)
@@ -105,7 +106,7 @@ def plain_contacts(group: Group, h: Any, time: Any) -> None:
             s["vrun", j] = where(closed, fastest, 0.0)
         with when_any(fresh):
             lasts = law.duration(group.stiffness(j), speed, group.prop("reduced", j))
-            s["shortest"] = where(fresh, minimum(s["shortest"], lasts), s["shortest"])
+            s["shortest", which] = where(fresh, minimum(s["shortest", which], lasts), s["shortest", which])
         if not (implicit or group.spec.history or group.looks("force")):
             continue
         c = s["c", j]

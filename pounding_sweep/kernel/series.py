@@ -47,10 +47,10 @@ NODES = {"float64": 6, "float32": 4}
 BULGE = 0.2
 
 
-def _is_product(group: Group) -> bool:
-    """Whether dampers grow with the penetration."""
-    law = group.spec.law
-    return law is not None and bool(law.damper) and law.damper_exponent == 1.0
+def _is_product(group: Group, j: Any) -> bool:
+    """Whether the damper of a contact grows with the penetration."""
+    law = group.law_of(j).shape
+    return bool(law.damper) and law.damper_exponent == 1.0
 
 
 def substep(group: Group, h: Any) -> None:
@@ -104,14 +104,13 @@ class _Term:
 def _press(group: Group, j: Any, k: Any, x: Any, y: Any, gaps: Any) -> Any:
     """Coefficient k of a contact's force; `x` and `y` are those of the floors' motion, `gaps` times gaps are taken."""
     s, nc = group.state, len(group.contacts)
-    assert group.law is not None
     d, w = group.between(x, j), group.between(y, j)
     if not isinstance(gaps, float) or gaps:
         d = d - gaps * group.gap(j)
     s["dj", j + k * nc] = d
-    if not group.law.shape.damper:
+    if not group.law_of(j).shape.damper:
         f = s["ke", j] * d
-    elif not _is_product(group):
+    elif not _is_product(group, j):
         f = fma(s["ke", j], d, s["ce", j] * w)
     else:
         s["wj", j + k * nc] = w
@@ -234,11 +233,10 @@ class _Choice:
 
 def _choose(group: Group, asks: Any) -> tuple[Any, Any]:
     """Find the lanes in which a contact may change its mode before ``fraction``, and those in which more may happen."""
-    s, law, choice = group.state, group.law, _Choice(group)
-    assert law is not None
+    s, choice = group.state, _Choice(group)
     per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
     for j in group.each_contact():
-        mode, depth = s["mode", j], _depth(group, j)
+        law, mode, depth = group.law_of(j), s["mode", j], _depth(group, j)
         closed, pressing = mode > OPEN, mode == PRESSING
         sign = where(closed, -1.0, group.full(1.0))
         # else a closed contact has touched but for a rounding error, and goes on
@@ -250,18 +248,18 @@ def _choose(group: Group, asks: Any) -> tuple[Any, Any]:
             choice.offer(j, asks & closed, toward, depth.rate, target)
         if law.shape.clips:
             k, c = s["kl", j], s["cl", j] * per
-            press = Series(_pressing(group, depth, k, c), depth.order - 1)
+            press = Series(_pressing(depth, k, c, _is_product(group, j)), depth.order - 1)
             toward, target = where(pressing, -1.0, group.full(1.0)), where(pressing, SLACK, group.full(PRESSING))
             choice.offer(j, asks & closed & (c > 0.0), toward, press, target)
     return choice.found.now, choice.more.now
 
 
-def _pressing(group: Group, depth: Series, k: Any, c: Any) -> Callable[[int], Any]:
+def _pressing(depth: Series, k: Any, c: Any, product: bool) -> Callable[[int], Any]:
     """Coefficients of what the sign of a force follows, of a contact that may be slack: of k d + c d d' without d."""
 
     def read(n: int) -> Any:
         damped = c * depth.rate.read(n)
-        if _is_product(group):
+        if product:
             return k + damped if n == 0 else damped
         return fma(k, depth.read(n), damped)
 

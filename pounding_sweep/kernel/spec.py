@@ -107,11 +107,11 @@ class KernelSpec:
     ----------
     storeys : tuple of int
         Storeys of each building.
-    contacts : tuple of (left, right, pair)
-        Degrees of freedom that can meet (-1: a wall) and their pair; of a side whose columns are struck,
+    contacts : tuple of (left, right, gap)
+        Degrees of freedom that can meet (-1: a wall) and which gap is theirs; of a side whose columns are struck,
         the floor above them.
-    n_pairs : int
-        Pairs of neighbours.
+    n_gaps : int
+        Gaps that differ: of pairs of neighbours, or where there are bumpers of each contact.
     law : LawShape or None
         None: no contact force.
     scheme : str
@@ -151,11 +151,15 @@ class KernelSpec:
         Degrees of freedom that are linked.
     foundations : tuple of int
         Buildings on foundations: after all floors come sway and rocking of each.
+    bumpers : tuple of LawShape
+        Laws of bumpers.
+    bumped : tuple of int
+        Which of `laws` each contact has; () where all have the first.
     """
 
     storeys: tuple[int, ...]
     contacts: tuple[tuple[int, int, int], ...]
-    n_pairs: int
+    n_gaps: int
     law: LawShape | None
     scheme: str
     order: int
@@ -175,6 +179,18 @@ class KernelSpec:
     dashpots: tuple[int, ...] = ()
     links: tuple[tuple[int, int], ...] = ()
     foundations: tuple[int, ...] = ()
+    bumpers: tuple[LawShape, ...] = ()
+    bumped: tuple[int, ...] = ()
+
+    @property
+    def laws(self) -> tuple[LawShape, ...]:
+        """Laws of the contacts."""
+        return () if self.law is None else (self.law, *self.bumpers)
+
+    @property
+    def own_stiffness(self) -> bool:
+        """Whether each contact has a stiffness of its own."""
+        return bool(self.struck or self.bumped)
 
     @property
     def impulsive(self) -> bool:
@@ -184,7 +200,7 @@ class KernelSpec:
     @property
     def series(self) -> int:
         """Order of the series by which contacts are stepped; 0: by the scheme's stages."""
-        polynomial = self.law is not None and self.law.polynomial
+        polynomial = self.law is not None and all(law.polynomial for law in self.laws)
         return SERIES_ORDER[self.precision] if self.flies_exactly and polynomial and not self.yielding else 0
 
     @property
@@ -272,6 +288,8 @@ def from_json(data: dict[str, Any]) -> KernelSpec:
         "storeys": tuple(data["storeys"]),
         "contacts": tuple((int(a), int(b), int(c)) for a, b, c in data["contacts"]),
         "law": None if data["law"] is None else LawShape(**data["law"]),
+        "bumpers": tuple(LawShape(**law) for law in data["bumpers"]),
+        "bumped": tuple(data["bumped"]),
         "struck": tuple(data["struck"]),
         "reducers": frozenset(data["reducers"]),
         "yielding": tuple(data["yielding"]),
@@ -302,9 +320,9 @@ def input_slots(shape: KernelSpec) -> Slots:
     slots = Slots()
     slots.add("scale")
     if shape.contacts:
-        slots.add("gap", shape.n_pairs)
+        slots.add("gap", shape.n_gaps)
     if shape.law is not None:
-        slots.add("k", len(shape.struck) or 1)
+        slots.add("k", len(shape.contacts) if shape.own_stiffness else 1)
         slots.add("c", len(shape.contacts))
     if shape.varied:
         if shape.flies_exactly:
@@ -376,7 +394,7 @@ def result_slots(shape: KernelSpec, reducers: Sequence[Any]) -> Slots:
     slots.add("flags")  # 1 not finite, 2 contact fallback, 4 implicit contact not converged
     for touch in (False, True):
         if touch and shape.law is not None:
-            slots.add("shortest")  # shortest contact (s), by its elastic duration
+            slots.add("shortest", len(shape.laws))  # shortest contact (s) of each law, by its elastic duration
         for reducer in reducers:
             if (reducer.where == "touch") == touch:
                 for slot in reducer.slots:

@@ -1,18 +1,27 @@
-"""Rubber bumpers: a contact law of their own, their thickness, and where they are squeezed flat."""
+"""Bumpers: contacts with a law of their own; of rubber their law, their thickness, where they are squeezed flat."""
 
 from __future__ import annotations
 
 import math
+import numbers
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
-from pounding_sweep.base.errors import LawError, shown
-from pounding_sweep.model.laws import Law
+import numpy as np
+
+from pounding_sweep.base.errors import LawError, SceneError, shown, unknown
+from pounding_sweep.model.laws import LAWS, Law, law_of
+
+#: Name of the law of `rubber_bumper`, which the thickness completes.
+RUBBER = "rubber_bumper"
 
 
 def rubber_bumper(
     thickness: float,
     *,
     stiffness: float | None = None,
-    key: str = "rubber_bumper",
+    key: str = RUBBER,
     exponent: float = 2.65,
     limit: float = 0.8,
     stop: float = 1.0,
@@ -93,3 +102,143 @@ def rubber_bumper(
         ),
         reference="after Polycarpou, Komodromos & Polycarpou (2013), Earthquake Eng. Struct. Dyn. 42(1), 81-100",
     )
+
+
+@dataclass(frozen=True)
+class Bumper:
+    """What stands between floors of two neighbours, or before a wall, and gives their contacts a law of their own.
+
+    Those contacts keep this law, its stiffness and restitution in every scenario; all others of the row take what
+    the sweep gives. Under the law "none", which stands for no pounding, bumpers do not act either.
+
+    Parameters
+    ----------
+    pair : str
+        Name of the pair of neighbours, ``"left-right"``.
+    law : str or Law
+        Contact law: a key of the registry, ``"rubber_bumper"`` for that of `rubber_bumper`, or a law of one's own. As
+        an attribute: the law itself.
+    stiffness : float, optional
+        Contact stiffness (kN/m**exponent); the law's reference where not given.
+    restitution : float, optional
+        Coefficient of restitution; needed by a law that takes one.
+    thickness : float, optional
+        Thickness (m), by which floors meet earlier; the law's where not given.
+    storeys : sequence of int
+        Storeys that have it, as results number them; all at which floors of the pair meet where not given.
+
+    Raises
+    ------
+    SceneError
+        The law is unknown or has no force, or a number is missing or out of its range.
+
+    Examples
+    --------
+    >>> pad = Bumper("a-b", "rubber_bumper", stiffness=500 / 0.04**2.65, restitution=0.5, thickness=0.05)
+    >>> pad.law.title, pad.law.stiffness_unit
+    ('Rubber bumper of 50 mm', 'kN m-2.65')
+    """
+
+    pair: str
+    law: Any
+    stiffness: float = None  # type: ignore[assignment]
+    restitution: float | None = None
+    thickness: float = None  # type: ignore[assignment]
+    storeys: Sequence[int] = ()
+
+    def __post_init__(self) -> None:
+        owner = f"bumper of pair {shown(self.pair)}"
+        for name, unit, least in (("thickness", "m", 0.0), ("stiffness", "kN/m**exponent", None)):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _number(value, f"{owner}: {name}", unit, least))
+        law = _law(self.law, self.thickness, owner)
+        object.__setattr__(self, "law", law)
+        if self.thickness is None:
+            object.__setattr__(self, "thickness", law.thickness)
+        elif law.thickness and self.thickness != law.thickness:
+            msg = f"{owner}: thickness is {self.thickness:g} m beside the {law.thickness:g} m of its law; leave it out"
+            raise SceneError(msg)
+        if self.stiffness is None:
+            object.__setattr__(self, "stiffness", law.reference_stiffness)
+        if self.stiffness is None:
+            msg = f"{owner}: law {law.key!r} needs a stiffness ({law.stiffness_unit})"
+            raise SceneError(msg)
+        if self.restitution is not None and not law.takes_restitution:
+            msg = f"{owner}: law {law.key!r} takes no restitution; leave it out"
+            raise SceneError(msg)
+        self.check_restitution("published")
+        storeys = tuple(self.storeys) if isinstance(self.storeys, Iterable) else (self.storeys,)
+        if not all(isinstance(s, numbers.Integral) and not isinstance(s, bool) for s in storeys):
+            msg = f"{owner}: storeys are {shown(self.storeys)}; give a list of whole numbers"
+            raise SceneError(msg)
+        object.__setattr__(self, "storeys", tuple(map(int, storeys)))
+
+    def check_restitution(self, basis: str) -> None:
+        """Raise `SceneError` unless the restitution is valid for the law on that basis."""
+        e = self.restitution
+        try:
+            if e is not None and (isinstance(e, bool) or not isinstance(e, numbers.Real)):
+                msg = f"restitution {shown(e)} is no number; give {self.law.validity}"
+                raise LawError(msg)
+            self.law.check_restitution(None if e is None else float(e), basis)
+        except LawError as error:
+            msg = f"bumper of pair {shown(self.pair)}: {error}"
+            raise SceneError(msg) from None
+
+    def damping_coefficient(self, mass: np.ndarray, basis: str) -> np.ndarray:
+        """Coefficient of the damper of contacts of some effective masses (t), see `Law.damping_coefficient`."""
+        return self.law.damping_coefficient(self._e, self.stiffness, mass, basis)
+
+    def quickening(self, basis: str) -> float:
+        """See `Law.quickening`."""
+        return float(self.law.quickening(self._e, basis))
+
+    @property
+    def _e(self) -> float:
+        return 1.0 if self.restitution is None else self.restitution
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The bumper as JSON holds it, arguments of its own."""
+        law: Law = self.law
+        return {
+            **vars(self),
+            "law": law.key if LAWS.get(law.key) is law else law.described,
+            "storeys": list(self.storeys),
+        }
+
+
+def _number(value: Any, what: str, unit: str, least: float | None) -> float:
+    """Return a positive number, or one that is no less than `least`."""
+    held = isinstance(value, numbers.Real) and not isinstance(value, bool) and value < math.inf
+    if not (held and (value > 0 if least is None else value >= least)):
+        msg = f"{what} is {shown(value)} {unit}; it must be {'a' if least is None else 'zero or a'} positive number"
+        raise SceneError(msg)
+    return float(value)
+
+
+def _law(given: Any, thickness: float | None, owner: str) -> Law:
+    """Return the law of a bumper that is given as such, as JSON holds it, or by its key."""
+    if given == RUBBER:
+        if not thickness:
+            msg = f"{owner}: law {RUBBER!r} needs the thickness of the rubber (m), a positive number"
+            raise SceneError(msg)
+        return rubber_bumper(thickness)
+    try:
+        law = law_of(given) if isinstance(given, Mapping) else given
+    except (LawError, TypeError) as error:
+        msg = f"{owner}: {error}"
+        raise SceneError(msg) from None
+    if isinstance(law, str) and law in LAWS:
+        law = LAWS[law]
+    if not isinstance(law, Law):
+        msg = f"{owner}: {unknown('contact law', given, LAWS)}, or {RUBBER!r}"
+        raise SceneError(msg)
+    if law.exponent is None:
+        msg = f"{owner}: law {law.key!r} has no force that a bumper could have; give another law"
+        raise SceneError(msg)
+    if LAWS.get(law.key) is not law and not (law.number is None or isinstance(law.number, str)):
+        msg = f"{owner}: law {law.key!r} gives its damping number as a function; give it as text, a formula of e"
+        raise SceneError(msg)
+    return law

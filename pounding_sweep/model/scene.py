@@ -18,6 +18,7 @@ from pounding_sweep.base.errors import SceneError, shown, unknown
 from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.base.tables import html_table
 from pounding_sweep.base.text import label_fault
+from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors
 from pounding_sweep.model.links import Link, LinkedFloors, check_linking
@@ -612,13 +613,16 @@ class Scene:
         Accept pairs with no floors that meet, which pass through each other.
     links : sequence of Link, optional
         Springs and dashpots between floors of neighbours.
+    bumpers : sequence of Bumper, optional
+        Contact laws of some pairs, or of storeys of them; sweeps give that of all other contacts.
 
     Raises
     ------
     SceneError
         No building, a wall inside the row, names that repeat, a wrong number of
         gaps, a gap below zero, a pair with no floors that meet, a floor that is level with
-        several of a neighbour, a storey named that meets nothing, or a link to a floor that is not there.
+        several of a neighbour, a storey named that meets nothing, a link to a floor that is not there, or bumpers where
+        no floors meet.
 
     Examples
     --------
@@ -639,7 +643,9 @@ class Scene:
     storeys: Mapping[str, Sequence[int]] | Sequence[tuple[str, Sequence[int]]] = field(default=(), kw_only=True)
     allow_unmet: bool = field(default=False, kw_only=True)
     links: Sequence[Link] = field(default=(), kw_only=True)
+    bumpers: Sequence[Bumper] = field(default=(), kw_only=True)
     _labels: tuple[tuple[str, int], ...] = field(default=(), init=False, repr=False, compare=False)
+    _bumper_of: tuple[Bumper | None, ...] = field(default=(), init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if isinstance(self.row, (Building, Wall)) or not isinstance(self.row, Iterable):
@@ -680,6 +686,32 @@ class Scene:
         object.__setattr__(self, "gaps", gaps)
         self._check_meetings()
         self._check_links()
+        self._check_bumpers()
+
+    def _check_bumpers(self) -> None:
+        """Check that bumpers stand where floors meet, one at each place."""
+        bumpers = tuple(self.bumpers) if isinstance(self.bumpers, Iterable) else (self.bumpers,)
+        found: list[Bumper | None] = [None] * len(self.contacts)
+        for bumper in bumpers:
+            if not isinstance(bumper, Bumper):
+                msg = f"bumpers must be Bumper objects, not {shown(bumper)}"
+                raise SceneError(msg)
+            if bumper.pair not in self.pair_names:
+                raise SceneError(unknown("pair in bumpers", bumper.pair, self.pair_names))
+            label = self.pair_labels.index(bumper.pair)
+            there = {contact.storey: j for j, contact in enumerate(self.contacts) if contact.place == label}
+            for storey in bumper.storeys or ([] if there else [1]):
+                if storey not in there:
+                    where = f"give some of {', '.join(map(str, sorted(there)))}" if there else "none of the pair do"
+                    msg = f"bumper of pair {bumper.pair!r}: no floors meet at storey {storey}; {where}"
+                    raise SceneError(msg)
+            for storey in bumper.storeys or there:
+                if found[there[storey]] is not None:
+                    msg = f"storey {storey} of pair {bumper.pair!r} has several bumpers; give one"
+                    raise SceneError(msg)
+                found[there[storey]] = bumper
+        object.__setattr__(self, "bumpers", bumpers)
+        object.__setattr__(self, "_bumper_of", tuple(found))
 
     def _check_links(self) -> None:
         """Check that links join floors that are there, each two once."""
@@ -835,6 +867,16 @@ class Scene:
                 for s, t in link.floors
             ]
         return tuple(found)
+
+    @property
+    def bumper_of(self) -> tuple[Bumper | None, ...]:
+        """Bumper of each contact; None where it takes the law of the sweep."""
+        return self._bumper_of
+
+    def thicknesses(self, others: Any = 0.0) -> np.ndarray:
+        """Return the thickness (m) at each contact, of its bumper or what all `others` have, shape (..., contacts)."""
+        own = [math.nan if bumper is None else bumper.thickness for bumper in self.bumper_of]
+        return np.where(np.isnan(own), np.asarray(others, float)[..., None], own)
 
     @cached_property
     def linked_buildings(self) -> tuple[tuple[int, ...], ...]:

@@ -107,9 +107,14 @@ class KernelResults:
     @cached_property
     def steps_per_contact(self) -> np.ndarray:
         """Time steps in the shortest contact, NaN where nothing touched."""
+        return np.asarray(np.fmin.reduce(self.steps_by_law, axis=1))
+
+    @cached_property
+    def steps_by_law(self) -> np.ndarray:
+        """Time steps in the shortest contact of each law, NaN where none touched, shape (scenarios, laws)."""
         if "shortest" not in self.slots:
-            return np.full(len(self), np.nan)
-        lasted = self.slots["shortest"][:, 0] / self.step
+            return np.full((len(self), 1), np.nan)
+        lasted = self.slots["shortest"] / self.step
         return np.where(lasted < 1e30, lasted, np.nan)
 
 

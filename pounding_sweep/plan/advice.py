@@ -49,7 +49,7 @@ _BLOCK = 4096
 _MOST_DAMPED = 0.999
 
 
-def elastic_duration(exponent: float, stiffness: np.ndarray, mass: np.ndarray, speed: np.ndarray) -> np.ndarray:
+def elastic_duration(exponent: float, stiffness: np.ndarray | float, mass: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """How long two free masses stay in contact without damping (s)."""
     share = 1.0 / (exponent + 1.0)
     factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + share) / math.gamma(0.5 + share)
@@ -135,11 +135,17 @@ def shortest_contact(
     if law.exponent is None:
         return result
     variants = variants_of(row)
-    for j, contact in enumerate(variants.scene.contacts):
+    beside = result
+    for j, (contact, bumper) in enumerate(zip(variants.scene.contacts, variants.scene.bumper_of, strict=True)):
+        if bumper is not None:
+            speed, mass = speeds[:, contact.pair], variants.contact_mass(j)
+            lasting = elastic_duration(bumper.law.exponent, bumper.stiffness, mass, speed)
+            beside = np.minimum(beside, lasting / bumper.quickening(basis))
+            continue
         own = variants.contact_stiffnesses(stiffness)[:, j] if contact.struck >= 0 else stiffness
         lasting = elastic_duration(law.exponent, own, variants.contact_mass(j), speeds[:, contact.pair])
         result = np.minimum(result, lasting)
-    return result / law.quickening(restitution, basis)
+    return np.minimum(result / law.quickening(restitution, basis), beside)
 
 
 #: File of measured errors beside this module.
@@ -360,10 +366,11 @@ def _needed(
 ) -> tuple[dict[str, float], tuple[float, str]]:
     """Return what each law needs (of exact flight its `finer`, else steps in the shortest time) and the worst error."""
     assert spec.accuracy is not None
-    need, best = {}, (0.0, "")
-    for law in laws:
+    need, best, bumpers = {}, (0.0, ""), [bumper.law for bumper in spec.scene.bumpers]
+    beside = 0.0
+    for law in (*bumpers, *laws):
         # a law of a user's own has no curves: its scenarios begin as those of the law that asks for most
-        likes = list(LAWS) if law in spec.own_laws else [law.key]
+        likes = [law.key] if LAWS.get(law.key) == law else list(LAWS)
         curves = [known.curves.get((*scheme, like, kind)) for like in likes for kind in classes_of(spec.outputs)]
         if None in curves:
             msg = (
@@ -371,7 +378,11 @@ def _needed(
                 "give method and dt instead, or measure them: python -m pounding_sweep.accuracy.calibrate"
             )
             raise SweepError(msg)
-        need[law.key] = max(curve.needed(spec.accuracy) for curve in curves if curve is not None)
+        most = max(curve.needed(spec.accuracy) for curve in curves if curve is not None)
+        if law in laws:
+            need[law.key] = max(most, beside) if law.has_contact else most
+        else:
+            beside = max(beside, most)
         best = max(best, *((curve.error[-1], law.key) for curve in curves if curve is not None))
     return need, best
 
@@ -408,7 +419,8 @@ class _Demand:
 
     def _speeds(self, record: Record) -> np.ndarray:
         """Speeds of approach, shape (variants, pairs); zeros where no law of the sweep depends on them."""
-        if all(law.exponent in (None, 1.0) for law in self.laws):
+        laws = (*self.laws, *(bumper.law for bumper in self.spec.scene.bumpers))
+        if all(law.exponent in (None, 1.0) for law in laws):
             return np.zeros((len(self.variants), len(self.spec.scene.pair_names)))
         return approach_speeds(self.variants, record)
 
@@ -520,7 +532,8 @@ class _Demand:
         lasting = self.contact[np.isfinite(self.contact)]
         if lasting.size:
             text += f"; contacts last {_range(lasting, '.3g')} s"
-        own = [law.key for law in self.spec.own_laws]
+        bumpers = [bumper.law for bumper in spec.scene.bumpers]
+        own = dict.fromkeys(law.key for law in (*spec.own_laws, *bumpers) if LAWS.get(law.key) != law)
         if own:
             text += f". {', '.join(own)}: not measured, taken as the law that asks for most, and refined"
         text += "".join(f". {' '.join(name)} would cost {ratio:.3g} times as much" for name, ratio in others.items())

@@ -368,13 +368,14 @@ def _limits(
 def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:
     """Rows of the unique table in which no pair can ever touch."""
     scene, table = plan.spec.scene, plan.unique
-    needed = np.full((len(closing), len(scene.pair_names)), -np.inf)
-    for j, contact in enumerate(scene.contacts):
-        needed[:, contact.pair] = np.maximum(needed[:, contact.pair], np.maximum(closing[:, j], 0.0))
-    needed *= 1.0 + CLOSING_MARGIN
+    needed: dict[tuple[int, float | None], np.ndarray] = {}  # by the pair, and the thickness of a bumper
+    for contact, bumper, own in zip(scene.contacts, scene.bumper_of, closing.T, strict=True):
+        place = contact.pair, None if bumper is None else bumper.thickness
+        needed[place] = np.maximum(needed.get(place, 0.0), own)
     known = np.isfinite(closing).all(axis=1)
-    thick = np.array([law.thickness for law in plan.laws])[table.law]
+    laws = np.array([law.thickness for law in plan.laws])[table.law]
     result = known[plan.uncoupled_of]
-    for pair in range(needed.shape[1]):
-        result &= table.gaps[:, pair] - thick >= needed[plan.uncoupled_of, pair]
+    for (pair, thick), most in needed.items():
+        room = table.gaps[:, pair] - (laws if thick is None else thick)
+        result &= room >= (most * (1.0 + CLOSING_MARGIN))[plan.uncoupled_of]
     return result | plan.no_contact

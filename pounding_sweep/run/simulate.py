@@ -357,7 +357,7 @@ def _histories(kernel: Any, history: np.ndarray, motion: Record, time: np.ndarra
     taken = part("e_in")
     n_contacts = len(scene.contacts)
     force = part("force") if "force" in slots.first else np.zeros((len(time), n_contacts))
-    gap = np.array([scene.gaps[c.pair] for c in scene.contacts]) - kernel.law.thickness
+    gap = np.array([scene.gaps[c.pair] for c in scene.contacts]) - scene.thicknesses(kernel.law.thickness)
     penetration = np.zeros((len(time), n_contacts))
     on_floor = -alpha * masses * _on_base(v, v_base, scene)
     drift, damped, yields = _below(u, u_base, scene), stiffnesses, any(scene.yields)

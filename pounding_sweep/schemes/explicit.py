@@ -187,25 +187,25 @@ class Explicit(Scheme):
 
     def plain(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes whose contacts follow from the present state alone."""
-        s, law = group.state, group.law
-        assert law is not None
+        s = group.state
         if group.long:
             keep_start(group)
 
             def push(j: Any) -> Any:
                 d = group.between("x", j) - group.gap(j)
+                law = group.law_of(j)
                 return law.memoryless(group.stiffness(j), s["c", j], s["vrun", j], d, group.between("y", j))
 
             self.step_long(group, h, push, None)
             return lambda: _record_contacts(group)
         every = range(len(group.contacts))
-        k = [group.stiffness(j) for j in every] if group.spec.struck else [group.stiffness(0)] * len(every)
+        k = [group.stiffness(j) for j in every] if group.spec.own_stiffness else [group.stiffness(0)] * len(every)
         c, gaps = [s["c", j] for j in every], [group.gap(j) for j in every]
         run = [s["vrun", j] for j in every]
 
         def press(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
             return [
-                law.memoryless(ki, ci, fastest, group.between(x, j) - gap, group.between(y, j))
+                group.law_of(j).memoryless(ki, ci, fastest, group.between(x, j) - gap, group.between(y, j))
                 for j, (ki, ci, fastest, gap) in enumerate(zip(k, c, run, gaps, strict=True))
             ]
 
@@ -224,13 +224,12 @@ class Explicit(Scheme):
 
     def trial(self, group: Group) -> Callable[[], None]:
         """Try a sub-step of every lane's own length, modes frozen."""
-        s, law = group.state, group.law
+        s = group.state
         if group.long:
 
             def push(j: Any) -> Any:
-                assert law is not None
                 d = group.between("x", j) - group.gap(j)
-                return law.pressing(s["ke", j], s["ce", j], d, group.between("y", j))
+                return group.law_of(j).pressing(s["ke", j], s["ce", j], d, group.between("y", j))
 
             if group.spec.impulsive:
                 self.step_long(group, s["h"], None, lambda name: impulse.join_rows(group, name))
@@ -242,13 +241,16 @@ class Explicit(Scheme):
         if group.spec.impulsive:
             rests = impulse.resting(group)
             step = self.step(group, _row(group), u0, v0, h, join=lambda a: impulse.join(group, a, rests))
-        elif law is None:
+        elif not group.touching:
             step = self.step(group, _row(group), u0, v0, h)
         else:
             k, c, gaps = [s["ke", j] for j in every], [s["ce", j] for j in every], [group.gap(j) for j in every]
 
             def press(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
-                return [law.pressing(k[j], c[j], group.between(x, j) - gaps[j], group.between(y, j)) for j in every]
+                return [
+                    group.law_of(j).pressing(k[j], c[j], group.between(x, j) - gaps[j], group.between(y, j))
+                    for j in every
+                ]
 
             step = self.step(group, _row(group), u0, v0, h, press)
         group.put("a0", step.a0)

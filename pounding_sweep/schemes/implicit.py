@@ -179,8 +179,7 @@ def solve(group: Group, asks: Any, d: Any, v: Any, share: tuple[Any, Any], law: 
 
 def correct(group: Group, h: Any) -> None:
     """Find the contact forces at the end of the step and correct its end with them."""
-    s, spec, law = group.state, group.spec, group.law
-    assert law is not None
+    s, spec = group.state, group.spec
     h = group.full(h)
     some = Cell(group.lanes_where(False))
     for j in group.each_contact():
@@ -192,8 +191,7 @@ def correct(group: Group, h: Any) -> None:
 
 
 def _sweep(group: Group, live: Any, h: Any) -> None:
-    s, spec, law = group.state, group.spec, group.law
-    assert law is not None
+    s, spec = group.state, group.spec
     be, ga = group.prop("newmark_beta") * h * h, group.prop("newmark_gamma") * h
     share = where(s["stiff"] > 0.0, 1.0 / group.prop("newmark_gamma"), group.full(1.0))
     for j in group.each_contact():
@@ -202,6 +200,8 @@ def _sweep(group: Group, live: Any, h: Any) -> None:
                 _keep_compliance(group, first, floors, h)
 
     def force_of(j: Any) -> Callable[[Any, Any], Any]:
+        law = group.law_of(j)
+
         def force(d: Any, v: Any) -> Any:
             if not spec.located:
                 return law.memoryless(group.stiffness(j), s["c", j], s["vrun", j], d, v)
@@ -270,13 +270,12 @@ def correct_resting(group: Group, h: Any) -> None:
 
 def balance(group: Group, lanes: Any, ground: Any, pressed: bool) -> None:
     """Find the accelerations of the equation of motion at the present state, contacts' forces in it if `pressed`."""
-    s, law = group.state, group.law
-
+    s = group.state
     alone(group, ground)
-    if pressed and group.spec.located and group.touching and law is not None and not group.spec.impulsive:
+    if pressed and group.spec.located and group.touching and not group.spec.impulsive:
         for j in group.each_contact():
             k = s["ke", j]
-            force = law.pressing(k, s["ce", j], penetration(group, j), group.between("v", j))
+            force = group.law_of(j).pressing(k, s["ce", j], penetration(group, j), group.between("v", j))
             force = where(k == 0.0, 0.0, force)
             for floor, sign, share in group.ends(j):
                 before = s["alone", floor]
@@ -288,15 +287,14 @@ def balance(group: Group, lanes: Any, ground: Any, pressed: bool) -> None:
 
 def soften(group: Group) -> None:
     """Mark lanes in which a closed contact is too stiff for the next sub-step."""
-    s, law, h = group.state, group.law, group.state["h"]
-    assert law is not None
+    s, h = group.state, group.state["h"]
     mine = (s["time_left"] > 0.0) & ~(s["land"] > 0.0)
     s["stiff"] = where(mine, 0.0, s["stiff"])
     closed = mine & is_closed(group)
     with when_any(closed):
         hard = Cell(closed & ~closed)
         for j in group.each_contact():
-            here = closed & (s["mode", j] > OPEN)
+            law, here = group.law_of(j), closed & (s["mode", j] > OPEN)
             d, v = penetration(group, j), group.between("v", j)
             if law.shape.yields:
                 yielding.set_plastic(group, j, here & (s["mode", j] == REBOUND), d)
@@ -313,7 +311,7 @@ def soften(group: Group) -> None:
             slack = soft & (s["mode", j] == SLACK)
             s["ce", j] = where(slack | (soft & (s["mode", j] == REBOUND)), 0.0, s["ce", j])
             s["ke", j] = where(slack, 0.0, s["ke", j])
-            if law.shape.yields:
+            if group.law_of(j).shape.yields:
                 yielding.slip(group, j, soft & (s["mode", j] == REBOUND), penetration(group, j))
         with when_any(stiff):
             balance(group, stiff, s["g0"], pressed=False)
@@ -323,10 +321,9 @@ def soften(group: Group) -> None:
 
 def settle(group: Group, lanes: Any) -> None:
     """Work, peaks and modes of the closed contacts of marked lanes at the end of their sub-step."""
-    s, law, r, h = group.state, group.law, group.asked, group.state["h"]
-    assert law is not None
+    s, r, h = group.state, group.asked, group.state["h"]
     for j in group.each_contact():
-        here = lanes & (s["mode", j] > OPEN)
+        law, here = group.law_of(j), lanes & (s["mode", j] > OPEN)
         d, v, force = penetration(group, j), group.between("v", j), s["force", j]
         if "force" in r:
             s["fmax", j] = where(here, maximum(s["fmax", j], force), s["fmax", j])
@@ -354,10 +351,9 @@ def settle(group: Group, lanes: Any) -> None:
 
 def touch_miss(group: Group) -> Any:
     """Time (s) by which a lane's sub-step went beyond (or fell short of) the touch that ends it."""
-    s, law, late = group.state, group.law, Cell(group.full(0.0))
-    assert law is not None
-    nears = SIDES[law.shape.rebound_only][0]
+    s, late = group.state, Cell(group.full(0.0))
     for j in group.each_contact():
+        nears = SIDES[group.law_of(j).shape.rebound_only][0]
         d, v = penetration(group, j), group.between("v", j)
         mine = (
             (s["mode", j] == OPEN) & (s["next", j] == nears) & (s["event", j] <= s["fraction"] + group.limit.same_time)

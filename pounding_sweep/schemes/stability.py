@@ -40,7 +40,10 @@ def largest_step(
             contact_c = law.damping_coefficient(restitution, stiffness, largest, basis)
     w2, rate = np.zeros_like(stiffness), np.zeros_like(stiffness)
     weights = _contact_weights(scene)
-    links, dashed = _link_weights(scene), not scene.has_own_modes
+    links = _link_weights(scene)
+    if law.has_contact and not scheme.flies_exactly:
+        links = links + _bumper_weights(variants, basis)
+    dashed = not scene.has_own_modes or links.any()
     for index, building in enumerate(scene.buildings):
         a, b = variants.rayleigh(index)
         if building.foundation is not None:
@@ -95,10 +98,25 @@ def _largest_rate(variants: Variants, index: int) -> np.ndarray:
 def _contact_weights(scene: Scene) -> np.ndarray:
     """Row sums of the contacts' stiffness matrices by the stiffness of one, shape (floors,)."""
     weights = np.zeros(scene.n_dof)
-    for contact in scene.contacts:
+    for contact, bumper in zip(scene.contacts, scene.bumper_of, strict=True):
+        if bumper is not None:
+            continue
         whole = sum(abs(share) for _, share in contact.ends)
         for floor, share in contact.ends:  # k on the diagonal, and -k beside it unless the other end is a wall
             weights[floor] += abs(share) * whole
+    return weights
+
+
+def _bumper_weights(variants: Variants, basis: str) -> np.ndarray:
+    """Row sums of the stiffness and damping matrices (kN/m, kN s/m) of bumpers linear in d, shape (2, floors)."""
+    scene = variants.scene
+    weights = np.zeros((2, scene.n_dof))
+    for j, (contact, bumper) in enumerate(zip(scene.contacts, scene.bumper_of, strict=True)):
+        if bumper is not None and bumper.law.exponent == 1.0:
+            viscous = bumper.law.damping == "viscous"
+            c = bumper.damping_coefficient(variants.contact_mass(j).max(), basis) if viscous else 0.0
+            for floor, _ in contact.ends:
+                weights[:, floor] += len(contact.ends) * np.array([bumper.stiffness, float(c)])
     return weights
 
 

@@ -81,7 +81,10 @@ def _pair(scene: Scene, pair: int) -> str:
     met = [c for c in scene.contacts if c.pair == pair]
     meets = [elevations[c.right if c.left < 0 else c.left] for c in met if c.struck < 0]
     limited = " (limited by the scene)" if scene.pair_names[pair] in dict(scene.storeys) else ""
-    parts = [f"floors meet at {_metres(meets)}{limited}" if meets else f"no floors meet{limited}"]
+    parts = [
+        f"floors meet at {_metres(meets)}{limited}" if meets else f"no floors meet{limited}",
+        *_bumpers(scene, pair),
+    ]
     for mine, other, found in zip((left, right), (right, left), scene.faced(pair), strict=True):
         strikes = {c.storey for c in met if c.struck >= 0 and (c.struck == 1) == (mine is left)}
         for striking in (True, False):
@@ -94,6 +97,20 @@ def _pair(scene: Scene, pair: int) -> str:
             does = f"{it} strike{'s' * (it == 'it')}" if striking else f"{it} pass{'es' * (it == 'it')} through"
             parts.append(f"{what} ({where}) {stand} before columns of {other.name}, which {does}")
     return "; ".join(parts)
+
+
+def _bumpers(scene: Scene, pair: int) -> list[str]:
+    """Say of each bumper of a pair at which storeys it stands, its law and numbers."""
+    found = []
+    for bumper in scene.bumpers:
+        if bumper.pair == scene.pair_names[pair]:
+            each = zip(scene.contacts, scene.bumper_of, strict=True)
+            storeys = [contact.storey for contact, own in each if own is bumper]
+            unit = "kN/m" if bumper.law.exponent == 1.0 else f"kN/m^{bumper.law.exponent:g}"
+            text = f"storey{'s' * (len(storeys) > 1)} {_listed(storeys)} with bumpers {bumper.law.key!r}: "
+            text += f"{1e3 * bumper.thickness:g} mm, " * bool(bumper.thickness) + f"k = {bumper.stiffness:.4g} {unit}"
+            found.append(text + (f", e = {bumper.restitution:g}" if bumper.restitution is not None else ""))
+    return found
 
 
 def _listed(values: Sequence[float]) -> str:

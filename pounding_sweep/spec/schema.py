@@ -83,11 +83,11 @@ def _looked_at(items: Sequence[Any], faults: Faults) -> Iterator[tuple[int, Any]
         yield index, item
 
 
-def _scene(given: Any) -> Scene:
+def _scene(given: Any, info: Any) -> Scene:
     if isinstance(given, Scene):
         return given
     if isinstance(given, dict):
-        return read_scene(given)
+        return read_scene(given, info.data.get("base"))
     try:
         return get_preset(given)
     except SceneError as error:
@@ -158,8 +158,11 @@ def _law(given: Any, info: Any, known: Mapping[str, Law], groups: str = "") -> L
     return law
 
 
-def _check_columns(scene: Scene, law: Law) -> None:
-    """Refuse a law that is not linear in d where floors strike columns, whose own flexibility is in series with it."""
+def _check_law(scene: Scene, law: Law) -> None:
+    """Refuse a law that is not linear in d where floors strike columns, and velocity jumps beside bumpers."""
+    if law.impulsive and scene.bumpers:
+        msg = f"law {law.key!r} has no force, and does not go beside bumpers that have; give another law, or no bumpers"
+        raise InputError(msg)
     if law.has_contact and law.exponent != 1.0 and any(contact.struck >= 0 for contact in scene.contacts):
         usable = ", ".join(key for key, each in LAWS.items() if each.exponent == 1.0)
         msg = (
@@ -191,7 +194,7 @@ def _laws(given: Any, info: Any) -> list[Law]:
             for each in LAW_GROUPS.get(item, (item,)) if isinstance(item, str) else (item,):
                 law = faults.attempt(place, _law, each, info, {}, " (or the groups all, mate2015)")
                 if law is not None and scene is not None:
-                    faults.attempt(place, _check_columns, scene, law)
+                    faults.attempt(place, _check_law, scene, law)
                 if law is not None and law.key in found:
                     faults.add(place, f"law {law.key!r} is there already; the values of an axis must differ")
                 elif law is not None:
@@ -517,7 +520,7 @@ def _case(faults: Faults, index: int, item: Any, info: Any) -> Case:
         law = faults.attempt((*place, "law"), _law, item["law"], info, own)
         own |= {} if law is None else {law.key: law}
         if law is not None and scene is not None:
-            faults.attempt((*place, "law"), _check_columns, scene, law)
+            faults.attempt((*place, "law"), _check_law, scene, law)
     values: dict[str, Any] = {}
     for axis in AXES.values():
         key, value = axis.dimension, item.get(axis.dimension)
@@ -690,12 +693,14 @@ def _locate(given: Any, info: Any) -> bool:
         method = info.data.get("method")
         if method in SCHEMES and SCHEMES[method].flies_exactly:
             faults.add((), f"method {method!r} flies exactly between located touches; give locate = true")
-        for law in info.context["laws"].values():
+        scene = info.data.get("scene")
+        bumpers = [bumper.law for bumper in scene.bumpers] if scene else []
+        for law in (*info.context["laws"].values(), *bumpers):
             if law.impulsive or law.yields:
                 what = "acts at the located touch only" if law.impulsive else "follows its own past by located events"
                 faults.add((), f"law {law.key!r} {what}; give locate = true, or leave the law out")
                 break
-        if scene := info.data.get("scene"):
+        if scene:
             for building in scene.buildings:
                 if any(building.yields):
                     text = f"storeys of building {building.name!r} yield, which is followed by located events"
@@ -858,8 +863,13 @@ def check_sweep(given: dict[str, Any], *, file: bool = False) -> SweepSpec:
 
 
 def _check_room(spec: SweepSpec, laws: Mapping[str, Law]) -> None:
-    """Refuse gaps that are narrower than what a law puts into them."""
-    if not any(law.thickness for law in laws.values()):
+    """Refuse gaps that are narrower than what laws and bumpers put into them, and bumpers that can't rebound so."""
+    with gathering() as faults:
+        for index, bumper in enumerate(spec.scene.bumpers):
+            place: Place = ("scene", "bumpers", index)
+            faults.attempt(Root(place), bumper.check_restitution, spec.restitution_basis)
+    bumpers = [bumper for bumper in spec.scene.bumpers if bumper.thickness]
+    if not bumpers and not any(law.thickness for law in laws.values()):
         return
     own, shared = spec.scene.gaps, Root(("scene", "gaps")) if spec.gaps is None else ("gaps",)
     asked: list[tuple[Place, Sequence[str], Sequence[float]]] = [
@@ -872,3 +882,11 @@ def _check_room(spec: SweepSpec, laws: Mapping[str, Law]) -> None:
                 if min(gaps, default=math.inf) < law.thickness:
                     text = f"a gap of {min(gaps):g} m has no room for the {law.thickness:g} m of law {law.key!r}"
                     faults.add(place, f"{text}; give a wider gap, or a law of less thickness")
+            for bumper in bumpers:
+                pair = spec.scene.pair_names.index(bumper.pair)
+                gap = min(gaps) if gaps is spec.gaps or len(gaps) == 1 else gaps[pair]
+                if gap < bumper.thickness:
+                    text = (
+                        f"a gap of {gap:g} m has no room for the {bumper.thickness:g} m of bumpers of {bumper.pair!r}"
+                    )
+                    faults.add(place, f"{text}; give a wider gap, or a smaller thickness")

@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from pounding_sweep.base.errors import SweepError
+from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.links import Link
 from pounding_sweep.model.scene import CONTACTS, Building, ContactProperties, Scene, Wall
@@ -224,6 +225,8 @@ def scene_data(scene: Scene) -> dict[str, Any]:
         more["contacts"] = scene.contacts.asked
     if scene.links:
         more["links"] = [vars(link) for link in scene.links]
+    if scene.bumpers:
+        more["bumpers"] = [bumper.data for bumper in scene.bumpers]
     return {"row": row, "gaps": list(scene.gaps), "contact": contact, **more}
 
 
@@ -248,6 +251,7 @@ def scene_of(data: Mapping[str, Any]) -> Scene:
         )
     more = {name: data[name] for name in (*_SCENE_MORE, "contacts") if name in data}
     more["links"] = [Link(**link) for link in data.get("links", ())]
+    more["bumpers"] = [Bumper(**bumper) for bumper in data.get("bumpers", ())]
     return Scene(row, data["gaps"], ContactProperties(**data["contact"]), **more)
 
 

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 
 from pounding_sweep.base.errors import InputError, RecordError, SweepError, shown, unknown
 from pounding_sweep.base.paths import expanded
+from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.hertz import hertz_stiffness
 from pounding_sweep.model.links import Link, check_linking
 from pounding_sweep.model.presets import get_preset
@@ -30,6 +31,7 @@ from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import Range, finite
 from pounding_sweep.spec.design import KINDS, NEEDS, POWERS, Distribution
 from pounding_sweep.spec.faults import Faults, Table, gathering, is_number, number
+from pounding_sweep.spec.own_laws import find_law, names_file
 
 
 def _positive(values: list[Any], info: ValidationInfo) -> list[Any]:
@@ -286,6 +288,29 @@ def _links(given: list[Any] | None) -> list[Link | None]:
     return made
 
 
+class BumperTable(Table):
+    """[[scene.bumpers]]: contacts of a pair with a law of their own."""
+
+    pair: str = Field(description='a text, the pair of neighbours "left-right"')
+    law: str = Field(description='a name, "rubber_bumper" or FILE.py:NAME')
+    stiffness: Any = Field(None, description="a number in kN/m**exponent")
+    restitution: Any = Field(None, description="a number")
+    thickness: Any = Field(None, description="a number in m")
+    storeys: list[Any] = Field([], description="a list of whole numbers")
+
+
+def _bumpers(given: list[Any] | None, info: ValidationInfo) -> list[Bumper | None]:
+    made: list[Bumper | None] = []
+    with gathering() as faults:
+        for index, item in enumerate(given or ()):
+            table = faults.attempt((index,), BumperTable.model_validate, item)
+            law = table and table.law
+            if table and names_file(table.law):
+                law = faults.attempt((index, "law"), find_law, table.law, (info.context or {}).get("base"))
+            made.append(faults.attempt((index,), Bumper, **{**dict(table), "law": law}) if law else None)
+    return made
+
+
 class SceneTable(Table):
     """[scene]: a preset, or a row of its own."""
 
@@ -310,35 +335,38 @@ class SceneTable(Table):
     links: Annotated[list[Any] | None, AfterValidator(_links)] = Field(
         None, description="tables [[scene.links]] of springs and dashpots between neighbours"
     )
+    bumpers: Annotated[list[Any] | None, AfterValidator(_bumpers)] = Field(
+        None, description="tables [[scene.bumpers]] of contacts with a law of their own"
+    )
 
 
 #: Keys of [scene] that are arguments of `Scene` as they stand.
 _SCENE_SETTINGS = ("contacts", "tolerance", "allow_unmet")
 
 
-def read_scene(given: dict[str, Any]) -> Scene:
-    """Make a scene of a table; what it leaves out is the preset's."""
+def read_scene(given: dict[str, Any], base: Path | None = None) -> Scene:
+    """Make a scene of a table; what it leaves out is the preset's. Law files are looked for in the folder `base`."""
     with gathering() as faults:
         if given.get("preset") is not None and given.get("row") is not None:
             faults.add(("preset",), "preset and row exclude each other; give one of them")
         elif given.get("preset") is None and given.get("row") is None:
             faults.add((), "needs a preset or tables [[scene.row]]")
-        table: Any = faults.attempt((), SceneTable.model_validate, given)
-    base = table.preset
-    row = table.row if base is None else base.row
-    gaps = table.gaps if table.gaps is not None else base.gaps if base else ()
+        table: Any = faults.attempt((), SceneTable.model_validate, given, context={"base": base})
+    whole = table.preset
+    row = table.row if whole is None else whole.row
+    gaps = table.gaps if table.gaps is not None else whole.gaps if whole else ()
     own = dict(table.contact or ())
     if (hertz := own.pop("hertz", None)) is not None:
         own["hertz_stiffness"] = hertz
-    whole = base.contact if base else ContactProperties()
+    usual = whole.contact if whole else ContactProperties()
     contact = ContactProperties(
         *(
-            getattr(whole, name) if own.get(name) is None else own[name]
+            getattr(usual, name) if own.get(name) is None else own[name]
             for name in ("linear_stiffness", "hertz_stiffness", "restitution")
         )
     )
     more = {name: getattr(table, name) for name in _SCENE_SETTINGS if getattr(table, name) is not None}
-    make = partial(replace, base) if base else partial(Scene, row)
+    make = partial(replace, whole) if whole else partial(Scene, row)
     with gathering() as faults:
         place = ("gaps",) if len(gaps) != len(row) - 1 else ()
         scene = faults.attempt(place, make, gaps=gaps, contact=contact, **more)
@@ -347,6 +375,9 @@ def read_scene(given: dict[str, Any]) -> Scene:
         for index, link in enumerate(table.links or ()):
             if scene is not None:
                 scene = faults.attempt(("links", index), replace, scene, links=(*scene.links, link)) or scene
+        for index, bumper in enumerate(table.bumpers or ()):
+            if scene is not None:
+                scene = faults.attempt(("bumpers", index), replace, scene, bumpers=(*scene.bumpers, bumper)) or scene
     return scene
 
 

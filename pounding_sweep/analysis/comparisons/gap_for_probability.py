@@ -179,6 +179,12 @@ def gap_for_probability(
         strength = intensity_of(cube, intensity, records=records, folders=folders)
         about |= {"intensity": f"{strength.attrs['long_name']} ({strength.attrs['units']})"}
         _check_elastic(cube)
+        if "thickness" in gaps.coords:
+            msg = (
+                "bumpers take their thickness of the gap, so that the required gap does not grow in proportion to the "
+                "intensity; leave them out of the row, and add their thickness to the gap that is found"
+            )
+            raise InputError(msg)
         exact = _per_intensity(exact, strength, cube)
     elif levels is not None:
         msg = "intensities are given, but not of what; add intensity='pga', or another measure (--intensity)"

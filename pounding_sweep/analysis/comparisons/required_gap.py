@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -67,7 +67,8 @@ def required_gap(
         On ``record``, and on ``scale``, building properties or ``case`` where the cube
         has them: ``closing`` (pair, storey; m), the largest closing displacement of the
         floors; ``exact`` (pair; m), its largest value over storeys and the exact required
-        gap, 0 where it is below 1e-9 of the sum of the floors' displacements; ``never``
+        gap, 0 where it is below 1e-9 of the sum of the floors' displacements; where there are bumpers their
+        ``thickness`` (pair; m) is in it, storey by storey, and in what rules ask for; ``never``
         (pair) is 1 there, else 0; ``rule_gap`` (rule, pair; m) and ``ratio`` (rule, pair), its ratio to the
         exact one, missing where that is 0; ``correlation`` (pair) of the first modes. Missing where no floors
         meet. Beside ``rule`` stand its title, formula, clause, edition and note, beside
@@ -115,11 +116,12 @@ def _gaps(still: StillRuns, factors: BehaviourFactors) -> xr.Dataset:
     closing = values(still.cube, "closing_max")
     ends = _neighbours(still, factors)
     never = closing <= ROUND_OFF * (ends.left + ends.right)
-    exact = closing.where(~never, 0.0).max("storey")
+    closest, thick = closing.where(~never, 0.0), _thicknesses(still.scene)
+    exact, reach = (closest + thick).max("storey"), closest.max("storey")
     rules = list(SEPARATION_RULES.values())
     index = labelled("rule", [rule.key for rule in rules], "separation rule")
-    rule_gap = xr.concat([rule.gap(ends).max("storey") for rule in rules], dim=index)
-    about = {
+    rule_gap = xr.concat([(rule.gap(ends) + thick).max("storey") for rule in rules], dim=index)
+    about: dict[str, Any] = {
         f"rule_{name}": ("rule", [getattr(rule, name) for rule in rules], {"long_name": f"{name} of the rule"})
         for name in ("title", "formula", "clause", "edition", "note")
     }
@@ -131,13 +133,25 @@ def _gaps(still: StillRuns, factors: BehaviourFactors) -> xr.Dataset:
     found = {
         "closing": (closing, "m", "largest closing displacement"),
         "exact": (exact, "m", "exact required gap"),
-        "never": ((exact == 0.0).where(exact.notnull()), "1", "1 where the pair never touches, 0 where it does"),
+        "never": ((reach == 0.0).where(reach.notnull()), "1", "1 where the pair never touches, 0 where it does"),
         "rule_gap": (rule_gap, "m", "required gap by the rule"),
         "ratio": (rule_gap / exact.where(exact > 0.0), "1", "required gap by the rule over the exact one"),
         "correlation": (ends.correlation, "1", "correlation of the first modes"),
     }
     variables = {name: described(part, units, text, bare=True) for name, (part, units, text) in found.items()}
+    if thick.any():
+        about["thickness"] = ("pair", thick.max("storey").values, {"units": "m", "long_name": "thickness of bumpers"})
     return xr.Dataset(variables).assign_coords({**about, "row_gap": own})
+
+
+def _thicknesses(scene: Scene) -> xr.DataArray:
+    """Return what bumpers take of the gap (m), on pair and storey."""
+    import xarray as xr
+
+    found = np.zeros((len(scene.pair_labels), scene.n_storeys))
+    for contact, thickness in zip(scene.contacts, scene.thicknesses(), strict=True):
+        found[contact.place, contact.storey - 1] = thickness
+    return xr.DataArray(found, dims=("pair", "storey"), coords={"pair": list(scene.pair_labels)})
 
 
 def _text(factor: float | Mapping[str, float]) -> str:

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = None, ax: Any = None) -> Figure:
     """Draw the displacement of each left floor less that of the right one: they touch where it reaches the gap.
 
-    Circles mark the onsets of contact that the histories show.
+    Circles mark the onsets of contact that the histories show. Where there are bumpers, floors touch their thickness
+    earlier.
 
     Parameters
     ----------
@@ -45,20 +46,23 @@ def closing(one: xr.Dataset, *, start: float | None = None, end: float | None = 
     figure, axes = subplots(len(pairs), 1, (7.2, 1.2 + 2.0 * len(pairs)), ax)
     for number, (pair, gap) in enumerate(zip(pairs, scene.gaps, strict=True)):
         panel = axes[number, 0]
-        onsets: list[Any] = []
-        mine = [contact for contact in scene.contacts if contact.pair == number]
-        for line, contact in enumerate(mine):
+        onsets: list[tuple[float, Any]] = []
+        both = zip(scene.contacts, 1e3 * (gap - scene.thicknesses()), strict=True)
+        mine = [(contact, face) for contact, face in both if contact.pair == number]
+        for line, (contact, face) in enumerate(mine):
             relative = 1e3 * sum(share * u[:, floor] for floor, share in contact.ends)
             label = f"storey {contact.storey}{' and columns' if contact.struck >= 0 else ''}"
             panel.plot(time, relative, label=label, **history_look(line))
-            closed = relative > 1e3 * gap
-            onsets.append(time[1:][closed[1:] & ~closed[:-1]])
+            closed = relative > face
+            onsets.append((face, time[1:][closed[1:] & ~closed[:-1]]))
         panel.axhline(1e3 * gap, color="0.4", linewidth=1.6, label="gap")
+        for face in sorted({face for _, face in mine} - {1e3 * gap}):
+            panel.axhline(face, color="0.4", linewidth=1.6, linestyle="--", label="bumpers")
         panel.axhspan(1e3 * gap, max(1e3 * gap, panel.get_ylim()[1]), color="0.9", linewidth=0.0, zorder=0)
-        for line, at in enumerate(onsets):
+        for line, (face, at) in enumerate(onsets):
             if len(at):
                 look = {"markerfacecolor": "white", "markersize": 5, "color": COLOURS[line % len(COLOURS)]}
-                panel.plot(at, np.full(len(at), 1e3 * gap), "o", zorder=3, **look)
+                panel.plot(at, np.full(len(at), face), "o", zorder=3, **look)
         panel.set_ylabel(f"{pair}\nrelative displacement (mm)")
         panel.set_xlim(time[0], time[-1])
         legend_beside(panel)

@@ -1,0 +1,417 @@
+"""Contacts of one row with laws of their own: against the slow twin, and what sweeps, plans, files make of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import naive
+import numpy as np
+import pytest
+import xarray as xr
+from kernels_used import BUMPED, PADDED
+from scenes import OUTPUTS, motions, pair
+from test_analysis_gaps import told
+from test_bumpers import number_of
+from test_kernels import errors, motion, twins
+
+import pounding_sweep as ps
+from pounding_sweep.analysis import gap_for_probability, required_gap
+from pounding_sweep.base.errors import InputError, SceneError, SweepError
+from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
+from pounding_sweep.kernel.spec import from_json, to_json
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.outputs.variables import Status, reducers_for
+from pounding_sweep.plan.advice import shortest_contact
+from pounding_sweep.plan.plan import untouched
+from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.spec.overview import overview
+from pounding_sweep.spec.spec import scene_data, scene_of
+
+STIFFNESS = {"none": None, "hertz": 7.5e6, "hertz_damped": 7.5e6, "hysteretic": 7.5e6}
+PAD, STOP = BUMPED.bumpers
+#: More floors than one straight line of code holds, bumpers of two kinds among them.
+LONG = ps.Scene(
+    [
+        ps.Building("tower", [100.0] * 7, [4.5e5] * 7),
+        ps.Building("annex", [120.0] * 5, [3.5e5] * 5),
+        ps.Building("twin", [90.0] * 5, [2.5e5] * 5),
+        ps.Wall(),
+    ],
+    gaps=[0.012, 0.004, 0.012],
+    bumpers=[
+        replace(PAD, pair="tower-annex", storeys=[2, 3, 4]),
+        replace(PAD, pair="twin-wall"),
+        ps.Bumper("annex-twin", "hysteretic", 5e6, 0.5, 0.001, [5]),
+    ],
+)
+
+
+@lru_cache
+def truth(scene, law, points=101, scale=1.5):
+    record, bumpers = motion(points, scale), []
+    for each in scene.bumpers:
+        own = each.law.key
+        if own == "rubber_bumper":
+            flat = 0.8 * each.thickness
+            own = naive.Law(2.65, "proportional", rebound_only=True, published=number_of, flat=flat)
+        at = scene.pair_names.index(each.pair), each.storeys or None
+        bumpers.append((*at, own, each.stiffness, each.restitution, each.thickness))
+    k, gaps = STIFFNESS.get(law, 8e5), list(scene.gaps)
+    found = naive.run(twins(scene), gaps, record.acceleration, record.dt, law, k, 0.6, bumpers=bumpers, rtol=1e-11)
+    return {**found, "law": law}
+
+
+def simulate(scene, law, points=101, scale=1.5, **options):
+    e = 0.6 if LAWS[law].takes_restitution else None
+    return ps.simulate(
+        scene, motion(points, scale), law=law, stiffness=STIFFNESS.get(law, 8e5), restitution=e, **options
+    )
+
+
+# -- against the twin --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("method", "dt", "bound"), [("rk4", 5e-4, 1e-6), ("newmark", 5e-4, 3e-3)])
+def test_every_variable_equals_the_twins(method, dt, bound):
+    got, want = simulate(BUMPED, "hertz_damped", method=method, dt=dt), truth(BUMPED, "hertz_damped")
+    assert int(got.status) == Status.OK
+    assert (got.impact_count.sum("storey") > 3).all()  # bumpers, bare floors and the wall
+    assert float(got.penetration_max.sel(pair="a-b").max()) > 0.8 * PAD.thickness  # squeezed flat
+    found = errors(got, want, BUMPED)
+    assert max(found.values()) < bound, found
+    shown = got.penetration.max("time") / got.penetration_max  # histories know the bumpers too
+    assert float(abs(shown - 1.0).max()) < 1e-2
+
+
+def test_contacts_of_several_laws_are_stepped_by_one_series():
+    """Where all are polynomials of the motion, at any step."""
+    got, want = simulate(PADDED, "kelvin_voigt", method="exact", dt=5e-3), truth(PADDED, "kelvin_voigt")
+    found = errors(got, want, PADDED)
+    assert max(found.values()) < 5e-6, found
+    shapes = [kernel_shape(scene, LAWS["kelvin_voigt"], Numerics("exact", 1e-3), ()) for scene in (PADDED, BUMPED)]
+    assert [bool(shape.series) for shape in shapes] == [True, False]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["linear", "kelvin_voigt_tension", "nonlinear_viscoelastic", "hysteretic"])
+@pytest.mark.parametrize(
+    ("method", "dt", "bound"),
+    [("rk4", 5e-4, 1e-5), ("exact", 5e-4, 1e-5), ("newmark", 2e-4, 2e-3), ("central_difference", 1e-4, 2e-3)],
+)
+def test_other_laws_beside_bumpers_equal_the_twin(law, method, dt, bound):
+    found = errors(simulate(BUMPED, law, method=method, dt=dt), truth(BUMPED, law), BUMPED)
+    assert max(found.values()) < bound, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["hertz_damped", "kelvin_voigt"])
+@pytest.mark.parametrize(
+    ("method", "dt", "bound"), [("rk4", 5e-4, 1e-5), ("exact", 5e-4, 1e-5), ("newmark", 2e-4, 5e-3)]
+)
+def test_a_long_row_equals_the_twin(law, method, dt, bound):
+    got, want = simulate(LONG, law, 51, 3.0, method=method, dt=dt), truth(LONG, law, 51, 3.0)
+    assert (got.impact_count.max("storey") > 0).all()
+    found = errors(got, want, LONG)
+    assert max(found.values()) < bound, found
+
+
+@pytest.mark.slow
+def test_the_order_is_kept():
+    steps = np.array([2e-3, 1e-3, 5e-4])
+    off = [
+        max(errors(simulate(BUMPED, "hertz_damped", dt=dt), truth(BUMPED, "hertz_damped"), BUMPED).values())
+        for dt in steps
+    ]
+    assert np.polyfit(np.log(steps), np.log(off), 1)[0] > 3.0, off
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "newmark"])
+def test_steps_that_are_not_split_find_the_same_impacts(method):
+    got, want = (simulate(BUMPED, "kelvin_voigt", method=method, dt=1e-4, locate=each) for each in (False, True))
+    assert got.impact_count.equals(want.impact_count)
+    np.testing.assert_allclose(got.impact_force_max, want.impact_force_max, rtol=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "newmark"])
+def test_the_row_seen_from_behind(method):
+    """Left and right exchanged, and the ground turned round."""
+    there = {name: "-".join(reversed(name.split("-"))) for name in BUMPED.pair_names}
+    turned = [replace(each, pair=there[each.pair]) for each in BUMPED.bumpers]
+    mirror = replace(BUMPED, row=BUMPED.row[::-1], gaps=BUMPED.gaps[::-1], bumpers=turned)
+    one = simulate(BUMPED, "hertz_damped", method=method, dt=5e-4)
+    other = simulate(mirror, "hertz_damped", scale=-1.5, method=method, dt=5e-4)
+    np.testing.assert_allclose(
+        other.impact_force_max.values[::-1], one.impact_force_max.values, rtol=1e-9, equal_nan=True
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "exact", "newmark"])
+def test_bumpers_of_the_law_of_the_sweep_change_nothing(method):
+    bare = replace(BUMPED, bumpers=())
+    same = replace(
+        BUMPED, bumpers=[ps.Bumper("a-b", "kelvin_voigt", 8e5, 0.6), ps.Bumper("c-wall", "kelvin_voigt", 8e5, 0.6)]
+    )
+    one, other = (simulate(scene, "kelvin_voigt", method=method, dt=1e-3) for scene in (bare, same))
+    for name in ("impact_force_max", "displacement_max", "energy_damping", "steps_per_contact"):
+        np.testing.assert_allclose(other[name], one[name], rtol=1e-9)
+
+
+# -- what is compiled --------------------------------------------------------------------------------------------------
+
+
+def test_a_scene_without_bumpers_asks_for_the_kernel_that_it_had():
+    numerics = Numerics("rk4", 1e-3)
+    plain = kernel_shape(replace(BUMPED, bumpers=[]), LAWS["linear"], numerics, reducers_for(OUTPUTS))
+    assert (plain.bumpers, plain.bumped, plain.n_gaps) == ((), (), 3)
+    assert [gap for *_, gap in plain.contacts] == [0, 0, 1, 1, 2, 2]
+    assert "bumpers" not in scene_data(pair())
+    mine = kernel_shape(BUMPED, LAWS["linear"], numerics, reducers_for(OUTPUTS))
+    assert mine.bumped == (1, 1, 0, 0, 2, 0)
+    assert from_json(json.loads(json.dumps(to_json(mine)))) == mine
+    # under no pounding bumpers do not act
+    still = kernel_shape(BUMPED, LAWS["none"], numerics, reducers_for(OUTPUTS))
+    assert still == replace(plain, law=None, contacts=(), reducers=still.reducers)
+    # two bumpers of one law are one law
+    twice = replace(BUMPED, bumpers=[replace(STOP, storeys=[1]), replace(STOP, storeys=[2], stiffness=1e5)])
+    assert kernel_shape(twice, LAWS["linear"], numerics, frozenset()).bumped == (0, 0, 0, 0, 1, 1)
+
+
+def test_contacts_of_each_law_have_a_status_of_their_own():
+    """A contact is too short by the damping of its own law, not by that of another one."""
+    kernel = RowKernel(BUMPED, LAWS["kelvin_voigt"], Numerics("rk4", 1e-3), reducers_for(["impact_count"]))
+    quick = kernel._quickening(np.array([0.02, 0.6]))
+    assert quick[:, 0] == pytest.approx(LAWS["kelvin_voigt"].quickening([0.02, 0.6]))
+    assert quick[:, 1:].tolist() == [[PAD.quickening("published"), STOP.quickening("published")]] * 2
+    need = kernel.numerics.scheme.min_steps_per_contact(True)
+    raw = {"flags": np.zeros((3, 1)), "quickening": np.ones((3, 3)) * [1.0, 3.0, 1.0], "scale": np.ones((3, 1))}
+    lasts = np.array([[10.0, 10.0, 10.0], [10.0, 2.0, 1e30], [1e30, 1e30, 2.0]]) * need * 1e-3
+    found = variables_of(
+        kernel, {**raw, "shortest": lasts}, ["steps_per_contact", "status"], ps.find_record("el_centro")
+    )
+    np.testing.assert_allclose(found["steps_per_contact"], [10.0 * need, 2.0 * need, 2.0 * need], rtol=1e-9)
+    assert found["status"].tolist() == [Status.OK, Status.UNDER_RESOLVED_CONTACT, Status.OK]
+
+
+# -- in sweeps ---------------------------------------------------------------------------------------------------------
+
+
+def sweep(**more):
+    given = {"scene": BUMPED, "records": motion(20), "laws": "linear", "gaps": [0.012]}
+    return ps.Sweep(**{**given, **more})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rk4", "exact"])
+def test_a_sweep_equals_its_scenarios_one_by_one(method):
+    """Laws, gaps and building properties vary; what never touches is left out; bumpers stay what they are."""
+    laws, outputs = ["none", "linear", "kelvin_voigt"], [*OUTPUTS, "contact_work"]
+    axes = {"mass_factors": {"a": [1.0, 1.5]}, "gaps": [0.009, 0.012, 0.05]}
+    cube = ps.Sweep(BUMPED, motions()[0], laws, method=method, dt=1e-3, outputs=outputs, **axes).run()
+    for law in laws:
+        for gap in axes["gaps"]:
+            for factor in axes["mass_factors"]["a"]:
+                a = BUMPED.row[0]
+                heavy = replace(
+                    a, **{name: [factor * x for x in getattr(a, name)] for name in ("masses", "stiffnesses")}
+                )
+                scene = replace(BUMPED, row=(heavy, *BUMPED.row[1:]), gaps=[gap] * 3)
+                one = ps.simulate(scene, motions()[0], law=law, method=method, dt=1e-3)
+                mine = cube.sel(law=law, gap=gap, mass_factor_a=factor).squeeze()
+                for name in outputs:
+                    np.testing.assert_allclose(
+                        mine[name], one[name], rtol=2e-6, atol=1e-9, err_msg=f"{law} {gap} {name}"
+                    )
+
+
+def test_what_never_touches_is_told_by_the_gap_that_each_bumper_leaves():
+    plan = sweep(gaps=[0.010, 0.014, 0.018]).plan()
+    closing = np.full((len(plan.uncoupled_runs), 6), 0.006)
+
+    def found():
+        return dict(zip(plan.unique.gaps[:, 0].tolist(), untouched(plan, closing).tolist(), strict=True))
+
+    assert found() == {0.010: False, 0.014: False, 0.018: True}  # 9 mm of each are rubber
+    closing[:, :2] = 0.0  # between the pair nothing closes
+    assert found() == {0.010: True, 0.014: True, 0.018: True}
+
+
+def test_steps_follow_from_the_stiffest_contact():
+    none, one = np.ones(1), np.ones(1)
+    stiff = replace(BUMPED, bumpers=[PAD, replace(STOP, stiffness=1e8, law="linear", restitution=None)])
+    alone = ps.Scene([*BUMPED.row[2:]], [0.01], storeys={"c-wall": [1]})  # the same contact under a law of the sweep
+    limits = [
+        float(largest_step(scene, LAWS["linear"], k * one, one, method="rk4")[0])
+        for scene, k in ((BUMPED, 8e5), (stiff, 1e-6), (alone, 1e8))
+    ]
+    assert limits[1] == pytest.approx(limits[2], rel=1e-9)
+    assert limits[1] < 0.3 * limits[0]
+    assert largest_step(stiff, LAWS["linear"], 8e5 * one, one, method="newmark") == np.inf
+    still = [
+        largest_step(scene, LAWS["none"], none, one, method="rk4") for scene in (stiff, replace(stiff, bumpers=()))
+    ]
+    assert still[0] == still[1]  # where nothing touches
+    # contacts of bumpers are as short as their own law makes them
+    speeds = np.full((1, 3), 0.3)
+    shorter = [float(shortest_contact(s, LAWS["linear"], 8e5 * none, none, speeds)[0]) for s in (BUMPED, stiff)]
+    assert shorter[1] == pytest.approx(np.pi * np.sqrt(100.0 / 1e8), rel=1e-9)
+    assert shorter[0] > 5.0 * shorter[1]
+    plan = sweep(accuracy=1e-3, dt=None).plan()
+    assert "rubber_bumper: not measured, taken as the law that asks for most" in plan.choice
+
+
+def test_required_gaps_have_room_for_bumpers():
+    bare, found = (required_gap(told(scene)) for scene in (replace(BUMPED, bumpers=()), BUMPED))
+    np.testing.assert_allclose(found.closing, bare.closing)
+    assert np.array_equal(found.never, bare.never)
+    for name in ("exact", "rule_gap"):
+        more = (found[name] - bare[name]).transpose("pair", ...).values.reshape(3, -1)
+        np.testing.assert_allclose(more, np.repeat([[PAD.thickness], [0.0], [0.0]], more.shape[1], axis=1), atol=1e-12)
+    assert found.thickness.values.tolist() == [PAD.thickness, 0.0, 0.0]
+    assert "thickness" not in bare.coords
+    # of one storey only the larger of both sums counts
+    one = required_gap(told(replace(BUMPED, bumpers=[replace(PAD, storeys=[2])])))
+    sums = (found.closing.sel(pair="a-b") + np.array([0.0, PAD.thickness])).max("storey")
+    np.testing.assert_allclose(one.exact.sel(pair="a-b"), sums)
+    with pytest.raises(InputError, match="bumpers take their thickness of the gap"):
+        gap_for_probability(found, [0.1], intensity=xr.DataArray([1.0, 2.0], coords={"record": found.record}))
+
+
+def test_a_row_comes_back_from_its_json():
+    mine = ps.Law(key="mine", exponent=1.25, damper="c*d**1.25", damping="elastic", number="1.5*(1 - e)")
+    for scene in (BUMPED, LONG, replace(BUMPED, bumpers=[ps.Bumper("b-c", mine, 1e6, 0.4)])):
+        again = scene_of(json.loads(json.dumps(scene_data(scene), allow_nan=False)))
+        assert again == scene
+        assert hash(again) == hash(scene)
+    assert sweep().plan().digest != sweep(scene=replace(BUMPED, bumpers=[PAD])).plan().digest
+
+
+def test_a_cube_tells_its_bumpers(stub_engine):
+    del stub_engine
+    from pounding_sweep.output.describe import describe
+
+    text = describe(sweep().run())
+    assert "storeys 1, 2 with bumpers 'rubber_bumper': 9 mm, k = 3e+08 kN/m^2.65, e = 0.5" in text
+    told = dict(overview(BUMPED))
+    assert (
+        told["c-wall"]
+        == "floors meet at 3, 6 m; storey 1 with bumpers 'modified_kelvin_voigt': k = 2e+05 kN/m, e = 0.4"
+    )
+    assert told["b-c"] == "floors meet at 3, 6 m"
+
+
+def test_a_file_describes_them(tmp_path):
+    (tmp_path / "pads.py").write_text("import pounding_sweep as ps\nthin = ps.rubber_bumper(0.004, stiffness=2e7)\n")
+    path = tmp_path / "sweep.toml"
+    path.write_text(
+        """
+[scene]
+preset = "mate2015"
+[[scene.bumpers]]
+pair = "left-middle"
+law = "kelvin_voigt"
+stiffness = 5e4
+restitution = 0.4
+thickness = 0.002
+storeys = [1, 3]
+[[scene.bumpers]]
+pair = "middle-right"
+law = "pads.py:thin"
+restitution = 0.5
+[sweep]
+records = ["el_centro"]
+laws = ["linear"]
+"""
+    )
+    scene = ps.load_sweep(path).spec.scene
+    assert [(bumper.law.key, bumper.stiffness, bumper.thickness) for bumper in scene.bumpers] == [
+        ("kelvin_voigt", 5e4, 0.002),
+        ("rubber_bumper", 2e7, 0.004),
+    ]
+    first, second = scene.bumpers
+    assert scene.bumper_of == (first, None, first, second, second, second)
+    assert scene.thicknesses(0.001).tolist() == [0.002, 0.001, 0.002, 0.004, 0.004, 0.004]
+
+
+def test_the_sweep_of_the_repository_has_bumpers_of_one_pair():
+    plan = ps.load_sweep(Path(__file__).parents[1] / "sweeps" / "bumpers_of_a_pair.toml").plan()
+    assert [bool(bumper) for bumper in plan.spec.scene.bumper_of] == [True, True, False, False]
+
+
+# -- refusals ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (("a-x", "linear", 1e5), r"unknown pair in bumpers 'a-x'; did you mean"),
+        (("a-b", "nobody", 1e5), r"bumper of pair 'a-b': unknown contact law 'nobody'"),
+        (("a-b", 3, 1e5), r"unknown contact law 3"),
+        (("a-b", "stereomechanical", 1e5, 0.5), r"law 'stereomechanical' has no force that a bumper could have"),
+        (("a-b", "linear"), r"law 'linear' needs a stiffness \(kN m-1\)"),
+        (("a-b", "linear", -1.0), r"stiffness is -1.0 kN/m\*\*exponent; it must be a positive number"),
+        (("a-b", "linear", True), r"stiffness is True"),
+        (("a-b", "linear", 1e5, 0.5), r"law 'linear' takes no restitution; leave it out"),
+        (("a-b", "kelvin_voigt", 1e5), r"law 'kelvin_voigt' needs a coefficient of restitution"),
+        (("a-b", "kelvin_voigt", 1e5, "x"), r"restitution 'x' is no number; give 0 <= e <= 1"),
+        (("a-b", "kelvin_voigt", 1e5, 1.2), r"restitution 1.2 is outside the validity"),
+        (("a-b", "linear", 1e5, None, -1.0), r"thickness is -1.0 m; it must be zero or a positive number"),
+        (("a-b", "rubber_bumper", 1e5, 0.5), r"law 'rubber_bumper' needs the thickness of the rubber"),
+        (("a-b", PAD.law, 1e5, 0.5, 0.2), r"thickness is 0.2 m beside the 0.009 m of its law; leave it out"),
+        (("a-b", "linear", 1e5, None, None, [3]), r"no floors meet at storey 3; give some of 1, 2"),
+        (("a-b", "linear", 1e5, None, None, [1, 1]), r"storey 1 of pair 'a-b' has several bumpers; give one"),
+        (("a-b", "linear", 1e5, None, None, [1.5]), r"storeys are \[1.5\]; give a list of whole numbers"),
+        (("a-b", {"key": "x", "exponent": 0.1}, 1e5), r"bumper of pair 'a-b': law 'x': its exponent is 0.1"),
+    ],
+)
+def test_bad_bumpers_are_refused(given, message):
+    with pytest.raises(SceneError, match=message):
+        replace(BUMPED, bumpers=[ps.Bumper(*given)])
+
+
+def test_what_does_not_go_with_bumpers_is_refused():
+    with pytest.raises(SceneError, match="bumpers must be Bumper objects, not 3"):
+        replace(BUMPED, bumpers=[3])
+    with pytest.raises(SceneError, match="storey 2 of pair 'a-b' has several bumpers"):
+        replace(BUMPED, bumpers=[PAD, replace(PAD, storeys=[2])])
+    mine = ps.Law(key="mine", exponent=1.0, damper="c", damping="viscous", number=lambda e: 1.0 - e)
+    with pytest.raises(SceneError, match="gives its damping number as a function"):
+        ps.Bumper("a-b", mine, 1e5, 0.5)
+    with pytest.raises(SweepError, match="law 'stereomechanical' has no force, and does not go beside bumpers"):
+        sweep(laws="stereomechanical", restitutions=0.5)
+    with pytest.raises(SweepError, match=r"cases\[0\].law: law 'stereomechanical' has no force"):
+        sweep(laws=None, gaps=None, cases=[{"law": "stereomechanical", "restitution": 0.5}])
+    memory = replace(BUMPED, bumpers=[ps.Bumper("a-b", "hysteretic", 1e6, 0.5)])
+    with pytest.raises(SweepError, match="law 'hysteretic' follows its own past by located events"):
+        sweep(scene=memory, locate=False)
+    deep = replace(memory.bumpers[0], restitution=0.1)
+    with pytest.raises(
+        SweepError, match=r"scene.bumpers\[0\]: bumper of pair 'a-b': restitution 0.1 can't be realised"
+    ):
+        sweep(scene=replace(memory, bumpers=[deep]), restitution_basis="realised")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            {"gaps": [0.02, 0.005]},
+            "gaps: a gap of 0.005 m has no room for the 0.009 m of bumpers of 'a-b'; give a wider",
+        ),
+        ({"gaps": None, "scene": replace(BUMPED, gaps=[0.004, 0.1, 0.1])}, "scene.gaps: a gap of 0.004 m has no room"),
+        (
+            {"gaps": None, "laws": None, "cases": [{"law": "linear", "gap": g} for g in ([0.02, 0, 0], [0.003, 1, 1])]},
+            r"cases\[1\].gap: a gap of 0.003 m has no room",
+        ),
+    ],
+)
+def test_a_gap_has_room_for_its_bumpers(given, said):
+    with pytest.raises(SweepError, match=said):
+        sweep(**given)
+    sweep(gaps=None)  # the narrow gap beside is that of bare floors
