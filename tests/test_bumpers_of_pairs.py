@@ -242,6 +242,21 @@ def test_what_never_touches_is_told_by_the_gap_that_each_bumper_leaves():
     assert found() == {0.010: True, 0.014: True, 0.018: True}
 
 
+def test_where_all_contacts_have_bumpers_laws_are_run_once():
+    whole = replace(BUMPED, bumpers=[PAD, replace(STOP, storeys=()), replace(STOP, pair="b-c", storeys=())])
+    asked = {"laws": ["none", "linear", "hertz_damped"], "restitutions": [0.3, 0.6], "stiffness_factors": [0.5, 1.0]}
+    few, many = (sweep(scene=scene, gaps=[0.012, 0.02], **asked).plan() for scene in (whole, BUMPED))
+    assert (few.n_asked, len(few.unique), len(many.unique)) == (24, 2 + 1, 2 * (2 + 4) + 1)
+    assert len(few.kernels()) == 2
+    cases = [
+        {"law": law, "gap": 0.012, "restitution": 0.4, "stiffness_factor": k}
+        for law in asked["laws"][1:]
+        for k in (1, 2)
+    ]
+    assert len(sweep(scene=whole, laws=None, gaps=None, cases=cases).plan().unique) == 1
+    assert len(sweep(scene=BUMPED, laws=None, gaps=None, cases=cases).plan().unique) == 4
+
+
 def test_steps_follow_from_the_stiffest_contact():
     none, one = np.ones(1), np.ones(1)
     stiff = replace(BUMPED, bumpers=[PAD, replace(STOP, stiffness=1e8, law="linear", restitution=None)])

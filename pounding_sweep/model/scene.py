@@ -873,6 +873,11 @@ class Scene:
         """Bumper of each contact; None where it takes the law of the sweep."""
         return self._bumper_of
 
+    @property
+    def padded(self) -> bool:
+        """Whether all contacts have bumpers, so that a sweep's law, stiffness and restitution matter to none."""
+        return bool(self.bumper_of) and None not in self.bumper_of
+
     def thicknesses(self, others: Any = 0.0) -> np.ndarray:
         """Return the thickness (m) at each contact, of its bumper or what all `others` have, shape (..., contacts)."""
         own = [math.nan if bumper is None else bumper.thickness for bumper in self.bumper_of]

@@ -160,9 +160,11 @@ def _gather(values: np.ndarray, index: np.ndarray) -> np.ndarray:
 
 
 def _effective_laws(spec: SweepSpec, laws: Sequence[Law]) -> dict[str, int]:
-    """Law that really acts, by key: none where no floors meet."""
+    """Law that really acts, by key: none where no floors meet, any where all contacts have bumpers."""
     last = len(laws) - 1
-    return {law.key: i if spec.scene.contacts else last for i, law in enumerate(laws)}
+    if not spec.scene.contacts:
+        return {law.key: last for law in laws}
+    return {law.key: 0 if spec.scene.padded and law.has_contact else i for i, law in enumerate(laws)}
 
 
 def _ranks(values: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -215,6 +217,7 @@ def _asked_product(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
     codes = np.empty((len(spec.laws), *shape), np.int64)
     for i, law in enumerate(law_of):
         ignored = {"stiffness", "restitution", "gap"} if law == last else set()
+        ignored |= {"stiffness", "restitution"} if spec.scene.padded else set()
         ignored |= set() if laws[law].takes_restitution else {"restitution"}
         ignored |= {"stiffness"} if laws[law].exponent is None else set()  # velocities jump
         block = np.arange(len(spec.records)) * len(laws) + law
@@ -256,6 +259,8 @@ def _asked_cases(spec: SweepSpec, laws: Sequence[Law]) -> _Asked:
     takes = np.array([item.takes_restitution for item in laws])[law]
     restitution = np.array([1.0 if c.restitution is None else c.restitution for c in cases])
     stiffness = np.array([spec.case_value(case, "stiffness") for case in cases])
+    if spec.scene.padded:
+        restitution[:] = stiffness[:] = 1.0
     gaps = np.empty((len(cases), len(spec.scene.pair_names)))
     for i, case in enumerate(cases):
         gaps[i] = spec.scene.gaps if case.gap is None else case.gap
