@@ -8,7 +8,7 @@ one set of reducers side by side. Their numbers lie in slots of `LANES` numbers 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 #: Scenarios side by side in one kernel call. A compile-time constant: with no
@@ -35,6 +35,7 @@ PARAMETERS = {
     "rows": "int64",
     "scenarios": "int64",
     "state": "{real}[::1]",
+    "flight": "int64",
 }
 #: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
 CONTACT_CAP = 0.25
@@ -99,6 +100,10 @@ class LawShape:
         return power([spring, *before]), power([spring, *after])
 
 
+#: What stands for any law where all that counts is that there is one.
+ANY_LAW = LawShape("k*d", "k", "", "", 1.0, False, False, False)
+
+
 @dataclass(frozen=True)
 class KernelSpec:
     """Everything that decides a kernel's code.
@@ -149,6 +154,8 @@ class KernelSpec:
         Degrees of freedom whose storeys have dashpots.
     links : tuple of (left, right)
         Degrees of freedom that are linked.
+    only_flight : bool
+        It is no kernel but the flight of kernels under all laws, which they call.
     """
 
     storeys: tuple[int, ...]
@@ -172,6 +179,19 @@ class KernelSpec:
     smooth: tuple[tuple[int, float], ...] = ()
     dashpots: tuple[int, ...] = ()
     links: tuple[tuple[int, int], ...] = ()
+    only_flight: bool = False
+
+    @property
+    def flight(self) -> KernelSpec | None:
+        """The flight that the kernel calls; None where it has none."""
+        if self.only_flight or not self.flies_exactly:
+            return None
+        return replace(self, law=None if self.law is None else ANY_LAW, only_flight=True)
+
+    @property
+    def pieces(self) -> tuple[KernelSpec, ...]:
+        """What is compiled by itself: the flight, and the kernel that calls it."""
+        return (self,) if self.flight is None else (self.flight, self)
 
     @property
     def impulsive(self) -> bool:
