@@ -14,20 +14,20 @@ from collections.abc import Callable, Sequence
 from pounding_sweep.engine.cache import compile_piece, get_kernel, is_cached, is_loaded, is_piece_cached
 from pounding_sweep.kernel.spec import FUSED_DOF, KernelSpec, from_json, to_json
 
-#: CPU seconds that a kernel takes to compile, by what adds to them. Fitted by ``python -m benchmarks.compiling`` to
-#: three schemes with few, the usual and all outputs, of 2 to 50 floors, which took 0.7 to 1.8 times as long.
+#: CPU seconds that a kernel takes to compile, by what adds to them, where a plain function of ``benchmarks.compiling``
+#: takes 1.42 s. Fitted to what ``python -m benchmarks.compiling 3,3,3`` prints, which is 0.9 to 1.4 times as long.
 COMPILING = {
-    "any": 0.12,
-    "contacts": 0.11,
-    "implicit contacts": 0.24,
-    "floor in contacts": 0.035,
-    "floor and reducer": 0.0105,
-    "yielding": 0.15,
-    "storey that yields": 0.035,
-    "floor and reducer by series": 0.01,
-    "flight": 0.5,
-    "floor and reducer in flight": 0.01,
-    "storey that yields in flight": 0.02,
+    "any": 0.19,
+    "contacts": 0.063,
+    "implicit contacts": 0.14,
+    "floor in contacts": 0.015,
+    "floor and reducer": 0.0056,
+    "yielding": 0.085,
+    "storey that yields": 0.017,
+    "floor and reducer by series": 0.0065,
+    "flight": 0.65,
+    "floor and reducer in flight": 0.0038,
+    "storey that yields in flight": 0.039,
 }
 #: Floors from which on kernels do not grow with a row: it runs through loops.
 MOST_FLOORS = FUSED_DOF + 2
