@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
@@ -121,7 +122,8 @@ def main() -> None:
         print(f"{name:50}{taken:6.2f} s, estimated {compiling_seconds(shape):5.2f} s")
     if rows != ROWS:
         return
-    parts = np.array([list(compiling_parts(shape).values()) for shape in shapes], float)
+    counts = [[Counter(compiling_parts(piece)) for piece in shape.pieces] for shape in shapes]
+    parts = np.array([[sum(each[name] for each in pieces) for name in COMPILING] for pieces in counts], float)
     weights = 1.0 / np.array(seconds)
     fitted = np.linalg.lstsq(parts * weights[:, None], np.ones(len(shapes)), rcond=None)[0]
     print("fitted:", ", ".join(f"{name} {value:.4f}" for name, value in zip(COMPILING, fitted, strict=True)))

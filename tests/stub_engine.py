@@ -82,6 +82,7 @@ def install(put: Callable[[Any, str, Any], None] = setattr) -> StubEngine:
         put(module, "get_kernel", stub.get_kernel)
         put(module, "is_cached", stub.is_loaded)
         put(module, "is_loaded", stub.is_loaded)
+        put(module, "is_piece_cached", stub.is_loaded)
     put(compile, "shares", lambda shapes, n: [list(shapes)] if shapes else [])  # no child compiles
     return stub
 

@@ -24,10 +24,11 @@ from numba.core import caching
 
 import pounding_sweep as ps
 from pounding_sweep.engine import cache, compile
-from pounding_sweep.engine.cache import get_kernel, is_cached, module_text, source_digest
-from pounding_sweep.engine.compile import compiling_seconds, from_json, prepare, shares, to_json
+from pounding_sweep.engine.cache import compile_piece, get_kernel, is_cached, module_text, source_digest
+from pounding_sweep.engine.compile import compiling_seconds, from_json, prepare, shares, still_to_compile, to_json
+from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
-from pounding_sweep.model.laws import get_law
+from pounding_sweep.model.laws import LAWS, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output.provenance import package_digest
 from pounding_sweep.outputs.variables import Status
@@ -433,6 +434,10 @@ def test_numbers_of_a_sweep_are_no_part_of_its_kernels():
     def kernels(**change):
         return {source_digest(kernel.shape) for kernel in ps.Sweep(**base | change).plan().kernels().values()}
 
+    def pieces(**change):
+        swept = ps.Sweep(**base | {"method": "exact"} | change).plan().kernels().values()
+        return {source_digest(piece) for kernel in swept for piece in kernel.shape.pieces}
+
     before = kernels()
     numbers = {"dt": 5e-4, "gaps": [0.002, 0.02], "stiffness_factors": [0.5, 2.0], "restitutions": [0.4, 0.9]}
     numbers |= {"scales": [0.5, 2.0], "records": RECORD, "audit": 0.2}
@@ -442,6 +447,38 @@ def test_numbers_of_a_sweep_are_no_part_of_its_kernels():
     for change in ({name: value} for name, value in numbers.items()):
         assert kernels(**change) == before, change
     assert len(kernels(laws=[*base["laws"], "nonlinear_viscoelastic"]) - before) == 1
+    assert len(pieces(laws=[*base["laws"], "nonlinear_viscoelastic"]) - pieces()) == 1
+
+
+def exact(law):
+    return RowKernel(SCENE, get_law(law), Numerics("exact", 0.005), frozenset({"force", "energy", "transfer"})).shape
+
+
+def test_another_law_compiles_its_contacts_alone(folder):
+    """The flight of the scheme `exact` is compiled once for all laws."""
+    first, second = exact("hertz_damped"), exact("stereomechanical")
+    get_kernel(first)
+    before = {path.stem for path in folder.glob("*.py")}
+    assert before == {source_digest(piece) for piece in first.pieces}
+    assert len(before) == 2
+    assert still_to_compile([second])[1] < 0.7 * compiling_seconds(second)
+    compile_piece(second)
+    flight, (mine,) = second.flight, {path.stem for path in folder.glob("*.py")} - before
+    assert mine == source_digest(second)
+    forget()
+    get_kernel(second)
+    assert sys.modules[source_digest(flight)].run.cache_hits == 1
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
+def test_flight_finds_its_rows_under_all_laws(law):
+    """Rows that depend on a law come last: a law with neither a series nor memory has the others alone."""
+    if law.has_contact:
+        shape, plain = exact(law.key), exact("hertz_damped")
+        assert shape.flight == plain.flight
+        assert (
+            make_group(shape, None, 8, None).state.first.items() >= make_group(plain, None, 8, None).state.first.items()
+        )
 
 
 def test_shapes_travel_as_plain_data():

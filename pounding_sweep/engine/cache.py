@@ -50,7 +50,7 @@ MODULE = '''"""A pounding_sweep kernel, written by the package. Editing it has n
 
 import json
 
-from numba import njit, types
+from numba import {decorator}, types
 from numba.extending import intrinsic
 
 SPEC = {spec!r}
@@ -67,7 +67,7 @@ def body(typing, {names}):
     return types.void({names}), write
 
 
-@njit({signature!r}, cache=True, error_model="numpy", nogil=True, boundscheck=False, fastmath=False)
+@{decorator}({signature!r}, cache=True, error_model="numpy", nogil=True, boundscheck=False, fastmath=False)
 def run({names}):
     body({names})
 '''
@@ -117,10 +117,15 @@ def _surroundings() -> str:
 
 
 def module_text(shape: KernelSpec) -> str:
-    """Text of a kernel's module."""
-    signature = ", ".join(PARAMETERS.values()).format(real=shape.precision)
-    spec = json.dumps(to_json(shape), sort_keys=True)
-    return MODULE.format(spec=spec, names=", ".join(PARAMETERS), signature=f"void({signature})")
+    """Text of a kernel's module, or of its flight's."""
+    parameters = {"memory": "int64", "what": "int64"} if shape.only_flight else PARAMETERS
+    signature = ", ".join(parameters.values()).format(real=shape.precision)
+    return MODULE.format(
+        spec=json.dumps(to_json(shape), sort_keys=True),
+        decorator="cfunc" if shape.only_flight else "njit",
+        names=", ".join(parameters),
+        signature=f"void({signature})",
+    )
 
 
 def source_digest(shape: KernelSpec) -> str:
@@ -134,8 +139,13 @@ def is_loaded(shape: KernelSpec) -> bool:
 
 
 def is_cached(shape: KernelSpec) -> bool:
-    """Whether a compiled form of this kernel is on disk (for some CPU), and not seen to be damaged."""
-    name = source_digest(shape)
+    """Whether a compiled form of this kernel, and of its flight, is on disk (for some CPU), not seen to be damaged."""
+    return all(map(is_piece_cached, shape.pieces))
+
+
+def is_piece_cached(piece: KernelSpec) -> bool:
+    """Whether what is compiled by itself is on disk."""
+    name = source_digest(piece)
     try:
         found = _compiled(cache_folder(), name)
         return {path.suffix for path in found} >= {".nbi", ".nbc"} and not _damaged(found)
@@ -290,7 +300,7 @@ def _load_sound(folder: Path, name: str, text: str) -> ModuleType:
             raise
         _forget(damaged)
         module = _load(folder, name, text)
-    if any(module.run.stats.cache_misses.values()):  # compiled here
+    if not _was_kept(module.run):
         with suppress(OSError):
             _keep_digests(folder, name)
     if damaged:
@@ -300,6 +310,12 @@ def _load_sound(folder: Path, name: str, text: str) -> ModuleType:
             f"again, check its disk, or name another folder in {CACHE_VARIABLE}",
         )
     return module
+
+
+def _was_kept(compiled: Any) -> bool:
+    """Whether machine code came from disk."""
+    stats = getattr(compiled, "stats", None)
+    return bool(compiled.cache_hits) if stats is None else not any(stats.cache_misses.values())
 
 
 def _tell(folder: Path, text: str) -> None:
@@ -327,25 +343,30 @@ def twin_of(shape: KernelSpec) -> Callable[..., None]:
     return partial(_run, shape, partial(twin.run, shape))
 
 
-def _compiled_kernel(shape: KernelSpec) -> Callable[..., None]:
-    from pounding_sweep.engine.kernel import state_size
-
+def compile_piece(piece: KernelSpec) -> Any:
+    """Return what is compiled by itself: a kernel that must be given the address of its flight, or a flight."""
     with _LOCK, _seldom_collected():
-        folder, name, text = cache_folder(), source_digest(shape), module_text(shape)
+        folder, name, text = cache_folder(), source_digest(piece), module_text(piece)
         try:
-            module = _load_sound(folder, name, text)
+            return _load_sound(folder, name, text).run
         except OSError as error:
-            module = _load(_own_folder(), name, text)
+            found = _load(_own_folder(), name, text).run
             _tell(
                 folder,
                 f"compiled kernels can't be kept in {str(folder)!r} ({error.strerror or error}), so every process "
                 f"compiles its own; mend that, or name another folder in {CACHE_VARIABLE}",
             )
-    compiled: Callable[..., None] = module.run
-    size = state_size(shape)
+            return found
+
+
+def _compiled_kernel(shape: KernelSpec) -> Callable[..., None]:
+    from pounding_sweep.engine.kernel import state_size
+
+    flight = 0 if shape.flight is None else compile_piece(shape.flight).address
+    compiled, size = compile_piece(shape), state_size(shape)
 
     def run(*arguments: Any) -> None:
-        compiled(*arguments, np.zeros(size, shape.precision))
+        compiled(*arguments, np.zeros(size, shape.precision), flight)
 
     run.stats, run.inspect_asm = compiled.stats, compiled.inspect_asm  # type: ignore[attr-defined]
     return run

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 from llvmlite import ir
@@ -13,15 +14,15 @@ from pounding_sweep.kernel.flight_blocks import Blocks
 from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.kernel.forces import penetration
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Count, Real, Rows, Tracer, count_to, first_lane, flag, rounded, when
+from pounding_sweep.kernel.lanes import Count, Ledger, Real, Rows, Tracer, count_to, first_lane, flag, rounded, when
 from pounding_sweep.kernel.spec import LANES, PARAMETERS, KernelSpec, history_slots, input_slots
 from pounding_sweep.outputs.variables import output_slots, reducers_of
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.schemes.exact import Events
+from pounding_sweep.schemes.exact import Course, Events, Flights
 
 _I64, _DOUBLE = ir.IntType(64), ir.DoubleType()
-#: Parameters that are no arrays.
-WHOLE = ("length", "steps", "substeps", "scenarios", "rows")
+#: Parameters that kernels hand on to flight.
+FLIGHT_PARAMETERS = {name: kind for name, kind in PARAMETERS.items() if name != "flight"}
 #: Share of its largest size by which what flight watches is widened in windows, for rounding.
 MARGIN = {"float64": 1e-12, "float32": 4e-6}
 #: Pointer and shape of arrays, by name.
@@ -100,17 +101,12 @@ def run_group(group: Group, ground: Any, note: Callable[[Any], None] | None) -> 
     march.finish(group)
 
 
-def emit(
-    spec: KernelSpec, builder: Any, arrays: Arrays, length: Any, steps: Any, substeps: Any, scenarios: Any, rows: Any
-) -> None:
+def emit(spec: KernelSpec, builder: Any, arrays: Arrays, length: Any, steps: Any, substeps: Any) -> None:
     """Write the kernel of `spec` where `builder` stands."""
     trace = Tracer(builder, spec.precision, width(spec.precision))
     parts = LANES // trace.lanes
     group = make_group(spec, trace, trace.lanes, arrays["constants"][0], arrays["state"][0])
     ground = Ground(trace, arrays, length, steps, substeps)
-    if spec.flies_exactly:
-        _emit_events(group, ground, arrays, scenarios, rows)
-        return
     groups, columns = arrays["inputs"][1]
     for each in count_to(Count(trace, groups) * parts, trace):
         row = each // parts
@@ -179,39 +175,137 @@ class Scenarios:
         return rounded(self._inputs.lane(at, column)) * self._size
 
 
-def make_events(group: Group, ground: Any, arrays: dict[str, Any], scenarios: Any, rows: Any, note: Any) -> Events:
-    """Return the scenarios of a call on their way through the lanes, the tables of their flight being filled."""
-    # `arrays` are inputs, results, tables, decays and flight's own memory, by name; `rows` counts rows of buildings
+def make_flights(
+    group: Group, ground: Any, arrays: dict[str, Any], scenarios: Any, rows: tuple[Any, Any], note: Any, ledger: Ledger
+) -> Flights:
+    """Return the flight of all scenarios of a call."""
+    # `arrays` are inputs, results, tables, decays and flight's own memory, by name; `rows` counts those of buildings
+    # and those of the state
     trace = group.trace
     points = ground.intervals * ground.substeps + 1
     flight = Flight(group, arrays["tables"], points, arrays["memory"])
     wide = None if trace is None else Tracer(trace.builder, "float64", trace.lanes)
     own = flight, arrays["decays"], wide, MARGIN[group.spec.precision]
+    course = Course(group, ledger.cell)
+    fill: Callable[[], None]
     if group.spec.blocks:
-        flight.blocks = Blocks(*own, rows)
-        flight.blocks.fill()
+        flight.blocks = Blocks(*own, rows[0], ledger.cell)
+        fill = flight.blocks.fill
     else:
-        Tables(*own).fill(rows)
+        fill = partial(Tables(*own).fill, rows[0])
+    flight.find_places()
     given, found = (
         Rows(trace, list(slots.count.items()), LANES, arrays[name], wide=True)
         for slots, name in ((input_slots(group.spec), "inputs"), (output_slots(group.spec), "results"))
     )
     stops = flight.blocks.blocks if group.spec.blocks else points
     those = Scenarios(group, given, found, scenarios, flight.layout.size(stops))
-    return Events(group, ground, flight, those, note)
+    return Flights(group, ground, flight, those, course, fill, rows[1], note)
 
 
-def _emit_events(group: Group, ground: Ground, arrays: Arrays, scenarios: Any, rows: Any) -> None:
+class CalledFlights:
+    """Flight as the kernel of a law calls it: compiled by itself, once for all laws.
+
+    What the kernel was given lies, as whole numbers, before the variables that both share.
+    """
+
+    #: What flight is asked to do.
+    BEGIN, SERVE = range(2)
+    #: Whole numbers before the shared variables, and in all.
+    GIVEN = 32
+    SIZE = GIVEN + 8 * Ledger.ROOM // 8
+
+    def __init__(self, builder: Any, arrays: dict[str, Any]) -> None:
+        self._builder = builder
+        with builder.goto_entry_block():
+            memory = builder.alloca(ir.ArrayType(_I64, self.SIZE))
+        memory.align = Ledger.ROOM
+        self.memory = builder.bitcast(memory, _I64.as_pointer())
+        for i, x in enumerate(x for name in FLIGHT_PARAMETERS for x in _numbers(builder, arrays[name])):
+            builder.store(x, self._at(builder, self.memory, i))
+        kind = ir.FunctionType(ir.VoidType(), [_I64, _I64])
+        self._function = builder.inttoptr(arrays["flight"], kind.as_pointer())
+
+    @staticmethod
+    def _at(builder: Any, memory: Any, i: int) -> Any:
+        return builder.gep(memory, [ir.Constant(_I64, i)], inbounds=True)
+
+    @classmethod
+    def shared(cls, builder: Any, memory: Any) -> Any:
+        """Where the variables lie that both share."""
+        return cls._at(builder, memory, cls.GIVEN)
+
+    @classmethod
+    def given(cls, trace: Tracer, memory: Any) -> dict[str, Any]:
+        """Return what the kernel was given."""
+        b, numbers = trace.builder, iter(range(cls.GIVEN))
+
+        def take() -> Any:
+            return b.load(cls._at(b, memory, next(numbers)))
+
+        found: dict[str, Any] = {}
+        for name, kind in FLIGHT_PARAMETERS.items():
+            if "[" in kind:
+                real = trace.real if "real" in kind else _DOUBLE
+                found[name] = b.inttoptr(take(), real.as_pointer()), tuple(take() for _ in range(1 + kind.count(",")))
+            else:
+                found[name] = take() if kind == "int64" else b.bitcast(take(), _DOUBLE)
+        return found
+
+    def begin(self) -> None:
+        """Let all lanes be free, and fill the tables."""
+        self._call(self.BEGIN)
+
+    def serve(self) -> None:
+        """Fly the scenarios of the lanes that leave, or take others."""
+        self._call(self.SERVE)
+
+    def _call(self, what: int) -> None:
+        b = self._builder
+        b.call(self._function, [b.ptrtoint(self.memory, _I64), ir.Constant(_I64, what)])
+
+
+def _numbers(builder: Any, given: Any) -> list[Any]:
+    """Return what a kernel was given by one name, as whole numbers."""
+    if isinstance(given, tuple):
+        return [builder.ptrtoint(given[0], _I64), *given[1]]
+    return [builder.bitcast(given, _I64) if given.type == _DOUBLE else given]
+
+
+def _flying_group(spec: KernelSpec, trace: Tracer, arrays: dict[str, Any]) -> tuple[Group, Any, Any, Any]:
+    """Return the lanes of a kernel that flies, the ground, flight's own rows, before those of the state, and theirs."""
+    state, (size,) = arrays["state"]
+    group = make_group(spec, trace, trace.lanes, arrays["constants"][0])
+    own = sum(scratch(Layout(group)).values())
+    group.state.pointer = trace.builder.gep(state, [ir.Constant(_I64, own * trace.lanes)], inbounds=True)
+    ground = Ground(trace, arrays, *(arrays[name] for name in ("length", "steps", "substeps")))
+    return group, ground, state, Count(trace, size) // trace.lanes - own
+
+
+def _emit_events(spec: KernelSpec, builder: Any, arrays: dict[str, Any]) -> None:
     """Write a kernel whose scenarios go through its lanes one after another."""
-    trace = group.trace
-    assert trace is not None
-    b = trace.builder
-    for i in count_to(group.state.size * trace.lanes, trace):
-        b.store(trace.number(0.0), b.gep(group.state.pointer, [i.value], inbounds=True))
-    note = noter(group, _putter(trace, arrays["history"]), flag(trace, True)) if group.spec.history else None
-    memory = b.gep(group.state.pointer, [ir.Constant(_I64, group.state.size * trace.lanes)], inbounds=True)
-    given = {name: arrays[name][0] for name in ("inputs", "results", "tables", "decays")} | {"memory": memory}
-    make_events(group, ground, given, Count(trace, scenarios), Count(trace, rows), note).run()
+    trace = Tracer(builder, spec.precision, width(spec.precision))
+    group, ground, *_ = _flying_group(spec, trace, arrays)
+    note = noter(group, _putter(trace, arrays["history"]), flag(trace, True)) if spec.history else None
+    flights = CalledFlights(builder, arrays)
+    course = Course(group, Ledger(trace, flights.shared(builder, flights.memory)).cell)
+    Events(group, ground, flights, course, note).run()
+
+
+def _emit_flight(spec: KernelSpec, builder: Any, place: Any, what: Any) -> None:
+    """Write the flight that kernels call."""
+    trace = Tracer(builder, spec.precision, width(spec.precision))
+    memory = builder.inttoptr(place, _I64.as_pointer())
+    arrays = CalledFlights.given(trace, memory)
+    group, ground, own, rows = _flying_group(spec, trace, arrays)
+    note = noter(group, _putter(trace, arrays["history"]), flag(trace, True)) if spec.history else None
+    given = {name: arrays[name][0] for name in ("inputs", "results", "tables", "decays")} | {"memory": own}
+    ledger = Ledger(trace, CalledFlights.shared(builder, memory))
+    counts = Count(trace, arrays["rows"]), rows
+    flights = make_flights(group, ground, given, Count(trace, arrays["scenarios"]), counts, note, ledger)
+    for number, do in ((CalledFlights.BEGIN, flights.begin), (CalledFlights.SERVE, flights.serve)):
+        for _ in when(Count(trace, what) == number):
+            do()
 
 
 def _copy(trace: Tracer, source: Rows, target: Rows, name: str, n: int) -> None:
@@ -233,6 +327,8 @@ def noter(group: Group, put: Callable[[Any, int, Any], None], first: Any) -> Cal
             for q in range(n):
                 if name != "force":
                     value = s[name, q]
+                elif group.spec.only_flight:
+                    value = group.full(0.0)
                 elif group.spec.impulsive or not group.spec.located:
                     value = s["f1", q]
                 else:
@@ -256,16 +352,41 @@ def _putter(trace: Tracer, array: Any) -> Callable[[Any, int, Any], None]:
     return put
 
 
+def _optimise_once(library: Any) -> None:
+    """Have a kernel's code go through one optimisation, where numba has two; its vectors are written as such."""
+    from llvmlite import binding
+
+    def functions(module: Any) -> None:
+        module.data_layout = library.codegen._data_layout
+
+    def all_of_it() -> None:
+        options = binding.create_pipeline_tuning_options(speed_level=3)
+        options.loop_vectorization = options.slp_vectorization = options.loop_interleaving = False
+        options.loop_unrolling = False  # which takes long, and longer code
+        builder = binding.create_pass_builder(library.codegen._tm, options)
+        builder.getModulePassManager().run(library._final_module, builder)
+
+    # should numba give these other names, kernels only take longer to compile
+    library._optimize_functions, library._optimize_final_module = functions, all_of_it
+
+
 def write_body(spec: KernelSpec, context: Any, builder: Any, signature: Any, values: Any) -> Any:
-    """Write the kernel of `spec` as the body of an intrinsic of numba's; returns nothing's value."""
+    """Write the kernel of `spec`, or its flight, as the body of an intrinsic of numba's; returns nothing's value."""
     from numba import types
     from numba.core import cgutils
 
+    _optimise_once(context.active_code_library)
+    if spec.only_flight:
+        _emit_flight(spec, builder, *values)
+        return context.get_dummy_value()
     found: dict[str, Any] = {}
     for name, kind, value in zip(PARAMETERS, signature.args, values, strict=True):
         found[name] = value
         if isinstance(kind, types.Array):
             array = context.make_array(kind)(context, builder, value)
             found[name] = array.data, tuple(cgutils.unpack_tuple(builder, array.shape, kind.ndim))
-    emit(spec, builder, found, *(found[name] for name in WHOLE))
+    if spec.flies_exactly:
+        _emit_events(spec, builder, found)
+    else:
+        emit(spec, builder, found, *(found[name] for name in ("length", "steps", "substeps")))
     return context.get_dummy_value()

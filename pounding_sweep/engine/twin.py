@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.kernel import make_events, make_group, noter, run_group, width
+from pounding_sweep.engine.kernel import make_flights, make_group, noter, run_group, width
+from pounding_sweep.kernel.lanes import Ledger
 from pounding_sweep.kernel.spec import LANES, KernelSpec, Slots, input_slots
 from pounding_sweep.outputs.variables import output_slots
+from pounding_sweep.schemes.exact import Events
 
 
 class Ground:
@@ -63,7 +65,10 @@ def run(
         note = noter(group, put, True) if spec.history else None
         with np.errstate(all="ignore"):
             arrays = {"inputs": inputs.reshape(-1, LANES), "results": results.reshape(-1, LANES), "memory": None}
-            make_events(group, ground, arrays | {"tables": tables, "decays": decays}, scenarios, rows, note).run()
+            arrays |= {"tables": tables, "decays": decays}
+            counts = rows, group.state.size
+            flights = make_flights(group, ground, arrays, scenarios, counts, note, Ledger(None))
+            Events(group, ground, flights, flights.course, note).run()
         return
     with np.errstate(all="ignore"):
         for given, found in zip(inputs, results, strict=True):

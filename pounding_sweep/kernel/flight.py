@@ -259,15 +259,17 @@ class Flight:
         self.rated = Cell(flag(self.trace, False))
         #: Blocks of the grid, where motions are known by them.
         self.blocks: Any = None
+        self._places: dict[str, Any] = {}
         #: Whether storeys may yield: what flies is the motion about what they are set to.
         self.yields = bool(group.spec.yielding)
 
     # tables --------------------------------------------------------------------------------------------------------
 
-    @cached_property
-    def _places(self) -> dict[str, Any]:
+    def find_places(self) -> None:
+        """Find where all numbers lie, before any loop or branch."""
         points = self.points if self.blocks is None else self.blocks.blocks
-        return {name: Cell(self.layout.place(name, points)) for name in (*self.layout.timed, *self.layout.series)}
+        names = (*self.layout.timed, *self.layout.series)
+        self._places = {name: Cell(self.layout.place(name, points)) for name in names}
 
     def place_of(self, name: str) -> Any:
         """Where the numbers of a name begin."""

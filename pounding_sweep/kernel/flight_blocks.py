@@ -9,6 +9,7 @@ through again, point by point, for the one scenario that flies.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import groupby
 from typing import Any
 
@@ -54,9 +55,19 @@ class Blocks:
         Share by which what is watched is widened for rounding.
     rows : Count or int
         Rows of buildings.
+    cell : callable
+        Makes a variable that is there at the next call of flight, of a first value.
     """
 
-    def __init__(self, flight: Flight, decays: Any, wide: Tracer | None, margin: float, rows: Any) -> None:
+    def __init__(
+        self,
+        flight: Flight,
+        decays: Any,
+        wide: Tracer | None,
+        margin: float,
+        rows: Any,
+        cell: Callable[[Any], Cell],
+    ) -> None:
         self.flight, self.layout, self.lanes, self.trace = flight, flight.layout, flight.lanes, flight.trace
         self.wide, self.decays, self.margin, self.rows = wide, decays, margin, rows
         step, per_stride, stride, length = (load_one(wide, decays, whole(self.trace, k)) for k in range(HEAD))
@@ -75,7 +86,7 @@ class Blocks:
         self.lows = Table(self.trace, [low for low, _ in self.layout.ranges] or [0])
         self.shakes = any(each.kind == ACCELERATION for each in self.layout.watched)
         #: The block that lies point by point, and whose: where its tables begin.
-        self.known, self.owner = Cell(whole(self.trace, 0) - 1), Cell(whole(self.trace, 0))
+        self.known, self.owner = (cell(whole(self.trace, 0)) for _ in range(2))
 
     def _wide(self, at: Any) -> Any:
         return load(self.wide, self.decays, at, self.lanes)
@@ -97,7 +108,7 @@ class Blocks:
     def fill(self) -> None:
         """Fill all blocks of all rows of buildings, as many side by side as there are lanes."""
         f = self.flight
-        f.place_of("most")  # all places are known before any loop
+        self.known.now = whole(self.trace, -1)
         for name in ("above", "below", "swell"):
             for q in count_to(self.layout.wide_watched, self.trace):
                 f.rows[name, q] = f.group.full(0.0)

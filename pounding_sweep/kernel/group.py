@@ -208,11 +208,8 @@ class Group:
             rows |= {"dgiven": nb, "dlost": len(spec.links)}
         if spec.implicit and self.touching:
             rows |= {"response": (n if spec.whole else 2 * max(spec.storeys)) * nc, "diagonal": max(spec.storeys)}
-        if spec.implicit or spec.impulsive:
-            rows |= {"a": n, "alone": n}
         if self.eventful:
             rows |= dict.fromkeys(("time_left", "fraction", "ahead", "ga", "gb", "tries", "land", "taken"), 1)
-            rows |= {"joining": nc} if spec.impulsive else {}
             rows |= dict.fromkeys(("fallback", "unsolved", "stiff"), 1)
         if spec.yielding:
             rows |= dict.fromkeys(("phase", "slip", "kt", "ct", "turn", "then"), n)
@@ -223,8 +220,14 @@ class Group:
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)
             rows |= dict.fromkeys(("d0", "d1", "w0", "w1", "f0", "f1", "q0", "q1", "force", "asks"), nc)
             rows |= {"now": nb, "gained0": nb, "gained1": nb}
-            if any(law.yields for law in spec.laws):
-                rows |= {"plastic": nc, "yield": nc}
+        for slot in (slot for reducer in self.reducers for slot in reducer.keeps):
+            rows |= {slot.name: slot.count(spec)}
+        # what depends on the law comes last: flight, which does not, finds its rows at one place under all laws
+        if spec.implicit or spec.impulsive:
+            rows |= {"a": n, "alone": n}
+        rows |= {"joining": nc} if spec.impulsive else {}
+        if any(law.yields for law in spec.laws):
+            rows |= {"plastic": nc, "yield": nc}
         if spec.series:
             order, product = spec.series, any(law.damper_exponent == 1.0 for law in spec.laws)
             rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "fj": nc * order, "pick": order + 1}
@@ -232,8 +235,6 @@ class Group:
             rows |= dict.fromkeys(("x", "y", "push"), n)
             rows |= dict.fromkeys(("a1", "j0", "j1"), n)
             rows |= dict.fromkeys(("span", "picked", "aim", "low", "high", "bends"), 1)
-        for slot in (slot for reducer in self.reducers for slot in reducer.keeps):
-            rows |= {slot.name: slot.count(spec)}
         return rows
 
     def looks(self, what: str) -> bool:

@@ -402,11 +402,11 @@ def _one(trace: Tracer, x: Any) -> Any:
 
 
 class Cell:
-    """A variable that branches and loops may change."""
+    """A variable that branches and loops may change; at a `place` in memory, what it is there stays."""
 
-    def __init__(self, x: Any) -> None:
-        self._trace, self._kind, self._x = _trace_of(x), type(x), x
-        if self._trace is not None:
+    def __init__(self, x: Any, place: Any = None) -> None:
+        self._trace, self._kind, self._x, self._place = _trace_of(x), type(x), x, place
+        if self._trace is not None and place is None:
             self._place = self._trace.place(x.value.type)
             self.now = x
 
@@ -426,6 +426,33 @@ class Cell:
         if value is None:
             value = _lanes(self._trace, x) if self._kind is Vector else x.value
         self._trace.builder.store(value, self._place)
+
+
+class Ledger:
+    """Variables that several functions of a kernel share, `ROOM` bytes of memory for each.
+
+    Parameters
+    ----------
+    trace : Tracer or None
+        None: NumPy, where all is one function.
+    pointer : LLVM pointer, optional
+        Where they begin: whole numbers.
+    """
+
+    #: Of the widest variable, a whole number of each lane, and what it is aligned to.
+    ROOM = 128
+
+    def __init__(self, trace: Tracer | None, pointer: Any = None) -> None:
+        self._trace, self._pointer, self._count = trace, pointer, 0
+
+    def cell(self, x: Any) -> Cell:
+        """Return the next variable, unchanged; `x` tells its kind, and where there is no memory its value."""
+        if self._trace is None:
+            return Cell(x)
+        b, at = self._trace.builder, self._count * (self.ROOM // 8)
+        self._count += 1
+        place = b.gep(self._pointer, [ir.Constant(_I64, at)], inbounds=True)
+        return Cell(x, b.bitcast(place, x.value.type.as_pointer()))
 
 
 class Rows:
@@ -529,9 +556,9 @@ class Rows:
         pointer = self._number_at(row * self.stride + lane)
         t.builder.store(value, pointer).align = 8 if self.wide else t.size
 
-    def clear_lane(self, lane: Any) -> None:
-        """Let all of a lane's numbers be zero."""
-        for row in count_to(self.size, self.trace):
+    def clear_lane(self, lane: Any, rows: Any) -> None:
+        """Let a lane's numbers in the first rows be zero."""
+        for row in count_to(rows, self.trace):
             self.put_lane(row, lane, 0.0)
 
     def _number_at(self, at: Any) -> Any:

@@ -8,7 +8,7 @@ one set of reducers side by side. Their numbers lie in slots of `LANES` numbers 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 #: Scenarios side by side in one kernel call. A compile-time constant: with no
@@ -35,6 +35,7 @@ PARAMETERS = {
     "rows": "int64",
     "scenarios": "int64",
     "state": "{real}[::1]",
+    "flight": "int64",
 }
 #: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
 CONTACT_CAP = 0.25
@@ -99,6 +100,10 @@ class LawShape:
         return power([spring, *before]), power([spring, *after])
 
 
+#: What stands for any law where all that counts is that there is one.
+ANY_LAW = LawShape("k*d", "k", "", "", 1.0, False, False, False)
+
+
 @dataclass(frozen=True)
 class KernelSpec:
     """Everything that decides a kernel's code.
@@ -155,6 +160,8 @@ class KernelSpec:
         Laws of bumpers.
     bumped : tuple of int
         Which of `laws` each contact has; () where all have the first.
+    only_flight : bool
+        It is no kernel but the flight of kernels under all laws, which they call.
     """
 
     storeys: tuple[int, ...]
@@ -191,6 +198,21 @@ class KernelSpec:
     def own_stiffness(self) -> bool:
         """Whether each contact has a stiffness of its own."""
         return bool(self.struck or self.bumped)
+
+    only_flight: bool = False
+
+    @property
+    def flight(self) -> KernelSpec | None:
+        """The flight that the kernel calls; None where it has none."""
+        if self.only_flight or not self.flies_exactly:
+            return None
+        laws = (ANY_LAW,) * len(self.laws)
+        return replace(self, law=laws[0] if laws else None, bumpers=laws[1:], only_flight=True)
+
+    @property
+    def pieces(self) -> tuple[KernelSpec, ...]:
+        """What is compiled by itself: the flight, and the kernel that calls it."""
+        return (self,) if self.flight is None else (self.flight, self)
 
     @property
     def impulsive(self) -> bool:

@@ -71,97 +71,107 @@ class Exact(Rk4):
         return None
 
 
-class Events:
-    """All scenarios of a kernel call, through the lanes of one group.
+class Course:
+    """How far the scenario of each lane has come: what flight and the steps beside contacts share.
+
+    Parameters
+    ----------
+    group : Group
+        The lanes.
+    cell : callable
+        Makes a variable of its first value, in memory that both know.
+    """
+
+    def __init__(self, group: Group, cell: Callable[[Any], Cell]) -> None:
+        trace, lanes = group.trace, group.lanes
+        #: First values of all variables.
+        self._first = {
+            name: (cell(x), x)
+            for name, x in (
+                ("at", counts(trace, 0, lanes)),
+                ("scenario", counts(trace, 0, lanes)),
+                ("busy", group.full(0.0)),
+                ("left", group.full(0.0)),
+                ("leaves", group.lanes_where(True)),
+                ("next", whole(trace, 0)),
+            )
+        }
+        #: Of each lane: short steps done, the number of its scenario, whether it has one, short steps that are left of
+        #: flight's, and whether it leaves its steps; the next scenario.
+        self.at, self.scenario, self.busy, self.left, self.leaves, self.next = (
+            cell for cell, _ in self._first.values()
+        )
+
+    def begin(self) -> None:
+        """Let all lanes be free."""
+        for kept, x in self._first.values():
+            kept.now = x
+
+
+class Flights:
+    """Flight of the scenarios of a kernel call, from lane to lane: nothing in it depends on the contact law.
 
     Parameters
     ----------
     group : Group
         The lanes.
     ground : Ground
-        Its acceleration at the ends of all short steps; steps of both lengths.
+        Steps of both lengths.
     flight : Flight
         Flight of one scenario.
     scenarios : object
         Gives lanes their inputs and takes their results: ``count``, ``put(i, lane)``, ``take(i, lane)`` and
         ``tables(i)``, where a scenario's tables begin.
+    course : Course
+        How far scenarios have come.
+    fill : callable
+        Fills the tables of flight.
+    rows : Count or int
+        Rows of the state.
     note : callable, optional
         Keeps the motion after so many short steps: of one scenario, in lane 0.
     """
 
     def __init__(
-        self, group: Group, ground: Any, flight: Flight, scenarios: Any, note: Callable[[Any], None] | None
+        self,
+        group: Group,
+        ground: Any,
+        flight: Flight,
+        scenarios: Any,
+        course: Course,
+        fill: Callable[[], None],
+        rows: Any,
+        note: Callable[[Any], None] | None,
     ) -> None:
         self.group, self.ground, self.flight, self.scenarios, self.note = group, ground, flight, scenarios, note
-        #: Short steps in one of flight's grid, and in all.
-        self.short, self.last = ground.steps // ground.substeps, ground.intervals * ground.steps
-        trace, lanes = group.trace, group.lanes
-        #: Of each lane: short steps done, the number of its scenario, and whether it has one.
-        self.at, self.scenario = Cell(counts(trace, 0, lanes)), Cell(counts(trace, 0, lanes))
-        self.busy = Cell(group.full(0.0))
-        #: Short steps that are left of flight's.
-        self.left = Cell(group.full(0.0))
-        self.next, self.settled = Cell(whole(trace, 0)), Cell(flag(trace, False))
-        self.leaves = Cell(group.lanes_where(True))
-        group.number = lambda: self.at.now
+        self.course, self._fill, self._rows = course, fill, rows
+        #: Short steps in one of flight's grid.
+        self.short = ground.steps // ground.substeps
+        self.settled = Cell(flag(group.trace, False))
 
-    def run(self) -> None:
-        """Take all scenarios over the record."""
-        group, s = self.group, self.group.state
-        more = Cell(flag(group.trace, True))
-        for _ in while_any(lambda: more.now, group.trace):
-            for lane in each_lane(self.leaves.now):
-                self._serve(lane)
-            more.now = any_lane(self.busy.now > 0.0)
-            if not group.eventful:
-                continue
-            for _ in when(more.now):
-                starts = (self.busy.now > 0.0) & ~(s["time_left"] > 0.0)
-                with when_any(starts):
-                    at = self.at.now
-                    located.begin(group, starts, self._ground(at), self._ground(at + 1), self.ground.h)
-                (series if group.spec.series else located).substep(group, self.ground.h)
-                self._go_on()
+    def begin(self) -> None:
+        """Let all lanes be free, and fill the tables."""
+        self.course.begin()
+        self._fill()
 
-    def _ground(self, places: Any) -> Any:
-        safe = where(places < self.last, places, places * 0 + self.last)  # an idle lane may be at its end
-        return self.group.state["scale"] * gather(self.group.trace, self.ground.track, safe)
-
-    def _go_on(self) -> None:
-        """Find the lanes that leave: open at a point of flight's grid, or at the end of the record."""
-        group, s = self.group, self.group.state
-        over = (self.busy.now > 0.0) & ~(s["time_left"] > 0.0)
-        self.leaves.now = over & ~over
-        with when_any(over):
-            self.at.now = at = where(over, self.at.now + 1, self.at.now)
-            left = self.left.now - 1.0
-            whole_step = over & ~(left > 0.0)
-            self.left.now = where(whole_step, real(self.short), where(over, left, self.left.now))
-            closed, ends = forces.is_closed(group), over & (at >= self.last)
-            stays = closed | hysteresis.is_yielding(group) if group.spec.yielding else closed
-            for _ in when(any_lane(over)) if self.note is not None else ():
-                assert self.note is not None
-                self.note(first_whole(at))
-            self.leaves.now = ends | (whole_step & ~stays)
-            if located.needs_ends(group):
-                located.clear_forces(group, over & ~closed)
-            with when_any(ends):
-                samples(group, ends)
+    def serve(self) -> None:
+        """Fly the scenarios of the lanes that leave to their next possible touch, or take others."""
+        for lane in each_lane(self.course.leaves.now):
+            self._serve(lane)
 
     def _serve(self, lane: Any) -> None:
-        """Fly the scenario of a lane to its next possible touch, or take others until one may touch."""
-        group, flight = self.group, self.flight
-        has = Cell(lane_of(self.busy.now, lane) > 0.0)
+        group, flight, course = self.group, self.flight, self.course
+        has = Cell(lane_of(course.busy.now, lane) > 0.0)
         self.settled.now = flag(group.trace, False)
         for _ in when(has.now):
             self._know(lane)
-            flight.at.now = lane_of(self.at.now, lane) // self.short
+            flight.at.now = lane_of(course.at.now, lane) // self.short
             flight.leave(lane, flight.at.now)
         for _ in while_any(lambda: not_(self.settled.now), group.trace):
             for _ in when(not_(has.now)):
-                none_left = not_(self.next.now < self.scenarios.count)
+                none_left = not_(course.next.now < self.scenarios.count)
                 for _ in when(none_left):
-                    put_lane(self.busy, lane, 0.0)
+                    put_lane(course.busy, lane, 0.0)
                     self.settled.now = flag(group.trace, True)
                 for _ in when(not_(none_left)):
                     self._begin(lane)
@@ -170,12 +180,12 @@ class Events:
                 flight.fly(lane, self._note_point if self.note is not None else None)
                 flight.enter(lane, flight.at.now)
                 for _ in when(flight.hits.now):
-                    put_lane(self.at, lane, flight.at.now * self.short)
-                    put_lane(self.left, lane, real(self.short))
+                    put_lane(course.at, lane, flight.at.now * self.short)
+                    put_lane(course.left, lane, real(self.short))
                     self.settled.now = flag(group.trace, True)
                 for _ in when(not_(flight.hits.now)):
                     conclude(group)
-                    self.scenarios.take(lane_of(self.scenario.now, lane), lane)
+                    self.scenarios.take(lane_of(course.scenario.now, lane), lane)
                     has.now = flag(group.trace, False)
 
     def _note_point(self, point: Any) -> None:
@@ -186,17 +196,18 @@ class Events:
         """Let flight know whose tables it reads."""
         s = self.group.state
         self.flight.scale.now = s.lane(s.first["scale"], lane)
-        self.flight.base.now = self.scenarios.tables(lane_of(self.scenario.now, lane))
+        self.flight.base.now = self.scenarios.tables(lane_of(self.course.scenario.now, lane))
 
     def _begin(self, lane: Any) -> None:
         """Let the next scenario begin in a lane."""
-        group, number = self.group, self.next.now
-        group.state.clear_lane(lane)
+        group, course = self.group, self.course
+        number = course.next.now
+        group.state.clear_lane(lane, self._rows)
         self.scenarios.put(number, lane)
-        put_lane(self.scenario, lane, number)
-        put_lane(self.busy, lane, 1.0)
-        put_lane(self.at, lane, whole(group.trace, 0))
-        self.next.now = number + 1
+        put_lane(course.scenario, lane, number)
+        put_lane(course.busy, lane, 1.0)
+        put_lane(course.at, lane, whole(group.trace, 0))
+        course.next.now = number + 1
         mine = lane_numbers(group.trace, group.lanes) == real(lane)
         begin(group, self.ground.start(), mine)
         if self.note is not None:
@@ -204,3 +215,73 @@ class Events:
         self._know(lane)
         self.flight.at.now = whole(group.trace, 0)
         self.flight.leave(lane, self.flight.at.now)
+
+
+class Events:
+    """All scenarios of a kernel call, through the lanes of one group.
+
+    Parameters
+    ----------
+    group : Group
+        The lanes.
+    ground : Ground
+        Its acceleration at the ends of all short steps; steps of both lengths.
+    flights : object
+        Has ``begin`` and ``serve`` of `Flights`.
+    course : Course
+        How far scenarios have come.
+    note : callable, optional
+        Keeps the motion after so many short steps: of one scenario, in lane 0.
+    """
+
+    def __init__(
+        self, group: Group, ground: Any, flights: Any, course: Course, note: Callable[[Any], None] | None
+    ) -> None:
+        self.group, self.ground, self.flights, self.course, self.note = group, ground, flights, course, note
+        #: Short steps in one of flight's grid, and in all.
+        self.short, self.last = ground.steps // ground.substeps, ground.intervals * ground.steps
+        group.number = lambda: course.at.now
+
+    def run(self) -> None:
+        """Take all scenarios over the record."""
+        group, s, course = self.group, self.group.state, self.course
+        self.flights.begin()
+        more = Cell(flag(group.trace, True))
+        for _ in while_any(lambda: more.now, group.trace):
+            for _ in when(any_lane(course.leaves.now)):
+                self.flights.serve()
+            more.now = any_lane(course.busy.now > 0.0)
+            if not group.eventful:
+                continue
+            for _ in when(more.now):
+                starts = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
+                with when_any(starts):
+                    at = course.at.now
+                    located.begin(group, starts, self._ground(at), self._ground(at + 1), self.ground.h)
+                (series if group.spec.series else located).substep(group, self.ground.h)
+                self._go_on()
+
+    def _ground(self, places: Any) -> Any:
+        safe = where(places < self.last, places, places * 0 + self.last)  # an idle lane may be at its end
+        return self.group.state["scale"] * gather(self.group.trace, self.ground.track, safe)
+
+    def _go_on(self) -> None:
+        """Find the lanes that leave: open at a point of flight's grid, or at the end of the record."""
+        group, s, course = self.group, self.group.state, self.course
+        over = (course.busy.now > 0.0) & ~(s["time_left"] > 0.0)
+        course.leaves.now = over & ~over
+        with when_any(over):
+            course.at.now = at = where(over, course.at.now + 1, course.at.now)
+            left = course.left.now - 1.0
+            whole_step = over & ~(left > 0.0)
+            course.left.now = where(whole_step, real(self.short), where(over, left, course.left.now))
+            closed, ends = forces.is_closed(group), over & (at >= self.last)
+            stays = closed | hysteresis.is_yielding(group) if group.spec.yielding else closed
+            for _ in when(any_lane(over)) if self.note is not None else ():
+                assert self.note is not None
+                self.note(first_whole(at))
+            course.leaves.now = ends | (whole_step & ~stays)
+            if located.needs_ends(group):
+                located.clear_forces(group, over & ~closed)
+            with when_any(ends):
+                samples(group, ends)
