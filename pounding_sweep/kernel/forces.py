@@ -21,7 +21,7 @@ from typing import Any
 
 from pounding_sweep.kernel import yielding
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, maximum, minimum, power, size, sqrt, when_any, where
+from pounding_sweep.kernel.lanes import Cell, maximum, minimum, roughly_power, size, sqrt, when_any, where
 from pounding_sweep.kernel.roots import Series, along, coefficients, crossing, peak, quartic, rate, root
 from pounding_sweep.model.laws import RESTING_SPEED
 
@@ -107,13 +107,13 @@ def longest_substep(group: Group, h: Any) -> Any:
 
 def _root(x: Any, degree: float) -> Any:
     """Root of a number >= 0: square roots where they do."""
-    return {2.0: lambda: sqrt(x), 4.0: lambda: sqrt(sqrt(x))}.get(degree, lambda: power(x, 1.0 / degree))()
+    return {2.0: lambda: sqrt(x), 4.0: lambda: sqrt(sqrt(x))}.get(degree, lambda: roughly_power(x, 1.0 / degree))()
 
 
 def _raised(x: Any, degree: float) -> Any:
     """Power of a number; of a negative one it may be anything."""
     known = {2.0: lambda: x * x, 4.0: lambda: (x * x) * (x * x)}
-    return known.get(degree, lambda: power(maximum(x, 0.0), degree))()
+    return known.get(degree, lambda: roughly_power(maximum(x, 0.0), degree))()
 
 
 def measure(group: Group) -> Any:

@@ -166,9 +166,9 @@ def _drifts(group: Group, straight: bool) -> Iterator[Motion]:
         yield Motion(("drift", i), None, True, partial(_read, group, i, below=below))
 
 
-def _read(group: Group, i: Any, name: str, below: Any = None) -> Any:
-    x = group.state[name, i]
-    return x if below is None else x - group.state[name, below]
+def _read(group: Group, i: Any, name: Any, below: Any = None) -> Any:
+    x = group.floor(name, i)
+    return x if below is None else x - group.floor(name, below)
 
 
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:

@@ -188,7 +188,7 @@ class Events:
     def _begin(self, lane: Any) -> None:
         """Let the next scenario begin in a lane."""
         group, number = self.group, self.next.now
-        group.state.clear_lane(lane)
+        group.state.clear_lane(lane, group.passing)
         self.scenarios.put(number, lane)
         put_lane(self.scenario, lane, number)
         put_lane(self.busy, lane, 1.0)
