@@ -210,13 +210,13 @@ class _Choice:
         self.soonest, self.more, self.found = Cell(group.full(NEVER)), Cell(nobody), Cell(nobody)
         group.state["bends"] = 0.0
 
-    def offer(
-        self, j: Any, lanes: Any, sign: Any, series: Series, target: Any, leaves: Callable[[Any], Any] | None = None
-    ) -> None:
-        """Consider that sign times a series turns positive: by the end, where it `leaves` at its rate there, or before."""
+    def offer(self, j: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
+        """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet."""
         s, end = self.group.state, self.group.state["fraction"]
         e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), *series.with_slope(end)))
-        crosses = (e1 > 0.0) & leaves(r1) if leaves is not None else e1 > 0.0
+        crosses = e1 > 0.0
+        if leans is not None:
+            crosses = crosses & (~leans | (r1 >= 0.0))
         hops = ~crosses & (r0 > 0.0) & (r1 < 0.0) & (minimum(e0 + end * r0, e1 - end * r1) > 0.0)
         rises = crosses & (r0 < 0.0) & (r1 > 0.0)  # the other way first: it may begin at its event
         lanes = lanes & (crosses | hops) & ~(s["next", j] == target)
@@ -245,11 +245,9 @@ def _choose(group: Group, asks: Any) -> tuple[Any, Any]:
         closed, pressing = mode > OPEN, mode == PRESSING
         sign = where(closed, -1.0, group.full(1.0))
 
-        # else a closed contact has touched but for a rounding error, and goes on
-        def leaves(rate: Any, kept: Any = (depth.read(0) > 0.0) | ~closed) -> Any:
-            return kept | (rate >= 0.0)
-
-        choice.offer(j, asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leaves)
+        # one that has touched but for a rounding error goes on
+        leans = closed & ~(depth.read(0) > 0.0)
+        choice.offer(j, asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leans)
         if law.shape.approach_only:
             toward = where(pressing, -1.0, group.full(1.0))
             target = where(pressing, REBOUND, group.full(PRESSING))
