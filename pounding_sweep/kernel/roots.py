@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, where, while_any
+from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, sqrt, where, while_any
 
 #: Newton's last change of a root (in steps) that it need not repeat, in both number formats.
 SETTLED = {"float64": 1e-8, "float32": 1e-4}
@@ -149,20 +149,8 @@ def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) 
     return hi.now
 
 
-def peak(group: Group, asks: Any, r0: Any, r1: Any, f: Callable[[Any], Any]) -> Any:
-    """Where a rate f turns from r0 > 0 to r1 < 0, in lanes that ask, as near as a peak's size asks for (Illinois)."""
-    lo, hi, at = Cell(group.full(0.0)), Cell(group.full(1.0)), Cell(group.full(0.0))
-    flo, fhi, side, going = Cell(r0), Cell(r1), Cell(group.full(0.0)), Cell(asks)
-    for _ in while_any(lambda: going.now, group.trace, at_most=40):
-        a, b, fa, fb, last, mine = lo.now, hi.now, flo.now, fhi.now, side.now, going.now
-        t = a + (b - a) * (fa / (fa - fb))
-        x = f(t)
-        up = x > 0.0
-        done = where(up, t - a, b - t) < group.limit.at_peak
-        lo.now, hi.now = where(mine & up, t, a), where(mine & ~up, t, b)
-        flo.now = where(mine, where(up, x, where(last < 0.0, 0.5 * fa, fa)), fa)
-        fhi.now = where(mine, where(up, where(last > 0.0, 0.5 * fb, fb), x), fb)
-        side.now = where(mine, where(up, 1.0, -1.0), last)
-        at.now = where(mine, t, at.now)
-        going.now = mine & ~done
-    return at.now
+def cubic_turn(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
+    """Where a cubic with values x and rates s (times the step) at its ends turns, from s0 > 0 to s1 < 0."""
+    rise = x1 - x0
+    b, c = 3.0 * rise - 2.0 * s0 - s1, s0 + s1 - 2.0 * rise
+    return s0 / (sqrt(b * b - 3.0 * c * s0) - b)
