@@ -10,7 +10,7 @@ from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, sqrt, where, while_any
 
 #: Newton's last change of a root (in steps) that it need not repeat, in both number formats.
-SETTLED = {"float64": 1e-8, "float32": 1e-4}
+SETTLED = {"float64": 1e-8, "float32": 1e-3}
 #: Newton's rounds to where a rate turns, in both number formats: a peak is flat.
 TURNS = {"float64": 3, "float32": 2}
 #: Coefficients of t, t**2, t**3, t**4.
