@@ -345,7 +345,7 @@ class RowKernel:
     def _tables(
         self, record: Record, flight_substeps: int, row: Variants, slab: int, twin: bool
     ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int, np.ndarray | None]:
-        """Tables of flight, which each scenario needs, the groups (up to `slab`) they serve, and what lets them last."""
+        """Tables of flight, which each scenario needs, groups (up to `slab`) they serve, and for what they last."""
         if not self.numerics.scheme.flies_exactly:
             return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), slab, None
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()

@@ -35,7 +35,7 @@ from pounding_sweep.kernel.lanes import (
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import followed, take_extremes
+from pounding_sweep.kernel.peaks import Motion, followed, take_extremes
 from pounding_sweep.kernel.roots import Series, extreme, newton
 from pounding_sweep.kernel.row import accelerations, powers, pushes
 
@@ -349,9 +349,13 @@ def _take_turns(group: Group) -> None:
             above = maximum(above, s[motion.least] - minimum(x0, x1))
         asks = (v0 * v1 <= 0.0) & (above + BULGE * h * (size(v0) + size(v1)) > 0.0)
         with when_any(asks):
-            course = Series(lambda k, of=motion.of: of(_Term(group, k)), group.spec.series)
-            inner = extreme(group, course, t, s["span"] * v0, s["span"] * v1)
+            inner = extreme(group, _course(group, motion), t, s["span"] * v0, s["span"] * v1)
             take_extremes(group, motion, asks, (where(v0 * v1 < 0.0, inner, x1), x0, x1))
+
+
+def _course(group: Group, motion: Motion) -> Series:
+    """Return the series of a motion that is followed."""
+    return Series(lambda k: motion.of(_Term(group, k)), group.spec.series)
 
 
 def _integrate(group: Group) -> None:
