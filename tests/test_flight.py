@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.linalg import expm
 from test_properties import scenes_of, some_variants, tall
 
 import pounding_sweep as ps
+from pounding_sweep.engine import flight as engine_flight
 from pounding_sweep.engine.flight import fixed_tables, flight_tables, stops_of
 from pounding_sweep.engine.kernel import MARGIN, make_group, width
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -279,6 +281,23 @@ def test_results_do_not_depend_on_order_and_neighbours(precision):
         some = kernel.run(record, **{name: values[part] for name, values in given.items()})
         for name, values in found.items():
             np.testing.assert_array_equal(some[name], values[part], err_msg=name)
+
+
+@pytest.mark.parametrize("room", [1, 1 << 24])
+def test_tables_that_stay_are_those_of_their_record(room, monkeypatch):
+    monkeypatch.setattr(engine_flight, "FILLED_BYTES", room)
+    kernel, (first, second), given = kernel_of(pair()), motions()[:2], some_scenarios()
+    second = ps.Record("second", first.dt, second.acceleration[: first.n_points])
+
+    def run(record):
+        return kernel.run(record, **given)
+
+    for record in (first, second, first):
+        found = run(record)
+        with ThreadPoolExecutor(1) as other:  # that has no tables yet
+            alone = other.submit(run, record).result()
+        for name, values in alone.items():
+            np.testing.assert_array_equal(found[name], values, err_msg=name)
 
 
 def test_a_negative_scale_is_the_record_upside_down():

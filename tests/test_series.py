@@ -10,6 +10,8 @@ from test_columns import twins
 
 import pounding_sweep as ps
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel.lanes import roughly_power
+from pounding_sweep.kernel.roots import cubic_turn, with_slope
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.scene import Building, Scene
@@ -92,3 +94,28 @@ def test_a_force_that_ends_and_returns_within_a_step():
         np.testing.assert_array_equal(ours["count"][i], want["impact_count"])
         np.testing.assert_allclose(ours["impulse"][i], want["impulse"], rtol=1e-7)
         np.testing.assert_allclose(ours["tclosed"][i], want["contact_time"], rtol=1e-6)
+
+
+@pytest.mark.parametrize("exponent", [1.0 / 12.0, 1.0 / 20.0, 0.4, -0.5])
+def test_rough_powers_have_six_figures(exponent):
+    x = np.geomspace(1e-20, 1e20, 4001)
+    np.testing.assert_allclose(roughly_power(x, exponent), x**exponent, rtol=3e-6)
+
+
+@pytest.mark.parametrize("order", [3, 8, 13])
+def test_value_and_slope_of_a_polynomial(order):
+    coefficients = np.random.default_rng(order).normal(size=order)
+    t = np.linspace(0.0, 1.5, 7)
+    polynomial = np.polynomial.Polynomial(coefficients)
+    for found, want in zip(with_slope(t, list(coefficients)), (polynomial(t), polynomial.deriv()(t)), strict=True):
+        np.testing.assert_allclose(found, want, rtol=1e-12, atol=1e-12)
+
+
+def test_a_cubic_turns_where_its_rate_is_zero():
+    rng = np.random.default_rng(4)
+    x0, x1, s0, s1 = rng.normal(size=500), rng.normal(size=500), rng.exponential(size=500), -rng.exponential(size=500)
+    t = cubic_turn(x0, x1, s0, s1)
+    rise = x1 - x0
+    rate = s0 + 2.0 * (3.0 * rise - 2.0 * s0 - s1) * t + 3.0 * (s0 + s1 - 2.0 * rise) * t**2
+    assert np.all((t > 0.0) & (t < 1.0))
+    np.testing.assert_allclose(rate, 0.0, atol=1e-9)

@@ -37,6 +37,8 @@ LONGEST = 4
 
 #: Memory of each thread.
 _KEPT = threading.local()
+#: Filled tables that a thread keeps for its next calls, at most (bytes).
+FILLED_BYTES = 1 << 24
 
 #: f0 + f1 Z
 _Function = tuple[np.ndarray, np.ndarray]
@@ -67,13 +69,27 @@ class _Modes:
         return over, np.stack(added) * self.participation
 
 
-def flight_tables(layout: Layout, stops: int, fixed: np.ndarray) -> np.ndarray:
+def flight_tables(layout: Layout, stops: int, fixed: np.ndarray, stay: bool = False) -> np.ndarray:
     """Return tables of flight over so many points or blocks, with all that a kernel does not fill in itself."""
-    # they stand until the thread's next call
-    precision = str(fixed.dtype)
-    tables = _room(len(fixed) * int(layout.size(stops)), precision, precision)
+    # those that do not `stay` stand until the thread's next call
+    precision, numbers = str(fixed.dtype), len(fixed) * int(layout.size(stops))
+    tables = np.empty(numbers, precision) if stay else _room(numbers, precision, precision)
     tables.reshape(len(fixed), -1)[:, : layout.given] = fixed
     return tables
+
+
+def filled_tables(fixed: np.ndarray) -> np.ndarray | None:
+    """Return the tables that a call of this thread has filled with these `fixed` ones, if they are still there."""
+    kept: list[tuple[np.ndarray, np.ndarray]] = getattr(_KEPT, "filled", [])
+    return next((tables for of, tables in kept if of is fixed), None)
+
+
+def keep_tables(fixed: np.ndarray, tables: np.ndarray) -> None:
+    """Keep tables that are filled, the latest of this thread that find room."""
+    kept = [(fixed, tables), *((of, those) for of, those in getattr(_KEPT, "filled", []) if of is not fixed)]
+    while sum(those.nbytes for _, those in kept) > FILLED_BYTES:
+        kept.pop()
+    _KEPT.filled = kept
 
 
 def fixed_tables(

@@ -22,7 +22,7 @@ from pounding_sweep.schemes.exact import Course, Events, Flights
 
 _I64, _DOUBLE = ir.IntType(64), ir.DoubleType()
 #: Parameters that kernels hand on to flight.
-FLIGHT_PARAMETERS = {name: kind for name, kind in PARAMETERS.items() if name != "flight"}
+FLIGHT_PARAMETERS = {name: kind for name, kind in PARAMETERS.items() if name != "flight"} | {"passing": "int64"}
 #: Share of its largest size by which what flight watches is widened in windows, for rounding.
 MARGIN = {"float64": 1e-12, "float32": 4e-6}
 #: Pointer and shape of arrays, by name.
@@ -180,7 +180,7 @@ def make_flights(
 ) -> Flights:
     """Return the flight of all scenarios of a call."""
     # `arrays` are inputs, results, tables, decays and flight's own memory, by name; `rows` counts those of buildings
-    # and those of the state
+    # and those of the state that a step leaves to the next
     trace = group.trace
     points = ground.intervals * ground.substeps + 1
     flight = Flight(group, arrays["tables"], points, arrays["memory"])
@@ -272,14 +272,14 @@ def _numbers(builder: Any, given: Any) -> list[Any]:
     return [builder.bitcast(given, _I64) if given.type == _DOUBLE else given]
 
 
-def _flying_group(spec: KernelSpec, trace: Tracer, arrays: dict[str, Any]) -> tuple[Group, Any, Any, Any]:
-    """Return the lanes of a kernel that flies, the ground, flight's own rows, before those of the state, and theirs."""
-    state, (size,) = arrays["state"]
+def _flying_group(spec: KernelSpec, trace: Tracer, arrays: dict[str, Any]) -> tuple[Group, Any, Any]:
+    """Return the lanes of a kernel that flies, the ground, and flight's own rows, before those of the state."""
+    state = arrays["state"][0]
     group = make_group(spec, trace, trace.lanes, arrays["constants"][0])
     own = sum(scratch(Layout(group)).values())
     group.state.pointer = trace.builder.gep(state, [ir.Constant(_I64, own * trace.lanes)], inbounds=True)
     ground = Ground(trace, arrays, *(arrays[name] for name in ("length", "steps", "substeps")))
-    return group, ground, state, Count(trace, size) // trace.lanes - own
+    return group, ground, state
 
 
 def _emit_events(spec: KernelSpec, builder: Any, arrays: dict[str, Any]) -> None:
@@ -287,7 +287,7 @@ def _emit_events(spec: KernelSpec, builder: Any, arrays: dict[str, Any]) -> None
     trace = Tracer(builder, spec.precision, width(spec.precision))
     group, ground, *_ = _flying_group(spec, trace, arrays)
     note = noter(group, _putter(trace, arrays["history"]), flag(trace, True)) if spec.history else None
-    flights = CalledFlights(builder, arrays)
+    flights = CalledFlights(builder, arrays | {"passing": ir.Constant(_I64, group.passing)})
     course = Course(group, Ledger(trace, flights.shared(builder, flights.memory)).cell)
     Events(group, ground, flights, course, note).run()
 
@@ -297,11 +297,11 @@ def _emit_flight(spec: KernelSpec, builder: Any, place: Any, what: Any) -> None:
     trace = Tracer(builder, spec.precision, width(spec.precision))
     memory = builder.inttoptr(place, _I64.as_pointer())
     arrays = CalledFlights.given(trace, memory)
-    group, ground, own, rows = _flying_group(spec, trace, arrays)
+    group, ground, own = _flying_group(spec, trace, arrays)
     note = noter(group, _putter(trace, arrays["history"]), flag(trace, True)) if spec.history else None
     given = {name: arrays[name][0] for name in ("inputs", "results", "tables", "decays")} | {"memory": own}
     ledger = Ledger(trace, CalledFlights.shared(builder, memory))
-    counts = Count(trace, arrays["rows"]), rows
+    counts = Count(trace, arrays["rows"]), Count(trace, arrays["passing"])
     flights = make_flights(group, ground, given, Count(trace, arrays["scenarios"]), counts, note, ledger)
     for number, do in ((CalledFlights.BEGIN, flights.begin), (CalledFlights.SERVE, flights.serve)):
         for _ in when(Count(trace, what) == number):

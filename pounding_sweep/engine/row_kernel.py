@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import fixed_tables, flight_tables, stops_of
+from pounding_sweep.engine.flight import filled_tables, fixed_tables, flight_tables, keep_tables, stops_of
 from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
@@ -324,7 +324,9 @@ class RowKernel:
         slab = max(1, SLAB_BYTES // (inputs.size * LANES * 8))
         first = 0
         while first < groups:
-            tables, buildings, groups_done = self._tables(record, flight_substeps, row[first * LANES :], slab)
+            tables, buildings, groups_done, lasting = self._tables(
+                record, flight_substeps, row[first * LANES :], slab, twin
+            )
             mine = slice(first * LANES, (first + groups_done) * LANES)
             part = {name: values[mine] for name, values in given.items()}
             lanes = self._lanes(buildings, gaps=np.asarray(gaps, float)[mine], row=row[mine], **part)
@@ -340,6 +342,8 @@ class RowKernel:
                 *tables,
                 len(part["scale"]),
             )
+            if lasting is not None:
+                keep_tables(lasting, tables[0])
             first += groups_done
         by_scenario = results.reshape(groups, outputs.size, LANES).transpose(0, 2, 1).reshape(-1, outputs.size)[:n]
         found = {name: by_scenario[:, i : i + outputs.count[name]] for name, i in outputs.first.items()}
@@ -359,11 +363,11 @@ class RowKernel:
         return found
 
     def _tables(
-        self, record: Record, flight_substeps: int, row: Variants, slab: int
-    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int]:
-        """Tables of flight, which of them each scenario needs, and how many groups (up to `slab`) they serve."""
+        self, record: Record, flight_substeps: int, row: Variants, slab: int, twin: bool
+    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int, np.ndarray | None]:
+        """Tables of flight, which each scenario needs, groups (up to `slab`) they serve, and for what they last."""
         if not self.numerics.scheme.flies_exactly:
-            return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), slab
+            return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), slab, None
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
         points, precision = (record.n_points - 1) * flight_substeps + 1, self.numerics.precision
         layout = _layout(self.shape, self.constants.tobytes())
@@ -376,9 +380,13 @@ class RowKernel:
         given = self.shape, self.constants.tobytes()
         if self.varied or self.shape.blocks:  # whose room is each thread's own
             fixed, decays = _fixed_tables(*given, row[needed], record, flight_substeps)
-        else:
-            fixed, decays = _fixed_tables_of_scene(*given, self.scene, record, flight_substeps)
-        return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups
+            return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups, None
+        fixed, decays = _fixed_tables_of_scene(*given, self.scene, record, flight_substeps)
+        filled = None if twin else filled_tables(fixed)
+        if filled is not None:
+            return (filled, decays, 0), which, groups, None
+        tables = flight_tables(layout, stops, fixed, stay=not twin)
+        return (tables, decays, len(needed)), which, groups, None if twin else fixed
 
     def _lanes(
         self,

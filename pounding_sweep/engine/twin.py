@@ -66,7 +66,7 @@ def run(
         with np.errstate(all="ignore"):
             arrays = {"inputs": inputs.reshape(-1, LANES), "results": results.reshape(-1, LANES), "memory": None}
             arrays |= {"tables": tables, "decays": decays}
-            counts = rows, group.state.size
+            counts = rows, group.passing
             flights = make_flights(group, ground, arrays, scenarios, counts, note, Ledger(None))
             Events(group, ground, flights, flights.course, note).run()
         return

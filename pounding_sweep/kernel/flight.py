@@ -417,9 +417,10 @@ class Flight:
         self.hits.now = flag(self.trace, False)
         self.going.now = flag(self.trace, True)
         leaps = note is None and self.group.spec.windows
-        self._bounds()
-        for _ in when(self._undisturbed()) if leaps else ():
-            self._begin()
+        for _ in when(self.at.now < 1) if leaps else ():
+            self._bounds()
+            for _ in when(self._undisturbed()):
+                self._begin()
         for _ in while_any(lambda: self.going.now & (self.at.now < self.last), self.trace):
             t = self.at.now
             self._bounds()
@@ -537,11 +538,11 @@ class Flight:
         return sum(each.kind in (TOUCH, ONSET) for each in self.layout.watched)
 
     def _undisturbed(self) -> Any:
-        """Whether nothing but the record moves the row, and it has not begun."""
+        """Whether nothing but the record moves the row."""
         w, most = self.rows, Cell(self.group.full(0.0))
         for part in self._mode_parts:
             most.now = maximum(most.now, w["amplitude", part])
-        return not_(any_lane(most.now > 0.0)) & (self.at.now < 1)
+        return not_(any_lane(most.now > 0.0))
 
     def _begin(self) -> None:
         """Go to the last point before floors may touch, by the running extremes of the motion without pounding."""
@@ -652,11 +653,9 @@ class Flight:
             w["y", m] = self._moved(m, t, 0)
         self.rated.now = flag(self.trace, False)
         self._weigh("bulge", "bulge", t)
-        for q in self._asked(TOUCH):
-            self._touch(q, t)
-        for q in self._asked(ONSET):
-            self._touch(q, t, onset=True)
         kinds = {each.kind for each in self.layout.watched}
+        for kind in sorted(kinds & {TOUCH, ONSET}):
+            self._stop(kind, t)
         for _ in when(self.steps.now > 0) if kinds - {TOUCH, ONSET} else ():
             turning = any_lane(self._asking(TURN)) | any_lane(self._asking(ACCELERATION))
             for _ in when(turning):
@@ -741,25 +740,39 @@ class Flight:
         same = counts[0] if len(set(counts)) == 1 else None
         return Table(self.trace, lows), same or Table(self.trace, counts)
 
-    def _touch(self, q: Any, t: Any, onset: bool = False) -> None:
+    def _stop(self, kind: int, t: Any) -> None:
         """End the window before the first step in which a contact may touch, or a storey yield."""
-        w, number = self.rows, lane_numbers(self.trace, self.lanes)
-        x, bulge = self._sum(q, "y") - self._threshold(q, onset), w.number("bulge", q)
-        half = 0.5 * (w.number("high", q) - w.number("low", q)) if onset else 0.0
-
-        def past(x: Any) -> Any:
-            """Return how far beyond its limit it is."""
-            return size(x) - half if onset else x
-
-        for _ in when(any_lane((past(x) + bulge > 0.0) & (number <= real(self.steps.now)))):
+        w, number, onset = self.rows, lane_numbers(self.trace, self.lanes), kind == ONSET
+        mine = [q for q, each in enumerate(self.layout.watched) if each.kind == kind]
+        short = sum(self.layout.ranges[q][1] for q in mine) <= STRAIGHT
+        worst = Cell(self.group.full(-1.0))
+        for q in mine if short else self._asked(kind):
+            w["reached", q] = x = self._sum(q, "y") - self._threshold(q, onset)
+            worst.now = maximum(worst.now, self._past(x, q, onset) + w.number("bulge", q))
+        for _ in when(any_lane((worst.now > 0.0) & (number <= real(self.steps.now)))):
             self._know_rates(t)
-            s0 = self._sum(q, "rate") * (1.0 / 3.0)
-            x1, s1 = after(x), after(s0)
-            # a cubic keeps within the hull of its ends and of where their tangents are at a third of the step
-            hull = maximum(maximum(past(x), past(x1)), maximum(past(x + s0), past(x1 - s1)))
-            may = hull + bulge * self._number(self.place_of("remainder") + q) > 0.0
-            first = first_true(may & (number < real(self.steps.now)))
-            self.steps.now = lesser(first, self.steps.now)
+            for q in self._asked(kind):
+                x, bulge = w["reached", q], w.number("bulge", q)
+                past = (self._past(x, q, onset) + bulge > 0.0) & (number <= real(self.steps.now))
+                for _ in when(any_lane(past)):
+                    self._end_before(q, x, bulge, onset)
+
+    def _past(self, x: Any, q: Any, onset: bool) -> Any:
+        """Return how far beyond its limit a watched quantity is; an onset has one on either side."""
+        w = self.rows
+        return size(x) - 0.5 * (w.number("high", q) - w.number("low", q)) if onset else x
+
+    def _end_before(self, q: Any, x: Any, bulge: Any, onset: bool) -> None:
+        """End the window before the first step in which a watched quantity may reach its limit."""
+        s0 = self._sum(q, "rate") * (1.0 / 3.0)
+        x1, s1 = after(x), after(s0)
+        # a cubic keeps within the hull of its ends and of where their tangents are at a third of the step
+        hull = self._past(x, q, onset)
+        for each in (x1, x + s0, x1 - s1):
+            hull = maximum(hull, self._past(each, q, onset))
+        may = hull + bulge * self._number(self.place_of("remainder") + q) > 0.0
+        first = first_true(may & (lane_numbers(self.trace, self.lanes) < real(self.steps.now)))
+        self.steps.now = lesser(first, self.steps.now)
 
     def _rates(self, q: Any, name: str, rise: str) -> tuple[Any, Any]:
         """Return a higher rate at the starts and the ends of steps, `rise` being the ground's part in it."""
@@ -811,6 +824,7 @@ def scratch(layout: Layout) -> dict[str, int]:
     rows = dict.fromkeys(("q", "p", "amplitude", "floor"), parts)
     rows |= dict.fromkeys(("high", "low", "reach", "bulge", "asks", *(("shift",) if layout.yields else ())), wide)
     rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n)
+    rows |= {"reached": sum(each.kind in (TOUCH, ONSET) for each in layout.watched)}
     if any(each.kind == ACCELERATION for each in layout.watched):
         rows |= dict.fromkeys(SHAKEN, n)
     if not layout.strides:

@@ -16,13 +16,14 @@ damping ``ce``.
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel import yielding
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, maximum, minimum, power, size, sqrt, when_any, where
-from pounding_sweep.kernel.roots import Series, along, coefficients, crossing, peak, quartic, rate, root
+from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, roughly_power, size, sqrt, when_any, where
+from pounding_sweep.kernel.roots import Series, along, coefficients, crossing, cubic_turn, quartic, rate, root
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged).
@@ -30,6 +31,8 @@ MAX_TRIES = 1000
 OPEN, PRESSING, REBOUND, SLACK = 0.0, 1.0, 2.0, 3.0
 #: Modes of approach and of rebound, of most laws and of those damped on rebound only.
 SIDES = ((PRESSING, REBOUND), (REBOUND, PRESSING))
+#: Steps of flight within which floors that near each other are not worth a flight.
+AHEAD = 2.0
 #: Fraction of a sub-step that stands for: not in it.
 NEVER = 2.0
 
@@ -77,42 +80,43 @@ def longest_substep(group: Group, h: Any) -> Any:
     longest, fastest = Cell(group.full(h)), Cell(group.full(0.0))
     for j in group.each_contact():
         law = group.law_of(j)
-        now, v = penetration(group, j), group.between("v", j)
-        lasts, k, mass = s["lasts", j], s["ke", j], group.prop("reduced", j)
-        if capped:
-            d = maximum(now + maximum(v, 0.0) * minimum(group.full(h), lasts), 0.0)
-            fastest_here = law.elastic_slope(k, d) / mass
-            if law.shape.damper:
-                b = law.damper(s["ce", j], d) / mass
-                if group.spec.series:  # the size of the roots of x**2 + b x + w**2
-                    b = 0.5 * b + sqrt(0.25 * b * b + fastest_here)
-                fastest_here = maximum(fastest_here, b * b)
-            fastest.now = maximum(fastest.now, fastest_here)
-        if law.touch_power > 1.0:
-            share = maximum(law.touch_share * h / lasts, law.least_share)
-            age = s["age", j] / lasts
-            x = _root(age, law.touch_power) + share
-            grown = lasts * (_raised(x, law.touch_power) - age)
-            longest.now = minimum(longest.now, where(k > 0.0, grown, h))
-        if law.release_power > 1.0:
-            rest = maximum(now, 0.0) / (-v * lasts)
-            share = maximum(law.release_share * h / lasts, law.least_share)
-            x = _root(rest, law.release_power) - share
-            shrunk = lasts * (rest - _raised(x, law.release_power))
-            near = (k > 0.0) & (v < 0.0) & (x > share)  # else the release is within this sub-step
-            longest.now = minimum(longest.now, where(near, shrunk, h))
+        with when_any(closed := (s["mode", j] > OPEN) & (s["time_left"] > 0.0)):
+            now, v = penetration(group, j), group.between("v", j)
+            lasts, k, mass = s["lasts", j], s["ke", j], group.prop("reduced", j)
+            if capped:
+                d = maximum(now + maximum(v, 0.0) * minimum(group.full(h), lasts), 0.0)
+                fastest_here = law.elastic_slope(k, d) / mass
+                if law.shape.damper:
+                    b = law.damper(s["ce", j], d) / mass
+                    if group.spec.series:  # the size of the roots of x**2 + b x + w**2
+                        b = 0.5 * b + sqrt(0.25 * b * b + fastest_here)
+                    fastest_here = maximum(fastest_here, b * b)
+                fastest.now = maximum(fastest.now, where(closed, fastest_here, 0.0))
+            if law.touch_power > 1.0:
+                share = maximum(law.touch_share * h / lasts, law.least_share)
+                age = s["age", j] / lasts
+                x = _root(age, law.touch_power) + share
+                grown = lasts * (_raised(x, law.touch_power) - age)
+                longest.now = minimum(longest.now, where(k > 0.0, grown, h))
+            if law.release_power > 1.0:
+                rest = maximum(now, 0.0) / (-v * lasts)
+                share = maximum(law.release_share * h / lasts, law.least_share)
+                x = _root(rest, law.release_power) - share
+                shrunk = lasts * (rest - _raised(x, law.release_power))
+                near = (k > 0.0) & (v < 0.0) & (x > share)  # else the release is within this sub-step
+                longest.now = minimum(longest.now, where(near, shrunk, h))
     return minimum(longest.now, group.prop("cap") / sqrt(fastest.now)) if capped else longest.now
 
 
 def _root(x: Any, degree: float) -> Any:
     """Root of a number >= 0: square roots where they do."""
-    return {2.0: lambda: sqrt(x), 4.0: lambda: sqrt(sqrt(x))}.get(degree, lambda: power(x, 1.0 / degree))()
+    return {2.0: lambda: sqrt(x), 4.0: lambda: sqrt(sqrt(x))}.get(degree, lambda: roughly_power(x, 1.0 / degree))()
 
 
 def _raised(x: Any, degree: float) -> Any:
     """Power of a number; of a negative one it may be anything."""
     known = {2.0: lambda: x * x, 4.0: lambda: (x * x) * (x * x)}
-    return known.get(degree, lambda: power(maximum(x, 0.0), degree))()
+    return known.get(degree, lambda: roughly_power(maximum(x, 0.0), degree))()
 
 
 def measure(group: Group) -> Any:
@@ -251,17 +255,20 @@ def ends(group: Group, whole: Any) -> None:
         if follows is not None:
             closed = closed & follows
         looks = closed & (h > 0.0)
-        a0 = group.between("a0", j)
-        b = coefficients(h, d0, d1, v0, v1, a0)
-        if "penetration" in r:
-            s["dmax", j] = maximum(s["dmax", j], where(closed, maximum(d0, d1), 0.0))
-            deepens = looks & (v0 > 0.0) & (v1 < 0.0)
-            with when_any(deepens):
-                x0, xb = rate(b)
-                t = root(group, deepens, 0.0, 1.0, along(x0, xb, -1.0))
-                s["dmax", j] = maximum(s["dmax", j], where(deepens, quartic(t, d0, b), 0.0))
-        if needs_force:
-            _force_ends(group, j, looks, whole, (d0, d1, v0, v1, a0), b, follows)
+        for name in ("f0", "f1", "q0", "q1") if group.looks("ends") and not implicit else ():
+            s[name, j] = 0.0
+        with nullcontext() if implicit else when_any(closed):  # of open ones implicit steps keep what was
+            a0 = group.between("a0", j)
+            b = coefficients(h, d0, d1, v0, v1, a0)
+            if "penetration" in r:
+                s["dmax", j] = maximum(s["dmax", j], where(closed, maximum(d0, d1), 0.0))
+                deepens = looks & (v0 > 0.0) & (v1 < 0.0)
+                with when_any(deepens):
+                    x0, xb = rate(b)
+                    t = root(group, deepens, 0.0, 1.0, along(x0, xb, -1.0))
+                    s["dmax", j] = maximum(s["dmax", j], where(deepens, quartic(t, d0, b), 0.0))
+            if needs_force:
+                _force_ends(group, j, looks, whole, (d0, d1, v0, v1, a0), b, follows)
 
 
 def _force_ends(group: Group, j: Any, looks: Any, whole: Any, at: tuple[Any, ...], b: Any, follows: Any) -> None:
@@ -283,15 +290,8 @@ def _force_ends(group: Group, j: Any, looks: Any, whole: Any, at: tuple[Any, ...
         s["fmax", j] = maximum(s["fmax", j], maximum(f0, f1))
         between = looks & presses & (r0 > 0.0) & (r1 < 0.0)
         with when_any(between):
-            per = 1.0 / h
             x0, xb = rate(b)
-            y0, yb = xb[0], (2.0 * xb[1], 3.0 * xb[2], xb[3], xb[3])  # xb[3] is zero
-
-            def force_rate(t: Any) -> Any:
-                d, v, a = quartic(t, d0, b), quartic(t, x0, xb) * per, quartic(t, y0, yb) * (per * per)
-                return law.pressing_rate(k, c, d, v, a)
-
-            t = peak(group, between, r0, r1, force_rate)
+            t = cubic_turn(f0, f1, h * r0, h * r1)
             d, v = quartic(t, d0, b), quartic(t, x0, xb) / h
             s["fmax", j] = maximum(s["fmax", j], where(between, law.pressing(k, c, d, v), 0.0))
     if follows is not None:
@@ -364,4 +364,12 @@ def is_closed(group: Group) -> Any:
     found = Cell(group.lanes_where(False))
     for j in group.each_contact(straight=True):
         found.now = found.now | (group.state["mode", j] > OPEN)
+    return found.now
+
+
+def is_near(group: Group, h: Any) -> Any:
+    """Lanes in which a contact would close within `AHEAD` times h if floors went on as they do."""
+    time, found = AHEAD * group.full(h), Cell(group.lanes_where(False))
+    for j in group.each_contact(straight=True):
+        found.now = found.now | (fma(time, group.between("v", j), penetration(group, j)) > 0.0)
     return found.now

@@ -27,6 +27,7 @@ from pounding_sweep.kernel.lanes import (
     maximum,
     minimum,
     power,
+    roughly_power,
     sqrt,
     where,
 )
@@ -78,7 +79,7 @@ class Law:
         self.least_share = exact ** (1.0 / (order + 1))
         share = 1.0 / (shape.exponent + 1.0)
         factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + share) / math.gamma(0.5 + share)
-        self._duration = factor * (0.5 * (shape.exponent + 1.0)) ** share, share, (1.0 - shape.exponent) * share
+        self._duration = factor * (0.5 * (shape.exponent + 1.0)) ** share, share
 
     def _evaluate(self, text: str, d: Any, **given: Any) -> Any:
         formula = read(text)
@@ -129,16 +130,18 @@ class Law:
         return where(d > 0.0, self.closed_force(k, c, d, v), 0.0)
 
     def duration(self, k: Any, v: Any, mass: Any) -> Any:
-        """How long an elastic contact of this stiffness lasts (s)."""
-        factor, share, speed = self._duration
-        found = factor * power(mass / k, share)
-        found = found * power(maximum(v, RESTING_SPEED), speed) if speed else found
+        """How long an elastic contact of this stiffness lasts (s), to six figures."""
+        factor, share = self._duration
+        n, v = self.shape.exponent, maximum(v, RESTING_SPEED)
+        pace = mass / k
+        if n != 1.0:
+            pace = pace / sqrt(v) if n == 1.5 else pace * roughly_power(v, 1.0 - n)
+        found = factor * (sqrt(pace) if n == 1.0 else roughly_power(pace, share))
         if self.shape.is_power:
             return found
-        v, n = maximum(v, RESTING_SPEED), self.shape.exponent
         # beside the power with which it begins, by the slopes where that one would turn
-        deepest = power(0.5 * (n + 1.0) * mass * v * v / k, 1.0 / (n + 1.0))
-        return found * sqrt(n * k * power(deepest, n - 1.0) / self.elastic_slope(k, deepest))
+        deepest = roughly_power(0.5 * (n + 1.0) * mass * v * v / k, share)
+        return found * sqrt(n * k * roughly_power(deepest, n - 1.0) / self.elastic_slope(k, deepest))
 
 
 class Group:
@@ -228,12 +231,14 @@ class Group:
         rows |= {"joining": nc} if spec.impulsive else {}
         if any(law.yields for law in spec.laws):
             rows |= {"plastic": nc, "yield": nc}
+        #: What no step leaves to the next follows, from this row on.
+        self.passing = sum(rows.values())
         if spec.series:
-            order, product = spec.series, any(law.damper_exponent == 1.0 for law in spec.laws)
-            rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "fj": nc * order, "pick": order + 1}
-            rows |= {"wj": nc * order} if product else {}
+            order, laws = spec.series, spec.laws
+            rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "pick": order + 1}
+            rows |= {"fj": nc * order} if any(law.damper for law in laws) else {}
+            rows |= {"wj": nc * order} if any(law.damper_exponent == 1.0 for law in laws) else {}
             rows |= dict.fromkeys(("x", "y", "push"), n)
-            rows |= dict.fromkeys(("a1", "j0", "j1"), n)
             rows |= dict.fromkeys(("span", "picked", "aim", "low", "high", "bends"), 1)
         return rows
 
@@ -296,6 +301,10 @@ class Group:
     def lanes_where(self, x: bool) -> Any:
         """Return a truth in all lanes."""
         return np.full(self.lanes, x) if self.trace is None else mask(self.trace, x)
+
+    def floor(self, x: Any, i: Any) -> Any:
+        """Return floor i's of all floors' values, or of the rows of a name."""
+        return self.state[x, i] if isinstance(x, str) else x[i]
 
     def floors(self, name: str) -> list[Any]:
         """Return a row of each floor, and of foundations."""
@@ -422,10 +431,9 @@ class Group:
 
     def drift(self, i: Any, below: Any, x: Any) -> Any:
         """Drift of the storey below floor i, of a row's name or of values floor by floor; `below` None: the ground."""
-        read = (lambda p: self.state[x, p]) if isinstance(x, str) else x.__getitem__
-        found, base = read(i), self.base(i)
-        found = found if below is None else found - read(below)
-        return found if base is None else found - self.prop("height", i) * read(base[1])
+        found, base = self.floor(x, i), self.base(i)
+        found = found if below is None else found - self.floor(x, below)
+        return found if base is None else found - self.prop("height", i) * self.floor(x, base[1])
 
     def deformation(self, i: Any, x: Any, p: Any) -> Any:
         """Motion relative to the base of floor i, whose value is number p of `x`."""
@@ -470,8 +478,7 @@ class Group:
 
     def between(self, x: Any, j: Any) -> Any:
         """Left minus right of the floors of contact j, a wall being at rest; x: of all floors, or a row's name."""
-        read = (lambda i: self.state[x, i]) if isinstance(x, str) else x.__getitem__
-        left, right = (_weighted(self.floors_of(j, side), read) for side in (0, 1))
+        left, right = (_weighted(self.floors_of(j, side), lambda i: self.floor(x, i)) for side in (0, 1))
         if left is None:
             return -right
         return left if right is None else left - right

@@ -12,6 +12,7 @@ whatever its neighbours do.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -20,6 +21,8 @@ import numpy as np
 from llvmlite import ir
 
 _I1, _I32, _I64 = ir.IntType(1), ir.IntType(32), ir.IntType(64)
+#: Root of a half in single precision, as a whole number.
+_ROOT_HALF = int(np.float32(0.5**0.5).view(np.int32))
 
 
 class Tracer:
@@ -282,6 +285,56 @@ def power(x: Any, exponent: float) -> Any:
     if trace is None:
         return np.power(x, exponent)
     return Vector(trace, trace.call("pow", _lanes(trace, x), _lanes(trace, exponent)))
+
+
+def roughly_power(x: Any, exponent: float) -> Any:
+    """Return x > 0 to a power, to six figures: for lengths of steps. `power` asks a library, lane by lane."""
+    log2 = [2.0 / (math.log(2.0) * k) for k in (1, 3, 5, 7, 9)]
+    exp2 = [math.log(2.0) ** k / math.factorial(k) for k in range(8)]
+    trace = _trace_of(x)
+    if trace is None:
+        bits = np.asarray(x, np.float32).view(np.int32)
+        halvings = (bits - _ROOT_HALF) >> 23
+        rest = (bits - (halvings << 23)).view(np.float32)
+        z = (rest - 1) / (rest + 1)
+        y = (halvings.astype(np.float32) + z * _sum_up(log2, z * z)) * np.float32(exponent)
+        doublings = np.trunc(y + np.copysign(np.float32(0.5), y)).astype(np.int32)
+        found = _sum_up(exp2, y - doublings.astype(np.float32)).view(np.int32) + (doublings << 23)
+        return found.view(np.float32).astype(float)
+    b, n = trace.builder, trace.lanes
+    single, integer = ir.VectorType(ir.FloatType(), n), ir.VectorType(_I32, n)
+
+    def of(number: float) -> Any:
+        return ir.Constant(single, [float(np.float32(number))] * n)
+
+    def whole_of(number: int) -> Any:
+        return ir.Constant(integer, [number] * n)
+
+    def sum_up(coefficients: Sequence[float], at: Any) -> Any:
+        total = of(coefficients[-1])
+        for each in reversed(coefficients[:-1]):
+            total = b.fadd(b.fmul(total, at), of(each))
+        return total
+
+    given = x.value if trace.size == 4 else b.fptrunc(x.value, single)
+    bits = b.bitcast(given, integer)
+    halvings = b.ashr(b.sub(bits, whole_of(_ROOT_HALF)), whole_of(23))
+    rest = b.bitcast(b.sub(bits, b.shl(halvings, whole_of(23))), single)  # from the root of a half to that of two
+    z = b.fdiv(b.fsub(rest, of(1.0)), b.fadd(rest, of(1.0)))
+    y = b.fadd(b.sitofp(halvings, single), b.fmul(z, sum_up(log2, b.fmul(z, z))))
+    y = b.fmul(y, of(exponent))
+    doublings = b.fptosi(b.fadd(y, b.select(b.fcmp_ordered("<", y, of(0.0)), of(-0.5), of(0.5))), integer)
+    found = b.bitcast(sum_up(exp2, b.fsub(y, b.sitofp(doublings, single))), integer)
+    found = b.bitcast(b.add(found, b.shl(doublings, whole_of(23))), single)
+    return Vector(trace, found if trace.size == 4 else b.fpext(found, trace.vector))
+
+
+def _sum_up(coefficients: Sequence[float], at: np.ndarray) -> np.ndarray:
+    """Sum of a polynomial in single precision."""
+    total = np.full_like(at, coefficients[-1])
+    for each in reversed(coefficients[:-1]):
+        total = total * at + np.float32(each)
+    return total
 
 
 def size(x: Any) -> Any:
@@ -556,8 +609,8 @@ class Rows:
         pointer = self._number_at(row * self.stride + lane)
         t.builder.store(value, pointer).align = 8 if self.wide else t.size
 
-    def clear_lane(self, lane: Any, rows: Any) -> None:
-        """Let a lane's numbers in the first rows be zero."""
+    def clear_lane(self, lane: Any, rows: int) -> None:
+        """Let a lane's numbers be zero in the first so many rows."""
         for row in count_to(rows, self.trace):
             self.put_lane(row, lane, 0.0)
 

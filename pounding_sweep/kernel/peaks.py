@@ -58,7 +58,7 @@ class Motion:
     sized : bool
         It is its absolute value that counts.
     of : callable
-        Reads it, or its rate, by the name of the floors' rows.
+        Reads it, or its rate, by the name of the floors' rows, or from numbers of the floors.
     alone : bool
         It may turn where no other motion does that is followed.
     shear : int
@@ -68,7 +68,7 @@ class Motion:
     most: tuple[str, Any]
     least: tuple[str, Any] | None
     sized: bool
-    of: Callable[[str], Any]
+    of: Callable[[Any], Any]
     shear: Any = -1
     alone: bool = True
 

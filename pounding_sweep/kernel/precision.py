@@ -10,7 +10,6 @@ TOLERANCES: dict[str, dict[str, float]] = {
         "unswept": 1e-9,  # and above which they have failed
         "same_time": 1e-12,  # events this close (in steps) are simultaneous
         "at_release": 1e-9,  # and this close to a release, part of it
-        "at_peak": 1e-7,  # as near to a peak (in steps) as its size asks for
         "done": 1e-13,  # remainder of a step (in steps) that is none
         "far": 1e300,
         "tiny": 1e-300,
@@ -24,7 +23,6 @@ TOLERANCES: dict[str, dict[str, float]] = {
         "unswept": 1e-3,
         "same_time": 1e-6,
         "at_release": 1e-5,
-        "at_peak": 1e-3,
         "done": 1e-6,
         "far": 1e38,
         "tiny": 1e-37,

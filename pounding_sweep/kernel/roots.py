@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, where, while_any
+from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, sqrt, where, while_any
 
 #: Newton's last change of a root (in steps) that it need not repeat, in both number formats.
-SETTLED = {"float64": 1e-8, "float32": 1e-4}
+SETTLED = {"float64": 1e-8, "float32": 1e-3}
+#: Newton's rounds to where a rate turns, in both number formats: a peak is flat.
+TURNS = {"float64": 3, "float32": 2}
 #: Coefficients of t, t**2, t**3, t**4.
 Quartic = tuple[Any, Any, Any, Any]
 
@@ -50,6 +52,19 @@ def horner(t: Any, coefficients: Sequence[Any]) -> Any:
     return x
 
 
+def with_slope(t: Any, coefficients: Sequence[Any]) -> tuple[Any, Any]:
+    """Value and slope of a polynomial of at least two coefficients, in halves as in `horner`."""
+    if len(coefficients) > 8:
+        square = t * t
+        (even, rise), (odd, lift) = (with_slope(square, coefficients[k::2]) for k in (0, 1))
+        return fma(t, odd, even), fma(t + t, fma(t, lift, rise), odd)
+    x, slope = fma(t, coefficients[-1], coefficients[-2]), coefficients[-1]
+    for each in reversed(coefficients[:-2]):
+        slope = fma(t, slope, x)
+        x = fma(t, x, each)
+    return x, slope
+
+
 @dataclass(frozen=True)
 class Series:
     """A polynomial of the time since the start of a step, in steps: its coefficients, and the highest."""
@@ -60,6 +75,10 @@ class Series:
     def value(self, t: Any) -> Any:
         """Its value."""
         return horner(t, [self.read(n) for n in range(self.order + 1)])
+
+    def with_slope(self, t: Any) -> tuple[Any, Any]:
+        """Its value, and that of its derivative."""
+        return with_slope(t, [self.read(n) for n in range(self.order + 1)])
 
     @property
     def rate(self) -> Series:
@@ -76,7 +95,7 @@ def crossing(group: Group, asks: Any, low: Any, high: Any, series: Series, sign:
 
 def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: Any) -> Any:
     """Where sign times a series turns positive between two instants, in lanes that ask (Newton in a bracket)."""
-    low, high, slope = group.full(low), group.full(high), series.rate
+    low, high = group.full(low), group.full(high)
     at_low, at_high = sign * series.value(low), sign * series.value(high)
     going = Cell(asks & ~(at_low > 0.0) & (at_high > 0.0))
     begin = where(at_low > 0.0, low, high)
@@ -85,7 +104,7 @@ def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: A
     settled, exact = SETTLED[group.spec.precision], group.limit.exact
     for _ in while_any(lambda: going.now, group.trace, at_most=60):
         t, mine = at.now, going.now
-        x, rate = sign * series.value(t), sign * slope.value(t)
+        x, rate = (sign * found for found in series.with_slope(t))
         up = x > 0.0
         a, b = where(up, lo.now, t), where(up, t, hi.now)
         lo.now, hi.now = a, b
@@ -94,6 +113,16 @@ def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: A
         at.now = where(mine, then, t)
         going.now = mine & (size(then - t) > settled) & (b - a > exact)
     return at.now
+
+
+def extreme(group: Group, series: Series, end: Any, r0: Any, r1: Any) -> Any:
+    """Value of a series where its rate, r0 at the start and r1 at the end of opposite sign, is zero (Newton)."""
+    t, slope = end * (r0 / (r0 - r1)), series.rate
+    for _ in range(TURNS[group.spec.precision]):
+        x, bend = slope.with_slope(t)
+        then = t - x / bend
+        t = where((then >= 0.0) & (then <= end), then, t)
+    return series.value(t)
 
 
 def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) -> Any:
@@ -120,20 +149,8 @@ def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) 
     return hi.now
 
 
-def peak(group: Group, asks: Any, r0: Any, r1: Any, f: Callable[[Any], Any]) -> Any:
-    """Where a rate f turns from r0 > 0 to r1 < 0, in lanes that ask, as near as a peak's size asks for (Illinois)."""
-    lo, hi, at = Cell(group.full(0.0)), Cell(group.full(1.0)), Cell(group.full(0.0))
-    flo, fhi, side, going = Cell(r0), Cell(r1), Cell(group.full(0.0)), Cell(asks)
-    for _ in while_any(lambda: going.now, group.trace, at_most=40):
-        a, b, fa, fb, last, mine = lo.now, hi.now, flo.now, fhi.now, side.now, going.now
-        t = a + (b - a) * (fa / (fa - fb))
-        x = f(t)
-        up = x > 0.0
-        done = where(up, t - a, b - t) < group.limit.at_peak
-        lo.now, hi.now = where(mine & up, t, a), where(mine & ~up, t, b)
-        flo.now = where(mine, where(up, x, where(last < 0.0, 0.5 * fa, fa)), fa)
-        fhi.now = where(mine, where(up, where(last > 0.0, 0.5 * fb, fb), x), fb)
-        side.now = where(mine, where(up, 1.0, -1.0), last)
-        at.now = where(mine, t, at.now)
-        going.now = mine & ~done
-    return at.now
+def cubic_turn(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
+    """Where a cubic with values x and rates s (times the step) at its ends turns, from s0 > 0 to s1 < 0."""
+    rise = x1 - x0
+    b, c = 3.0 * rise - 2.0 * s0 - s1, s0 + s1 - 2.0 * rise
+    return s0 / (sqrt(b * b - 3.0 * c * s0) - b)

@@ -28,19 +28,19 @@ from pounding_sweep.kernel.lanes import (
     fma,
     maximum,
     minimum,
-    power,
     real,
+    roughly_power,
     size,
     when_any,
     where,
     while_any,
 )
-from pounding_sweep.kernel.peaks import Motion, followed, septic_extreme, take_extremes
-from pounding_sweep.kernel.roots import Series, newton
+from pounding_sweep.kernel.peaks import Motion, followed, take_extremes
+from pounding_sweep.kernel.roots import Series, extreme, newton
 from pounding_sweep.kernel.row import accelerations, powers, pushes
 
 #: Largest last term of a series beside its first ones, in both number formats.
-LEFT_OUT = {"float64": 1e-14, "float32": 2e-7}
+LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
 #: Nodes of the quadrature of powers over a step, in both number formats.
 NODES = {"float64": 6, "float32": 4}
 #: Most that a motion leaves its ends by, in its rates there times the step.
@@ -109,8 +109,8 @@ def _press(group: Group, j: Any, k: Any, x: Any, y: Any, gaps: Any) -> Any:
         d = d - gaps * group.gap(j)
     s["dj", j + k * nc] = d
     if not group.law_of(j).shape.damper:
-        f = s["ke", j] * d
-    elif not _is_product(group, j):
+        return s["ke", j] * d
+    if not _is_product(group, j):
         f = fma(s["ke", j], d, s["ce", j] * w)
     else:
         s["wj", j + k * nc] = w
@@ -162,13 +162,9 @@ def _depth(group: Group, j: Any) -> Series:
 def _force(group: Group, j: Any) -> Series:
     """Force of a contact, while its mode lasts."""
     s, nc = group.state, len(group.contacts)
+    if not group.law_of(j).shape.damper:
+        return Series(lambda k: s["ke", j] * s["dj", j + k * nc], group.spec.series - 1)
     return Series(lambda k: s["fj", j + k * nc], group.spec.series - 1)
-
-
-def _peak(group: Group, asks: Any, series: Series) -> Any:
-    """Return the largest value of a series whose rate falls through zero in the step, in lanes that ask."""
-    t = newton(group, asks, 0.0, group.state["fraction"], series.rate, -1.0)
-    return series.value(t)
 
 
 def _meet(group: Group) -> None:
@@ -179,7 +175,7 @@ def _meet(group: Group) -> None:
     s["fraction"] = group.full(1.0)
     for j in group.each_contact():
         s["event", j], s["next", j] = group.full(NEVER), s["mode", j]
-        _converge(group, j)
+    _converge(group)
     going = Cell(ongoing & (s["tries"] < MAX_TRIES))
     # what comes first is guessed, and looked for again before what was found where more may happen
     for _ in while_any(lambda: going.now, group.trace, at_most=4 * len(group.contacts)):
@@ -190,14 +186,18 @@ def _meet(group: Group) -> None:
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
 
 
-def _converge(group: Group, j: Any) -> None:
-    """End the step where the last term of a closed contact's series is that of rounding."""
-    s, depth, order = group.state, _depth(group, j), group.spec.series
-    large = maximum(maximum(size(depth.read(0)), size(depth.read(1))), size(depth.read(2)))
-    most, last = LEFT_OUT[group.spec.precision] * large, size(depth.read(order))
-    short = (s["mode", j] > OPEN) & (last > most)
+def _converge(group: Group) -> None:
+    """End the step where the last terms of the series of closed contacts are those of rounding."""
+    s, order, room = group.state, group.spec.series, Cell(group.full(1.0))
+    for j in group.each_contact(straight=True):
+        depth = _depth(group, j)
+        large = maximum(maximum(size(depth.read(0)), size(depth.read(1))), size(depth.read(2)))
+        most, last = LEFT_OUT[group.spec.precision] * large, size(depth.read(order))
+        short = (s["mode", j] > OPEN) & (last > most)
+        room.now = where(short, minimum(room.now, most / last), room.now)
+    short = room.now < 1.0
     with when_any(short):
-        s["fraction"] = where(short, minimum(s["fraction"], power(most / last, 1.0 / order)), s["fraction"])
+        s["fraction"] = where(short, roughly_power(room.now, 1.0 / order), s["fraction"])
 
 
 class _Choice:
@@ -208,11 +208,13 @@ class _Choice:
         self.soonest, self.more, self.found = Cell(group.full(NEVER)), Cell(nobody), Cell(nobody)
         group.state["bends"] = 0.0
 
-    def offer(self, j: Any, lanes: Any, sign: Any, series: Series, target: Any, crosses: Any = True) -> None:
-        """Consider that sign times a series turns positive: by the end where it `crosses`, or in between."""
+    def offer(self, j: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
+        """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet."""
         s, end = self.group.state, self.group.state["fraction"]
-        e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), series.value(end), series.rate.value(end)))
-        crosses = (e1 > 0.0) & crosses
+        e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), *series.with_slope(end)))
+        crosses = e1 > 0.0
+        if leans is not None:
+            crosses = crosses & (~leans | (r1 >= 0.0))
         hops = ~crosses & (r0 > 0.0) & (r1 < 0.0) & (minimum(e0 + end * r0, e1 - end * r1) > 0.0)
         rises = crosses & (r0 < 0.0) & (r1 > 0.0)  # the other way first: it may begin at its event
         lanes = lanes & (crosses | hops) & ~(s["next", j] == target)
@@ -239,9 +241,10 @@ def _choose(group: Group, asks: Any) -> tuple[Any, Any]:
         law, mode, depth = group.law_of(j), s["mode", j], _depth(group, j)
         closed, pressing = mode > OPEN, mode == PRESSING
         sign = where(closed, -1.0, group.full(1.0))
-        # else a closed contact has touched but for a rounding error, and goes on
-        leaves = (depth.read(0) > 0.0) | (depth.rate.value(s["fraction"]) <= 0.0) | ~closed
-        choice.offer(j, asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leaves)
+
+        # one that has touched but for a rounding error goes on
+        leans = closed & ~(depth.read(0) > 0.0)
+        choice.offer(j, asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leans)
         if law.shape.approach_only:
             toward = where(pressing, -1.0, group.full(1.0))
             target = where(pressing, REBOUND, group.full(PRESSING))
@@ -291,34 +294,44 @@ def _go(group: Group) -> None:
     per = where(moves, 1.0 / s["span"], 0.0)
     s["h"] = s["span"] * t
     for i in group.each(group.spec.n_dof, straight=False):
-        floor = _floor(group, i)
-        s["u", i] = floor.value(t)
-        s["v", i] = where(moves, floor.rate.value(t) * per, s["v0", i])
+        s["u", i], rate = _floor(group, i).with_slope(t)
+        s["v", i] = where(moves, rate * per, s["v0", i])
 
 
 def _take_contacts(group: Group) -> None:
     """Take forces and penetrations of closed contacts at the ends of the step and between them."""
     s, r, t = group.state, group.asked, group.state["fraction"]
-    needs_force, needs_ends = "force" in r, group.looks("ends")
+    needs_ends = group.looks("ends")
     moves = s["span"] > 0.0
-    for j in group.each_contact() if needs_force or needs_ends or "penetration" in r else ():
+    for j in group.each_contact() if needs_ends or r & {"force", "penetration"} else ():
         closed, depth, force = (s["mode", j] > OPEN) & moves, _depth(group, j), _force(group, j)
+        spring = not group.law_of(j).shape.damper
         for name in ("f0", "f1", "q0", "q1") if needs_ends else ():
             s[name, j] = 0.0
         with when_any(closed):
-            for name, series in (("dmax", depth), ("fmax", force)):
-                if ("penetration" if name == "dmax" else "force") not in r:
-                    continue
-                x1, r1 = series.value(t), series.rate.value(t)
-                most = maximum(s[name, j], where(closed, maximum(series.read(0), x1), 0.0))
-                s[name, j] = most
-                between = closed & (series.read(1) > 0.0) & (r1 < 0.0)
-                with when_any(between):
-                    s[name, j] = maximum(most, where(between, _peak(group, between, series), 0.0))
+            if "penetration" in r or (spring and "force" in r):
+                deepest = _largest(group, closed, depth)
+                if "penetration" in r:
+                    s["dmax", j] = maximum(s["dmax", j], deepest)
+                if spring and "force" in r:
+                    s["fmax", j] = maximum(s["fmax", j], s["ke", j] * deepest)
+            if "force" in r and not spring:
+                s["fmax", j] = maximum(s["fmax", j], _largest(group, closed, force))
             if needs_ends:
                 per = where(moves, 1.0 / s["span"], 0.0)
                 s["f0", j], s["f1", j] = force.read(0), force.value(t)
                 s["q0", j], s["q1", j] = force.read(1) * per, force.rate.value(t) * per
+
+
+def _largest(group: Group, lanes: Any, series: Series) -> Any:
+    """Return the largest value of a series in the step, in some lanes; 0 or more."""
+    t, r0 = group.state["fraction"], series.read(1)
+    x1, r1 = series.with_slope(t)
+    most = Cell(where(lanes, maximum(maximum(series.read(0), x1), 0.0), 0.0))
+    turns = lanes & (r0 > 0.0) & (r1 < 0.0)
+    with when_any(turns):
+        most.now = maximum(most.now, where(turns, extreme(group, series, t, r0, r1), 0.0))
+    return most.now
 
 
 def _take_turns(group: Group) -> None:
@@ -326,27 +339,20 @@ def _take_turns(group: Group) -> None:
     if not group.follows:
         return
     s, t, h = group.state, group.state["fraction"], group.state["h"]
-
-    def asks(motion: Motion) -> Any:
+    for motion in followed(group, straight=False):
         x0, x1, v0, v1 = (motion.of(name) for name in ("u0", "u", "v0", "v"))
         above = (maximum(size(x0), size(x1)) if motion.sized else maximum(x0, x1)) - s[motion.most]
         if motion.least is not None:
             above = maximum(above, s[motion.least] - minimum(x0, x1))
-        return (v0 * v1 <= 0.0) & (above + BULGE * h * (size(v0) + size(v1)) > 0.0)
+        asks = (v0 * v1 <= 0.0) & (above + BULGE * h * (size(v0) + size(v1)) > 0.0)
+        with when_any(asks):
+            inner = extreme(group, _course(group, motion), t, s["span"] * v0, s["span"] * v1)
+            take_extremes(group, motion, asks, (where(v0 * v1 < 0.0, inner, x1), x0, x1))
 
-    per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
-    for i in group.each(group.spec.n_dof, straight=False):
-        bend, per2 = _floor(group, i).rate.rate, per * per
-        for name, x in (("a", bend), ("j", bend.rate)):
-            s[f"{name}0", i], s[f"{name}1", i] = x.read(0) * per2, x.value(t) * per2
-            per2 = per2 * per
-    for motion in followed(group, straight=False):
-        with when_any(turned := asks(motion)):
-            x0, x1, v0, v1 = (motion.of(name) for name in ("u0", "u", "v0", "v"))
-            c0, c1 = (h * h * motion.of(name) for name in ("a0", "a1"))
-            j0, j1 = (h * h * h * motion.of(name) for name in ("j0", "j1"))
-            inner = septic_extreme((x0, h * v0, c0, j0), (x1, h * v1, c1, j1))
-            take_extremes(group, motion, turned, (where(v0 * v1 < 0.0, inner, x1), x0, x1))
+
+def _course(group: Group, motion: Motion) -> Series:
+    """Return the series of a motion that is followed."""
+    return Series(lambda k: motion.of(_Term(group, k)), group.spec.series)
 
 
 def _integrate(group: Group) -> None:

@@ -194,8 +194,8 @@ def _drifts(group: Group, straight: bool) -> Iterator[Motion]:
         yield Motion(("drift", i), None, True, partial(group.drift, i, below))
 
 
-def _read(group: Group, i: Any, name: str) -> Any:
-    return group.state[name, i]
+def _read(group: Group, i: Any, name: Any) -> Any:
+    return group.floor(name, i)
 
 
 def _shears(group: Group, straight: bool) -> Iterator[Motion]:

@@ -4,8 +4,8 @@ Between impacts a building is linear, and the ground acceleration is linear betw
 points, so that its motion is known without error at any instant (Nigam & Jennings 1969):
 see `pounding_sweep.kernel.flight`. Only floors that touch, or may in the step to come, are
 stepped, scenarios side by side in the lanes, each at its own time. One whose contacts are all
-open at a point of flight's grid flies on at once, and comes back to its lane where it may touch
-next; one at its end leaves its lane to the next scenario.
+open at a point of flight's grid, and none about to close, flies on at once, and comes back to its
+lane where it may touch next; one at its end leaves its lane to the next scenario.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Flights:
     fill : callable
         Fills the tables of flight.
     rows : Count or int
-        Rows of the state.
+        Rows of the state that a step leaves to the next.
     note : callable, optional
         Keeps the motion after so many short steps: of one scenario, in lane 0.
     """
@@ -276,7 +276,9 @@ class Events:
             whole_step = over & ~(left > 0.0)
             course.left.now = where(whole_step, real(self.short), where(over, left, course.left.now))
             closed, ends = forces.is_closed(group), over & (at >= self.last)
-            stays = closed | hysteresis.is_yielding(group) if group.spec.yielding else closed
+            near = forces.is_near(group, self.ground.long) if group.touching else closed
+            stays = closed | near
+            stays = stays | hysteresis.is_yielding(group) if group.spec.yielding else stays
             for _ in when(any_lane(over)) if self.note is not None else ():
                 assert self.note is not None
                 self.note(first_whole(at))

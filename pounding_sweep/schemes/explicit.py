@@ -11,7 +11,7 @@ import numpy as np
 
 from pounding_sweep.kernel import bouc_wen, impulse, links
 from pounding_sweep.kernel.group import Group, part_of
-from pounding_sweep.kernel.lanes import fma
+from pounding_sweep.kernel.lanes import Cell, any_lane, fma, when
 from pounding_sweep.kernel.located import keep_start
 from pounding_sweep.kernel.peaks import add_powers
 from pounding_sweep.kernel.row import Part, accelerations, powers, pushes
@@ -246,11 +246,15 @@ class Explicit(Scheme):
         else:
             k, c, gaps = [s["ke", j] for j in every], [s["ce", j] for j in every], [group.gap(j) for j in every]
 
+            presses = [any_lane(~(k[j] == 0.0) | ~(c[j] == 0.0)) for j in every]
+
             def press(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
-                return [
-                    group.law_of(j).pressing(k[j], c[j], group.between(x, j) - gaps[j], group.between(y, j))
-                    for j in every
-                ]
+                found = [Cell(group.full(0.0)) for _ in every]
+                for j, force in enumerate(found):
+                    for _ in when(presses[j]):
+                        d, v = group.between(x, j) - gaps[j], group.between(y, j)
+                        force.now = group.law_of(j).pressing(k[j], c[j], d, v)
+                return [force.now for force in found]
 
             step = self.step(group, _row(group), u0, v0, h, press)
         group.put("a0", step.a0)
