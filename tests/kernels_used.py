@@ -91,7 +91,7 @@ LINKED = ps.Scene(
     pair().contact,
     links=[ps.Link("a-b", [2], 2e4, 300.0)],
 )
-LINKING = ("rk4", "newmark")
+LINKING = ("rk4", "newmark", "exact")
 #: A law that is damped on rebound only, by bumpers in the gap.
 BUMPER = ps.rubber_bumper(0.01, key="bumper", stiffness=3e8)
 #: A row of more floors than one straight line of code holds: its loops are split within and between buildings.

@@ -97,7 +97,7 @@ def _check_pairs(scene: Scene) -> None:
 
 def _settings(scene: Scene | str) -> dict[str, Any]:
     """Solver of runs without pounding: exact where all is elastic."""
-    method = "rk4" if isinstance(scene, Scene) and (any(scene.yields) or not scene.has_own_modes) else "exact"
+    method = "rk4" if isinstance(scene, Scene) and any(scene.yields) else "exact"
     return {"outputs": list(OUTPUTS), "method": method, "dt": STEP, "audit": 0.0}
 
 

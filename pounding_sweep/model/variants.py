@@ -64,8 +64,9 @@ class Variants:
 
     def flights(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows whose motions without pounding differ from those before them, and of each row which of them it has."""
-        given = np.column_stack([self.period_factor, np.nan_to_num(self.damping_ratio, nan=-1.0)])
-        _, first, which = np.unique(given, axis=0, return_index=True, return_inverse=True)
+        given = [self.period_factor, np.nan_to_num(self.damping_ratio, nan=-1.0)]
+        given += [self.mass_factor] if self.scene.links else []  # links are what they are
+        _, first, which = np.unique(np.column_stack(given), axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)
         rank = np.empty(len(order), np.int64)
         rank[order] = np.arange(len(order))
@@ -168,11 +169,11 @@ class Variants:
             found.append((w, decay))
         return found
 
-    def _linked_modes(self, group: tuple[int, ...], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`systems` of linked buildings, of some rows."""
+    def matrices(self, group: tuple[int, ...], rows: Any = slice(None)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Masses (t), K (kN/m) and C (kN s/m) of buildings that move as one, of some rows; shapes (n, floors, ...)."""
         start, stop = (self.scene.offsets[b] for b in (group[0], group[-1] + 1))
-        n = stop - start
-        stiff, damped = np.zeros((len(rows), n, n)), np.zeros((len(rows), n, n))
+        masses, n = self.masses[rows, start:stop], stop - start
+        stiff, damped = np.zeros((len(masses), n, n)), np.zeros((len(masses), n, n))
         for b in group:
             own = self.scene.buildings[b]
             drift = np.eye(own.n_storeys) - np.eye(own.n_storeys, k=-1)
@@ -188,7 +189,12 @@ class Variants:
                 across = (np.arange(start, stop) == link.left) - 1.0 * (np.arange(start, stop) == link.right)
                 stiff += link.stiffness * np.outer(across, across)
                 damped += link.damping * np.outer(across, across)
-        root = 1.0 / np.sqrt(self.masses[rows, start:stop])
+        return masses, stiff, damped
+
+    def _linked_modes(self, group: tuple[int, ...], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`systems` of linked buildings, of some rows."""
+        masses, stiff, damped = self.matrices(group, rows)
+        root = 1.0 / np.sqrt(masses)
         values, shapes = np.linalg.eigh(stiff * root[:, :, None] * root[:, None, :])
         shapes = shapes * root[:, :, None]
         return np.sqrt(np.maximum(values, 0.0)), np.einsum("nim,nij,njm->nm", shapes, damped, shapes)
