@@ -450,7 +450,8 @@ FILES = [
             "[[scene.links]]\npair = 'left-middle'\nstoreys = [1]\ndamping = inf\nstiffness = 'x'",
             "[[scene.links]]\npair = 'left-middle'\nstoreys = [1]\ndamping = 3\n"
             "[[scene.links]]\npair = 'left-middle'\nstoreys = [2, [1, 3]]\ndamping = 3",
-            "[[scene.links]]\npair = 'left-middle'\nstoreys = [1]\ndamping = 3\n[solver]\nmethod = 'exact'",
+            "[[scene.links]]\npair = 'left-middle'\nstoreys = [1]\ndamping = 1e5\n[solver]\nmethod = 'exact'\n"
+            "precision = 'float32'",
         )
     ),
     *(

@@ -91,7 +91,7 @@ LINKED = ps.Scene(
     pair().contact,
     links=[ps.Link("a-b", [2], 2e4, 300.0)],
 )
-LINKING = ("rk4", "newmark")
+LINKING = ("rk4", "newmark", "exact")
 #: The pair, the left building on a foundation; and the schemes that run it.
 FOUNDED = ps.Scene(
     [

@@ -6,6 +6,7 @@ import itertools
 import json
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -247,7 +248,7 @@ def test_elastic_storeys_move_as_the_elastic_row_about_what_they_are_set_to():
     group.state.array[group.state.first["u"] :][:n] = u
     k, r = (np.array([group.prop(name, i) for i in range(n)])[:, None] for name in ("k", "hardening"))
     group.state.array[group.state.first["ct"] :][:n] = -(1.0 - r) * k * slip
-    find_sets(group)
+    find_sets(SimpleNamespace(group=group))
     c = group.state.array[group.state.first["set"] :][:n]
     for b, floors in enumerate(group.building_floors):
         x, still = [u[i] for i in floors], [np.zeros(8)] * len(floors)

@@ -20,12 +20,15 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from pounding_sweep.engine.kernel import MARGIN
-from pounding_sweep.kernel.flight import ACCELERATION, STATE, WIDE, Layout
+from pounding_sweep.kernel.flight import ACCELERATION, STATE, TO_FLOORS, TO_MODES, WIDE, Layout
+from pounding_sweep.kernel.flight_energies import nodes
+from pounding_sweep.model.coupled_modes import CoupledModes, coupled_modes
 from pounding_sweep.model.variants import Variants
 
 #: Largest frequency or damping, times the step, for which the series is summed, and its number of terms:
@@ -52,8 +55,8 @@ class _Modes:
     c: np.ndarray
     #: Sum of m phi over the floors, of the masses as the scene has them.
     participation: np.ndarray
-    #: Mass of the building's first floor (t), as the scene has it.
-    first_mass: np.ndarray
+    #: Mass of the building's first floor (t), as the scene has it; NaN where modes are coupled.
+    first_mass: np.ndarray | float = math.nan
 
     def step(self, h: float) -> tuple[np.ndarray, np.ndarray]:
         """Motion over one step of `h` (s), as rows of four numbers of each mode, shape (4, variants, modes).
@@ -98,7 +101,8 @@ def fixed_tables(
     """Return what of the tables of all variants holds at any time, and what a kernel fills the others from."""
     # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`
     scene, n, count, q = row.scene, layout.modes, len(row), len(layout.watched)
-    modes, floors = _modes(row)
+    coupled = coupled_modes(row, precision) if layout.coupled else None
+    modes, floors = _modes(row) if coupled is None else (_Modes(coupled.w, coupled.c, coupled.push), None)
     tables = np.zeros((count, layout.given), precision)
 
     def put(name: str, values: np.ndarray) -> None:
@@ -114,10 +118,16 @@ def fixed_tables(
     put("square", (w * h) ** 2)
     put("damping", c * h)
     put("push", modes.participation * h**2)
+    kinds = np.array([each.kind for each in layout.watched], int)
+    put("sized", np.array([[each.sized for each in layout.watched]], float))
+    put("shaken", (kinds == ACCELERATION)[None].astype(float))
+    if coupled is not None:
+        _put_coupled(layout, row, coupled, h, precision, put)
+        return tables, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, _decays(layout, modes, h)])
+    assert floors is not None
     masses = np.concatenate([b.masses for b in scene.buildings])
     put("floors", floors.T[None])
     put("modal", (floors * masses[:, None])[None])
-    kinds = np.array([each.kind for each in layout.watched], int)
     shape = np.array([each.weights for each in layout.watched]).reshape(q, n) @ floors
     if q:
         put("shape", shape[None])
@@ -139,8 +149,6 @@ def fixed_tables(
     put("bulge", weighed(square**2 * near * far, square * near) * (h**2 / 8.0))
     missed = np.where(widened > 0.0, (square * far)[:, :, None] * (h**2 / 48.0), 0.0)
     put("remainder", missed.max(axis=1, initial=0.0))
-    put("sized", np.array([[each.sized for each in layout.watched]], float))
-    put("shaken", shakes[None].astype(float))
     own = _decays(layout, modes, h)
     if not layout.strides:
         return tables, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, own])
@@ -151,6 +159,87 @@ def fixed_tables(
     room = _room(len(given) + states * stops_of(layout, len(ground), substeps) + STATE * layout.wide_modes, "decays")
     room[: len(given)] = given
     return tables, room
+
+
+def _put_coupled(
+    layout: Layout, row: Variants, modes: CoupledModes, h: float, precision: str, put: Callable[[str, np.ndarray], None]
+) -> None:
+    """Put in what coupled modes do to floors and to what is watched; those of velocities are times the step."""
+    w, c, n, q = modes.w, modes.c, layout.modes, len(layout.watched)
+    uq, up, vq, vp = np.moveaxis(modes.floors, 1, 0)
+    for k, (floors, modal) in enumerate(zip(TO_FLOORS, TO_MODES, strict=True)):
+        put(floors, np.swapaxes(modes.floors[:, k], 1, 2))
+        put(modal, np.swapaxes(modes.modal[:, k], 1, 2))
+    shakes = np.array([each.kind == ACCELERATION for each in layout.watched], bool)
+    moved = np.array([each.weights for each in layout.watched]).reshape(q, n)
+    pulled = np.array([each.rates or (0.0,) * n for each in layout.watched]).reshape(q, n)
+
+    def along(u: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return all that is watched by q or p, of displacements, velocities and rates of velocities by them."""
+        return np.where(shakes[:, None], moved @ a, moved @ u + pulled @ v)
+
+    by_q, by_p = along(uq, vq, -(w**2)[:, None] * vp), along(up, vp, vq - c[:, None] * vp)
+    for name, values in (("", by_q), ("_rate", by_p / h)) if q else ():
+        put(f"shape{name}", values)
+        if "across" in layout.fixed:
+            put(f"across{name}", np.swapaxes(values, 1, 2))
+    # (w q, p) moves by `turn`; what a mode of unit amplitude reaches at most, and its second and fourth rates
+    turn = np.zeros((*w.shape, 2, 2))
+    turn[..., 0, 1], turn[..., 1, 0], turn[..., 1, 1] = w, -w, -c
+    twice = turn @ turn
+    both = np.stack([by_q, w[:, None] * by_p], axis=3).swapaxes(1, 2)
+    widened = 1.0 + 10.0 * MARGIN[precision]
+    reach = [np.linalg.norm(each, axis=3) * widened for each in (both, both @ twice)]
+    put("bound", reach[0])
+    put("bulge", reach[1] * (h**2 / 8.0))
+    missed = np.where(reach[0] > 0.0, np.linalg.norm(twice, 2, axis=(2, 3))[:, :, None] * (h**2 / 48.0), 0.0)
+    put("remainder", missed.max(axis=1, initial=0.0))
+    if layout.powers:
+        put("powers", _power_shapes(layout, row, modes).reshape(len(w), -1))
+        put("nodes", _node_steps(layout, _Modes(w, c, modes.push), h).reshape(len(w), -1))
+    if "sets" in layout.fixed:
+        put("sets", _sets(row).reshape(len(w), -1))
+
+
+def _power_shapes(layout: Layout, row: Variants, modes: CoupledModes) -> np.ndarray:
+    """Factors of powers by q and by q' of all modes, shape (variants, factors, 2, modes)."""
+    scene, n, found = row.scene, layout.modes, []
+    uq, up, vq, vp = np.moveaxis(modes.floors, 1, 0)
+    masses = np.concatenate([b.masses for b in scene.buildings])
+    for power in layout.powers:
+        weights, moves = np.zeros(n), power.kind != "stretch"
+        if power.kind == "momentum":
+            floors = slice(*scene.offsets[power.number : power.number + 2])
+            weights[floors] = masses[floors] / masses[floors.start]
+        else:
+            link = scene.linked_floors[power.number]
+            weights[link.left] += power.kind != "right"
+            weights[link.right] += {"stretch": -1.0, "left": 0.0, "right": 1.0}[power.kind]
+        found.append(np.stack([weights @ each for each in ((vq, vp) if moves else (uq, up))], axis=1))
+    return np.stack(found, axis=1)
+
+
+def _node_steps(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
+    """How modes move from a point to each Gauss node of the step, shape (variants, modes, nodes, numbers)."""
+    found = []
+    for share in nodes(layout.nodes)[0]:
+        over, (q0, p0, q1, p1) = modes.step(share * h)
+        ground = [(q0 + (1.0 - share) * q1, share * q1), (p0 + (1.0 - share) * p1, share * p1)]
+        found.append(np.stack([over[0], over[1] / h, *ground[0], over[2], over[3] / h, *ground[1]], axis=2))
+    return np.stack(found, axis=2)
+
+
+def _sets(row: Variants) -> np.ndarray:
+    """Displacements at which a row rests whose storeys have drifts without shear, shape (variants, floors, storeys)."""
+    n, at = row.scene.n_dof, 0
+    found = np.zeros((len(row), n, n))
+    for group in row.scene.linked_buildings:
+        _, stiff, _ = row.matrices(group)
+        here = slice(at, at := at + stiff.shape[1])
+        bottom = [s == 0 for b in group for s in range(row.scene.buildings[b].n_storeys)]
+        drift = np.eye(len(bottom)) - np.diag([0.0 if first else 1.0 for first in bottom[1:]], -1)
+        found[:, here, here] = np.linalg.solve(stiff, drift.T * row.stiffnesses[:, None, here])
+    return found
 
 
 def _room(numbers: int, name: str, precision: str = "float64") -> np.ndarray:

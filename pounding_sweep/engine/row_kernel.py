@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from pounding_sweep.kernel.spec import (
     input_slots,
     property_slots,
 )
+from pounding_sweep.model.coupled_modes import coupled_modes
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.levels import column_shares
 from pounding_sweep.model.scene import Scene
@@ -288,8 +290,12 @@ class RowKernel:
         if self.history:
             return np.full(len(row), steps)
         finer, need = min(self.numerics.finer, FINEST_GLIDE), np.zeros(len(row))
-        for index in range(len(self.scene.buildings)):
-            frequencies = row.frequencies(index)
+        if self.shape.coupled:
+            w, at = coupled_modes(row, self.shape.precision).w, np.cumsum([0, *(many for _, many in self.shape.flocks)])
+            every = [w[:, low:high] for low, high in pairwise(at)]
+        else:
+            every = [row.frequencies(index) for index in range(len(self.scene.buildings))]
+        for frequencies in every:
             for w, cap in (*zip(frequencies.T[:2], GLIDE, strict=False), (frequencies[:, -1], GLIDE[-1])):
                 need = np.maximum(need, record.dt * w / cap * finer)
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])

@@ -13,18 +13,21 @@ omega**2 q**2 + q'**2 never grows, w adds to x at most
 from now on, so that windows of the record in which s u0 keeps farther than B from gaps and
 peaks are passed in one step. In the others, x is looked at in all lanes: its values and rates
 at successive points of a grid.
+
+Where dashpots or links couple the modes, u follows from q and q', and so do velocities: what is
+watched is then the sum of x_m q_m and of y_m q_m', with sqrt(x_m**2 + (omega y_m)**2) in place of |x_m|.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import flight_yielding, hysteresis
+from pounding_sweep.kernel import flight_energies, flight_yielding, hysteresis
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
@@ -77,6 +80,10 @@ STRAIGHT = 48
 TOUCH, TURN, ACCELERATION, ONSET = 0, 1, 2, 3
 #: Rows of modes' accelerations, of three rates of them, and of what the ground adds to the last two.
 SHAKEN = ("shake", "jerk", "fourth", "fifth", "lift", "lift5")
+#: Rows of coupled modes that a row's rates, times the step, are in; what the ground adds to the last two.
+RATES = {"y": "rate", "rate": "second", "second": "third", "third": "fourth", "rise": "lift", "": "rise"}
+#: What coupled modes know of displacements and velocities, and these of the modes.
+TO_FLOORS, TO_MODES = ("floors", "floors_up", "floors_vq", "floors_vp"), ("modal", "modal_qv", "modal_pu", "modal_pv")
 
 
 @dataclass(frozen=True)
@@ -88,8 +95,8 @@ class Watched:
     kind : int
         `TOUCH`: it may reach a gap; `TURN`: it may turn beyond its peak so far; `ACCELERATION`: the same of total
         accelerations; `ONSET`: it may reach limits on both sides, within which a storey is elastic.
-    weights : tuple of float
-        Of each floor.
+    weights, rates : tuple of float
+        Of each floor's displacement, and of its velocity: a dashpot's force, () where none counts.
     most, least : int
         Rows of the state that hold the gap or the peaks; `least` < 0: none, and of one whose size counts, that of
         `most`.
@@ -105,6 +112,7 @@ class Watched:
     least: int
     sized: bool
     storey: int = -1
+    rates: tuple[float, ...] = ()
 
 
 def watched(group: Group) -> list[Watched]:
@@ -115,19 +123,24 @@ def watched(group: Group) -> list[Watched]:
     probe = Group(group.spec, group.scheme, group.reducers, None, n, known)
     for i in range(n):
         probe.state["u", i] = np.arange(n) == i
-        if group.spec.yielding:  # of a shear it is the drift that is watched
-            probe.state["kt", i] = 1.0
-    first = probe.state.first
+    first, below = probe.state.first, [None if bottom else i - 1 for i, bottom in enumerate(group.spec.bottom)]
     found = [
         Watched(TOUCH, tuple(probe.between("u", j)), first["gap"] + pair, -1, False)
         for j, (_, _, pair) in enumerate(probe.contacts)
     ]
-    for i, below in hysteresis.each_storey(probe):
-        found.append(Watched(ONSET, tuple(hysteresis.drift(probe, i, below)), -1, -1, False, i))
+    for i, _ in hysteresis.each_storey(probe):
+        found.append(Watched(ONSET, tuple(hysteresis.drift(probe, i, below[i])), -1, -1, False, i))
     for motion in followed(probe, straight=True):
         most, least = (-1 if row is None else first[row[0]] + row[1] for row in (motion.most, motion.least))
-        sized = motion.sized and motion.shear < 0
-        found.append(Watched(TURN, tuple(motion.of("u")), most, least, sized, motion.shear))
+        sized, i = motion.sized and motion.shear < 0, motion.shear
+        weights = tuple(motion.of("u") if i < 0 else hysteresis.drift(probe, i, below[i]))  # of a shear the drift
+        found.append(Watched(TURN, weights, most, least, sized, i))
+        if motion.pulls:
+            for k in range(n):
+                probe.state["v", k], probe.state["u", k] = np.arange(n) == k, 0.0
+            found[-1] = replace(found[-1], rates=tuple(motion.of("u")))
+            for k in range(n):
+                probe.state["u", k], probe.state["v", k] = np.arange(n) == k, 0.0
     if "acceleration" in group.asked:
         eye = np.eye(n)
         found += [Watched(ACCELERATION, tuple(eye[i]), first["acc"] + i, -1, True) for i in range(n)]
@@ -148,7 +161,7 @@ class Layout:
 
     def __init__(self, group: Group) -> None:
         spec, lanes = group.spec, group.lanes
-        self.lanes, self.watched, self.yields = lanes, watched(group), bool(spec.yielding)
+        self.lanes, self.watched, self.yields, self.coupled = lanes, watched(group), bool(spec.yielding), spec.coupled
         self.modes = n = spec.n_dof
 
         def padded(count: int) -> int:
@@ -156,12 +169,7 @@ class Layout:
 
         self.wide_modes, self.wide_watched = padded(n), padded(max(1, len(self.watched)))
         #: Modes that each watched quantity has a part in: first and number.
-        home = [(spec.home(b), k) for b, k in enumerate(spec.storeys)]
-        self.ranges = []
-        for each in self.watched:
-            buildings = sorted({spec.building_of[i] for i in np.flatnonzero(each.weights)})
-            low, high = home[buildings[0]][0], sum(home[buildings[-1]])
-            self.ranges.append((low, high - low))
+        self.ranges = [self.part_in(spec.flocks, each.weights, each.rates) for each in self.watched]
         q, m, wide = len(self.watched), self.wide_modes, self.wide_watched
         self.fixed = {
             "step": lanes,
@@ -182,12 +190,22 @@ class Layout:
         }
         if spec.windows or spec.yielding:
             self.fixed["across"] = n * wide
+        #: Motions whose powers are added up between the points of the grid, where modes are coupled.
+        self.powers: list[flight_energies.Power] = []
+        if self.coupled:
+            self.fixed |= {f"{name}_rate": self.fixed[name] for name in ("shape", "across") if name in self.fixed}
+            self.fixed |= dict.fromkeys((*TO_FLOORS, *TO_MODES), n * m)
+            self.powers = flight_energies.powers(spec)
+            self.fixed |= {"powers": 2 * n * len(self.powers)} if self.powers else {}
+            self.nodes = flight_energies.count_nodes(spec)
+            self.fixed |= {"nodes": flight_energies.STATE * n * self.nodes} if self.powers else {}
+            self.fixed |= {"sets": n * n} if spec.links and spec.yielding else {}
         #: How many numbers are known before a kernel runs.
         self.given = sum(self.fixed.values())
         self.fixed |= {"advance": (lanes + 1) * 4 * m, "times": n * 4 * lanes}
         extremes = ("most", "least", "widest", "widest_least", "peak", "trough") if spec.windows else ()
         self.timed = dict.fromkeys(extremes, wide) | {"q": m, "p": m}
-        if "energy" in spec.reducers:
+        if "energy" in spec.reducers and not self.coupled:
             self.timed |= {"given": m, "adjoint_q": m, "adjoint_p": m}
         self.series = {"x": n, "rate": n, "ground": 1}
         #: Rows of modes in double precision from which the motion without pounding follows.
@@ -199,7 +217,7 @@ class Layout:
         if spec.blocks:
             self.timed, self.series = dict.fromkeys(("most", "least", "swell"), wide), {}
             self.decays, self.strides = moving, [*moving, *bending, "heft"]
-        if "energy" in spec.reducers:
+        if "energy" in spec.reducers and not self.coupled:
             self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
         self.first: dict[str, int] = {}
         for block in (self.fixed, self.timed, self.series):
@@ -207,6 +225,14 @@ class Layout:
             for name, count in block.items():
                 self.first[name], at = at, at + count
         self.sizes = [sum(block.values()) for block in (self.fixed, self.timed, self.series)]
+
+    @staticmethod
+    def part_in(flocks: Sequence[tuple[int, int]], *weights: Sequence[float]) -> tuple[int, int]:
+        """First mode that a sum over floors has a part in, and their number."""
+        floors = np.concatenate([np.flatnonzero(each) for each in weights])
+        mine = [(first, many) for first, many in flocks if ((floors >= first) & (floors < first + many)).any()]
+        low, high = mine[0][0], sum(mine[-1])
+        return low, high - low
 
     def size(self, points: Any) -> Any:
         """How many numbers the tables have over a grid of so many points."""
@@ -280,7 +306,8 @@ class Flight:
     def _vector(self, at: Any) -> Any:
         return load(self.trace, self.tables, at, self.lanes)
 
-    def _number(self, at: Any) -> Any:
+    def number(self, at: Any) -> Any:
+        """Return a number of the tables."""
         return load_one(self.trace, self.tables, at)
 
     def _then(self, name: str, t: Any, part: Any = 0) -> Any:
@@ -301,10 +328,14 @@ class Flight:
         at = m * self.layout.series_rows * self.lanes + (t - self.blocks.start)
         return self.rows.vector(f"free_{name}", at)
 
+    def ground(self, t: Any) -> Any:
+        """Return the ground's accelerations at successive points from t on."""
+        return self._free("ground", 0, t)
+
     def put_decays(self, wide: Any, decays: Any, own: Any) -> None:
         """Fill in how modes decay over 0, 1 ... steps and a wide window or a block, from `own`, their one step."""
         many, at, times = self.layout.wide_modes, self.place_of("advance"), self.place_of("times")
-        h, leap = self._number(self.place_of("step")), rounded(load_one(wide, decays, whole(self.trace, HEAD - 1)))
+        h, leap = self.number(self.place_of("step")), rounded(load_one(wide, decays, whole(self.trace, HEAD - 1)))
         for part in self._mode_parts:
             a = [load(wide, decays, own + (k * many + part * self.lanes), self.lanes) for k in range(4)]
             e = [Cell(a[0] * 0.0 + start) for start in (1.0, 0.0, 0.0, 1.0)]
@@ -340,22 +371,23 @@ class Flight:
         """Take a scenario out of its lane at point t: the decaying modes follow from its motion."""
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
-        s, w, n = self.group.state, self.rows, self.layout.modes
+        s, w = self.group.state, self.rows
         if self.yields:
-            flight_yielding.find_sets(self.group)
+            flight_yielding.find_sets(self)
             flight_yielding.shift(self, lane)
-        at = self.place_of("modal")
-        for name, motion in (("q", "u"), ("p", "v")):
-            sums = [Cell(self.group.full(0.0)) for _ in self._mode_parts]
-            for i in self.each(n, len(sums)):
-                x = s.lane(s.first[motion] + i, lane)
-                if motion == "u" and self.yields:
-                    x = x - s.lane(s.first["set"] + i, lane)
-                for part, total in enumerate(sums):
-                    coefficient = self._vector(at + (i * self.layout.wide_modes + part * self.lanes))
-                    total.now = fma(coefficient, x, total.now)
-            for part, total in enumerate(sums):
-                w[name, part] = total.now - self.scale.now * self._still(name, t, part)
+        coupled = self.layout.coupled
+
+        def moved(i: Any) -> Any:
+            x = s.lane(s.first["u"] + i, lane)
+            return x - s.lane(s.first["set"] + i, lane) if self.yields else x
+
+        def moves(i: Any) -> Any:
+            return s.lane(s.first["v"] + i, lane)
+
+        tables = TO_MODES if coupled else ("modal", "", "", "modal")
+        for k, name in enumerate(("q", "p")):
+            for part, total in enumerate(self._mix(tables[2 * k], moved, tables[2 * k + 1], moves)):
+                w[name, part] = total - self.scale.now * self._still(name, t, part)
         self._account(lane, t, 1.0)
 
     def enter(self, lane: Any, t: Any) -> None:
@@ -363,18 +395,18 @@ class Flight:
         if self.blocks is not None:
             self.blocks.know(self.blocks.of(t))
         s, w, n = self.group.state, self.rows, self.layout.modes
-        at, scale = self.place_of("floors"), self.group.full(self.scale.now)
-        for name, motion in (("q", "u"), ("p", "v")):
+        scale, coupled = self.group.full(self.scale.now), self.layout.coupled
+        tables = TO_FLOORS if coupled else ("floors", "", "", "floors")
+        for name in ("q", "p") if coupled else ():
             for part in self._mode_parts:
+                w[f"whole_{name}", part] = fma(scale, self._still(name, t, part), w[name, part])
+        for k, (name, motion) in enumerate((("q", "u"), ("p", "v"))):
+            for part in self._mode_parts if not coupled else ():
                 w["amplitude", part] = fma(scale, self._still(name, t, part), w[name, part])
-            sums = [Cell(self.group.full(0.0)) for _ in self._mode_parts]
-            for m in self.each(n, len(sums)):
-                x = w.number("amplitude", m)
-                for part, total in enumerate(sums):
-                    shape = self._vector(at + (m * self.layout.wide_modes + part * self.lanes))
-                    total.now = fma(shape, x, total.now)
-            for part, total in enumerate(sums):
-                w["floor", part] = total.now
+            rows = ("whole_q", "whole_p") if coupled else ("amplitude", "amplitude")
+            readers = [partial(w.number, row) for row in rows]
+            for part, total in enumerate(self._mix(tables[2 * k], readers[0], tables[2 * k + 1], readers[1])):
+                w["floor", part] = total
             for i in self.each(n):
                 x = w.number("floor", i)
                 if motion == "u" and self.yields:
@@ -383,10 +415,25 @@ class Flight:
                 s.put_lane(s.first[motion + "0"] + i, lane, x)
         self._account(lane, t, -1.0)
 
+    def _mix(self, first: str, x: Callable[[Any], Any], second: str, y: Callable[[Any], Any]) -> list[Any]:
+        """Sum up what two functions read, weighted by rows of two tables ("": of none)."""
+        wide, mine = self.layout.wide_modes, [each for each in ((first, x), (second, y)) if each[0]]
+        places = [self.place_of(name) for name, _ in mine]
+        sums = [Cell(self.group.full(0.0)) for _ in self._mode_parts]
+        for i in self.each(self.layout.modes, len(sums) * len(mine)):
+            for at, (_, read) in zip(places, mine, strict=True):
+                value = read(i)
+                for part, total in enumerate(sums):
+                    coefficient = self._vector(at + (i * wide + part * self.lanes))
+                    total.now = fma(coefficient, value, total.now)
+        return [total.now for total in sums]
+
     def _account(self, lane: Any, t: Any, sign: float) -> None:
         """Energies of a flight that begins (1) or ends (-1) at point t: input, and what of it is not held any more."""
         group, s, w = self.group, self.group.state, self.rows
-        if "energy" not in group.asked:
+        if self.layout.coupled:
+            flight_energies.account(self, lane, sign)
+        if "energy" not in group.asked or self.layout.coupled:
             return
         given, late = self.place_of("given") + t * self.layout.timed["given"], {}
         for name in ("adjoint_q", "adjoint_p"):
@@ -397,8 +444,8 @@ class Flight:
             gained = one(self.trace, 0.0)
             for m in floors:
                 q, p = w.number("q", m), w.number("p", m)
-                more = self._number(late["adjoint_q"] + m) * q + self._number(late["adjoint_p"] + m) * p
-                gained = gained + scale * (more - scale * self._number(given + m))
+                more = self.number(late["adjoint_q"] + m) * q + self.number(late["adjoint_p"] + m) * p
+                gained = gained + scale * (more - scale * self.number(given + m))
             gained = gained * lane_of(group.full(group.prop("m", floors[0])), lane)
             change = sign * gained
             e_in, e_damp = s.first["e_in"] + b, s.first["e_damp"] + b
@@ -416,7 +463,7 @@ class Flight:
         self._take_thresholds(lane)
         self.hits.now = flag(self.trace, False)
         self.going.now = flag(self.trace, True)
-        leaps = note is None and self.group.spec.windows
+        leaps = note is None and self.group.spec.windows and not self.layout.powers
         for _ in when(self.at.now < 1) if leaps else ():
             self._bounds()
             for _ in when(self._undisturbed()):
@@ -440,6 +487,8 @@ class Flight:
                 for _ in self._asking_at(t):
                     self._look(t, room)
                 steps = self.steps.now
+                if self.layout.powers:
+                    flight_energies.gather(self, lane, t, steps)
                 self._advance(steps)
                 self.at.now = t + steps
                 self.hits.now = steps < room
@@ -650,22 +699,30 @@ class Flight:
         """Look at a window of `room` steps from point t on; ``steps`` becomes those before floors may touch."""
         w = self.rows
         for m in self.each(self.layout.modes, 4):
-            w["y", m] = self._moved(m, t, 0)
+            w["y", m] = self.moved(m, t, 0)
         self.rated.now = flag(self.trace, False)
+        if self.layout.coupled:
+            self._bend(t, shakes=False)
         self._weigh("bulge", "bulge", t)
         kinds = {each.kind for each in self.layout.watched}
         for kind in sorted(kinds & {TOUCH, ONSET}):
             self._stop(kind, t)
         for _ in when(self.steps.now > 0) if kinds - {TOUCH, ONSET} else ():
-            turning = any_lane(self._asking(TURN)) | any_lane(self._asking(ACCELERATION))
-            for _ in when(turning):
-                self._bend(t, ACCELERATION in kinds)
+            if not self.layout.coupled:
+                turning = any_lane(self._asking(TURN)) | any_lane(self._asking(ACCELERATION))
+                for _ in when(turning):
+                    self._bend(t, ACCELERATION in kinds)
             for q in self._asked(TURN):
                 self._turn(q, ("y", "rate", "second", "third"), ("", "rise"))
             for q in self._asked(ACCELERATION):
-                self._turn(q, SHAKEN[:4], SHAKEN[4:])
+                rows = (
+                    (("y", "rate", "second", "third"), ("", "rise"))
+                    if self.layout.coupled
+                    else (SHAKEN[:4], SHAKEN[4:])
+                )
+                self._turn(q, *rows)
 
-    def _moved(self, m: Any, t: Any, row: int) -> Any:
+    def moved(self, m: Any, t: Any, row: int) -> Any:
         """Mode m at the lanes' instants (row 0), or its rate times the step (row 2)."""
         at = self.place_of("times") + (m * 4 + row) * self.lanes
         q, p = self.rows.number("q", m), self.rows.number("p", m)
@@ -676,7 +733,7 @@ class Flight:
         """Find the rates of all modes, once in a window."""
         for _ in when(not_(self.rated.now)):
             for m in self.each(self.layout.modes, 4):
-                self.rows["rate", m] = self._moved(m, t, 2)
+                self.rows["rate", m] = self.moved(m, t, 2)
             self.rated.now = flag(self.trace, True)
 
     def _bend(self, t: Any, shakes: bool) -> None:
@@ -687,19 +744,22 @@ class Flight:
         w = self.rows
         square, damping, push, inverse = (self.place_of(name) for name in ("square", "damping", "push", "inverse"))
         self._know_rates(t)
-        ground = self.scale.now * self._free("ground", 0, t)
+        ground = self.scale.now * self.ground(t)
         rise = after(ground) - ground
         for m in self.each(self.layout.modes, 4):
-            stiff, damped, rate = self._number(square + m), self._number(damping + m), w["rate", m]
+            stiff, damped, rate = self.number(square + m), self.number(damping + m), w["rate", m]
             total = -fma(stiff, w["y", m], damped * rate)
-            pushed = self._number(push + m)
+            pushed = self.number(push + m)
             second = fma(-pushed, ground, total)
             w["second", m], w["third", m], w["rise", m] = second, -fma(stiff, rate, damped * second), -pushed * rise
+            if self.layout.coupled:
+                w["fourth", m] = -fma(stiff, second, damped * w["third", m])
+                w["lift", m] = -damped * w["rise", m]
             if shakes:
                 third, rising = w["third", m], w["rise", m]
                 fourth, lift = -fma(stiff, second, damped * third), -damped * rising
                 fifth, lift5 = -fma(stiff, third, damped * fourth), -fma(stiff, rising, damped * lift)
-                per = self._number(inverse)
+                per = self.number(inverse)
                 shaken = (total, third, fourth, fifth, lift, lift5)
                 for name, x in zip(SHAKEN, shaken, strict=True):
                     w[name, m] = x * per
@@ -729,9 +789,13 @@ class Flight:
         lows, counts = self._ranges
         low, many = lows[q], counts if isinstance(counts, int) else counts[q]
         shape = self.place_of("shape") + q * self.layout.modes + low
-        total = Cell(self.group.full(0.0))
+        total, coupled = Cell(self.group.full(0.0)), self.layout.coupled
+        rates = self.place_of("shape_rate") + q * self.layout.modes + low if coupled else None
         for k in self.each(many) if isinstance(many, int) else count_to(many, self.trace):
-            total.now = fma(self._number(shape + k), self.rows[row, low + k], total.now)
+            if row:
+                total.now = fma(self.number(shape + k), self.rows[row, low + k], total.now)
+            if coupled:
+                total.now = fma(self.number(rates + k), self.rows[RATES[row], low + k], total.now)
         return total.now
 
     @cached_property
@@ -770,7 +834,7 @@ class Flight:
         hull = self._past(x, q, onset)
         for each in (x1, x + s0, x1 - s1):
             hull = maximum(hull, self._past(each, q, onset))
-        may = hull + bulge * self._number(self.place_of("remainder") + q) > 0.0
+        may = hull + bulge * self.number(self.place_of("remainder") + q) > 0.0
         first = first_true(may & (lane_numbers(self.trace, self.lanes) < real(self.steps.now)))
         self.steps.now = lesser(first, self.steps.now)
 
@@ -778,7 +842,7 @@ class Flight:
         """Return a higher rate at the starts and the ends of steps, `rise` being the ground's part in it."""
         start = self._sum(q, name)
         end = after(start)
-        if not rise:
+        if not (rise or self.layout.coupled):
             return start, end
         added = self._sum(q, rise)
         return start + added, end + added
@@ -807,7 +871,7 @@ class Flight:
             inner = where(turns, inner, x)
             up = largest_lane(where(points, maximum(x, inner), -far))
             down = -largest_lane(where(points, -minimum(x, inner), -far))
-            sized = self._number(self.place_of("sized") + q) > 0.5
+            sized = self.number(self.place_of("sized") + q) > 0.5
             for _ in when(sized):
                 most = where(-down > up, -down, up)
                 most = where(most > high, most, high)
@@ -825,7 +889,10 @@ def scratch(layout: Layout) -> dict[str, int]:
     rows |= dict.fromkeys(("high", "low", "reach", "bulge", "asks", *(("shift",) if layout.yields else ())), wide)
     rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n)
     rows |= {"reached": sum(each.kind in (TOUCH, ONSET) for each in layout.watched)}
-    if any(each.kind == ACCELERATION for each in layout.watched):
+    if layout.coupled:
+        rows |= dict.fromkeys(("fourth", "lift"), n) | dict.fromkeys(("whole_q", "whole_p"), parts)
+        rows |= dict.fromkeys(("node_q", "node_p"), n) if layout.powers else {}
+    elif any(each.kind == ACCELERATION for each in layout.watched):
         rows |= dict.fromkeys(SHAKEN, n)
     if not layout.strides:
         return rows

@@ -165,7 +165,16 @@ class Tables:
     def _watched_at(self, t: Any, part: int) -> list[Any]:
         """Find what is watched at point t and three rates, times the step; the rise of the ground is apart."""
         f, layout = self.flight, self.layout
-        of = {name: f.place_of(name) for name in ("square", "damping", "push", "inverse", "step", "across")}
+        names = (
+            "square",
+            "damping",
+            "push",
+            "inverse",
+            "step",
+            "across",
+            *(("across_rate",) if layout.coupled else ()),
+        )
+        of = {name: f.place_of(name) for name in names}
         h, per = (load_one(self.trace, f.tables, of[name]) for name in ("step", "inverse"))
         ground = narrow(self.trace, self._ground(t))
         sums = [Cell(f.group.full(0.0)) for _ in range(4)]
@@ -184,13 +193,19 @@ class Tables:
             second = total - push * ground
             third = -(stiff * rate + damped * second)
             values: list[Any] = [q, rate, second, third]
-            if shakes:
+            place = m * layout.wide_watched + part * self.lanes
+            if layout.coupled:
+                higher = [rate, second, third, -(stiff * second + damped * third)]
+                own = load(self.trace, f.tables, of["across_rate"] + place, self.lanes)
+                for value, cell in zip(higher, sums, strict=True):
+                    cell.now = fma(own, value, cell.now)
+            elif shakes:
                 fourth = -(stiff * second + damped * third)
                 shake = [each * per for each in (total, third, fourth, -(stiff * third + damped * fourth))]
                 values = (
                     [where(shaken, a, f.group.full(b)) for a, b in zip(shake, values, strict=True)] if moves else shake
                 )
-            weight = load(self.trace, f.tables, of["across"] + m * layout.wide_watched + part * self.lanes, self.lanes)
+            weight = load(self.trace, f.tables, of["across"] + place, self.lanes)
             for value, cell in zip(values, sums, strict=True):
                 cell.now = fma(weight, value, cell.now)
         return [cell.now for cell in sums]
@@ -200,11 +215,17 @@ class Tables:
         f, sums = self.flight, [Cell(self.flight.group.full(0.0)) for _ in range(2)]
         per, across = load_one(self.trace, f.tables, f.place_of("inverse")), f.place_of("across") + part * self.lanes
         shaken = load(self.trace, f.tables, f.place_of("shaken") + part * self.lanes, self.lanes) > 0.5
+        rates = f.place_of("across_rate") + part * self.lanes if self.layout.coupled else None
         for m in f.each(self.layout.modes):
             weight = load(self.trace, f.tables, across + m * self.layout.wide_watched, self.lanes)
             stiff, damped, push = (
                 load_one(self.trace, f.tables, f.place_of(name) + m) for name in ("square", "damping", "push")
             )
+            if self.layout.coupled:
+                own = load(self.trace, f.tables, rates + m * self.layout.wide_watched, self.lanes)
+                sums[0].now = fma(own, push, sums[0].now)
+                sums[1].now = fma(weight - damped * own, push, sums[1].now)
+                continue
             lift, lift5 = -damped * push * per, (damped * damped - stiff) * push * per
             for value, other, cell in ((lift, 0.0, sums[0]), (lift5, push, sums[1])):
                 cell.now = fma(weight, where(shaken, f.group.full(value), f.group.full(other)), cell.now)

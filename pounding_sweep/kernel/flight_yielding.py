@@ -20,9 +20,19 @@ from pounding_sweep.kernel.hysteresis import hardened
 from pounding_sweep.kernel.lanes import Cell, Table, count_to, fma, lane_of, load, maximum, where
 
 
-def find_sets(group: Group) -> None:
+def find_sets(flight: Any) -> None:
     """Find the displacements at which the row would rest, as its storeys have yielded."""
-    s = group.state
+    group = flight.group
+    s, n = group.state, group.spec.n_dof
+    if group.spec.links:  # which hold back, too
+        at = flight.place_of("sets")
+        for i in flight.each(n):
+            rest = Cell(group.full(0.0))
+            for j in flight.each(n):
+                own = (1.0 - group.prop("hardening", j)) * s["slip", j]
+                rest.now = fma(flight.number(at + (i * n + j)), own, rest.now)
+            s["set", i] = rest.now
+        return
     for _, floors in group.each_building():
         total = None
         for i in floors:
@@ -39,20 +49,25 @@ def shift(flight: Any, lane: Any) -> None:
     """Find what the set of a scenario adds to all that is watched; total accelerations do not know it."""
     layout, group, rows = flight.layout, flight.group, flight.rows
     s, lanes = group.state, flight.lanes
-    at = flight.place_of("modal")
-    modes = [Cell(group.full(0.0)) for _ in range(layout.wide_modes // lanes)]
-    for i in flight.each(layout.modes, len(modes)):
-        x = s.lane(s.first["set"] + i, lane)
-        for part, total in enumerate(modes):
-            total.now = fma(_vector(flight, at + (i * layout.wide_modes + part * lanes)), x, total.now)
-    for part, total in enumerate(modes):
-        rows["amplitude", part] = total.now
-    at, shaken = flight.place_of("across"), flight.place_of("shaken")
     sums = [Cell(group.full(0.0)) for _ in range(layout.wide_watched // lanes)]
-    for m in flight.each(layout.modes, len(sums)):
-        q = rows.number("amplitude", m)
-        for part, total in enumerate(sums):
-            total.now = fma(_vector(flight, at + (m * layout.wide_watched + part * lanes)), q, total.now)
+    tables = (("modal", "across"), ("modal_pu", "across_rate"))
+    for to_modes, to_watched in tables if layout.coupled else tables[:1]:
+        at, unit = flight.place_of(to_modes), 1.0
+        if to_watched == "across_rate":  # of rates times the step
+            unit = flight.number(flight.place_of("step"))
+        modes = [Cell(group.full(0.0)) for _ in range(layout.wide_modes // lanes)]
+        for i in flight.each(layout.modes, len(modes)):
+            x = s.lane(s.first["set"] + i, lane)
+            for part, total in enumerate(modes):
+                total.now = fma(_vector(flight, at + (i * layout.wide_modes + part * lanes)), x, total.now)
+        for part, total in enumerate(modes):
+            rows["amplitude", part] = total.now if to_watched == "across" else unit * total.now
+        at = flight.place_of(to_watched)
+        for m in flight.each(layout.modes, len(sums)):
+            q = rows.number("amplitude", m)
+            for part, total in enumerate(sums):
+                total.now = fma(_vector(flight, at + (m * layout.wide_watched + part * lanes)), q, total.now)
+    shaken = flight.place_of("shaken")
     for part, total in enumerate(sums):
         rows["shift", part] = where(_vector(flight, shaken + part * lanes) > 0.5, 0.0, total.now)
 
@@ -76,6 +91,7 @@ def take_onsets(flight: Any, lane: Any, low: int, high: int) -> None:
 def _reached(group: Group, i: Any, lane: Any) -> tuple[Any, Any, Any]:
     """Stiffness of a storey, and the drifts at which its shear is the largest so far."""
     s, k = group.state, group.prop("k", i)
+    k = k + group.prop("geometric", i) if group.spec.p_delta else k  # of the shear that it bears
     middle, reach = hardened(group, i)[1] / k * s["slip", i], s["shear", i] / k
     return k, lane_of(middle - reach, lane), lane_of(middle + reach, lane)
 

@@ -693,6 +693,20 @@ def largest_lane(x: Any) -> Any:
     return first_lane(x)
 
 
+def sum_lanes(x: Any) -> Any:
+    """Sum of the numbers of all lanes, halves first."""
+    trace = _trace_of(x)
+    n = lanes = len(x) if trace is None else trace.lanes
+    while n > 1:
+        n //= 2
+        if trace is None:
+            x = x + np.roll(x, -n)
+            continue
+        order = ir.Constant(ir.VectorType(_I32, lanes), [(i + n) % lanes for i in range(lanes)])
+        x = x + Vector(trace, trace.builder.shuffle_vector(x.value, x.value, order))
+    return x[0] if trace is None else first_lane(x)
+
+
 def lane_of(x: Any, lane: Any) -> Any:
     """Return the number (whole or real) of a lane that is known at run time."""
     trace = _trace_of(x)

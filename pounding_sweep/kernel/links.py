@@ -66,19 +66,24 @@ def accelerate(group: Group, name: str, x: str, y: str) -> None:
 # energies ------------------------------------------------------------------------------------------------------------
 
 
-def add_powers(group: Group, x: Any, y: Any, weight: float, first: bool) -> None:
+def clear_powers(group: Group) -> None:
+    """Let the sums over a step be none."""
+    for name, n in (("dgiven", group.spec.n_buildings), ("dlost", len(group.spec.links))):
+        for k in group.each(n):
+            group.state[name, k] = 0.0
+
+
+def add_powers(group: Group, x: Any, y: Any, weight: Any, first: bool) -> None:
     """Add to the sums over a step what buildings give to links and what their dashpots lose, at one state."""
     s = group.state
     if first:
-        for b in group.each(group.spec.n_buildings):
-            s["dgiven", b] = 0.0
+        clear_powers(group)
     for j, (left, right) in group.each_link():
         pull, rate = weight * force(group, j, (left, right), x, y), _across(group, (left, right), y)
         for floor, sign in ((left, 1.0), (right, -1.0)):
             b, v = group.home_of(floor)[2], s[y, floor] if isinstance(y, str) else y[floor]
             s["dgiven", b] = s["dgiven", b] + sign * pull * v
-        lost = weight * group.prop("link_c", j) * (rate * rate)
-        s["dlost", j] = lost if first else s["dlost", j] + lost
+        s["dlost", j] = s["dlost", j] + weight * group.prop("link_c", j) * (rate * rate)
 
 
 def record(group: Group, h6: Any) -> None:

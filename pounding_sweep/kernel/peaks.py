@@ -61,6 +61,8 @@ class Motion:
         Reads it, or its rate, by the name of the floors' rows, or from numbers of the floors.
     alone : bool
         It may turn where no other motion does that is followed.
+    pulls : bool
+        It follows velocities too: the force of a link.
     shear : int
         Floor above the storey that yields, of whose hysteresis it is the shear; -1: of none.
     """
@@ -71,6 +73,7 @@ class Motion:
     of: Callable[[Any], Any]
     shear: Any = -1
     alone: bool = True
+    pulls: bool = False
 
     @property
     def of_shear(self) -> bool:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import forces, located
+from pounding_sweep.kernel import forces, links, located
 from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, PRESSING, REBOUND, SLACK
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import (
@@ -62,6 +62,8 @@ def substep(group: Group, h: Any) -> None:
     _go(group)
     _take_contacts(group)
     _take_turns(group)
+    if "link_force" in group.asked:
+        _take_links(group)
     _integrate(group)
     if "acceleration" in group.asked:
         _take_accelerations(group)
@@ -82,7 +84,10 @@ def _expand(group: Group) -> None:
         row = list(enumerate(group.building_floors))
         for k in range(order):
             held = [_press(group, j, k, x, y, 1.0 if k == 0 else 0.0) for j in range(len(group.contacts))]
-            a = accelerations(group, row, x, y, ground[k] if k < 2 else group.full(0.0), pushes(group, held))
+            push = pushes(group, held)
+            if group.spec.links:
+                push = links.pushes(group, links.forces(group, x, y), push)
+            a = accelerations(group, row, x, y, ground[k] if k < 2 else group.full(0.0), push)
             per = s["h"] * (1.0 / (k + 1.0))
             x, y = [each * per for each in y], [each * per for each in a]
             for i in range(n):
@@ -136,6 +141,8 @@ def _expand_in_rounds(group: Group) -> None:
             for floor, sign, share in group.ends(j):
                 before, part = s["push", floor], part_of(force, share)
                 s["push", floor] = before - part if sign == "-" else before + part
+        if group.spec.links:
+            links.push_rows(group, "push", "x", "y")
         per = s["h"] * (1.0 / real(k + 1))
         for b, floors in group.each_building():
             x, y = [s["x", i] for i in floors], [s["y", i] for i in floors]
@@ -340,6 +347,8 @@ def _take_turns(group: Group) -> None:
         return
     s, t, h = group.state, group.state["fraction"], group.state["h"]
     for motion in followed(group, straight=False):
+        if motion.pulls:
+            continue
         x0, x1, v0, v1 = (motion.of(name) for name in ("u0", "u", "v0", "v"))
         above = (maximum(size(x0), size(x1)) if motion.sized else maximum(x0, x1)) - s[motion.most]
         if motion.least is not None:
@@ -358,16 +367,22 @@ def _course(group: Group, motion: Motion) -> Series:
 def _integrate(group: Group) -> None:
     """Add energies, work and impulse over the step (Gauss & Legendre)."""
     s, r, n = group.state, group.asked, group.spec.n_dof
-    if not r & {"energy", "work", "impulse"}:
+    if not r & {"energy", "work", "impulse", "links"}:
         return
     nodes, weights = np.polynomial.legendre.leggauss(NODES[group.spec.precision])
     table = Table(group.trace, [*(0.5 + 0.5 * nodes), *(0.5 * weights)])
+    if "links" in r:
+        links.clear_powers(group)
     per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
     for q in count_to(len(nodes), group.trace):
         t, weight = s["fraction"] * table[q], s["h"] * table[q + len(nodes)]
-        if "energy" in r:
+        for i in group.each(n, straight=False) if r & {"energy", "links"} else ():
+            s["y", i] = _floor(group, i).rate.value(t) * per
+        if "links" in r:
             for i in group.each(n, straight=False):
-                s["y", i] = _floor(group, i).rate.value(t) * per
+                s["x", i] = _floor(group, i).value(t)
+            links.add_powers(group, "x", "y", weight, first=False)
+        if "energy" in r:
             ground = fma(t, s["g1"] - s["g0"], s["g0"])
             for b, floors in group.each_building():
                 for gained, lost in powers(group, [(b, floors)], [s["y", i] for i in floors], ground):
@@ -379,11 +394,46 @@ def _integrate(group: Group) -> None:
                 s["impulse", j] = fma(weight, force, s["impulse", j])
             if "work" in r:
                 s["work", j] = fma(weight, force * (_depth(group, j).rate.value(t) * per), s["work", j])
+    if "links" in r:
+        links.record(group, 1.0)
+
+
+def _largest_size(group: Group, lanes: Any, x: Series) -> Any:
+    """Return the largest absolute value of a series over the step, in some lanes; elsewhere 0."""
+    t = group.state["fraction"]
+    r0, r1 = x.read(1), x.rate.value(t)
+    most = Cell(where(lanes, maximum(size(x.read(0)), size(x.value(t))), 0.0))
+    turns = lanes & (r0 * r1 < 0.0)
+    with when_any(turns):
+        at = newton(group, turns, 0.0, t, x.rate, where(r0 > 0.0, -1.0, group.full(1.0)))
+        most.now = maximum(most.now, where(turns, size(x.value(at)), 0.0))
+    return most.now
+
+
+def _take_links(group: Group) -> None:
+    """Take the forces of links over the step."""
+    s = group.state
+    moves = s["span"] > 0.0
+    per = where(moves, 1.0 / s["span"], 0.0)
+    for j, (left, right) in group.each_link():
+        k, c, floors = (
+            group.prop("link_k", j),
+            group.prop("link_c", j) * per,
+            (_floor(group, left), _floor(group, right)),
+        )
+
+        def pull(n: int, k: Any = k, c: Any = c, floors: Any = floors) -> Any:
+            a, b = floors
+            return fma(c, a.rate.read(n) - b.rate.read(n), k * (a.read(n) - b.read(n)))
+
+        s["link_force", j] = maximum(
+            s["link_force", j], _largest_size(group, moves, Series(pull, group.spec.series - 1))
+        )
 
 
 def _take_accelerations(group: Group) -> None:
     """Take the total accelerations of all floors over the step."""
-    s, t = group.state, group.state["fraction"]
+    s = group.state
     moves = s["span"] > 0.0
     per = where(moves, 1.0 / s["span"], 0.0)
     for i in group.each(group.spec.n_dof, straight=False):
@@ -393,12 +443,4 @@ def _take_accelerations(group: Group) -> None:
             found = bend.read(k) * (per * per)
             return found + (s["g0"], s["g1"] - s["g0"])[k] if k < 2 else found
 
-        shake = Series(total, bend.order)
-        early, late = shake.read(0), shake.value(t)
-        r0, r1 = shake.read(1), shake.rate.value(t)
-        s["acc", i] = maximum(s["acc", i], where(moves, maximum(size(early), size(late)), 0.0))
-        sign = where(r0 > 0.0, -1.0, group.full(1.0))
-        turns = moves & (r0 * r1 < 0.0)
-        with when_any(turns):
-            at = newton(group, turns, 0.0, t, shake.rate, sign)
-            s["acc", i] = maximum(s["acc", i], where(turns, size(shake.value(at)), 0.0))
+        s["acc", i] = maximum(s["acc", i], _largest_size(group, moves, Series(total, bend.order)))

@@ -228,7 +228,23 @@ class KernelSpec:
     @property
     def blocks(self) -> bool:
         """Whether exact flight knows blocks of motions, not all their points: energies and histories ask for these."""
-        return self.flies_exactly and not (self.windows or self.history or self.yielding or "energy" in self.reducers)
+        pointwise = self.history or self.yielding or self.coupled or "energy" in self.reducers
+        return self.flies_exactly and not (self.windows or pointwise)
+
+    @property
+    def coupled(self) -> bool:
+        """Whether exact flight is in modes that hold both displacements and velocities: dashpots, or links."""
+        return self.flies_exactly and bool(self.dashpots or self.links)
+
+    @property
+    def flocks(self) -> list[tuple[int, int]]:
+        """First floors and numbers of floors of what moves as one: linked buildings, and each other one alone."""
+        joined = {self.building_of[left] for left, _ in self.links}  # those with a link to the right
+        found: list[tuple[int, int]] = []
+        for b, n in enumerate(self.storeys):
+            first, many = found.pop() if b - 1 in joined else (self.home(b), 0)
+            found.append((first, many + n))
+        return found
 
     @property
     def n_dof(self) -> int:

@@ -65,8 +65,9 @@ class Variants:
 
     def flights(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows whose motions without pounding differ from those before them, and of each row which of them it has."""
-        given = np.column_stack([self.period_factor, np.nan_to_num(self.damping_ratio, nan=-1.0)])
-        _, first, which = np.unique(given, axis=0, return_index=True, return_inverse=True)
+        given = [self.period_factor, np.nan_to_num(self.damping_ratio, nan=-1.0)]
+        given += [self.mass_factor] if self.scene.links else []  # links are what they are
+        _, first, which = np.unique(np.column_stack(given), axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)
         rank = np.empty(len(order), np.int64)
         rank[order] = np.arange(len(order))
@@ -192,13 +193,14 @@ class Variants:
             found.append((w, decay))
         return found
 
-    def _linked_modes(self, group: tuple[int, ...], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`systems` of linked buildings, or of one on its foundation, of some rows."""
+    def matrices(self, group: tuple[int, ...], rows: Any = slice(None)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Masses (t), K (kN/m) and C (kN s/m) of what moves as one, of some rows; shapes (n, floors and bases, ...)."""
         start, stop = (self.scene.offsets[b] for b in (group[0], group[-1] + 1))
         based = [b for b in group if self.scene.buildings[b].foundation]
         n, first = stop - start + 2 * len(based), 2 * sum(b < group[0] for b in self.scene.foundations)
         bases = slice(first, first + 2 * len(based))
-        stiff, damped = np.zeros((len(rows), n, n)), np.zeros((len(rows), n, n))
+        masses = self.masses[rows, start:stop]
+        stiff, damped = np.zeros((len(masses), n, n)), np.zeros((len(masses), n, n))
         for b in group:
             own = self.scene.buildings[b]
             floors = slice(self.scene.offsets[b], self.scene.offsets[b + 1])
@@ -215,12 +217,16 @@ class Variants:
                 across = (np.arange(start, start + n) == link.left) - 1.0 * (np.arange(start, start + n) == link.right)
                 stiff += link.stiffness * np.outer(across, across)
                 damped += link.damping * np.outer(across, across)
-        masses = self.masses[rows, start:stop]
         if based:
             last = np.arange(stop - start, n)
             stiff[:, last, last] += self.base_stiffnesses[rows, bases]
             damped[:, last, last] += self.base_dashpots[rows, bases]
             masses = np.concatenate([masses, self.base_masses[rows, bases]], axis=1)
+        return masses, stiff, damped
+
+    def _linked_modes(self, group: tuple[int, ...], rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`systems` of linked buildings, or of one on its foundation, of some rows."""
+        masses, stiff, damped = self.matrices(group, rows)
         root = 1.0 / np.sqrt(masses)
         values, shapes = np.linalg.eigh(stiff * root[:, :, None] * root[:, None, :])
         shapes = shapes * root[:, :, None]

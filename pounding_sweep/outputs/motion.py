@@ -233,7 +233,7 @@ def _closings(group: Group, straight: bool) -> Iterator[Motion]:
 def _links(group: Group, straight: bool) -> Iterator[Motion]:
     del straight
     for j, ends in group.each_link():
-        yield Motion(("link_force", j), None, True, links.reader(group, j, ends))
+        yield Motion(("link_force", j), None, True, links.reader(group, j, ends), pulls=True)
 
 
 def _still(group: Group, i: Any) -> Any:

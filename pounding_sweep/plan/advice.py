@@ -322,7 +322,7 @@ def advise(
     schemes = [
         (m, p)
         for m, p in known.cost
-        if spec.method in (None, m) and p in _formats(spec) and SCHEMES[m].refuses(spec.scene) is None
+        if spec.method in (None, m) and p in _formats(spec) and SCHEMES[m].refuses(spec.scene, p) is None
     ]
     if not schemes:
         msg = (

@@ -68,8 +68,9 @@ class Scheme(ABC):
         """Return the steps at which errors are measured in a number format."""
         return tuple(n for n in self.ladder if precision == "float64" or n <= self.finest_float32)
 
-    def refuses(self, scene: Scene) -> str | None:
-        """Say why it can't take a row; None where it can."""
+    def refuses(self, scene: Scene, precision: str = "float64") -> str | None:
+        """Say why it can't take a row in a number format; None where it can."""
+        del precision
         if any(scene.smooth) and not self.follows_smooth:
             name = next(building.name for building in scene.buildings if building.bouc_wen)
             return f"does not follow storeys of Bouc and Wen, as those of building {name!r} are"

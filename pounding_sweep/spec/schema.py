@@ -720,6 +720,15 @@ def _method(given: Any, info: Any) -> str | None:
     return found
 
 
+def _precision(given: Any, info: Any) -> str | None:
+    found, method, scene = _choose(PRECISIONS, "float64", given, info), info.data.get("method"), info.data.get("scene")
+    why = SCHEMES[method].refuses(scene, found) if found and method and scene is not None else None
+    if why is not None:
+        msg = f'method {method!r} {why}; give precision = "float64", or a method that steps'
+        raise InputError(msg)
+    return found
+
+
 def _parameter(default: float, low: float, high: float) -> PlainValidator:
     """Take a parameter of Newmark's method."""
 
@@ -800,7 +809,7 @@ class SweepInput(Table):
         None, description="a number, the relative error asked for"
     )
     method: Annotated[Any, PlainValidator(_method)] = Field(None, description="a text", validate_default=True)
-    precision: Annotated[Any, _choice(PRECISIONS, "float64")] = Field(None, description="a text", validate_default=True)
+    precision: Annotated[Any, PlainValidator(_precision)] = Field(None, description="a text", validate_default=True)
     dt: Annotated[Any, PlainValidator(_dt)] = Field(None, description="a number in s", validate_default=True)
     audit: Annotated[Any, PlainValidator(_audit)] = Field(
         AUDIT_SHARE, description="a number, the share of the cost spent on the audit"

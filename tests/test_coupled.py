@@ -1,0 +1,373 @@
+"""Exact flight in modes that dashpots and links couple: their algebra, outputs against the twin, what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kernels_used import LEANING_YIELDS, LINKED
+from naive import run
+from scenes import pair
+from scipy.linalg import expm
+from test_kernels import errors, motion, twins
+from test_links import EVERYTHING, TOWER, TOWER_ABOVE, all_errors, exact, matrices, simulate, truth
+from test_p_delta import truth as leaning_truth
+
+import pounding_sweep as ps
+from pounding_sweep.base.errors import SweepError
+from pounding_sweep.engine.flight import fixed_tables, flight_tables
+from pounding_sweep.engine.kernel import make_group, width
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
+from pounding_sweep.kernel.flight import HEAD, Flight, Layout
+from pounding_sweep.model.coupled_modes import coupled_modes
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.model.variants import Variants, variants_of
+from pounding_sweep.outputs.variables import Status, reducers_for
+from pounding_sweep.schemes import SCHEMES
+
+A, B = LINKED.buildings
+#: Rows of which only the dashpot, or only the link, couples modes.
+DASHED, TIED = replace(LINKED, links=()), replace(LINKED, row=[replace(A, dashpots=None), B])
+#: Storeys that yield in a row with dashpots and a link, at a wall.
+YIELDING = ps.Scene(
+    [
+        replace(A, yield_strengths=[220.0, np.inf], hardening=0.05, dashpots=[200.0, 0.0]),
+        replace(B, yield_strengths=[180.0, 200.0], dashpots=[0.0, 90.0]),
+        ps.Wall(),
+    ],
+    [0.003, 0.004],
+    LINKED.contact,
+    links=[ps.Link("a-b", [2], 2e4, 150.0)],
+)
+#: More floors than one straight line of code holds, all elastic.
+HIGH = replace(TOWER, row=[replace(b, yield_strengths=None, hardening=0.0) for b in TOWER.row])
+
+
+def state_matrix(scene):
+    m, c, k = matrices(scene)
+    n = len(m)
+    return np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
+
+
+def energy_scales(scene):
+    m, _, k = matrices(scene)
+    return np.sqrt(np.concatenate([np.diag(k), np.diag(m)]))
+
+
+# -- modes -------------------------------------------------------------------------------------------------------------
+
+coefficient = st.one_of(st.just(0.0), st.floats(0.0, 5.0).map(lambda x: 10.0**x))
+
+
+def check_modes(scene, bound):
+    """They are those of the state matrix, and the ground moves no q at once."""
+    modes, a, scales, n = coupled_modes(variants_of(scene)), state_matrix(scene), energy_scales(scene), scene.n_dof
+    to, back = (np.block([[x[0, 0], x[0, 1]], [x[0, 2], x[0, 3]]]) for x in (modes.floors, modes.modal))
+    own = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(modes.w[0] ** 2), -np.diag(modes.c[0])]])
+    assert np.abs((to @ back - np.eye(2 * n)) * scales[:, None] / scales).max() < bound
+    scaled = a * scales[:, None] / scales
+    assert np.abs((to @ own @ back) * scales[:, None] / scales - scaled).max() < bound * np.abs(scaled).max()
+    pushed = back @ np.repeat([0.0, -1.0], n)
+    assert np.abs(pushed[:n] * modes.w[0]).max() < bound * max(1.0, np.abs(pushed[n:]).max())
+    np.testing.assert_allclose(pushed[n:], -modes.push[0], atol=bound * np.abs(modes.push).max())
+    assert (modes.c >= 0.0).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(coefficient, min_size=4, max_size=4), coefficient, coefficient, st.sampled_from([0.0, 0.05, 0.7]))
+def test_modes_are_those_of_the_state_matrix(dashpots, stiffness, damping, ratio):
+    links = [ps.Link("a-b", [(1, 2), 2], stiffness, damping)] if stiffness or damping else []
+    a, b = (
+        replace(x, dashpots=own, damping_ratio=ratio)
+        for x, own in zip((A, B), (dashpots[:2], dashpots[2:]), strict=True)
+    )
+    check_modes(ps.Scene([a, b], [1.0], links=links), 1e-6)
+
+
+@pytest.mark.parametrize("ratio", [0.999, 1.0 - 1e-9, 1.0, 1.0 + 1e-12, 1.0 + 1e-6, 1.5, 300.0])
+def test_critical_damping_is_no_special_case(ratio):
+    m, w = 100.0, 10.0
+    check_modes(ps.Scene([ps.Building("a", [m], [m * w * w], 0.0, dashpots=[2.0 * ratio * w * m])]), 1e-9)
+
+
+def coalescing(off=0.0):
+    """Two oscillators whose complex modes are one and the same, but for `off`: (s^2 + a s + b)^2 = 0."""
+    w1, w2, right = 10.0, 11.0, 3.0
+    left = right * w1 / w2
+    c = np.sqrt((w2 - w1) ** 2 - 0.25 * (left - right) ** 2)
+    one = ps.Building("a", [1.0], [w1 * w1], 0.0, dashpots=[left - c])
+    other = ps.Building("b", [1.0], [w2 * w2], 0.0, dashpots=[right - c])
+    return ps.Scene([one, other], [1.0], links=[ps.Link("a-b", [1], 0.0, c * (1.0 + off))])
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-14, 1e-12, 1e-9, 1e-6, 1e-3])
+def test_modes_that_coincide_are_those_of_a_damping_next_to_it(off):
+    scene = coalescing(off)
+    values = np.linalg.eigvals(state_matrix(scene))
+    if not off:
+        assert np.abs(values - values.mean().real).min() > 1.0
+        assert abs(np.subtract(*values[values.imag > 0.0])) < 1e-6
+    check_modes(scene, 1e-8)
+    assert coupled_modes(variants_of(scene)).error[0] < 1e-8
+    assert coupled_modes(variants_of(scene), "float32").error[0] < 3e-4
+
+
+def test_equal_buildings_have_equal_modes():
+    """Modes that coincide and are independent: three towers, as good as unlinked, and linked by dashpots alone."""
+    row = [replace(A, name=name, dashpots=None) for name in "abc"]
+    for stiffness, damping, bound in ((1e-9, 0.0, 1e-12), (0.0, 1e5, 1e-9)):
+        links = [ps.Link(name, [2], stiffness, damping) for name in ("a-b", "b-c")]
+        check_modes(ps.Scene(row, [0.1, 0.1], links=links), bound)
+
+
+def test_undamped_frequencies_are_those_of_classical_modes():
+    """Dashpots in the shares of stiffness leave modes apart."""
+    bare = replace(A, damping_ratio=0.0, dashpots=[1e-3 * k for k in A.stiffnesses])
+    modes = coupled_modes(variants_of(ps.Scene([bare])))
+    np.testing.assert_allclose(modes.w[0], bare.frequencies, rtol=1e-12)
+    np.testing.assert_allclose(modes.c[0], 1e-3 * bare.frequencies**2, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(modes.floors[0, 0]), np.abs(bare.modes[1]), rtol=1e-9)
+    assert np.abs(modes.floors[0, 1]).max() < 1e-12
+
+
+def test_variants_have_modes_of_their_own():
+    rng = np.random.default_rng(3)
+    factors = rng.uniform(0.5, 2.0, (4, 2)), rng.uniform(0.5, 2.0, (4, 2)), np.array([0.02, np.nan, 0.1, 0.05])
+    many = coupled_modes(Variants(LINKED, *factors))
+    for i in range(4):
+        alone = coupled_modes(Variants(LINKED, *(each[[i]] for each in factors)))
+        np.testing.assert_allclose(alone.w[0], many.w[i], rtol=1e-12)
+        np.testing.assert_allclose(alone.floors[0], many.floors[i], atol=1e-9 * np.abs(many.floors[i]).max())
+    new, which = Variants(LINKED, np.ones((3, 2)), factors[1][[0, 1, 0]], np.full(3, np.nan)).flights()
+    assert new.tolist() == [0, 1]  # of linked rows, masses count too
+    assert which.tolist() == [0, 1, 0]
+
+
+# -- bounds ------------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), coefficient, coefficient, st.floats(-2.0, 0.3))
+def test_free_decay_keeps_within_its_bounds(seed, dashpot, damping, log_turn):
+    """What is watched, forces of links too, and its excursion from a chord, of any free motion."""
+    scene = replace(LINKED, row=[replace(A, dashpots=[0.0, dashpot]), B], links=[ps.Link("a-b", [2], 2e4, damping)])
+    kernel = RowKernel(scene, LAWS["linear"], Numerics("exact", 1e-3), reducers_for(EVERYTHING))
+    layout = Layout(make_group(kernel.shape, None, width("float64"), kernel.constants))
+    h = 10.0**log_turn / float(coupled_modes(variants_of(scene)).w.max())
+    fixed, decays = fixed_tables(layout, variants_of(scene), np.zeros(3), h, "float64")
+    table = flight_tables(layout, 3, fixed)
+    flight = Flight(make_group(kernel.shape, None, width("float64"), kernel.constants), table, 3)
+    flight.put_decays(None, decays, HEAD + 3)
+    n, count = scene.n_dof, len(layout.watched)
+    view = {name: layout.view(table, name, 3) for name in layout.fixed}
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal(2 * n) * 10.0 ** rng.uniform(-2, 2, 2 * n) / energy_scales(scene)
+    by = [view[name].reshape(n, -1)[:, :n] for name in ("modal", "modal_qv", "modal_pu", "modal_pv")]
+    q, p = x[:n] @ by[0] + x[n:] @ by[1], x[:n] @ by[2] + x[n:] @ by[3]
+    amplitude = np.hypot(q, p * view["slowness"][:n])
+    reach, high = (amplitude @ view[name].reshape(n, -1)[:, :count] for name in ("bound", "bulge"))
+    a, states = state_matrix(scene), [x]
+    step = expm(a * h / 50)
+    for _ in range(1000):
+        states.append(step @ states[-1])
+    states = np.array(states)
+    rows = []
+    for each in layout.watched:
+        weights, rates = np.array(each.weights), np.array(each.rates or np.zeros(n))
+        rows.append(weights @ a[n:] if each.kind == 2 else np.concatenate([weights, rates]))
+    assert any(each.rates for each in layout.watched)
+    value = states @ np.array(rows).T
+    slack = 1e-7 * np.abs(value).max(axis=0) + 1e-9 * reach
+    shape, rate = (view[name].reshape(count, n) for name in ("shape", "shape_rate"))
+    assert (np.abs(shape @ q + rate @ (h * p) - value[0]) <= slack).all()
+    assert (np.abs(value) <= reach + slack).all()
+    for k in range(0, 1000, 50):
+        part, share = value[k : k + 51], np.linspace(0.0, 1.0, 51)[:, None]
+        assert (np.abs(part - (part[0] + (part[-1] - part[0]) * share)) <= high + slack).all()
+
+
+# -- against exact answers and the twin --------------------------------------------------------------------------------
+
+
+def test_flight_without_pounding_is_the_exponential():
+    record, want = motion(101, 1.5), exact(LINKED, motion(101, 1.5))
+    for dt in (1e-3, 2e-2):
+        got = simulate(replace(LINKED, gaps=[1.0]), "kelvin_voigt", 101, 1.5, method="exact", dt=dt)
+        every = round(record.dt / float(got.time[1]))
+        for name, part in (("displacement", want[:, :4]), ("velocity", want[:, 4:])):
+            mine = got[name].values[::every].reshape(len(want), -1)
+            assert np.abs(mine - part).max() < 1e-12 * np.abs(part).max()
+
+
+def test_every_variable_equals_the_twins():
+    got, want = simulate(LINKED, "kelvin_voigt", 151, 1.5, method="exact"), truth(LINKED, "kelvin_voigt", 151, 1.5)
+    assert int(got.status) == Status.OK
+    assert float(got.energy_residual) < 1e-12
+    found = all_errors(got, want, LINKED)
+    assert sum(int(count) for each in want["impact_count"] for count in each) > 10
+    # between the ends of steps, transferred energies are those of a cubic
+    assert max(x for name, x in found.items() if not name.startswith("energy_transfer")) < 1e-9, found
+    assert max(found.values()) < 1e-5, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["none", "linear", "modified_kelvin", "hertz_damped", "hysteretic", "stereomechanical"])
+@pytest.mark.parametrize("scene", [DASHED, TIED, LINKED], ids=["dashpot", "link", "both"])
+def test_other_laws_equal_the_twin(scene, law):
+    got, want = simulate(scene, law, 101, 1.5, method="exact", dt=5e-4), truth(scene, law, 101, 1.5)
+    found = all_errors(got, want, scene) if scene.links else errors(got, want, scene)
+    assert max(found.values()) < 1e-5, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["none", "kelvin_voigt"])
+@pytest.mark.parametrize("scene", [HIGH, TOWER, YIELDING], ids=["high", "tower", "yielding"])
+def test_long_and_yielding_rows_equal_the_twin(scene, law):
+    got, want = simulate(scene, law, 51, 3.0, method="exact", dt=5e-4), truth(scene, law, 51, 3.0)
+    found = all_errors(got, want, scene)
+    assert max(found.values()) < 1e-5, found
+    assert float(got.energy_residual) < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", [0.5, 1.5])
+def test_storeys_that_yield_under_their_weights_equal_the_twin(scale):
+    """What flies is the motion under the weights about where the row would rest."""
+    found = []
+    for dt in (1e-3, 5e-4, 2.5e-4):
+        got = ps.simulate(LEANING_YIELDS, motion(251, scale), law="kelvin_voigt", method="exact", dt=dt)
+        assert int(got.status) == Status.OK
+        found.append(errors(got, leaning_truth(LEANING_YIELDS, 251, scale), LEANING_YIELDS))
+    assert float(got.ductility_max.max()) > 1.5
+    assert max(found[-1].values()) < 1e-7, found[-1]
+    assert found[0]["drift_max"] > 50.0 * found[-1]["drift_max"]
+
+
+@pytest.mark.slow
+def test_a_falling_storey_has_fallen_in_flight_too():
+    weak = replace(
+        LEANING_YIELDS, row=[replace(b, hardening=0.0, yield_strengths=[40.0, 30.0]) for b in LEANING_YIELDS.row]
+    )
+    for method in ("rk4", "exact"):
+        cube = ps.Sweep(weak, motion(501, 4.0), "none", method=method, dt=1e-3, outputs=["drift_max"], audit=0.0).run()
+        assert (cube.status == Status.DIVERGED).all()
+        assert np.isnan(cube.drift_max).all()
+
+
+@pytest.mark.slow
+def test_an_isolated_building_in_its_moat_flies():
+    """The isolators yield and have a dashpot; between onsets and impacts the building flies."""
+    made = ps.base_isolated(TOWER_ABOVE, 150.0, 2.5, 0.05, 250.0, 0.01)
+    scene = ps.Scene([made, ps.Wall()], [0.03], storeys={"tower-wall": [1]})
+    record = motion(201, 2.0)
+    given = {"law": "kelvin_voigt", "stiffness": 5e5, "restitution": 0.6}
+    one = ps.simulate(scene, record, method="exact", dt=5e-4, **given)
+    want = run(
+        twins(scene), [0.03], record.acceleration, record.dt, "kelvin_voigt", 5e5, 0.6, only={0: [1]}, rtol=1e-11
+    )
+    assert int(want["impact_count"][0][0]) == int(one.impact_count.sum()) >= 2
+    assert float(one.energy_residual) < 1e-6
+    for name in ("acceleration_max", "drift_max", "displacement_max", "storey_shear_max"):
+        np.testing.assert_allclose(one[name].values[0], want[name][0], rtol=1e-6, err_msg=name)
+    for name in ("energy_damping", "energy_input", "hysteretic_energy"):
+        theirs = {"hysteretic_energy": "energy_hysteretic"}.get(name, name)
+        np.testing.assert_allclose(one[name].values, want[theirs][:1], rtol=1e-6, err_msg=name)
+    np.testing.assert_allclose(one.impact_force_max.values[0, 0], want["impact_force_max"][0][0], rtol=1e-6)
+
+
+# -- sweeps ------------------------------------------------------------------------------------------------------------
+
+OUTPUTS = [name for name in EVERYTHING if name != "energy_residual"]
+
+
+def kernel_of(scene, outputs=OUTPUTS, **given):
+    options = {name: given.pop(name) for name in ("varied", "windows") if name in given}
+    return RowKernel(scene, LAWS["kelvin_voigt"], Numerics("exact", 1e-3, **given), reducers_for(outputs), **options)
+
+
+def scenarios(n, scene):
+    rng = np.random.default_rng(5)
+    return {
+        "scale": rng.choice([-1.5, 1.0, 2.0], n),
+        "gaps": rng.choice([0.001, 0.004, 0.05], (n, len(scene.gaps))),
+        "stiffness": 8e5 * 10.0 ** rng.uniform(-1.0, 1.0, n),
+        "restitution": rng.uniform(0.2, 1.0, n),
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize(
+    "outputs", [OUTPUTS, ["impact_force_max", "impact_count", "link_force_max", "displacement_max"]], ids=["all", "few"]
+)
+def test_scenarios_are_those_of_small_steps(outputs, precision):
+    """With windows that are left out and without, energies and not, against RK4 in steps of 0.1 ms."""
+    given = scenarios(40, LINKED)
+    small = RowKernel(LINKED, LAWS["kelvin_voigt"], Numerics("rk4", 1e-4), reducers_for(outputs))
+    want = small.run(motion(151), **given)
+    assert want["count"].sum() > 100
+    for windows in (True, False):
+        found = kernel_of(LINKED, outputs, finer=4.0, precision=precision, windows=windows).run(motion(151), **given)
+        np.testing.assert_array_equal(found["count"], want["count"])
+        for name, values in ((name, values) for name, values in want.items() if name != "shortest"):
+            bound = 2e-5 if precision == "float64" else 5e-3
+            np.testing.assert_allclose(found[name], values, rtol=0, atol=bound * np.abs(values).max(), err_msg=name)
+
+
+@pytest.mark.slow
+def test_variants_side_by_side_are_those_of_their_own():
+    rng, n = np.random.default_rng(6), 30
+    variants = Variants(
+        LINKED, rng.uniform(0.7, 1.4, (n, 2)), rng.uniform(0.5, 2.0, (n, 2)), rng.choice([0.02, np.nan], n)
+    )
+    given, kernel, record = scenarios(n, LINKED), kernel_of(LINKED, varied=True, finer=4.0), motion(101)
+    found = kernel.run(record, **given, variants=variants)
+    small = RowKernel(LINKED, LAWS["kelvin_voigt"], Numerics("rk4", 2e-4), kernel.reducers, varied=True)
+    want = small.run(record, **given, variants=variants)
+    np.testing.assert_array_equal(found["count"], want["count"])
+    for name, values in want.items():
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=2e-5 * np.abs(values).max(), err_msg=name)
+
+
+def test_rows_without_them_ask_for_the_kernel_that_they_had():
+    """Nothing of coupled modes is in its tables."""
+    numerics = Numerics("exact", 1e-3)
+    plain, tied = (kernel_shape(each, LAWS["linear"], numerics, reducers_for(EVERYTHING)) for each in (pair(), TIED))
+    assert (plain.coupled, tied.coupled) == (False, True)
+    mine, other = (Layout(make_group(each, None, 8, None)) for each in (plain, tied))
+    assert set(other.fixed) - set(mine.fixed) == {
+        "shape_rate",
+        "across_rate",
+        "floors_up",
+        "floors_vq",
+        "floors_vp",
+        "modal_qv",
+        "modal_pu",
+        "modal_pv",
+        "powers",
+        "nodes",
+    }
+    assert plain.flocks == [(0, 2), (2, 2)]
+    assert tied.flocks == [(0, 4)]
+    assert kernel_shape(TOWER, LAWS["none"], numerics, ()).flocks == [(0, 17)]
+
+
+# -- what it refuses ---------------------------------------------------------------------------------------------------
+
+
+def test_all_schemes_take_dashpots_links_and_weights_on_yielding_storeys():
+    for scene in (DASHED, TIED, YIELDING, LEANING_YIELDS):
+        assert {name: scheme.refuses(scene) for name, scheme in SCHEMES.items()} == dict.fromkeys(SCHEMES)
+
+
+def test_modes_that_a_number_format_can_not_hold_are_refused():
+    heavy = replace(DASHED, row=[A, replace(B, dashpots=[0.0, 5.151e4])])
+    assert SCHEMES["exact"].refuses(heavy) is None
+    message = r"precision: method 'exact' flies in modes, and those of this row's dashpots and links lose .* in float32"
+    with pytest.raises(SweepError, match=message):
+        ps.Sweep(heavy, motion(51), "linear", method="exact", precision="float32")
+    plan = ps.Sweep(heavy, motion(51), "kelvin_voigt", accuracy=1e-3, method="exact").plan()
+    assert (plan.numerics.method, plan.numerics.precision) == ("exact", "float64")
