@@ -13,7 +13,7 @@ from pounding_sweep.kernel.lanes import fma
 Part = Sequence[tuple[Any, Sequence[Any]]]
 
 
-def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
+def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], constant: Any = True) -> list[Any]:
     """Storey forces f = k (w_i - w_(i-1)), w = x + beta y; all values floor by floor of the part."""
     forces, at = [], 0
     for b, floors in part:
@@ -21,7 +21,7 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any]) 
         if any(map(group.own_damper, floors)):
             below = [None, *here]
             pairs = zip(floors, here, below, strict=False)
-            forces += [storey_force(group, b, i, _above(x, p, q), _above(y, p, q)) for i, p, q in pairs]
+            forces += [storey_force(group, b, i, _above(x, p, q), _above(y, p, q), constant) for i, p, q in pairs]
             at += len(floors)
             continue
         w = [fma(group.prop("beta", b), y[p], x[p]) if len(floors) > 1 else x[p] for p in here]
@@ -35,16 +35,19 @@ def _above(x: Sequence[Any], p: Any, below: Any) -> Any:
     return x[p] if below is None else x[p] - x[below]
 
 
-def storey_force(group: Group, b: Any, i: Any, drift: Any, rate: Any, constant: bool = True) -> Any:
+def storey_force(group: Group, b: Any, i: Any, drift: Any, rate: Any, constant: Any = True) -> Any:
     """Force of a storey of a building in which some may yield, or have dashpots, its dampers included.
 
-    Of rates it is without its constant.
+    Of rates it is without its constant, which a number (1 or 0) may say at run time.
     """
     if not group.own_damper(i):
         return group.prop("k", i) * fma(group.prop("beta", b), rate, drift)
     s = group.state
     if group.yields(i):
-        elastic = fma(s["kt", i], drift, s["ct", i]) if constant else s["kt", i] * drift
+        if isinstance(constant, bool):
+            elastic = fma(s["kt", i], drift, s["ct", i]) if constant else s["kt", i] * drift
+        else:
+            elastic = fma(s["kt", i], drift, constant * s["ct", i])
     else:
         elastic = group.prop("k", i) * drift
     coefficient = group.prop("beta", b) * damper_stiffness(group, i)
@@ -57,11 +60,17 @@ def damper_stiffness(group: Group, i: Any) -> Any:
 
 
 def accelerations(
-    group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], ground: Any, push: Sequence[Sequence[tuple[str, Any]]]
+    group: Group,
+    part: Part,
+    x: Sequence[Any],
+    y: Sequence[Any],
+    ground: Any,
+    push: Sequence[Sequence[tuple[str, Any]]],
+    constant: Any = True,
 ) -> list[Any]:
     """Accelerations relative to the ground, of displacements x and velocities y, under forces `push` on each floor."""
     found: list[Any] = []
-    f = storey_forces(group, part, x, y)
+    f = storey_forces(group, part, x, y, constant)
     for b, floors in part:
         for s, i in enumerate(floors):
             p = len(found)
