@@ -55,7 +55,7 @@ def shear(group: Group, i: Any, below: Any, name: str = "u") -> Any:
     """Storey shear, dampers not included; of rates, its rate."""
     s = group.state
     found = s["kt", i] * drift(group, i, below, name)
-    return found if name.startswith("v") else found + s["ct", i]
+    return found + s["ct", i] if name.startswith("u") else found
 
 
 def hardened(group: Group, i: Any) -> tuple[Any, Any]:

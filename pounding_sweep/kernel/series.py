@@ -18,19 +18,22 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import forces, links, located
+from pounding_sweep.kernel import forces, links, located, series_yielding
 from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, PRESSING, REBOUND, SLACK
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import (
     Cell,
     Table,
+    any_lane,
     count_to,
     fma,
     maximum,
     minimum,
+    not_,
     real,
     roughly_power,
     size,
+    when,
     when_any,
     where,
     while_any,
@@ -77,23 +80,35 @@ def _expand(group: Group) -> None:
     s["span"] = s["h"]
     for i in group.each(n):
         s["jet", i] = s["u0", i]
+    if group.spec.yielding and group.touching and not group.long:  # while storeys yield, contacts are open as a rule
+        closed = any_lane(forces.is_closed(group))
+        for held, contacts in ((closed, len(group.contacts)), (not_(closed), 0)):
+            for _ in when(held):
+                _expand_row(group, contacts)
+    else:
+        _expand_row(group, len(group.contacts))
+    for j in group.each_contact() if not group.spec.yielding else ():
+        s["dj", j + order * len(group.contacts)] = group.between(_Term(group, order), j)
+
+
+def _expand_row(group: Group, contacts: int) -> None:
+    """Find the coefficients of all floors, and of as many contacts' penetrations and forces."""
+    s, n = group.state, group.spec.n_dof
     if group.long:
         _expand_in_rounds(group)
     else:
         x, y, ground = group.floors("u0"), group.floors("v0"), [s["g0"], s["g1"] - s["g0"]]
         row = list(enumerate(group.building_floors))
-        for k in range(order):
-            held = [_press(group, j, k, x, y, 1.0 if k == 0 else 0.0) for j in range(len(group.contacts))]
+        for k in range(group.spec.series):
+            held = [_press(group, j, k, x, y, 1.0 if k == 0 else 0.0) for j in range(contacts)]
             push = pushes(group, held)
             if group.spec.links:
                 push = links.pushes(group, links.forces(group, x, y), push)
-            a = accelerations(group, row, x, y, ground[k] if k < 2 else group.full(0.0), push)
+            a = accelerations(group, row, x, y, ground[k] if k < 2 else group.full(0.0), push, k == 0)
             per = s["h"] * (1.0 / (k + 1.0))
             x, y = [each * per for each in y], [each * per for each in a]
             for i in range(n):
                 s["jet", (k + 1) * n + i] = x[i]
-    for j in group.each_contact():
-        s["dj", j + order * len(group.contacts)] = group.between(_Term(group, order), j)
 
 
 class _Term:
@@ -147,7 +162,7 @@ def _expand_in_rounds(group: Group) -> None:
         for b, floors in group.each_building():
             x, y = [s["x", i] for i in floors], [s["y", i] for i in floors]
             push = [[("+", s["push", i])] for i in floors]
-            a = accelerations(group, [(b, floors)], x, y, now.now, push)
+            a = accelerations(group, [(b, floors)], x, y, now.now, push, gaps.now)
             for i, yi, ai in zip(floors, y, a, strict=True):
                 s["jet", i + (k + 1) * n] = s["x", i] = yi * per
                 s["y", i] = ai * per
@@ -163,6 +178,13 @@ def _floor(group: Group, i: Any) -> Series:
 def _depth(group: Group, j: Any) -> Series:
     """Penetration of a contact."""
     s, nc = group.state, len(group.contacts)
+    if group.spec.yielding:
+
+        def read(k: int) -> Any:
+            d = group.between(_Term(group, k), j)
+            return d if k else d - group.gap(j)
+
+        return Series(read, group.spec.series)
     return Series(lambda k: s["dj", j + k * nc], group.spec.series)
 
 
@@ -183,23 +205,32 @@ def _meet(group: Group) -> None:
     for j in group.each_contact():
         s["event", j], s["next", j] = group.full(NEVER), s["mode", j]
     _converge(group)
+    if group.spec.yielding:
+        series_yielding.begin(group)
+        series_yielding.place(group)
+    events = len(group.contacts) + len(group.spec.yielding)
     going = Cell(ongoing & (s["tries"] < MAX_TRIES))
     # what comes first is guessed, and looked for again before what was found where more may happen
-    for _ in while_any(lambda: going.now, group.trace, at_most=4 * len(group.contacts)):
+    for _ in while_any(lambda: going.now, group.trace, at_most=4 * events):
         found, more = _choose(group, going.now)
         going.now = found & more
         with when_any(found):
+            before = s["fraction"]
             _locate(group, found)
+            if group.spec.yielding:  # a storey that does not yield to one side may to the other
+                going.now = found & (more | ~(s["fraction"] < before))
+                series_yielding.place(group)
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
 
 
 def _converge(group: Group) -> None:
     """End the step where the last terms of the series of closed contacts are those of rounding."""
     s, order, room = group.state, group.spec.series, Cell(group.full(1.0))
+    left_out = series_yielding.LEFT_OUT if group.spec.yielding else LEFT_OUT
     for j in group.each_contact(straight=True):
         depth = _depth(group, j)
         large = maximum(maximum(size(depth.read(0)), size(depth.read(1))), size(depth.read(2)))
-        most, last = LEFT_OUT[group.spec.precision] * large, size(depth.read(order))
+        most, last = left_out[group.spec.precision] * large, size(depth.read(order))
         short = (s["mode", j] > OPEN) & (last > most)
         room.now = where(short, minimum(room.now, most / last), room.now)
     short = room.now < 1.0
@@ -215,16 +246,22 @@ class _Choice:
         self.soonest, self.more, self.found = Cell(group.full(NEVER)), Cell(nobody), Cell(nobody)
         group.state["bends"] = 0.0
 
-    def offer(self, j: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
+    def _reach(self, early: Any, late: Any, e0: Any, e1: Any) -> Any:
+        """How far it may go between its ends, by its tangents there: where storeys yield, as a cubic may."""
+        if not self.group.spec.yielding:
+            return minimum(early, late)
+        return maximum(e0 + (1.0 / 3.0) * (early - e0), e1 + (1.0 / 3.0) * (late - e1))
+
+    def offer(self, number: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
         """Consider that sign times a series turns positive, by the end or before; where it `leans`, if it rises yet."""
         s, end = self.group.state, self.group.state["fraction"]
         e0, r0, e1, r1 = (sign * x for x in (series.read(0), series.read(1), *series.with_slope(end)))
         crosses = e1 > 0.0
         if leans is not None:
             crosses = crosses & (~leans | (r1 >= 0.0))
-        hops = ~crosses & (r0 > 0.0) & (r1 < 0.0) & (minimum(e0 + end * r0, e1 - end * r1) > 0.0)
+        hops = ~crosses & (r0 > 0.0) & (r1 < 0.0) & (self._reach(e0 + end * r0, e1 - end * r1, e0, e1) > 0.0)
         rises = crosses & (r0 < 0.0) & (r1 > 0.0)  # the other way first: it may begin at its event
-        lanes = lanes & (crosses | hops) & ~(s["next", j] == target)
+        lanes = lanes & (crosses | hops)
         with when_any(lanes):
             low = minimum(e0, 0.0)
             guess = where(crosses, end * (low / (low - e1)), 0.5 * end)
@@ -236,32 +273,46 @@ class _Choice:
             for k in range(self.group.spec.series + 1):
                 term = sign * series.read(k) if k <= series.order else 0.0
                 s["pick", k] = where(better, term, s["pick", k])
-            s["picked"], s["aim"] = where(better, real(j), s["picked"]), where(better, target, s["aim"])
+            s["picked"], s["aim"] = where(better, real(number), s["picked"]), where(better, target, s["aim"])
             s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0 * e0)), s["bends"])
 
 
 def _choose(group: Group, asks: Any) -> tuple[Any, Any]:
-    """Find the lanes in which a contact may change its mode before ``fraction``, and those in which more may happen."""
+    """Find the lanes in which something may change before ``fraction``, and those in which more than one may."""
     s, choice = group.state, _Choice(group)
     per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
     for j in group.each_contact():
-        law, mode, depth = group.law_of(j), s["mode", j], _depth(group, j)
-        closed, pressing = mode > OPEN, mode == PRESSING
-        sign = where(closed, -1.0, group.full(1.0))
-
-        # one that has touched but for a rounding error goes on
-        leans = closed & ~(depth.read(0) > 0.0)
-        choice.offer(j, asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leans)
-        if law.shape.approach_only:
-            toward = where(pressing, -1.0, group.full(1.0))
-            target = where(pressing, REBOUND, group.full(PRESSING))
-            choice.offer(j, asks & closed, toward, depth.rate, target)
-        if law.shape.clips:
-            k, c = s["kl", j], s["cl", j] * per
-            press = Series(_pressing(depth, k, c, _is_product(group, j)), depth.order - 1)
-            toward, target = where(pressing, -1.0, group.full(1.0)), where(pressing, SLACK, group.full(PRESSING))
-            choice.offer(j, asks & closed & (c > 0.0), toward, press, target)
+        if not group.spec.yielding:
+            _offer_contact(group, choice, j, asks, per)
+            continue
+        mine = asks & ((s["mode", j] > OPEN) | series_yielding.may_touch(group, j))
+        with when_any(mine):
+            _offer_contact(group, choice, j, mine, per)
+    if group.spec.yielding:
+        series_yielding.offer(group, asks, choice)
     return choice.found.now, choice.more.now
+
+
+def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -> None:
+    """Consider the changes of a contact's mode, in lanes that ask."""
+    s, law, depth, mode = group.state, group.law_of(j), _depth(group, j), group.state["mode", j]
+    closed, pressing = mode > OPEN, mode == PRESSING
+
+    def offer(lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
+        choice.offer(j, lanes & ~(s["next", j] == target), sign, series, target, leans)
+
+    sign = where(closed, -1.0, group.full(1.0))
+    # one that has touched but for a rounding error goes on
+    leans = closed & ~(depth.read(0) > 0.0)
+    offer(asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leans)
+    if law.shape.approach_only:
+        toward = where(pressing, -1.0, group.full(1.0))
+        offer(asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
+    if law.shape.clips:
+        k, c = s["kl", j], s["cl", j] * per
+        press = Series(_pressing(depth, k, c, _is_product(group, j)), depth.order - 1)
+        toward, target = where(pressing, -1.0, group.full(1.0)), where(pressing, SLACK, group.full(PRESSING))
+        offer(asks & closed & (c > 0.0), toward, press, target)
 
 
 def _pressing(depth: Series, k: Any, c: Any, product: bool) -> Callable[[int], Any]:
@@ -292,6 +343,8 @@ def _locate(group: Group, found: Any) -> None:
         mine = found & (s["picked"] == real(j))
         s["event", j] = where(mine & happens.now, t, s["event", j])
         s["next", j] = where(mine, s["aim"], s["next", j])
+    if group.spec.yielding:
+        series_yielding.keep(group, found, happens.now, t)
 
 
 def _go(group: Group) -> None:
@@ -300,6 +353,8 @@ def _go(group: Group) -> None:
     moves = s["span"] > 0.0
     per = where(moves, 1.0 / s["span"], 0.0)
     s["h"] = s["span"] * t
+    if group.spec.yielding:  # it is there
+        return
     for i in group.each(group.spec.n_dof, straight=False):
         s["u", i], rate = _floor(group, i).with_slope(t)
         s["v", i] = where(moves, rate * per, s["v0", i])

@@ -44,6 +44,8 @@ CONTACT_CAP = 0.25
 #: The same of steps by series, and the order of these: what is left out of a step is of the size of rounding.
 SERIES_CAP = 2.0
 SERIES_ORDER = {"float64": 20, "float32": 12}
+#: The same where storeys yield: their events make steps short, and are told by the ends of a step.
+YIELDING_ORDER = 12
 
 
 #: Most degrees of freedom written as one straight line; longer rows run through loops.
@@ -222,8 +224,10 @@ class KernelSpec:
     @property
     def series(self) -> int:
         """Order of the series by which contacts are stepped; 0: by the scheme's stages."""
-        polynomial = self.law is not None and all(law.polynomial for law in self.laws)
-        return SERIES_ORDER[self.precision] if self.flies_exactly and polynomial and not self.yielding else 0
+        polynomial = all(law.polynomial for law in self.laws) if self.laws else bool(self.yielding)
+        if not self.flies_exactly or not polynomial:
+            return 0
+        return YIELDING_ORDER if self.yielding else SERIES_ORDER[self.precision]
 
     @property
     def blocks(self) -> bool:
