@@ -330,8 +330,8 @@ class RowKernel:
                 len(part["scale"]),
             )
             first += groups_done
-        by_scenario = results.reshape(groups, outputs.size, LANES).transpose(0, 2, 1).reshape(-1, outputs.size)[:n]
-        found = {name: by_scenario[:, i : i + outputs.count[name]] for name, i in outputs.first.items()}
+        by_slot = results.reshape(groups, outputs.size, LANES).transpose(1, 0, 2).reshape(outputs.size, -1)[:, :n]
+        found = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
         # what the status asks of the scenario beside its results
         found["scale"] = np.asarray(scale, float)[:, None]
         if self.shape.law is not None:
