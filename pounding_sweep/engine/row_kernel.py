@@ -265,7 +265,7 @@ class RowKernel:
         law = self.host or self.law
         return _shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
 
-    @property
+    @cached_property
     def constants(self) -> np.ndarray:
         """Scene constants in the kernel's layout."""
         return _constants(self.shape, self.scene, self.numerics, self.initial_velocity)

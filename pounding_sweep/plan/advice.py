@@ -364,7 +364,7 @@ def _needed(
             )
             raise SweepError(msg)
         # the run that is kept has half the step
-        begins = spec.accuracy * SCHEMES[scheme[0]].leeway
+        begins = spec.accuracy * (1.0 if law.impulsive else SCHEMES[scheme[0]].leeway)
         found = [(curve.needed(spec.accuracy), curve.needed(begins)) for curve in curves if curve is not None]
         need[law.key] = max(begin if reached < math.inf else math.inf for reached, begin in found)
         best = max(best, *((curve.error[-1], law.key) for curve in curves if curve is not None))
@@ -451,8 +451,9 @@ class _Demand:
     def _motion_steps(self, method: str, record: Record) -> np.ndarray:
         """Least steps per interval at which the buildings of each variant keep their phase over so long a record."""
         assert self.spec.accuracy is not None
-        # exact flight keeps the phase, but of storeys that yield
-        flies = SCHEMES[method].flies_exactly and not any(self.spec.scene.yields)
+        # exact flight keeps the phase, but of storeys that yield and floors that rest on each other
+        stepped = any(self.spec.scene.yields) or any(law.impulsive for law in self.laws)
+        flies = SCHEMES[method].flies_exactly and not stepped
         limit = MAX_PHASE_ERROR if flies else min(self.spec.accuracy, MAX_PHASE_ERROR)
         result = np.zeros(len(self.variants), dtype=int)
         steps = 1

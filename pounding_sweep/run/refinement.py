@@ -35,6 +35,9 @@ SINGLE_HALVINGS, MOST_HALVINGS = 3, 6
 #: floors meet, the likelier some graze each other by less than the error, and are counted or not.
 GRAZES = 16.0
 
+#: Relative error below which that of single precision may be one of rounding, which follows no order.
+ROUNDING = 2e-5
+
 Values = dict[str, np.ndarray]
 
 
@@ -47,9 +50,12 @@ def halved(kernel: RowKernel, record: Record) -> RowKernel:
     return replace(kernel, numerics=half)
 
 
-def leeway(kernel: RowKernel) -> float:
-    """By what the difference of a run to one at twice the step is divided; by nothing where it is one of roundings."""
-    return 1.0 if kernel.shape.series else kernel.numerics.scheme.leeway
+def leeway(kernel: RowKernel, allowed: np.ndarray) -> np.ndarray:
+    """By what the difference to a run at twice the step is divided, where it follows from the scheme's order."""
+    # steps by series differ by their rounding, velocities that jump by when they do
+    ordered = not kernel.shape.series and not kernel.law.impulsive
+    known = (allowed >= ROUNDING) | (kernel.numerics.precision == "float64")
+    return np.where(ordered & known, kernel.numerics.scheme.leeway, 1.0)
 
 
 def in_double(kernel: RowKernel) -> RowKernel:
@@ -83,7 +89,7 @@ def _run_alike(
     return {name: np.concatenate([part[name] for part in found])[order] for name in found[0]}
 
 
-def differences(outputs: Sequence[str], coarse: Values, fine: Values, leeway: float = 1.0) -> np.ndarray:
+def differences(outputs: Sequence[str], coarse: Values, fine: Values, leeway: float | np.ndarray = 1.0) -> np.ndarray:
     """Largest relative difference of an output between two runs, shape (n,); infinite where one has no values.
 
     That of what varies smoothly is divided by `leeway`.
@@ -124,8 +130,9 @@ def run_refined(
         fine = _run_alike(kernel, record, mine, own, outputs)
         if "amplification" in outputs:
             fine["amplification"] = amplification(kernel, record, mine, own, outputs, fine)
-        estimate[rows] = differences(judged, coarse, fine, leeway(kernel))
-        rest = (estimate[rows] > accuracy / strictness(fine)) | (fine["status"] != Status.OK)
+        allowed = accuracy / strictness(fine)
+        estimate[rows] = differences(judged, coarse, fine, leeway(kernel, allowed))
+        rest = (estimate[rows] > allowed) | (fine["status"] != Status.OK)
         if halvings == 1:
             result = fine
         else:

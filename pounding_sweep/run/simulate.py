@@ -267,8 +267,9 @@ def _refined(
     for halving in range(MOST_HALVINGS):
         kernel = halved(kernel if halving < SINGLE_HALVINGS else in_double(kernel), motion)
         fine, history = run(kernel)
-        estimate = differences(comparable(fine), coarse, fine, leeway(kernel))
-        if estimate[0] <= accuracy / strictness(fine)[0] and fine["status"][0] == Status.OK:
+        allowed = accuracy / strictness(fine)
+        estimate = differences(comparable(fine), coarse, fine, leeway(kernel, allowed))
+        if estimate[0] <= allowed[0] and fine["status"][0] == Status.OK:
             return kernel, fine, history
         coarse = fine
     settled = (estimate <= accuracy) | (fine["status"] != Status.OK)
