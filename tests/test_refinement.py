@@ -103,11 +103,12 @@ def test_two_runs_by_series_are_not_one():
     changed = np.flatnonzero(coarse != fine)
     assert coarse[changed] == pytest.approx(SERIES_CAP)
     assert fine[changed] == pytest.approx(0.5 * SERIES_CAP)
-    allowed = np.array([1e-2, 1e-6])
-    np.testing.assert_array_equal(leeway(linear, allowed), 1.0)
-    np.testing.assert_array_equal(leeway(in_double(hertz), allowed), 5.0)
+    allowed = np.array([1e-3, 1e-6])
+    np.testing.assert_array_equal(leeway(linear, 1e-3, allowed), 1.0)
+    np.testing.assert_array_equal(leeway(in_double(hertz), 1e-3, allowed), 5.0)
     single = replace(hertz, numerics=replace(hertz.numerics, precision="float32"))
-    np.testing.assert_array_equal(leeway(single, allowed), [5.0, 1.0])  # rounding follows no order
+    np.testing.assert_array_equal(leeway(single, 1e-3, allowed), [5.0, 1.0])  # rounding follows no order
+    np.testing.assert_array_equal(leeway(single, 1e-2, allowed), 1.0)  # nor do long steps
 
 
 def test_scenarios_of_many_impacts_are_held_to_less(monkeypatch):

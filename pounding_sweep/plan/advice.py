@@ -143,6 +143,8 @@ Scheme = tuple[str, str]
 CONTACT_MARGIN = 1.25
 #: Short exact steps in half a period of the highest mode where `finer` is 1: where floors meet they are Runge-Kutta's.
 EXACT_STEPS = 8.0
+#: Relative error beyond which steps are too long for their errors to follow the order of a scheme.
+ORDERLY = 2e-3
 #: Scenarios whose times are worked out at once.
 BLOCK = 2**16
 #: Leading digits of the numbers of steps in a record interval: few, so that many scenarios share one.
@@ -364,7 +366,8 @@ def _needed(
             )
             raise SweepError(msg)
         # the run that is kept has half the step
-        begins = spec.accuracy * (1.0 if law.impulsive else SCHEMES[scheme[0]].leeway)
+        ordered = not law.impulsive and spec.accuracy <= ORDERLY
+        begins = spec.accuracy * (SCHEMES[scheme[0]].leeway if ordered else 1.0)
         found = [(curve.needed(spec.accuracy), curve.needed(begins)) for curve in curves if curve is not None]
         need[law.key] = max(begin if reached < math.inf else math.inf for reached, begin in found)
         best = max(best, *((curve.error[-1], law.key) for curve in curves if curve is not None))

@@ -25,6 +25,7 @@ from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
 from pounding_sweep.outputs.variables import SETTLED, Status, get_variable
+from pounding_sweep.plan.advice import ORDERLY
 from pounding_sweep.plan.scenarios import Scenarios, changed
 from pounding_sweep.records import Record
 from pounding_sweep.spec.spec import step_fault
@@ -50,10 +51,10 @@ def halved(kernel: RowKernel, record: Record) -> RowKernel:
     return replace(kernel, numerics=half)
 
 
-def leeway(kernel: RowKernel, allowed: np.ndarray) -> np.ndarray:
+def leeway(kernel: RowKernel, accuracy: float, allowed: np.ndarray) -> np.ndarray:
     """By what the difference to a run at twice the step is divided, where it follows from the scheme's order."""
     # steps by series differ by their rounding, velocities that jump by when they do
-    ordered = not kernel.shape.series and not kernel.law.impulsive
+    ordered = not kernel.shape.series and not kernel.law.impulsive and accuracy <= ORDERLY
     known = (allowed >= ROUNDING) | (kernel.numerics.precision == "float64")
     return np.where(ordered & known, kernel.numerics.scheme.leeway, 1.0)
 
@@ -131,7 +132,7 @@ def run_refined(
         if "amplification" in outputs:
             fine["amplification"] = amplification(kernel, record, mine, own, outputs, fine)
         allowed = accuracy / strictness(fine)
-        estimate[rows] = differences(judged, coarse, fine, leeway(kernel, allowed))
+        estimate[rows] = differences(judged, coarse, fine, leeway(kernel, accuracy, allowed))
         rest = (estimate[rows] > allowed) | (fine["status"] != Status.OK)
         if halvings == 1:
             result = fine

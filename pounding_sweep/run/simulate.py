@@ -268,7 +268,7 @@ def _refined(
         kernel = halved(kernel if halving < SINGLE_HALVINGS else in_double(kernel), motion)
         fine, history = run(kernel)
         allowed = accuracy / strictness(fine)
-        estimate = differences(comparable(fine), coarse, fine, leeway(kernel, allowed))
+        estimate = differences(comparable(fine), coarse, fine, leeway(kernel, accuracy, allowed))
         if estimate[0] <= allowed[0] and fine["status"][0] == Status.OK:
             return kernel, fine, history
         coarse = fine
