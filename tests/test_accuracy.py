@@ -294,7 +294,7 @@ def advised(monkeypatch, known, **changes):
 
 def test_the_cheaper_scheme_is_chosen(monkeypatch):
     assert advised(monkeypatch, measured(), accuracy=1e-3).numerics.method == "rk4"
-    slow = Curve((1.0, 10.0, 1e6), (1e-1, 1e-2, 1e-7))
+    slow = Curve((1.0, 100.0, 1e6), (1e-1, 1e-2, 1e-7))
     known = measured(rk4_linear=slow, rk4_hertz=slow, rk4_kelvin_voigt=slow, rk4_hertz_damped=slow, rk4_none=slow)
     plan = advised(monkeypatch, known, accuracy=1e-3)
     assert plan.numerics.method == "newmark"
@@ -327,6 +327,10 @@ def test_a_law_of_ones_own_begins_as_the_one_that_asks_for_most(monkeypatch):
     given = {"scene": pair(), "records": motions()[0], "gaps": [0.001], "accuracy": 1e-2, "method": "rk4"}
     plan = Sweep(laws=["linear", own, "none"], **given).plan()
     assert re.search(r"linear 3\.16, mine 30, none 3\.16; at least", plan.choice)
+    finer = Sweep(laws=["linear", own, "none"], **{**given, "accuracy": 1e-3}).plan()
+    # errors five times as large, for the run that is kept has half the step
+    by_curves = [curve.needed(5e-3) for curve in (known.curves["rk4", "float64", "linear", "contacts"], slower)]
+    assert "linear {0:.3g}, mine {1:.3g}, none {0:.3g}; at least".format(*by_curves) in finer.choice
     assert "mine: not measured, taken as the law that asks for most, and refined" in plan.choice
     poor = measured(rk4_gonthier=Curve((1.0, 10.0), (1e-1, 2e-2)), newmark_gonthier=Curve((1.0, 10.0), (1e-1, 2e-2)))
     monkeypatch.setattr(advice, "load_measured", lambda: poor)

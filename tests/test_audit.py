@@ -177,6 +177,14 @@ def test_large_cells_are_drawn_more_often():
     assert 0.7 < share < 0.98  # six of seven scenarios are of that law
 
 
+def test_a_large_sweep_is_audited_by_so_many(monkeypatch):
+    monkeypatch.setattr("pounding_sweep.run.audit.MOST", 20)
+    plan = plan_of(60, 1.0, restitutions=[0.3, 0.8])
+    samples = draw(plan, np.flatnonzero(~plan.no_contact))
+    assert sum(len(s.rows) for s in samples) == 20
+    assert len({(s.law, s.record) for s in samples}) > 1
+
+
 def test_no_share_leaves_no_trace(audited):
     cube = make(**{**LARGER, "audit": 0}).run(scheduler="synchronous")
     assert not {"audit", "output"} & set(cube.dims)

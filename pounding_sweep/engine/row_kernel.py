@@ -278,7 +278,7 @@ class RowKernel:
         law = self.host or self.law
         return _shape(self.scene, law, self.numerics, self.reducers, self.history, self.varied, self.windows)
 
-    @property
+    @cached_property
     def constants(self) -> np.ndarray:
         """Scene constants in the kernel's layout."""
         return _constants(self.shape, self.scene, self.numerics, self.initial_velocity)
@@ -351,8 +351,8 @@ class RowKernel:
             if lasting is not None:
                 keep_tables(lasting, tables[0])
             first += groups_done
-        by_scenario = results.reshape(groups, outputs.size, LANES).transpose(0, 2, 1).reshape(-1, outputs.size)[:n]
-        found = {name: by_scenario[:, i : i + outputs.count[name]] for name, i in outputs.first.items()}
+        by_slot = results.reshape(groups, outputs.size, LANES).transpose(1, 0, 2).reshape(outputs.size, -1)[:, :n]
+        found = {name: by_slot[i : i + outputs.count[name]].T for name, i in outputs.first.items()}
         # what the status asks of the scenario beside its results
         found["scale"] = np.asarray(scale, float)[:, None]
         if self.shape.law is not None:

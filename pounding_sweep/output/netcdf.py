@@ -380,15 +380,17 @@ def write_in_slabs(
     with _written(path, target, folder) as temporary, netCDF4.Dataset(temporary, "w") as file:
         file.setncatts(_plain(cube.attrs) | ({"coordinates": beyond} if beyond else {}))
         file.set_fill_off()
-        for name, label in cube.coords.items():
-            _write_label(file, name, label)
+        # all are made before values are written: what is made later costs the library as much as many values
+        known = [_declare_label(file, name, label) for name, label in cube.coords.items()]
         for name, variable in cube.data_vars.items():
             stored = _declare(file, name, variable, encoding_of(name, variable), chunksizes=blocks.get(name))
             if name in blocks:
                 stored.set_var_chunk_cache(size=1)  # none: whole blocks are written (0 stands for the default)
             stored.setncatts(_plain(variable.attrs) | ({"coordinates": beside[name]} if beside[name] else {}))
             if name not in blocks:
-                stored[...] = variable.values
+                known.append((stored, variable.values))
+        for stored, numbers in known:
+            stored[...] = numbers
         for slab, values in slabs:
             for name in blocks:
                 file[name][slab] = values[name]
@@ -407,8 +409,8 @@ def _coordinates_of(cube: Frame) -> tuple[dict[str, str], str]:
     return {name: " ".join(labels) for name, labels in found.items()}, " ".join(sorted(beyond))
 
 
-def _write_label(file: netCDF4.Dataset, name: str, label: Array) -> None:
-    """Write a coordinate, text as characters."""
+def _declare_label(file: netCDF4.Dataset, name: str, label: Array) -> tuple[netCDF4.Variable, np.ndarray]:
+    """Make a coordinate, text as characters; returns it and what is to be written."""
     values, dims, attributes = label.values, label.dims, _plain(label.attrs)
     if values.dtype.kind in "OSUT":
         texts = np.array([str(text).encode(ENCODING) for text in values.ravel()], bytes)
@@ -417,7 +419,7 @@ def _write_label(file: netCDF4.Dataset, name: str, label: Array) -> None:
         dims = (*dims, f"string{values.shape[-1]}")
     stored = _declare(file, name, Array(dims, values, {}), {"_FillValue": None}, **(COMPRESSION if dims else {}))
     stored.setncatts(attributes)
-    stored[...] = values
+    return stored, values
 
 
 def _declare(

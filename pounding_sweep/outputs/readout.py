@@ -21,7 +21,7 @@ def _unfilled(values: np.ndarray, *inner: int) -> np.ndarray:
     """Return an array without values; in memory scenarios lie side by side, so that what goes over all is fast."""
     missing = INTEGER_FILL if np.issubdtype(values.dtype, np.integer) else np.nan
     lying = np.full((*inner, *values.shape[:-1]), missing, values.dtype)
-    return np.moveaxis(lying, range(len(inner)), range(-len(inner), 0))
+    return lying.transpose(*range(len(inner), lying.ndim), *range(len(inner)))
 
 
 def _check_last(values: np.ndarray, size: int, what: str) -> None:

@@ -3,10 +3,11 @@
 An accuracy is a promise about every scenario, and no rule that is known beforehand
 keeps it: a touch that only just happens, or a row of impacts that each magnify the
 last, multiplies the error of a step by whatever it likes. So each scenario is run at
-the step that was chosen for it and at half of it; what differs by more than was asked
-is run at half the step again, in double precision where single precision gains no
-more, and so on. The last difference is reported with the scenario, as its estimate of
-the error.
+the step that was chosen for it and at half of it, and the latter is kept. Its error is
+taken for three times what the order of the scheme makes of their difference, that of a
+number of impacts for all of it. What errs by more than was asked is run at half the step
+again, in double precision where single precision gains no more, and so on. The last
+estimate is reported with the scenario.
 
 What is done with a scenario follows from its own results alone, so it does not depend
 on the chunk that it is in.
@@ -23,7 +24,8 @@ from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
-from pounding_sweep.outputs.variables import SETTLED, Status
+from pounding_sweep.outputs.variables import SETTLED, Status, get_variable
+from pounding_sweep.plan.advice import ORDERLY
 from pounding_sweep.plan.scenarios import Scenarios, changed
 from pounding_sweep.records import Record
 from pounding_sweep.spec.spec import step_fault
@@ -34,14 +36,27 @@ SINGLE_HALVINGS, MOST_HALVINGS = 3, 6
 #: floors meet, the likelier some graze each other by less than the error, and are counted or not.
 GRAZES = 16.0
 
+#: Relative error below which that of single precision may be one of rounding, which follows no order.
+ROUNDING = 2e-5
+
 Values = dict[str, np.ndarray]
 
 
 def halved(kernel: RowKernel, record: Record) -> RowKernel:
     """Return the kernel at half of all its steps."""
     numerics = kernel.numerics
-    half = replace(numerics, dt=record.dt / (2 * numerics.steps(record)), finer=2.0 * numerics.finer)
+    # steps by series have a longest length, which no divisor below one changes
+    finer = max(1.0, numerics.finer) if kernel.shape.series else numerics.finer
+    half = replace(numerics, dt=record.dt / (2 * numerics.steps(record)), finer=2.0 * finer)
     return replace(kernel, numerics=half)
+
+
+def leeway(kernel: RowKernel, accuracy: float, allowed: np.ndarray) -> np.ndarray:
+    """By what the difference to a run at twice the step is divided, where it follows from the scheme's order."""
+    # steps by series differ by their rounding, velocities that jump by when they do
+    ordered = not kernel.shape.series and not kernel.law.impulsive and accuracy <= ORDERLY
+    known = (allowed >= ROUNDING) | (kernel.numerics.precision == "float64")
+    return np.where(ordered & known, kernel.numerics.scheme.leeway, 1.0)
 
 
 def in_double(kernel: RowKernel) -> RowKernel:
@@ -75,9 +90,13 @@ def _run_alike(
     return {name: np.concatenate([part[name] for part in found])[order] for name in found[0]}
 
 
-def differences(outputs: Sequence[str], coarse: Values, fine: Values) -> np.ndarray:
-    """Largest relative difference of an output between two runs, shape (n,); infinite where one has no values."""
+def differences(outputs: Sequence[str], coarse: Values, fine: Values, leeway: float | np.ndarray = 1.0) -> np.ndarray:
+    """Largest relative difference of an output between two runs, shape (n,); infinite where one has no values.
+
+    That of what varies smoothly is divided by `leeway`.
+    """
     found = relative_errors(outputs, coarse, fine)
+    found = {name: each / leeway if get_variable(name).dtype == "f8" else each for name, each in found.items()}
     worst = np.max(list(found.values()), axis=0, initial=0.0) if found else np.zeros(len(fine["status"]))
     lost = (coarse["status"] == Status.DIVERGED) | (fine["status"] == Status.DIVERGED)
     return np.where(lost, np.inf, worst)
@@ -112,8 +131,9 @@ def run_refined(
         fine = _run_alike(kernel, record, mine, own, outputs)
         if "amplification" in outputs:
             fine["amplification"] = amplification(kernel, record, mine, own, outputs, fine)
-        estimate[rows] = differences(judged, coarse, fine)
-        rest = (estimate[rows] > accuracy / strictness(fine)) | (fine["status"] != Status.OK)
+        allowed = accuracy / strictness(fine)
+        estimate[rows] = differences(judged, coarse, fine, leeway(kernel, accuracy, allowed))
+        rest = (estimate[rows] > allowed) | (fine["status"] != Status.OK)
         if halvings == 1:
             result = fine
         else:

@@ -258,21 +258,23 @@ def _refined(
     coarse: dict[str, np.ndarray],
     accuracy: float,
 ) -> tuple[RowKernel, dict[str, np.ndarray], np.ndarray]:
-    """Halve the step until that changes no output by more than `accuracy`; see `pounding_sweep.run.refinement`."""
+    """Halve the step until no output errs by more than `accuracy`; see `pounding_sweep.run.refinement`."""
     from pounding_sweep.run.refinement import (
         MOST_HALVINGS,
         SINGLE_HALVINGS,
         differences,
         halved,
         in_double,
+        leeway,
         strictness,
     )
 
     for halving in range(MOST_HALVINGS):
         kernel = halved(kernel if halving < SINGLE_HALVINGS else in_double(kernel), motion)
         fine, history = run(kernel)
-        estimate = differences(comparable(fine), coarse, fine)
-        if estimate[0] <= accuracy / strictness(fine)[0] and fine["status"][0] == Status.OK:
+        allowed = accuracy / strictness(fine)
+        estimate = differences(comparable(fine), coarse, fine, leeway(kernel, accuracy, allowed))
+        if estimate[0] <= allowed[0] and fine["status"][0] == Status.OK:
             return kernel, fine, history
         coarse = fine
     settled = (estimate <= accuracy) | (fine["status"] != Status.OK)

@@ -12,6 +12,9 @@ from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.march import FixedSteps
 from pounding_sweep.model.scene import Scene
 
+#: By what an error is taken for larger than it is by the order of a scheme.
+SAFETY = 3.0
+
 
 class Scheme(ABC):
     """One way of stepping time: what plans, statuses and kernels ask about it.
@@ -59,6 +62,11 @@ class Scheme(ABC):
     step_cost: float
     ladder: tuple[float, ...]
     finest_float32: float
+
+    @property
+    def leeway(self) -> float:
+        """Return by what the difference of a run to one at twice the step is divided, to be no less than its error."""
+        return max(1.0, (2.0**self.order - 1.0) / SAFETY)
 
     def min_steps_per_contact(self, located: bool) -> float:
         """Return the steps that the fastest part of the shortest contact needs."""

@@ -54,7 +54,7 @@ class Exact(Rk4):
     source = "Nigam & Jennings 1969"
     flies_exactly = True
     follows_smooth = False
-    step_cost = 0.2
+    step_cost = 0.4
     ladder = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
     finest_float32 = 2.0
 
