@@ -288,7 +288,7 @@ def power(x: Any, exponent: float) -> Any:
 
 
 #: Binary logarithm of the largest number that `roughly_power` finds.
-MOST_DOUBLINGS = np.float32(120.0)
+MOST_DOUBLINGS = 120.0
 
 
 def roughly_power(x: Any, exponent: float) -> Any:
