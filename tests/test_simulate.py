@@ -110,6 +110,7 @@ def test_peaks_are_those_of_the_histories():
 def test_an_output_step_is_the_time_between_instants():
     """Longer than the step it leaves instants out, and changes nothing; shorter, the run takes steps as short."""
     whole, thin, fine = (shake("hertz_damped", dt=1e-3, output_step=s) for s in (None, 4.5e-3, 2.5e-4))
+    whole.attrs["history"] = thin.attrs["history"]  # made a moment apart
     xr.testing.assert_identical(thin.isel(time=slice(1, None)), whole.isel(time=slice(4, None, 4)))
     np.testing.assert_allclose(np.diff(fine.time), 2.5e-4)
     assert fine.attrs["time_step"] == pytest.approx(2.5e-4)
