@@ -19,6 +19,7 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, SceneError, SweepError
 from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.postprocess import variables_of
+from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
 from pounding_sweep.kernel import hysteresis
 from pounding_sweep.kernel.flight_yielding import find_sets
@@ -269,6 +270,12 @@ def test_flown_scenarios_do_not_depend_on_order_and_neighbours(precision):
     kernel, record, given = flying(precision=precision), motion(151), some_scenarios()
     found = run_in_any_company(kernel, record, given)
     assert 10 < np.count_nonzero(found["travel"].sum(axis=1)) < 70
+
+
+def test_contacts_beside_storeys_that_yield_do_the_work_that_buildings_transfer():
+    kernel, record, given = flying(), motion(151), some_scenarios()
+    found = variables_of(kernel, kernel.run(record, **given), ["energy_residual"], record)["energy_residual"]
+    assert 0.0 < found.max() < 1e-9
 
 
 def test_what_is_left_out_of_a_flight_changes_nothing():
