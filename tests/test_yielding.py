@@ -19,7 +19,6 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, SceneError, SweepError
 from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.postprocess import variables_of
-from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
 from pounding_sweep.kernel import hysteresis
 from pounding_sweep.kernel.flight_yielding import find_sets
