@@ -27,6 +27,7 @@ import numpy as np
 
 from pounding_sweep.engine.kernel import MARGIN
 from pounding_sweep.kernel.flight import ACCELERATION, STATE, TO_FLOORS, TO_MODES, WIDE, Layout
+from pounding_sweep.kernel.flight_blocks import BUNDLE
 from pounding_sweep.kernel.flight_energies import nodes
 from pounding_sweep.model.coupled_modes import CoupledModes, coupled_modes
 from pounding_sweep.model.variants import Variants
@@ -300,9 +301,13 @@ def _strides(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
     groups = -(-len(w) // lanes)
     those = np.minimum(np.arange(groups * lanes), len(w) - 1)  # idle lanes repeat the last one
     rows = np.empty((groups, len(layout.strides), layout.modes, lanes))
-    for k, name in enumerate(layout.strides):
+    for k, name in enumerate(found):
         values = np.broadcast_to(found[name], w.shape)[those]
         rows[:, k] = values.reshape(groups, lanes, layout.modes).transpose(0, 2, 1)
+    # modes that move otherwise than those of the group before, or are the first that are filled
+    rows[:, -1] = 1.0
+    rows[1:, -1] = (rows[1:, :-1] != rows[:-1, :-1]).any(axis=(1, 3))[..., None]
+    rows[::BUNDLE, -1] = 1.0
     return rows.ravel()
 
 

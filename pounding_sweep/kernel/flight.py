@@ -216,7 +216,7 @@ class Layout:
         self.block, self.series_rows = SPAN - SPAN // lanes, SPAN // lanes + 1
         if spec.blocks:
             self.timed, self.series = dict.fromkeys(("most", "least", "swell"), wide), {}
-            self.decays, self.strides = moving, [*moving, *bending, "heft"]
+            self.decays, self.strides = moving, [*moving, *bending, "heft", "new"]
         if "energy" in spec.reducers and not self.coupled:
             self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
         self.first: dict[str, int] = {}
