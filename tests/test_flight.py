@@ -23,6 +23,7 @@ from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.flight import ACCELERATION, HEAD, TOUCH, TURN, WIDE, Flight, Layout
 from pounding_sweep.kernel.flight_blocks import Blocks
 from pounding_sweep.kernel.flight_tables import Tables
+from pounding_sweep.kernel.lanes import Ledger
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.model.variants import Variants, variants_of
@@ -58,8 +59,10 @@ def filled(scene, ground, h):
     layout = layout_of(kernel)
     fixed, decays = fixed_tables(layout, variants_of(scene), ground, h, "float64")
     table = flight_tables(layout, len(ground), fixed)
+    flight = Flight(group, table, len(ground))
+    flight.find_places()
     with np.errstate(all="ignore"):
-        Tables(Flight(group, table, len(ground)), decays, None, MARGIN["float64"]).fill(1)
+        Tables(flight, decays, None, MARGIN["float64"]).fill(1)
     return layout, table
 
 
@@ -157,7 +160,8 @@ def test_blocks_bound_what_is_watched_in_them():
     stops = stops_of(layout, points, substeps)
     tables = flight_tables(layout, stops, fixed)
     flight = Flight(make_group(kernel.shape, None, width("float64"), None), tables, points)
-    flight.blocks = blocks = Blocks(flight, decays, None, MARGIN["float64"], len(variants))
+    flight.blocks = blocks = Blocks(flight, decays, None, MARGIN["float64"], len(variants), Ledger(None).cell)
+    flight.find_places()
     with np.errstate(all="ignore"):
         blocks.fill()
     assert (blocks.stride, blocks.length, blocks.blocks) == (3, 27, stops)

@@ -116,6 +116,8 @@ class _Term:
 
     def __init__(self, group: Group, k: Any) -> None:
         self._state, self._first = group.state, k * group.spec.n_dof
+        #: Whether what follows from it has the constants that rates are without.
+        self.constant = isinstance(k, int) and k == 0
 
     def __getitem__(self, i: Any) -> Any:
         return self._state["jet", i + self._first]
