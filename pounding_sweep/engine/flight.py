@@ -185,8 +185,8 @@ def fixed_tables(
     if not layout.strides:
         return tables, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, own])
     block = layout.block // stride * stride
-    parts = [h, 1.0 / (stride * h), stride, block], ground, own, strides
-    numbers, states = sum(map(len, parts)), len(strides) // len(layout.strides) * STATE
+    parts = np.array([h, 1.0 / (stride * h), stride, block]), ground, own, strides
+    numbers, states = sum(len(part) for part in parts), len(strides) // len(layout.strides) * STATE
     decays = _room(numbers + states * stops_of(layout, len(ground), substeps) + STATE * layout.wide_modes, "decays")
     np.concatenate(parts, out=decays[:numbers])
     return tables, decays

@@ -11,7 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import filled_tables, fixed_tables, flight_tables, keep_tables, room_for_tables, stops_of
+from pounding_sweep.engine.flight import (
+    filled_tables,
+    fixed_tables,
+    flight_tables,
+    keep_tables,
+    room_for_tables,
+    stops_of,
+)
 from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (

@@ -705,27 +705,31 @@ class Flight:
 
     def _find_crests(self) -> None:
         """Find where floors may first touch, and the largest bounds of what is watched in the blocks before."""
-        w, far, touches = self.rows, self.group.limit.far, self._touches
         self.free_until.now, self.crests.now = whole(self.trace, 0), flag(self.trace, False)
         for _ in when(self.at.now < 1):
             self._bounds()
             for _ in when(self._undisturbed()):
-                for part in self._watched_parts:
-                    w["crest", part], w["trough", part] = self.group.full(-far), self.group.full(far)
-                free, block = Cell(flag(self.trace, True)), Cell(whole(self.trace, 0))
-                for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks), self.trace):
-                    extremes = [self._extremes(block.now, "most", "least", part) for part in self._watched_parts]
-                    met = self.group.lanes_where(False)
-                    for part in range(-(-touches // self.lanes)):
-                        met = met | ((extremes[part][0] >= w["high", part]) & self._within(part, 0, touches))
-                    free.now = not_(any_lane(met))
-                    for _ in when(free.now):
-                        for part, (above, below) in enumerate(extremes):
-                            w["crest", part] = maximum(w["crest", part], above)
-                            w["trough", part] = minimum(w["trough", part], below)
-                        block.now = block.now + 1
-                self.free_until.now = lesser(block.now * self.blocks.length, self.last)
-                self.crests.now = self.free_until.now > 0
+                self._survey()
+
+    def _survey(self) -> None:
+        """Go through the bounds of blocks to the first in which floors may touch."""
+        w, far, touches = self.rows, self.group.limit.far, self._touches
+        for part in self._watched_parts:
+            w["crest", part], w["trough", part] = self.group.full(-far), self.group.full(far)
+        free, block = Cell(flag(self.trace, True)), Cell(whole(self.trace, 0))
+        for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks), self.trace):
+            extremes = [self._extremes(block.now, "most", "least", part) for part in self._watched_parts]
+            met = self.group.lanes_where(False)
+            for part in range(-(-touches // self.lanes)):
+                met = met | ((extremes[part][0] >= w["high", part]) & self._within(part, 0, touches))
+            free.now = not_(any_lane(met))
+            for _ in when(free.now):
+                for part, (above, below) in enumerate(extremes):
+                    w["crest", part] = maximum(w["crest", part], above)
+                    w["trough", part] = minimum(w["trough", part], below)
+                block.now = block.now + 1
+        self.free_until.now = lesser(block.now * self.blocks.length, self.last)
+        self.crests.now = self.free_until.now > 0
 
     def _turn_of(self, block: Any) -> Any:
         """Whether it is a block's turn: before floors may touch, those with the largest peaks come first."""
