@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from naive import NaiveBuilding, modal_exact
-from scenes import EVERY, motions, pair
+from scenes import EVERY, motions, pair, run_in_any_company
 from scipy.linalg import expm
 from test_properties import scenes_of, some_variants, tall
 
@@ -83,7 +83,6 @@ def by_exponential(building, h):
 storey = st.tuples(st.floats(10.0, 500.0), st.floats(1e3, 1e6))
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.lists(storey, min_size=1, max_size=5),
     st.sampled_from([0.0, 0.02, 0.2, 0.7, 0.95]),  # beyond the first two modes, the last are over-damped
@@ -208,7 +207,6 @@ def test_blocks_bound_what_is_watched_in_them(alike):
 # -- bounds ------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10_000), st.sampled_from([0.0, 0.05, 0.3, 0.9]), st.floats(-2.0, 0.3))
 def test_free_decay_keeps_within_its_bounds(seed, ratio, log_turn):
     """What is watched, its excursion from a chord, and from the hull of a cubic, of any free motion."""
@@ -279,16 +277,7 @@ def some_scenarios(n=70):
 @pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
 def test_results_do_not_depend_on_order_and_neighbours(precision):
     kernel, record, given = kernel_of(pair(), precision=precision), motions()[0], some_scenarios()
-    found = kernel.run(record, **given)
-    assert found["count"].sum() > 50
-    order = np.random.default_rng(1).permutation(70)
-    turned = kernel.run(record, **{name: values[order] for name, values in given.items()})
-    for name, values in found.items():
-        np.testing.assert_array_equal(turned[name], values[order], err_msg=name)
-    for part in (slice(0, 1), slice(5, 22), slice(30, 31)):
-        some = kernel.run(record, **{name: values[part] for name, values in given.items()})
-        for name, values in found.items():
-            np.testing.assert_array_equal(some[name], values[part], err_msg=name)
+    run_in_any_company(kernel, record, given)
 
 
 @pytest.mark.parametrize("room", [1, 1 << 24])

@@ -115,12 +115,12 @@ class _Term:
     """One coefficient of all floors."""
 
     def __init__(self, group: Group, k: Any) -> None:
-        self._state, self._first = group.state, k * group.spec.n_dof
+        self._state, self._begin = group.state, k * group.spec.n_dof
         #: Whether what follows from it has the constants that rates are without.
         self.constant = isinstance(k, int) and k == 0
 
     def __getitem__(self, i: Any) -> Any:
-        return self._state["jet", i + self._first]
+        return self._state["jet", i + self._begin]
 
 
 def _press(group: Group, j: Any, k: Any, x: Any, y: Any, gaps: Any) -> Any:
@@ -446,11 +446,12 @@ def _integrate(group: Group) -> None:
                     s["e_in", b] = fma(weight, gained, s["e_in", b])
                     s["e_damp", b] = fma(weight, lost, s["e_damp", b])
         for j in group.each_contact() if r & {"work", "impulse"} else ():
-            force = _force(group, j).value(t)
-            if "impulse" in r:
-                s["impulse", j] = fma(weight, force, s["impulse", j])
-            if "work" in r:
-                s["work", j] = fma(weight, force * (_depth(group, j).rate.value(t) * per), s["work", j])
+            with when_any(s["mode", j] > OPEN):  # where all contacts are open, none has a series
+                force = _force(group, j).value(t)
+                if "impulse" in r:
+                    s["impulse", j] = fma(weight, force, s["impulse", j])
+                if "work" in r:
+                    s["work", j] = fma(weight, force * (_depth(group, j).rate.value(t) * per), s["work", j])
     if "links" in r:
         links.record(group, 1.0)
 
