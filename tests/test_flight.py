@@ -145,10 +145,14 @@ def test_motions_without_pounding_are_those_of_the_modes():
     assert (np.abs(peaks - want) <= size).all()
 
 
-def test_blocks_bound_what_is_watched_in_them():
+@pytest.mark.parametrize("alike", [False, True])
+def test_blocks_bound_what_is_watched_in_them(alike):
     """Motions of several rows of buildings at once, their bounds in blocks, and one of them point by point."""
     scene, record, substeps = Scene([*tall().row[:2]], tall().gaps[:1]), motions()[0], 6
     variants = some_variants(scene, 10)
+    if alike:  # one building is the same in all, and moved once
+        variants.period_factor[:, 1] = 1.0
+        variants.damping_ratio[:] = np.nan
     motion = np.array(record.acceleration)[:61]
     points, h = (len(motion) - 1) * substeps + 1, record.dt / substeps
     ground = np.interp(np.arange(points) / substeps, np.arange(len(motion)), motion)
