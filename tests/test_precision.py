@@ -12,31 +12,40 @@ from scenes import EVERY, pair
 from test_kernels import motion, row_kernel, run_lanes, stiffness_of
 
 import pounding_sweep as ps
-from pounding_sweep.engine.kernel import WHOLE, emit
+from pounding_sweep.engine.kernel import emit, emit_flight
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.flight_tables import Tables
 from pounding_sweep.kernel.lanes import Tracer
 from pounding_sweep.kernel.precision import TOLERANCES
-from pounding_sweep.kernel.spec import LANES
+from pounding_sweep.kernel.spec import LANES, PARAMETERS
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import REDUCERS, Status
 from pounding_sweep.schemes import SCHEMES
 
 
 def llvm(kernel):
-    """The kernel's function as LLVM's text, before any optimisation."""
-    shape = kernel.shape
-    module = ir.Module()
+    """All that is compiled of a kernel as LLVM's text, before any optimisation."""
     double, real, whole = ir.DoubleType(), ir.FloatType(), ir.IntType(64)
-    kinds = {"length": double} | dict.fromkeys(WHOLE[1:], whole)
-    kinds |= dict.fromkeys(("motion", "inputs", "results", "history", "decays"), double.as_pointer())
-    kinds |= dict.fromkeys(("constants", "track", "tables", "state"), real.as_pointer())
-    function = ir.Function(module, ir.FunctionType(ir.VoidType(), list(kinds.values())), "run")
-    builder = ir.IRBuilder(function.append_basic_block())
-    found = {name: (value, [ir.Constant(whole, 9)] * 2) for name, value in zip(kinds, function.args, strict=True)}
-    found["motion"] = found["motion"][0], [ir.Constant(whole, 9)]
-    emit(shape, builder, found, *(found[name][0] for name in WHOLE))
-    return str(module)
+    types = {"{real}": real, "float64": double, "int64": whole}
+    texts = []
+    for piece in kernel.shape.pieces:
+        module = ir.Module()
+        kinds = {name: (types[kind.split("[")[0]], kind) for name, kind in PARAMETERS.items()}
+        if piece.only_flight:
+            kinds = dict.fromkeys(("place", "what"), (whole, ""))
+        given = [x.as_pointer() if "[" in kind else x for x, kind in kinds.values()]
+        function = ir.Function(module, ir.FunctionType(ir.VoidType(), given), "run")
+        builder = ir.IRBuilder(function.append_basic_block())
+        if piece.only_flight:
+            emit_flight(piece, builder, *function.args)
+        else:
+            found = {
+                name: (value, [ir.Constant(whole, 9)] * (1 + kind.count(","))) if "[" in kind else value
+                for (name, (_, kind)), value in zip(kinds.items(), function.args, strict=True)
+            }
+            emit(piece, builder, found)
+        texts.append(str(module))
+    return "".join(texts)
 
 
 @pytest.mark.parametrize("method", SCHEMES)

@@ -101,12 +101,15 @@ def run_group(group: Group, ground: Any, note: Callable[[Any], None] | None) -> 
     march.finish(group)
 
 
-def emit(spec: KernelSpec, builder: Any, arrays: Arrays, length: Any, steps: Any, substeps: Any) -> None:
-    """Write the kernel of `spec` where `builder` stands."""
+def emit(spec: KernelSpec, builder: Any, arrays: dict[str, Any]) -> None:
+    """Write the kernel of `spec` where `builder` stands; `arrays` are what it is given, by its `PARAMETERS`."""
+    if spec.flies_exactly:
+        _emit_events(spec, builder, arrays)
+        return
     trace = Tracer(builder, spec.precision, width(spec.precision))
     parts = LANES // trace.lanes
     group = make_group(spec, trace, trace.lanes, arrays["constants"][0], arrays["state"][0])
-    ground = Ground(trace, arrays, length, steps, substeps)
+    ground = Ground(trace, arrays, *(arrays[name] for name in ("length", "steps", "substeps")))
     groups, columns = arrays["inputs"][1]
     for each in count_to(Count(trace, groups) * parts, trace):
         row = each // parts
@@ -292,7 +295,7 @@ def _emit_events(spec: KernelSpec, builder: Any, arrays: dict[str, Any]) -> None
     Events(group, ground, flights, course, note).run()
 
 
-def _emit_flight(spec: KernelSpec, builder: Any, place: Any, what: Any) -> None:
+def emit_flight(spec: KernelSpec, builder: Any, place: Any, what: Any) -> None:
     """Write the flight that kernels call."""
     trace = Tracer(builder, spec.precision, width(spec.precision))
     memory = builder.inttoptr(place, _I64.as_pointer())
@@ -377,7 +380,7 @@ def write_body(spec: KernelSpec, context: Any, builder: Any, signature: Any, val
 
     _optimise_once(context.active_code_library)
     if spec.only_flight:
-        _emit_flight(spec, builder, *values)
+        emit_flight(spec, builder, *values)
         return context.get_dummy_value()
     found: dict[str, Any] = {}
     for name, kind, value in zip(PARAMETERS, signature.args, values, strict=True):
@@ -385,8 +388,5 @@ def write_body(spec: KernelSpec, context: Any, builder: Any, signature: Any, val
         if isinstance(kind, types.Array):
             array = context.make_array(kind)(context, builder, value)
             found[name] = array.data, tuple(cgutils.unpack_tuple(builder, array.shape, kind.ndim))
-    if spec.flies_exactly:
-        _emit_events(spec, builder, found)
-    else:
-        emit(spec, builder, found, *(found[name] for name in ("length", "steps", "substeps")))
+    emit(spec, builder, found)
     return context.get_dummy_value()
