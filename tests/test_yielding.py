@@ -280,6 +280,19 @@ def test_flown_scenarios_do_not_depend_on_order_and_neighbours(precision):
             np.testing.assert_array_equal(some[name], values[part], err_msg=name)
 
 
+@pytest.mark.parametrize("law", ["kelvin_voigt_tension", "modified_kelvin_voigt"])
+def test_contacts_beside_storeys_that_yield_do_the_work_that_buildings_transfer(law):
+    """Of laws that press until floors part: what is left of a force then is no force of open contacts."""
+    outputs, record = ["contact_work", "hysteretic_energy", "energy_residual"], motion(45)
+    kernel = RowKernel(PAIR, LAWS[law], Numerics("exact", 5e-4), reducers_for(outputs))
+    given = {"scale": [1.3], "gaps": [[0.001]], "stiffness": [8e5], "restitution": [0.5]}
+    raw = kernel.run(record, **{name: np.array(values) for name, values in given.items()}, twin=True)
+    found = variables_of(kernel, raw, outputs, record)
+    assert found["contact_work"].max() > 0.0
+    assert np.nanmax(found["hysteretic_energy"]) > 0.0
+    assert found["energy_residual"][0] < 1e-9
+
+
 def test_what_is_left_out_of_a_flight_changes_nothing():
     """Windows of a record are passed where neither a touch, nor an onset, nor a peak may be: against every step."""
     given, record = some_scenarios(24), motion(151)

@@ -37,7 +37,7 @@ def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any
             yield i, None if bottom else i - 1
 
 
-def drift(group: Group, i: Any, below: Any, name: str = "u") -> Any:
+def drift(group: Group, i: Any, below: Any, name: Any = "u") -> Any:
     """Drift of a storey, or its rate."""
     return group.drift(i, below, name)
 
@@ -51,11 +51,12 @@ def begin(group: Group, lanes: Any = None) -> None:
             s[name, i] = k if lanes is None else where(lanes, k, s[name, i])
 
 
-def shear(group: Group, i: Any, below: Any, name: str = "u") -> Any:
-    """Storey shear, dampers not included; of rates, its rate."""
+def shear(group: Group, i: Any, below: Any, name: Any = "u") -> Any:
+    """Storey shear, dampers not included; of rates, its rate; of a coefficient of a series, its coefficient."""
     s = group.state
     found = s["kt", i] * drift(group, i, below, name)
-    return found + s["ct", i] if name.startswith("u") else found
+    whole = name.startswith("u") if isinstance(name, str) else name.first
+    return found + s["ct", i] if whole else found
 
 
 def hardened(group: Group, i: Any) -> tuple[Any, Any]:

@@ -112,13 +112,13 @@ def _expand_row(group: Group, contacts: int) -> None:
 
 
 class _Term:
-    """One coefficient of all floors."""
+    """One coefficient of all floors; the `first` one is that of what does not move with them too."""
 
-    def __init__(self, group: Group, k: Any) -> None:
-        self._state, self._first = group.state, k * group.spec.n_dof
+    def __init__(self, group: Group, k: int) -> None:
+        self._state, self._begin, self.first = group.state, k * group.spec.n_dof, k == 0
 
     def __getitem__(self, i: Any) -> Any:
-        return self._state["jet", i + self._first]
+        return self._state["jet", i + self._begin]
 
 
 def _press(group: Group, j: Any, k: Any, x: Any, y: Any, gaps: Any) -> Any:
@@ -444,11 +444,13 @@ def _integrate(group: Group) -> None:
                     s["e_in", b] = fma(weight, gained, s["e_in", b])
                     s["e_damp", b] = fma(weight, lost, s["e_damp", b])
         for j in group.each_contact() if r & {"work", "impulse"} else ():
-            force = _force(group, j).value(t)
-            if "impulse" in r:
-                s["impulse", j] = fma(weight, force, s["impulse", j])
-            if "work" in r:
-                s["work", j] = fma(weight, force * (_depth(group, j).rate.value(t) * per), s["work", j])
+            closed = s["mode", j] > OPEN
+            with when_any(closed):
+                force = where(closed, _force(group, j).value(t), 0.0)  # where all contacts are open, none has a series
+                if "impulse" in r:
+                    s["impulse", j] = fma(weight, force, s["impulse", j])
+                if "work" in r:
+                    s["work", j] = fma(weight, force * (_depth(group, j).rate.value(t) * per), s["work", j])
     if "links" in r:
         links.record(group, 1.0)
 

@@ -212,7 +212,7 @@ def _smooth_shear(group: Group, i: int, below: int | None, n: float, name: str) 
     return found + group.prop("geometric", i) * hysteresis.drift(group, i, below, name) if group.spec.p_delta else found
 
 
-def _borne(group: Group, i: Any, below: Any, name: str = "u") -> Any:
+def _borne(group: Group, i: Any, below: Any, name: Any = "u") -> Any:
     """Shear of a storey that bears what the weights above it push too."""
     pushed = group.prop("geometric", i) * hysteresis.drift(group, i, below, name)
     return hysteresis.shear(group, i, below, name) + pushed
