@@ -20,8 +20,8 @@ def storey_forces(group: Group, part: Part, x: Sequence[Any], y: Sequence[Any], 
         here = range(at, at + len(floors))
         if on_own_terms(group, floors):
             for i, p in zip(floors, here, strict=True):
-                moves = [_drift(group, i, values, p, at) for values in (x, y)]
-                forces.append(storey_force(group, b, i, *moves, constant))
+                drift, rate = (_drift(group, i, values, p, at) for values in (x, y))
+                forces.append(storey_force(group, b, i, drift, rate, constant))
             at += len(floors)
             continue
         w = [fma(group.prop("beta", b), y[p], x[p]) if len(floors) > 1 else x[p] for p in here]
