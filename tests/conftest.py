@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from contextlib import nullcontext
 from functools import cache as once
 
@@ -21,8 +22,8 @@ from stub_engine import installed
 from pounding_sweep.engine import cache, compile
 
 # kernels are compiled inside examples, on cores that other tests use too
-settings.register_profile("compiled", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("compiled")
+settings.register_profile("nightly", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("day", settings.get_profile("nightly"), max_examples=25)
 # the command line is made of its declarations once, not for every call of it
 typer.testing._get_command = once(typer.testing._get_command)
 
@@ -32,8 +33,9 @@ LONGEST = ("test_distributed", "test_faults", "test_properties", "test_limits", 
 
 
 def pytest_configure(config):
-    """Fail tests of the default run that ask for a kernel beyond those of `kernels_used`."""
+    """Fail tests of the default run that ask for a kernel beyond those of `kernels_used`; say how many examples."""
     counting.pytest_configure(config)
+    settings.load_profile("day" if "not slow" in config.option.markexpr else "nightly")
     ask = cache.get_kernel
 
     def get_kernel(shape):
@@ -73,6 +75,12 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.slow)
 
 
+def pytest_collection_finish():
+    """Have what was loaded by now left out of every later search for garbage."""
+    gc.collect()
+    gc.freeze()
+
+
 def _is_slow(parameters):
     method, law = parameters.get("method", "rk4"), parameters.get("law")
     if not parameters.get("locate", True):
@@ -85,7 +93,7 @@ def pytest_sessionstart(session):
     given = session.config.option
     whole = session.config.args_source is pytest.Config.ArgsSource.TESTPATHS and "not slow" in given.markexpr
     if whole and getattr(given, "numprocesses", None):
-        compile.prepare(kernels(), workers=2)
+        compile.prepare([kernel for kernel in kernels() if not cache.is_cached(kernel)], workers=2)
 
 
 @pytest.fixture(scope="session")

@@ -75,7 +75,7 @@ LEANING_YIELDS = ps.Scene(
     LEANING.gaps,
     LEANING.contact,
 )
-#: The row that leans, with storeys of Bouc and Wen.
+#: The row that leans, with storeys of Bouc and Wen; and the schemes that run it.
 SMOOTH = ps.Scene(
     [
         replace(LEANING.buildings[0], yield_strengths=[150.0, 90.0], hardening=0.1, bouc_wen=(1.0, 0.6, 0.3)),
@@ -84,6 +84,7 @@ SMOOTH = ps.Scene(
     [0.005],
     LEANING.contact,
 )
+SMOOTHING = ("rk4", "newmark")
 #: The pair with a dashpot, its roofs linked; and the schemes that run it.
 LINKED = ps.Scene(
     [replace(pair().buildings[0], dashpots=[300.0, 0.0]), pair().buildings[1]],
@@ -192,7 +193,7 @@ def kernels() -> tuple[KernelSpec, ...]:
         *swept(**YIELDING_SWEEP),
         kernel_shape(yielding_pair(), LAWS["none"], Numerics("rk4", 1e-3), reducers_for(["drift_max"]), varied=True),
         simulated("rk4", "kelvin_voigt", scene=LEANING_YIELDS),
-        *(simulated("rk4", law, scene=SMOOTH) for law in ("none", "linear")),
+        *(simulated(method, law, scene=SMOOTH) for method in SMOOTHING for law in ("none", "linear")),
         simulated("rk4", "linear", scene=ps.Scene([replace(b, p_delta=False) for b in SMOOTH.row], [0.005])),
         *(simulated(method, "kelvin_voigt", scene=LINKED) for method in LINKING),
         *(simulated(method, "kelvin_voigt", scene=FOUNDED) for method in FOUNDING),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from analysis_cubes import LAWS, hand_cube, random_fill
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
@@ -90,7 +90,6 @@ class TestFit:
         assert other.status == one.status
         np.testing.assert_allclose([other.median, other.dispersion], [factor * one.median, one.dispersion], rtol=1e-5)
 
-    @settings(max_examples=300)
     @given(st.lists(st.tuples(st.sampled_from([0.0, 0.5, 1.0, 2.0, 4.0]), st.booleans()), max_size=12))
     def test_never_a_nonsense_number(self, trials):
         """Whatever the trials: a fit with finite, sensible numbers, or a reason without any."""

@@ -8,7 +8,7 @@ import warnings
 import netCDF4
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, motions, row
 
@@ -148,7 +148,6 @@ def test_it_costs_less_than_its_share(n_gaps, accuracy):
     assert len(samples) >= (1 if n_gaps == 60 else 4)
 
 
-@settings(max_examples=40, deadline=None)
 @given(share=st.floats(0.0, 1.0), n=st.integers(0, 150), seed=st.integers(0, 2**31))
 def test_groups_are_drawn_fairly(share, n, seed):
     plan = plan_of(30, share, title=str(seed))

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from kernels_used import SMOOTH
+from kernels_used import SMOOTH, SMOOTHING
 from scipy.integrate import solve_ivp
 from test_kernels import motion
 
@@ -24,6 +24,7 @@ from pounding_sweep.spec.spec import scene_data, scene_of
 NOT_HERE = ("closing_max", "time_step", "error_estimate", "amplification")
 OUTPUTS = [name for name, each in VARIABLES.items() if name not in NOT_HERE and not each.of_columns]
 CONTACT = 8e5
+each_scheme = pytest.mark.parametrize("method", SMOOTHING)
 
 
 @lru_cache
@@ -92,51 +93,62 @@ def simulate(scene, points, scale, law="linear", **options):
 # -- against scipy -----------------------------------------------------------------------------------------------------
 
 
-def test_a_pounding_row_that_leans_moves_as_scipy_says():
-    got, want = simulate(SMOOTH, 126, 2.0, dt=1e-3), truth(SMOOTH, 126, 2.0)
+@pytest.mark.parametrize(("method", "dt", "near"), [("rk4", 1e-3, 1e-6), ("newmark", 2.5e-4, 4e-6)])
+def test_a_pounding_row_that_leans_moves_as_scipy_says(method, dt, near):
+    got, want = simulate(SMOOTH, 126, 2.0, dt=dt, method=method), truth(SMOOTH, 126, 2.0)
     assert int(got.status) == Status.OK
     assert int(got.impact_count.sum()) >= 3
     assert np.count_nonzero(got.ductility_max > 1.5) >= 3
     largest = np.abs(want["u"]).max()
-    np.testing.assert_allclose(got.displacement.values[::20].reshape(-1, 4), want["u"], atol=2e-6 * largest)
+    moved = got.displacement.values[:: round(0.02 / dt)].reshape(-1, 4)
+    np.testing.assert_allclose(moved, want["u"], atol=2.0 * near * largest)
     for name, values in (("drift_max", want["drift"]), ("storey_shear_max", want["shear"])):
         np.testing.assert_allclose(got[name].values.ravel(), values, rtol=1e-4, err_msg=name)  # scipy's are sampled
-        assert (got[name].values.ravel() > values * (1.0 - 2e-6)).all()
-    np.testing.assert_allclose(got.plastic_drift.values[-1].ravel(), want["plastic"], atol=2e-6 * largest)
-    np.testing.assert_allclose(got.hysteretic_energy.values, want["lost"], rtol=1e-6)
+        assert (got[name].values.ravel() > values * (1.0 - 2.0 * near)).all()
+    np.testing.assert_allclose(got.plastic_drift.values[-1].ravel(), want["plastic"], atol=2.0 * near * largest)
+    np.testing.assert_allclose(got.hysteretic_energy.values, want["lost"], rtol=near)
     np.testing.assert_allclose(got.impact_force_max.values.ravel(), want["force"], rtol=1e-2)
     assert np.isnan(got.residual_drift.values[0]).all()
 
 
-def test_order_of_convergence():
+@pytest.mark.parametrize(
+    ("method", "law", "longest", "low", "high"),
+    [("rk4", "none", 2e-2, 3.5, 5.5), ("newmark", "none", 1e-2, 1.7, 2.3), ("newmark", "linear", 1e-2, 1.7, 2.3)],
+)
+def test_order_of_convergence(method, law, longest, low, high):
     """Sub-steps end at kinks, so that the order is the scheme's."""
-    steps = [2e-2, 1e-2, 5e-3, 2.5e-3]
-    moved = [
-        simulate(SMOOTH, 151, 1.5, "none", dt=dt).displacement.values[:: round(0.02 / dt)] for dt in (*steps, 3.125e-4)
-    ]
-    total = [np.abs(each - moved[-1]).max() for each in moved[:-1]]
+    steps = [longest / n for n in (1, 2, 4, 8)]
+
+    def moved(method, dt):
+        return simulate(SMOOTH, 151, 1.5, law, dt=dt, method=method).displacement.values[:: round(0.02 / dt)]
+
+    total = [np.abs(moved(method, dt) - moved("rk4", 3.125e-4)).max() for dt in steps]
     slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
-    assert 3.5 < slope < 5.5, (slope, total)
+    assert low < slope < high, (slope, total)
 
 
-def test_energy_closes():
-    left = []
-    for dt in (1e-2, 5e-3, 2.5e-3):
-        one = simulate(SMOOTH, 151, 1.5, dt=dt)
+@pytest.mark.parametrize(
+    ("method", "longest", "order", "least"), [("rk4", 1e-2, 3.2, 1e-6), ("newmark", 2.5e-3, 1.7, 1e-5)]
+)
+def test_energy_closes(method, longest, order, least):
+    left, steps = [], [longest / n for n in (1, 2, 4)]
+    for dt in steps:
+        one = simulate(SMOOTH, 151, 1.5, dt=dt, method=method)
         left.append(float(one.energy_residual))
         own = one.input - one.damping - one.strain - one.kinetic - one.hysteretic - one.transfer
         assert np.abs(own).max() < 1e-9
         assert (np.diff(one.hysteretic.values, axis=0) >= -1e-12).all()
-    assert np.polyfit(np.log([1e-2, 5e-3, 2.5e-3]), np.log(left), 1)[0] > 3.2, left
-    assert left[-1] < 1e-6
+    assert np.polyfit(np.log(steps), np.log(left), 1)[0] > order, left
+    assert left[-1] < least
 
 
 # -- by closed forms ---------------------------------------------------------------------------------------------------
 
 
-def test_loading_for_the_first_time_follows_its_closed_form():
+@pytest.mark.parametrize(("method", "near"), [("rk4", 1e-8), ("newmark", 1e-5)])
+def test_loading_for_the_first_time_follows_its_closed_form(method, near):
     """n = 2, beta + gamma = 1: z = dy tanh(d / dy), at whatever speed."""
-    one = simulate(SMOOTH, 251, 1.5, "none", dt=1e-3)
+    one = simulate(SMOOTH, 251, 1.5, "none", dt=1e-3, method=method)
     d, p = (one[name].values[:, 1, 0] for name in ("storey_drift", "plastic_drift"))
     b = SMOOTH.buildings[1]
     assert b.bouc_wen == BoucWen(2.0)
@@ -144,7 +156,7 @@ def test_loading_for_the_first_time_follows_its_closed_form():
     way = np.sign(d[5])
     turned = int(np.argmax(np.diff(way * d[1:]) < 0.0)) + 1
     assert way * d[turned] > 0.3 * dy
-    np.testing.assert_allclose((d - p)[:turned], dy * np.tanh(d[:turned] / dy), atol=1e-8 * dy)
+    np.testing.assert_allclose((d - p)[:turned], dy * np.tanh(d[:turned] / dy), atol=near * dy)
 
 
 @pytest.mark.slow
@@ -160,8 +172,9 @@ def test_the_sharper_the_nearer_to_bilinear():
     assert far[2] < 0.02
 
 
-def lanes(scene, scales, law="none", dt=5e-3, twin=False, points=101):
-    kernel = RowKernel(scene, LAWS[law], Numerics("rk4", dt), reducers_for(OUTPUTS), history=not twin)
+def lanes(scene, scales, law="none", dt=5e-3, twin=False, points=101, method="rk4", precision="float64"):
+    numerics = Numerics(method, dt, precision=precision)
+    kernel = RowKernel(scene, LAWS[law], numerics, reducers_for(OUTPUTS), history=not twin)
     record, n = motion(points), len(scales)
     raw = kernel.run(
         record,
@@ -189,9 +202,10 @@ def test_a_bilinear_neighbour_moves_as_without_it():
     assert np.isfinite(both["residual_drift"][:, 1]).all()
 
 
-def test_the_other_way_is_the_mirror_image_to_the_last_bit():
+@each_scheme
+def test_the_other_way_is_the_mirror_image_to_the_last_bit(method):
     far = ps.Scene(SMOOTH.row, [1e3], SMOOTH.contact)
-    _, both = lanes(far, [1.5, -1.5], "linear")
+    _, both = lanes(far, [1.5, -1.5], "linear", method=method)
     for name, other, sign in (
         ("displacement_max", "displacement_min", -1.0),
         ("drift_max", "drift_max", 1.0),
@@ -201,26 +215,77 @@ def test_the_other_way_is_the_mirror_image_to_the_last_bit():
         assert np.array_equal(both[name][1], sign * both[other][0]), name
 
 
-def test_the_twin_in_python_runs_the_same_source():
-    compiled, twin = (lanes(SMOOTH, [1.5], "linear", twin=twin, points=26)[0] for twin in (False, True))
+@each_scheme
+def test_a_lane_does_not_know_its_neighbours(method):
+    """Others ask for more rounds, or shorter steps."""
+    together = lanes(SMOOTH, [1.5, 0.1, 3.0], "linear", method=method)[0]
+    alone = lanes(SMOOTH, [1.5], "linear", method=method)[0]
+    for name in ("drift", "travel", "shear", "acc", "e_in", "flags"):
+        assert np.array_equal(together[name][:1], alone[name]), name
+
+
+@each_scheme
+def test_the_twin_in_python_runs_the_same_source(method):
+    compiled, twin = (lanes(SMOOTH, [1.5], "linear", twin=on, points=26, method=method)[0] for on in (False, True))
     for name in ("drift", "travel", "shear", "acc", "e_in"):
         np.testing.assert_allclose(compiled[name], twin[name], rtol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize("factor", [1e-6, 1e-3, 1.0, 1e3, 1e9])
-def test_strengths_from_hardly_any_to_never(factor):
+@pytest.mark.parametrize("method", ["rk4", pytest.param("newmark", marks=pytest.mark.slow)])
+def test_strengths_from_hardly_any_to_never(method, factor):
     """Where it yields too much within a step even for sub-steps, it says so."""
     row = [replace(b, yield_strengths=[factor * v for v in b.yield_strengths], p_delta=False) for b in SMOOTH.row]
-    _, one = lanes(ps.Scene(row, [1e3], SMOOTH.contact), [1.0], "linear", dt=5e-3)
+    _, one = lanes(ps.Scene(row, [1e3], SMOOTH.contact), [1.0], "linear", method=method)
     if factor < 1e-4:
-        assert one["status"].tolist() == [Status.DIVERGED]
+        said = {"rk4": Status.DIVERGED, "newmark": Status.UNDER_RESOLVED_CONTACT}
+        assert one["status"].tolist() == [said[method]]
         return
     assert one["status"].tolist() == [Status.OK]
     assert (one["energy_residual"] < 1e-3).all()
     if factor >= 1e3:
         elastic = ps.Scene([replace(b, yield_strengths=None, bouc_wen=None, hardening=0.0) for b in row], [1e3])
-        want = lanes(elastic, [1.0], twin=True)[1]
-        np.testing.assert_allclose(one["drift_max"], want["drift_max"], rtol=2.0 / factor if factor < 1e6 else 1e-6)
+        want = lanes(elastic, [1.0], twin=True, method=method)[1]
+        near = {"rk4": 1e-6, "newmark": 1e-4}[method]  # its steps are cut at kinks, small as they are
+        np.testing.assert_allclose(one["drift_max"], want["drift_max"], rtol=max(2.0 / factor, near))
+
+
+@pytest.mark.slow
+@each_scheme
+def test_single_precision_finds_its_kinks(method):
+    """Rounding moves a kink by more than in double precision: it must not be looked for without end."""
+    scales = np.linspace(-2.0, 2.0, 33)
+    raw, one = lanes(SMOOTH, scales, "linear", dt=2e-3, method=method, precision="float32")
+    want = lanes(SMOOTH, scales, "linear", dt=2e-3, method=method)[1]
+    assert (raw["flags"] == 0.0).all()
+    np.testing.assert_allclose(one["drift_max"], want["drift_max"], rtol=3e-3, atol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["links", "foundation", "beside bilinear", "one storey of two", "stereomechanical"])
+def test_newmark_has_its_order_whatever_stands_beside(kind):
+    a, b = SMOOTH.buildings
+    base = ps.Foundation(mass=70.0, inertia=500.0, sway_stiffness=2.5e5, rocking_stiffness=6e6, sway_damping=900.0)
+    row, more = {
+        "links": ([a, b], {"links": [ps.Link("a-b", [2], 2e3, 30.0)]}),
+        "foundation": ([replace(a, foundation=base, p_delta=False), replace(b, p_delta=False)], {}),
+        "beside bilinear": ([a, replace(b, bouc_wen=None)], {}),
+        "one storey of two": ([replace(a, yield_strengths=[150.0, float("inf")]), b], {}),
+    }.get(kind, ([a, b], {}))
+    scene, steps = ps.Scene(row, SMOOTH.gaps, SMOOTH.contact, **more), [4e-3, 2e-3, 1e-3, 5e-4]
+    law = kind if kind in LAWS else "linear"
+    options = {"law": law, "stiffness": None if law == kind else CONTACT}
+    record = motion(101, 1.5)
+
+    def moved(method, dt):
+        one = ps.simulate(scene, record, method=method, dt=dt, **options)
+        assert int(one.impact_count.sum()) >= 2
+        return one.displacement.values[:: round(0.02 / dt)]
+
+    want = moved("rk4", 2.5e-4)
+    total = [np.nanmax(np.abs(moved("newmark", dt) - want)) for dt in steps]
+    slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
+    assert 1.7 < slope < 2.3, (slope, total)
 
 
 # -- what is compiled, stored and refused ------------------------------------------------------------------------------
@@ -260,7 +325,7 @@ def test_bad_buildings_are_refused(given, message):
         ps.Building("a", [120.0, 90.0], [1.5e5, 1.2e5], **({"yield_strengths": [10.0, 10.0]} | given))
 
 
-@pytest.mark.parametrize("method", ["newmark", "exact", "central_difference"])
+@pytest.mark.parametrize("method", ["exact", "central_difference"])
 def test_other_schemes_are_refused(method):
     with pytest.raises(SweepError, match=rf"method: '{method}' does not follow (storeys of Bouc and Wen|storeys that)"):
         ps.Sweep(SMOOTH, motion(11), "linear", method=method)

@@ -82,7 +82,9 @@ def test_one_scenario_with_its_histories(tmp_path):
     assert [row["median"] for row in shares] == touched.values.tolist()
 
 
-@pytest.mark.parametrize("key", ["amplification", "laws", "impacts", "fragility"])
+@pytest.mark.parametrize(
+    "key", ["amplification", "impacts", *(pytest.param(key, marks=pytest.mark.slow) for key in ("laws", "fragility"))]
+)
 def test_one_comparison_prints_the_rows_of_its_result(cube_file, key):
     result = run(cube_file, "--what", key, "--json")
     assert result.exit_code == 0, result.stderr

@@ -15,7 +15,7 @@ import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pounding_sweep.base import files
@@ -224,7 +224,6 @@ class TestScatter:
         with pytest.raises(InputError, match="6 contacts"):
             scatter_contact(values, UNEQUAL)
 
-    @settings(max_examples=60, deadline=None)
     @given(
         heights=st.lists(st.tuples(st.integers(1, 5), st.sampled_from([2.5, 3.0, 5.0])), min_size=1, max_size=4),
         walls=st.tuples(st.booleans(), st.booleans()),

@@ -336,7 +336,7 @@ def _small_files():
     resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))
 
 
-@pytest.mark.parametrize("ending", NEEDS)
+@pytest.mark.parametrize("ending", [pytest.param(e, marks=pytest.mark.slow) if e != ".csv" else e for e in NEEDS])
 def test_command_on_a_disk_that_takes_no_more(cube, tmp_path, ending):
     pytest.importorskip(NEEDS[ending])
     source = write_cube(cube.load(), tmp_path / "source.nc")

@@ -625,7 +625,10 @@ def test_an_earlier_cube_is_known_wherever_it_stands(whole, earlier, tmp_path):
     assert finished(whole, sweep(), new, extend=moved.rename(earlier[0]))[2] == 32
 
 
-@pytest.mark.parametrize("damage", ["removed", "[]", "{}", '{"file": "old.nc"}', "\x00"])
+@pytest.mark.parametrize(
+    "damage",
+    ["removed", '{"file": "old.nc"}', *(pytest.param(d, marks=pytest.mark.slow) for d in ("[]", "{}", "\x00"))],
+)
 def test_a_file_on_an_earlier_cube_that_is_damaged(whole, earlier, tmp_path, damage):
     """Results are as good as ever, nothing is said of where they are from."""
     interrupted(sweep(), tmp_path / "new.nc", 20, extend=earlier[0])

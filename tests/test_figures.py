@@ -112,7 +112,7 @@ def test_comparisons_need_something_to_compare():
 
 def test_laws_that_a_figure_needs():
     """Of laws with contact, and of the runs without pounding: what is not lacking can be drawn."""
-    whole = made.cube(scale=2)
+    whole = made.cube(scale=2, restitution=1, gap=2)
     none = (whole["law"] == "none").values
     for cube, needs in ((whole.isel(law=~none), NO_CONTACT), (whole.isel(law=none), CONTACT)):
         assert any(needs in lacking for lacking in FIGURES["amplification"].lacks(cube))
@@ -125,7 +125,14 @@ def test_laws_that_a_figure_needs():
     assert "drift" in drawn.axes[0].get_ylabel() + str(drawn.get_supylabel())
 
 
-@pytest.mark.parametrize("key", [key for key, item in COMPARISONS.items() if item.figure])
+@pytest.mark.parametrize(
+    "key",
+    [
+        key if key in ("amplification", "required-gap") else pytest.param(key, marks=pytest.mark.slow)
+        for key, item in COMPARISONS.items()
+        if item.figure
+    ],
+)
 def test_figures_of_comparisons_take_a_cube_or_what_was_made_of_it(key):
     design = FIGURES[COMPARISONS[key].figure].source == "design"
     cube = made.design() if design else made.cube(right_wall=True, record=3, scale=3)
@@ -191,7 +198,7 @@ def test_force_gap_shows_the_largest_of_all_storeys():
 @pytest.mark.parametrize("key", [key for key, kind in FIGURES.items() if kind.source == "cube"])
 def test_panels_show_all_of_their_lines(key):
     """Panels share axes, and the values of the last one are the largest."""
-    cube = made.cube(right_wall=True, record=4, scale=5)
+    cube = made.cube(right_wall=True, record=2, scale=3)
     for dim in ("pair", "building"):
         growing = xr.DataArray(10.0 ** np.arange(cube.sizes[dim]), dims=dim)
         cube = cube.assign({name: v * growing for name, v in cube.data_vars.items() if dim in v.dims})

@@ -24,7 +24,7 @@ import pytest
 import xarray as xr
 from analysis_cubes import LAWS, hand_cube, random_fill
 from fuzz import TEXT_FAULTS, damaged, not_hanging
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from record_files import knet
 from scenes import AXES, motions, row
@@ -123,7 +123,6 @@ def test_damaged_sweep_files(counts, tmp_path, count, seed):
     damage_all("sweep files", counts, tmp_path, sources, check_sweep, count, seed + 1)
 
 
-@settings(max_examples=80)
 @given(data=st.one_of(st.binary(max_size=300), st.text(max_size=200).map(lambda text: text.encode("utf-8", "ignore"))))
 def test_any_bytes_as_a_record_or_a_sweep(data, tmp_path_factory):
     path = tmp_path_factory.getbasetemp() / "any.txt"
@@ -164,7 +163,6 @@ def toml(value):
     return json.dumps(value, ensure_ascii=False)
 
 
-@settings(max_examples=80)
 @given(changes=st.dictionaries(keys, values, min_size=1, max_size=3))
 def test_any_values_in_a_sweep_file(changes, tmp_path_factory):
     """Valid TOML of the wrong types, anywhere."""
@@ -235,7 +233,10 @@ def test_text_of_files_is_never_run(tmp_path):
     banned = {"eval", "exec", "pickle", "marshal", "shelve", "dill", "cloudpickle"}
     found = []
     for file in ROOT.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+        source = file.read_text("utf-8")
+        if not re.search(rf"\b({'|'.join(banned)}|allow_pickle)\b", source):
+            continue
+        for node in ast.walk(ast.parse(source)):
             called = node.func.id if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) else None
             names = [alias.name for alias in node.names] if isinstance(node, (ast.Import, ast.ImportFrom)) else []
             allowed = isinstance(node, ast.keyword) and node.arg == "allow_pickle" and node.value.value is not False
@@ -349,7 +350,7 @@ def test_exports_side_by_side_leave_dask_as_it_is(tmp_path):
     pytest.importorskip("zarr")
     path, before = write_cube(small_cube(), tmp_path / "cube.nc"), dask.config.get("scheduler", None)
     with open_cube(path) as cube, ThreadPoolExecutor(2) as pool:
-        for turn in range(6):
+        for turn in range(2):
             list(pool.map(lambda i, turn=turn: export_cube(cube, tmp_path / f"{turn}-{i}.zarr"), range(2)))
     assert dask.config.get("scheduler", None) == before
 
@@ -408,6 +409,7 @@ fork()
 """
 
 
+@pytest.mark.slow
 def test_the_lock_is_free_in_a_child_process(tmp_path):
     path = write_cube(small_cube(), tmp_path / "cube.nc")
     subprocess.run([sys.executable, "-W", "ignore", "-c", FORKED, path], check=True, timeout=120)
@@ -655,6 +657,7 @@ for _ in range(1500):
 """
 
 
+@pytest.mark.slow
 def test_any_program_may_have_a_cube_open_several_times(tmp_path):
     """The library crashed at texts of any length (HDF5, issue 5359)."""
     path = write_cube(small_cube(), tmp_path / "cube.nc")

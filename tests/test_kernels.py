@@ -94,7 +94,7 @@ def twins(scene):
 
 
 @lru_cache
-def truth(row, law, points, scale=1.0, e=0.6, rtol=1e-10):
+def truth(row, law, points, scale=1.0, e=0.6, rtol=1e-11):
     scene, record = ROWS[row], motion(points, scale)
     found = run(
         twins(scene), list(scene.gaps), record.acceleration, record.dt, law, stiffness_of(law, row), e, rtol=rtol
@@ -200,9 +200,9 @@ RK4_BOUND = dict.fromkeys(LAWS, 8e-6) | {"modified_kelvin_voigt": 2e-5}
 SECOND_ORDER_BOUND = 1.5e-3
 
 
-def check(row, law, points, scale, method, dt, bound, touched=True):
+def check(row, law, points, scale, method, dt, bound, touched=True, rtol=1e-11):
     got = simulate(row, law, points, scale, method=method, dt=dt)
-    want = truth(row, law, points, scale)
+    want = truth(row, law, points, scale, rtol=rtol)
     assert int(got.status) == Status.OK
     counts = [int(c) for pair in want["impact_count"] for c in pair]
     assert sum(counts) >= 3 or not touched
@@ -214,35 +214,35 @@ def check(row, law, points, scale, method, dt, bound, touched=True):
 
 @pytest.mark.parametrize("law", list(LAWS))
 def test_rk4_equals_the_twin_for_every_law(law):
-    check("pair", law, 126, 1.5, "rk4", 5e-4, RK4_BOUND[law], touched=law != "none")
+    check("pair", law, 76, 1.5, "rk4", 5e-4, RK4_BOUND[law], touched=law != "none")
 
 
 @pytest.mark.parametrize("law", list(LAWS))
 @pytest.mark.parametrize("method", [method for method in SCHEMES if method != "rk4"])  # laws of a kind: see `test_laws`
 def test_every_other_scheme_equals_the_twin(method, law):
     dt, bound = (5e-4, RK4_BOUND[law]) if SCHEMES[method].order == 4 else (2e-4, SECOND_ORDER_BOUND)
-    check("pair", law, 126, 1.5, method, dt, bound, touched=law != "none")
+    check("pair", law, 76, 1.5, method, dt, bound, touched=law != "none")
 
 
 OTHER_ROWS = [
-    ("tall", "kelvin_voigt", 76, "rk4", 5e-4, 1e-5),
+    ("tall", "kelvin_voigt", 31, "rk4", 5e-4, 1e-5),
     ("paper", "linear", 251, "rk4", 5e-4, 1e-5),
     pytest.param("paper", "hertz_damped", 251, "rk4", 5e-4, 1e-5, marks=pytest.mark.slow),
     pytest.param("uneven", "kelvin_voigt", 101, "rk4", 5e-4, 1e-5, marks=pytest.mark.slow),
     pytest.param("four", "hertz_damped", 101, "rk4", 5e-4, 1e-5, marks=pytest.mark.slow),
     pytest.param("paper", "hertz_damped", 251, "newmark", 2e-4, 2e-3, marks=pytest.mark.slow),
-    ("tall", "linear", 76, "rk4", 5e-4, 1e-5),
-    ("tall", "linear", 76, "newmark", 2e-4, 2e-3),
-    ("tall", "linear", 76, "exact", 5e-4, 1e-5),
+    ("tall", "linear", 31, "rk4", 5e-4, 1e-5),
+    ("tall", "linear", 31, "newmark", 2e-4, 2e-3),
+    ("tall", "linear", 31, "exact", 5e-4, 1e-5),
     pytest.param("four", "kelvin_voigt", 101, "exact", 5e-4, 1e-5, marks=pytest.mark.slow),
-    pytest.param("tall", "hysteretic", 76, "rk4", 5e-4, 1e-5, marks=pytest.mark.slow),
+    pytest.param("tall", "hysteretic", 31, "rk4", 5e-4, 1e-5, marks=pytest.mark.slow),
     ("paper", "hysteretic", 251, "newmark", 2e-4, 2e-3),
 ]
 
 
 @pytest.mark.parametrize(("row", "law", "points", "method", "dt", "bound"), OTHER_ROWS)
 def test_other_rows_equal_the_twin(row, law, points, method, dt, bound):
-    check(row, law, points, 1.0, method, dt, bound)
+    check(row, law, points, 3.0 if row == "tall" else 1.0, method, dt, bound, rtol=1e-9)
 
 
 @pytest.mark.slow
@@ -298,7 +298,7 @@ def test_what_happens_at_instants_needs_them_located(key):
 
 
 def slope(law, method, steps, locate=True):
-    want = truth("pair", law, 76, 1.5, rtol=1e-11)
+    want = truth("pair", law, 76, 1.5, rtol=1e-11)  # that of `check`
     total = []
     for dt in steps:
         found = errors(simulate("pair", law, 76, 1.5, method=method, dt=dt, locate=locate), want, PAIR)

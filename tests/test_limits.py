@@ -150,6 +150,7 @@ while entered < 20:
 """
 
 
+@pytest.mark.slow
 def test_one_at_a_time(tmp_path):
     racers = [
         subprocess.Popen([sys.executable, "-c", RACER, tmp_path / "parts", tmp_path / "in"], stderr=subprocess.PIPE)

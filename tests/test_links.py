@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import LINKED, LINKING
 from naive import NaiveBuilding, run
@@ -130,11 +130,11 @@ def test_two_masses_on_a_link_by_hand():
 def test_every_variable_equals_the_twins(method, bound):
     dt = {"rk4": 5e-4, "newmark": 1e-3}[method]
     got, want = (
-        simulate(LINKED, "kelvin_voigt", 151, 1.5, method=method, dt=dt),
-        truth(LINKED, "kelvin_voigt", 151, 1.5),
+        simulate(LINKED, "kelvin_voigt", 101, 1.5, method=method, dt=dt),
+        truth(LINKED, "kelvin_voigt", 101, 1.5),
     )
     assert int(got.status) == Status.OK
-    assert sum(int(count) for each in want["impact_count"] for count in each) > 10
+    assert sum(int(count) for each in want["impact_count"] for count in each) > 5
     found = all_errors(got, want, LINKED)
     assert max(found.values()) < 4.0 * bound, found
     moved = got.displacement.values[:: round(0.02 / dt)]
@@ -290,7 +290,6 @@ def radius(method, h, m, c, k):
     return np.abs(np.linalg.eigvals(step)).max()
 
 
-@settings(max_examples=60)
 @given(
     st.lists(st.floats(0.0, 1e5), min_size=4, max_size=4),
     st.floats(0.0, 1e6),

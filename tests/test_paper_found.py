@@ -247,6 +247,7 @@ def test_damping_has_its_ratio_in_its_modes(title):
         assert a == pytest.approx(0.0, abs=1e-6) or kind != "stiffness"
 
 
+@pytest.mark.slow
 def test_the_plain_program_solves_the_equations_of_motion():
     """At tight tolerances and dense output it agrees with the tests' own solver; as it was it does not, by percents."""
     left, right = ([100.0, 80.0], [9e4, 9e4]), ([120.0, 90.0], [4e4, 4e4])

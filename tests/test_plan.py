@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scenes import OUTPUTS, motions, row
 
@@ -239,7 +239,6 @@ def closings(draw):
     return scene, cases, np.array((found * 2)[: len(scene.contacts)])
 
 
-@settings(max_examples=60, deadline=None)
 @given(closings())
 def test_never_touching_by_hand(drawn):
     scene, gaps, displacement = drawn
@@ -283,7 +282,6 @@ def check_plan(plan, asked):
     assert [rows[i] for i in plan.inverse] == asked
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     laws=st.lists(
         st.sampled_from(["none", "linear", "hertz", "kelvin_voigt", "hertz_damped", "modified_kelvin"]),
@@ -317,7 +315,6 @@ def test_every_asked_scenario_of_a_product_has_its_row(laws, gaps, factors, rest
     check_plan(make_plan(spec), asked)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.lists(
         st.tuples(

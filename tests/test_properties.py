@@ -11,7 +11,7 @@ import tracemalloc
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scenes import EVERY, OUTPUTS, motions, pair, row
 
@@ -385,7 +385,6 @@ def test_neighbours_in_a_lane_are_those_most_alike():
     assert many_gaps.unique.gaps[:, 0].tolist() == [0.01, 0.02, 0.03] * 2
 
 
-@settings(max_examples=25, deadline=None)
 @given(
     st.lists(st.sampled_from([0.5, 0.8, 1.0, 2.0]), min_size=1, max_size=3, unique=True),
     st.lists(st.sampled_from([0.5, 1.0, 3.0]), min_size=1, max_size=3, unique=True),

@@ -72,7 +72,7 @@ def test_at2_header_units(tmp_path, unit, factor):
     assert record.pga == pytest.approx(0.5 * factor, rel=1e-7)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     values=st.lists(
         st.floats(-9.0, 9.0, allow_subnormal=False).map(lambda x: x if abs(x) > 1e-30 else 0.0), min_size=1

@@ -103,7 +103,6 @@ def test_an_independent_integration_rebounds_as_the_relations_say(law, e):
 
 
 @pytest.mark.parametrize("law", DAMPED)
-@settings(deadline=None, max_examples=60)
 @given(share=st.floats(0.0, 1.0, exclude_max=True))
 def test_there_and_back(law, share):
     e = smallest(law) + share * (1.0 - smallest(law))
@@ -114,7 +113,6 @@ def test_there_and_back(law, share):
     assert e_of(law, number) == pytest.approx(e, rel=1e-12)
 
 
-@settings(deadline=None, max_examples=60)
 @given(e=st.floats(0.04, 1.0, exclude_max=True))
 def test_damping_of_both_phases_is_exact_to_its_last_digits(e):
     """One Newton step in 80 digits from the number that was found moves it by less than 1e-12."""
@@ -130,7 +128,6 @@ def test_damping_of_both_phases_towards_zero():
     np.testing.assert_allclose(realised_number(get_law("hertz_damped"), e) * e, 1.0, rtol=4e-16)
 
 
-@settings(deadline=None, max_examples=60)
 @given(e=st.floats(1e-6, 1.0, exclude_max=True))
 def test_damping_of_approach_is_exact_to_its_last_digits(e):
     exact, found = Decimal(e), Decimal(float(realised_number(get_law("modified_kelvin_voigt"), e)))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scenes import row
 from scipy.linalg import expm
@@ -177,7 +177,6 @@ def rows(draw, spread=10.0):
     return Scene(items, gaps=[0.01] * (len(items) - 1))
 
 
-@settings(max_examples=300, deadline=None)
 @given(limited, rows(), viscous, stiff, st.sampled_from([0.0, 0.3, 0.6, 0.9, 1.0]))
 def test_no_step_within_the_limit_grows(scheme, scene, law, k, e):
     limit, system = limit_of(scheme, scene, law, k, e), closed_system(scene, law, k, e)
@@ -198,7 +197,6 @@ def test_the_limit_of_overdamped_contacts_beside_a_stiff_building(scheme):
             assert growth(scheme, closed_system(scene, get_law(key), 1e6, e), limit * (1.0 - 1e-6)) <= 1.0 + 1e-8
 
 
-@settings(max_examples=100, deadline=None)
 @given(limited, rows(spread=1.5), viscous, stiff, st.sampled_from([0.6, 0.9, 1.0]))
 def test_the_limit_is_within_a_factor_of_two(scheme, scene, law, k, e):
     limit, system = limit_of(scheme, scene, law, k, e), closed_system(scene, law, k, e)

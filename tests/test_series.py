@@ -101,6 +101,8 @@ def test_a_force_that_ends_and_returns_within_a_step():
 def test_rough_powers_have_six_figures(exponent):
     x = np.geomspace(1e-20, 1e20, 4001)
     np.testing.assert_allclose(roughly_power(x, exponent), x**exponent, rtol=3e-6)
+    if exponent > 0.0:
+        assert (roughly_power(np.zeros(8), 12.0 * exponent + 1.0) < 1e-30).all()
 
 
 @pytest.mark.parametrize("order", [3, 8, 13])

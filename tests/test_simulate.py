@@ -110,6 +110,7 @@ def test_peaks_are_those_of_the_histories():
 def test_an_output_step_is_the_time_between_instants():
     """Longer than the step it leaves instants out, and changes nothing; shorter, the run takes steps as short."""
     whole, thin, fine = (shake("hertz_damped", dt=1e-3, output_step=s) for s in (None, 4.5e-3, 2.5e-4))
+    whole.attrs["history"] = thin.attrs["history"]  # made a moment apart
     xr.testing.assert_identical(thin.isel(time=slice(1, None)), whole.isel(time=slice(4, None, 4)))
     np.testing.assert_allclose(np.diff(fine.time), 2.5e-4)
     assert fine.attrs["time_step"] == pytest.approx(2.5e-4)
@@ -120,7 +121,7 @@ def test_an_output_step_is_the_time_between_instants():
             shake("linear", output_step=bad)
 
 
-@pytest.mark.parametrize("law", ["kelvin_voigt", "hertz_damped"])
+@pytest.mark.parametrize("law", ["kelvin_voigt", pytest.param("hertz_damped", marks=pytest.mark.slow)])
 def test_histories_equal_the_twin_at_the_records_points(law):
     k = 8e5 if law == "kelvin_voigt" else 7.5e6
     got = shake(law, k=k, dt=5e-4).isel(time=slice(None, None, 40))
@@ -361,7 +362,7 @@ RANDOM = settings(
         [(law, method) for method, laws in SIMULATED.items() for law in sorted(laws & set(CONTACT_LAWS))]
     ),
 )
-@settings(RANDOM, max_examples=25)
+@settings(RANDOM)
 def test_random_scenes_obey_mechanics(scene, factor, e, record, law_and_method):
     law, method = law_and_method
     k = factor * (8e5 if LAWS[law].exponent == 1.0 else 7.5e6)
@@ -391,7 +392,7 @@ def test_random_scenes_obey_mechanics(scene, factor, e, record, law_and_method):
     record=records,
     law=st.sampled_from(sorted(SIMULATED["rk4"])),
 )
-@settings(RANDOM, max_examples=4)
+@settings(RANDOM, max_examples=2)
 def test_random_scenes_equal_the_twin(scene, factor, e, record, law):
     k = factor * (8e5 if LAWS[law].exponent == 1.0 else 7.5e6)
     got = shake(law, scene, record, k=k, e=e, dt=2.5e-4)

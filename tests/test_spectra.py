@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.signal import lsim
@@ -76,7 +76,6 @@ def promised(damping, pseudo, total, ground):
 # -- against independent solutions -------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40)
 @given(
     values=st.lists(st.floats(-5.0, 5.0), min_size=2, max_size=30),
     dt=st.sampled_from([0.002, 0.01, 0.02, 0.5]),
@@ -214,6 +213,7 @@ def test_a_damaged_cache_is_compiled_and_kept_anew(tmp_path):
     assert all(any(path.read_bytes()) for path in found)  # compiled once, and kept again
 
 
+@pytest.mark.slow
 def test_where_no_cache_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):
     import numba.core.caching
 

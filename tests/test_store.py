@@ -10,7 +10,7 @@ import tempfile
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -70,7 +70,6 @@ FIELDS = st.lists(
 )
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.data(), FIELDS, st.booleans())
 def test_any_numbers_come_back_bit_for_bit(data, fields, align):
     kind = np.dtype(fields, align=align)

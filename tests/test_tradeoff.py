@@ -444,7 +444,7 @@ def test_the_table_has_a_row_per_configuration(trade):
     assert marked
 
 
-@pytest.mark.parametrize("suffix", ["png", "svg"])
+@pytest.mark.parametrize("suffix", [pytest.param("png", marks=pytest.mark.slow), "svg"])
 def test_the_figure_is_drawn(trade, tmp_path, suffix):
     path = plot(trade, "work-precision", tmp_path / f"trade.{suffix}")
     assert path.stat().st_size > 5_000

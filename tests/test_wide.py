@@ -67,7 +67,7 @@ def same(text, value):
     return (text == "" and math.isnan(value)) or (text != "" and float(text) == value)
 
 
-@pytest.mark.parametrize("at_a_time", [300, 10**6])
+@pytest.mark.parametrize("at_a_time", [300, pytest.param(10**6, marks=pytest.mark.slow)])
 def test_one_row_for_each_scenario(cube, tmp_path, monkeypatch, at_a_time):
     monkeypatch.setattr(tidy, "ROWS_AT_A_TIME", at_a_time)
     rows = read(export_cube(cube, tmp_path / "t.csv", table=True))

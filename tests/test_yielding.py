@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from kernels_used import YIELDING, YIELDING_SWEEP
 from naive import run
-from scenes import EVERY, motions, pair, yielding_pair
+from scenes import EVERY, motions, pair, run_in_any_company, yielding_pair
 from test_kernels import errors, motion, twins
 
 import pounding_sweep as ps
@@ -60,9 +60,9 @@ def simulate(scene, law, points, scale, **options):
     ("method", "dt", "bound"), [("rk4", 5e-4, 2e-5), ("exact", 5e-4, 1e-6), ("newmark", 2e-4, 3e-3)]
 )
 def test_every_variable_equals_the_twins(method, dt, bound):
-    got, want = simulate(PAIR, "kelvin_voigt", 151, 1.5, method=method, dt=dt), truth(PAIR, "kelvin_voigt", 151, 1.5)
+    got, want = simulate(PAIR, "kelvin_voigt", 101, 1.5, method=method, dt=dt), truth(PAIR, "kelvin_voigt", 101, 1.5)
     assert int(got.status) == Status.OK
-    assert sum(int(count) for each in want["impact_count"] for count in each) >= 5
+    assert sum(int(count) for each in want["impact_count"] for count in each) >= 4
     assert set(OUTPUTS) <= set(got.data_vars)
     assert np.count_nonzero(got.ductility_max > 1.5) == 3
     found = errors(got, want, PAIR)
@@ -267,17 +267,8 @@ def test_elastic_storeys_move_as_the_elastic_row_about_what_they_are_set_to():
 @pytest.mark.parametrize("precision", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
 def test_flown_scenarios_do_not_depend_on_order_and_neighbours(precision):
     kernel, record, given = flying(precision=precision), motion(151), some_scenarios()
-    found = kernel.run(record, **given)
-    assert found["count"].sum() > 50
+    found = run_in_any_company(kernel, record, given)
     assert 10 < np.count_nonzero(found["travel"].sum(axis=1)) < 70
-    order = np.random.default_rng(1).permutation(70)
-    turned = kernel.run(record, **{name: values[order] for name, values in given.items()})
-    for name, values in found.items():
-        np.testing.assert_array_equal(turned[name], values[order], err_msg=name)
-    for part in (slice(0, 1), slice(5, 22), slice(30, 31)):
-        some = kernel.run(record, **{name: values[part] for name, values in given.items()})
-        for name, values in found.items():
-            np.testing.assert_array_equal(some[name], values[part], err_msg=name)
 
 
 @pytest.mark.parametrize("law", ["kelvin_voigt_tension", "modified_kelvin_voigt"])

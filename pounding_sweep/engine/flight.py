@@ -27,6 +27,7 @@ import numpy as np
 
 from pounding_sweep.engine.kernel import MARGIN
 from pounding_sweep.kernel.flight import ACCELERATION, STATE, TO_FLOORS, TO_MODES, WIDE, Layout
+from pounding_sweep.kernel.flight_blocks import BUNDLE
 from pounding_sweep.kernel.flight_energies import nodes
 from pounding_sweep.model.coupled_modes import CoupledModes, coupled_modes
 from pounding_sweep.model.variants import Variants
@@ -71,12 +72,33 @@ class _Modes:
             added += [-(h**2) * f1, -h * (f0 - damping * f1)]
         return over, np.stack(added) * self.participation
 
+    def compact(self) -> tuple[_Modes, Callable[[dict[str, np.ndarray], list[str]], np.ndarray]]:
+        """Return modes that are the same in all variants once, in one row with all others, and what spreads values."""
+        shape = self.w.shape
+        given = [np.broadcast_to(each, shape) for each in (self.w, self.c, self.participation, self.first_mass)]
+        varies = np.any([(each[1:] != each[:1]).any(axis=0) for each in (self.w, self.c, self.participation)], axis=0)
+
+        def spread(found: dict[str, np.ndarray], names: list[str]) -> np.ndarray:
+            """Return values of those names of all modes, shape (names, variants, modes)."""
+            values, each = np.empty((len(names), *shape)), np.concatenate([found[name] for name in names])
+            many = shape[0] * int(varies.sum())
+            values[:, :, varies] = each[:, :many].reshape(len(names), shape[0], -1)
+            values[:, :, ~varies] = each[:, None, many:]
+            return values
+
+        return _Modes(*(np.concatenate([x[:, varies].ravel(), x[0, ~varies]])[None] for x in given)), spread
+
+
+def room_for_tables(layout: Layout, stops: int, count: int, precision: str) -> np.ndarray:
+    """Room for the tables of flight of so many rows of buildings, until the thread's next call."""
+    return _room(count * int(layout.size(stops)), precision, precision)
+
 
 def flight_tables(layout: Layout, stops: int, fixed: np.ndarray, stay: bool = False) -> np.ndarray:
     """Return tables of flight over so many points or blocks, with all that a kernel does not fill in itself."""
     # those that do not `stay` stand until the thread's next call
     precision, numbers = str(fixed.dtype), len(fixed) * int(layout.size(stops))
-    tables = np.empty(numbers, precision) if stay else _room(numbers, precision, precision)
+    tables = np.empty(numbers, precision) if stay else room_for_tables(layout, stops, len(fixed), precision)
     tables.reshape(len(fixed), -1)[:, : layout.given] = fixed
     return tables
 
@@ -96,20 +118,28 @@ def keep_tables(fixed: np.ndarray, tables: np.ndarray) -> None:
 
 
 def fixed_tables(
-    layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str, substeps: int = 1
+    layout: Layout,
+    row: Variants,
+    ground: np.ndarray,
+    h: float,
+    precision: str,
+    substeps: int = 1,
+    room: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what of the tables of all variants holds at any time, and what a kernel fills the others from."""
-    # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`
+    # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`;
+    # `room`: of whole tables, which the first lie in then
     scene, n, count, q = row.scene, layout.modes, len(row), len(layout.watched)
     coupled = coupled_modes(row, precision) if layout.coupled else None
     modes, floors = _modes(row) if coupled is None else (_Modes(coupled.w, coupled.c, coupled.push), None)
-    tables = np.zeros((count, layout.given), precision)
+    tables = np.empty((count, layout.given), precision) if room is None else room.reshape(count, -1)[:, : layout.given]
+    tables[:] = 0.0
 
-    def put(name: str, values: np.ndarray) -> None:
+    def put(name: str, values: np.ndarray, times: np.ndarray | float = 1.0) -> None:
         """Put in values of shape (variants or 1, ..., columns), padded to the width of the table."""
         at = layout.first[name]
         where = tables[:, at : at + layout.fixed[name]].reshape(count, *values.shape[1:-1], -1)
-        where[..., : values.shape[-1]] = values
+        np.multiply(values, times, out=where[..., : values.shape[-1]], casting="same_kind")
 
     w, c = modes.w, modes.c
     put("step", np.array([[h]]))
@@ -123,7 +153,7 @@ def fixed_tables(
     put("shaken", (kinds == ACCELERATION)[None].astype(float))
     if coupled is not None:
         _put_coupled(layout, row, coupled, h, precision, put)
-        return tables, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, _decays(layout, modes, h)])
+        return tables, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, _decays(layout, modes, h)[0]])
     assert floors is not None
     masses = np.concatenate([b.masses for b in scene.buildings])
     put("floors", floors.T[None])
@@ -136,29 +166,30 @@ def fixed_tables(
     # what a mode of unit amplitude reaches at most, and its second and fourth rates: see the theory
     ratio, square = c / w, w**2
     near = np.sqrt(1.0 + ratio**2)
-    far = np.hypot(near, 1.0 + ratio * near)
+    far = np.sqrt(near**2 + (1.0 + ratio * near) ** 2)
     shakes = kinds == ACCELERATION
     widened = np.abs(shape.T)[None] * (1.0 + 10.0 * MARGIN[precision])
 
     def weighed(shaken: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        return widened * (
-            np.where(shakes, shaken[:, :, None], moved[:, :, None]) if shakes.any() else moved[:, :, None]
-        )
+        return np.where(shakes, shaken[:, :, None], moved[:, :, None]) if shakes.any() else moved[:, :, None]
 
-    put("bound", weighed(square * near, np.ones_like(w)))
-    put("bulge", weighed(square**2 * near * far, square * near) * (h**2 / 8.0))
-    missed = np.where(widened > 0.0, (square * far)[:, :, None] * (h**2 / 48.0), 0.0)
-    put("remainder", missed.max(axis=1, initial=0.0))
-    own = _decays(layout, modes, h)
+    put("bound", widened, weighed(square * near, np.ones((1, n))))
+    put("bulge", widened, weighed(square**2 * near * far * (h**2 / 8.0), square * near * (h**2 / 8.0)))
+    missed, remainder = square * far * (h**2 / 48.0), np.zeros((count, q))
+    mine = [tuple(np.flatnonzero(each).tolist()) for each in widened[0].T]
+    for part in set(mine):
+        remainder[:, [each == part for each in mine]] = missed[:, list(part)].max(axis=1, initial=0.0, keepdims=True)
+    put("remainder", remainder)
+    stride = stride_of(substeps)
+    own, strides = _decays(layout, modes, h, stride)
     if not layout.strides:
         return tables, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, own])
-    stride = stride_of(substeps)
     block = layout.block // stride * stride
-    parts = [h, 1.0 / (stride * h), stride, block], ground, own, _strides(layout, modes, stride * h)
-    given, states = np.concatenate(parts), len(parts[-1]) // len(layout.strides) * STATE
-    room = _room(len(given) + states * stops_of(layout, len(ground), substeps) + STATE * layout.wide_modes, "decays")
-    room[: len(given)] = given
-    return tables, room
+    parts = np.array([h, 1.0 / (stride * h), stride, block]), ground, own, strides
+    numbers, states = sum(len(part) for part in parts), len(strides) // len(layout.strides) * STATE
+    decays = _room(numbers + states * stops_of(layout, len(ground), substeps) + STATE * layout.wide_modes, "decays")
+    np.concatenate(parts, out=decays[:numbers])
+    return tables, decays
 
 
 def _put_coupled(
@@ -268,41 +299,46 @@ def _modes(row: Variants) -> tuple[_Modes, np.ndarray]:
     return modes, floors
 
 
-def _decays(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
-    """Rows of modes from which a kernel finds the motion without pounding, of each variant."""
+def _decays(layout: Layout, modes: _Modes, h: float, stride: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of modes from which a kernel finds the motion without pounding, of each variant; those of `_strides`."""
+    modes, spread = modes.compact()
     w, c = modes.w, modes.c
     a, pushed = modes.step(h)
-    found = dict(zip(("qq", "qp", "pq", "pp"), a, strict=True))
-    found |= dict(zip(("q0", "p0", "q1", "p1"), pushed, strict=True))
-    found |= {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
-    # energies of a unit mass at the first floor
-    weight, area = -modes.participation / modes.first_mass, 1.0 / (h * w**2)
-    found |= {"weight": weight, "area": area}
-    found |= {"adjoint_q": weight * (a[0] - 1.0), "adjoint_p": weight * a[1]}
-    found |= {
-        "adjoint_rise_q": weight * (a[0] + area * (a[2] + c * (a[0] - 1.0))),
-        "adjoint_rise_p": weight * (a[1] + area * (a[3] - 1.0 + c * a[1])),
-    }
-    rows = np.zeros((len(w), len(layout.decays), layout.wide_modes))
-    for k, name in enumerate(layout.decays):
-        rows[:, k, : layout.modes] = found[name]
-    return rows.ravel()
+    bends = {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
+    found = _moves(a, pushed) | bends
+    if "weight" in layout.decays:  # energies of a unit mass at the first floor
+        weight, area = -modes.participation / modes.first_mass, 1.0 / (h * w**2)
+        found |= {"weight": weight, "area": area}
+        found |= {"adjoint_q": weight * (a[0] - 1.0), "adjoint_p": weight * a[1]}
+        found |= {
+            "adjoint_rise_q": weight * (a[0] + area * (a[2] + c * (a[0] - 1.0))),
+            "adjoint_rise_p": weight * (a[1] + area * (a[3] - 1.0 + c * a[1])),
+        }
+    values = spread(found, layout.decays)
+    rows = np.zeros((values.shape[1], len(layout.decays), layout.wide_modes))
+    rows[:, :, : layout.modes] = values.transpose(1, 0, 2)
+    if not layout.strides:
+        return rows.ravel(), np.empty(0)
+    long = _moves(*modes.step(stride * h)) if stride > 1 else found
+    long = long | bends | {"heft": w**2 * np.sqrt(1.0 + (c / w) ** 2)}
+    return rows.ravel(), _strides(layout, spread(long, layout.strides[:-1]))
 
 
-def _strides(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
+def _moves(over: np.ndarray, added: np.ndarray) -> dict[str, np.ndarray]:
+    """Numbers of a step by their names."""
+    return dict(zip(("qq", "qp", "pq", "pp", "q0", "p0", "q1", "p1"), (*over, *added), strict=True))
+
+
+def _strides(layout: Layout, values: np.ndarray) -> np.ndarray:
     """Rows of variants side by side in lanes, from which a kernel finds their motion in long steps."""
-    lanes, w, c = layout.lanes, modes.w, modes.c
-    a, pushed = modes.step(h)
-    found = dict(zip(("qq", "qp", "pq", "pp"), a, strict=True))
-    found |= dict(zip(("q0", "p0", "q1", "p1"), pushed, strict=True))
-    found |= {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
-    found |= {"heft": w**2 * np.sqrt(1.0 + (c / w) ** 2)}
-    groups = -(-len(w) // lanes)
-    those = np.minimum(np.arange(groups * lanes), len(w) - 1)  # idle lanes repeat the last one
-    rows = np.empty((groups, len(layout.strides), layout.modes, lanes))
-    for k, name in enumerate(layout.strides):
-        values = np.broadcast_to(found[name], w.shape)[those]
-        rows[:, k] = values.reshape(groups, lanes, layout.modes).transpose(0, 2, 1)
+    lanes, (names, count, modes) = layout.lanes, values.shape
+    groups = -(-count // lanes)
+    those = np.minimum(np.arange(groups * lanes), count - 1)  # idle lanes repeat the last one
+    rows = np.ones((groups, names + 1, modes, lanes))
+    rows[:, :-1] = values[:, those].reshape(names, groups, lanes, modes).transpose(1, 0, 3, 2)
+    # modes that move otherwise than those of the group before, or are the first of all that are filled together
+    rows[1:, -1] = (rows[1:, :-1] != rows[:-1, :-1]).any(axis=(1, 3))[..., None]
+    rows[::BUNDLE, -1] = 1.0
     return rows.ravel()
 
 

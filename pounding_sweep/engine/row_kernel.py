@@ -11,7 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import filled_tables, fixed_tables, flight_tables, keep_tables, stops_of
+from pounding_sweep.engine.flight import (
+    filled_tables,
+    fixed_tables,
+    flight_tables,
+    keep_tables,
+    room_for_tables,
+    stops_of,
+)
 from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
@@ -212,13 +219,18 @@ def _layout(shape: KernelSpec, constants: bytes) -> Layout:
 
 
 def _fixed_tables(
-    shape: KernelSpec, constants: bytes, row: Variants, record: Record, flight_substeps: int
+    shape: KernelSpec,
+    constants: bytes,
+    row: Variants,
+    record: Record,
+    flight_substeps: int,
+    room: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Tables of flight of some rows of buildings that hold at any time, and what a kernel fills the others from."""
     motion, n = np.array(record.acceleration), flight_substeps
     inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
     ground = np.append(inner.ravel(), motion[-1])
-    return fixed_tables(_layout(shape, constants), row, ground, record.dt / n, shape.precision, n)
+    return fixed_tables(_layout(shape, constants), row, ground, record.dt / n, shape.precision, n, room)
 
 
 @lru_cache(maxsize=8)
@@ -383,10 +395,12 @@ class RowKernel:
         groups = max(1, min(slab, int(late[0]) // LANES)) if len(late) else slab
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
+        rows: Any = needed if len(needed) < len(row) else slice(None)
         given = self.shape, self.constants.tobytes()
         if self.varied or self.shape.blocks:  # whose room is each thread's own
-            fixed, decays = _fixed_tables(*given, row[needed], record, flight_substeps)
-            return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups, None
+            tables = room_for_tables(layout, stops, len(needed), precision)
+            decays = _fixed_tables(*given, row[rows], record, flight_substeps, tables)[1]
+            return (tables, decays, len(needed)), which, groups, None
         fixed, decays = _fixed_tables_of_scene(*given, self.scene, record, flight_substeps)
         filled = None if twin else filled_tables(fixed)
         if filled is not None:

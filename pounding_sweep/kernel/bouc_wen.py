@@ -4,9 +4,10 @@
     p' = |z / dy|^n (GAMMA d' + BETA |d'| sign z)
 
 d is the drift, p its plastic part, r the hardening and dy = Vy / k. The shear is k d - (1 - r) k p,
-as that of a bilinear storey whose plastic part stands still; here it flows along, stage by stage.
-Its rate has a kink where the drift turns and where z changes its sign: sub-steps end there. They
-are so short that z can't reach its limit, where it would be stiff, from anywhere within one.
+as that of a bilinear storey whose plastic part stands still; here it flows along: stage by stage, or,
+in an implicit step, by the trapezoid over the drift. Its rate has a kink where the drift turns and
+where z changes its sign: sub-steps end there. They are so short that z can't reach its limit, where it
+would be stiff, from anywhere within one.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from typing import Any
 
 from pounding_sweep.kernel.group import Group, power_of
 from pounding_sweep.kernel.hysteresis import drift, hardened
-from pounding_sweep.kernel.lanes import Cell, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, when_any, where, while_any
 from pounding_sweep.kernel.roots import along, coefficients, rate, root
 
 #: Share of its limit, over n, by which a drift may move in a sub-step.
 REACH = 0.5
-#: Kinks that lie no farther (in sub-steps) from an end of a sub-step are at that end.
-AT_END = 1e-6
+#: Rounds of Newton's method over the end of an implicit step; from within the reach two or three are enough.
+MAX_ROUNDS = 30
 
 
 def each_storey(group: Group) -> Iterator[tuple[int, int | None, float]]:
@@ -88,6 +89,75 @@ class Flow:
         settle(self._group)
 
 
+def rounds(group: Group) -> Iterator[None]:
+    """Go round an implicit step, shears in straight lines, until they are those of the law at its end.
+
+    With the drift's change D = d1 - d0 and the share q of it that flows into p,
+
+        p1 = p0 + D (q(z0, D) + q(z1, D)) / 2,
+
+    of which Newton's method finds p1 and d1 together: p1 = REST + FLOW d1. It loses (p1 - p0) (z0 + z1) / 2. As q
+    does not fall while z is loaded, p1 is the only one, with z1 in what `_most` returns.
+    """
+    s, storeys = group.state, list(each_storey(group))
+    moves = s["h"] > 0.0
+    for i, below, n in storeys:
+        s["flow", i] = _share(group, i, n, *_end(group, i, below, "0"))
+        s["rest", i] = s["slip0", i] - s["flow", i] * drift(group, i, below, "u0")
+    going, astray = Cell(moves), Cell(moves & ~moves)
+    for _ in while_any(lambda: going.now, group.trace, at_most=MAX_ROUNDS):
+        for i, *_ in storeys:
+            soft = hardened(group, i)[1]
+            s["kt", i] = fma(-soft, s["flow", i], group.full(group.prop("k", i)))
+            s["ct", i] = -soft * s["rest", i]
+        yield
+        # lanes that are there stay there, and do the same in each round that others need
+        mine, again, far, better = going.now, Cell(moves & ~moves), Cell(moves & ~moves), {}
+        for i, below, n in storeys:
+            d = drift(group, i, below)
+            p = where(moves, fma(s["flow", i], d, s["rest", i]), s["slip0", i])
+            flow, then = _tangent(group, i, below, n, d, p)
+            miss, scale = size(then - p), size(d) + group.prop("yield_drift", i) * group.prop("wen_limit", i)
+            s["slip", i], better[i] = p, {"flow": flow, "rest": then - flow * d}
+            again.now = again.now | ~(miss <= group.limit.swept * scale)
+            far.now = far.now | ~(miss <= group.limit.unswept * scale)
+        going.now, astray.now = mine & again.now, mine & far.now
+        for i, lines in better.items():
+            for name, value in lines.items():
+                s[name, i] = where(going.now, value, s[name, i])
+    # one that is tried as a whole step is tried again in shorter ones where it was too long
+    short = (s["time_left"] > 0.0) | ~_too_long(group, s["h"])
+    s["unsolved"] = where(astray.now & short, 1.0, s["unsolved"])
+
+
+def _most(group: Group, i: int, n: float, z0: Any) -> Any:
+    """Largest |z| at the end of an implicit step: there the share is twice that at which z would stand still."""
+    return maximum(size(z0), 2.0 ** (1.0 / n) * (group.prop("yield_drift", i) * group.prop("wen_limit", i)))
+
+
+def _tangent(group: Group, i: int, below: int | None, n: float, d: Any, p: Any) -> tuple[Any, Any]:
+    """Return dp/dd at the end of an implicit step whose drift is d, and what Newton's method makes of p there."""
+    p0, dy, d0 = group.state["slip0", i], group.prop("yield_drift", i), drift(group, i, below, "u0")
+    beta, gamma, change = group.prop("wen_beta", i), group.prop("wen_gamma", i), 0.5 * (d - d0)
+    most, z0 = _most(group, i, n, d0 - p0), d0 - p0
+    z = minimum(maximum(d - p, -most), most)
+    filled = size(z) / dy
+    slope = power_of(filled, n - 1.0) * (gamma + where(z * change < 0.0, -beta, beta))
+    both = _share(group, i, n, z0, change) + filled * slope
+    bends = (n / dy) * change * where(z < 0.0, -slope, slope)
+    inverse = 1.0 / (1.0 + bends)
+    at = d - z
+    return (0.5 * both + bends) * inverse, at - (at - p0 - change * both) * inverse
+
+
+def add_lost(group: Group) -> None:
+    """Add what yielding has lost in an implicit step."""
+    s = group.state
+    for i, below, _ in each_storey(group) if "hysteretic" in group.asked else ():
+        mean = 0.5 * (_end(group, i, below, "0")[0] + _end(group, i, below, "")[0])
+        s["travel", i] = fma(s["slip", i] - s["slip0", i], mean / group.prop("yield_drift", i), s["travel", i])
+
+
 def keep(group: Group) -> None:
     """Let the present plastic drifts be those of the start of the next step."""
     for i, _ in group.spec.smooth:
@@ -136,11 +206,19 @@ def longest(group: Group, h: Any) -> Any:
 
 def may_change(group: Group, h: Any) -> Any:
     """Lanes in which a drift turned, or its z changed sign, in the step just taken, or that was too long."""
+    found = Cell(_too_long(group, h))
+    for i, below, _ in each_storey(group):
+        (z0, v0), (z1, v1) = (_end(group, i, below, end) for end in ("0", ""))
+        found.now = found.now | (v0 * v1 < 0.0) | (z0 * z1 < 0.0)
+    return found.now
+
+
+def _too_long(group: Group, h: Any) -> Any:
+    """Lanes in which a drift moved farther than it may in the step just taken."""
     found = Cell(group.lanes_where(False))
     for i, below, n in each_storey(group):
-        (z0, v0), (z1, v1) = (_end(group, i, below, end) for end in ("0", ""))
-        fast = h * maximum(size(v0), size(v1)) > (1.0 + AT_END) * _reach(group, i, n)
-        found.now = found.now | (v0 * v1 < 0.0) | (z0 * z1 < 0.0) | fast
+        fastest = maximum(size(drift(group, i, below, "v0")), size(drift(group, i, below, "v")))
+        found.now = found.now | ~(h * fastest <= (1.0 + group.limit.at_kink) * _reach(group, i, n))
     return found.now
 
 
@@ -160,6 +238,6 @@ def first_event(group: Group, asks: Any) -> Any:
             side = where(z0 > 0.0, -1.0, group.full(1.0))
             cross = root(group, crosses, 0.0, 1.0, along(z0, cubic, side))
             for kinks, t in ((turns, turn), (crosses, cross)):
-                inside = kinks & (t > AT_END) & (t < 1.0 - AT_END)
+                inside = kinks & (t > group.limit.at_kink) & (t < 1.0 - group.limit.at_kink)
                 first.now = where(inside, minimum(first.now, t), first.now)
     return first.now

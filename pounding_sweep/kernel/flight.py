@@ -216,7 +216,7 @@ class Layout:
         self.block, self.series_rows = SPAN - SPAN // lanes, SPAN // lanes + 1
         if spec.blocks:
             self.timed, self.series = dict.fromkeys(("most", "least", "swell"), wide), {}
-            self.decays, self.strides = moving, [*moving, *bending, "heft"]
+            self.decays, self.strides = moving, [*moving, *bending, "heft", "new"]
         if "energy" in spec.reducers and not self.coupled:
             self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
         self.first: dict[str, int] = {}
@@ -285,6 +285,9 @@ class Flight:
         self.rated = Cell(flag(self.trace, False))
         #: Blocks of the grid, where motions are known by them.
         self.blocks: Any = None
+        #: Where the first block begins in which floors may touch, and whether of those before it the ones with the
+        #: largest peaks are looked at, or all others.
+        self.free_until, self.crests = Cell(points), Cell(flag(self.trace, False))
         self._places: dict[str, Any] = {}
         #: Whether storeys may yield: what flies is the motion about what they are set to.
         self.yields = bool(group.spec.yielding)
@@ -468,6 +471,8 @@ class Flight:
             self._bounds()
             for _ in when(self._undisturbed()):
                 self._begin()
+        if self.blocks is not None:
+            self._find_crests()
         for _ in while_any(lambda: self.going.now & (self.at.now < self.last), self.trace):
             t = self.at.now
             self._bounds()
@@ -476,7 +481,7 @@ class Flight:
             if self.blocks is not None:
                 block = self.blocks.of(t)
                 room = lesser(room, (block + 1) * self.blocks.length - t)
-                far = not_(self._near(block, "most", "least"))
+                far = not_(self._near(block, "most", "least") & self._turn_of(block))
             elif leaps:
                 far = not_(room < WIDE) & not_(self._near(t, "widest", "widest_least"))
             for _ in when(far):
@@ -497,6 +502,9 @@ class Flight:
                     self.enter(lane, t + steps)
                     note(t + steps)
                     self.leave(lane, t + steps)
+            if self.blocks is not None:
+                for _ in when(self.crests.now & not_(self.at.now < self.free_until.now)):
+                    self.at.now, self.crests.now = whole(self.trace, 0), flag(self.trace, False)
         self._keep_peaks(lane)
 
     @cached_property
@@ -692,6 +700,51 @@ class Flight:
             q, p = w["q", part], w["p", part]
             e = [self._vector(at + (k * m + part * self.lanes)) for k in range(4)]
             w["q", part], w["p", part] = fma(e[0], q, e[1] * p), fma(e[2], q, e[3] * p)
+
+    # blocks before the first touch ---------------------------------------------------------------------------------
+
+    def _find_crests(self) -> None:
+        """Find where floors may first touch, and the largest bounds of what is watched in the blocks before."""
+        self.free_until.now, self.crests.now = whole(self.trace, 0), flag(self.trace, False)
+        for _ in when(self.at.now < 1):
+            self._bounds()
+            for _ in when(self._undisturbed()):
+                self._survey()
+
+    def _survey(self) -> None:
+        """Go through the bounds of blocks to the first in which floors may touch."""
+        w, far, touches = self.rows, self.group.limit.far, self._touches
+        for part in self._watched_parts:
+            w["crest", part], w["trough", part] = self.group.full(-far), self.group.full(far)
+        free, block = Cell(flag(self.trace, True)), Cell(whole(self.trace, 0))
+        for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks), self.trace):
+            extremes = [self._extremes(block.now, "most", "least", part) for part in self._watched_parts]
+            met = self.group.lanes_where(False)
+            for part in range(-(-touches // self.lanes)):
+                met = met | ((extremes[part][0] >= w["high", part]) & self._within(part, 0, touches))
+            free.now = not_(any_lane(met))
+            for _ in when(free.now):
+                for part, (above, below) in enumerate(extremes):
+                    w["crest", part] = maximum(w["crest", part], above)
+                    w["trough", part] = minimum(w["trough", part], below)
+                block.now = block.now + 1
+        self.free_until.now = lesser(block.now * self.blocks.length, self.last)
+        self.crests.now = self.free_until.now > 0
+
+    def _turn_of(self, block: Any) -> Any:
+        """Whether it is a block's turn: before floors may touch, those with the largest peaks come first."""
+        w, crest = self.rows, self.group.lanes_where(False)
+        for part in self._watched_parts:
+            above, below = self._extremes(block, "most", "least", part)
+            most = (above >= w["crest", part]) | (below <= w["trough", part])
+            crest = crest | (most & self._within(part, self._touches, len(self.layout.watched)))
+        mine, early = any_lane(crest), self.at.now < self.free_until.now
+        return not_(early) | (mine & self.crests.now) | not_(mine | self.crests.now)
+
+    def _within(self, part: int, low: int, high: int) -> Any:
+        """Lanes of a part of what is watched whose numbers lie in a range."""
+        number = lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
+        return (number >= float(low)) & (number < float(high))
 
     # looking -------------------------------------------------------------------------------------------------------
 
@@ -897,6 +950,6 @@ def scratch(layout: Layout) -> dict[str, int]:
     if not layout.strides:
         return rows
     rows |= dict.fromkeys(("track", "shook"), n * SPAN) | dict.fromkeys(("bends", "reaches"), 2 * n)
-    rows |= dict.fromkeys(("above", "below", "swell"), layout.wide_watched)
+    rows |= dict.fromkeys(("above", "below", "swell"), layout.wide_watched) | dict.fromkeys(("crest", "trough"), wide)
     rows |= dict.fromkeys(("point_q", "point_p"), parts * SPAN)
     return rows | dict.fromkeys(("free_x", "free_rate"), n * layout.series_rows) | {"free_ground": layout.series_rows}

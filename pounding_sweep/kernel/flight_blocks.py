@@ -19,6 +19,7 @@ from pounding_sweep.kernel.lanes import (
     Table,
     Tracer,
     count_to,
+    flag,
     fma,
     lesser,
     load,
@@ -37,6 +38,9 @@ from pounding_sweep.kernel.lanes import (
     when,
     whole,
 )
+
+#: Groups of rows of buildings that are filled together, block by block.
+BUNDLE = 16
 
 
 class Blocks:
@@ -116,21 +120,43 @@ class Blocks:
             f.base.now = number * self.layout.size(self.blocks)
             f.put_decays(self.wide, self.decays, self._own(number))
         for group in count_to(self.groups, self.trace):
-            f.base.now = group * self.lanes * self.layout.size(self.blocks)
             for m in count_to(self.layout.modes, self.trace):
                 for k in range(STATE):
                     zero = self._wide(self.strides_at) * 0.0
                     store(self.wide, self.decays, self._state(group, whole(self.trace, 0), m) + k * self.lanes, zero)
+        for bundle in count_to((self.groups + (BUNDLE - 1)) // BUNDLE, self.trace):
+            first = bundle * BUNDLE
             for block in count_to(self.blocks, self.trace):
                 left = (f.last - block * self.length) // self.stride
-                steps = lesser(left, self.steps)
-                for m in count_to(self.layout.modes, self.trace):
-                    self._move(group, block, m, steps)
-                for (_, many, shaken), run in groupby(range(len(self.layout.watched)), self._kind):
-                    mine = list(run)
-                    for q in count_to(len(mine), self.trace):
-                        self._watch(q + mine[0], many, shaken, steps)
-                self._hand_out(group, block)
+                for k in count_to(lesser(self.groups - first, whole(self.trace, BUNDLE)), self.trace):
+                    self._fill_block(first + k, block, lesser(left, self.steps))
+
+    def _fill_block(self, group: Any, block: Any, steps: Any) -> None:
+        """Fill a block of a group; what moves as in the group before it has been found there."""
+        f = self.flight
+        f.base.now = group * self.lanes * self.layout.size(self.blocks)
+        for m in count_to(self.layout.modes, self.trace):
+            new = self._is_new(group, m)
+            for _ in when(new):
+                self._move(group, block, m, steps)
+            for _ in when(not_(new) & (block + 1 < self.blocks)):
+                here, there = (self._state(group - before, block + 1, m) for before in (0, 1))
+                for k in range(STATE):
+                    store(self.wide, self.decays, here + k * self.lanes, self._wide(there + k * self.lanes))
+        for (_, many, shaken), run in groupby(range(len(self.layout.watched)), self._kind):
+            mine = list(run)
+            for q in count_to(len(mine), self.trace):
+                new = flag(self.trace, False)
+                for k in range(many):
+                    new = new | self._is_new(group, self.lows[q + mine[0]] + k)
+                for _ in when(new):
+                    self._watch(q + mine[0], many, shaken, steps)
+        self._hand_out(group, block)
+
+    def _is_new(self, group: Any, m: Any) -> Any:
+        """Whether a mode moves otherwise in a group than in the one before it."""
+        row = group * len(self.layout.strides) + self.layout.strides.index("new")
+        return load_one(self.wide, self.decays, self.strides_at + (row * self.layout.modes + m) * self.lanes) > 0.5
 
     def _kind(self, q: int) -> tuple[int, int, bool]:
         each = self.layout.watched[q]

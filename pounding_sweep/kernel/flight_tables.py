@@ -55,7 +55,6 @@ class Tables:
     def fill(self, rows: Any) -> None:
         """Fill the tables of so many rows of buildings; of none where they are filled already."""
         flight = self.flight
-        flight.place_of("q")  # lays out what flight reads too: not within the loop, which may be left out
         for row in count_to(rows, self.trace):
             flight.base.now = row * self.layout.size(self.points)
             own = row * (len(self.layout.decays) * self.layout.wide_modes) + self.points + HEAD

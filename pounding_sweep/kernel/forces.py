@@ -33,6 +33,8 @@ OPEN, PRESSING, REBOUND, SLACK = 0.0, 1.0, 2.0, 3.0
 SIDES = ((PRESSING, REBOUND), (REBOUND, PRESSING))
 #: Steps of flight within which floors that near each other are not worth a flight.
 AHEAD = 2.0
+#: Lengths of a contact beyond which its touch, or its release, is far; there powers to six figures suffice.
+LONG = 1000.0
 #: Fraction of a sub-step that stands for: not in it.
 NEVER = 2.0
 
@@ -94,12 +96,12 @@ def longest_substep(group: Group, h: Any) -> Any:
                 fastest.now = maximum(fastest.now, where(closed, fastest_here, 0.0))
             if law.touch_power > 1.0:
                 share = maximum(law.touch_share * h / lasts, law.least_share)
-                age = s["age", j] / lasts
+                age = minimum(s["age", j] / lasts, LONG)
                 x = _root(age, law.touch_power) + share
                 grown = lasts * (_raised(x, law.touch_power) - age)
                 longest.now = minimum(longest.now, where(k > 0.0, grown, h))
             if law.release_power > 1.0:
-                rest = maximum(now, 0.0) / (-v * lasts)
+                rest = minimum(maximum(now, 0.0) / (-v * lasts), LONG)
                 share = maximum(law.release_share * h / lasts, law.least_share)
                 x = _root(rest, law.release_power) - share
                 shrunk = lasts * (rest - _raised(x, law.release_power))

@@ -218,6 +218,7 @@ class Group:
             rows |= dict.fromkeys(("phase", "slip", "kt", "ct", "turn", "then"), n)
             rows |= {"kd": n} if spec.tangent else {}
             rows |= {"slip0": n} if spec.smooth else {}
+            rows |= {"flow": n, "rest": n} if spec.smooth and spec.implicit else {}
             rows |= {"set": n} if spec.flies_exactly else {}
         if self.touching:
             rows |= dict.fromkeys(("mode", "next", "event", "ke", "ce", "kl", "cl", "vrun", "age", "lasts"), nc)

@@ -52,11 +52,11 @@ def begin(group: Group, lanes: Any = None) -> None:
 
 
 def shear(group: Group, i: Any, below: Any, name: Any = "u") -> Any:
-    """Storey shear, dampers not included; of rates, its rate; of a coefficient of a series, its coefficient."""
+    """Storey shear, dampers not included; of rates, or of what says that it has no `constant`, its rate."""
     s = group.state
     found = s["kt", i] * drift(group, i, below, name)
-    whole = name.startswith("u") if isinstance(name, str) else name.first
-    return found + s["ct", i] if whole else found
+    constant = name.startswith("u") if isinstance(name, str) else name.constant
+    return found + s["ct", i] if constant else found
 
 
 def hardened(group: Group, i: Any) -> tuple[Any, Any]:

@@ -287,8 +287,13 @@ def power(x: Any, exponent: float) -> Any:
     return Vector(trace, trace.call("pow", _lanes(trace, x), _lanes(trace, exponent)))
 
 
+#: Binary logarithm of the largest number that `roughly_power` finds.
+MOST_DOUBLINGS = 120.0
+
+
 def roughly_power(x: Any, exponent: float) -> Any:
-    """Return x > 0 to a power, to six figures: for lengths of steps. `power` asks a library, lane by lane."""
+    """Return x >= 0 to a power, to six figures: for lengths of steps. `power` asks a library, lane by lane."""
+    # nothing is larger or smaller than 2**MOST_DOUBLINGS and its inverse, which stands for zero
     log2 = [2.0 / (math.log(2.0) * k) for k in (1, 3, 5, 7, 9)]
     exp2 = [math.log(2.0) ** k / math.factorial(k) for k in range(8)]
     trace = _trace_of(x)
@@ -298,6 +303,7 @@ def roughly_power(x: Any, exponent: float) -> Any:
         rest = (bits - (halvings << 23)).view(np.float32)
         z = (rest - 1) / (rest + 1)
         y = (halvings.astype(np.float32) + z * _sum_up(log2, z * z)) * np.float32(exponent)
+        y = np.clip(y, -MOST_DOUBLINGS, MOST_DOUBLINGS)
         doublings = np.trunc(y + np.copysign(np.float32(0.5), y)).astype(np.int32)
         found = _sum_up(exp2, y - doublings.astype(np.float32)).view(np.int32) + (doublings << 23)
         return found.view(np.float32).astype(float)
@@ -323,6 +329,8 @@ def roughly_power(x: Any, exponent: float) -> Any:
     z = b.fdiv(b.fsub(rest, of(1.0)), b.fadd(rest, of(1.0)))
     y = b.fadd(b.sitofp(halvings, single), b.fmul(z, sum_up(log2, b.fmul(z, z))))
     y = b.fmul(y, of(exponent))
+    y = b.select(b.fcmp_ordered("<", y, of(MOST_DOUBLINGS)), y, of(MOST_DOUBLINGS))
+    y = b.select(b.fcmp_ordered(">", y, of(-MOST_DOUBLINGS)), y, of(-MOST_DOUBLINGS))
     doublings = b.fptosi(b.fadd(y, b.select(b.fcmp_ordered("<", y, of(0.0)), of(-0.5), of(0.5))), integer)
     found = b.bitcast(sum_up(exp2, b.fsub(y, b.sitofp(doublings, single))), integer)
     found = b.bitcast(b.add(found, b.shl(doublings, whole_of(23))), single)

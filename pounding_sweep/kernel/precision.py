@@ -10,6 +10,7 @@ TOLERANCES: dict[str, dict[str, float]] = {
         "unswept": 1e-9,  # and above which they have failed
         "same_time": 1e-12,  # events this close (in steps) are simultaneous
         "at_release": 1e-9,  # and this close to a release, part of it
+        "at_kink": 1e-6,  # kinks of a storey no farther (in sub-steps) from an end of a sub-step are at that end
         "done": 1e-13,  # remainder of a step (in steps) that is none
         "far": 1e300,
         "tiny": 1e-300,
@@ -23,6 +24,7 @@ TOLERANCES: dict[str, dict[str, float]] = {
         "unswept": 1e-3,
         "same_time": 1e-6,
         "at_release": 1e-5,
+        "at_kink": 1e-3,
         "done": 1e-6,
         "far": 1e38,
         "tiny": 1e-37,

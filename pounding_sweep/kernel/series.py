@@ -114,10 +114,12 @@ def _expand_row(group: Group, contacts: int) -> None:
 
 
 class _Term:
-    """One coefficient of all floors; the `first` one is that of what does not move with them too."""
+    """One coefficient of all floors."""
 
-    def __init__(self, group: Group, k: int) -> None:
-        self._state, self._begin, self.first = group.state, k * group.spec.n_dof, k == 0
+    def __init__(self, group: Group, k: Any) -> None:
+        self._state, self._begin = group.state, k * group.spec.n_dof
+        #: Whether what follows from it has the constants that rates are without.
+        self.constant = isinstance(k, int) and k == 0
 
     def __getitem__(self, i: Any) -> Any:
         return self._state["jet", i + self._begin]

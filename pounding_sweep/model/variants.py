@@ -56,6 +56,8 @@ class Variants:
     def __getitem__(self, rows: Any) -> Variants:
         if len(self) == 1:  # stands for any number of scenarios
             return self
+        if isinstance(rows, slice) and rows.indices(len(self)) == (0, len(self), 1):  # with all that follows from it
+            return self
         return Variants(self.scene, *(column[rows] for column in self.columns))
 
     @property
@@ -67,11 +69,13 @@ class Variants:
         """Rows whose motions without pounding differ from those before them, and of each row which of them it has."""
         given = [self.period_factor, np.nan_to_num(self.damping_ratio, nan=-1.0)]
         given += [self.mass_factor] if self.scene.links else []  # links are what they are
-        _, first, which = np.unique(np.column_stack(given), axis=0, return_index=True, return_inverse=True)
-        order = np.argsort(first)
-        rank = np.empty(len(order), np.int64)
-        rank[order] = np.arange(len(order))
-        return first[order], rank[which.reshape(-1)]
+        columns = np.column_stack(given).T
+        order = np.lexsort(columns)
+        new = np.append(True, np.any(columns[:, order[1:]] != columns[:, order[:-1]], axis=0))
+        first, which = order[new], np.empty(len(order), np.int64)
+        which[order] = np.cumsum(new) - 1
+        rank = np.argsort(np.argsort(first))
+        return np.sort(first), rank[which]
 
     @cached_property
     def _owner(self) -> np.ndarray:

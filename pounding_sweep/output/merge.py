@@ -391,13 +391,13 @@ def _whole(
     where: list[dict[str, np.ndarray]],
 ) -> np.ndarray:
     """Return the values of a coordinate from all parts."""
-    given = next(iter(parts.values()))[name].dtype
+    given = next(iter(parts.values())).variables[name].dtype
     text = given.kind not in "iuf"
     whole = np.full(shape, "", object) if text else np.full(shape, np.nan)
     origin = np.full(shape, -1)
     for index, ((file, cube), at) in enumerate(zip(parts.items(), where, strict=True)):
         box = np.ix_(*(at[str(d)] if d in axes else np.arange(cube.sizes[d]) for d in dims))
-        values = cube[name].transpose(*dims).values
+        values = cube.variables[name].transpose(*dims).values
         differs = (origin[box] >= 0) & (whole[box] != values)
         if not text:
             differs &= ~(np.isnan(whole[box]) & np.isnan(values))

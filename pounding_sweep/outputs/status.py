@@ -55,7 +55,7 @@ class Status(IntEnum):
     )
     NEWTON_NOT_CONVERGED = (
         3,
-        "the implicit contact equation was not solved within its tolerance in some step",
+        "the implicit equation of contacts or of smooth storeys was not solved within its tolerance in some step",
         "use a smaller dt",
         True,
     )

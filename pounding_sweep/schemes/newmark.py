@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import impulse, links
+from pounding_sweep.kernel import bouc_wen, impulse, links
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import fma, where
 from pounding_sweep.kernel.located import keep_start
@@ -33,6 +33,7 @@ class Newmark(Scheme):
     order = 2
     implicit = True
     follows_ground = False
+    follows_smooth = True
     parameters = ("beta", "gamma")
     without_limit = "beta >= (gamma + 0.5)^2 / 4, which has no limit,"
     min_steps_located = 12.0
@@ -60,6 +61,9 @@ class Newmark(Scheme):
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
         s = group.state
+        if group.spec.smooth:
+            keep_start(group)
+            return self.trial(group)
         if group.spec.whole:
             keep_start(group)
             for name, values in zip("uva", whole_step(group, h), strict=True):
@@ -81,8 +85,13 @@ class Newmark(Scheme):
 
     def trial(self, group: Group) -> Callable[[], None]:
         """Try a sub-step of every lane's own length, contacts implicit."""
+        for _ in bouc_wen.rounds(group) if group.spec.smooth else (None,):
+            self._reach(group, group.state["h"])
+        return lambda: add_gains(group)
+
+    def _reach(self, group: Group, h: Any) -> None:
+        """Go to the end of a sub-step, shears of storeys in straight lines."""
         s = group.state
-        h = s["h"]
         if group.spec.whole:
             u, v, a = whole_step(group, h)
             group.put("u", u)
@@ -99,7 +108,6 @@ class Newmark(Scheme):
             implicit.correct_resting(group, h)
         elif group.touching:
             implicit.correct(group, h)
-        return lambda: add_gains(group)
 
     def soften(self, group: Group) -> None:
         """Mark lanes in which a closed contact is too stiff for the next sub-step."""
@@ -197,6 +205,8 @@ def add_gains(group: Group) -> None:
         for (b, _), first, last in zip(part, early, late, strict=True):
             s["e_in", b] = fma(h6, 3.0 * (first[0] + last[0]), s["e_in", b])
             s["e_damp", b] = fma(h6, 3.0 * (first[1] + last[1]), s["e_damp", b])
+    if group.spec.smooth:
+        bouc_wen.add_lost(group)
     if "links" in group.asked:
         links.add_powers(group, "u0", "v0", 3.0, first=True)
         links.add_powers(group, "u", "v", 3.0, first=False)
