@@ -9,6 +9,7 @@ from scenes import motions, pair
 from test_columns import twins
 
 import pounding_sweep as ps
+from pounding_sweep.accuracy.promises import draw, earthquakes
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.lanes import roughly_power
 from pounding_sweep.kernel.roots import cubic_turn, with_slope
@@ -121,3 +122,25 @@ def test_a_cubic_turns_where_its_rate_is_zero():
     rate = s0 + 2.0 * (3.0 * rise - 2.0 * s0 - s1) * t + 3.0 * (s0 + s1 - 2.0 * rise) * t**2
     assert np.all((t > 0.0) & (t < 1.0))
     np.testing.assert_allclose(rate, 0.0, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_floors_that_part_and_touch_again_within_a_step_are_counted():
+    """Roofs that part by 0.3 nm, and again 2 ms later: within one long step of open contacts, away at both its ends."""
+    spec = draw(11, 29, [law for law in LAWS if LAWS[law].has_contact], earthquakes())
+    case, record = spec.cases[2], spec.records[0]
+    record = ps.Record("short", record.dt, record.acceleration[:887])
+    given = {
+        "scale": [case.scale],
+        "gaps": [case.gap],
+        "stiffness": [case.stiffness],
+        "restitution": [case.restitution],
+    }
+    counts = [
+        RowKernel(spec.scene, LAWS[case.law], Numerics(method, dt), reducers_for(["impact_count"])).run(
+            record, **{name: np.array(values) for name, values in given.items()}
+        )["count"][0]
+        for method, dt in (("exact", record.dt), ("rk4", 1e-4))
+    ]
+    np.testing.assert_array_equal(*counts)
+    assert counts[0][3] == 78

@@ -48,6 +48,8 @@ LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
 NODES = {"float64": 6, "float32": 4}
 #: Most that a motion leaves its ends by, in its rates there times the step.
 BULGE = 0.2
+#: Where a step ends if floors that part bend back, over when a parabola is at its start again, and its least part.
+PAST, SOONEST = -1.5, 1e-3
 
 
 def _is_product(group: Group, j: Any) -> bool:
@@ -226,8 +228,11 @@ def _meet(group: Group) -> None:
 
 
 def _converge(group: Group) -> None:
-    """End the step where the last terms of the series of closed contacts are those of rounding."""
-    s, order, room = group.state, group.spec.series, Cell(group.full(1.0))
+    """End the step where series of closed contacts leave out more than rounding, and where floors that part come back.
+
+    These may touch again and be gone by the end of a longer step, which its ends do not tell.
+    """
+    s, order, room, back = group.state, group.spec.series, Cell(group.full(1.0)), Cell(group.full(1.0))
     left_out = series_yielding.LEFT_OUT if group.spec.yielding else LEFT_OUT
     for j in group.each_contact(straight=True):
         depth = _depth(group, j)
@@ -235,9 +240,13 @@ def _converge(group: Group) -> None:
         most, last = left_out[group.spec.precision] * large, size(depth.read(order))
         short = (s["mode", j] > OPEN) & (last > most)
         room.now = where(short, minimum(room.now, most / last), room.now)
+        d, v, bend = (depth.read(k) for k in range(3))
+        returns = (s["mode", j] == OPEN) & (v < 0.0) & (bend > 0.0) & (d + v + bend > 0.0)
+        back.now = where(returns, minimum(back.now, PAST * v / where(returns, bend, 1.0)), back.now)
     short = room.now < 1.0
     with when_any(short):
         s["fraction"] = where(short, roughly_power(room.now, 1.0 / order), s["fraction"])
+    s["fraction"] = minimum(s["fraction"], maximum(back.now, SOONEST))
 
 
 class _Choice:
@@ -446,8 +455,9 @@ def _integrate(group: Group) -> None:
                     s["e_in", b] = fma(weight, gained, s["e_in", b])
                     s["e_damp", b] = fma(weight, lost, s["e_damp", b])
         for j in group.each_contact() if r & {"work", "impulse"} else ():
-            with when_any(s["mode", j] > OPEN):  # where all contacts are open, none has a series
-                force = _force(group, j).value(t)
+            closed = s["mode", j] > OPEN
+            with when_any(closed):
+                force = where(closed, _force(group, j).value(t), 0.0)  # where all contacts are open, none has a series
                 if "impulse" in r:
                     s["impulse", j] = fma(weight, force, s["impulse", j])
                 if "work" in r:
