@@ -22,7 +22,6 @@ YIELDS = ps.Scene(
 )
 #: Kernels that other tests of the default run have too, and some of their own, of every output.
 SHARED = [
-    ("newmark", "stereomechanical", True, pair()),
     ("newmark", "kelvin_voigt", False, pair()),
     ("exact", "kelvin_voigt", True, pair()),
     ("rk4", "kelvin_voigt", True, FRAMED),
@@ -31,6 +30,7 @@ SHARED = [
 OWN = [
     ("rk4", "hertz_damped", True, WALL),
     ("newmark", "hysteretic", True, WALL),
+    ("newmark", "stereomechanical", True, WALL),
     ("central_difference", "nonlinear_viscoelastic", True, WALL),
     ("rk4", "kelvin_voigt", True, YIELDS),
     ("newmark", "none", True, YIELDS),
@@ -38,7 +38,6 @@ OWN = [
     *(
         pytest.param(*case, marks=pytest.mark.slow)
         for case in [
-            ("newmark", "stereomechanical", True, WALL),
             ("newmark", "hertz", False, WALL),
             ("newmark", "kelvin_voigt", True, FRAMED),
             ("newmark", "stereomechanical", True, LINKED),
