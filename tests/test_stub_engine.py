@@ -67,7 +67,6 @@ def test_longer_rows_walls_and_histories(stub_engine):
     assert np.isfinite(alone.displacement).all()
 
 
-@pytest.mark.slow
 def test_workers_and_children_have_it_too(stub_engine, tmp_path):
     """Processes of dask and of the command line give the bits of this one; nothing is compiled anywhere."""
     here = ps.Sweep(**SWEEP).run(progress=False)
