@@ -142,6 +142,7 @@ import signal, time
 from pounding_sweep.cli.reporting import reporting
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may have been begun by nohup
 with reporting():
     try:
         print("begun", flush=True)
