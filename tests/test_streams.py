@@ -214,6 +214,7 @@ import typer
 from pounding_sweep.cli.reporting import reporting
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 ignored, other = (signal.Signals[name] for name in sys.argv[1:])
 signal.signal(ignored, signal.SIG_IGN)
 try:
