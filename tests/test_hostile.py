@@ -28,6 +28,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from record_files import knet
 from scenes import AXES, motions, row
+from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import OutputError, PoundingSweepError, RecordError, SweepError
@@ -319,10 +320,12 @@ def small_cube():
     return hand_cube(axes, random_fill(1, "displacement_max", "impact_force_max", "impact_count"))
 
 
-def test_values_of_a_cube_are_read_under_the_lock(tmp_path):
+@pytest.mark.parametrize("lock", [NETCDF_LOCK, NETCDF4_PYTHON_LOCK], ids=["ours", "xarray's"])
+def test_values_of_a_cube_are_read_under_the_lock(tmp_path, lock):
+    """And under that of xarray, whose `to_netcdf` writes while threads of dask read."""
     path = write_cube(small_cube(), tmp_path / "cube.nc")
     with open_cube(path) as cube, ThreadPoolExecutor(1) as pool:
-        with NETCDF_LOCK:
+        with lock:
             reads = pool.submit(lambda: cube["impact_count"].values)
             with pytest.raises(TimeoutError):
                 reads.result(0.3)

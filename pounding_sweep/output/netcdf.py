@@ -195,6 +195,34 @@ class _OneLock(type(threading.RLock())):  # type: ignore[misc]
 
 NETCDF_LOCK = _OneLock()
 os.register_at_fork(after_in_child=NETCDF_LOCK._at_fork_reinit)
+
+
+class _ReadLock:
+    """What is held while values of an open cube are read: `NETCDF_LOCK`, then that under which xarray writes files."""
+
+    def acquire(self, blocking: bool = True) -> bool:
+        from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
+
+        if not NETCDF_LOCK.acquire(blocking):
+            return False
+        if not NETCDF4_PYTHON_LOCK.acquire(blocking):
+            NETCDF_LOCK.release()
+            return False
+        return True
+
+    def release(self) -> None:
+        from xarray.backends.netCDF4_ import NETCDF4_PYTHON_LOCK
+
+        NETCDF4_PYTHON_LOCK.release()
+        NETCDF_LOCK.release()
+
+    def __enter__(self) -> None:
+        self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+
 #: Endings of what is no netCDF file: sweep files, and what cubes are exported to.
 _OTHER_ENDINGS = frozenset({".csv", ".parquet", ".zarr", ".toml"})
 #: What an unfinished run has beside its cube, as long as it can go on.
@@ -461,7 +489,7 @@ def _open_checked(path: str | os.PathLike[str], target: Path) -> xr.Dataset:
             raise OutputError(msg)
 
     refuse(wrongly_stored(target))
-    store = xr.backends.NetCDF4DataStore.open(target, lock=NETCDF_LOCK)
+    store = xr.backends.NetCDF4DataStore.open(target, lock=_ReadLock())
     try:
         refuse(wrong_form(store.ds, target.stat().st_size))
         return _with_texts(xr.open_dataset(store, decode_times=False, create_default_indexes=False))
