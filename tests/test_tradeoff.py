@@ -529,4 +529,4 @@ def test_the_command_prints_json(tiny):
 def test_the_command_names_wrong_steps(tiny, steps):
     done = command(tiny, "--steps", steps)
     assert done.exit_code == 2
-    assert "no number" in done.stderr
+    assert "is no list of steps" in done.stderr

@@ -44,41 +44,20 @@ YIELDING_OUTPUTS = (*YIELDING_PEAKS, "residual_drift", "hysteretic_energy")
 
 @dataclass(frozen=True)
 class Batch:
-    """Scenarios of one row, law and record, to be run by both schemes at several steps.
+    """Scenarios of one row, law and record, to be run by both schemes at several steps."""
 
-    Attributes
-    ----------
-    family : str
-        What is stretched.
-    case : str
-        What is extreme about it, for messages.
-    scene : Scene
-        The row; its own gaps are not used.
-    law : Law
-        Contact law.
-    record : Record
-        Ground motion (m/s2).
-    gaps : ndarray, shape (n, pairs)
-        Gaps (m).
-    stiffness, restitution, scale : ndarray, shape (n,)
-        Contact stiffness (kN/m**exponent), coefficient of restitution, factor on the record.
-    steps : tuple of float
-        Time steps (s).
-    initial_velocity : tuple of float, optional
-        Velocity (m/s) of every floor, building by building.
-    """
-
-    family: str
-    case: str
-    scene: Scene
+    family: str  # what is stretched
+    case: str  # what is extreme about it, for messages
+    scene: Scene  # the row; its own gaps are not used
     law: Law
-    record: Record
-    gaps: np.ndarray
+    record: Record  # ground motion (m/s2)
+    gaps: np.ndarray  # gaps (m); shape (n, pairs)
+    #: contact stiffness (kN/m**exponent), coefficient of restitution, factor on the record; shape (n,)
     stiffness: np.ndarray
     restitution: np.ndarray
     scale: np.ndarray
-    steps: tuple[float, ...]
-    initial_velocity: tuple[float, ...] | None = None
+    steps: tuple[float, ...]  # time steps (s)
+    initial_velocity: tuple[float, ...] | None = None  # velocity (m/s) of every floor, building by building
 
     def __len__(self) -> int:
         return len(self.scale)
@@ -186,9 +165,13 @@ def pair(periods: tuple[float, float] = (0.4, 0.25), ratio: float = 1.0, damping
     return Scene([left, oscillator("right", periods[1], 100.0 * ratio, 2, damping)], [0.005])
 
 
-def beside_wall(period: float = 0.4, mass: float = 100.0, damping: float = 0.05) -> Scene:
+def beside_wall(damping: float = 0.05) -> Scene:
     """Return a building of one storey left of a wall."""
-    return Scene([oscillator("left", period, mass, 1, damping), Wall()], [0.005])
+    return Scene([oscillator("left", 0.4, damping=damping), Wall()], [0.005])
+
+
+def _both() -> tuple[tuple[str, Scene], ...]:
+    return ("pair", pair()), ("wall", beside_wall())
 
 
 def earthquake(pga: float = 4.0, duration: float = 2.0, dt: float = 0.01) -> Record:
@@ -198,19 +181,19 @@ def earthquake(pga: float = 4.0, duration: float = 2.0, dt: float = 0.01) -> Rec
 
 def _stiffness(law: Law) -> Iterable[Batch]:
     values = np.logspace(3, 12, 10)
-    for name, scene in (("pair", pair()), ("wall", beside_wall())):
+    for name, scene in _both():
         yield make_batch("stiffness", name, scene, law, earthquake(), stiffness=list(values))
 
 
 def _gap(law: Law) -> Iterable[Batch]:
     values = [0.0, 1e-9, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, OPEN_GAP]
-    for name, scene in (("pair", pair()), ("wall", beside_wall())):
+    for name, scene in _both():
         yield make_batch("gap", name, scene, law, earthquake(), gaps=values)
 
 
 def _restitution(law: Law) -> Iterable[Batch]:
     values = [lowest_restitution(law), 0.01, 0.05, 0.2, 0.5, 0.8, 0.99, 1.0]
-    for name, scene in (("pair", pair()), ("wall", beside_wall())):
+    for name, scene in _both():
         yield make_batch(
             "restitution", name, scene, law, earthquake(), restitution=values, stiffness=_around(law, 1e-2, 1.0, 1e2)
         )
@@ -417,15 +400,8 @@ def _foundations(law: Law) -> Iterable[Batch]:
 
 
 def staggered(level: float, depth: float = 0.0, columns: float = 1.0) -> Scene:
-    """Return a storey whose slab strikes the upper columns of two of 3 m, and they its own by their lower floor.
-
-    Parameters
-    ----------
-    level, depth : float
-        Elevation of that slab and its depth (m).
-    columns : float
-        Stiffness of all struck columns over that of their storeys.
-    """
+    """Return a storey whose slab strikes the upper columns of two of 3 m, and they its own by their lower floor."""
+    # `level` and `depth` (m) are of that slab, `columns` the stiffness of struck columns over that of their storeys
     low, high = oscillator("left", 0.4), oscillator("right", 0.25, 100.0, 2)
     given = [[k * columns for k in building.stiffnesses] for building in (low, high)]
     left = replace(low, storey_heights=[level], slab_depths=[depth], column_stiffnesses=given[0])
@@ -450,24 +426,13 @@ def _columns(law: Law) -> Iterable[Batch]:
 
 @dataclass(frozen=True)
 class Family:
-    """A family of extreme scenarios.
+    """A family of extreme scenarios."""
 
-    Attributes
-    ----------
-    key : str
-        Name in tables.
-    title : str
-        What is stretched, and how far.
-    make : callable
-        Batches of the family under a law.
-    wide : bool
-        Whether it is run under every law; else under one law of each force exponent,
-        because its kernels are slow to compile.
-    """
-
-    key: str
-    title: str
-    make: Callable[[Law], Iterable[Batch]]
+    key: str  # name in tables
+    title: str  # what is stretched, and how far
+    make: Callable[[Law], Iterable[Batch]]  # batches of the family under a law
+    #: whether it is run under every law; else under one law of each force exponent, because its kernels are slow to
+    #: compile
     wide: bool = True
 
 

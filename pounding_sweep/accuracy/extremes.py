@@ -39,45 +39,26 @@ DEFAULT_SCENES = 320
 
 @dataclass
 class FamilyResult:
-    """What the judge found of a family in one scheme.
+    """What the judge found of a family in one scheme."""
 
-    Attributes
-    ----------
-    family, method : str
-        Family and scheme.
-    scenarios : int
-        Scenarios, each step counted.
-    statuses : Counter
-        Scenarios by label of their status.
-    missed, sensitive : int
-        Ok scenarios that are off by more than the claim, and those of them that are sensitive.
-    unknown : int
-        Ok scenarios without a converged reference.
-    error : float
-        Worst relative error of a peak among ok scenarios that half the step does not give away and that
-        are not sensitive.
-    created : float
-        Most energy created by contacts of an ok scenario, relative to the largest energy of its balance.
-    energy : float
-        Largest energy of any scenario, relative to what the ground can have brought in.
-    faults : list of dict
-        Scenarios that failed a demand, each with what is needed to run it again.
-    seconds : float
-        Wall time of the runs, references and compilation not counted.
-    """
-
+    #: family and scheme
     family: str
     method: str
-    scenarios: int = 0
-    statuses: Counter[str] = field(default_factory=Counter)
+    scenarios: int = 0  # scenarios, each step counted
+    statuses: Counter[str] = field(default_factory=Counter)  # scenarios by label of their status
+    #: ok scenarios that are off by more than the claim, and those of them that are sensitive
     missed: int = 0
     sensitive: int = 0
-    unknown: int = 0
-    error: float = 0.0
-    created: float = 0.0
-    energy: float = 0.0
-    faults: list[dict[str, Any]] = field(default_factory=list)
-    seconds: float = 0.0
+    unknown: int = 0  # ok scenarios without a converged reference
+    #: worst relative error of a peak among ok scenarios that half the step does not give away and that are not
+    #: sensitive
+    worst_error: float = 0.0
+    #: most energy created by contacts of an ok scenario, relative to the largest energy of its balance
+    worst_created_energy: float = 0.0
+    worst_energy: float = 0.0  # largest energy of any scenario, relative to what the ground can have brought in
+    #: scenarios that failed a demand, each with what is needed to run it again
+    violations: list[dict[str, Any]] = field(default_factory=list)
+    seconds: float = 0.0  # wall time of the runs, references and compilation not counted
 
     def add(self, verdict: Verdict) -> None:
         """Count one run of a batch."""
@@ -88,28 +69,18 @@ class FamilyResult:
         self.sensitive += int(verdict.sensitive.sum())
         self.unknown += int(verdict.unknown.sum())
         errors = verdict.error[~verdict.told & ~verdict.sensitive & np.isfinite(verdict.error)]
-        self.error = max(self.error, float(errors.max(initial=0.0)))
-        self.created = max(self.created, float(verdict.created[ok].max(initial=0.0)))
-        self.energy = max(self.energy, float(verdict.energy.max(initial=0.0)))
-        self.faults += [_fault(verdict, row, text) for row, text in verdict.faults]
+        for name, found in (
+            ("worst_error", errors),
+            ("worst_created_energy", verdict.created[ok]),
+            ("worst_energy", verdict.energy),
+        ):
+            setattr(self, name, max(getattr(self, name), float(found.max(initial=0.0))))
+        self.violations += [_fault(verdict, row, text) for row, text in verdict.faults]
         self.seconds += verdict.seconds
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""
-        return {
-            "family": self.family,
-            "method": self.method,
-            "scenarios": self.scenarios,
-            "statuses": {s.label: self.statuses[s.label] for s in STATUS if self.statuses[s.label]},
-            "missed": self.missed,
-            "sensitive": self.sensitive,
-            "unknown": self.unknown,
-            "worst_error": self.error,
-            "worst_created_energy": self.created,
-            "worst_energy": self.energy,
-            "violations": self.faults,
-            "seconds": self.seconds,
-        }
+        return vars(self) | {"statuses": {s.label: self.statuses[s.label] for s in STATUS if self.statuses[s.label]}}
 
 
 def _fault(verdict: Verdict, row: int, text: str) -> dict[str, Any]:
@@ -132,33 +103,19 @@ def _fault(verdict: Verdict, row: int, text: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Extremes:
-    """What a run of the suite found.
+    """What a run of the suite found."""
 
-    Attributes
-    ----------
-    results : list of FamilyResult
-        Family by family, scheme by scheme.
-    laws : tuple of str
-        Laws.
-    scenes, seed : int
-        Random scenes, and their seed.
-    seconds : float
-        Wall time, references included, compilation of kernels not.
-    compile_seconds : float
-        Time until all kernels were ready.
-    """
-
-    results: list[FamilyResult]
+    results: list[FamilyResult]  # family by family, scheme by scheme
     laws: tuple[str, ...]
-    scenes: int
-    seed: int
-    seconds: float
-    compile_seconds: float
+    scenes: int  # random ones
+    seed: int  # of these
+    seconds: float  # wall time, references included, compilation of kernels not
+    compile_seconds: float  # time until all kernels were ready
 
     @property
     def faults(self) -> list[dict[str, Any]]:
         """Every violation."""
-        return [fault for result in self.results for fault in result.faults]
+        return [fault for result in self.results for fault in result.violations]
 
 
 def run_extremes(

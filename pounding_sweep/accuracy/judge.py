@@ -46,69 +46,33 @@ REFERENCE_STEPS = 4_000_000
 
 @dataclass(frozen=True)
 class Reference:
-    """What the scenarios of a batch should find.
+    """What the scenarios of a batch should find."""
 
-    Attributes
-    ----------
-    peaks : dict of str to ndarray
-        The peaks, shape (n, ...); NaN where there is no reference.
-    known : ndarray of bool, shape (n,)
-        Whether the reference converged.
-    step : ndarray, shape (n,)
-        Its time step (s).
-    """
-
-    peaks: dict[str, np.ndarray]
-    known: np.ndarray
-    step: np.ndarray
+    peaks: dict[str, np.ndarray]  # the peaks, shape (n, ...); NaN where there is no reference
+    known: np.ndarray  # whether the reference converged; shape (n,)
+    step: np.ndarray  # its time step (s); shape (n,)
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the judge found of a batch in one scheme at one step; arrays of shape (n,).
+    """What the judge found of a batch in one scheme at one step; arrays of shape (n,)."""
 
-    Attributes
-    ----------
-    batch : Batch
-        The scenarios.
-    method, precision : str
-        Scheme and number format.
-    dt : float
-        Largest time step (s).
-    status : ndarray of int
-        Status of each scenario.
-    error : ndarray
-        Largest relative error of a peak; NaN where it was not to be judged.
-    missed, told : ndarray of bool
-        Ok, but off by more than the claim; and those of them that half the step gives away.
-    sensitive : ndarray of bool
-        Missed, and sensitive.
-    unknown : ndarray of bool
-        Ok, but without a converged reference.
-    created : ndarray
-        Energy created by contacts, relative to the largest of the balance.
-    energy : ndarray
-        Largest energy, over what the ground can have brought in.
-    seconds : float
-        Wall time of the run.
-    faults : list of (int, str)
-        Scenario and what is wrong with it.
-    """
-
-    batch: Batch
+    batch: Batch  # the scenarios
+    #: scheme and number format
     method: str
     precision: str
-    dt: float
-    status: np.ndarray
-    error: np.ndarray
+    dt: float  # largest time step (s)
+    status: np.ndarray  # status of each scenario
+    error: np.ndarray  # largest relative error of a peak; NaN where it was not to be judged
+    #: ok, but off by more than the claim; and those of them that half the step gives away
     missed: np.ndarray
     told: np.ndarray
-    sensitive: np.ndarray
-    unknown: np.ndarray
-    created: np.ndarray
-    energy: np.ndarray
-    seconds: float
-    faults: list[tuple[int, str]]
+    sensitive: np.ndarray  # missed, and sensitive
+    unknown: np.ndarray  # ok, but without a converged reference
+    created: np.ndarray  # energy created by contacts, relative to the largest of the balance
+    energy: np.ndarray  # largest energy, over what the ground can have brought in
+    seconds: float  # wall time of the run
+    faults: list[tuple[int, str]]  # scenario and what is wrong with it
 
 
 def peaks_of(found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -22,11 +22,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.accuracy.calibrate import closing
 from pounding_sweep.model.laws import LAWS, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.outputs.differences import CHANGE, relative_errors
-from pounding_sweep.outputs.variables import OK_CLAIM, Status, reducers_for
+from pounding_sweep.outputs.variables import OK_CLAIM, Status
 from pounding_sweep.plan.advice import CLASSES
 from pounding_sweep.plan.plan import make_plan
 from pounding_sweep.records import Record, read_record, resolve_record, synthetic_record
@@ -100,17 +100,6 @@ def draw(seed: int, number: int, laws: Sequence[str], records: Sequence[Record])
     return build_spec(scene=scene, records=record, cases=cases, outputs=OUTPUTS, audit=0.0)
 
 
-def closing(scene: Scene, record: Record) -> np.ndarray:
-    """Largest closing displacement (m) of every pair without pounding."""
-    kernel = RowKernel(scene, get_law("none"), Numerics("rk4", 2e-3), reducers_for(["closing_max"]))
-    one = np.ones(1)
-    raw = kernel.run(record, scale=one, gaps=np.zeros((1, len(scene.gaps))), stiffness=one, restitution=one)
-    found = np.zeros(len(scene.gaps))
-    for j, contact in enumerate(scene.contacts):
-        found[contact.pair] = max(found[contact.pair], float(raw["closing"][0, j]))
-    return found
-
-
 def run_cases(spec: SweepSpec) -> dict[str, np.ndarray]:
     """Run the cases of a sweep of one record, in their order, as a worker does."""
     plan = make_plan(spec)
@@ -153,32 +142,19 @@ def reference(spec: SweepSpec) -> tuple[dict[str, np.ndarray], np.ndarray]:
 
 @dataclass
 class Tally:
-    """How one promise was kept by one class of scenarios.
+    """How one promise was kept by one class of scenarios."""
 
-    Attributes
-    ----------
-    scenarios, unknown : int
-        Ok ones with a converged run to compare with, and ok ones without.
-    unsettled : int
-        Those that said themselves that they did not reach it.
-    missed, far : int
-        Off by more than was promised, and by more than three times that.
-    sensitive : int
-        Those that a change of all inputs by 1e-6 changes by more than was promised; none is excused for it.
-    worst : float
-        Largest error over what was promised.
-    outputs : Counter
-        Missed ones by the output that is farthest off.
-    """
-
+    #: ok ones with a converged run to compare with, and ok ones without
     scenarios: int = 0
     unknown: int = 0
-    unsettled: int = 0
+    unsettled: int = 0  # those that said themselves that they did not reach it
+    #: off by more than was promised, and by more than three times that
     missed: int = 0
     far: int = 0
+    #: those that a change of all inputs by 1e-6 changes by more than was promised; none is excused for it
     sensitive: int = 0
-    worst: float = 0.0
-    outputs: Counter[str] = field(default_factory=Counter)
+    worst: float = 0.0  # largest error over what was promised
+    outputs: Counter[str] = field(default_factory=Counter)  # missed ones by the output that is farthest off
 
     def add(self, other: Tally) -> None:
         """Count those of another tally too."""

@@ -28,31 +28,16 @@ TOLERANCE = 1e-4
 
 @dataclass(frozen=True)
 class SelfCheck:
-    """What a self-check found.
+    """What a self-check found."""
 
-    Attributes
-    ----------
-    scenarios : int
-        Scenarios that were run.
-    values : int
-        Numbers that were compared.
-    error_max : float
-        Largest relative difference to a converged value.
-    error_stored : float
-        How far the converged values agree at two tolerances, relative.
-    compile_seconds, run_seconds : float
-        Time (s) until the kernels were ready, and of the scenarios themselves.
-    faults : tuple of str
-        Values that are beyond `TOLERANCE`, and scenarios that were not run.
-    """
-
-    scenarios: int
-    values: int
-    error_max: float
-    error_stored: float
+    scenarios: int  # scenarios that were run
+    values: int  # numbers that were compared
+    error_max: float  # largest relative difference to a converged value
+    error_stored: float  # how far the converged values agree at two tolerances, relative
+    #: time (s) until the kernels were ready, and of the scenarios themselves
     compile_seconds: float
     run_seconds: float
-    faults: tuple[str, ...]
+    faults: tuple[str, ...]  # values that are beyond `TOLERANCE`, and scenarios that were not run
 
     @property
     def passed(self) -> bool:

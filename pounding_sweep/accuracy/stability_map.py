@@ -11,7 +11,7 @@ from pounding_sweep.accuracy.extreme_scenes import earthquake, kernel_of, make_b
 from pounding_sweep.accuracy.judge import make_reference, peaks_of
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import Law, get_law
-from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, package_version
+from pounding_sweep.output.dataset import made_here
 from pounding_sweep.outputs.differences import relative_error
 from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status
 
@@ -88,9 +88,7 @@ def _dataset(
             "dt": ("dt", steps, {"units": "s", "long_name": "time step"}),
         },
         {
-            "Conventions": "CF-1.8",
-            VERSION_ATTRIBUTE: package_version(),
-            "title": f"Stability map: {law.title}",
+            **made_here(f"Stability map: {law.title}"),
             "law": law.key,
             "restitution": restitution if law.takes_restitution else "none",
             "ok_claim": OK_CLAIM,

@@ -10,6 +10,7 @@ import numpy as np
 
 from pounding_sweep.accuracy.tradeoff import CONFIGURATION, KIND, KIND_ATTRIBUTE
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.tables import finite
 from pounding_sweep.outputs.variables import Status, get_variable
 from pounding_sweep.schemes import SCHEMES
 
@@ -68,8 +69,8 @@ def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
                     output: {
                         population: {
                             statistic: {
-                                "value": finite(values[i, j, k]),
-                                "resolution": finite(limits[i, j, k]),
+                                "value": finite(float(values[i, j, k])),
+                                "resolution": finite(float(limits[i, j, k])),
                                 "pareto": bool(front[i, j, k]),
                             }
                             for k, statistic in enumerate(statistics)
@@ -81,11 +82,6 @@ def trade_rows(trade: xr.Dataset) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def finite(value: float) -> float | None:
-    """Return the number, or None where it is not finite."""
-    return float(value) if math.isfinite(value) else None
 
 
 def table_of(trade: xr.Dataset, population: str = "steady") -> tuple[list[str], list[list[str]]]:

@@ -18,7 +18,6 @@ import time
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -29,7 +28,7 @@ from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
-from pounding_sweep.output.dataset import CONVENTIONS, VERSION_ATTRIBUTE, package_version
+from pounding_sweep.output.dataset import made_here
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
 from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status
 from pounding_sweep.plan.advice import measured_schemes
@@ -52,38 +51,22 @@ TIMED_GROUPS = 2
 
 @dataclass(frozen=True)
 class Group:
-    """Scenarios of one law and one record: one kernel call.
+    """Scenarios of one law and one record: one kernel call."""
 
-    Attributes
-    ----------
-    law, record : int
-        Index into the plan's laws and records.
-    rows : ndarray of int
-        Rows of the plan's table of unique scenarios.
-    """
-
+    #: index into the plan's laws and records
     law: int
     record: int
-    rows: np.ndarray
+    rows: np.ndarray  # rows of the plan's table of unique scenarios
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What is run to measure a trade.
+    """What is run to measure a trade."""
 
-    Attributes
-    ----------
-    groups : tuple of Group
-        Random scenarios, for errors.
-    timed : tuple of Group
-        One per law: scenarios that stand side by side in the sweep, in whole lane groups, for costs.
-    touching : ndarray of bool
-        Rows of the plan's table in which floors can meet.
-    """
-
-    groups: tuple[Group, ...]
+    groups: tuple[Group, ...]  # random scenarios, for errors
+    #: one per law: scenarios that stand side by side in the sweep, in whole lane groups, for costs
     timed: tuple[Group, ...]
-    touching: np.ndarray
+    touching: np.ndarray  # rows of the plan's table in which floors can meet
 
     @property
     def rows(self) -> np.ndarray:
@@ -160,26 +143,13 @@ Values = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Compared:
-    """Schemes, modes, number formats and steps of which every combination is measured.
-
-    Attributes
-    ----------
-    methods : tuple of str
-        Schemes.
-    located : tuple of bool
-        With contacts located inside the step, without, or both.
-    precisions : tuple of str
-        Number formats.
-    steps : tuple of float
-        Largest time steps (s), from the largest to the smallest.
-    beta, gamma : float
-        Newmark's parameters.
-    """
+    """Schemes, modes, number formats and steps of which every combination is measured."""
 
     methods: tuple[str, ...]
-    located: tuple[bool, ...]
+    located: tuple[bool, ...]  # with contacts located inside the step, without, or both
     precisions: tuple[str, ...]
-    steps: tuple[float, ...]
+    steps: tuple[float, ...]  # largest time steps (s), from the largest to the smallest
+    #: Newmark's parameters
     beta: float
     gamma: float
 
@@ -197,44 +167,22 @@ class Compared:
 
 @dataclass(frozen=True)
 class Measured:
-    """Everything measured, before it is summed up.
+    """Everything measured, before it is summed up."""
 
-    Attributes
-    ----------
-    spec : SweepSpec
-        The sweep as it was given.
-    plan : Plan
-        Its scenarios.
-    sample : Sample
-        Those that were run.
-    outputs : tuple of str
-        Outputs whose errors were measured.
-    compared : Compared
-        What was compared.
-    reference : Numerics
-        How the converged solution was integrated.
-    reference_errors : ndarray, shape (n, outputs)
-        Upper estimate of its relative error; NaN where it has no values.
-    sensitivity : ndarray, shape (n,)
-        Largest relative change of an output when all inputs change by `CHANGE`.
-    errors : ndarray, shape (*compared.shape, n, outputs)
-        Relative errors; infinite where the scenario diverged, NaN where it was refused.
-    statuses : ndarray of int, shape (*compared.shape, n)
-        `Status` of each scenario.
-    seconds : ndarray, shape (*compared.shape, timed groups, repeats)
-        Processor time (s) of one scenario; NaN where the law is refused in some scenario of the sweep.
-    """
-
-    spec: SweepSpec
-    plan: Plan
-    sample: Sample
-    outputs: tuple[str, ...]
-    compared: Compared
-    reference: Numerics
-    reference_errors: np.ndarray
-    sensitivity: np.ndarray
+    spec: SweepSpec  # the sweep as it was given
+    plan: Plan  # its scenarios
+    sample: Sample  # those that were run
+    outputs: tuple[str, ...]  # outputs whose errors were measured
+    compared: Compared  # what was compared
+    reference: Numerics  # how the converged solution was integrated
+    reference_errors: np.ndarray  # upper estimate of its relative error; NaN where it has no values; shape (n, outputs)
+    sensitivity: np.ndarray  # largest relative change of an output when all inputs change by `CHANGE`; shape (n,)
+    #: relative errors; infinite where the scenario diverged, NaN where it was refused; shape (*compared.shape, n,
+    #: outputs)
     errors: np.ndarray
-    statuses: np.ndarray
+    statuses: np.ndarray  # `Status` of each scenario; shape (*compared.shape, n)
+    #: processor time (s) of one scenario; NaN where the law is refused in some scenario of the sweep; shape
+    #: (*compared.shape, timed groups, repeats)
     seconds: np.ndarray
 
     @property
@@ -497,7 +445,7 @@ def make_dataset(measured: Measured, settings: Mapping[str, Any]) -> xr.Dataset:
 
     m = measured
     rows_law = m.plan.unique.law[m.sample.rows]
-    populations = _populations(m)
+    populations = _populations(np.broadcast_to(m.sensitive, m.statuses.shape), m.statuses == Status.OK)
     law_cost, cost, cost_median = _costs(m)
     error, resolution = _sums(m, populations, np.ones(len(rows_law), bool))
     by_law = [_sums(m, populations, rows_law == group.law) for group in m.sample.timed]
@@ -538,13 +486,10 @@ def _flag(values: np.ndarray) -> np.ndarray:
     return np.asarray(values, np.int8)
 
 
-def _populations(m: Measured) -> dict[str, np.ndarray]:
-    """Masks of the scenarios, shape (*configurations, n)."""
-    shape = m.statuses.shape
-    sensitive = np.broadcast_to(m.sensitive, shape)
-    ok = m.statuses == Status.OK
+def _populations(sensitive: np.ndarray, ok: np.ndarray) -> dict[str, np.ndarray]:
+    """Masks of the scenarios."""
     masks = {
-        "all": np.ones(shape, bool),
+        "all": np.ones(ok.shape, bool),
         "steady": ~sensitive,
         "sensitive": sensitive,
         "ok": ok,
@@ -569,16 +514,8 @@ def _sums(m: Measured, populations: dict[str, np.ndarray], mine: np.ndarray) -> 
 
 def _reference_sums(m: Measured) -> np.ndarray:
     """Statistics of the converged solution's own error, shape (outputs, populations, statistics)."""
-    sensitive = m.sensitive
-    every = np.ones_like(sensitive)
-    chosen = {
-        "all": every,
-        "steady": ~sensitive,
-        "sensitive": sensitive,
-        "ok": every,
-        "ok_steady": ~sensitive,
-    }
-    return np.stack([statistics(m.reference_errors[chosen[name]]) for name in POPULATIONS], axis=1)
+    chosen = _populations(m.sensitive, np.ones(m.sensitive.shape, bool))
+    return np.stack([statistics(m.reference_errors[rows]) for rows in chosen.values()], axis=1)
 
 
 def _costs(m: Measured) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -659,7 +596,6 @@ def _attributes(m: Measured, settings: Mapping[str, Any]) -> dict[str, Any]:
 
     from pounding_sweep.run.diagnosis import diagnose
 
-    version = package_version()
     machine = diagnose()
     processor = {k: machine["processor"][k] for k in ("name", "vector_bits", "lanes_per_kernel", "cores")}
     records = [
@@ -667,11 +603,7 @@ def _attributes(m: Measured, settings: Mapping[str, Any]) -> dict[str, Any]:
         for r in m.spec.records
     ]
     return {
-        "Conventions": CONVENTIONS,
-        "title": f"Speed-accuracy trade: {m.spec.title or 'sweep of seismic pounding of adjacent buildings'}",
-        "source": f"pounding_sweep {version}",
-        "history": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} made by pounding_sweep {version}",
-        VERSION_ATTRIBUTE: version,
+        **made_here(f"Speed-accuracy trade: {m.spec.title or 'sweep of seismic pounding of adjacent buildings'}"),
         KIND_ATTRIBUTE: KIND,
         "sample_scenarios": len(m.sample.rows),
         "sensitive_scenarios": int(m.sensitive.sum()),

@@ -111,10 +111,8 @@ def merged(x: np.ndarray) -> np.ndarray:
 
 
 def fit_with_one_dispersion(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[LognormalFit]:
-    """Fit lognormals of one dispersion to several sets of trials, intensities and whether it happened.
-
-    A set that has no fit of its own has none here, but where trials are separated: the others tell the dispersion.
-    """
+    """Fit lognormals of one dispersion to several sets of trials, intensities and whether it happened."""
+    # a set that has no fit of its own has none here, but where trials are separated: the others tell the dispersion
     alone = [fit_lognormal(*each) for each in trials]
     among = [i for i, fit in enumerate(alone) if fit.status in (FitStatus.FITTED, FitStatus.SEPARATED)]
     own = [alone[i].dispersion for i in among if alone[i].status == FitStatus.FITTED]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import sys
 import textwrap
@@ -17,6 +18,11 @@ def print_json(value: Any) -> None:
     """Print one JSON value."""
     # what is left of control characters is escaped as JSON does
     print(printable(json.dumps(value, indent=2, allow_nan=False, ensure_ascii=False), keep="\n"))
+
+
+def finite(value: Any) -> Any:
+    """Return a value as JSON and tables have it: None for a number that is none."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def print_pairs(rows: Sequence[tuple[str, str]], indent: int = 0) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.reporting import NAME, open_streams
 
 app = typer.Typer(
@@ -33,6 +34,7 @@ Intensity = Annotated[
         "what the records are scaled to by default.",
     ),
 ]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON value instead of text.")]
 Folders = Annotated[
     list[Path] | None,
@@ -44,6 +46,15 @@ Workers = Annotated[
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the output file if it exists.")]
 #: Help of every option that draws: a figure is made again from its data, which are never replaced unasked.
 FIGURE_FILE = "PNG, SVG or PDF file; replaced if it exists."
+
+
+def numbers_of(text: str, option: str, form: str) -> list[float]:
+    """Read numbers separated by commas; `form` says what the option takes, with an example."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        msg = f"{option} {text!r} is no list of {form}"
+        raise InputError(msg) from None
 
 
 def main() -> None:

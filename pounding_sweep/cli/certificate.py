@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import typer
 
-from pounding_sweep.base.errors import InputError
-from pounding_sweep.base.tables import print_json, print_pairs, print_table
+from pounding_sweep.base.tables import finite, print_json, print_pairs, print_table
+from pounding_sweep.cli.app import numbers_of
 from pounding_sweep.cli.reporting import FAILED, say_laws
 from pounding_sweep.model.rebound import RELATIONS
 
@@ -23,12 +24,11 @@ _CHECKED = ("damping_number", "measured", "solved", "analytic")
 
 def print_certificate(nominal: str | None, as_json: bool) -> None:
     """Measure and print the restitution of every law, at the values of a list such as "0.2,0.6"."""
-    from pounding_sweep.accuracy.certificate import RESTITUTIONS, certify
+    from pounding_sweep.accuracy.certificate import certify
     from pounding_sweep.cli.progress import make_progress
     from pounding_sweep.run.execute import check_scheduler
 
-    restitutions = RESTITUTIONS if nominal is None else _numbers(nominal)
-    found = certify(restitutions, workers=check_scheduler("threads", None), progress=make_progress())
+    found = certify(_restitutions(nominal), workers=check_scheduler("threads", None), progress=make_progress())
     if as_json:
         print_json({**_summary(found), "rows": _rows(found)})
     else:
@@ -37,14 +37,13 @@ def print_certificate(nominal: str | None, as_json: bool) -> None:
 
 def print_check(name: str, nominal: str | None, as_json: bool) -> None:
     """Check one law and print what was found; exit with a failure where it is not what its formulas say."""
-    from pounding_sweep.accuracy.certificate import RESTITUTIONS
     from pounding_sweep.accuracy.law_check import check_law
     from pounding_sweep.cli.progress import make_progress
     from pounding_sweep.spec.own_laws import find_law
 
     law = find_law(name)
     say_laws([law] if law.source else [])
-    found = check_law(law, RESTITUTIONS if nominal is None else _numbers(nominal), progress=make_progress())
+    found = check_law(law, _restitutions(nominal), progress=make_progress())
     if as_json:
         print_json(
             {
@@ -102,16 +101,11 @@ def _cell(value: float, form: str) -> str:
     return "-" if np.isnan(value) else format(value + 0.0, form)
 
 
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        msg = f"--e {text!r} is no list of restitutions; give numbers in [0, 1] with commas between, as 0.2,0.6"
-        raise InputError(msg) from None
+def _restitutions(nominal: str | None) -> Sequence[float]:
+    from pounding_sweep.accuracy.certificate import RESTITUTIONS
 
-
-def _plain(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)
+    form = "restitutions; give numbers in [0, 1] with commas between, as 0.2,0.6"
+    return RESTITUTIONS if nominal is None else numbers_of(nominal, "--e", form)
 
 
 def _rows(found: xr.Dataset, *more: str) -> list[dict[str, Any]]:
@@ -121,7 +115,7 @@ def _rows(found: xr.Dataset, *more: str) -> list[dict[str, Any]]:
             "law": str(law),
             "basis": str(basis),
             "restitution": float(e),
-            **{name: _plain(found[name].values[i, j, n]) for name in (*_CHECKED[:2], "analytic", *more)},
+            **{name: finite(float(found[name].values[i, j, n])) for name in (*_CHECKED[:2], "analytic", *more)},
         }
         for i, law in enumerate(found.law.values)
         for j, basis in enumerate(found.basis.values)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +11,7 @@ import typer
 
 from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Comparison, Row, compared, table_rows
 from pounding_sweep.analysis.events import EVENTS, get_event
-from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table
+from pounding_sweep.base.tables import finite, number_text, print_json, print_pairs, print_table
 from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, Intensity, app
 from pounding_sweep.cli.cubes import axis_values
 from pounding_sweep.cli.reporting import reporting, say
@@ -86,16 +85,16 @@ def compare_command(
         list[str] | None,
         typer.Option("--over", metavar="AXIS", help="Take all values of record, scale or pga together in tables."),
     ] = None,
-    quantile: Annotated[
+    quantiles: Annotated[
         list[float] | None,
         typer.Option("--quantile", metavar="Q", help="Fractile of the values, 0 to 1; repeat for several."),
     ] = None,
-    probability: Annotated[
+    probabilities: Annotated[
         list[float] | None,
         typer.Option("--probability", metavar="P", help="Probability of touching, 0 to 1; repeat for several."),
     ] = None,
     intensity: Intensity = None,
-    given: Annotated[
+    levels: Annotated[
         list[float] | None,
         typer.Option("--given", metavar="X", help="Intensity that gaps are for, in its unit; repeat for several."),
     ] = None,
@@ -115,6 +114,7 @@ def compare_command(
     as_json: AsJson = False,
 ) -> None:
     """Compare laws, gaps, buildings and records of a cube."""
+    given: dict[str, Any] = locals()
     with reporting():
         from pounding_sweep.analysis.along import check_quantiles
         from pounding_sweep.analysis.comparisons.gap_for_probability import PROBABILITIES, YEARS, check_numbers
@@ -123,24 +123,21 @@ def compare_command(
         from pounding_sweep.analysis.scenarios import law_keys, pounding_only, scenario_dims
         from pounding_sweep.base.errors import InputError, unknown
         from pounding_sweep.output.netcdf import open_cube
+        from pounding_sweep.output.provenance import plain
         from pounding_sweep.output.select import select
 
         keys = list(dict.fromkeys(what)) if what else list(COMPARISONS)
         for key in keys:
             if key not in COMPARISONS:
                 raise InputError(unknown("comparison", key, COMPARISONS))
-        options: dict[str, Any] = {"--reference": reference, "--event": event, "--level": level}
-        options |= {"--quantile": quantile or None, "--probability": probability or None, "--intensity": intensity}
-        options |= {"--given": given or None, "--hazard": hazard, "--years": years, "--records": folders or None}
-        options["--one-dispersion"] = one_dispersion or None
-        asked = {option: value for option, value in options.items() if value is not None}
+        asked = {option: given[name] for option, name in _ARGUMENTS.items() if given[name] not in (None, [])}
         _check_options([option for option in asked if option != "--records" or intensity is None], keys)
         if years is not None and hazard is None:
             msg = "--years are those of a hazard; add --hazard, or leave them out"
             raise InputError(msg)
-        if quantile:
-            check_quantiles(quantile)
-        check_numbers(probability or PROBABILITIES, years=YEARS if years is None else years)
+        if quantiles:
+            check_quantiles(quantiles)
+        check_numbers(probabilities or PROBABILITIES, years=YEARS if years is None else years)
         if intensity is not None:
             check_intensity(intensity)
         if hazard is not None:
@@ -176,11 +173,11 @@ def compare_command(
                     report[key] |= {"possible": False, "why_not": str(error)}
                     continue
                 own = "quantiles" in comparison.arguments
-                table: dict[str, Any] = {"over": over or (), "quantiles": None if own else quantile or None}
+                table: dict[str, Any] = {"over": over or (), "quantiles": None if own else quantiles or None}
                 rows = table_rows(result, comparison, **table)
                 if intensity is not None and "intensity" not in comparison.arguments and comparison.rows is None:
                     rows = with_intensity(rows, intensity_of(found, intensity, folders=folders or None), intensity)
-                report[key] |= {"attributes": _plain(result.attrs), "rows": rows}
+                report[key] |= {"attributes": {str(k): finite(plain(v)) for k, v in result.attrs.items()}, "rows": rows}
                 report[key]["lead"] = table_rows(result, comparison, lead=True, **table)
                 if out is not None:
                     report[key]["files"] = _write(result, report[key]["rows"], key, out, overwrite)
@@ -221,15 +218,6 @@ def _left_out(cube: xr.Dataset) -> tuple[int, dict[str, int]]:
     labels = {int(status): status.label for status in STATUS}
     counts = status_counts(cube["status"])
     return cube["status"].size, {labels.get(code, f"code {code}"): n for code, n in counts.items() if code != Status.OK}
-
-
-def _plain(attributes: dict[Any, Any]) -> dict[str, Any]:
-    """Return attributes as JSON can hold them: plain numbers and texts, None for a number that is none."""
-    found = {}
-    for key, value in attributes.items():
-        plain = value.item() if hasattr(value, "item") else value
-        found[str(key)] = None if isinstance(plain, float) and math.isnan(plain) else plain
-    return found
 
 
 def _check_data(folder: Path, keys: list[str], overwrite: bool) -> None:

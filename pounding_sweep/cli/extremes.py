@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pounding_sweep.base.tables import print_json, print_table, seconds_text
-from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Workers, app
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Quiet, Workers, app
 from pounding_sweep.cli.reporting import FAILED, reporting, say
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def extremes_command(
     workers: Workers = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace MAP.nc if it exists.")] = False,
     as_json: AsJson = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Judge extreme scenarios: crashes, false statuses, errors."""
     with reporting():
@@ -54,13 +55,10 @@ def extremes_command(
         if plot_file is not None:
             check_output(plot_file, overwrite=True, netcdf=False)
         n_workers = check_scheduler("threads", workers)
-        progress = make_progress(quiet)
-        try:
+        with closing(make_progress(quiet)) as progress:
             found = run_extremes(
                 scenes, seed=seed, laws=law, families=family, precision=precision, workers=n_workers, progress=progress
             )
-        finally:
-            progress.close()
         files = _map(map_file, plot_file, law)
         if as_json:
             print_json(_report(found, files))
@@ -122,9 +120,9 @@ def _print(found: Extremes) -> None:
             str(result.missed),
             str(result.sensitive),
             str(result.unknown),
-            f"{result.error:.1e}",
-            f"{result.created:.1e}",
-            str(len(result.faults)),
+            f"{result.worst_error:.1e}",
+            f"{result.worst_created_energy:.1e}",
+            str(len(result.violations)),
             f"{result.seconds:.2f}",
         ]
         for result in found.results

@@ -48,6 +48,11 @@ OutputStep = Annotated[
         "to show every peak that is reported.",
     ),
 ]
+#: Arguments of both commands that choose a scenario, and how it is run.
+_CHOICE = (
+    *("sweep", "folders", "skip_missing", "at", "output_step"),
+    *("case", "law", "gap", "stiffness", "stiffness_factor", "restitution", "record", "scale"),
+)
 
 
 @app.command("simulate")
@@ -69,25 +74,12 @@ def simulate_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Run one scenario of a sweep, the middle one by default, and write its histories."""
+    given = locals()
     with reporting():
         from pounding_sweep.output.netcdf import check_output, write_cube
 
         check_output(out, overwrite)
-        one = _simulate(
-            sweep,
-            folders,
-            skip_missing,
-            at or [],
-            output_step=output_step,
-            case=case,
-            law=law,
-            gap=gap,
-            stiffness=stiffness,
-            stiffness_factor=stiffness_factor,
-            restitution=restitution,
-            record=record,
-            scale=scale,
-        )
+        one = _simulate(**{name: given[name] for name in _CHOICE})
         write_cube(one, out, overwrite)
         print(out)
 
@@ -133,27 +125,14 @@ def animate_command(
     ] = None,
 ) -> None:
     """Animate the row in one scenario of a sweep, by default round its strongest impact."""
+    given = locals()
     with reporting():
         from pounding_sweep.figures.animation import animate, check_movie
         from pounding_sweep.output.netcdf import check_output
 
         check_output(out, overwrite=True, netcdf=False)
         check_movie(out, frames, speed)
-        one = _simulate(
-            sweep,
-            folders,
-            skip_missing,
-            at or [],
-            output_step=output_step,
-            case=case,
-            law=law,
-            gap=gap,
-            stiffness=stiffness,
-            stiffness_factor=stiffness_factor,
-            restitution=restitution,
-            record=record,
-            scale=scale,
-        )
+        one = _simulate(**{name: given[name] for name in _CHOICE})
         print(animate(one, out, start=start, end=end, frames=frames, speed=speed))
 
 
@@ -161,8 +140,7 @@ def _simulate(
     sweep: Path,
     folders: list[Path] | None,
     skip_missing: bool,
-    at: list[str],
-    *,
+    at: list[str] | None,
     output_step: float | None,
     **choice: Any,
 ) -> xr.Dataset:
@@ -173,7 +151,7 @@ def _simulate(
     from pounding_sweep.run.simulate import peaks_shown
     from pounding_sweep.run.sweep import load_sweep
 
-    for name, values in axis_values(at).items():
+    for name, values in axis_values(at or []).items():
         if choice.get(name) is not None:
             msg = f"{name} is given twice, by --{name.replace('_', '-')} and by --at; leave one out"
             raise InputError(msg)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from pounding_sweep.base.tables import print_json, print_table
-from pounding_sweep.cli.app import AsJson, Folders, app
+from pounding_sweep.cli.app import AsJson, Folders, Quiet, app
 from pounding_sweep.cli.reporting import reporting, say
 
 #: Name of the report in its folder.
@@ -35,7 +35,7 @@ def paper_command(
     ] = None,
     folders: Folders = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help=f"Replace FOLDER/{REPORT} if it exists.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+    quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Compute Mate, Bakre & Jaiswal (2015) again and report on its tables, figures and conclusions."""
@@ -55,14 +55,11 @@ def paper_command(
             raise OutputError(msg) from None
         target = check_output(out / REPORT, overwrite)
         opened = [stack.enter_context(open_cube(path)) for path in cubes or ()]
-        progress = make_progress(quiet)
-        try:
+        with closing(make_progress(quiet)) as progress:
             found = study(opened, folders=folders or None, progress=progress)
             for text in found.missing.values():
                 say(f"left out: {text}")
             pictures = save_figures(found, out, progress)
-        finally:
-            progress.close()
         write_report(found, pictures, target)
         if as_json:
             print_json(

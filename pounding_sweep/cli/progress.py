@@ -79,19 +79,10 @@ class _Unfailing:
 
 
 class TerminalProgress(Progress):
-    """Progress bars on stderr: stage, done and total, per second, time so far and left.
+    """Progress bars on stderr, one at a time: stage, done and total, per second, time so far and left."""
 
-    Parameters
-    ----------
-    console : rich.console.Console, optional
-        Where to draw; by default stderr.
-
-    Notes
-    -----
-    One bar at a time; the display is removed when it is closed, so that only the
-    summary stays. The time left is that at the rate of the last half minute; steps of the first `TAKING_UP`
-    seconds of a stage are left out of it. A terminal that has gone does not end the run.
-    """
+    # the time left is that at the rate of the last half minute; steps of the first `TAKING_UP` seconds of a stage are
+    # left out of it. A terminal that has gone does not end the run
 
     def __init__(self, console: Console | None = None) -> None:
         if console is None:
@@ -138,21 +129,10 @@ class TerminalProgress(Progress):
 
 
 class LineProgress(Progress):
-    """Lines of plain text, for stderr that goes into a file or a pipe: stage, done and total, time left.
+    """Lines of plain text, for stderr that goes into a file or a pipe: stage, done and total, time left."""
 
-    Parameters
-    ----------
-    stream : text file, optional
-        Where to write; by default stderr.
-    clock : callable, optional
-        Seconds from any beginning.
-
-    Notes
-    -----
-    A line at most every `BETWEEN_LINES` seconds, so that short runs say nothing. The time left is
-    that at the rate since the line before, or since the stage began; steps of the first `TAKING_UP`
-    seconds are left out of it. A reader that has gone does not end the run.
-    """
+    # a line at most every `BETWEEN_LINES` seconds, so that short runs say nothing. The time left is that at the rate
+    # since the line before, or since the stage began; steps of the first `TAKING_UP` seconds are left out of it
 
     def __init__(self, stream: TextIO | None = None, clock: Callable[[], float] = time.monotonic) -> None:
         self._stream, self._clock = stream or sys.stderr, clock

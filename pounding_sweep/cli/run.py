@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +11,7 @@ import typer
 
 from pounding_sweep.base.tables import number_text, print_json, print_pairs, print_table, seconds_text
 from pounding_sweep.base.text import printable
-from pounding_sweep.cli.app import AsJson, Folders, SweepFile, Workers, app
+from pounding_sweep.cli.app import AsJson, Folders, Quiet, SweepFile, Workers, app
 from pounding_sweep.cli.reporting import FAILED, reporting, say, say_laws
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def run_command(
         Path | None,
         typer.Option(metavar="OLD.nc", help="Take from this cube what it holds of the sweep, and run the rest."),
     ] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+    quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Run a sweep, write its cube and print a summary."""
@@ -76,13 +77,10 @@ def run_command(
         from pounding_sweep.output.audited import audit_sentence, audit_table
 
         loaded = _load(sweep, accuracy, skip_missing, folders, laws)
-        progress = make_progress(quiet)
-        try:
+        with closing(make_progress(quiet)) as progress:
             cube = loaded.write(
                 out, scheduler=scheduler, workers=workers, overwrite=overwrite, progress=progress, extend=extend
             )
-        finally:
-            progress.close()
         outcome = loaded.last_outcome
         assert outcome is not None
         report = {

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.base.tables import print_json, print_table
-from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, SweepFile, Workers, app
+from pounding_sweep.base.tables import finite, print_json, print_table
+from pounding_sweep.cli.app import FIGURE_FILE, AsJson, Folders, Quiet, SweepFile, Workers, app, numbers_of
 from pounding_sweep.cli.reporting import reporting
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def tradeoff_command(
     folders: Folders = None,
     workers: Workers = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace TRADE.nc if it exists.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress.")] = False,
+    quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure error and cost of schemes, steps and number formats on a sample of a sweep."""
@@ -49,18 +50,10 @@ def tradeoff_command(
         if figure is not None:
             check_output(figure, overwrite=True, netcdf=False)
         loaded = load_sweep(sweep, folders=folders or None)
-        progress = make_progress(quiet)
-        try:
-            trade = tradeoff(
-                loaded,
-                steps=DEFAULT_STEPS if steps is None else _numbers(steps),
-                scenarios=scenarios,
-                seed=seed,
-                workers=workers,
-                progress=progress,
-            )
-        finally:
-            progress.close()
+        form = "steps (s); give numbers with commas between, as 2e-3,1e-3"
+        chosen = DEFAULT_STEPS if steps is None else numbers_of(steps, "--steps", form)
+        with closing(make_progress(quiet)) as progress:
+            trade = tradeoff(loaded, steps=chosen, scenarios=scenarios, seed=seed, workers=workers, progress=progress)
         if out is not None:
             write_cube(trade, out, overwrite)
         if as_json:
@@ -75,23 +68,9 @@ def tradeoff_command(
             print(out)
 
 
-def _numbers(text: str) -> list[float]:
-    """Read numbers separated by commas."""
-    from pounding_sweep.base.errors import InputError
-
-    found = []
-    for part in text.split(","):
-        try:
-            found.append(float(part))
-        except ValueError:
-            msg = f"--steps: {part.strip()!r} is no number; give steps (s) separated by commas, such as 2e-3,1e-3"
-            raise InputError(msg) from None
-    return found
-
-
 def _report(trade: xr.Dataset) -> dict[str, Any]:
     """Collect everything that is printed, and every output."""
-    from pounding_sweep.accuracy.trade_report import finite, trade_rows
+    from pounding_sweep.accuracy.trade_report import trade_rows
 
     attributes = trade.attrs
     own = trade["reference_error"]

@@ -37,15 +37,19 @@ SOURCES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Kind:
-    """A figure by name, what draws it, and what a dataset must have for that; see `figure_of`."""
+    """A figure by name, what draws it, and what a dataset must have for that."""
 
     key: str
-    title: str
-    source: str
     draw: Callable[..., Figure]
-    needs: tuple[str, ...]
-    several: tuple[str, ...]
-    also: Callable[[xr.Dataset], str]
+    source: str  # what it is drawn from, a key of `SOURCES`
+    title: str  # what it shows
+    #: variables, coordinates, dimensions, `CONTACT` or `NO_CONTACT` that the dataset must have; of alternatives,
+    #: separated by ``|``, any one
+    needs: tuple[str, ...] = ()
+    #: axes of which it must have more than one value, again with alternatives; of the laws those with contact count
+    several: tuple[str, ...] = ()
+    #: says in words what else a dataset lacks; "" where that is nothing
+    also: Callable[[xr.Dataset], str] = lambda dataset: ""
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -101,34 +105,10 @@ def one_instant(dataset: xr.Dataset) -> str:
 FIGURES: Registry[Kind] = Registry("pounding_sweep.figures.gallery")
 
 
-def figure_of(
-    source: str,
-    title: str,
-    *,
-    needs: tuple[str, ...] = (),
-    several: tuple[str, ...] = (),
-    also: Callable[[xr.Dataset], str] = lambda dataset: "",
-) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
-    """Register a function of a dataset as the figure of its module; it draws in the package's style.
-
-    Its arguments after the dataset, by name only, are options of the figure. With ``ax`` among them, it may return
-    the axes it was given.
-
-    Parameters
-    ----------
-    source : str
-        What it is drawn from, a key of `SOURCES`.
-    title : str
-        What it shows.
-    needs : tuple of str
-        Variables, coordinates, dimensions, `CONTACT` or `NO_CONTACT` that the dataset must have; of
-        alternatives, separated by ``|``, any one.
-    several : tuple of str
-        Axes of which it must have more than one value, again with alternatives; of the
-        laws those with contact count.
-    also : callable, optional
-        Says in words what else a dataset lacks; "" where that is nothing.
-    """
+def figure_of(source: str, title: str, **about: Any) -> Callable[[Callable[..., Any]], Callable[..., Figure]]:
+    """Register a function of a dataset as the figure of its module, `about` being fields of `Kind`; in our style."""
+    # its arguments after the dataset, by name only, are options of the figure. With `ax` among them, it may return the
+    # axes it was given
 
     def register(draw: Callable[..., Any]) -> Callable[..., Figure]:
         key = key_of(draw.__module__)
@@ -146,7 +126,7 @@ def figure_of(
             found._repr_png_ = partial(_png, found)  # notebooks show it, though pyplot knows nothing of it
             return cast("Figure", found)
 
-        FIGURES.add(key, Kind(key, title, source, drawn, needs, several, also))
+        FIGURES.add(key, Kind(key, drawn, source, title, **about))
         return drawn
 
     return register

@@ -239,7 +239,7 @@ def drawn_response(result: xr.Dataset, key: str) -> tuple[str, str, float, str]:
     raise InputError(msg)
 
 
-def first_varied(result: xr.Dataset, but: Iterable[str] = ()) -> str | None:
+def first_varied(result: xr.Dataset, but: Iterable[str]) -> str | None:
     """Return the axis to draw along: the first that has several values, building properties last; None without one."""
     others = [dim for dim in scenario_dims(result) if dim not in (*_AXES, "law", "record", "case", *but)]
     for axis in (*_AXES, *others):

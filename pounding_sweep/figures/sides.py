@@ -28,24 +28,12 @@ _WIDE = 3.999
 
 @dataclass(frozen=True)
 class Side:
-    """An axis to draw along.
+    """An axis to draw along."""
 
-    Attributes
-    ----------
-    dim : str
-        Dimension of the cube.
-    name : str
-        The dimension, or a coordinate along it by which it is drawn, such as the ratio of two periods.
-    label : str
-        Name with its unit.
-    factor : float
-        From the unit of the cube to the one drawn.
-    """
-
-    dim: str
-    name: str
-    label: str
-    factor: float
+    dim: str  # dimension of the cube
+    name: str  # the dimension, or a coordinate along it by which it is drawn, such as the ratio of two periods
+    label: str  # name with its unit
+    factor: float  # from the unit of the cube to the one drawn
 
     def values(self, result: xr.Dataset) -> np.ndarray:
         """Return the values that are drawn."""

@@ -27,26 +27,15 @@ FORMATS = {
 
 @dataclass(frozen=True)
 class CoupledModes:
-    """Modes of a row of buildings, of some variants.
+    """Modes of a row of buildings, of some variants."""
 
-    Attributes
-    ----------
-    w, c, push : ndarray
-        Of the equation of each mode; shape (variants, modes).
-    floors : ndarray
-        Displacements by q and p, velocities by q and p, shape (variants, 4, floors, modes).
-    modal : ndarray
-        q by displacements and velocities, p by both, shape (variants, 4, modes, floors).
-    error : ndarray
-        Share by which states may change on their way to modes and back, shape (variants,).
-    """
-
+    #: of the equation of each mode; shape (variants, modes)
     w: np.ndarray
     c: np.ndarray
     push: np.ndarray
-    floors: np.ndarray
-    modal: np.ndarray
-    error: np.ndarray
+    floors: np.ndarray  # displacements by q and p, velocities by q and p, shape (variants, 4, floors, modes)
+    modal: np.ndarray  # q by displacements and velocities, p by both, shape (variants, 4, modes, floors)
+    error: np.ndarray  # share by which states may change on their way to modes and back, shape (variants,)
 
 
 def coupled_modes(row: Variants, precision: str = "float64") -> CoupledModes:

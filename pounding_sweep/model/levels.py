@@ -50,31 +50,9 @@ def facing_columns(slabs: Slabs, other: Slabs, level: Sequence[int]) -> list[Fac
 
 
 def column_shares(xi: float) -> tuple[float, float]:
-    """Shares of the floors below and above of a push on a column at the fraction xi of its height.
-
-    The column is fixed at both ends against rotation. The same shares give the displacement of
-    the struck point by those of the floors.
-
-    Parameters
-    ----------
-    xi : float
-        Height above the lower floor over that of the storey, in [0, 1].
-
-    Returns
-    -------
-    (float, float)
-        N1 = 1 - 3 xi^2 + 2 xi^3 and N2 = 3 xi^2 - 2 xi^3.
-
-    Raises
-    ------
-    SceneError
-        xi is no number in [0, 1].
-
-    Examples
-    --------
-    >>> column_shares(0.5)
-    (0.5, 0.5)
-    """
+    """Shares 1 - 3 xi^2 + 2 xi^3 and 3 xi^2 - 2 xi^3 of the floors below and above of a push on a column at xi."""
+    # the column is fixed at both ends against rotation; the same shares give the displacement of the struck point by
+    # those of the floors
     if not 0.0 <= xi <= 1.0:
         msg = f"a column is struck at the fraction xi = {xi!r} of its height; it must be in [0, 1]"
         raise SceneError(msg)

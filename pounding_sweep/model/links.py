@@ -62,27 +62,18 @@ class Link:
 
 @dataclass(frozen=True)
 class LinkedFloors:
-    """One link of a scene.
+    """One link of a scene."""
 
-    Attributes
-    ----------
-    pair, storey : int
-        Index of the pair of neighbours, and the storey of its left floor.
-    left, right : int
-        Degrees of freedom.
-    stiffness, damping : float
-        kN/m and kN s/m.
-    place : int
-        Index of its label along ``pair`` in results.
-    """
-
+    #: index of the pair of neighbours, and the storey of its left floor
     pair: int
     storey: int
+    #: degrees of freedom
     left: int
     right: int
+    #: kN/m and kN s/m
     stiffness: float
     damping: float
-    place: int
+    place: int  # index of its label along ``pair`` in results
 
 
 def check_linking(value: float, what: str, unit: str) -> float:

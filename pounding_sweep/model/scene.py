@@ -412,11 +412,8 @@ class Building:
 
     @cached_property
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Circular frequencies (rad/s), rising, and mass-normalised mode shapes (t^-1/2) in columns.
-
-        With a foundation those of both together: two more, their shapes with the base's displacement and rotation
-        (rad/m) last.
-        """
+        """Circular frequencies (rad/s), rising, and mass-normalised mode shapes (t^-1/2) in columns."""
+        # with a foundation two more, of both together: shapes end with the base's displacement and rotation (rad/m)
         root, stiff = 1.0 / np.sqrt(self.inertias), self.stiffness_matrix
         if self.foundation is not None:
             stiff = (self.drifts.T * self.lateral_stiffnesses) @ self.drifts
@@ -773,26 +770,22 @@ class Scene:
                     contacts += [replace(contact, place=len(labels)) for contact in kept]
                     labels.append((label, pair))
         for contact in contacts:
-            if contact.struck >= 0 and self.yields[(contact.left, contact.right)[contact.struck]]:
-                msg = (
-                    f"floors of pair {names[contact.pair]!r} strike columns of a storey that may yield, whose shape is "
-                    'not known then; give that storey the strength inf, or contacts = "floors"'
-                )
-                raise SceneError(msg)
-            if contact.struck >= 0 and self.building_of((contact.left, contact.right)[contact.struck]).foundation:
-                msg = (
-                    f"floors of pair {names[contact.pair]!r} strike columns of a building on a foundation, whose ends "
-                    'rotate with it; leave out its foundation, or give contacts = "floors"'
-                )
-                raise SceneError(msg)
-            if contact.struck >= 0 and self.building_of((contact.left, contact.right)[contact.struck]).p_delta:
-                msg = (
-                    f"floors of pair {names[contact.pair]!r} strike columns of a building with p_delta, whose shape "
-                    'depends on their axial force; leave out its p_delta, or give contacts = "floors"'
-                )
+            if contact.struck >= 0 and (fault := self._column_fault((contact.left, contact.right)[contact.struck])):
+                msg = f'floors of pair {names[contact.pair]!r} strike columns of {fault} contacts = "floors"'
                 raise SceneError(msg)
         object.__setattr__(self, "_labels", tuple(labels))
         object.__setattr__(self, "contacts", Contacts(contacts, asked))
+
+    def _column_fault(self, floor: int) -> str:
+        """Say why columns below a floor can't be struck, and what to do; "" where they can."""
+        building = self.building_of(floor)
+        if self.yields[floor]:
+            return "a storey that may yield, whose shape is not known then; give that storey the strength inf, or"
+        if building.foundation:
+            return "a building on a foundation, whose ends rotate with it; leave out its foundation, or give"
+        if building.p_delta:
+            return "a building with p_delta, whose shape depends on their axial force; leave out its p_delta, or give"
+        return ""
 
     def _checked_limits(self) -> dict[str, tuple[int, ...]]:
         """Storeys by the names of the pairs that are limited to them."""

@@ -17,7 +17,7 @@ for any number of scenarios at once:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -77,6 +77,10 @@ class Variants:
         rank = np.argsort(np.argsort(first))
         return np.sort(first), rank[which]
 
+    def _floors(self, own: Iterable[Sequence[float]], factor: np.ndarray) -> np.ndarray:
+        """Return values of all floors, building by building, times a factor (n, buildings), shape (n, floors)."""
+        return np.concatenate(list(own)) * factor[:, self._owner]
+
     @cached_property
     def _owner(self) -> np.ndarray:
         """Building of each floor."""
@@ -91,20 +95,17 @@ class Variants:
     @cached_property
     def masses(self) -> np.ndarray:
         """Floor masses (t), shape (n, floors)."""
-        own = np.concatenate([b.masses for b in self.scene.buildings])
-        return np.asarray(own * self.mass_factor[:, self._owner])
+        return self._floors((b.masses for b in self.scene.buildings), self.mass_factor)
 
     @cached_property
     def stiffnesses(self) -> np.ndarray:
         """Lateral storey stiffnesses (kN/m), with P-Delta less P / h, shape (n, floors)."""
-        own = np.concatenate([b.lateral_stiffnesses for b in self.scene.buildings])
-        return np.asarray(own * self.stiffness_factor[:, self._owner])
+        return self._floors((b.lateral_stiffnesses for b in self.scene.buildings), self.stiffness_factor)
 
     @cached_property
     def geometric_stiffnesses(self) -> np.ndarray:
         """What weights take of storey stiffnesses (kN/m), P / h, shape (n, floors)."""
-        own = np.concatenate([b.geometric_stiffnesses for b in self.scene.buildings])
-        return np.asarray(own * self.mass_factor[:, self._owner])
+        return self._floors((b.geometric_stiffnesses for b in self.scene.buildings), self.mass_factor)
 
     @cached_property
     def storey_heights(self) -> np.ndarray:
@@ -119,9 +120,8 @@ class Variants:
     @cached_property
     def yield_strengths(self) -> np.ndarray:
         """Yield strengths of storeys (kN), infinite where they never yield, shape (n, floors)."""
-        buildings = self.scene.buildings
-        own = np.concatenate([b.yield_strengths or (math.inf,) * b.n_storeys for b in buildings])
-        return np.asarray(own * (self.mass_factor * self.strength_factor)[:, self._owner])
+        own = (b.yield_strengths or (math.inf,) * b.n_storeys for b in self.scene.buildings)
+        return self._floors(own, self.mass_factor * self.strength_factor)
 
     @cached_property
     def yield_drifts(self) -> np.ndarray:
@@ -144,8 +144,8 @@ class Variants:
     @cached_property
     def dashpots(self) -> np.ndarray:
         """Coefficients of the storeys' dashpots (kN s/m), shape (n, floors)."""
-        own = np.concatenate([b.dashpots or (0.0,) * b.n_storeys for b in self.scene.buildings])
-        return np.asarray(own * (self.mass_factor / self.period_factor)[:, self._owner])
+        own = (b.dashpots or (0.0,) * b.n_storeys for b in self.scene.buildings)
+        return self._floors(own, self.mass_factor / self.period_factor)
 
     def _bases(self, name: str, factor: np.ndarray) -> np.ndarray:
         """Return a property of all foundations times a factor, sway and rocking of each, shape (n, 2 foundations)."""
@@ -179,11 +179,8 @@ class Variants:
 
     @cached_property
     def systems(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Undamped frequencies (rad/s), rising, and decay 2 zeta w (1/s) of their modes, of all that moves as one.
-
-        Shape (n, modes) each; dashpots of a single building on a fixed base are left out, linked buildings are one with
-        theirs.
-        """
+        """Undamped frequencies (rad/s), rising, and decay 2 zeta w (1/s), (n, modes) each, of all that moves as one."""
+        # dashpots of a single building on a fixed base are left out, linked buildings are one with theirs
         found = []
         for group in self.scene.linked_buildings:
             if len(group) > 1 or self.scene.buildings[group[0]].foundation:
@@ -252,15 +249,13 @@ class Variants:
 
     @cached_property
     def _rayleigh(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        return [self._rayleigh_of(building) for building in range(len(self.scene.buildings))]
-
-    def _rayleigh_of(self, building: int) -> tuple[np.ndarray, np.ndarray]:
-        item, period = self.scene.buildings[building], self.period_factor[:, building]
-        own, unit = item.rayleigh, rayleigh_factors(item.on_fixed_base.frequencies, (1.0, 1.0))
-        given = np.isnan(self.damping_ratio)
-        a = np.where(given, own[0], self.damping_ratio * unit[0]) / period
-        b = np.where(given, own[1], self.damping_ratio * unit[1]) * period
-        return np.asarray(a), np.asarray(b)
+        found, given = [], np.isnan(self.damping_ratio)
+        for item, period in zip(self.scene.buildings, self.period_factor.T, strict=True):
+            own, unit = item.rayleigh, rayleigh_factors(item.on_fixed_base.frequencies, (1.0, 1.0))
+            a = np.where(given, own[0], self.damping_ratio * unit[0]) / period
+            b = np.where(given, own[1], self.damping_ratio * unit[1]) * period
+            found.append((np.asarray(a), np.asarray(b)))
+        return found
 
     def contact_mass(self, contact: int) -> np.ndarray:
         """Effective mass of a contact (t), shape (n,): the floor's own at a wall."""
@@ -274,10 +269,8 @@ class Variants:
     @cached_property
     def contact_masses(self) -> np.ndarray:
         """Effective masses of all contacts (t), shape (n, contacts)."""
-        result = np.empty((len(self), len(self.scene.contacts)))
-        for j in range(result.shape[1]):
-            result[:, j] = self.contact_mass(j)
-        return result
+        found = [self.contact_mass(j) for j in range(len(self.scene.contacts))]
+        return np.stack(found, axis=1) if found else np.empty((len(self), 0))
 
     def contact_stiffnesses(self, stiffness: np.ndarray) -> np.ndarray:
         """Stiffness of each contact (kN/m**exponent), shape (n, contacts): its own, in series with struck columns."""

@@ -41,27 +41,13 @@ Coordinates = Mapping[str, tuple[Sequence[str], Any, Mapping[str, Any]]]
 
 @dataclass(frozen=True)
 class Axis:
-    """One dimension along which scenarios differ.
+    """One dimension along which scenarios differ."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the dimension: ``gap``, ``law``, ``case`` ...
-    values : sequence
-        Numbers or labels, one per position.
-    units : str
-        In UDUNITS spelling; "" for labels.
-    long_name : str
-        For axes and tables; the name where not given.
-    comment : str
-        What else is to be said of it.
-    """
-
-    name: str
-    values: Sequence[Any] | np.ndarray
-    units: str = ""
-    long_name: str = ""
-    comment: str = ""
+    name: str  # name of the dimension: ``gap``, ``law``, ``case`` ...
+    values: Sequence[Any] | np.ndarray  # numbers or labels, one per position
+    units: str = ""  # in UDUNITS spelling; "" for labels
+    long_name: str = ""  # for axes and tables; the name where not given
+    comment: str = ""  # what else is to be said of it
 
     @property
     def size(self) -> int:
@@ -78,6 +64,18 @@ def package_version() -> str:
         return version("pounding-sweep")
     except PackageNotFoundError:
         return "unknown"
+
+
+def made_here(title: str) -> dict[str, str]:
+    """Return the global attributes of every dataset that is made now: its title, and what made it."""
+    version = package_version()
+    return {
+        "Conventions": CONVENTIONS,
+        "title": title,
+        "source": f"pounding_sweep {version}",
+        "history": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} made by pounding_sweep {version}",
+        VERSION_ATTRIBUTE: version,
+    }
 
 
 #: A power that is no whole number, which UDUNITS reads as something else: "m-1.5" is m-1 times 0.5.
@@ -285,15 +283,7 @@ def label(
         for name, variable in VARIABLES.items()
         if name in data and variable.exists_in(scene)
     }
-    version = package_version()
-    found = {
-        "Conventions": CONVENTIONS,
-        "title": "Parametric sweep of seismic pounding of adjacent buildings",
-        "source": f"pounding_sweep {version}",
-        "history": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ} made by pounding_sweep {version}",
-        VERSION_ATTRIBUTE: version,
-        **(attributes or {}),
-    }
+    found = {**made_here("Parametric sweep of seismic pounding of adjacent buildings"), **(attributes or {})}
     coords = {k: Array(tuple(dims), _labels(v), _attributes(more)) for k, (dims, v, more) in coordinates.items()}
     for part in (labelled, coords):
         for key, stored in part.items():

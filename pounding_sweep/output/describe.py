@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pounding_sweep.base.errors import shown
+from pounding_sweep.base.tables import finite
 from pounding_sweep.base.text import printable
 from pounding_sweep.output.audited import AUDIT_DIMS, audit_sentence, audit_table
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE
@@ -260,12 +261,12 @@ def _plain(value: Any, *, coded: bool = False) -> Any:
 
 
 def _finite(value: Any) -> Any:
-    """Return a value of JSON without numbers that it has none of its own for."""
+    """Return a value of JSON without numbers that it has none of its own for, however deep they are."""
     if isinstance(value, dict):
         return {str(key): _finite(each) for key, each in value.items()}
     if isinstance(value, list):
         return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    return finite(value)
 
 
 def describe(dataset: xr.Dataset) -> str:

@@ -21,6 +21,7 @@ from pounding_sweep.base.paths import expanded
 from pounding_sweep.output.dataset import encoding_of
 from pounding_sweep.output.integrity import reading
 from pounding_sweep.output.netcdf import check_output
+from pounding_sweep.output.provenance import plain
 from pounding_sweep.output.slabs import BLOCK_BYTES, block_shape
 from pounding_sweep.output.tidy import Cells, TidyTable, scenarios_of
 from pounding_sweep.output.wide import HistoryTable, ScenarioTable, WideTable, has_histories
@@ -161,7 +162,7 @@ def _csv(cube: xr.Dataset, path: Path, table: TidyTable | WideTable) -> None:
         "table": path.name,
         "rows": table.n_rows,
         "columns": {column.name: column.attributes for column in table.columns},
-        "cube": {str(key): _plain(value) for key, value in cube.attrs.items()},
+        "cube": {str(key): plain(value) for key, value in cube.attrs.items()},
     }
     beside = path.with_name(f"{path.name}.json")
     written = False
@@ -193,10 +194,6 @@ def _text_of(values: np.ndarray, missing: np.ndarray) -> Any:
     return pd.Categorical.from_codes(np.where(missing, -1, codes[1]), categories=codes[0].astype(object))
 
 
-def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-
-
 def _parquet(cube: xr.Dataset, path: Path, table: TidyTable | WideTable) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -210,7 +207,7 @@ def _parquet(cube: xr.Dataset, path: Path, table: TidyTable | WideTable) -> None
             )
             for column in table.columns
         ],
-        metadata={str(key): json.dumps(_plain(value), ensure_ascii=False) for key, value in cube.attrs.items()},
+        metadata={str(key): json.dumps(plain(value), ensure_ascii=False) for key, value in cube.attrs.items()},
     )
     with replacing(path) as temporary, pq.ParquetWriter(temporary, schema) as file:
         for part in _parts(cube, table):

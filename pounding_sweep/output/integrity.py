@@ -143,16 +143,16 @@ def check_variables(path: str, cube: xr.Dataset, names: Iterable[str]) -> None:
         if set(array.dims) != set(dims):
             raise damaged(path, f"variable {name!r} has dimensions {array.dims}, not {dims}")
         kind, fill = np.dtype(array.encoding.get("dtype", array.dtype)), array.encoding.get("_FillValue")
-        missing = fill is None if variable.fill is None else fill is not None and _equal(fill, variable.fill)
+        missing = (
+            fill is None
+            if variable.fill is None
+            else fill is not None and np.array_equal(fill, variable.fill, equal_nan=True)
+        )
         if kind != variable.dtype or not missing:
             wanted = f"{np.dtype(variable.dtype)}, missing as {variable.fill}"
             raise damaged(path, f"variable {name!r} is stored as {kind}, missing as {fill}, not as {wanted}")
         if not array.encoding.get("fletcher32"):  # its numbers may also stand in another file, which HDF5 allows
             raise damaged(path, f"variable {name!r} has no checksums, which sweeps write")
-
-
-def _equal(one: Any, other: Any) -> bool:
-    return np.array_equal(np.asarray(one, float), np.asarray(other, float), equal_nan=True)
 
 
 def check_statuses(path: str, status: np.ndarray) -> None:

@@ -280,11 +280,11 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
         extra |= building_coordinates(varied, [("case", "")], [len(cases)], {*extra})
     else:
         extra |= building_coordinates(plan.variants, [], [], {*extra})
-    extra = design_coordinates(spec, "case") | extra
+    extra = design_coordinates(spec) | extra
     return [Axis("case", np.arange(1, len(cases) + 1), "1", "listed scenario")], extra
 
 
-def design_coordinates(spec: SweepSpec, dimension: str) -> Coordinates:
+def design_coordinates(spec: SweepSpec) -> Coordinates:
     """Return what a design drew for each of its cases, and which point of which block each is."""
     if spec.design is None or spec.cases is None:
         return {}
@@ -298,14 +298,14 @@ def design_coordinates(spec: SweepSpec, dimension: str) -> Coordinates:
         else:
             values = [dict(getattr(case, each.argument)).get(each.building, 1.0) for case in spec.cases]
         of = "" if each.building is None else f" of building {each.building}"
-        found[each.name] = ((dimension,), values, {"units": axis.unit, "long_name": f"{axis.long_name}{of}"})
+        found[each.name] = (("case",), values, {"units": axis.unit, "long_name": f"{axis.long_name}{of}"})
     place = np.arange(len(spec.cases)) % len(spec.design)
     about = {"units": "1", "long_name": "point of the design, from 1"}
-    found[SAMPLE] = ((dimension,), place % spec.design.samples + 1, about)
+    found[SAMPLE] = (("case",), place % spec.design.samples + 1, about)
     if len(spec.design.blocks) > 1:
         blocks = np.array(spec.design.blocks)[place // spec.design.samples]
         text = "block of the design: A, B, or the input that A has of B"
-        found[BLOCK] = ((dimension,), blocks, {"long_name": text})
+        found[BLOCK] = (("case",), blocks, {"long_name": text})
     return found
 
 

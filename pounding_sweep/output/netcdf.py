@@ -118,12 +118,8 @@ _TEXTS = ("units", "unit_text", "long_name", "coordinates", "standard_name", "co
 _AUDIT_NUMBERS = ("audit_touching", "audit_share", "audit_perturbation", "audit_undecided_share")
 
 
-def wrong_form(file: netCDF4.Dataset, size: int) -> str | None:
-    """Say what in a netCDF file's header is not as this package writes it; None if nothing is."""
-    return next(_faults(file, size), None)
-
-
-def _faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
+def _header_faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
+    """Say what in a netCDF file's header is not as this package writes it."""
     if file.groups or file.cmptypes or file.vltypes or file.enumtypes:
         yield "it has groups, or types of its own"
     texts = sum(variable.size for variable in file.variables.values() if _is_of_characters(variable))
@@ -491,7 +487,7 @@ def _open_checked(path: str | os.PathLike[str], target: Path) -> xr.Dataset:
     refuse(wrongly_stored(target))
     store = xr.backends.NetCDF4DataStore.open(target, lock=_ReadLock())
     try:
-        refuse(wrong_form(store.ds, target.stat().st_size))
+        refuse(next(_header_faults(store.ds, target.stat().st_size), None))
         return _with_texts(xr.open_dataset(store, decode_times=False, create_default_indexes=False))
     except BaseException:
         store.close()
@@ -504,7 +500,8 @@ def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
 
     for values in dataset.variables.values():
         if values.dtype.kind in "OS":
-            values.data = _decoded(values).values
+            texts = values.values
+            values.data = texts.astype(str) if texts.dtype.kind == "O" else np.char.decode(texts, ENCODING)
             values.encoding = {**TEXT, **COMPRESSION}  # for who writes it anew with xarray
     inner, coordinates = (
         {name: dataset.variables[name] for name in names} for names in (dataset.data_vars, dataset.coords)
@@ -513,10 +510,6 @@ def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
     found.encoding = dataset.encoding
     found.set_close(dataset.close)
     return found
-
-
-def _decoded(texts: xr.Variable) -> xr.Variable:
-    return texts.astype(str) if texts.dtype.kind == "O" else texts.copy(data=np.char.decode(texts.values, ENCODING))
 
 
 def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:

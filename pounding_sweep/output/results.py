@@ -104,40 +104,19 @@ class Results:
 
 @dataclass
 class Outcome:
-    """Results of the unique scenarios of a plan.
+    """Results of the unique scenarios of a plan."""
 
-    Attributes
-    ----------
-    results : Results
-        What each of them ended with.
-    run : int
-        Scenarios integrated, runs without pounding included.
-    untouched : int
-        Unique scenarios answered by the run without pounding.
-    reused : int
-        Scenarios read from an interrupted run, which it had run itself.
-    taken : int
-        Scenarios taken from an earlier cube, in this run or an interrupted one.
-    taken_from : mapping or None
-        What that cube said of itself; see `pounding_sweep.resume.reuse`.
-    compiled : int
-        Kernels that had to be compiled.
-    compile_seconds, run_seconds : float
-        Wall time of the two stages.
-    failures : list of str
-        What went wrong in chunks that have no result, or only what was taken.
-    left_out : ndarray of bool or None
-        Unique scenarios answered by a run without pounding; None where nothing was run.
-    """
-
-    results: Results
-    run: int = 0
-    untouched: int = 0
-    reused: int = 0
-    taken: int = 0
-    taken_from: Mapping[str, Any] | None = None
-    compiled: int = 0
+    results: Results  # what each of them ended with
+    run: int = 0  # scenarios integrated, runs without pounding included
+    untouched: int = 0  # unique scenarios answered by the run without pounding
+    reused: int = 0  # scenarios read from an interrupted run, which it had run itself
+    taken: int = 0  # scenarios taken from an earlier cube, in this run or an interrupted one
+    taken_from: Mapping[str, Any] | None = None  # what that cube said of itself; see `pounding_sweep.resume.reuse`
+    compiled: int = 0  # kernels that had to be compiled
+    #: wall time of the two stages
     compile_seconds: float = 0.0
     run_seconds: float = 0.0
+    #: what went wrong in chunks that have no result, or only what was taken
     failures: list[str] = field(default_factory=list)
+    #: unique scenarios answered by a run without pounding; None where nothing was run
     left_out: np.ndarray | None = None

@@ -32,21 +32,11 @@ _PLACES: dict[tuple[str, ...], str] = {
 
 @dataclass(frozen=True)
 class Column:
-    """One column of the table.
+    """One column of the table."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the variable or coordinate.
-    dtype : numpy.dtype
-        Type of its values; text is of kind "U".
-    attributes : dict of str to str
-        ``units``, ``long_name`` and ``comment``, as far as the cube has them.
-    """
-
-    name: str
-    dtype: np.dtype[Any]
-    attributes: dict[str, str]
+    name: str  # name of the variable or coordinate
+    dtype: np.dtype[Any]  # type of its values; text is of kind "U"
+    attributes: dict[str, str]  # ``units``, ``long_name`` and ``comment``, as far as the cube has them
 
 
 #: Values of a column, and where it has none

@@ -249,10 +249,7 @@ OTHER_SIGN = "ground motion of the other sign"
 
 
 def damped(scene: Scene, modes: tuple[str, int, int], ratio: float) -> Scene:
-    """Return a row with Rayleigh damping of this ratio in these modes, said by the ratios in each building's first two.
-
-    Those are w/2 (a/w^2 + b) of the factors a and b.
-    """
+    """Return a row with Rayleigh damping of this ratio in these modes, said by ratios in each building's first two."""
     kind, first, second = modes
     row = np.sort(np.concatenate([building.frequencies for building in scene.buildings]))
 

@@ -36,10 +36,7 @@ _WORDS = {
 
 
 def table_outcome(compared: xr.Dataset, names: Sequence[str], reading: str) -> Outcome:
-    """Count the cells of a table of `side_by_side` that a reading comes near to; those that both say are zero are none.
-
-    Where one of the two is zero alone, the cell is not near.
-    """
+    """Count the cells of a table of `side_by_side`, not zero in both, that a reading comes near to."""
     paper = "matlab" if "matlab" in compared["source"].values else "paper"
     held = cases = 0
     for name in names:

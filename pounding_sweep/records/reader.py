@@ -60,25 +60,13 @@ class Content:
 
 @dataclass(frozen=True)
 class Reader:
-    """One format of record files; `READER` of each module of `pounding_sweep.records.formats` is one.
+    """One format of record files; `READER` of each module of `pounding_sweep.records.formats` is one."""
 
-    Attributes
-    ----------
-    name, needs
-        What the format is called, and what a file of it must have, for the documentation.
-    suffixes
-        Endings that files of it have in folders, in lower case.
-    told
-        Whether the first lines are of this format; None of the reader that takes what no other does.
-    parse
-        Takes the content from a file, given the caller's time step (s) if there is one.
-    """
-
-    name: str
-    needs: str
-    suffixes: tuple[str, ...]
-    told: Callable[[list[str]], bool] | None
-    parse: Callable[[RecordText, float | None], Content]
+    name: str  # what the format is called, for the documentation
+    needs: str  # what a file of it must have, for the documentation
+    suffixes: tuple[str, ...]  # endings that files of it have in folders, in lower case
+    told: Callable[[list[str]], bool] | None  # whether the first lines are of it; None: takes what no other does
+    parse: Callable[[RecordText, float | None], Content]  # a file, and the caller's time step (s) if there is one
 
 
 @dataclass(frozen=True)

@@ -176,10 +176,7 @@ _TOLD = (
 
 
 def remade(source: str, points: int | None = None) -> Record | None:
-    """Make a synthetic record or pulse of a source again, from its six digits of each number; None of any other source.
-
-    Of a pulse `points` tell the duration.
-    """
+    """Make a synthetic record, or pulse of so many points, of a source again, from its six digits of each number."""
     try:
         if found := re.search(r"^synthetic, .*: seed=(\d+), (.*)$", source):
             numbers = re.findall(r"(?<![\w.])\d[\d.]*(?:e[-+]\d+)?(?![\w.])", found[2])
@@ -245,17 +242,22 @@ def pulse_record(
     dt = number(dt, "dt (s)", positive=True)
     length = pulse.length * period
     duration = length if duration is None else number(duration, "duration (s)", positive=True)
-    if dt > length / 2 * (1 + 1e-9):
-        msg = f"dt {dt:g} s is too coarse for a {shape} pulse of {length:g} s; take at most {length / 2:g} s"
-        raise RecordError(msg)
-    if duration < length * (1 - 1e-9):
-        msg = f"duration {duration:g} s would cut the {shape} pulse, which lasts {length:g} s; take at least that"
-        raise RecordError(msg)
+    _check_sampling(f"{shape} pulse", f"{length:g} s", dt, length / 2, duration, length)
     part = np.arange(_points(duration, dt)) * (dt / period)
     inside = part <= pulse.length * (1 + 1e-9)
     motion = np.where(inside, amplitude * pulse.height(np.minimum(part, pulse.length)), 0.0)
     source = f"{shape} pulse: amplitude={amplitude:g} m/s2, period={period:g} s, dt={dt:g} s"
     return Record(shape if name is None else name, dt, motion, source)
+
+
+def _check_sampling(what: str, of: str, dt: float, most: float, duration: float, length: float) -> None:
+    """Raise `RecordError` where steps are too coarse for a pulse, or the record ends before it does."""
+    if dt > most * (1 + 1e-9):
+        msg = f"dt {dt:g} s is too coarse for a {what} of {of}; take at most {most:g} s"
+        raise RecordError(msg)
+    if duration < length * (1 - 1e-9):
+        msg = f"duration {duration:g} s would cut the {what}, which lasts {length:g} s; take at least that"
+        raise RecordError(msg)
 
 
 #: What the source of a near-fault pulse begins with.
@@ -328,15 +330,9 @@ def near_fault_record(
     if cycles <= 1.0:
         msg = f"cycles is {cycles:g}; gamma, the length of a near-fault pulse in periods, must be above 1"
         raise RecordError(msg)
-    if dt > period / _STEPS_PER_PULSE * (1 + 1e-9):
-        most = period / _STEPS_PER_PULSE
-        msg = f"dt {dt:g} s is too coarse for a near-fault pulse of period {period:g} s; take at most {most:g} s"
-        raise RecordError(msg)
     length = cycles * period
     duration = length if duration is None else number(duration, "duration (s)", positive=True)
-    if duration < length * (1 - 1e-9):
-        msg = f"duration {duration:g} s would cut the near-fault pulse, which lasts {length:g} s; take at least that"
-        raise RecordError(msg)
+    _check_sampling("near-fault pulse", f"period {period:g} s", dt, period / _STEPS_PER_PULSE, duration, length)
     time = np.arange(_points(duration, dt)) * dt
     x, nu = 2.0 * np.pi * (time / period - 0.5 * cycles), math.radians(phase)
     rising, falling = np.sin(x / cycles) * np.cos(x + nu), cycles * (1.0 + np.cos(x / cycles)) * np.sin(x + nu)

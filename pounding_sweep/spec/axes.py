@@ -32,58 +32,33 @@ Fault = tuple[tuple[str | int, ...], str]
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis that a sweep may have.
+    """An axis that a sweep may have."""
 
-    Attributes
-    ----------
-    dimension : str
-        Dimension of the cube and key of a listed case; of axes by building, the start of the dimension's name.
-    column : str
-        What of a scenario it sets: axes of one column exclude each other.
-    noun, nouns : str
-        What one value is, and several are, in messages.
-    check : callable
-        Raises unless a value will do.
-    meaning : str
-        What its values are, for the documentation.
-    long_name, unit, comment : str
-        Attributes of its coordinate.
-    value : callable
-        Value of the axis, ``scene``, and ``law`` (of stiffness) or ``record`` and ``sa_period`` (of scale) -> value
-        of the column.
-    default : tuple of float or None
-        Values of a column that no axis is given for.
-    requires : callable
-        Scene, laws (of axes by building: their names), records -> faults of a sweep that has the axis.
-    of_buildings : bool
-        Whether it changes buildings.
-    by_building : bool
-        Whether it is given for each building by name.
-    parameter : str
-        Argument of `build_spec` that the axis needs, and that is given with it only.
-    unsaid : bool
-        Whether the JSON of a sweep without it is silent of it. So it is of axes that came later: digests of sweeps
-        without them stay what they were.
-    listed : bool
-        Whether a sweep with it is a list of cases: what it comes to in a scenario depends on all of that.
-    """
-
+    #: dimension of the cube and key of a listed case; of axes by building, the start of the dimension's name
     dimension: str
-    column: str
+    column: str  # what of a scenario it sets: axes of one column exclude each other
+    #: what one value is, and several are, in messages
     noun: str
     nouns: str
-    check: Check
-    meaning: str
+    check: Check  # raises unless a value will do
+    meaning: str  # what its values are, for the documentation
+    #: attributes of its coordinate
     long_name: str
     unit: str = "1"
     comment: str = ""
+    #: value of the axis, ``scene``, and ``law`` (of stiffness) or ``record`` and ``sa_period`` (of scale) -> value
+    #: of the column
     value: Callable[..., float] = lambda value, **_: value
-    default: Values = None
+    default: Values = None  # values of a column that no axis is given for
+    #: scene, laws (of axes by building: their names), records -> faults of a sweep that has the axis
     requires: Callable[[Scene, Sequence[Any], Sequence[Record]], Iterator[Fault]] = lambda *_: iter(())
-    of_buildings: bool = False
-    by_building: bool = False
-    parameter: str = ""
+    of_buildings: bool = False  # whether it changes buildings
+    by_building: bool = False  # whether it is given for each building by name
+    parameter: str = ""  # argument of `build_spec` that the axis needs, and that is given with it only
+    #: whether the JSON of a sweep without it is silent of it. So it is of axes that came later: digests of sweeps
+    #: without them stay what they were
     unsaid: bool = False
+    #: whether a sweep with it is a list of cases: what it comes to in a scenario depends on all of that
     listed: bool = False
 
 
@@ -113,22 +88,17 @@ def finite(what: str) -> Check:
 FACTOR_RANGE = (1e-3, 1e3)
 
 
-def _check_factor(value: float, *_: Any) -> None:
-    low, high = FACTOR_RANGE
-    if not low <= value <= high:
-        msg = f"factor is {value!r}; it must be in [{low:g}, {high:g}]"
-        raise InputError(msg)
-
-
 #: Least and largest factor on strengths: from hardly any to one that no earthquake reaches.
 STRENGTH_RANGE = (1e-9, 1e9)
 
 
-def _check_strength_factor(value: float, *_: Any) -> None:
-    low, high = STRENGTH_RANGE
-    if not low <= value <= high:
-        msg = f"factor is {value!r}; it must be in [{low:g}, {high:g}]"
-        raise InputError(msg)
+def _factor_in(low: float, high: float) -> Check:
+    def check(value: float, *_: Any) -> None:
+        if not low <= value <= high:
+            msg = f"factor is {value!r}; it must be in [{low:g}, {high:g}]"
+            raise InputError(msg)
+
+    return check
 
 
 def _check_ratio(value: float, *_: Any) -> None:
@@ -320,14 +290,14 @@ class AxisValues:
         value=_factor_to_spectrum, requires=_need_motion("sas"), parameter="sa_period", unsaid=True,
     )})
     period_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
-        "period_factor", "period_factor", "factor", "factors", _check_factor,
+        "period_factor", "period_factor", "factor", "factors", _factor_in(*FACTOR_RANGE),
         "Factors on all natural periods of a building, by its name, one axis each: "
         "stiffnesses are divided by the square, masses kept.",
         "factor on all periods", comment="stiffnesses are divided by its square, masses kept",
         of_buildings=True, by_building=True,
     )})
     mass_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
-        "mass_factor", "mass_factor", "factor", "factors", _check_factor,
+        "mass_factor", "mass_factor", "factor", "factors", _factor_in(*FACTOR_RANGE),
         "Factors on all masses of a building, by its name, one axis each: stiffnesses "
         "take the same factor, so that periods are kept.",
         "factor on all masses", comment="stiffnesses take it too, so that periods are kept",
@@ -339,7 +309,7 @@ class AxisValues:
         "damping ratio of the first two modes of all buildings", of_buildings=True,
     )})
     strength_factors: BuildingValues = field(default=(), metadata={"axis": Axis(
-        "strength_factor", "strength_factor", "factor", "factors", _check_strength_factor,
+        "strength_factor", "strength_factor", "factor", "factors", _factor_in(*STRENGTH_RANGE),
         "Factors on all yield strengths of a building, by its name, one axis each; 1 over a strength reduction.",
         "factor on all yield strengths", requires=_need_strengths, of_buildings=True, by_building=True, unsaid=True,
     )})
@@ -443,24 +413,13 @@ class Range:
 
 @dataclass(frozen=True)
 class PropertyAxis:
-    """An axis over a property of the buildings.
+    """An axis over a property of the buildings."""
 
-    Attributes
-    ----------
-    kind : {"period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"}
-        What it varies.
-    building : str or None
-        Name of the building; None: all of them.
-    values : tuple of float
-        Values, as the user gave them.
-    dimension : str
-        Name of the dimension in the cube: letters, digits and "_".
-    """
-
+    #: what it varies; one of {"period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"}
     kind: str
-    building: str | None
-    values: tuple[float, ...]
-    dimension: str
+    building: str | None  # name of the building; None: all of them
+    values: tuple[float, ...]  # values, as the user gave them
+    dimension: str  # name of the dimension in the cube: letters, digits and "_"
 
     @property
     def key(self) -> str:

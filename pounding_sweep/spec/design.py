@@ -92,24 +92,12 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Input:
-    """What a design draws.
+    """What a design draws."""
 
-    Attributes
-    ----------
-    name : str
-        Its coordinate in the cube.
-    argument : str
-        The axis, by its argument of `build_spec`; "records" for the record.
-    building : str or None
-        Name of the building that it belongs to.
-    distribution : Distribution or None
-        None for the record: each is as likely.
-    """
-
-    name: str
-    argument: str
-    building: str | None
-    distribution: Distribution | None
+    name: str  # its coordinate in the cube
+    argument: str  # the axis, by its argument of `build_spec`; "records" for the record
+    building: str | None  # name of the building that it belongs to
+    distribution: Distribution | None  # None for the record: each is as likely
 
     def told(self) -> dict[str, Any]:
         """Return it as JSON holds it."""
@@ -132,24 +120,12 @@ def named_inputs(drawn: dict[tuple[str, str | None], Distribution | None]) -> tu
 
 @dataclass(frozen=True)
 class Design:
-    """Points of a sweep's inputs.
+    """Points of a sweep's inputs."""
 
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    samples : int
-        Points; of "saltelli" those of one block.
-    seed : int
-        Of the random numbers: the same seed gives the same points.
-    inputs : tuple of Input
-        What is drawn.
-    """
-
-    kind: str
-    samples: int
-    seed: int
-    inputs: tuple[Input, ...]
+    kind: str  # one of `KINDS`
+    samples: int  # points; of "saltelli" those of one block
+    seed: int  # of the random numbers: the same seed gives the same points
+    inputs: tuple[Input, ...]  # what is drawn
 
     def __str__(self) -> str:
         inputs = ", ".join(each.name for each in self.inputs)

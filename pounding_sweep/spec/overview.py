@@ -18,19 +18,7 @@ _LISTED = 8
 
 
 def overview(scene: Scene) -> list[tuple[str, str]]:
-    """Describe a row, one line per building and pair of neighbours.
-
-    Parameters
-    ----------
-    scene : Scene
-        The row.
-
-    Returns
-    -------
-    list of (str, str)
-        Names of buildings and pairs, and of each what is to be known of it before anything is run: height, first
-        periods and total weight of a building; first periods of linked buildings as one; at which elevations floors
-        of a pair meet, and which floors stand before columns of the neighbour instead.
+    """Describe a row: names of buildings and pairs, and of each what is to be known before anything is run.
 
     Examples
     --------

@@ -21,20 +21,7 @@ def names_file(given: str) -> bool:
 
 
 def find_law(given: Any, base: Path | None = None) -> Law:
-    """Return a law of the registry by its key, one of a file by FILE:NAME, or check one that is given.
-
-    Parameters
-    ----------
-    given : str or Law
-        Key, ``"mylaws.py:my_law"``, or the law itself.
-    base : Path, optional
-        Folder that a relative path starts from.
-
-    Raises
-    ------
-    LawError
-        There is no such law, the file raises, or the law can't be one of a user's own.
-    """
+    """Return a law of the registry by its key, one of a file (from the folder `base`) by FILE:NAME, or one given."""
     if isinstance(given, str) and names_file(given):
         return _checked(_load(given, base))
     law = get_law(given)

@@ -7,7 +7,7 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -48,14 +48,13 @@ from pounding_sweep.spec.faults import (
 )
 from pounding_sweep.spec.own_laws import LAW_GROUPS, find_law, names_file
 from pounding_sweep.spec.spec import (
-    ACCURACY_RANGE,
     AUDIT_SHARE,
     MAX_AXIS,
     MAX_SCENARIOS,
     METHODS,
     PRECISIONS,
     SweepSpec,
-    outside_accuracy,
+    check_accuracy,
     step_fault,
 )
 from pounding_sweep.spec.strengths import with_strengths
@@ -618,8 +617,8 @@ def _record_of(item: Any) -> Any:
 # --- settings -------------------------------------------------------------------------------------------------------
 
 
-def _sa_period(given: Any) -> float | None:
-    return None if given is None else number(given, "period in s", within("sa_period (s)", *SA_PERIODS))
+def _number_or_none(what: str, check: Callable[..., None]) -> PlainValidator:
+    return PlainValidator(lambda given: None if given is None else number(given, what, check))
 
 
 def _automatic(info: Any) -> bool:
@@ -627,24 +626,10 @@ def _automatic(info: Any) -> bool:
     return info.data.get("accuracy", 0.0) is not None
 
 
-def _check_accuracy(value: float) -> None:
-    low, high = ACCURACY_RANGE
-    if not low <= value <= high:
-        raise InputError(outside_accuracy(value))
-
-
 def _check_audit(value: float) -> None:
     if not 0.0 <= value <= 1.0:
         msg = f"audit is {shown(value)}; it must be a share of the sweep's cost in [0, 1], 0 for none"
         raise InputError(msg)
-
-
-def _accuracy(given: Any) -> float | None:
-    return None if given is None else number(given, "relative error", _check_accuracy)
-
-
-def _audit(given: Any) -> float:
-    return number(given, "share of the cost", _check_audit)
 
 
 def _choice(valid: Sequence[str], usual: str | None) -> PlainValidator:
@@ -798,20 +783,22 @@ class SweepInput(Table):
     restitution_basis: Annotated[Any, _choice(tuple(RESTITUTION_BASES), None)] = Field(
         "published", description="a text"
     )
-    sa_period: Annotated[Any, PlainValidator(_sa_period)] = Field(None, description="a number in s")
+    sa_period: Annotated[Any, _number_or_none("period in s", within("sa_period (s)", *SA_PERIODS))] = Field(
+        None, description="a number in s"
+    )
     laws: Annotated[Any, PlainValidator(_laws)] = Field(
         None, description="a name or a list of names", validate_default=True
     )
     cases: Annotated[Any, PlainValidator(_cases)] = Field(None, description="tables [[sweep.cases]]")
     design: Annotated[Any, PlainValidator(_design)] = Field(None, description="a table [design]")
     axes: Annotated[Any, PlainValidator(_axes)]
-    accuracy: Annotated[Any, PlainValidator(_accuracy)] = Field(
+    accuracy: Annotated[Any, _number_or_none("relative error", check_accuracy)] = Field(
         None, description="a number, the relative error asked for"
     )
     method: Annotated[Any, PlainValidator(_method)] = Field(None, description="a text", validate_default=True)
     precision: Annotated[Any, PlainValidator(_precision)] = Field(None, description="a text", validate_default=True)
     dt: Annotated[Any, PlainValidator(_dt)] = Field(None, description="a number in s", validate_default=True)
-    audit: Annotated[Any, PlainValidator(_audit)] = Field(
+    audit: Annotated[Any, PlainValidator(lambda given: number(given, "share of the cost", _check_audit))] = Field(
         AUDIT_SHARE, description="a number, the share of the cost spent on the audit"
     )
     locate: Annotated[Any, PlainValidator(_locate)] = Field(True, description="true or false")

@@ -50,75 +50,39 @@ MOST_PROBLEMS = 40
 class SweepSpec(AxisValues):
     """A valid sweep; made by `build_spec` or `load_spec`, which check it.
 
-    Axes (see `AxisValues`) keep the order in which the user gave their values. Without `cases`, one
-    axis of each column is set, but for gaps: without them the scene's own are taken. Restitutions are
-    (1.0,) where none was given and no law takes one.
-
-    Attributes
-    ----------
-    scene : Scene
-        The row (kN, t, m, s).
-    records : tuple of Record
-        Ground motions (m/s2), names all different.
-    laws : tuple of str
-        Keys of contact laws; with `cases`, those that the cases use.
-    cases : tuple of Case or None
-        Listed scenarios instead of the product. Then there are no axes, and in every case the
-        record's name, the stiffness or factor of a law with contact, and the
-        restitution of a law that takes one are filled in; factors of 1 are left out.
-    method : str or None
-        Time-stepping scheme; None: chosen for `accuracy`.
-    dt : float or None
-        Time step (s); None: chosen for `accuracy`.
-    locate : bool
-        Whether steps are split where a pair touches or separates.
-    outputs : tuple of str
-        Variables of the cube.
-    beta, gamma : float
-        Parameters of Newmark's method.
-    force_unstable : bool
-        Run even beyond the stability limit.
-    title : str
-        Title of the cube.
-    precision : str or None
-        Number format of the kernels, "float64" or "float32"; None: chosen with the accuracy.
-    restitution_basis : {"published", "realised"}
-        Whether damping follows from the restitution by the law's published formula,
-        or so that two free masses rebound at exactly it.
-    accuracy : float or None
-        Relative error asked for; the engine then chooses scheme and step.
-    audit : float
-        Share of the sweep's cost spent on running a sample again at a finer step; 0: none.
-    records_left_out : tuple of str
-        Records asked for that are missing, where going on without them was allowed.
-    own_laws : tuple of Law
-        Those laws that are not in the registry.
-    sa_period : float or None
-        Period (s) of the axis `sas`.
-    design : Design or None
-        What the cases were drawn by; the JSON of a sweep without one is silent of it.
+    Axes (see `AxisValues`) keep the order in which the user gave their values. Without `cases`, one axis of each
+    column is set, but for gaps: without them the scene's own are taken. Restitutions are (1.0,) where none was
+    given and no law takes one.
     """
 
-    scene: Scene
-    records: tuple[Record, ...]
-    laws: tuple[str, ...]
+    scene: Scene  # the row (kN, t, m, s)
+    records: tuple[Record, ...]  # ground motions (m/s2), names all different
+    laws: tuple[str, ...]  # keys of contact laws; with `cases`, those that the cases use
+    #: listed scenarios instead of the product. Then there are no axes, and in every case the record's name, the
+    #: stiffness or factor of a law with contact, and the restitution of a law that takes one are filled in; factors
+    #: of 1 are left out
     cases: tuple[Case, ...] | None
-    method: str | None
-    dt: float | None
-    locate: bool
-    outputs: tuple[str, ...]
+    method: str | None  # time-stepping scheme; None: chosen for `accuracy`
+    dt: float | None  # time step (s); None: chosen for `accuracy`
+    locate: bool  # whether steps are split where a pair touches or separates
+    outputs: tuple[str, ...]  # variables of the cube
+    #: parameters of Newmark's method
     beta: float = 0.25
     gamma: float = 0.5
-    force_unstable: bool = False
+    force_unstable: bool = False  # run even beyond the stability limit
     title: str = ""
+    #: number format of the kernels, "float64" or "float32"; None: chosen with the accuracy
     precision: str | None = "float64"
+    #: whether damping follows from the restitution by the law's published formula, or so that two free masses
+    #: rebound at exactly it; one of {"published", "realised"}
     restitution_basis: str = "published"
-    accuracy: float | None = None
-    audit: float = AUDIT_SHARE
+    accuracy: float | None = None  # relative error asked for; the engine then chooses scheme and step
+    audit: float = AUDIT_SHARE  # share of the sweep's cost spent on running a sample again at a finer step; 0: none
+    #: records asked for that are missing, where going on without them was allowed
     records_left_out: tuple[str, ...] = ()
-    own_laws: tuple[Law, ...] = ()
-    sa_period: float | None = None
-    design: Design | None = None
+    own_laws: tuple[Law, ...] = ()  # those laws that are not in the registry
+    sa_period: float | None = None  # period (s) of the axis `sas`
+    design: Design | None = None  # what the cases were drawn by; the JSON of a sweep without one is silent of it
 
     def scale(self, axis: Axis, value: float, record: Record) -> float:
         """Return the factor on a record that a value of an axis means."""
@@ -163,17 +127,17 @@ class SweepSpec(AxisValues):
         raise KeyError(name)
 
 
-def outside_accuracy(value: float) -> str:
-    """Say that an accuracy was not measured."""
+def check_accuracy(value: float) -> None:
+    """Raise `SweepError` unless an accuracy was measured."""
     low, high = ACCURACY_RANGE
-    return f"accuracy is {value!r}; it must be in [{low:g}, {high:g}], the range that was measured"
+    if not low <= value <= high:
+        msg = f"accuracy is {value!r}; it must be in [{low:g}, {high:g}], the range that was measured"
+        raise SweepError(msg)
 
 
 def with_accuracy(spec: SweepSpec, accuracy: float) -> SweepSpec:
     """Return a sweep that asks for a relative error in place of its own step; its scheme is kept."""
-    low, high = ACCURACY_RANGE
-    if not low <= accuracy <= high:
-        raise SweepError(outside_accuracy(accuracy))
+    check_accuracy(accuracy)
     return replace(spec, accuracy=accuracy, dt=None)
 
 

@@ -17,11 +17,9 @@ DIGITS = 9
 
 
 def with_strengths(spec: SweepSpec) -> SweepSpec:
-    """Return a sweep whose cases have the factors on strengths for the ductilities that they ask for.
-
-    A motion twice as strong reaches the same ductility at twice the strength, and a building's masses change neither:
-    one search serves all scales, laws, gaps and masses of a record.
-    """
+    """Return a sweep whose cases have the factors on strengths for the ductilities that they ask for."""
+    # a motion twice as strong reaches the same ductility at twice the strength, and a building's masses change neither:
+    # one search serves all scales, laws, gaps and masses of a record
     if spec.cases is None:
         return spec
     cases = list(spec.cases)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, PlainValidator, ValidationInfo
 
@@ -34,30 +35,42 @@ from pounding_sweep.spec.faults import Faults, Table, gathering, is_number, numb
 from pounding_sweep.spec.own_laws import find_law, names_file
 
 
-def _positive(values: list[Any], info: ValidationInfo) -> list[Any]:
-    """Check a list of a building; each value has a place of its own."""
-    what = str(BuildingTable.model_fields[str(info.field_name)].description).partition(", ")[2]
+def _each(given: list[Any], make: Callable[..., Any], *more: Any) -> list[Any]:
+    """Make something of each item of a list; its faults have its place."""
+    with gathering() as faults:
+        return [faults.attempt((index,), make, item, *more) for index, item in enumerate(given)]
+
+
+def _one_of(what: str, valid: Collection[str]) -> Callable[[Any], str]:
+    """Make a check that a text is one of several."""
+
+    def check(value: Any) -> str:
+        if not isinstance(value, str) or value not in valid:
+            raise InputError(unknown(what, value, valid))
+        return value
+
+    return check
+
+
+def _positive(value: Any, info: ValidationInfo) -> Any:
     infinite = info.field_name == "yield_strengths"  # of storeys that never yield
-    with gathering() as faults:
-        for index, value in enumerate(values):
-            if not (is_number(value) and value > 0 and (infinite or value < math.inf)):
-                faults.add((index,), f"{shown(value)} is not a positive number ({what})")
-    return values
+    if not (is_number(value) and value > 0 and (infinite or value < math.inf)):
+        what = str(BuildingTable.model_fields[str(info.field_name)].description).partition(", ")[2]
+        msg = f"{shown(value)} is not a positive number ({what})"
+        raise InputError(msg)
+    return value
 
 
-def _dampers(values: list[Any]) -> list[Any]:
-    with gathering() as faults:
-        for index, value in enumerate(values):
-            faults.attempt((index,), check_linking, value, "coefficient", "kN s/m")
-    return values
+def _depth(value: Any) -> Any:
+    if not (is_number(value) and 0 <= value < math.inf):
+        msg = f"{shown(value)} is no depth: zero or a positive number (slab depths in m)"
+        raise InputError(msg)
+    return value
 
 
-def _depths(values: list[Any]) -> list[Any]:
-    with gathering() as faults:
-        for index, value in enumerate(values):
-            if not (is_number(value) and 0 <= value < math.inf):
-                faults.add((index,), f"{shown(value)} is no depth: zero or a positive number (slab depths in m)")
-    return values
+_Positives = Annotated[list[Any], AfterValidator(lambda values, info: _each(values, _positive, info))]
+_Depths = Annotated[list[Any], AfterValidator(lambda values: _each(values, _depth))]
+_Dashpots = Annotated[list[Any], AfterValidator(lambda values: _each(values, check_linking, "coefficient", "kN s/m"))]
 
 
 def _ratio(value: Any) -> Any:
@@ -82,9 +95,7 @@ def _hardening(value: Any, info: ValidationInfo) -> float:
 
 
 def _damping_stiffness(value: str, info: ValidationInfo) -> str:
-    if value not in DAMPING_STIFFNESSES:
-        raise InputError(unknown("damping_stiffness", value, DAMPING_STIFFNESSES))
-    if value != "initial":
+    if _one_of("damping_stiffness", DAMPING_STIFFNESSES)(value) != "initial":
         _of_yielding(info)
     return value
 
@@ -112,31 +123,25 @@ class BuildingTable(Table):
     """[[scene.row]]: a building."""
 
     name: str = Field(description="a text")
-    masses: Annotated[list[Any], AfterValidator(_positive)] = Field(
-        description="a list of numbers, floor masses in t, bottom first"
-    )
-    stiffnesses: Annotated[list[Any], AfterValidator(_positive)] = Field(
-        description="a list of numbers, storey stiffnesses in kN/m, bottom first"
-    )
+    masses: _Positives = Field(description="a list of numbers, floor masses in t, bottom first")
+    stiffnesses: _Positives = Field(description="a list of numbers, storey stiffnesses in kN/m, bottom first")
     damping_ratio: Annotated[Any, AfterValidator(_ratio)] = 0.05
-    storey_heights: Annotated[list[Any], AfterValidator(_positive)] | None = Field(
-        None, description="a list of numbers, storey heights in m, bottom first"
-    )
-    yield_strengths: Annotated[list[Any], AfterValidator(_positive)] | None = Field(
+    storey_heights: _Positives | None = Field(None, description="a list of numbers, storey heights in m, bottom first")
+    yield_strengths: _Positives | None = Field(
         None, description="a list of numbers, storey shears at first yield in kN, bottom first"
     )
     hardening: Annotated[Any, AfterValidator(_hardening)] = Field(0.0, description="a number")
     damping_stiffness: Annotated[str, AfterValidator(_damping_stiffness)] = Field("initial", description="a text")
 
-    slab_depths: Annotated[list[Any], AfterValidator(_depths)] | None = Field(
+    slab_depths: _Depths | None = Field(
         None, description="a list of numbers, depths of the floors' slabs in m, bottom first"
     )
-    column_stiffnesses: Annotated[list[Any], AfterValidator(_positive)] | None = Field(
+    column_stiffnesses: _Positives | None = Field(
         None, description="a list of numbers, 12 E I / L^3 of the columns that may be struck in kN/m, bottom first"
     )
     p_delta: bool = Field(False, description="true or false")
     bouc_wen: BoucWenTable | None = Field(None, description="a table of n, beta and gamma")
-    dashpots: Annotated[list[Any], AfterValidator(_dampers)] | None = Field(
+    dashpots: _Dashpots | None = Field(
         None, description="a list of numbers, coefficients of the storeys' dashpots in kN s/m, bottom first"
     )
     foundation: FoundationTable | None = Field(None, description="a table of mass, inertia, stiffnesses and dampings")
@@ -149,55 +154,45 @@ class WallTable(Table):
     name: str = Field("wall", description="a text")
 
 
-def _wall(given: dict[str, Any]) -> Wall:
-    return Wall(WallTable.model_validate(given).name)
-
-
-def _one_per_storey(faults: Faults, index: int, item: dict[str, Any]) -> bool:
+def _one_per_storey(faults: Faults, item: dict[str, Any]) -> bool:
     """Note lists of a building that are not as long as its masses, whatever else is wrong with them."""
     equal, masses = True, item.get("masses")
     for name in ("stiffnesses", "storey_heights", "slab_depths", "column_stiffnesses", "yield_strengths", "dashpots"):
         values = item.get(name)
         if isinstance(masses, list) and isinstance(values, list) and len(values) != len(masses):
-            text = f"{len(values)} {name} for {len(masses)} masses; give one value per storey"
-            faults.add((index, name), text)
+            faults.add((name,), f"{len(values)} {name} for {len(masses)} masses; give one value per storey")
             equal = False
     return equal
 
 
-def _row(given: list[Any]) -> list[Building | Wall]:
-    made: list[Any] = []
+def _row_item(given: Any) -> Building | Wall | None:
+    if not isinstance(given, dict):
+        msg = f"{shown(given)} won't do in tables [[scene.row]], left to right"
+        raise InputError(msg)
+    if "wall" in given:
+        return Wall(WallTable.model_validate(given).name)
     with gathering() as faults:
-        for index, item in enumerate(given):
-            if not isinstance(item, dict):
-                faults.add((index,), f"{shown(item)} won't do in tables [[scene.row]], left to right")
-                continue
-            if "wall" in item:
-                made.append(faults.attempt((index,), _wall, item))
-                continue
-            equal = _one_per_storey(faults, index, item)
-            if table := faults.attempt((index,), BuildingTable.model_validate, item):
-                values = dict(table)
-                depths, p_delta = values.pop("slab_depths"), values.pop("p_delta")
-                smooth, base = values.pop("bouc_wen"), values.pop("foundation")
-                last = "damping_ratio" if table.name.strip() else "name"  # all that can still be at fault
-                found = faults.attempt((index, last), Building, **values) if equal else None
-                if found is not None and depths is not None:
-                    found = faults.attempt((index, "slab_depths"), replace, found, slab_depths=depths)
-                if found is not None and smooth is not None:
-                    found = faults.attempt((index, "bouc_wen"), replace, found, bouc_wen=dict(smooth))
-                if found is not None and p_delta:
-                    found = faults.attempt((index, "p_delta"), replace, found, p_delta=True)
-                if found is not None and base is not None:
-                    found = faults.attempt((index, "foundation"), replace, found, foundation=dict(base))
-                made.append(found)
-    return made
+        equal = _one_per_storey(faults, given)
+        table = faults.attempt((), BuildingTable.model_validate, given)
+        if not (table and equal):
+            return None
+        values = dict(table)
+        more = {name: values.pop(name) for name in ("slab_depths", "bouc_wen", "p_delta", "foundation")}
+        last = "damping_ratio" if table.name.strip() else "name"  # all that can still be at fault
+        found: Building | None = faults.attempt((last,), Building, **values)
+        for name, value in more.items():
+            if found is not None and value not in (None, False):
+                each = {name: dict(value) if isinstance(value, Table) else value}
+                found = faults.attempt((name,), replace, found, **each)
+    return found
 
 
-def _contact_value(value: float | None, info: ValidationInfo) -> float | None:
-    if value is not None:
-        ContactProperties(**{str(info.field_name): value})
+def _contact_value(value: float, info: ValidationInfo) -> float:
+    ContactProperties(**{str(info.field_name): value})
     return value
+
+
+_ContactValue = Annotated[float, AfterValidator(_contact_value)]
 
 
 class HertzTable(Table):
@@ -211,9 +206,7 @@ class HertzTable(Table):
     radii: list[float] | None = Field(None, min_length=2, max_length=2, description="two numbers in m")
 
 
-def _hertz(given: dict[str, Any] | None, info: ValidationInfo) -> float | None:
-    if given is None:
-        return None
+def _hertz(given: dict[str, Any], info: ValidationInfo) -> float | None:
     value: float | None = None
     with gathering() as faults:
         if info.data.get("hertz_stiffness") is not None:
@@ -230,39 +223,18 @@ def _hertz(given: dict[str, Any] | None, info: ValidationInfo) -> float | None:
 class ContactTable(Table):
     """[scene.contact]: reference contact properties."""
 
-    linear_stiffness: Annotated[float | None, AfterValidator(_contact_value)] = Field(
-        None, description="a number in kN/m"
-    )
-    hertz_stiffness: Annotated[float | None, AfterValidator(_contact_value)] = Field(
-        None, description="a number in kN/m^1.5"
-    )
-    hertz: Annotated[dict[str, Any] | None, AfterValidator(_hertz)] = Field(
+    linear_stiffness: _ContactValue | None = Field(None, description="a number in kN/m")
+    hertz_stiffness: _ContactValue | None = Field(None, description="a number in kN/m^1.5")
+    hertz: Annotated[dict[str, Any], AfterValidator(_hertz)] | None = Field(
         None, description="a table of material and masses or radii"
     )
-    restitution: Annotated[float | None, AfterValidator(_contact_value)] = Field(None, description="a number")
+    restitution: _ContactValue | None = Field(None, description="a number")
 
 
-def _preset(name: str | None) -> Scene | None:
-    return None if name is None else get_preset(name)
-
-
-def _gaps(given: list[Any] | None) -> list[Any] | None:
-    with gathering() as faults:
-        for index, gap in enumerate(given or ()):
-            faults.attempt((index,), number, gap, "gap in m", check_gap)
-    return given
-
-
-def _tolerance(value: float | None) -> float | None:
-    if value is not None and not 0 <= value < math.inf:
+def _tolerance(value: float) -> float:
+    if not 0 <= value < math.inf:
         msg = f"{shown(value)} m won't do; it must be zero or a positive number"
         raise InputError(msg)
-    return value
-
-
-def _contacts(value: str | None) -> str | None:
-    if value is not None and value not in CONTACTS:
-        raise InputError(unknown("kind of contacts", value, CONTACTS))
     return value
 
 
@@ -279,13 +251,8 @@ class LinkTable(Table):
     damping: Annotated[Any, AfterValidator(_linking)] = Field(0.0, description="a number in kN s/m")
 
 
-def _links(given: list[Any] | None) -> list[Link | None]:
-    made: list[Link | None] = []
-    with gathering() as faults:
-        for index, item in enumerate(given or ()):
-            table = faults.attempt((index,), LinkTable.model_validate, item)
-            made.append(faults.attempt((index,), Link, **dict(table)) if table else None)
-    return made
+def _link(given: Any) -> Link:
+    return Link(**dict(LinkTable.model_validate(given)))
 
 
 class BumperTable(Table):
@@ -299,43 +266,40 @@ class BumperTable(Table):
     storeys: list[Any] = Field([], description="a list of whole numbers")
 
 
-def _bumpers(given: list[Any] | None, info: ValidationInfo) -> list[Bumper | None]:
-    made: list[Bumper | None] = []
-    with gathering() as faults:
-        for index, item in enumerate(given or ()):
-            table = faults.attempt((index,), BumperTable.model_validate, item)
-            law = table and table.law
-            if table and names_file(table.law):
-                law = faults.attempt((index, "law"), find_law, table.law, (info.context or {}).get("base"))
-            made.append(faults.attempt((index,), Bumper, **{**dict(table), "law": law}) if law else None)
-    return made
+def _bumper(given: Any, info: ValidationInfo) -> Bumper:
+    table = BumperTable.model_validate(given)
+    law: Any = table.law
+    if names_file(table.law):
+        with gathering() as faults:
+            law = faults.attempt(("law",), find_law, table.law, (info.context or {}).get("base"))
+    return Bumper(**{**dict(table), "law": law})
 
 
 class SceneTable(Table):
     """[scene]: a preset, or a row of its own."""
 
-    preset: Annotated[str | None, AfterValidator(_preset)] = Field(None, description="name of a preset")
-    row: Annotated[list[Any], AfterValidator(_row)] | None = Field(
+    preset: Annotated[str, AfterValidator(get_preset)] | None = Field(None, description="name of a preset")
+    row: Annotated[list[Any], AfterValidator(lambda given: _each(given, _row_item))] | None = Field(
         None, description="tables [[scene.row]], left to right"
     )
-    gaps: Annotated[list[Any] | None, AfterValidator(_gaps)] = Field(
-        None, description="a list of numbers, the gap of each pair in m"
+    gaps: Annotated[list[Any], AfterValidator(lambda given: _each(given, number, "gap in m", check_gap))] | None = (
+        Field(None, description="a list of numbers, the gap of each pair in m")
     )
     contact: ContactTable | None = Field(None, description="a table [scene.contact]")
-    contacts: Annotated[str | None, AfterValidator(_contacts)] = Field(
+    contacts: Annotated[str, AfterValidator(_one_of("kind of contacts", CONTACTS))] | None = Field(
         None, description='"floors" or "floors and columns", what can meet'
     )
-    tolerance: Annotated[float | None, AfterValidator(_tolerance)] = Field(
+    tolerance: Annotated[float, AfterValidator(_tolerance)] | None = Field(
         None, description="a number in m, by which slabs that meet may miss each other in elevation"
     )
     storeys: dict[str, list[int]] | None = Field(
         None, description="a table [scene.storeys] of pairs and lists of whole numbers, the storeys that alone meet"
     )
     allow_unmet: bool | None = Field(None, description="true or false, whether pairs may have no floors that meet")
-    links: Annotated[list[Any] | None, AfterValidator(_links)] = Field(
+    links: Annotated[list[Any], AfterValidator(lambda given: _each(given, _link))] | None = Field(
         None, description="tables [[scene.links]] of springs and dashpots between neighbours"
     )
-    bumpers: Annotated[list[Any] | None, AfterValidator(_bumpers)] = Field(
+    bumpers: Annotated[list[Any], AfterValidator(lambda given, info: _each(given, _bumper, info))] | None = Field(
         None, description="tables [[scene.bumpers]] of contacts with a law of their own"
     )
 
@@ -344,7 +308,7 @@ class SceneTable(Table):
 _SCENE_SETTINGS = ("contacts", "tolerance", "allow_unmet")
 
 
-def read_scene(given: dict[str, Any], base: Path | None = None) -> Scene:
+def read_scene(given: dict[str, Any], base: Path | None) -> Scene:
     """Make a scene of a table; what it leaves out is the preset's. Law files are looked for in the folder `base`."""
     with gathering() as faults:
         if given.get("preset") is not None and given.get("row") is not None:
@@ -400,13 +364,12 @@ def _count(value: Any, info: ValidationInfo) -> int:
 
 
 def _spacing(value: Any, info: ValidationInfo) -> str:
-    if value not in ("linear", "log"):
-        raise InputError(unknown("spacing", value, ["linear", "log"]))
+    value = _one_of("spacing", ("linear", "log"))(value)
     start, stop = info.data.get("start"), info.data.get("stop")
     if value == "log" and not ((start or 0) > 0 and (stop or 0) > 0):
         msg = f"log needs start and stop above 0, not {shown(start)} and {shown(stop)}"
         raise InputError(msg)
-    return str(value)
+    return value
 
 
 class RangeTable(Table):
@@ -428,26 +391,25 @@ _LEAST_WITHIN = 1e-6
 _LIMITS = ("low", "high")
 
 
-def _distribution(value: Any) -> str:
-    if not isinstance(value, str) or value not in NEEDS:
-        raise InputError(unknown("distribution", value, NEEDS))
-    return value
-
-
 def _end(value: Any, info: ValidationInfo) -> float | None:
     return None if value is None else number(value, str(info.field_name), finite(str(info.field_name)))
+
+
+_End = Annotated[Any, PlainValidator(_end)]
 
 
 class DistributionTable(Table):
     """What an input of a design is drawn from."""
 
-    distribution: Annotated[Any, PlainValidator(_distribution)] = Field(description=f"one of {', '.join(NEEDS)}")
-    low: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
-    high: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
-    mean: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
-    std: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
-    median: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
-    dispersion: Annotated[Any, PlainValidator(_end)] = Field(None, description="a number")
+    distribution: Annotated[Any, PlainValidator(_one_of("distribution", NEEDS))] = Field(
+        description=f"one of {', '.join(NEEDS)}"
+    )
+    low: _End = Field(None, description="a number")
+    high: _End = Field(None, description="a number")
+    mean: _End = Field(None, description="a number")
+    std: _End = Field(None, description="a number")
+    median: _End = Field(None, description="a number")
+    dispersion: _End = Field(None, description="a number")
 
 
 def read_distribution(given: Distribution | dict[str, Any]) -> Distribution:
@@ -475,12 +437,6 @@ def read_distribution(given: Distribution | dict[str, Any]) -> Distribution:
     return found
 
 
-def _kind(value: Any) -> str:
-    if not isinstance(value, str) or value not in KINDS:
-        raise InputError(unknown("kind of design", value, KINDS))
-    return value
-
-
 def _samples(value: Any, info: ValidationInfo) -> int:
     kind = info.data.get("kind", "")
     if not isinstance(value, int) or isinstance(value, bool) or value < 1:
@@ -503,7 +459,9 @@ def _seed(value: Any) -> int:
 class DesignTable(Table):
     """[design]: inputs that are drawn."""
 
-    kind: Annotated[Any, PlainValidator(_kind)] = Field(description=f"one of {', '.join(KINDS)}")
+    kind: Annotated[Any, PlainValidator(_one_of("kind of design", KINDS))] = Field(
+        description=f"one of {', '.join(KINDS)}"
+    )
     samples: Annotated[Any, PlainValidator(_samples)] = Field(description="a whole number of points")
     seed: Annotated[Any, PlainValidator(_seed)] = Field(0, description="a whole number")
     inputs: dict[str, Any] = Field(description="tables [design.inputs] of distributions by the name of an axis")
@@ -564,9 +522,21 @@ def _to_spectrum(given: PathRecord | NamedRecord, record: Record) -> Record:
     return scaled_to_sa(record, given.sa, given.sa_period)
 
 
-class SyntheticRecord(Table):
+class MadeRecord(Table):
+    """A record that is computed: the first key, which tells the kind, is what its function takes by place."""
+
+    make: ClassVar[Callable[..., Record]]
+
+    def read(self, _folder: Path, _folders: Folders) -> Record:
+        """Make the record."""
+        (_, first), *more = self
+        return type(self).make(first, **dict(more))
+
+
+class SyntheticRecord(MadeRecord):
     """A synthetic earthquake; ``synthetic`` is the seed."""
 
+    make = synthetic_record
     synthetic: int = Field(description="a whole number, the seed")
     duration: float = Field(20.0, description="a number in s")
     dt: float = Field(0.01, description="a number in s")
@@ -580,15 +550,11 @@ class SyntheticRecord(Table):
     end_level: float = Field(0.05, description="a number")
     name: str | None = Field(None, description="a text")
 
-    def read(self, _folder: Path, _folders: Folders) -> Record:
-        """Make the record."""
-        values = dict(self)
-        return synthetic_record(values.pop("synthetic"), **values)
 
-
-class PulseRecord(Table):
+class PulseRecord(MadeRecord):
     """A simple pulse; ``pulse`` is its shape."""
 
+    make = pulse_record
     pulse: str = Field(description="a text")
     amplitude: float = Field(description="a number in m/s2")
     period: float = Field(description="a number in s")
@@ -596,15 +562,11 @@ class PulseRecord(Table):
     duration: float | None = Field(None, description="a number in s")
     name: str | None = Field(None, description="a text")
 
-    def read(self, _folder: Path, _folders: Folders) -> Record:
-        """Make the record."""
-        values = dict(self)
-        return pulse_record(values.pop("pulse"), **values)
 
-
-class NearFaultRecord(Table):
+class NearFaultRecord(MadeRecord):
     """A near-fault pulse; ``near_fault`` is the amplitude of its velocity."""
 
+    make = near_fault_record
     near_fault: float = Field(description="a number in m/s")
     period: float = Field(description="a number in s")
     cycles: float = Field(description="a number above 1")
@@ -612,11 +574,6 @@ class NearFaultRecord(Table):
     phase: float = Field(0.0, description="a number in degrees")
     duration: float | None = Field(None, description="a number in s")
     name: str | None = Field(None, description="a text")
-
-    def read(self, _folder: Path, _folders: Folders) -> Record:
-        """Make the record."""
-        values = dict(self)
-        return near_fault_record(values.pop("near_fault"), **values)
 
 
 RecordTable = PathRecord | NamedRecord | SyntheticRecord | PulseRecord | NearFaultRecord

@@ -6,7 +6,7 @@ The command line and the documentation print this registry.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -25,71 +25,36 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Comparison:
-    """A comparison by name; see `comparison`."""
+    """A comparison by name: what it is, needs and makes, and its table."""
 
     key: str
-    title: str
-    needs: str
-    make: Callable[..., xr.Dataset]
+    make: Callable[..., xr.Dataset]  # takes a cube
+    title: str  # what it shows
+    _: KW_ONLY
+    needs: str  # what a cube must have, in words
+    #: dimensions that its printed table tells apart, beside records and scales; everything else is taken together
     columns: tuple[str, ...]
-    variables: tuple[str, ...]
-    lead: tuple[str, ...]
-    figure: str
-    arguments: tuple[str, ...]
-    summary: Mapping[str, Any]
-    rows: Callable[[xr.Dataset], list[Row]] | None
-    whole: bool
+    variables: tuple[str, ...] = ()  # endings of the variables in that table; () for all
+    lead: tuple[str, ...] = ()  # variables that a summary shows; the first two where it has none of them
+    figure: str = ""  # key of the figure that draws it; "" where none does
+    #: arguments of the function that the command line passes: "reference", "folders", "event", "level" ...
+    arguments: tuple[str, ...] = ()
+    #: arguments in a summary of all comparisons, which does without what takes long
+    summary: Mapping[str, Any] = field(default_factory=dict)
+    rows: Callable[[xr.Dataset], list[Row]] | None = None  # makes its table, where `spread_rows` does not
+    whole: bool = False  # of the row as a whole: a part of the row is taken of its result, not of its cube
 
 
 #: Every comparison by key, in alphabetical order.
 COMPARISONS: Registry[Comparison] = Registry("pounding_sweep.analysis.comparisons")
 
 
-def comparison(
-    title: str,
-    *,
-    needs: str,
-    columns: tuple[str, ...],
-    variables: tuple[str, ...] = (),
-    lead: tuple[str, ...] = (),
-    figure: str = "",
-    arguments: tuple[str, ...] = (),
-    summary: Mapping[str, Any] | None = None,
-    rows: Callable[[xr.Dataset], list[Row]] | None = None,
-    whole: bool = False,
-) -> Callable[[Function], Function]:
-    """Register a function that takes a cube and returns a dataset as the comparison of its module.
-
-    Parameters
-    ----------
-    title : str
-        What it shows.
-    needs : str
-        What a cube must have, in words.
-    columns : tuple of str
-        Dimensions that its printed table tells apart, beside records and scales; everything else is taken together.
-    variables : tuple of str
-        Endings of the variables in that table; () for all.
-    lead : tuple of str
-        Variables that a summary shows; the first two where it has none of them.
-    figure : str
-        Key of the figure that draws it; "" where none does.
-    arguments : tuple of str
-        Arguments of the function that the command line passes: "reference", "folders", "event", "level" ...
-    summary : mapping, optional
-        Arguments in a summary of all comparisons, which does without what takes long.
-    rows : callable, optional
-        Makes its table of its result, where `spread_rows` does not.
-    whole : bool
-        Whether it is of the row as a whole: a part of the row is taken of its result, not of its cube.
-    """
+def comparison(title: str, **about: Any) -> Callable[[Function], Function]:
+    """Register a function of a cube as the comparison of its module; `about` are fields of `Comparison`."""
 
     def register(make: Function) -> Function:
         key = key_of(make.__module__)
-        entry = Comparison(
-            key, title, needs, make, columns, variables, lead, figure, arguments, summary or {}, rows, whole
-        )
-        COMPARISONS.add(key, entry)
+        COMPARISONS.add(key, Comparison(key, make, title, **about))
         return make
 
     return register

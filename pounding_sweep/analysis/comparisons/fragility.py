@@ -36,6 +36,7 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.base.tables import finite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -55,20 +56,20 @@ def fit_rows(result: xr.Dataset) -> list[Row]:
     whole = result["fit_status"]
     dims = [dim for dim in (*scenario_dims(whole), "pair", "building") if dim in whole.dims]
     units = str(result["median"].attrs["units"])
-    labels = [[_number(label) for label in result[dim].values.tolist()] for dim in dims]
+    labels = [[finite(label) for label in result[dim].values.tolist()] for dim in dims]
     column = {str(name): result[name].transpose(*dims, ...).values for name in _FIT}
     given = np.isfinite(column["median_interval"]).any()
     rows = []
     for place in np.ndindex(tuple(map(len, labels))):
         row: Row = {dim: each[i] for dim, each, i in zip(dims, labels, place, strict=True)}
         row |= {"trials": int(column["trials"][place]), "happened": int(column["happened_count"][place])}
-        row |= {name: _number(float(column[name][place])) for name in ("median", "dispersion")}
+        row |= {name: finite(float(column[name][place])) for name in ("median", "dispersion")}
         for name, (i, bound) in product(("median", "dispersion") if given else (), enumerate(BOUNDS)):
-            row[f"{name}_{bound}"] = _number(float(column[f"{name}_interval"][(*place, i)]))
+            row[f"{name}_{bound}"] = finite(float(column[f"{name}_interval"][(*place, i)]))
         if "fractile" in result:
             at = result["fractile"].transpose(*dims, "quantile")
             for q, value in zip(at["quantile"].values.tolist(), at.values[place].tolist(), strict=True):
-                row[f"at {q:g}"] = _number(value)
+                row[f"at {q:g}"] = finite(value)
         low, high = column["median_between"][place].tolist()
         status = FIT_STATUS[int(column["fit_status"][place])]
         words = {"units": units, "over": str(result.attrs["trials_of"]), "fit": status.words(low, high, units)}
@@ -87,11 +88,6 @@ _FIT = (
     "trials",
     "happened_count",
 )
-
-
-def _number(value: Any) -> Any:
-    """Return a label or number as it is, None for a number that is none."""
-    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 @comparison(

@@ -21,6 +21,7 @@ from pounding_sweep.analysis.intensity import intensity_of
 from pounding_sweep.analysis.rebuild import stored_sweep
 from pounding_sweep.analysis.scenarios import COMPARISON, described, finished, labelled, need_several
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.base.tables import finite
 from pounding_sweep.spec.axes import DIMENSIONS
 from pounding_sweep.spec.spec import scene_of
 
@@ -72,9 +73,7 @@ def gap_rows(result: xr.Dataset) -> list[Row]:
 def _plain(part: xr.Dataset) -> list[Row]:
     """Return a row per label, None for numbers that are none."""
     table = part.to_dataframe(dim_order=[str(dim) for dim in part.dims]).reset_index().to_dict("records")
-    return [
-        {str(k): None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} for row in table
-    ]
+    return [{str(name): finite(value) for name, value in row.items()} for row in table]
 
 
 @comparison(
