@@ -111,14 +111,6 @@ def _root_of_squares(one: xr.DataArray, other: xr.DataArray) -> xr.DataArray:
     return (one**2 + other**2) ** 0.5
 
 
-def _absolute(ends: Neighbours) -> xr.DataArray:
-    return ends.left + ends.right
-
-
-def _srss(ends: Neighbours) -> xr.DataArray:
-    return _root_of_squares(ends.left, ends.right)
-
-
 def _double_difference(ends: Neighbours) -> xr.DataArray:
     square = ends.left**2 + ends.right**2 - 2.0 * ends.correlation * ends.left * ends.right
     return square.clip(min=0.0) ** 0.5
@@ -150,7 +142,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
             "-",
             "-",
             "an upper bound: both displacements at once, towards each other",
-            _absolute,
+            lambda ends: ends.left + ends.right,
         ),
         SeparationRule(
             "srss",
@@ -159,7 +151,7 @@ SEPARATION_RULES: dict[str, SeparationRule] = {
             "-",
             "-",
             "for responses that are not correlated",
-            _srss,
+            lambda ends: _root_of_squares(ends.left, ends.right),
         ),
         SeparationRule(
             "double_difference",

@@ -43,18 +43,10 @@ _COMES_TO: dict[str, tuple[str, str, dict[str, str]]] = {
 }
 
 
-def _period(building: Building) -> float:
-    return float(building.periods[0])
-
-
-def _mass(building: Building) -> float:
-    return float(sum(building.masses))
-
-
 #: Kind of axis -> name, symbol, value as given, unit and long name of what it multiplies.
 _MULTIPLIES: dict[str, tuple[str, str, Callable[[Building], float], str, str]] = {
-    "period_factor": ("period", "T", _period, "s", "fundamental period"),
-    "mass_factor": ("mass", "m", _mass, "t", "total mass"),
+    "period_factor": ("period", "T", lambda building: float(building.periods[0]), "s", "fundamental period"),
+    "mass_factor": ("mass", "m", lambda building: float(sum(building.masses)), "t", "total mass"),
 }
 
 

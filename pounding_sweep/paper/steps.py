@@ -20,7 +20,13 @@ STEPS = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4)
 LIMIT = 0.01
 #: The response that the paper varied the step for.
 RECORD, LAW = "el_centro", "linear"
-OUTPUTS = ("displacement_max", "displacement_min", "impact_force_max", "impact_count")
+#: Outputs compared, with what they are called.
+OUTPUTS = {
+    "displacement_max": "displacement, forth",
+    "displacement_min": "displacement, back",
+    "impact_force_max": "peak force",
+    "impact_count": "number of impacts",
+}
 
 
 def step_errors(readings: Iterable[Reading], progress: Progress | None = None) -> xr.Dataset:
@@ -30,7 +36,7 @@ def step_errors(readings: Iterable[Reading], progress: Progress | None = None) -
     found = []
     labels = []
     for reading in readings:
-        sweep = Sweep(reading.preset, RECORD, LAW, gaps=[GAP], outputs=OUTPUTS)
+        sweep = Sweep(reading.preset, RECORD, LAW, gaps=[GAP], outputs=list(OUTPUTS))
         trade = tradeoff(
             sweep,
             steps=STEPS,
@@ -50,7 +56,7 @@ def step_errors(readings: Iterable[Reading], progress: Progress | None = None) -
 def step_rows(steps: xr.Dataset, reading: str) -> tuple[list[str], list[list[str]]]:
     """Return the headings and rows of the table: one row per scheme, locating and step."""
     one = steps.sel(reading=reading)
-    headings = ["scheme", "contacts located", "step ms", *(_title(name) for name in one["output"].values), "status"]
+    headings = ["scheme", "contacts located", "step ms", *(OUTPUTS[name] for name in one["output"].values), "status"]
     rows = []
     for scheme in one["scheme"].values:
         for located in one["located"].values[::-1]:
@@ -73,15 +79,6 @@ def largest_steps(steps: xr.Dataset) -> xr.DataArray:
     still = fine.astype(int).cumprod("step") == 1
     found = rising["step"].where(still).max("step")
     return found.assign_attrs(units="s", long_name=f"largest step with errors within {LIMIT:.0%}")
-
-
-def _title(output: str) -> str:
-    return {
-        "displacement_max": "displacement, forth",
-        "displacement_min": "displacement, back",
-        "impact_force_max": "peak force",
-        "impact_count": "number of impacts",
-    }[output]
 
 
 def error_text(error: float) -> str:

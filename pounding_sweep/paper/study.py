@@ -244,9 +244,7 @@ def _error(reading: Reading, cube: xr.Dataset, records: Sequence[Record], progre
 def _histories(
     readings: Sequence[Reading], records: Sequence[Record], progress: Progress
 ) -> tuple[xr.Dataset, xr.Dataset]:
-
     progress.stage("histories", len(readings) * len(MATE2015_MODELS) * len(records))
     parts = {reading.key: paper_histories(reading, records, progress.advance) for reading in readings}
-    return _together({key: part[0] for key, part in parts.items()}), _together(
-        {key: part[1] for key, part in parts.items()}
-    )
+    histories, spectra = (_together({key: part[i] for key, part in parts.items()}) for i in (0, 1))
+    return histories, spectra

@@ -166,10 +166,7 @@ class Stage:
         self._marks.set_sizes([60.0 + 400.0 * impacts[where] for where in marked])
 
     def _face(self, pair: int, storey: int, sway: np.ndarray) -> float:
-        """Place of a contact: the face of the left building's floor, or of the wall that stands there.
-
-        Where columns of the left building are struck, the face of the floor that strikes them.
-        """
+        """Face of a contact: of the left building's floor, of a wall, or of the floor that strikes its columns."""
         contact = self.contacts[pair, storey]
         building = contact.pair - self.first
         if building < 0:
