@@ -9,9 +9,9 @@ same kernels as every sweep.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError, LawError
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
@@ -22,9 +22,6 @@ from pounding_sweep.plan.advice import elastic_duration
 from pounding_sweep.records import Record
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.spec.own_laws import find_law
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Nominal restitutions of the table, where none are given.
 RESTITUTIONS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.95)
@@ -108,8 +105,6 @@ def certify(
     >>> found.measured.sel(basis="published").item(), found.measured.sel(basis="realised").item()  # doctest: +SKIP
     (0.7561486, 0.6000000)
     """
-    import xarray as xr
-
     from pounding_sweep.engine.compile import prepare
 
     nominal = np.array(list(restitutions), dtype=float)

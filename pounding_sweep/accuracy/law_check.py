@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.accuracy.certificate import APPROACH, MASS, RESTITUTIONS, certify, contact_stiffness
 from pounding_sweep.base.errors import LawError
@@ -23,9 +24,6 @@ from pounding_sweep.outputs.variables import REDUCERS
 from pounding_sweep.records import Record
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.spec.own_laws import find_law
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Largest difference between restitutions that agree: kernels and closed forms are exact to far less.
 REBOUND_TOLERANCE = 1e-6

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.accuracy.extreme_scenes import earthquake, kernel_of, make_batch, pair, run_batch, take
 from pounding_sweep.accuracy.judge import make_reference, peaks_of
@@ -14,9 +14,6 @@ from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.output.dataset import made_here
 from pounding_sweep.outputs.differences import relative_error
 from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Schemes and number formats of the map.
 SHOWN = (("rk4", "float64"), ("newmark", "float64"), ("rk4", "float32"), ("newmark", "float32"))
@@ -69,8 +66,6 @@ def stability_map(
 def _dataset(
     law: Law, stiffness: np.ndarray, steps: np.ndarray, error: np.ndarray, status: np.ndarray, restitution: float
 ) -> xr.Dataset:
-    import xarray as xr
-
     dims = ("scheme", "stiffness", "dt")
     flags = {
         "long_name": "status of the scenario",

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.accuracy.tradeoff import CONFIGURATION, KIND, KIND_ATTRIBUTE
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.tables import finite
 from pounding_sweep.outputs.variables import Status, get_variable
 from pounding_sweep.schemes import SCHEMES
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Outputs that a reader looks at first.
 LEADING = ("impact_force_max", "displacement_max")

@@ -20,9 +20,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.engine.postprocess import variables_of
@@ -39,9 +40,6 @@ from pounding_sweep.run.refinement import run_once
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.spec import METHODS, PRECISIONS, SweepSpec, digest, to_json
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Largest step (s) of the runs without pounding that tell which scenarios can touch.
 CLOSING_STEP = 1.0e-3
@@ -441,8 +439,6 @@ def statistics(errors: np.ndarray) -> np.ndarray:
 
 def make_dataset(measured: Measured, settings: Mapping[str, Any]) -> xr.Dataset:
     """Sum up and label what was measured."""
-    import xarray as xr
-
     m = measured
     rows_law = m.plan.unique.law[m.sample.rows]
     populations = _populations(np.broadcast_to(m.sensitive, m.statuses.shape), m.statuses == Status.OK)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.scenarios import labelled
 from pounding_sweep.base.errors import InputError
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: A target so far outside, as a share of the largest place, stands at the end of the range.
 ROUNDING = 1e-9
@@ -63,8 +60,6 @@ def fractiles_over(
     given: xr.DataArray, over: Sequence[str], quantiles: Sequence[float]
 ) -> tuple[xr.DataArray, xr.DataArray]:
     """Return fractiles over dimensions taken together, along a first ``quantile``, and counts of their values."""
-    import xarray as xr
-
     rows = given.stack(_together=list(over), create_index=False) if over else given.expand_dims("_together")
     found, count = fractiles_along(rows.values, quantiles, int(rows.get_axis_num("_together")))
     kept = rows.isel(_together=0, drop=True).reset_coords(drop=True)

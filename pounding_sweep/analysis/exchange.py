@@ -8,10 +8,11 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.comparisons.fragility import TRIALS, fragility, sentence
 from pounding_sweep.analysis.events import get_event
@@ -22,9 +23,6 @@ from pounding_sweep.base.errors import InputError, OutputError, unknown
 from pounding_sweep.base.files import failure, replacing
 from pounding_sweep.output.netcdf import check_output
 from pounding_sweep.records.record import STANDARD_GRAVITY
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Namespace of NRML.
 NRML = "http://openquake.org/xmlns/nrml/0.5"

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.scenarios import described
@@ -19,8 +20,6 @@ from pounding_sweep.spec.axes import plain_name
 from pounding_sweep.spec.spec import scene_of
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from pounding_sweep.model.scene import Scene
 
 #: Damping ratio of spectral accelerations.
@@ -57,8 +56,6 @@ def intensity_of(
     InputError
         The intensity is unknown, or the cube or its records do not tell it.
     """
-    import xarray as xr
-
     if "record" not in cube.coords:
         msg = "the intensity of the ground motion needs the record of each scenario (coordinate 'record')"
         raise InputError(msg)
@@ -153,8 +150,6 @@ def check_intensity(name: str) -> None:
 
 def _measured(cube: xr.Dataset, name: str, records: Any, folders: Any) -> xr.DataArray:
     """Return an intensity of the records at scale 1 by its name, from their motions."""
-    import xarray as xr
-
     check_intensity(name)
     spectral = _SPECTRAL.fullmatch(name)
     sweep = stored_sweep(cube)
@@ -206,8 +201,6 @@ def _given(cube: xr.Dataset, intensity: xr.DataArray) -> xr.DataArray:
 
 
 def _pga(cube: xr.Dataset) -> xr.DataArray:
-    import xarray as xr
-
     about = {"units": "m s-2", "long_name": "peak ground acceleration"}
     if "record_pga" in cube.coords:
         return cube["record_pga"].assign_attrs(about)

@@ -12,7 +12,9 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError, RecordError
 from pounding_sweep.model.scene import Scene
@@ -21,9 +23,6 @@ from pounding_sweep.records.fema_p695 import read_component, set_components
 from pounding_sweep.records.synthetic import remade
 from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.spec import scene_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Records that an error names.
 _NAMED = 3

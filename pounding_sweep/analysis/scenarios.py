@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Key of the law without contact.
 NO_POUNDING = "none"
@@ -39,8 +37,6 @@ def scenarios_only(cube: xr.Dataset) -> xr.Dataset:
 
 def trusted(cube: xr.Dataset) -> xr.DataArray:
     """Whether each scenario is ok; true where the cube has no ``status``."""
-    import xarray as xr
-
     if "status" not in cube.data_vars:
         return xr.DataArray(True)
     return cube["status"] == int(Status.OK)
@@ -88,8 +84,6 @@ def chosen_variables(
 
 def labelled(dim: str, labels: Iterable[Any], long_name: str, units: str = "") -> xr.DataArray:
     """Return the coordinate of a dimension."""
-    import xarray as xr
-
     attributes = {"long_name": long_name} | ({"units": units} if units else {})
     return xr.DataArray(list(labels), dims=dim, coords={dim: list(labels)}, attrs=attributes)
 

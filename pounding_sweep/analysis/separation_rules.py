@@ -14,14 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: What is said of every clause of a standard.
 FROM_MEMORY = "stated from memory of the standard; the standard was not consulted"

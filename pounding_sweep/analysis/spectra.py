@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.output.dataset import CONVENTIONS, VERSION_ATTRIBUTE, package_version
 from pounding_sweep.records import Record
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 Array = npt.NDArray[np.float64]
 Numbers = float | Sequence[float] | Array
@@ -86,8 +84,6 @@ def response_spectrum(
     >>> (spectrum["pseudo_acceleration"] / 9.81).round(3).values.tolist()
     [0.319, 0.919, 0.455]
     """
-    import xarray as xr
-
     records, names = _motions(motion)
     at, ratios = _periods(periods), _ratios(damping_ratio)
     found = np.array([[_ordinates(one.acceleration, one.dt, at, z) for z in ratios] for one in records])
@@ -140,8 +136,6 @@ def floor_spectra(
     >>> floor_spectra(one, periods=[0.1, 0.2])["pseudo_acceleration"].dims
     ('building', 'storey', 'period')
     """
-    import xarray as xr
-
     if "acceleration" not in histories or "time" not in histories["acceleration"].dims:
         msg = (
             "floor spectra need 'acceleration' on 'time', which this dataset has not; give what simulate() returned "

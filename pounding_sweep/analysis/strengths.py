@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError, shown
 from pounding_sweep.engine.ductility import STEP
@@ -13,9 +14,6 @@ from pounding_sweep.engine.ductility import constant_ductility as factors
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.records import resolve_records
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def constant_ductility(
@@ -60,8 +58,6 @@ def constant_ductility(
     >>> tower = ps.Building("tower", [100.0], [4.0e3], yield_strengths=[50.0])
     >>> found = constant_ductility(ps.Scene([tower]), "el_centro", [1.0, 2.0, 4.0])  # doctest: +SKIP
     """
-    import xarray as xr
-
     targets = np.atleast_1d(np.asarray(ductilities, float))
     if not (targets.size and np.isfinite(targets).all() and (targets >= 1.0).all()):
         msg = f"ductilities are {shown(ductilities)}; give one or several numbers of at least 1"

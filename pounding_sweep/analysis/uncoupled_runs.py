@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.scenarios import (
@@ -29,9 +30,6 @@ from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, DIMENSIONS, PropertyAxis, axes_of, case_of, property_axes
 from pounding_sweep.spec.spec import scene_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: What a run without pounding must report.
 OUTPUTS = ("displacement_max", "displacement_min", "closing_max")
@@ -119,8 +117,6 @@ def _found_again(sweep: dict[str, Any], records: Any, folders: Any) -> list[Reco
 
 def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) -> xr.Dataset:
     """Run a product sweep without pounding; an elastic row once for each sign of its scales, by which it grows."""
-    import xarray as xr
-
     from pounding_sweep.run.sweep import Sweep
 
     given = axes_of(sweep)
@@ -169,8 +165,6 @@ def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) 
 
 def _first_modes(scene: Scene, axes: Sequence[PropertyAxis]) -> tuple[xr.DataArray, xr.DataArray]:
     """First periods (s) and damping ratios of the buildings, along ``building`` and the axes that vary them."""
-    import xarray as xr
-
     names = [b.name for b in scene.buildings]
     periods = xr.DataArray([float(b.periods[0]) for b in scene.buildings], dims="building", coords={"building": names})
     damping = periods.copy(data=[b.first_damping for b in scene.buildings])

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.figures import require
 from pounding_sweep.figures.gallery.row import Stage, forces_of, strongest
 from pounding_sweep.figures.shown import WIDTH, heading
 from pounding_sweep.figures.style import COLOURS, LINES, in_style
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Periods of the motion that are shown by default, and how long that takes to watch (s).
 PERIODS, WATCHED = 4.0, 6.0

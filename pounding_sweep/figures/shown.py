@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.comparisons import COMPARISONS
 from pounding_sweep.analysis.scenarios import COMPARISON, TOUCH_VARIABLES, scenario_dims
@@ -17,10 +19,6 @@ from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Stat
 from pounding_sweep.records import KNOWN_RECORDS
 from pounding_sweep.run.one_scenario import SCENARIO_ATTRIBUTE
 from pounding_sweep.spec.axes import AXES, COLUMNS, DIMENSIONS
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Characters in a line of a figure's title, of figures 7.2 inches wide.
 WIDTH = 100
@@ -144,8 +142,6 @@ def _place(cube: xr.Dataset, varied: Mapping[str, int], drawn: Collection[str] |
 
 def _valued(cube: xr.Dataset, dims: Collection[str], names: Collection[str] | None, touching: bool) -> xr.DataArray:
     """Whether there are values, of rows whose floors touch, at each place along those of `dims` that the cube has."""
-    import xarray as xr
-
     if "status" in cube.data_vars:
         parts = [cube["status"].isin([int(status) for status in STATUS if status.has_values])]
     else:

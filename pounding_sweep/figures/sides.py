@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.scenarios import scenario_dims
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures.shown import drawn_unit, first_varied
 from pounding_sweep.figures.style import axis_label
 from pounding_sweep.spec.axes import DIMENSIONS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Characters in a line of an axis label.
 _LABEL = 36

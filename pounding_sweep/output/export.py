@@ -11,9 +11,10 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, unknown
 from pounding_sweep.base.files import failure, replacing, sync_folder
@@ -26,9 +27,6 @@ from pounding_sweep.output.slabs import BLOCK_BYTES, block_shape
 from pounding_sweep.output.tidy import Cells, TidyTable, scenarios_of
 from pounding_sweep.output.wide import HistoryTable, ScenarioTable, WideTable, has_histories
 from pounding_sweep.outputs.variables import INNER_DIMS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 def export_cube(

@@ -13,9 +13,10 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError, shown
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
@@ -45,10 +46,6 @@ from pounding_sweep.output.scenario_key import KNOWN_BY, motion_of, scenario_key
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
 from pounding_sweep.spec.design import BLOCK, SAMPLE
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 #: Cubes by the name of their file
 Parts = Mapping[str, "xr.Dataset"]
@@ -363,8 +360,6 @@ def places(along: Sequence[Mapping[str, Sequence[Any]]], axes: Mapping[str, list
 
 def coordinates(parts: Parts, axes: Mapping[str, list[Any]], where: list[dict[str, np.ndarray]]) -> dict[str, Any]:
     """Return the coordinates of all parts; missing (NaN, "") where no part has both values of two axes."""
-    import xarray as xr
-
     base = next(iter(parts.values()))
     found: dict[str, Any] = {}
     for name, given in base.coords.items():
@@ -494,8 +489,6 @@ def _first_of_each(audits: Sequence[xr.Dataset], names: Sequence[Hashable]) -> n
 
 def with_audit(cube: xr.Dataset, parts: Parts) -> xr.Dataset:
     """Put the audits of all parts, one after another, into their cube; of each scenario the first one."""
-    import xarray as xr
-
     audits = [part for part in parts.values() if has_audit(part)]
     if not audits:
         return cube
@@ -679,8 +672,6 @@ class _Merge:
 
     def frame(self) -> xr.Dataset:
         """Return the cube of all parts without its values, which would not fit into memory."""
-        import xarray as xr
-
         data = {}
         for name in self.names:
             zero = as_read(name, np.zeros((), VARIABLES[name].dtype))

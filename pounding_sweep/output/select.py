@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError, shown, unknown
 from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Relative difference from a value of an axis at which a number still means it.
 NEAR = 1e-6

@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.dataset import encoding_of
 from pounding_sweep.output.slabs import block_shape, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
-
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 #: Rows of a table that are made at a time.
 ROWS_AT_A_TIME = 1 << 17

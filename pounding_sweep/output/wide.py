@@ -8,9 +8,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import get_law
@@ -22,9 +23,6 @@ from pounding_sweep.output.tidy import Cells, Column, column_of, exists, scenari
 from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records.measures import RecordMeasures
 from pounding_sweep.spec.axes import axes_of, plain_name, property_axes
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Dimension of histories.
 TIME = "time"
@@ -152,8 +150,6 @@ class ScenarioTable(WideTable):
         error = cube["audit_error"].transpose("audit", "output").values[order]
 
         def errors(part: xr.Dataset, at: int) -> xr.DataArray:
-            import xarray as xr
-
             mine, dims, shape = _known(part, known, texts, cube)
             place = places_of(scenario_keys(mine), keys[order])
             return xr.DataArray(np.where(place < 0, np.nan, error[place, at]).reshape(shape), dims=dims)
@@ -199,8 +195,6 @@ def _known(
     part: xr.Dataset, wanted: Mapping[str, Any], texts: dict[str, int], cube: xr.Dataset
 ) -> tuple[dict[str, np.ndarray], list[str], list[int]]:
     """Return what the scenarios of a part are known by, as an audit names it, and their dimensions and sizes."""
-    import xarray as xr
-
     dims = [str(dim) for dim in part["status"].dims]
     shape = [part.sizes[dim] for dim in dims]
     told = json.loads(cube.attrs["sweep"])

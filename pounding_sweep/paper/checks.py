@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.comparisons.energy import energy_transfer
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.paper.published import published, record_title
 from pounding_sweep.paper.readings import READINGS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @dataclass(frozen=True)

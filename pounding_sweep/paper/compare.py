@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import get_variable
 from pounding_sweep.paper.published import TABLES, published, record_title
 from pounding_sweep.paper.readings import READINGS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Differences up to these count as agreement, in summaries.
 CLOSE = (0.1, 0.25)
@@ -44,8 +42,6 @@ class Grid:
 
 def side_by_side(number: int, cube: xr.Dataset) -> xr.Dataset:
     """Put a table of the paper beside the same outputs of both readings."""
-    import xarray as xr
-
     table = published(number)
     table = table.sel(record=[name for name in table["record"].values if name in cube["record"].values])
     own = cube[list(table.data_vars)].sel(record=table["record"].values)

@@ -9,14 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: A claim holds where it is true in this share of its cases; it holds partly down to the second share.
 HOLDS_SHARE, PARTLY_SHARE = 0.9, 0.5
@@ -121,8 +118,6 @@ def judge(cube: xr.Dataset, spectra: xr.Dataset) -> list[Judgement]:
 
 def _peaks(one: xr.Dataset) -> xr.DataArray:
     """Absolute peak displacements (m) both ways, on ``law``, ``record``, ``building``, ``storey``, ``way``."""
-    import xarray as xr
-
     return abs(xr.concat([one["displacement_max"], one["displacement_min"]], "way"))
 
 
@@ -214,8 +209,6 @@ def _spectra_grow(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
 
 def spread(spectra: xr.DataArray) -> xr.DataArray:
     """Width (natural logarithm of periods) over which spectra are above `SPREAD_LEVEL` of their own peak."""
-    import xarray as xr
-
     share = np.gradient(np.log(spectra["period"].values))
     width = xr.DataArray(share, dims="period", coords={"period": spectra["period"]})
     return width.where(spectra >= SPREAD_LEVEL * spectra.max("period"), 0.0).sum("period")

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.figures.gallery.ground_motion import ground_motion
@@ -22,9 +24,6 @@ from pounding_sweep.records.record import STANDARD_GRAVITY
 from pounding_sweep.run.execute import Progress
 
 if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
-
     from pounding_sweep.paper.study import Study
 
 
@@ -50,8 +49,6 @@ def model_look(law: str) -> dict[str, Any]:
 
 def model_grid(data: xr.Dataset, line: Line, x: str, y: str, share_y: bool = True) -> Figure:
     """Draw a panel for each reading and record, and in it a line for each model."""
-    from matplotlib.figure import Figure
-
     readings, records = data["reading"].values.tolist(), data["record"].values.tolist()
     size = (max(5.0, 1.0 + 2.5 * len(records)), 1.3 + 2.5 * len(readings))
     figure = Figure(figsize=size, layout="constrained")
@@ -103,8 +100,6 @@ def roof_force(histories: xr.Dataset, pair: str, record: str) -> Figure:
 
 def _by_model(values: xr.DataArray, label: str, alone: bool) -> Figure:
     """One row per model with contact, one column per reading; without the quiet end of the record."""
-    from matplotlib.figure import Figure
-
     readings = values["reading"].values.tolist()
     laws = [law for law in values["law"].values.tolist() if law != "none"]
     time = values["time"].values

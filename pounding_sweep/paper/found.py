@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from pounding_sweep.base.tables import print_table
 from pounding_sweep.figures.style import COLOURS, styled
@@ -59,9 +61,6 @@ from pounding_sweep.paper.search import (
 from pounding_sweep.records import Record
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
     from pounding_sweep.records.catalogue import Folders
 
 #: Points of a search's rounds, of one over fewer inputs, of each variant, and of each law's design: powers of 2.
@@ -396,8 +395,6 @@ def grids(found: Found) -> list[Grid]:
 @styled
 def figure(found: Found) -> Figure:
     """Draw the misfit of every point against each input, and the paper's numbers of impacts against computed ones."""
-    from matplotlib.figure import Figure
-
     drawn = Figure(figsize=(7.2, 4.6), layout="constrained")
     axes = drawn.subplots(2, 4)
     misfit, readings = found.designs.squares.misfit(), reading_points()

@@ -7,18 +7,15 @@ kN/m2, and exactly as printed with the number that IS 456 gives for E in N/mm2.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.paper.published import published
 from pounding_sweep.paper.readings import GAP, METHOD, OUTPUTS, READINGS, RESTITUTION, STEP
 from pounding_sweep.records import Record
 from pounding_sweep.run.sweep import Sweep
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Laws whose stiffness it is.
 LAWS = ("hertz", "hertz_damped", "nonlinear_viscoelastic")
@@ -44,8 +41,6 @@ def hertz_fit(records: Sequence[Record]) -> xr.Dataset:
 
 def force_fit(force: xr.DataArray) -> xr.Dataset:
     """Compare peak forces with those of Table 5."""
-    import xarray as xr
-
     paper = published(5)["impact_force_max"].sel(law=force["law"].values, record=force["record"].values)
     ratio = (force / paper.where(paper > 0)).stack(cell=("record", "pair", "storey"))
     cells = ratio.notnull().sum("cell")

@@ -6,16 +6,14 @@ import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.outputs.variables import get_variable
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Records in the order of the tables, by their keys in `pounding_sweep.records.KNOWN_RECORDS`: Table 2's peak ground
 #: acceleration (g) and duration (s).
@@ -54,8 +52,6 @@ class Table:
 
     def read(self) -> xr.Dataset:
         """Read the numbers."""
-        import xarray as xr
-
         shape = tuple(len(values) for values in self.coordinates.values())
         found = {name: np.full(shape, np.nan) for name, _ in self.values}
         text = files("pounding_sweep").joinpath("data", "mate2015", f"table{self.number}.csv").read_text("utf-8")

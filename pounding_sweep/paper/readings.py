@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import xarray as xr
+
 from pounding_sweep.base.errors import InputError, MissingRecordError
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper.published import GROUND_MOTIONS
@@ -19,8 +21,6 @@ from pounding_sweep.records.record import STANDARD_GRAVITY
 from pounding_sweep.spec.spec import AUDIT_SHARE
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from pounding_sweep.records.catalogue import Folders
     from pounding_sweep.run.sweep import Sweep
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.base.files import replacing
@@ -26,8 +27,6 @@ from pounding_sweep.paper.verdict import Part, opening_grid, rule, verdict_of_al
 from pounding_sweep.records.record import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from pounding_sweep.paper.study import Study
 
 

@@ -6,9 +6,10 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import UnlikelyWarning
 from pounding_sweep.model.laws import LAWS
@@ -19,9 +20,6 @@ from pounding_sweep.paper.fit import FARTHEST, FITTED, Numbers, Squares, likelih
 from pounding_sweep.paper.published import BUILDINGS
 from pounding_sweep.paper.readings import GAP, READINGS, RESTITUTION
 from pounding_sweep.records import Record
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Step (s) of the located runs, in contact.
 STEP = 2e-3

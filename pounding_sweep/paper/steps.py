@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+
+import xarray as xr
 
 from pounding_sweep.accuracy.tradeoff import tradeoff
 from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.paper.readings import GAP, Reading
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.sweep import Sweep
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Steps (s) compared. The paper names 0.02 s, the record's own, as the least that is in use.
 STEPS = (2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4)
@@ -31,8 +29,6 @@ OUTPUTS = {
 
 def step_errors(readings: Iterable[Reading], progress: Progress | None = None) -> xr.Dataset:
     """Measure what each scheme and step errs by."""
-    import xarray as xr
-
     found = []
     labels = []
     for reading in readings:

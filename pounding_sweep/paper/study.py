@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import MATE2015_MODELS, get_law
@@ -29,8 +30,6 @@ from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.simulate import simulate
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from pounding_sweep.records.catalogue import Folders
 
 #: Interval (s) of the histories that are kept; a divisor of every record's step.
@@ -48,8 +47,6 @@ def scenario(reading: Reading, record: Record, law: str) -> xr.Dataset:
 
 def kept(one: xr.Dataset) -> xr.Dataset:
     """Bring the histories of one scenario down to those of the figures."""
-    import xarray as xr
-
     every = round(INTERVAL / (float(one["time"][1]) - float(one["time"][0])))
     at = one.isel(time=slice(None, None, every))
     energy = at["kinetic"] + at["damping"] + at["strain"]
@@ -71,8 +68,6 @@ def paper_histories(
     reading: Reading, records: Sequence[Record], advance: Callable[[int], None] = lambda count: None
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """Run Models I to VII of one reading under all records."""
-    import xarray as xr
-
     from pounding_sweep.analysis.spectra import floor_spectra
 
     histories: list[list[Any]] = []
@@ -210,8 +205,6 @@ def _paper_slice(cube: xr.Dataset) -> xr.Dataset:
 
 def _together(parts: Mapping[str, xr.Dataset]) -> xr.Dataset:
     """Put datasets of the readings side by side, records in the paper's order."""
-    import xarray as xr
-
     labels = xr.DataArray(list(parts), dims="reading", attrs={"long_name": "reading of the paper's data"})
     found: xr.Dataset = xr.concat(list(parts.values()), labels, join="outer", combine_attrs="drop_conflicts")
     return found.sel(record=[name for name in RECORDS if name in found["record"].values])
@@ -219,8 +212,6 @@ def _together(parts: Mapping[str, xr.Dataset]) -> xr.Dataset:
 
 def _error(reading: Reading, cube: xr.Dataset, records: Sequence[Record], progress: Progress) -> xr.Dataset:
     """Relative difference of a cube to a run at half the step; see `pounding_sweep.outputs.differences`."""
-    import xarray as xr
-
     from pounding_sweep.outputs.differences import relative_errors
 
     names = [record.name for record in records]

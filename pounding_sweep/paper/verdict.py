@@ -7,17 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.paper.checks import findings
 from pounding_sweep.paper.compare import CLOSE, Grid, resolution
 from pounding_sweep.paper.conclusions import HOLDS_SHARE, PARTLY_SHARE, Judgement, Outcome, Verdict
 from pounding_sweep.paper.readings import READINGS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: What the tables hold, in words, and the outputs that are it.
 _CONTENTS: dict[int, dict[str, tuple[str, ...]]] = {

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+
+import xarray as xr
 
 from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
@@ -24,9 +25,6 @@ from pounding_sweep.analysis.scenarios import (
     without_pounding,
 )
 from pounding_sweep.base.errors import InputError
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Responses of which a ratio says something: those of a building that are not zero without pounding.
 RESPONSES = (

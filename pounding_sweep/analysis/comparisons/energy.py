@@ -8,7 +8,9 @@ record: input = damping + kinetic + strain + transfer. What all buildings gave
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
 
 from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import (
@@ -22,9 +24,6 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.base.errors import InputError
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: What each building's budget is made of.
 TERMS = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain")
@@ -75,8 +74,6 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     >>> energy_budget(cube.assign(contact_work=("pair", [2.0]))).energy_transfer.values.tolist()
     [2.0]
     """
-    import xarray as xr
-
     what = "the energy budget"
     cube = scenarios_only(cube)
     row = cube.attrs.get("sweep", cube.attrs.get("scene", ""))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.along import check_quantiles, fractiles_over
 from pounding_sweep.analysis.comparisons import comparison, over_text
@@ -20,9 +20,6 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.outputs.variables import STATUS, VARIABLES
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Lower, median and upper fractile of a suite: a normal variable's mean and one standard deviation to each side.
 QUANTILES = (0.16, 0.5, 0.84)
@@ -79,8 +76,6 @@ def fractiles(
     >>> fractiles(cube, [0.5]).drift_max_fractiles.values.tolist()
     [0.02]
     """
-    import xarray as xr
-
     what = "taking fractiles"
     cube = scenarios_only(cube)
     check_quantiles(quantiles)

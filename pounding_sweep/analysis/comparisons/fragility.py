@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise, product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.comparisons import MOTION_DIMS, Row, comparison, over_text
 from pounding_sweep.analysis.events import Event, get_event
@@ -37,9 +38,6 @@ from pounding_sweep.analysis.scenarios import (
 )
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.base.tables import finite
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Intensities at which curves are given, where none are.
 LEVELS = 60
@@ -170,7 +168,6 @@ def fragility(
     >>> round(found["median"].item(), 2), sentence(found.squeeze())
     (2.67, 'fitted')
     """
-    import xarray as xr
     from scipy.special import ndtri
 
     about = get_event(event, level)

@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.along import fractiles_over
 from pounding_sweep.analysis.comparisons import Row, comparison, over_text
@@ -24,9 +25,6 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.tables import finite
 from pounding_sweep.spec.axes import DIMENSIONS
 from pounding_sweep.spec.spec import scene_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Shares of the motions that may make a pair touch.
 PROBABILITIES = (0.5, 0.16, 0.1, 0.05, 0.02, 0.01)
@@ -205,8 +203,6 @@ def gap_for_probability(
         for name, index in (("gap_in_years", at), ("curve_gap_in_years", along)):
             found |= {f"{name}{end}": part for end, part in fit.gaps_of_rate(site, index, years).items()}
         about |= {"hazard": site.source, "years": years}
-    import xarray as xr
-
     dataset = xr.Dataset(
         {
             name: described(part.transpose(part.dims[0], ...), "m", _text(name, confidence))
@@ -275,8 +271,6 @@ def _check_elastic(cube: xr.Dataset) -> None:
 
 def _per_intensity(exact: xr.DataArray, strength: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:
     """Return required gaps per intensity, of scales of both signs along ``direction``."""
-    import xarray as xr
-
     ratio = exact / strength.where(strength > 0.0)
     scaled = [dim for dim in DIMENSIONS["scale"] if dim in ratio.dims]
     if not scaled:
@@ -316,7 +310,6 @@ class _Lognormal:
 
     def gaps(self, index: xr.DataArray) -> dict[str, xr.DataArray]:
         """Return the gap for each probability, its interval, and the fractile of the records."""
-        import xarray as xr
         from scipy.stats import nct, norm
 
         (dim,) = index.dims
@@ -381,8 +374,6 @@ class _Lognormal:
 
     def _each(self, make: Any, index: xr.DataArray | None, *more: xr.DataArray) -> dict[str, xr.DataArray]:
         """Return numbers of each pair, those of `_NUMBERS`, then ``beyond``; along `index`, where given."""
-        import xarray as xr
-
         kept = self.middle.dims
         exact = self.exact.transpose(*kept, "record").values
         parts = [part.transpose(*kept).values for part in (self.middle, self.spread, self.count, *more)]

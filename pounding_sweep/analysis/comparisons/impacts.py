@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.along import check_quantiles, fractiles_over
 from pounding_sweep.analysis.comparisons import comparison, over_text
@@ -24,9 +24,6 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.base.errors import InputError
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: What is said of the scenarios that touch, where a cube has it.
 OUTPUTS = ("impact_count", "impact_force_max", "impulse", "approach_speed_max", "penetration_max", "first_impact_time")
@@ -108,16 +105,12 @@ def _asked(cube: xr.Dataset, over: Iterable[str]) -> list[str]:
 
 def _by_law(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr.Dataset:
     """Statistics of listed cases, law by law."""
-    import xarray as xr
-
     laws = law_keys(cube)
     parts = [_statistics(of_law(cube, [law]), over, quantiles) for law in laws]
     return xr.concat(parts, dim=labelled("law", laws, "contact law"), combine_attrs="override")
 
 
 def _statistics(cube: xr.Dataset, over: list[str], quantiles: Sequence[float]) -> xr.Dataset:
-    import xarray as xr
-
     touch = touched(cube, "impact statistics")
     ok = trusted(cube).broadcast_like(touch.isel({d: 0 for d in ("pair", "storey") if d in touch.dims}, drop=True))
     found: dict[str, xr.DataArray] = {

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.along import ROUNDING, check_quantiles, fractiles_over, interpolate
 from pounding_sweep.analysis.comparisons import comparison, over_text
@@ -21,9 +22,6 @@ from pounding_sweep.analysis.scenarios import (
 )
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.spec.axes import DIMENSIONS
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Intensities at which the fractiles of a suite are given, where none are.
 LEVELS = 25
@@ -97,8 +95,6 @@ def incremental_curves(
     >>> curves.drift_max_fractiles.round(4).values.tolist()
     [[0.0275]]
     """
-    import xarray as xr
-
     what = "an incremental curve"
     cube = scenarios_only(cube)
     check_quantiles(quantiles)

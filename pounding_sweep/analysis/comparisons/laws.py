@@ -9,9 +9,9 @@ read, law by law, where two free masses would rebound equally.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.along import interpolate
 from pounding_sweep.analysis.comparisons import comparison
@@ -33,9 +33,6 @@ from pounding_sweep.analysis.scenarios import (
 )
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.model.laws import LAWS, get_law, realised_restitution
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: What laws are compared by, where a cube has it.
 OUTPUTS = (
@@ -151,8 +148,6 @@ def _realised(cube: xr.Dataset, laws: list[str]) -> np.ndarray:
 
 def _on_bases(cube: xr.Dataset, given: xr.DataArray, realised: np.ndarray | None) -> xr.DataArray:
     """Put the values at nominal and, where it is given, at realised restitution along ``basis``."""
-    import xarray as xr
-
     bases = ["nominal"] if realised is None else ["nominal", "realised"]
     parts = [given]
     if realised is not None:

@@ -13,6 +13,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import ROUND_OFF, described, finished, labelled, peak_displacement, values
@@ -22,8 +23,6 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from pounding_sweep.records import Record
 
 
@@ -95,8 +94,6 @@ def required_gap(
     >>> gaps = required_gap("mate2015", "el_centro")  # doctest: +SKIP
     >>> gaps.exact.sel(record="el_centro", pair="left-middle").item()  # doctest: +SKIP
     """
-    import xarray as xr
-
     factors = behaviour or BehaviourFactors()
     if isinstance(source, xr.Dataset):
         still = runs_of_cube(source, [] if records is None else records, folders)
@@ -111,8 +108,6 @@ def required_gap(
 
 
 def _gaps(still: StillRuns, factors: BehaviourFactors) -> xr.Dataset:
-    import xarray as xr
-
     closing = values(still.cube, "closing_max")
     ends = _neighbours(still, factors)
     never = closing <= ROUND_OFF * (ends.left + ends.right)
@@ -146,8 +141,6 @@ def _gaps(still: StillRuns, factors: BehaviourFactors) -> xr.Dataset:
 
 def _thicknesses(scene: Scene) -> xr.DataArray:
     """Return what bumpers take of the gap (m), on pair and storey."""
-    import xarray as xr
-
     found = np.zeros((len(scene.pair_labels), scene.n_storeys))
     for contact, thickness in zip(scene.contacts, scene.thicknesses(), strict=True):
         found[contact.place, contact.storey - 1] = thickness
@@ -181,8 +174,6 @@ def _of(factors: BehaviourFactors, factor: str) -> Callable[[str], float]:
 
 
 def _on_pairs(scene: Scene, of_pairs: Sequence[bool] | np.ndarray) -> xr.DataArray:
-    import xarray as xr
-
     of_labels = np.asarray(of_pairs)[list(scene.pair_of_label)]
     return xr.DataArray(of_labels, dims="pair", coords={"pair": list(scene.pair_labels)})
 
@@ -191,8 +182,6 @@ def _sides(
     scene: Scene, of: Callable[[str], xr.DataArray | float], at_wall: float
 ) -> tuple[xr.DataArray, xr.DataArray]:
     """Return something of the left and of the right neighbour, along ``pair``."""
-    import xarray as xr
-
     each = [xr.DataArray(of(item.name) if isinstance(item, Building) else at_wall) for item in scene.row]
     each = list(xr.broadcast(*each))
     index = labelled("pair", scene.pair_labels, "pair of neighbours, left-right")
@@ -202,8 +191,6 @@ def _sides(
 
 def _floors(scene: Scene, of_floors: xr.DataArray) -> tuple[xr.DataArray, xr.DataArray]:
     """Return peaks of both sides of each contact, on pair and storey: 0 at a wall, of columns by shares of floors."""
-    import xarray as xr
-
     dims, shape = ("pair", "storey"), (len(scene.pair_labels), scene.n_storeys)
     coords = {"pair": list(scene.pair_labels), "storey": np.arange(1, scene.n_storeys + 1)}
     there = np.zeros(shape, bool)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from pounding_sweep.analysis.comparisons import Row, comparison
 from pounding_sweep.analysis.rebuild import stored_sweep
@@ -15,9 +16,6 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES
 from pounding_sweep.spec.axes import AXES
 from pounding_sweep.spec.design import BLOCK, SAMPLE, Design, design_of
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Outputs that say how a scenario was run, or are missing where nothing touches: given where they are asked for only.
 _ASIDE = {"status", "steps_per_contact", "time_step", "error_estimate", "energy_residual", "first_impact_time"}
@@ -100,8 +98,6 @@ def sensitivity(
     See `pounding_sweep.analysis.sobol_indices.sobol_indices` for the estimators. A point of which one of the
     ``inputs + 2`` scenarios has no value is left out as a whole.
     """
-    import xarray as xr
-
     if not 0.0 < confidence < 1.0 or resamples < 1:
         msg = f"confidence is {confidence!r} with {resamples!r} resamples; give it between 0 and 1, 0.95 for instance"
         raise InputError(msg)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import CONTACT, NO_CONTACT, figure_of
 from pounding_sweep.figures.shown import along, labels_with_values, law_name, middle_over_records, result_of
 from pounding_sweep.figures.sides import drawn_side, side_of
 from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, subplots
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Responses, the first three of which that are there are drawn.
 _ROWS = {

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import WIDTH, heading, zoomed
 from pounding_sweep.figures.style import COLOURS, history_look, legend_beside, put_title, subplots
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 
 @figure_of(

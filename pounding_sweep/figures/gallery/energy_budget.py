@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import along, labels_with_values, law_name, middle, nothing_to_draw, result_of
 from pounding_sweep.figures.style import COLOURS, legend_below, put_title
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Parts of the input, from below; told apart by colour and hatching.
 _PARTS: tuple[tuple[str, str, dict[str, Any]], ...] = (
@@ -40,8 +38,6 @@ def energy_budget(cube: xr.Dataset) -> Figure:
     of each pair took. Of all axes but ``law`` the middle value is shown: an energy
     balance is one scenario's.
     """
-    from matplotlib.figure import Figure
-
     result = result_of(cube, "energy")
     result, shown = middle(result, ("law",), ["energy_input"])
     result = along(result, "law", absent="")

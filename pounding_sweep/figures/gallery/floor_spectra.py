@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.gallery.response_spectra import response_spectra
 from pounding_sweep.figures.shown import heading
 from pounding_sweep.figures.style import put_title
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 
 @figure_of(

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.scenarios import pounding_only
 from pounding_sweep.base.errors import InputError, unknown
@@ -10,10 +13,6 @@ from pounding_sweep.figures import CONTACT, figure_of
 from pounding_sweep.figures.shown import along, labels_with_values, law_name, middle
 from pounding_sweep.figures.sides import drawn_side, side_of
 from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, start_at_zero, subplots
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Rows of panels: variable and label.
 _ROWS = {"impact_force_max": "peak impact force (kN)", "impact_count": "impacts of one floor"}

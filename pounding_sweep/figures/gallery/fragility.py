@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.comparisons.fragility import TRIALS, crossed, sentence
 from pounding_sweep.analysis.events import EVENTS
@@ -14,10 +16,6 @@ from pounding_sweep.figures import CONTACT, figure_of
 from pounding_sweep.figures.shown import along, first_varied, lines_of, middle, records_of, result_of, told
 from pounding_sweep.figures.sides import draw_intensities, intensity_label
 from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, put_title, subplots, unit_text
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Trials of many intensities are put together into so many classes of about equal size to show their shares.
 _CLASSES = 6

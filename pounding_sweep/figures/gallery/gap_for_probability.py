@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.comparisons import MOTION_DIMS
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import along, lines_of, middle, result_of, told
 from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, label_edges, put_title, subplots
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 
 @figure_of(

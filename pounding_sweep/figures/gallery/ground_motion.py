@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.gallery.response_spectra import MOST_LINES, draw_spectra
 from pounding_sweep.figures.shown import record_name
 from pounding_sweep.figures.style import COLOURS
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: More histories than this in one column are too flat to be read.
 _ROWS = 12
@@ -28,8 +26,6 @@ _ROWS = 12
 )
 def ground_motion(motions: xr.Dataset) -> Figure:
     """Draw the acceleration history of each record, and the response spectra of all."""
-    from matplotlib.figure import Figure
-
     n = motions.sizes["record"]
     if not n:
         msg = "there is no record to draw; give at least one"

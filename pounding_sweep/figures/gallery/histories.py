@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import WIDTH, heading, zoomed
 from pounding_sweep.figures.style import COLOURS, history_look, legend_beside, put_title
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 
 @figure_of(
@@ -34,8 +32,6 @@ def histories(one: xr.Dataset, *, start: float | None = None, end: float | None 
     start, end : float, optional
         Part of the record that is drawn (s); all of it by default.
     """
-    from matplotlib.figure import Figure
-
     whole, one = one, zoomed(one, start, end)
     time = one.time.values
     pairs = one.pair.values.tolist() if "contact_force" in one else []

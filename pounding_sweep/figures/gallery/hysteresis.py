@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import WIDTH, heading
 from pounding_sweep.figures.style import COLOURS, put_title
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Panels in a row of the figure, and storeys in a panel: those whose drifts are largest.
 COLUMNS, STOREYS = 3, 4
@@ -25,8 +21,6 @@ COLUMNS, STOREYS = 3, 4
 )
 def hysteresis(one: xr.Dataset) -> Figure:
     """Draw the hysteresis loops of each building's storeys."""
-    from matplotlib.figure import Figure
-
     names = one.building.values.tolist()
     columns = min(COLUMNS, len(names))
     rows = -(-len(names) // columns)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import itertools
 from textwrap import fill
-from typing import TYPE_CHECKING
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.comparisons import MOTION_DIMS
 from pounding_sweep.analysis.comparisons.incremental import NO_FRACTILES, directions
@@ -31,10 +32,6 @@ from pounding_sweep.figures.style import (
     subplots,
     unit_text,
 )
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 _LINES = ("--", "-", "-.", ":")
 #: Rows of panels at most.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
@@ -16,10 +17,6 @@ from pounding_sweep.figures.shown import (
 )
 from pounding_sweep.figures.sides import drawn_side
 from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, subplots
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Outputs by which laws are compared in pictures, the first that is there, and in words.
 _OUTPUTS = {

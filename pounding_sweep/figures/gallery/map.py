@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.comparisons.amplification import RESPONSES as AMPLIFIED
 from pounding_sweep.analysis.scenarios import COMPARISON
@@ -22,10 +24,6 @@ from pounding_sweep.figures.shown import (
 )
 from pounding_sweep.figures.sides import Side, drawn_side, logarithmic, sides_of
 from pounding_sweep.figures.style import cell_edges, label_edges, put_title, subplots
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Rows of panels at most.
 _LAWS = 3

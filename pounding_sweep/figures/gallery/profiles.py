@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import along, drawn_unit, labels_with_values, law_name, middle
 from pounding_sweep.figures.style import COLOURS, legend_below, look, put_title
 from pounding_sweep.outputs.variables import VARIABLES
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Rows: the variables drawn in it, what they are called, and where their values are: at "floors" (displacements are
 #: zero at the base as well), or in the "storeys" below them.
@@ -68,8 +66,6 @@ def profiles(cube: xr.Dataset, *, value: str | None = None) -> Figure:
 
 def _panels(cube: xr.Dataset, rows: int, sharex: Any) -> tuple[Figure, Any]:
     """Return a figure and its panels, a column for each building."""
-    from matplotlib.figure import Figure
-
     buildings = cube.building.values.tolist()
     height = 1.3 + (1.9 if rows <= len(_ROWS) else 1.3) * rows
     figure = Figure(figsize=(1.4 + 2.4 * len(buildings), height), layout="constrained")

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import middle, record_name, result_of
 from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, put_title
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: More records than this are not named below the axis.
 _NAMED = 8
@@ -27,8 +25,6 @@ def required_gap(cube: xr.Dataset) -> Figure:
     (markers), records in the order of the exact one; below, the ratio of each rule to
     it, one dot per record and a bar at the median: below 1 a rule is unsafe.
     """
-    from matplotlib.figure import Figure
-
     result = result_of(cube, "required-gap")
     trials = "case" if "case" in result.dims else "record"
     if trials not in result.dims:

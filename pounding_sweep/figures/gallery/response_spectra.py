@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import law_name, record_name
 from pounding_sweep.figures.style import COLOURS, LINES, put_title, subplots
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: More lines than this in one panel are drawn grey, with their median and fractiles.
 MOST_LINES = len(COLOURS)

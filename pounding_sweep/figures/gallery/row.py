@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import heading
 from pounding_sweep.figures.style import COLOURS, put_title
 from pounding_sweep.model.scene import Wall
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Width of a building in the drawing, and the largest sway drawn, in heights of the highest building.
 _WIDTH, _SWAY = 0.5, 0.14
@@ -112,8 +110,6 @@ class Stage:
 
     def figure(self, below: int = 0) -> tuple[Figure, Any]:
         """Return a figure of fitting size and its axes: one for the row, and `below` flat ones under it."""
-        from matplotlib.figure import Figure
-
         width = 7.2
         tall = min(5.0, max(2.4, width * 0.85 * 1.15 * self.top / (self.limits[1] - self.limits[0])))
         figure = Figure(figsize=(width, tall + 0.9 + 0.95 * below), layout="constrained")

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import RESPONSES, law_name, record_name, result_of
 from pounding_sweep.figures.style import COLOURS, joined, label_edges, legend_below, put_title, subplots
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Rows of panels at most.
 _GROUPS = 3

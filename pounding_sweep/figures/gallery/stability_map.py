@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.style import axis_label, cell_edges, label_edges, put_title, subplots
 from pounding_sweep.outputs.variables import Status
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 #: Mark of a status, and what it is called in the legend.
 _MARKS: dict[Status, tuple[dict[str, Any], str]] = {

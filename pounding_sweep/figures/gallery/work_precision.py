@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
 
 from pounding_sweep.accuracy.trade_report import check_trade, leading_outputs
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, put_title, subplots
 from pounding_sweep.outputs.variables import get_variable
-
-if TYPE_CHECKING:
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 _POPULATION, _STATISTIC = "steady", "worst"
 
