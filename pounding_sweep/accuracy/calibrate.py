@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.accuracy.extreme_scenes import oscillator
+from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS, Law, get_law
@@ -224,8 +225,6 @@ def calibrate(
     say: Any = lambda text: None,
 ) -> dict[str, Any]:
     """Measure laws under schemes; returns what ``measured.json`` holds of them."""
-    from pounding_sweep.engine.compile import prepare
-
     started = time.perf_counter()
     first = records()[0]
     empty = np.zeros((1, 1))

@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, LawError
+from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS, Law, damping_number, realised_restitution
 from pounding_sweep.model.rebound import RESTITUTION_BASES
@@ -105,8 +106,6 @@ def certify(
     >>> found.measured.sel(basis="published").item(), found.measured.sel(basis="realised").item()  # doctest: +SKIP
     (0.7561486, 0.6000000)
     """
-    from pounding_sweep.engine.compile import prepare
-
     nominal = np.array(list(restitutions), dtype=float)
     if not nominal.size or not (np.isfinite(nominal) & (nominal >= 0.0) & (nominal <= 1.0)).all():
         msg = f"restitutions to certify are {nominal.tolist()}; give one or more in [0, 1]"

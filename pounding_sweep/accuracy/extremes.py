@@ -26,6 +26,7 @@ from pounding_sweep.accuracy.extreme_scenes import (
 )
 from pounding_sweep.accuracy.judge import Verdict, judge, make_reference
 from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.engine.compile import prepare
 from pounding_sweep.model.laws import LAWS, Law, get_law
 from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.plan.advice import measured_schemes
@@ -168,8 +169,6 @@ def _prepare(
     progress: Progress,
 ) -> list[Batch]:
     """Make the batches, and the kernels of all of them."""
-    from pounding_sweep.engine.compile import prepare
-
     batches = family_batches([key for key in keys if key in FAMILIES], laws)
     batches += random_batches(scenes, seed, laws) if RANDOM in keys else []
     formats = dict.fromkeys(("float64", precision))

@@ -14,10 +14,12 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+from pounding_sweep.engine.compile import still_to_compile
+from pounding_sweep.run.sweep import Sweep
+
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pounding_sweep.run.sweep import Sweep
 
 #: Step (s) of the check: RK4 with located contacts, as sweeps have it where nothing is said.
 STEP = 1e-3
@@ -52,8 +54,6 @@ def converged() -> dict[str, Any]:
 
 def _sweep(stored: dict[str, Any]) -> Sweep:
     """Return the sweep that runs the stored scenarios."""
-    from pounding_sweep.run.sweep import Sweep
-
     listed = stored["scenarios"]
     return Sweep(
         stored["preset"],
@@ -67,8 +67,6 @@ def _sweep(stored: dict[str, Any]) -> Sweep:
 
 def to_compile() -> tuple[int, float]:
     """Count the kernels that the self-check compiles first, and estimate the CPU seconds that they take."""
-    from pounding_sweep.engine.compile import still_to_compile
-
     return still_to_compile([kernel.shape for kernel in _sweep(converged()).plan().kernels().values()])
 
 

@@ -26,15 +26,18 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, unknown
+from pounding_sweep.engine.compile import prepare
 from pounding_sweep.engine.postprocess import variables_of
 from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import made_here
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
+from pounding_sweep.outputs.layout import inner_shape
 from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.plan import Plan, make_plan, untouched
 from pounding_sweep.plan.scenarios import changed
+from pounding_sweep.run.diagnosis import diagnose
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.refinement import run_once
 from pounding_sweep.run.sweep import Sweep
@@ -248,8 +251,6 @@ def measure(
 
 def _compile(plan: Plan, sample: Sample, every: Sequence[Numerics], workers: int | None, progress: Progress) -> None:
     """Make every kernel ready before anything is timed."""
-    from pounding_sweep.engine.compile import prepare
-
     laws = [group.law for group in sample.timed]
     shapes = list(dict.fromkeys(replace(plan.kernel(law), numerics=n).shape for n in every for law in laws))
     progress.stage("kernels", len(shapes))
@@ -284,8 +285,6 @@ def _run(
     skip: np.ndarray | None = None,
 ) -> Values:
     """Run all scenarios of a sample but those to `skip`, which are given as refused."""
-    from pounding_sweep.outputs.layout import inner_shape
-
     n = sum(len(group.rows) for group in groups)
     result = {name: np.full((n, *inner_shape(name, plan.spec.scene)), np.nan) for name in outputs}
     result["status"] = np.full(n, int(Status.BEYOND_STABILITY_LIMIT))
@@ -589,8 +588,6 @@ def _coordinates(m: Measured) -> dict[str, Any]:
 def _attributes(m: Measured, settings: Mapping[str, Any]) -> dict[str, Any]:
     import numba
     import xarray
-
-    from pounding_sweep.run.diagnosis import diagnose
 
     machine = diagnose()
     processor = {k: machine["processor"][k] for k in ("name", "vector_bits", "lanes_per_kernel", "cores")}

@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,12 +15,10 @@ from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.scenarios import described
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.records import record_measures, resolve_records
 from pounding_sweep.spec.axes import plain_name
 from pounding_sweep.spec.spec import scene_of
-
-if TYPE_CHECKING:
-    from pounding_sweep.model.scene import Scene
 
 #: Damping ratio of spectral accelerations.
 DAMPING = 0.05

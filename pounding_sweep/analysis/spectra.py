@@ -11,6 +11,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.engine.spectrum import MOST_STEPS, STEPS_PER_PERIOD, oscillator_peaks
 from pounding_sweep.output.dataset import CONVENTIONS, VERSION_ATTRIBUTE, package_version
 from pounding_sweep.records import Record
 
@@ -219,8 +220,6 @@ def _even_step(time: Array) -> float:
 
 def _ordinates(signal: Array, dt: float, periods: Array, damping: float) -> Array:
     """Spectral ordinates of one signal (m/s2), shape (4, n_periods), in the order of `ORDINATES`."""
-    from pounding_sweep.engine.spectrum import MOST_STEPS, STEPS_PER_PERIOD, oscillator_peaks
-
     found = np.zeros((len(ORDINATES), periods.size))
     found[2:] = np.max(np.abs(signal))  # what a rigid oscillator does
     moving = periods > 0

@@ -27,6 +27,7 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import CONTACTS, Scene
 from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records import Record, resolve_records
+from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, DIMENSIONS, PropertyAxis, axes_of, case_of, property_axes
 from pounding_sweep.spec.spec import scene_of
@@ -51,8 +52,6 @@ class StillRuns:
 
 def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
     """Run a row without pounding, once for each record."""
-    from pounding_sweep.run.sweep import Sweep
-
     sweep = Sweep(scene, records, NO_POUNDING, folders=folders, **_settings(scene))
     _check_pairs(sweep.spec.scene)
     if (row := with_columns(sweep.spec.scene)) != sweep.spec.scene:
@@ -117,8 +116,6 @@ def _found_again(sweep: dict[str, Any], records: Any, folders: Any) -> list[Reco
 
 def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) -> xr.Dataset:
     """Run a product sweep without pounding; an elastic row once for each sign of its scales, by which it grows."""
-    from pounding_sweep.run.sweep import Sweep
-
     given = axes_of(sweep)
     kept: dict[str, Any] = {
         name: dict(getattr(given, name)) if axis.by_building else getattr(given, name)
@@ -155,8 +152,6 @@ def _parameters(sweep: dict[str, Any]) -> dict[str, Any]:
 
 def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) -> xr.Dataset:
     """Run each record, scale and building of listed cases once without pounding."""
-    from pounding_sweep.run.sweep import Sweep
-
     ignored: dict[str, Any] = dict.fromkeys(_IGNORED)
     cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]
     found = _found_again(sweep, records, folders)

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pounding_sweep.output.frame import Frame
+
 if TYPE_CHECKING:
     import xarray as xr
 
-    from pounding_sweep.output.frame import Frame
 
 #: Dimensions of an audit; no scenario axes.
 AUDIT_DIMS = ("audit", "output")

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from pounding_sweep.model.laws import LAWS
 from pounding_sweep.output.dataset import as_read
+from pounding_sweep.output.frame import Frame
 from pounding_sweep.outputs.variables import STATUS, Status
-
-if TYPE_CHECKING:
-    from pounding_sweep.output.frame import Frame
 
 
 class Tally:
@@ -117,8 +116,6 @@ def _median(times: dict[float, int]) -> float:
 
 def _titles(coordinates: Mapping[Any, Any]) -> dict[str, str]:
     """Titles of laws by their keys: those of the registry, and of a user's own where the cube knows them."""
-    from pounding_sweep.model.laws import LAWS
-
     known = {key: law.title for key, law in LAWS.items()}
     if "law_title" not in coordinates:
         return known

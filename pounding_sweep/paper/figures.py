@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -20,12 +20,9 @@ from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.paper.published import BUILDINGS, PAIRS, record_title
 from pounding_sweep.paper.readings import READINGS
 from pounding_sweep.paper.report import Picture
+from pounding_sweep.paper.study import Study
 from pounding_sweep.records.record import STANDARD_GRAVITY
 from pounding_sweep.run.execute import Progress
-
-if TYPE_CHECKING:
-    from pounding_sweep.paper.study import Study
-
 
 #: (axes, data of one model at one reading and record, look)
 Line = Callable[[Any, "xr.Dataset", dict[str, Any]], None]

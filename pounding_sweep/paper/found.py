@@ -11,7 +11,6 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -59,9 +58,7 @@ from pounding_sweep.paper.search import (
     variants,
 )
 from pounding_sweep.records import Record
-
-if TYPE_CHECKING:
-    from pounding_sweep.records.catalogue import Folders
+from pounding_sweep.records.catalogue import Folders
 
 #: Points of a search's rounds, of one over fewer inputs, of each variant, and of each law's design: powers of 2.
 ROUNDS, FEW, VARIANT, LAW = (2**13, 2**11, 2**11, 2**11, 2**11, 2**11), (2**8, 2**7, 2**7), 2**9, 2**11

@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import xarray as xr
 
@@ -17,12 +16,11 @@ from pounding_sweep.base.errors import InputError, MissingRecordError
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper.published import GROUND_MOTIONS
 from pounding_sweep.records import Record, find_record
+from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.records.record import STANDARD_GRAVITY
-from pounding_sweep.spec.spec import AUDIT_SHARE
-
-if TYPE_CHECKING:
-    from pounding_sweep.records.catalogue import Folders
-    from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.run.sweep import Sweep
+from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.spec import AUDIT_SHARE, to_json
 
 #: Gap (m) and restitution of every scenario.
 GAP, RESTITUTION = 0.01, 0.6
@@ -88,8 +86,6 @@ READINGS: dict[str, Reading] = {
 
 def sweep_of(reading: Reading, records: Sequence[Record], step: float = STEP, audit: float = AUDIT_SHARE) -> Sweep:
     """Return the sweep of a reading: Models I to VII, all records."""
-    from pounding_sweep.run.sweep import Sweep
-
     return Sweep(
         reading.preset,
         records,
@@ -120,9 +116,6 @@ def paper_records(folders: Folders = None) -> tuple[list[Record], dict[str, str]
 
 def reading_of(cube: xr.Dataset, name: str = "the cube") -> Reading:
     """Tell which reading a cube was run for, by the scene in its attributes."""
-    from pounding_sweep.spec.build import build_spec
-    from pounding_sweep.spec.spec import to_json
-
     try:
         scene = json.loads(cube.attrs["sweep"])["scene"]
     except (KeyError, ValueError):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -23,11 +23,9 @@ from pounding_sweep.paper.conclusions import HOLDS_SHARE, PARTLY_SHARE, Judgemen
 from pounding_sweep.paper.published import GROUND_MOTIONS, TABLES, record_title
 from pounding_sweep.paper.readings import READINGS, RESCALED, STEP
 from pounding_sweep.paper.steps import LIMIT, error_text, largest_steps, step_rows
+from pounding_sweep.paper.study import Study
 from pounding_sweep.paper.verdict import Part, opening_grid, rule, verdict_of_all
 from pounding_sweep.records.record import STANDARD_GRAVITY
-
-if TYPE_CHECKING:
-    from pounding_sweep.paper.study import Study
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from pounding_sweep.paper.fit import FARTHEST, FITTED, Numbers, Squares, likelih
 from pounding_sweep.paper.published import BUILDINGS
 from pounding_sweep.paper.readings import GAP, READINGS, RESTITUTION
 from pounding_sweep.records import Record
+from pounding_sweep.run.sweep import Sweep
 
 #: Step (s) of the located runs, in contact.
 STEP = 2e-3
@@ -128,8 +129,6 @@ def run(
     points: Points, records: Sequence[Record], scene: Scene | None = None, law: str = "linear", **how: Any
 ) -> xr.Dataset:
     """Run points under all records, on the row as printed or another one."""
-    from pounding_sweep.run.sweep import Sweep
-
     cases = cases_of(points, law, [record.name for record in records])
     row = scene or get_preset(READINGS["as_printed"].preset)
     how = {"method": "exact", "dt": STEP, "audit": 0.0, **how}

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from pounding_sweep.analysis.spectra import floor_spectra, response_spectrum
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import MATE2015_MODELS, get_law
+from pounding_sweep.outputs.differences import relative_errors
+from pounding_sweep.paper.hertz import hertz_fit
 from pounding_sweep.paper.published import RECORDS
 from pounding_sweep.paper.readings import (
     GAP,
@@ -25,12 +28,11 @@ from pounding_sweep.paper.readings import (
     reading_of,
     sweep_of,
 )
-from pounding_sweep.records import Record
+from pounding_sweep.paper.steps import step_errors
+from pounding_sweep.records import Record, records_dataset
+from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.simulate import simulate
-
-if TYPE_CHECKING:
-    from pounding_sweep.records.catalogue import Folders
 
 #: Interval (s) of the histories that are kept; a divisor of every record's step.
 INTERVAL = 0.01
@@ -68,8 +70,6 @@ def paper_histories(
     reading: Reading, records: Sequence[Record], advance: Callable[[int], None] = lambda count: None
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """Run Models I to VII of one reading under all records."""
-    from pounding_sweep.analysis.spectra import floor_spectra
-
     histories: list[list[Any]] = []
     spectra: list[list[Any]] = []
     for law in MATE2015_MODELS:
@@ -116,9 +116,6 @@ class Study:
 
 def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress: Progress | None = None) -> Study:
     """Run or take up both readings, and everything else that the report shows."""
-    from pounding_sweep.paper.hertz import hertz_fit
-    from pounding_sweep.paper.steps import step_errors
-
     progress = progress or Progress()
     records, missing = paper_records(folders)
     taken = _by_reading(cubes)
@@ -143,9 +140,6 @@ def study(cubes: Sequence[xr.Dataset] = (), *, folders: Folders = None, progress
 
 def _motions(records: Sequence[Record]) -> xr.Dataset:
     """Ground motions and their spectra."""
-    from pounding_sweep.analysis.spectra import response_spectrum
-    from pounding_sweep.records import records_dataset
-
     return records_dataset(records).merge(response_spectrum(records, PERIODS, DAMPING))
 
 
@@ -212,8 +206,6 @@ def _together(parts: Mapping[str, xr.Dataset]) -> xr.Dataset:
 
 def _error(reading: Reading, cube: xr.Dataset, records: Sequence[Record], progress: Progress) -> xr.Dataset:
     """Relative difference of a cube to a run at half the step; see `pounding_sweep.outputs.differences`."""
-    from pounding_sweep.outputs.differences import relative_errors
-
     names = [record.name for record in records]
     dims = ("law", "record")
 

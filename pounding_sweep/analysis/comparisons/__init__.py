@@ -41,7 +41,7 @@ class Comparison:
     arguments: tuple[str, ...] = ()
     #: arguments in a summary of all comparisons, which does without what takes long
     summary: Mapping[str, Any] = field(default_factory=dict)
-    rows: Callable[[xr.Dataset], list[Row]] | None = None  # makes its table, where `spread_rows` does not
+    rows: Callable[[xr.Dataset], list[Row]] | None = None  # makes its table, where `table_rows` is not to
     whole: bool = False  # of the row as a whole: a part of the row is taken of its result, not of its cube
 
 
@@ -78,6 +78,11 @@ def compared(cube: xr.Dataset, comparison: Comparison, at: Mapping[str, Any], **
     return select(result, late, INNER_DIMS)
 
 
+def over_text(sizes: Mapping[Any, int]) -> str:
+    """Say what was taken together, "-" where that is nothing."""
+    return ", ".join(f"{size} {dim}{'s' * (size > 1)}" for dim, size in sizes.items() if size > 1) or "-"
+
+
 def table_rows(
     result: xr.Dataset,
     comparison: Comparison,
@@ -86,31 +91,12 @@ def table_rows(
     over: Collection[str] = (),
     quantiles: Sequence[float] | None = None,
 ) -> list[Row]:
-    """Return the table of a comparison; `over` and `quantiles` are for `spread_rows`."""
-    if comparison.rows:
-        return comparison.rows(result)
-    return spread_rows(result, comparison, lead=lead, over=over, quantiles=quantiles)
-
-
-def over_text(sizes: Mapping[Any, int]) -> str:
-    """Say what was taken together, "-" where that is nothing."""
-    return ", ".join(f"{size} {dim}{'s' * (size > 1)}" for dim, size in sizes.items() if size > 1) or "-"
-
-
-def spread_rows(
-    result: xr.Dataset,
-    comparison: Comparison,
-    *,
-    lead: bool = False,
-    over: Collection[str] = (),
-    quantiles: Sequence[float] | None = None,
-) -> list[Row]:
-    """Return a row per variable and combination of columns, with what its values are of.
-
-    Records and scales are apart, unless they are `over`; in a summary (`lead`) they are taken together, too.
-    """
+    """Return the table of a comparison: its own, else a row per variable and columns, with what its values are of."""
+    # records and scales are apart, unless they are `over`; in a summary (`lead`) they are taken together, too
     import numpy as np
 
+    if comparison.rows:
+        return comparison.rows(result)
     endings = comparison.variables
     names = [str(name) for name in result.data_vars if not endings or str(name).endswith(endings)]
     counts = {f"{str(name).removesuffix('_fractiles')}_count" for name in result.data_vars}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,9 +21,7 @@ from pounding_sweep.analysis.separation_rules import SEPARATION_RULES, Behaviour
 from pounding_sweep.analysis.uncoupled_runs import StillRuns, runs_of_cube, runs_of_row
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene
-
-if TYPE_CHECKING:
-    from pounding_sweep.records import Record
+from pounding_sweep.records import Record
 
 
 @comparison(

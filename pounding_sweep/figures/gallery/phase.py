@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from pounding_sweep.analysis.rebuild import stored_scene
 from pounding_sweep.figures import figure_of, one_instant
 from pounding_sweep.figures.shown import heading, zoomed
 from pounding_sweep.figures.style import COLOURS, put_title, subplots
@@ -52,8 +53,6 @@ def phase(one: xr.Dataset, *, start: float | None = None, end: float | None = No
 
 def _in_contact(one: xr.Dataset, building: str) -> np.ndarray:
     """Whether any floor of a building is in contact, at each instant."""
-    from pounding_sweep.analysis.rebuild import stored_scene
-
     near = np.zeros(one.sizes["time"], bool)
     if "contact_force" in one:
         names = [item.name for item in stored_scene(one).row]
