@@ -76,7 +76,7 @@ def design(samples=8, **more):
         arrays[name] = np.broadcast_to(values, (len(cases), *inner_shape(name, row))).copy()
         arrays[name][:, -1, 2] = np.nan  # a storey that the lower building has not
     extra = {name: (("case",), [getattr(case, name) for case in cases], {}) for name in ("law", "record")}
-    extra |= design_coordinates(spec, "case")
+    extra |= design_coordinates(spec)
     axes = [Axis("case", np.arange(1, len(cases) + 1), "1", "listed scenario")]
     return assemble(row, axes, arrays, {"title": "by hand", "sweep": to_json(spec)}, extra)
 

@@ -153,6 +153,7 @@ def sweep_error(problems: Sequence[str], owner: str = "sweep") -> SweepError:
 
 #: What of a building and of a scene is stored only where it is not as usual, so that digests of other sweeps stay.
 _BUILDING_MORE = ("slab_depths", "column_stiffnesses", "p_delta", "bouc_wen", "dashpots", "foundation")
+_OF_YIELDING = ("hardening", "damping_stiffness")
 _SCENE_MORE = ("tolerance", "storeys", "allow_unmet")
 
 
@@ -162,26 +163,36 @@ def _unusual(item: Building | Scene, names: Sequence[str]) -> dict[str, Any]:
     return {name: getattr(item, name) for name in names if getattr(item, name) != usual[name]}
 
 
+def _building_data(building: Building) -> dict[str, Any]:
+    ratio = building.damping_ratio
+    found: dict[str, Any] = {
+        "name": building.name,
+        **{name: list(getattr(building, name)) for name in ("masses", "stiffnesses", "storey_heights")},
+        "damping_ratio": [float(z) for z in ratio] if isinstance(ratio, tuple) else ratio,
+        **_unusual(building, _BUILDING_MORE),
+    }
+    if building.foundation:
+        found["foundation"] = vars(building.foundation)
+    if building.yield_strengths is not None:  # null of storeys that never yield
+        found["yield_strengths"] = [each if math.isfinite(each) else None for each in building.yield_strengths]
+        found |= {name: getattr(building, name) for name in _OF_YIELDING}
+    return found
+
+
+def _building_of(data: Mapping[str, Any]) -> Building:
+    given = {name: data[name] for name in (*_BUILDING_MORE, *_OF_YIELDING) if name in data}
+    if "yield_strengths" in data:
+        given["yield_strengths"] = [math.inf if each is None else each for each in data["yield_strengths"]]
+    ratio, heights = data["damping_ratio"], data["storey_heights"] or None
+    ratio = tuple(ratio) if isinstance(ratio, list) else ratio
+    return Building(data["name"], data["masses"], data["stiffnesses"], ratio, heights, **given)
+
+
 def scene_data(scene: Scene) -> dict[str, Any]:
     """Return a row as JSON holds it, in sweeps and in scenarios with their histories."""
-    row: list[dict[str, Any]] = []
-    for item in scene.row:
-        if isinstance(item, Building):
-            ratio = item.damping_ratio
-            row.append(
-                {
-                    "name": item.name,
-                    "masses": list(item.masses),
-                    "stiffnesses": list(item.stiffnesses),
-                    "damping_ratio": [float(z) for z in ratio] if isinstance(ratio, tuple) else ratio,
-                    "storey_heights": list(item.storey_heights or ()),
-                    **_yielding_data(item),
-                    **_unusual(item, _BUILDING_MORE),
-                    **({"foundation": vars(item.foundation)} if item.foundation else {}),
-                }
-            )
-        else:
-            row.append({"wall": True, "name": item.name})
+    row = [
+        _building_data(item) if isinstance(item, Building) else {"wall": True, "name": item.name} for item in scene.row
+    ]
     given = {name: getattr(scene.contact, name) for name in (*REFERENCE_PROPERTIES.values(), "restitution")}
     contact = {name: None if value is None else float(value) for name, value in given.items()}
     more = _unusual(scene, _SCENE_MORE)
@@ -196,47 +207,11 @@ def scene_data(scene: Scene) -> dict[str, Any]:
 
 def scene_of(data: Mapping[str, Any]) -> Scene:
     """Return the row of `scene_data`."""
-    row: list[Building | Wall] = []
-    for item in data["row"]:
-        if item.get("wall"):
-            row.append(Wall(item["name"]))
-            continue
-        ratio = item["damping_ratio"]
-        row.append(
-            Building(
-                item["name"],
-                item["masses"],
-                item["stiffnesses"],
-                tuple(ratio) if isinstance(ratio, list) else ratio,
-                item["storey_heights"] or None,
-                **{name: item[name] for name in _BUILDING_MORE if name in item},
-                **_yielding_of(item),
-            )
-        )
+    row = [Wall(item["name"]) if item.get("wall") else _building_of(item) for item in data["row"]]
     more = {name: data[name] for name in (*_SCENE_MORE, "contacts") if name in data}
     more["links"] = [Link(**link) for link in data.get("links", ())]
     more["bumpers"] = [Bumper(**bumper) for bumper in data.get("bumpers", ())]
     return Scene(row, data["gaps"], ContactProperties(**data["contact"]), **more)
-
-
-def _yielding_of(item: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arguments of a building of `_yielding_data`."""
-    if "yield_strengths" not in item:
-        return {}
-    strengths = [math.inf if strength is None else strength for strength in item["yield_strengths"]]
-    return {**{name: item[name] for name in ("hardening", "damping_stiffness")}, "yield_strengths": strengths}
-
-
-def _yielding_data(building: Building) -> dict[str, Any]:
-    """Return what JSON holds of storeys that yield; strengths of those that never do are null."""
-    if building.yield_strengths is None:
-        return {}
-    strengths = [strength if math.isfinite(strength) else None for strength in building.yield_strengths]
-    return {
-        "yield_strengths": strengths,
-        "hardening": building.hardening,
-        "damping_stiffness": building.damping_stiffness,
-    }
 
 
 def to_json(spec: SweepSpec) -> str:
