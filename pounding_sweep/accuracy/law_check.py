@@ -117,11 +117,21 @@ def check_law(
     return LawCheck(found, certificate, *_twins(found))
 
 
-def solved_restitution(law: Law, e: float, *, basis: str = "published", speed: float = APPROACH) -> float:
+def solved_restitution(
+    law: Law,
+    e: float,
+    *,
+    basis: str = "published",
+    mass: float = MASS / 2.0,
+    stiffness: float | None = None,
+    speed: float = APPROACH,
+) -> float:
     """Restitution of two free masses by integrating the formulas of a law (DOP853, relative tolerance 1e-12)."""
+    # `basis` says what the nominal restitution `e` means; `mass` is the effective one (t), `stiffness` in
+    # kN/m**exponent
     from scipy.integrate import solve_ivp
 
-    k, mass = contact_stiffness(law), MASS / 2.0
+    k = contact_stiffness(law) if stiffness is None else stiffness
     c = float(law.damping_coefficient(e, k, mass, basis)) / (speed if law.damping == "elastic" else 1.0)
     elastic, damper = formulas.read(law.elastic), formulas.read(law.damper) if law.damper else None
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import LawError, SceneError, shown, unknown
 from pounding_sweep.model.laws import LAWS, Law, law_of
+from pounding_sweep.model.quantity import quantity
 
 #: Name of the law of `rubber_bumper`, which the thickness completes.
 RUBBER = "rubber_bumper"
@@ -148,10 +149,10 @@ class Bumper:
 
     def __post_init__(self) -> None:
         owner = f"bumper of pair {shown(self.pair)}"
-        for name, unit, least in (("thickness", "m", 0.0), ("stiffness", "kN/m**exponent", None)):
+        for name, unit, positive in (("thickness", "m", False), ("stiffness", "kN/m**exponent", True)):
             value = getattr(self, name)
             if value is not None:
-                object.__setattr__(self, name, _number(value, f"{owner}: {name}", unit, least))
+                object.__setattr__(self, name, quantity(value, f"{owner}: {name}", unit, positive=positive))
         law = _law(self.law, self.thickness, owner)
         object.__setattr__(self, "law", law)
         if self.thickness is None:
@@ -207,15 +208,6 @@ class Bumper:
             "law": law.key if LAWS.get(law.key) is law else law.described,
             "storeys": list(self.storeys),
         }
-
-
-def _number(value: Any, what: str, unit: str, least: float | None) -> float:
-    """Return a positive number, or one that is no less than `least`."""
-    held = isinstance(value, numbers.Real) and not isinstance(value, bool) and value < math.inf
-    if not (held and (value > 0 if least is None else value >= least)):
-        msg = f"{what} is {shown(value)} {unit}; it must be {'a' if least is None else 'zero or a'} positive number"
-        raise SceneError(msg)
-    return float(value)
 
 
 def _law(given: Any, thickness: float | None, owner: str) -> Law:

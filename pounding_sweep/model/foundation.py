@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import numbers
 from dataclasses import dataclass, fields
+from typing import Any
 
-from pounding_sweep.base.errors import SceneError, shown
+from pounding_sweep.model.quantity import quantity
 
 #: Unit of each property.
 _UNITS = {
@@ -70,13 +70,9 @@ class Foundation:
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            value, unit, least = getattr(self, each.name), _UNITS[each.name], each.name.endswith("damping")
-            real = isinstance(value, numbers.Real) and not isinstance(value, bool)
-            if not (real and math.isfinite(value) and (value >= 0 if least else value > 0)):
-                must = "zero or a positive number" if least else "a positive number"
-                msg = f"foundation: {each.name} is {shown(value)} {unit}; it must be {must}{_why(each.name, value)}"
-                raise SceneError(msg)
-            object.__setattr__(self, each.name, float(value))
+            name, value = each.name, getattr(self, each.name)
+            given: dict[str, Any] = {"positive": not name.endswith("damping"), "why": _why(name, value)}
+            object.__setattr__(self, name, quantity(value, f"foundation: {name}", _UNITS[name], **given))
 
     def scaled(self, mass: float, period: float) -> Foundation:
         """Return one of so many times the mass, and of so many times the periods."""

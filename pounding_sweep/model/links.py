@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import numbers
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from pounding_sweep.base.errors import SceneError, shown
+from pounding_sweep.model.quantity import quantity
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Link:
 
     def __post_init__(self) -> None:
         for what, unit in (("stiffness", "kN/m"), ("damping", "kN s/m")):
-            object.__setattr__(self, what, check_linking(getattr(self, what), f"link: {what}", unit))
+            object.__setattr__(self, what, quantity(getattr(self, what), f"link: {what}", unit))
         if not (self.stiffness or self.damping):
             msg = f"link of pair {shown(self.pair)}: stiffness and damping are zero; give one of them, or leave it out"
             raise SceneError(msg)
@@ -74,14 +74,6 @@ class LinkedFloors:
     stiffness: float
     damping: float
     place: int  # index of its label along ``pair`` in results
-
-
-def check_linking(value: float, what: str, unit: str) -> float:
-    """Return a stiffness or damping coefficient; raise `SceneError` unless it is zero or a positive number."""
-    if isinstance(value, bool) or not (isinstance(value, numbers.Real) and 0 <= value < math.inf):
-        msg = f"{what} is {shown(value)} {unit}; it must be zero or a positive number"
-        raise SceneError(msg)
-    return float(value)
 
 
 def _storeys(given: Sequence[int | Sequence[int]]) -> tuple[int | tuple[int, int], ...]:

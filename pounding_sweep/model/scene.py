@@ -21,7 +21,8 @@ from pounding_sweep.base.text import label_fault
 from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors
-from pounding_sweep.model.links import Link, LinkedFloors, check_linking
+from pounding_sweep.model.links import Link, LinkedFloors
+from pounding_sweep.model.quantity import quantity
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
@@ -52,9 +53,8 @@ def _positive_list(
         msg = f"{owner}: {len(result)} {what} for {n} masses; give one value per storey"
         raise SceneError(msg)
     for storey, value in enumerate(result, start=1):
-        if not (value > 0 and (infinite or math.isfinite(value))):
-            msg = f"{owner}: {what} of storey {storey} is {shown(value)} {unit}; it must be a positive number"
-            raise SceneError(msg)
+        if not (infinite and value == math.inf):
+            quantity(value, f"{owner}: {what} of storey {storey}", unit, positive=True)
     return result
 
 
@@ -311,7 +311,7 @@ class Building:
             msg = f"{owner}: {len(found)} dashpots for {n} masses; give one value per storey, 0 where it has none"
             raise SceneError(msg)
         for storey, value in enumerate(found, start=1):
-            check_linking(value, f"{owner}: dashpots of storey {storey}", "kN s/m")
+            quantity(value, f"{owner}: dashpots of storey {storey}", "kN s/m")
         return found
 
     def _checked_foundation(self, owner: str) -> Foundation:
@@ -743,9 +743,7 @@ class Scene:
 
     def _check_meetings(self) -> None:
         """Check where floors meet; limits become pairs of a name and storeys, so that scenes are values."""
-        if not (isinstance(self.tolerance, numbers.Real) and 0 <= self.tolerance < math.inf):
-            msg = f"tolerance is {shown(self.tolerance)} m; it must be zero or a positive number"
-            raise SceneError(msg)
+        quantity(self.tolerance, "tolerance", "m")
         asked = self.contacts.asked if isinstance(self.contacts, Contacts) else self.contacts
         if asked not in CONTACTS:
             raise SceneError(unknown("kind of contacts", asked, CONTACTS))

@@ -15,8 +15,9 @@ from pounding_sweep.base.errors import InputError, RecordError, SweepError, show
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.hertz import hertz_stiffness
-from pounding_sweep.model.links import Link, check_linking
+from pounding_sweep.model.links import Link
 from pounding_sweep.model.presets import get_preset
+from pounding_sweep.model.quantity import quantity
 from pounding_sweep.model.scene import (
     CONTACTS,
     DAMPING_STIFFNESSES,
@@ -70,7 +71,7 @@ def _depth(value: Any) -> Any:
 
 _Positives = Annotated[list[Any], AfterValidator(lambda values, info: _each(values, _positive, info))]
 _Depths = Annotated[list[Any], AfterValidator(lambda values: _each(values, _depth))]
-_Dashpots = Annotated[list[Any], AfterValidator(lambda values: _each(values, check_linking, "coefficient", "kN s/m"))]
+_Dashpots = Annotated[list[Any], AfterValidator(lambda values: _each(values, quantity, "coefficient", "kN s/m"))]
 
 
 def _ratio(value: Any) -> Any:
@@ -239,7 +240,7 @@ def _tolerance(value: float) -> float:
 
 
 def _linking(value: Any, info: ValidationInfo) -> float:
-    return check_linking(value, str(info.field_name), "kN/m" if info.field_name == "stiffness" else "kN s/m")
+    return quantity(value, str(info.field_name), "kN/m" if info.field_name == "stiffness" else "kN s/m")
 
 
 class LinkTable(Table):
