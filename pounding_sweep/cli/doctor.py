@@ -55,14 +55,19 @@ def _print_state(found: dict[str, Any]) -> None:
     bits = cpu["vector_bits"]
     width = f"{bits} bit, {bits // 64} numbers at a time (guessed from the features)" if bits else "unknown"
     folders = found["record_folders"]
-    print("Versions")
     missing = {name: f"not installed; pip install '{NAME}[{extra}]'" for name, extra in found["optional"].items()}
-    print_pairs(
-        [(name, text or missing.get(name, "not installed")) for name, text in found["versions"].items()], indent=2
-    )
-    print("Processor")
-    print_pairs(
-        [
+    limits = " ".join(f"{name}={value}" for name, value in found["threads"]["environment"].items())
+    memory, output = found["memory"], found["output"]
+    known = memory["free_bytes"] is not None
+    usual, every = (seconds_text(found["compile_seconds"][name]) for name in ("default", "all"))
+    compiling = f"about {usual} of CPU time each for three 3-storey buildings, {every} with all outputs (estimated)"
+    free = "can't be written"
+    if output["writable"]:
+        room = output["free_bytes"]
+        free = "free space unknown" if room is None else f"{bytes_text(room)} free"
+    sections = {
+        "Versions": [(name, text or missing.get(name, "not installed")) for name, text in found["versions"].items()],
+        "Processor": [
             ("system", found["system"]),
             ("name", cpu["name"]),
             ("vectors", width),
@@ -70,31 +75,20 @@ def _print_state(found: dict[str, Any]) -> None:
             ("cores", f"{cpu['cores_usable']} usable of {cpu['cores']}"),
             ("features", " ".join(cpu["features"])),
         ],
-        indent=2,
-    )
-    limits = " ".join(f"{name}={value}" for name, value in found["threads"]["environment"].items())
-    print("Threads")
-    print_pairs([("workers", str(found["threads"]["workers"])), ("limits", limits or "none set")], indent=2)
-    memory = found["memory"]
-    print("Memory")
-    known = memory["free_bytes"] is not None
-    print_pairs([("free", f"{bytes_text(memory['free_bytes'])} ({memory['limit']})" if known else "unknown")], indent=2)
-    print("Kernel cache")
-    kernels = f"{cache['kernels']}, {bytes_text(cache['bytes'])}"
-    usual, every = (seconds_text(found["compile_seconds"][name]) for name in ("default", "all"))
-    compiling = f"about {usual} of CPU time each for three 3-storey buildings, {every} with all outputs (estimated)"
-    print_pairs([("folder", cache["folder"] or "none"), ("kernels", kernels), ("compiling", compiling)], indent=2)
-    print("Record folders")
-    print_pairs([(item["folder"], f"{item['files']} record files") for item in folders], indent=2)
-    if not folders:
-        print("  none (POUNDING_SWEEP_RECORDS is not set); el_centro is always there")
-    output = found["output"]
-    print("Output")
-    free = "can't be written"
-    if output["writable"]:
-        known = output["free_bytes"] is not None
-        free = f"{bytes_text(output['free_bytes'])} free" if known else "free space unknown"
-    print_pairs([(output["folder"] or "none", free)], indent=2)
+        "Threads": [("workers", str(found["threads"]["workers"])), ("limits", limits or "none set")],
+        "Memory": [("free", f"{bytes_text(memory['free_bytes'])} ({memory['limit']})" if known else "unknown")],
+        "Kernel cache": [
+            ("folder", cache["folder"] or "none"),
+            ("kernels", f"{cache['kernels']}, {bytes_text(cache['bytes'])}"),
+            ("compiling", compiling),
+        ],
+        "Record folders": [(item["folder"], f"{item['files']} record files") for item in folders]
+        or [("none", "POUNDING_SWEEP_RECORDS is not set; el_centro is always there")],
+        "Output": [(output["folder"] or "none", free)],
+    }
+    for heading, rows in sections.items():
+        print(heading)
+        print_pairs(rows, indent=2)
     print("Problems" if found["problems"] else "No problems found")
     for problem in found["problems"]:
         print(f"  {printable(problem)}")
