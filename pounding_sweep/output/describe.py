@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from pounding_sweep.base.errors import shown
 from pounding_sweep.base.tables import finite
@@ -25,6 +24,9 @@ from pounding_sweep.output.provenance import LIBRARIES, ORIGINS, library_attribu
 from pounding_sweep.output.slabs import cuts, status_counts
 from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, Status
 from pounding_sweep.spec.overview import overview_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _SHOWN_ELSEWHERE = {
     *("title", "history", "records", "scenarios_asked", "scenarios_run", "sweep", "sweep_sha256", "accuracy_choice"),
