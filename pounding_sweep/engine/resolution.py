@@ -10,6 +10,7 @@ however finite it is: `energy_limit` tells.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,6 +53,12 @@ def loses_ground(record: Record, numerics: Numerics) -> bool:
     # around its peak alone the ground gains the velocity of at least a quarter of a record interval
     if numerics.scheme.follows_ground or steps >= 4.0 * MIN_GROUND_STEPS or not record.duration or not record.pga:
         return False
+    return _turns_back(record, steps)
+
+
+@lru_cache(maxsize=256)
+def _turns_back(record: Record, steps: int) -> bool:
+    """Whether the ground does so within so many steps per record interval."""
     points = np.arange((record.n_points - 1) * steps + 1) / steps
     a = np.interp(points, np.arange(record.n_points), record.acceleration)
     gained = np.cumsum(0.5 * (a[1:] + a[:-1]))  # velocity over the step
