@@ -24,13 +24,14 @@ from pounding_sweep.base.memory import FreeMemory
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output import slabs as slabbing
 from pounding_sweep.output.audited import audit_sentence, audit_table
+from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.frame import Frame
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.results import Results, table_type, to_table
 from pounding_sweep.output.slabs import block_shape, cuts, slab_shape, slabs
 from pounding_sweep.output.summary import Tally
-from pounding_sweep.outputs.variables import Status, cube_variables
+from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer as filling
 from pounding_sweep.run.async_writer import AsyncWriter
@@ -200,7 +201,7 @@ def tally_of(cube):
     frame = Frame.of(cube)
     tally = Tally(frame, frame.data_vars["status"].dims)
     whole = (slice(None),) * len(frame.data_vars["status"].dims)
-    tally.add(whole, {name: each.values for name, each in frame.data_vars.items()})
+    tally.add(whole, {name: as_stored(name, each.values) for name, each in frame.data_vars.items() if name in VARIABLES})
     return tally
 
 
