@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,12 +38,15 @@ class Tally:
         ok, *found = (np.moveaxis(values[name], self._along, 0) for name in ("status", *self._present))
         ok = ok == Status.OK
         for law in dict.fromkeys(laws.tolist()):
-            mine = np.flatnonzero(laws == law) if len(self._found) > 1 else slice(None)
+            at = np.flatnonzero(laws == law)
+            mine: Any = slice(at[0], at[-1] + 1) if at[-1] - at[0] < len(at) else at  # a part of an array is no copy
             some = ok[mine]
-            self._scenarios[law] += int(some.sum())
-            floors = dict(zip(self._present, (each[mine][some] for each in found), strict=True))
+            number = int(some.sum())
+            self._scenarios[law] += number
+            whole = ... if number == some.size else some
+            floors = {name: each[mine][whole] for name, each in zip(self._present, found, strict=True)}
             for p, impacts in enumerate(self._found[law]):
-                impacts.add(**{name: each[:, p] for name, each in floors.items()})
+                impacts.add(**{name: each[..., p, :] for name, each in floors.items()})
 
     def summary(self) -> list[dict[str, Any]]:
         """Return the impacts, one row per law and pair."""
@@ -79,15 +83,15 @@ class _Impacts:
     most: Counter[int] = field(default_factory=Counter)
 
     def add(self, impact_force_max: np.ndarray | None = None, impact_count: np.ndarray | None = None) -> None:
-        """Take up scenarios: force and count of their floors, shape (n, storey), missing where no floors meet."""
+        """Take up scenarios: force and count of their floors, shape (..., storey), missing where no floors meet."""
         if impact_force_max is not None:
-            largest = np.fmax.reduce(impact_force_max, axis=-1, initial=-np.inf)
+            largest = reduce(np.fmax, np.moveaxis(impact_force_max, -1, 0), -np.inf)
             self.peak = max(self.peak, float(np.max(largest, initial=-np.inf)))
         if impact_count is not None:
-            largest = np.max(impact_count, axis=-1, initial=INTEGER_FILL)
+            largest = reduce(np.maximum, np.moveaxis(impact_count, -1, 0), INTEGER_FILL)
             self.most += _counted(largest[largest != INTEGER_FILL])
         if self.forces or self.counted:
-            self.touching += int((largest > 0).sum())
+            self.touching += int(np.sum(largest > 0))
 
     def row(self) -> dict[str, Any]:
         """Return the columns of a summary."""
