@@ -18,9 +18,8 @@ from pounding_sweep.model.scene import Scene
 from pounding_sweep.outputs.layout import inner_shape
 from pounding_sweep.outputs.variables import Status, get_variable
 
-
 #: Most bytes of tables that stay in memory though they are in files: those of a small sweep are not read again.
-KEPT_BYTES = 2**25
+KEPT_BYTES = 2**24
 
 
 def table_type(names: Iterable[str], scene: Scene) -> np.dtype:

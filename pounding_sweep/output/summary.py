@@ -85,10 +85,10 @@ class _Impacts:
     def add(self, impact_force_max: np.ndarray | None = None, impact_count: np.ndarray | None = None) -> None:
         """Take up scenarios: force and count of their floors, shape (..., storey), missing where no floors meet."""
         if impact_force_max is not None:
-            largest = reduce(np.fmax, np.moveaxis(impact_force_max, -1, 0), -np.inf)
+            largest = np.asarray(reduce(np.fmax, np.moveaxis(impact_force_max, -1, 0), -np.inf))
             self.peak = max(self.peak, float(np.max(largest, initial=-np.inf)))
         if impact_count is not None:
-            largest = reduce(np.maximum, np.moveaxis(impact_count, -1, 0), INTEGER_FILL)
+            largest = np.asarray(reduce(np.maximum, np.moveaxis(impact_count, -1, 0), INTEGER_FILL))
             self.most += _counted(largest[largest != INTEGER_FILL])
         if self.forces or self.counted:
             self.touching += int(np.sum(largest > 0))

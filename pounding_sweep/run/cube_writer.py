@@ -84,8 +84,8 @@ def write_cube_of(
     written = Written(_with_audit(cube, plan, found), Tally(cube, [axis.name for axis in axes]))
 
     def tallied() -> Iterator[Slab]:
-        for slab, found in _slabs(plan, outcome, sizes, block):
-            values = {name: np.ascontiguousarray(each) for name, each in found.items()}
+        for slab, strided in _slabs(plan, outcome, sizes, block):
+            values = {name: np.ascontiguousarray(each) for name, each in strided.items()}
             written.tally.add(slab, values)
             yield slab, values
 
@@ -116,9 +116,7 @@ def _with_audit(cube: Frame, plan: Plan, found: Audit | None) -> Frame:
     return cube if found is None else add_to_cube(cube, plan, found)
 
 
-def _slabs(
-    plan: Plan, outcome: Outcome, sizes: tuple[int, ...], block: tuple[int, ...]
-) -> Iterator[Slab]:
+def _slabs(plan: Plan, outcome: Outcome, sizes: tuple[int, ...], block: tuple[int, ...]) -> Iterator[Slab]:
     """Values of the cube as they are stored, in slabs of whole blocks; scenarios without values have none."""
     row_of = plan.inverse.reshape(sizes)
     each = table_type(outcome.results.names, plan.spec.scene).itemsize
