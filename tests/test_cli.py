@@ -30,6 +30,7 @@ from pounding_sweep.cli.app import app
 from pounding_sweep.cli.progress import LineProgress, TerminalProgress, make_progress
 from pounding_sweep.cli.reporting import INTERRUPTS
 from pounding_sweep.model.laws import LAWS
+from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.frame import Frame
 from pounding_sweep.output.slabs import slabs
 from pounding_sweep.output.summary import Tally
@@ -666,7 +667,7 @@ def seen(dataset, shape=(2, 1)):
     outer = frame.data_vars["status"].dims
     tally = Tally(frame, outer)
     for slab in slabs(frame.data_vars["status"].values.shape, shape[: len(outer)]):
-        tally.add(slab, {name: each.values[slab] for name, each in frame.data_vars.items()})
+        tally.add(slab, {name: as_stored(name, each.values[slab]) for name, each in frame.data_vars.items()})
     return tally
 
 

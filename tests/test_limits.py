@@ -406,7 +406,9 @@ def test_an_output_folder_that_is_gone_during_the_run(tmp_path, stage, after):
     assert sorted(path.name for path in folder.iterdir()) == ["out.nc", "out.nc.log"]
 
 
-def test_chunks_that_are_gone_before_the_cube_are_no_full_disk(tmp_path):
+def test_chunks_that_are_gone_before_the_cube_are_no_full_disk(tmp_path, monkeypatch):
+    monkeypatch.setattr("pounding_sweep.output.results.KEPT_BYTES", 0)
+
     def removes():
         for path in (tmp_path / "out.nc.parts").glob("chunk-*"):
             path.unlink()
@@ -418,8 +420,9 @@ def test_chunks_that_are_gone_before_the_cube_are_no_full_disk(tmp_path):
 
 
 @pytest.mark.parametrize("harm", ["flip", "cut", "nearly all"])
-def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, harm):
+def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, monkeypatch, harm):
     """A bit, an end, or nearly all: no number of the cube is from such a chunk."""
+    monkeypatch.setattr("pounding_sweep.output.results.KEPT_BYTES", 0)
 
     def damages():
         path = max((tmp_path / "out.nc.parts").glob("chunk-*"), key=lambda path: path.stat().st_size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -11,6 +12,8 @@ import sys
 import tempfile
 from collections import namedtuple
 from functools import partial
+from pathlib import Path
+from unittest.mock import Mock, patch
 
 import netCDF4
 import numpy as np
@@ -19,18 +22,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AXES, OUTPUTS, motions, row
 
-from pounding_sweep.base.errors import OutputError, SweepError
+from pounding_sweep.base.errors import OutputError, SweepError, WriteError
 from pounding_sweep.base.memory import FreeMemory
 from pounding_sweep.output import netcdf as writing
 from pounding_sweep.output import slabs as slabbing
 from pounding_sweep.output.audited import audit_sentence, audit_table
+from pounding_sweep.output.dataset import as_stored
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.frame import Frame
 from pounding_sweep.output.netcdf import open_cube, write_cube
 from pounding_sweep.output.results import Results, table_type, to_table
 from pounding_sweep.output.slabs import block_shape, cuts, slab_shape, slabs
 from pounding_sweep.output.summary import Tally
-from pounding_sweep.outputs.variables import Status, cube_variables
+from pounding_sweep.outputs.variables import VARIABLES, Status, cube_variables
 from pounding_sweep.resume.checkpoint import ChunkStore
 from pounding_sweep.run import cube_writer as filling
 from pounding_sweep.run.async_writer import AsyncWriter
@@ -160,7 +164,8 @@ def test_blocks_are_as_large_as_they_may_be(sizes, most):
 
 @pytest.fixture
 def small_slabs(monkeypatch):
-    """Blocks of four scenarios, slabs of some blocks, chunks of a lane group."""
+    """Blocks of four scenarios, slabs of some blocks, chunks of a lane group, none of which stays in memory."""
+    monkeypatch.setattr("pounding_sweep.output.results.KEPT_BYTES", 0)
     for module in (slabbing, filling):
         monkeypatch.setattr(module, "SLAB_BYTES", 2000)
     monkeypatch.setattr(filling, "BLOCK_BYTES", 100)
@@ -200,7 +205,9 @@ def tally_of(cube):
     frame = Frame.of(cube)
     tally = Tally(frame, frame.data_vars["status"].dims)
     whole = (slice(None),) * len(frame.data_vars["status"].dims)
-    tally.add(whole, {name: each.values for name, each in frame.data_vars.items()})
+    tally.add(
+        whole, {name: as_stored(name, each.values) for name, each in frame.data_vars.items() if name in VARIABLES}
+    )
     return tally
 
 
@@ -258,6 +265,12 @@ def test_a_median_is_that_of_all_values():
 
 @given(st.data())
 def test_results_are_gathered_from_wherever_they_are(tmp_path_factory, data):
+    with patch("pounding_sweep.output.results.KEPT_BYTES", data.draw(st.sampled_from([0, 600, 10**6]))):
+        gathered(tmp_path_factory, data)
+
+
+def gathered(tmp_path_factory, data):
+    """Gather results of tables some of which were written to files."""
     names, scene, n = ("displacement_max", "impact_count", "status", "steps_per_contact"), row(), 12
     random = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
     whole = np.empty(n, table_type(names, scene))
@@ -282,6 +295,27 @@ def test_results_are_gathered_from_wherever_they_are(tmp_path_factory, data):
     assert (found["impact_count"][~known] == -1).all()
     assert np.isnan(found["displacement_max"][~known]).all()
     assert (results.touched[rows] == known).all()
+
+
+def test_what_is_made_ahead_comes_in_order_and_says_what_went_wrong():
+    def made():
+        yield from [(0, "a"), (1, "b")]
+        msg = "no more"
+        raise WriteError(msg)
+
+    found = []
+    with pytest.raises(WriteError, match="no more"):
+        found.extend(filling._ahead(made()))
+    assert found == [(0, "a"), (1, "b")]
+    assert list(filling._ahead(iter([]))) == []
+
+
+def test_a_disk_that_fails_while_slabs_are_written_is_told(tmp_path, monkeypatch):
+    """A disk tells of it once, to whoever asks first."""
+    with (tmp_path / "file").open("wb") as file:
+        monkeypatch.setattr(os, "fsync", Mock(side_effect=[OSError(errno.EIO, "broken"), None]))
+        with pytest.raises(OSError, match="broken"), writing._lasting(Path(file.name)) as begin:
+            begin()
 
 
 # -- disk --------------------------------------------------------------------------------------------------------------

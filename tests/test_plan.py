@@ -531,3 +531,27 @@ def test_scenes_and_sweeps_in_notebooks():
     assert table[2] == ["gap", "12", "0.001, 0.002, 0.003, 0.004, ..., 0.012"]
     cases = Sweep(row(), motions()[0], cases=[{"law": "none", "scale": s} for s in (1.0, 2.0)])
     assert "listed scenarios" in cases._repr_html_()
+
+
+def test_steps_follow_from_all_but_the_gaps(monkeypatch):
+    spec = build_spec(
+        scene="mate2015",
+        records="el_centro",
+        laws=["hertz_damped", "linear", "none"],
+        gaps=[0.004, 0.01, 0.02, 0.03],
+        stiffness_factors=[0.25, 1.0, 4.0],
+        restitutions=[0.4, 0.8],
+        period_factors={"left": [0.8, 1.2]},
+        accuracy=1e-4,
+        method="rk4",
+    )
+    found = make_plan(spec)
+    for module in ("plan", "advice"):
+        monkeypatch.setattr(
+            f"pounding_sweep.plan.{module}.but_for_gaps", lambda table: (table, np.ones(len(table), int))
+        )
+    each = make_plan(spec)
+    assert len(np.unique(found.steps)) > 1
+    assert found.steps.tolist() == each.steps.tolist()
+    assert found.limit.tolist() == each.limit.tolist()
+    assert found.choice == each.choice

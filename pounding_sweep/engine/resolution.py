@@ -10,6 +10,7 @@ however finite it is: `energy_limit` tells.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,14 +37,11 @@ def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np
     """Phase by which a scheme misses a building's first two modes (rad), the largest of all buildings."""
     h = record.dt / numerics.steps(record)
     variants = variants_of(row)
-    worst = np.zeros(len(variants))
-    for frequencies, decays in variants.systems:
-        for w, decay, weight in zip(frequencies.T, decays.T, (1.0, SECOND_MODE), strict=False):
-            memory = np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
-            x = w * h
-            share = numerics.scheme.phase_error(x, numerics.beta, numerics.gamma)
-            worst = np.maximum(worst, weight * w * memory * share)
-    return worst
+    w, decay = (np.concatenate([each[:, :2].T for each in parts]) for parts in zip(*variants.systems, strict=True))
+    weights = np.concatenate([(1.0, SECOND_MODE)[: each.shape[1]] for each, _ in variants.systems])
+    memory = np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
+    share = numerics.scheme.phase_error(w * h, numerics.beta, numerics.gamma)
+    return np.asarray(np.max(weights[:, None] * w * memory * share, axis=0, initial=0.0))
 
 
 def loses_ground(record: Record, numerics: Numerics) -> bool:
@@ -52,6 +50,12 @@ def loses_ground(record: Record, numerics: Numerics) -> bool:
     # around its peak alone the ground gains the velocity of at least a quarter of a record interval
     if numerics.scheme.follows_ground or steps >= 4.0 * MIN_GROUND_STEPS or not record.duration or not record.pga:
         return False
+    return _turns_back(record, steps)
+
+
+@lru_cache(maxsize=256)
+def _turns_back(record: Record, steps: int) -> bool:
+    """Whether the ground does so within so many steps per record interval."""
     points = np.arange((record.n_points - 1) * steps + 1) / steps
     a = np.interp(points, np.arange(record.n_points), record.acceleration)
     gained = np.cumsum(0.5 * (a[1:] + a[:-1]))  # velocity over the step

@@ -105,7 +105,12 @@ def _log_loss(z: np.ndarray) -> np.ndarray:
 def _log_stored(x: np.ndarray, log1p_x: np.ndarray) -> np.ndarray:
     """Return ln S(x), x > -1; ln(1 + x) is given beside it because it outlasts x near -1."""
     near = np.abs(x) < 0.25
-    series = np.polynomial.polynomial.polyval(np.where(near, -x, 0.0), _STORED_SERIES)
+    series = np.zeros(np.shape(x))
+    if near.any():
+        power = np.where(near, -x, 0.0)
+        for coefficient in _STORED_SERIES[::-1]:
+            series *= power
+            series += coefficient
     far = np.where(near, 1.0, np.abs(x))
     difference = np.where(near, 1.0, x - log1p_x)
     return np.asarray(np.where(near, np.log1p(series), np.log(2.0 * difference) - 2.0 * np.log(far)))

@@ -15,7 +15,8 @@ import shutil
 import stat
 import tempfile
 import threading
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -415,10 +416,36 @@ def write_in_slabs(
                 known.append((stored, variable.values))
         for stored, numbers in known:
             stored[...] = numbers
-        for slab, values in slabs:
-            for name in blocks:
-                file[name][slab] = values[name]
+        stored_in = {name: file[name] for name in blocks}
+        with _lasting(temporary) as begin:
+            for number, (slab, values) in enumerate(slabs):
+                if number:
+                    begin()
+                for name, stored in stored_in.items():
+                    stored[slab] = values[name]
     return target
+
+
+@contextmanager
+def _lasting(path: Path) -> Iterator[Callable[[], None]]:
+    """Give what has the disk take up, beside the block, what was written of a file so far."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        with ThreadPoolExecutor(max_workers=1, thread_name_prefix="disk") as beside:
+            under_way: list[Future[None]] = []
+
+            def begin() -> None:
+                if under_way and not under_way[-1].done():
+                    return
+                for future in under_way:
+                    future.result()  # a disk tells of a failure once
+                under_way[:] = [beside.submit(os.fsync, handle)]
+
+            yield begin
+            for future in under_way:
+                future.result()
+    finally:
+        os.close(handle)
 
 
 def _coordinates_of(cube: Frame) -> tuple[dict[str, str], str]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any
 
 import numpy as np
 
 from pounding_sweep.model.laws import LAWS
-from pounding_sweep.output.dataset import as_read
 from pounding_sweep.output.frame import Frame
-from pounding_sweep.outputs.variables import STATUS, Status
+from pounding_sweep.outputs.variables import INTEGER_FILL, STATUS, Status
 
 
 class Tally:
@@ -32,22 +32,20 @@ class Tally:
 
     def add(self, slab: Sequence[slice], values: Mapping[str, np.ndarray]) -> None:
         """Take up the values of a slab, as they are stored."""
-        codes, counts = np.unique(values["status"], return_counts=True)
-        self._statuses.update(dict(zip(codes.tolist(), counts.tolist(), strict=True)))
+        self._statuses += _counted(values["status"])
         laws = self._laws[slab[self._along]]
-        status = np.moveaxis(values["status"], self._along, 0)
-        floors = {name: np.moveaxis(as_read(name, values[name]), self._along, 0) for name in self._present}
+        ok, *found = (np.moveaxis(values[name], self._along, 0) for name in ("status", *self._present))
+        ok = ok == Status.OK
         for law in dict.fromkeys(laws.tolist()):
-            mine = laws == law
-            ok = status[mine] == Status.OK
-            self._scenarios[law] += int(ok.sum())
-            # scenarios without a value have none at any floor, others none where no floors meet
-            force, count = (
-                np.nan_to_num(floors[name][mine][ok], nan=-np.inf) if name in floors else None
-                for name in ("impact_force_max", "impact_count")
-            )
+            at = np.flatnonzero(laws == law)
+            mine: Any = slice(at[0], at[-1] + 1) if at[-1] - at[0] < len(at) else at  # a part of an array is no copy
+            some = ok[mine]
+            number = int(some.sum())
+            self._scenarios[law] += number
+            whole = ... if number == some.size else some
+            floors = {name: each[mine][whole] for name, each in zip(self._present, found, strict=True)}
             for p, impacts in enumerate(self._found[law]):
-                impacts.add(None if force is None else force[:, p], None if count is None else count[:, p])
+                impacts.add(**{name: each[..., p, :] for name, each in floors.items()})
 
     def summary(self) -> list[dict[str, Any]]:
         """Return the impacts, one row per law and pair."""
@@ -81,19 +79,18 @@ class _Impacts:
     peak: float = -np.inf
     touching: int = 0
     #: Scenarios by the largest count at one floor.
-    most: Counter[float] = field(default_factory=Counter)
+    most: Counter[int] = field(default_factory=Counter)
 
-    def add(self, force: np.ndarray | None, count: np.ndarray | None) -> None:
-        """Take up scenarios: force and count of their floors, shape (n, storey)."""
-        found = count if count is not None else force
-        if found is not None:
-            self.touching += int((np.max(found, axis=-1, initial=-np.inf) > 0).sum())
-        if force is not None:
-            self.peak = max(self.peak, float(np.max(force, initial=-np.inf)))
-        if count is not None:
-            largest = np.max(count, axis=-1, initial=-np.inf)
-            values, times = np.unique(largest[np.isfinite(largest)], return_counts=True)
-            self.most.update(dict(zip(values.tolist(), times.tolist(), strict=True)))
+    def add(self, impact_force_max: np.ndarray | None = None, impact_count: np.ndarray | None = None) -> None:
+        """Take up scenarios: force and count of their floors, shape (..., storey), missing where no floors meet."""
+        if impact_force_max is not None:
+            largest = np.asarray(reduce(np.fmax, np.moveaxis(impact_force_max, -1, 0), -np.inf))
+            self.peak = max(self.peak, float(np.max(largest, initial=-np.inf)))
+        if impact_count is not None:
+            largest = np.asarray(reduce(np.maximum, np.moveaxis(impact_count, -1, 0), INTEGER_FILL))
+            self.most += _counted(largest[largest != INTEGER_FILL])
+        if self.forces or self.counted:
+            self.touching += int(np.sum(largest > 0))
 
     def row(self) -> dict[str, Any]:
         """Return the columns of a summary."""
@@ -106,7 +103,13 @@ class _Impacts:
         }
 
 
-def _median(times: dict[float, int]) -> float:
+def _counted(numbers: np.ndarray) -> Counter[int]:
+    """Count how often each of few whole numbers, none of them negative, is there."""
+    times = np.bincount(numbers.ravel())
+    return Counter({value: int(times[value]) for value in np.flatnonzero(times).tolist()})
+
+
+def _median(times: dict[int, int]) -> float:
     """Median of values that occur so many times each."""
     values = np.array(sorted(times))
     upto = np.cumsum([times[value] for value in values.tolist()])

@@ -23,16 +23,21 @@ def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: 
     variable = get_variable(name)
     x = np.asarray(values, dtype=float).reshape(len(values), -1)
     y = np.asarray(reference, dtype=float).reshape(len(reference), -1)
-    if variable.dtype != "f8":  # integers are missing where they are negative
+    if variable.dtype != "f8" and ((x < 0).any() or (y < 0).any()):  # integers are missing where they are negative
         x, y = np.where(x < 0, np.nan, x), np.where(y < 0, np.nan, y)
     if not x.shape[1]:
         return np.zeros(len(x))
-    differs = (np.isnan(x) != np.isnan(y)).any(axis=1)
-    off = np.fmax.reduce(np.abs(x - y), axis=1, initial=0.0)
+    off = np.maximum.reduce(np.abs(x - y), axis=1)
+    missing = np.flatnonzero(np.isnan(off))
+    if len(missing):
+        some, others = x[missing], y[missing]
+        off[missing] = np.fmax.reduce(np.abs(some - others), axis=1, initial=0.0)
     size = _largest(y) if scale is None else np.maximum(_largest(y), scale)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.where(off == 0.0, 0.0, np.where(size > 0.0, off / size, np.inf))
-    return np.where(differs, np.inf, error)
+    if len(missing):
+        error[missing[(np.isnan(some) != np.isnan(others)).any(axis=1)]] = np.inf
+    return error
 
 
 def relative_errors(

@@ -18,7 +18,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
-from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,15 +29,13 @@ from pounding_sweep.model.laws import LAWS, RESTING_SPEED, Law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants, distinct, variants_of
 from pounding_sweep.outputs.variables import CLASSES, check_outputs, reducers_for
+from pounding_sweep.plan.scenarios import but_for_gaps
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.spec import MAX_STEPS, step_fault
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from pounding_sweep.model.variants import Variants
     from pounding_sweep.plan.scenarios import Scenarios
     from pounding_sweep.spec.spec import SweepSpec
 
@@ -88,16 +85,15 @@ def _pair_speeds(variants: Variants, record: Record) -> np.ndarray:
     """Largest difference of velocities between neighbours (m/s), shape (pairs, n)."""
     moving = np.array([isinstance(item, Building) for item in variants.scene.row])
     fastest = np.zeros((len(moving) - 1, len(variants)))
-    points = _roof_velocities(variants, record)
-    while some := list(islice(points, 1 + _BLOCK // len(variants))):
+    for some in _roof_velocities(variants, record, 1 + _BLOCK // len(variants)):
         velocities = np.zeros((len(some), len(moving), len(variants)))  # walls stand still
         velocities[:, moving] = some
         fastest = np.maximum(fastest, np.abs(np.diff(velocities, axis=1)).max(axis=0))
     return fastest
 
 
-def _roof_velocities(variants: Variants, record: Record) -> Iterator[np.ndarray]:
-    """Yield the velocity of each roof in the first mode (m/s), shape (buildings, n), point by point of the record."""
+def _roof_velocities(variants: Variants, record: Record, most: int) -> Iterator[np.ndarray]:
+    """Yield the velocity of each roof in the first mode (m/s), up to `most` points of the record at a time."""
     h, ground = record.dt, record.acceleration
     buildings = variants.scene.buildings
     frequency = np.stack([variants.frequencies(b)[:, 0] for b in range(len(buildings))])
@@ -110,9 +106,16 @@ def _roof_velocities(variants: Variants, record: Record) -> Iterator[np.ndarray]
     late = (grown - 1.0 - root * h) / (root**2 * h)
     early = (grown - 1.0) / root - late
     state = np.zeros(root.shape, complex)
-    for i in range(1, len(ground)):
-        state = grown * state - early * ground[i - 1] - late * ground[i]
-        yield (root * state).imag * (share[:, None] / root.imag)
+    for first in range(1, len(ground), most):
+        a = ground[first - 1 : first + most, None, None]
+        states = -(early * a[:-1] + late * a[1:])
+        states[0] += grown * state
+        reach, power = 1, grown  # each state then knows of the `reach` points up to its own
+        while reach < len(states):
+            states[reach:] += power * states[:-reach]
+            reach, power = 2 * reach, power * power
+        state = states[-1]
+        yield (root * states).imag * (share[:, None] / root.imag)
 
 
 def _roof_share(building: Building) -> float:
@@ -271,12 +274,17 @@ def classes_of(outputs: Iterable[str]) -> tuple[str, ...]:
     return tuple(kind for kind, names in CLASSES.items() if asked & set(names)) or ("motions",)
 
 
+@lru_cache(maxsize=8)
+def _ladder(decades: int) -> np.ndarray:
+    """Numbers of steps that a record interval may have, up to so many decades and one more."""
+    return np.array(sorted({1, 2, 3, 4, 5, 6, 8, *(m * 10**d for m in _STEPS for d in range(decades + 1))}))
+
+
 def whole_steps(wanted: np.ndarray) -> np.ndarray:
     """Round numbers of steps up to 1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 40, 50, 60, 80, 100, 120 ..."""
     wanted = np.asarray(wanted, dtype=float)
-    decades = range(max(0, math.ceil(math.log10(max(1.0, float(wanted.max(initial=1.0)))))) + 1)
-    ladder = sorted({1, 2, 3, 4, 5, 6, 8, *(m * 10**d for m in _STEPS for d in decades)})
-    return np.asarray(ladder)[np.searchsorted(ladder, wanted * (1.0 - 1e-9))]
+    ladder = _ladder(max(0, math.ceil(math.log10(max(1.0, float(wanted.max(initial=1.0)))))))
+    return np.asarray(ladder[np.searchsorted(ladder, wanted * (1.0 - 1e-9))])
 
 
 def advise(
@@ -317,7 +325,8 @@ def advise(
     """
     assert spec.accuracy is not None
     known = load_measured() if measured is None else measured
-    demand = _Demand(spec, laws, table, variants, initial_speed)
+    some, alike = but_for_gaps(table)
+    demand = _Demand(spec, laws, some, alike, variants, initial_speed)
     costs: dict[Scheme, float] = {}
     best: tuple[Scheme, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
     reached: dict[Scheme, tuple[float, str]] = {}
@@ -352,7 +361,11 @@ def advise(
     cost = costs[scheme]
     others = {name: each / cost for name, each in costs.items() if name != scheme and cost > 0}
     return Advice(
-        *scheme, _finer(scheme[0], need), steps, still, demand.sentence(known, scheme, need, steps, still, others)
+        *scheme,
+        _finer(scheme[0], need),
+        np.repeat(steps, alike) if len(some) < len(table) else steps,
+        still,
+        demand.sentence(known, scheme, need, steps, still, others),
     )
 
 
@@ -401,10 +414,18 @@ def _finer(method: str, need: dict[str, float]) -> float:
 class _Demand:
     """The times that the scenarios of a sweep must resolve, and what steps then cost."""
 
+    # `alike` says how many scenarios each row of the table stands for
+
     def __init__(
-        self, spec: SweepSpec, laws: Sequence[Law], table: Scenarios, variants: Variants, initial_speed: float
+        self,
+        spec: SweepSpec,
+        laws: Sequence[Law],
+        table: Scenarios,
+        alike: np.ndarray,
+        variants: Variants,
+        initial_speed: float,
     ) -> None:
-        self.spec, self.laws, self.table, self.variants = spec, laws, table, variants
+        self.spec, self.laws, self.table, self.alike, self.variants = spec, laws, table, alike, variants
         self.contact = np.full(len(table), np.inf)
         self.mode = math.pi / highest_frequency(variants)
         speeds = [self._speeds(record) for record in spec.records]
@@ -497,16 +518,15 @@ class _Demand:
         """Seconds of all scenarios on one core, by the measured cost of a step."""
         total, finer = 0.0, _finer(method, need)
         for r, record in enumerate(self.spec.records):
-            for count in np.unique(steps[self.table.record == r]).tolist():
-                rows = np.flatnonzero((self.table.record == r) & (steps == count))
-                each_interval = float(count)
+            mine = self.table.record == r
+            for count in np.unique(steps[mine]).tolist():
+                rows = np.flatnonzero(mine & (steps == count))
+                each_interval: Any = float(count)
                 if SCHEMES[method].flies_exactly:
                     numerics = Numerics(method, record.dt / count, finer=finer)
                     kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
-                    each_interval = float(
-                        kernel.flight_substeps(record, self.variants[self.table.variant[rows]]).mean()
-                    )
-                total += (record.n_points - 1) * each_interval * len(rows)
+                    each_interval = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])
+                total += (record.n_points - 1) * float((each_interval * self.alike[rows]).sum())
         return total * self.spec.scene.n_dof * each * 1e-9
 
     def sentence(

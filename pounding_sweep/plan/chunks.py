@@ -16,7 +16,7 @@ from pounding_sweep.plan.scenarios import Scenarios
 #: Share of what is left that one chunk takes, near the end of a sweep.
 SHARE = 1.0 / 16.0
 #: Smallest chunk over the largest, where there are scenarios for it.
-SMALLEST = 1.0 / 8.0
+SMALLEST = 1.0 / 4.0
 
 
 @dataclass(frozen=True)

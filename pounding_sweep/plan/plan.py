@@ -27,7 +27,7 @@ from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import Status, check_outputs, cube_variables, get_variable, reducers_for
 from pounding_sweep.plan.chunks import Chunk, cut
-from pounding_sweep.plan.scenarios import Scenarios, uncoupled_runs_of, unique_scenarios
+from pounding_sweep.plan.scenarios import Scenarios, but_for_gaps, uncoupled_runs_of, unique_scenarios
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.spec import SweepSpec, digest
 
@@ -347,22 +347,23 @@ def _limits(
     spec: SweepSpec, laws: tuple[Law, ...], unique: Scenarios, variants: Variants, numerics: Numerics
 ) -> np.ndarray:
     """Largest stable step (s) of each row."""
-    limit = np.full(len(unique), np.inf)
+    table, alike = but_for_gaps(unique)  # no step depends on gaps
+    limit = np.full(len(table), np.inf)
     for i, item in enumerate(laws):
-        mine = np.flatnonzero(unique.law == i)
+        mine = np.flatnonzero(table.law == i)
         for first in range(0, len(mine), LIMIT_BLOCK):
             rows = mine[first : first + LIMIT_BLOCK]
             limit[rows] = largest_step(
-                variants[unique.variant[rows]],
+                variants[table.variant[rows]],
                 item,
-                unique.stiffness[rows],
-                unique.restitution[rows],
+                table.stiffness[rows],
+                table.restitution[rows],
                 method=numerics.method,
                 beta=spec.beta,
                 gamma=spec.gamma,
                 basis=spec.restitution_basis,
             )
-    return limit
+    return np.repeat(limit, alike) if len(table) < len(unique) else limit
 
 
 def untouched(plan: Plan, closing: np.ndarray) -> np.ndarray:

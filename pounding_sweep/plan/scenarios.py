@@ -114,6 +114,20 @@ def _distinct(codes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return order if new.all() else order[new], inverse
 
 
+def but_for_gaps(table: Scenarios) -> tuple[Scenarios, np.ndarray]:
+    """Return one row for each stretch of rows that differ in their gaps alone, and how many rows that has."""
+    new = np.ones(len(table), bool)
+    new[1:] = False
+    for name in Scenarios.__dataclass_fields__:
+        column = getattr(table, name)
+        if name != "gaps" and column.strides[0]:  # else one value for all
+            new[1:] |= column[1:] != column[:-1]
+    if new.all():
+        return table, np.broadcast_to(np.int32(1), len(table))
+    first = np.flatnonzero(new)
+    return table[first], np.diff(first, append=len(table))
+
+
 def uncoupled_runs_of(table: Scenarios, no_pounding: int) -> tuple[Scenarios, np.ndarray]:
     """Return the distinct runs without pounding of a table of scenarios."""
     columns = (table.record, table.variant, table.scale)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
     from pounding_sweep.run.execute import Progress
 
 
+#: Part of a cube, and its values as they are stored.
+Slab = tuple[tuple[slice, ...], Mapping[str, np.ndarray]]
+
+
 def cube_in_memory(
     plan: Plan, outcome: Outcome, found: Audit | None, progress: Progress, more: Mapping[str, Any]
 ) -> xr.Dataset:
@@ -37,7 +42,7 @@ def cube_in_memory(
     for name in outcome.results.names:
         kind = as_read(name, np.zeros(0, stored[name].base)).dtype
         data[name] = np.empty((*sizes, *stored[name].shape), kind)
-    for slab, values in _slabs(plan, outcome, sizes, (1,) * len(sizes), progress):
+    for slab, values in _told(_slabs(plan, outcome, sizes, (1,) * len(sizes)), progress):
         for name, array in data.items():
             array[slab] = as_read(name, values[name])
     attributes = {**global_attributes(plan, outcome), **more}
@@ -78,13 +83,31 @@ def write_cube_of(
     blocks = {name: (*block, *inner_shape(name, scene)) for name in kept}
     written = Written(_with_audit(cube, plan, found), Tally(cube, [axis.name for axis in axes]))
 
-    def values() -> Iterator[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]]:
-        for slab, each in _slabs(plan, outcome, sizes, block, progress):
-            written.tally.add(slab, each)
-            yield slab, each
+    def tallied() -> Iterator[Slab]:
+        for slab, strided in _slabs(plan, outcome, sizes, block):
+            values = {name: np.ascontiguousarray(each) for name, each in strided.items()}
+            written.tally.add(slab, values)
+            yield slab, values
 
-    write_in_slabs(written.frame, path, blocks, values(), overwrite=overwrite, folder=folder)
+    slabs = _told(_ahead(tallied()), progress)
+    write_in_slabs(written.frame, path, blocks, slabs, overwrite=overwrite, folder=folder)
     return written
+
+
+def _ahead(items: Iterator[Slab]) -> Iterator[Slab]:
+    """Make what is iterated over in a thread of its own, the next one while one is used."""
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="slabs") as beside:
+        following = beside.submit(next, items, None)
+        while (item := following.result()) is not None:
+            following = beside.submit(next, items, None)
+            yield item
+
+
+def _told(items: Iterator[Slab], progress: Progress) -> Iterator[Slab]:
+    """Count scenarios as done once they were used."""
+    for slab, values in items:
+        yield slab, values
+        progress.advance(values["status"].size)
 
 
 def _with_audit(cube: Frame, plan: Plan, found: Audit | None) -> Frame:
@@ -93,14 +116,11 @@ def _with_audit(cube: Frame, plan: Plan, found: Audit | None) -> Frame:
     return cube if found is None else add_to_cube(cube, plan, found)
 
 
-def _slabs(
-    plan: Plan, outcome: Outcome, sizes: tuple[int, ...], block: tuple[int, ...], progress: Progress
-) -> Iterator[tuple[tuple[slice, ...], Mapping[str, np.ndarray]]]:
+def _slabs(plan: Plan, outcome: Outcome, sizes: tuple[int, ...], block: tuple[int, ...]) -> Iterator[Slab]:
     """Values of the cube as they are stored, in slabs of whole blocks; scenarios without values have none."""
     row_of = plan.inverse.reshape(sizes)
     each = table_type(outcome.results.names, plan.spec.scene).itemsize
-    for slab in slabs(sizes, slab_shape(sizes, block, SLAB_BYTES // each)):
+    for slab in slabs(sizes, slab_shape(sizes, block, SLAB_BYTES // (2 * each))):
         rows = row_of[slab]
         found = mask_invalid(outcome.results.gather(rows.ravel()))
         yield slab, {name: values.reshape(*rows.shape, *values.shape[1:]) for name, values in found.items()}
-        progress.advance(rows.size)
