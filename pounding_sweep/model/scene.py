@@ -217,17 +217,18 @@ class Building:
         object.__setattr__(self, "storey_heights", _positive_list(owner, "storey_heights", "m", heights, n))
         self._check_yielding(owner, n)
         if self.slab_depths is not None:
-            object.__setattr__(self, "slab_depths", self._checked_depths(owner))
+            object.__setattr__(self, "slab_depths", self._checked_depths(owner, self.slab_depths))
         if self.column_stiffnesses is not None:
             columns = _positive_list(owner, "column_stiffnesses", "kN/m", self.column_stiffnesses, n)
             object.__setattr__(self, "column_stiffnesses", columns)
         self._check_stability(owner)
         if self.dashpots is not None:
-            object.__setattr__(self, "dashpots", self._checked_dashpots(owner, n))
+            object.__setattr__(self, "dashpots", self._checked_dashpots(owner, n, self.dashpots))
         if self.foundation is not None:
             object.__setattr__(self, "foundation", self._checked_foundation(owner))
         given = self.damping_ratio
-        ratios = tuple(given) if isinstance(given, (tuple, list)) else (given,)
+        values = given.tolist() if isinstance(given, np.ndarray) else given
+        ratios = tuple(values) if isinstance(values, (tuple, list)) else (values,)
         if len(ratios) not in (1, 2) or not all(
             isinstance(z, numbers.Real) and math.isfinite(z) and 0 <= z < 1 for z in ratios
         ):
@@ -290,8 +291,8 @@ class Building:
                 )
                 raise SceneError(msg)
 
-    def _checked_depths(self, owner: str) -> tuple[float, ...]:
-        depths, heights = _numbers(f"{owner}: slab_depths", "m", self.slab_depths or ()), self.storey_heights
+    def _checked_depths(self, owner: str, given: Sequence[float]) -> tuple[float, ...]:
+        depths, heights = _numbers(f"{owner}: slab_depths", "m", given), self.storey_heights
         assert heights is not None
         if len(depths) != len(heights):
             msg = f"{owner}: {len(depths)} slab_depths for {len(heights)} masses; give one value per storey"
@@ -305,8 +306,9 @@ class Building:
                 raise SceneError(msg)
         return depths
 
-    def _checked_dashpots(self, owner: str, n: int) -> tuple[float, ...]:
-        found = _numbers(f"{owner}: dashpots", "kN s/m", self.dashpots or ())
+    @staticmethod
+    def _checked_dashpots(owner: str, n: int, given: Sequence[float]) -> tuple[float, ...]:
+        found = _numbers(f"{owner}: dashpots", "kN s/m", given)
         if len(found) != n:
             msg = f"{owner}: {len(found)} dashpots for {n} masses; give one value per storey, 0 where it has none"
             raise SceneError(msg)
@@ -753,7 +755,6 @@ class Scene:
         if asked not in CONTACTS:
             raise SceneError(unknown("kind of contacts", asked, CONTACTS))
         limits, names = self._checked_limits(), self.pair_names
-        object.__setattr__(self, "storeys", tuple((name, limits[name]) for name in names if name in limits))
         labels: list[tuple[str, int]] = []
         contacts: list[Contact] = []
         for pair, name in enumerate(names):
@@ -791,6 +792,8 @@ class Scene:
                     'depends on their axial force; leave out its p_delta, or give contacts = "floors"'
                 )
                 raise SceneError(msg)
+        storeys = ((name, tuple(map(int, limits[name]))) for name in names if name in limits)
+        object.__setattr__(self, "storeys", tuple(storeys))
         object.__setattr__(self, "_labels", tuple(labels))
         object.__setattr__(self, "contacts", Contacts(contacts, asked))
 
