@@ -690,16 +690,23 @@ class Scene:
         self._check_links()
         self._check_bumpers()
 
+    def _between(self, name: str, kind: type[Any]) -> tuple[Any, ...]:
+        """Check and keep what is named for pairs of the row, all of one kind."""
+        given = getattr(self, name)
+        found = tuple(given) if isinstance(given, Iterable) else (given,)
+        for each in found:
+            if not isinstance(each, kind):
+                msg = f"{name} must be {kind.__name__} objects, not {shown(each)}"
+                raise SceneError(msg)
+            if each.pair not in self.pair_names:
+                raise SceneError(unknown(f"pair in {name}", each.pair, self.pair_names))
+        object.__setattr__(self, name, found)
+        return found
+
     def _check_bumpers(self) -> None:
         """Check that bumpers stand where floors meet, one at each place."""
-        bumpers = tuple(self.bumpers) if isinstance(self.bumpers, Iterable) else (self.bumpers,)
         found: list[Bumper | None] = [None] * len(self.contacts)
-        for bumper in bumpers:
-            if not isinstance(bumper, Bumper):
-                msg = f"bumpers must be Bumper objects, not {shown(bumper)}"
-                raise SceneError(msg)
-            if bumper.pair not in self.pair_names:
-                raise SceneError(unknown("pair in bumpers", bumper.pair, self.pair_names))
+        for bumper in self._between("bumpers", Bumper):
             label = self.pair_labels.index(bumper.pair)
             there = {contact.storey: j for j, contact in enumerate(self.contacts) if contact.place == label}
             for storey in bumper.storeys or ([] if there else [1]):
@@ -712,18 +719,11 @@ class Scene:
                     msg = f"storey {storey} of pair {bumper.pair!r} has several bumpers; give one"
                     raise SceneError(msg)
                 found[there[storey]] = bumper
-        object.__setattr__(self, "bumpers", bumpers)
         object.__setattr__(self, "_bumper_of", tuple(found))
 
     def _check_links(self) -> None:
         """Check that links join floors that are there, each two once."""
-        links = tuple(self.links) if isinstance(self.links, Iterable) else (self.links,)
-        for link in links:
-            if not isinstance(link, Link):
-                msg = f"links must be Link objects, not {shown(link)}"
-                raise SceneError(msg)
-            if link.pair not in self.pair_names:
-                raise SceneError(unknown("pair in links", link.pair, self.pair_names))
+        for link in self._between("links", Link):
             pair = self.pair_names.index(link.pair)
             for side, item in enumerate(self.row[pair : pair + 2]):
                 if isinstance(item, Wall):
@@ -736,7 +736,6 @@ class Scene:
                             f"there; give one of 1 to {item.n_storeys}"
                         )
                         raise SceneError(msg)
-        object.__setattr__(self, "links", links)
         places = [(each.pair, each.storey) for each in self.linked_floors]
         for pair, storey in places:
             if places.count((pair, storey)) > 1:

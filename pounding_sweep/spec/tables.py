@@ -178,18 +178,13 @@ def _row(given: list[Any]) -> list[Building | Wall]:
             equal = _one_per_storey(faults, index, item)
             if table := faults.attempt((index,), BuildingTable.model_validate, item):
                 values = dict(table)
-                depths, p_delta = values.pop("slab_depths"), values.pop("p_delta")
-                smooth, base = values.pop("bouc_wen"), values.pop("foundation")
+                later = {name: values.pop(name) for name in ("slab_depths", "bouc_wen", "p_delta", "foundation")}
                 last = "damping_ratio" if table.name.strip() else "name"  # all that can still be at fault
                 found = faults.attempt((index, last), Building, **values) if equal else None
-                if found is not None and depths is not None:
-                    found = faults.attempt((index, "slab_depths"), replace, found, slab_depths=depths)
-                if found is not None and smooth is not None:
-                    found = faults.attempt((index, "bouc_wen"), replace, found, bouc_wen=dict(smooth))
-                if found is not None and p_delta:
-                    found = faults.attempt((index, "p_delta"), replace, found, p_delta=True)
-                if found is not None and base is not None:
-                    found = faults.attempt((index, "foundation"), replace, found, foundation=dict(base))
+                for name, value in later.items():
+                    if found is not None and value:
+                        own = dict(value) if isinstance(value, Table) else value
+                        found = faults.attempt((index, name), replace, found, **{name: own})
                 made.append(found)
     return made
 
@@ -372,12 +367,11 @@ def read_scene(given: dict[str, Any], base: Path | None = None) -> Scene:
         scene = faults.attempt(place, make, gaps=gaps, contact=contact, **more)
         if scene is not None and table.storeys is not None:
             scene = faults.attempt(("storeys",), replace, scene, storeys=table.storeys)
-        for index, link in enumerate(table.links or ()):
-            if scene is not None:
-                scene = faults.attempt(("links", index), replace, scene, links=(*scene.links, link)) or scene
-        for index, bumper in enumerate(table.bumpers or ()):
-            if scene is not None:
-                scene = faults.attempt(("bumpers", index), replace, scene, bumpers=(*scene.bumpers, bumper)) or scene
+        for name in ("links", "bumpers"):
+            for index, each in enumerate(getattr(table, name) or ()):
+                if scene is not None:
+                    all_now = {name: (*getattr(scene, name), each)}
+                    scene = faults.attempt((name, index), replace, scene, **all_now) or scene
     return scene
 
 
