@@ -201,15 +201,19 @@ def test_flight_without_pounding_is_the_exponential():
             assert np.abs(mine - part).max() < 1e-12 * np.abs(part).max()
 
 
+def check_series(found):
+    """Errors are the twin's own, at any step; between the ends of steps, transferred energies are those of a cubic."""
+    assert max(x for name, x in found.items() if not name.startswith("energy_transfer")) < 1e-9, found
+    assert max(found.values()) < 1e-5, found
+
+
 def test_every_variable_equals_the_twins():
     got, want = simulate(LINKED, "kelvin_voigt", 151, 1.5, method="exact"), truth(LINKED, "kelvin_voigt", 151, 1.5)
     assert int(got.status) == Status.OK
     assert float(got.energy_residual) < 1e-12
     found = errors(got, want, LINKED)
     assert sum(int(count) for each in want["impact_count"] for count in each) > 10
-    # between the ends of steps, transferred energies are those of a cubic
-    assert max(x for name, x in found.items() if not name.startswith("energy_transfer")) < 1e-9, found
-    assert max(found.values()) < 1e-5, found
+    check_series(found)
 
 
 @pytest.mark.slow
@@ -234,15 +238,13 @@ def test_long_and_yielding_rows_equal_the_twin(scene, law):
 @pytest.mark.slow
 @pytest.mark.parametrize("scale", [0.5, 1.5])
 def test_storeys_that_yield_under_their_weights_equal_the_twin(scale):
-    """What flies is the motion under the weights about where the row would rest."""
-    found = []
-    for dt in (1e-3, 5e-4, 2.5e-4):
+    """What flies is the motion under the weights about where the row would rest; what yields goes by series."""
+    want = truth(LEANING_YIELDS, "kelvin_voigt", 251, scale)
+    for dt in (5e-3, 5e-4):
         got = simulate(LEANING_YIELDS, "kelvin_voigt", 251, scale, method="exact", dt=dt)
         assert int(got.status) == Status.OK
-        found.append(errors(got, truth(LEANING_YIELDS, "kelvin_voigt", 251, scale), LEANING_YIELDS))
-    assert float(got.ductility_max.max()) > 1.5
-    assert max(found[-1].values()) < 1e-7, found[-1]
-    assert found[0]["drift_max"] > 50.0 * found[-1]["drift_max"]
+        assert float(got.ductility_max.max()) > 1.5
+        check_series(errors(got, want, LEANING_YIELDS))
 
 
 @pytest.mark.slow
