@@ -8,9 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from against_twin import motion
 from kernels_used import SMOOTH, SMOOTHING
 from scipy.integrate import solve_ivp
-from test_kernels import motion
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError, SweepError

@@ -9,10 +9,9 @@ from pathlib import Path
 import naive
 import numpy as np
 import pytest
+from against_twin import errors, motion, number_of, twins
 from kernels_used import BUMPER
 from scenes import pair
-from scipy.optimize import brentq
-from test_kernels import errors, motion, twins
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.law_check import solved_restitution
@@ -26,11 +25,6 @@ from pounding_sweep.plan.plan import untouched
 GAP, K = 0.012, 3e8
 SCENE = pair(GAP)
 FLAT = 0.8 * BUMPER.thickness
-
-
-def number_of(e):
-    """D of a restitution, by another root finder."""
-    return brentq(lambda x: x * x - 2.0 * e * e * (-x - np.log1p(-x)), 1e-6, 1.0 - 1e-14) / e
 
 
 @lru_cache

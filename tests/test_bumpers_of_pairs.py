@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 
-import naive
 import numpy as np
 import pytest
 import xarray as xr
+from against_twin import errors, motion, simulate, truth
 from kernels_used import BUMPED, PADDED
 from scenes import OUTPUTS, motions, pair
 from test_analysis_gaps import told
-from test_bumpers import number_of
-from test_kernels import errors, motion, twins
 
 import pounding_sweep as ps
 from pounding_sweep.analysis import gap_for_probability, required_gap
@@ -31,7 +28,6 @@ from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.overview import overview
 from pounding_sweep.spec.spec import scene_data, scene_of
 
-STIFFNESS = {"none": None, "hertz": 7.5e6, "hertz_damped": 7.5e6, "hysteretic": 7.5e6}
 PAD, STOP = BUMPED.bumpers
 #: More floors than one straight line of code holds, bumpers of two kinds among them.
 LONG = ps.Scene(
@@ -42,34 +38,13 @@ LONG = ps.Scene(
         ps.Wall(),
     ],
     gaps=[0.012, 0.004, 0.012],
+    contact=pair().contact,
     bumpers=[
         replace(PAD, pair="tower-annex", storeys=[2, 3, 4]),
         replace(PAD, pair="twin-wall"),
         ps.Bumper("annex-twin", "hysteretic", 5e6, 0.5, 0.001, [5]),
     ],
 )
-
-
-@lru_cache
-def truth(scene, law, points=101, scale=1.5):
-    record, bumpers = motion(points, scale), []
-    for each in scene.bumpers:
-        own = each.law.key
-        if own == "rubber_bumper":
-            flat = 0.8 * each.thickness
-            own = naive.Law(2.65, "proportional", rebound_only=True, published=number_of, flat=flat)
-        at = scene.pair_names.index(each.pair), each.storeys or None
-        bumpers.append((*at, own, each.stiffness, each.restitution, each.thickness))
-    k, gaps = STIFFNESS.get(law, 8e5), list(scene.gaps)
-    found = naive.run(twins(scene), gaps, record.acceleration, record.dt, law, k, 0.6, bumpers=bumpers, rtol=1e-11)
-    return {**found, "law": law}
-
-
-def simulate(scene, law, points=101, scale=1.5, **options):
-    e = 0.6 if LAWS[law].takes_restitution else None
-    return ps.simulate(
-        scene, motion(points, scale), law=law, stiffness=STIFFNESS.get(law, 8e5), restitution=e, **options
-    )
 
 
 # -- against the twin --------------------------------------------------------------------------------------------------

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from against_twin import check_energy, check_order, errors, motion, simulate, truth, twins
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from kernels_used import FOUNDED, FOUNDING, LEANING, SMOOTH
 from naive import run
-from scenes import pair
+from scenes import EVERY, pair
 from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, eig, eigh, expm
-from test_kernels import errors, motion, twins
 from test_links import radius
 
 import pounding_sweep as ps
@@ -25,7 +24,7 @@ from pounding_sweep.engine.resolution import displacement_limit, energy_limit
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
+from pounding_sweep.outputs.variables import Status, reducers_for
 from pounding_sweep.run.one_scenario import _varied
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step
@@ -54,7 +53,6 @@ BOTH = ps.Scene(
     links=[ps.Link("a-b", [2], 1e4, 150.0)],
 )
 OUTPUTS = ("foundation_sway_max", "foundation_rotation_max")
-EVERYTHING = [name for name, each in VARIABLES.items() if name not in ("closing_max", "time_step", "error_estimate")]
 ROOT = Path(__file__).parents[1]
 
 
@@ -74,33 +72,6 @@ def classical(building):
 def periods(building):
     mass, _, stiff = classical(building)
     return 2.0 * np.pi / np.sqrt(eigh(stiff, mass, eigvals_only=True))
-
-
-@lru_cache
-def truth(scene, law, points, scale):
-    record, ends = motion(points, scale), [each for link in scene.links for each in link.floors]
-    links = [
-        (link.pair, link.storey, right, link.stiffness, link.damping)
-        for link, (_, right) in zip(scene.linked_floors, ends, strict=True)
-    ]
-    k, e = (None if law in ("none", "stereomechanical") else 8e5), 0.6
-    found = run(twins(scene), list(scene.gaps), record.acceleration, record.dt, law, k, e, links=links, rtol=1e-11)
-    return {**found, "law": law}
-
-
-def simulate(scene, law, points, scale, **options):
-    stiffness = None if LAWS[law].exponent is None else 8e5
-    e = 0.6 if LAWS[law].takes_restitution else None
-    return ps.simulate(scene, motion(points, scale), law=law, stiffness=stiffness, restitution=e, **options)
-
-
-def all_errors(got, want, scene):
-    found = errors(got, want, scene)
-    for side, name in enumerate(OUTPUTS):
-        theirs = np.array([want["foundation"][b][side] for b in scene.foundations])
-        found[name] = np.abs(got[name].values[list(scene.foundations)] / theirs - 1.0).max()
-        assert np.isfinite(got[name]).sum() == len(theirs)
-    return found
 
 
 # -- periods, modes and damping ---------------------------------------------------------------------------------------
@@ -188,7 +159,7 @@ def test_every_variable_equals_the_twins(method, bound):
     want = truth(FOUNDED, "kelvin_voigt", 151, 1.5)
     assert int(got.status) == Status.OK
     assert sum(int(count) for each in want["impact_count"] for count in each) > 10
-    found = all_errors(got, want, FOUNDED)
+    found = errors(got, want, FOUNDED)
     assert max(found.values()) < 4.0 * bound, found
     moved = got.displacement.values[:: round(0.02 / dt)]
     for b in range(2):
@@ -207,7 +178,7 @@ def test_every_variable_equals_the_twins(method, bound):
     ("method", "dt", "bound"), [("rk4", 5e-4, 4e-6), ("newmark", 2e-4, 4e-3), ("central_difference", 1e-4, 4e-3)]
 )
 def test_other_laws_and_schemes_equal_the_twin(law, method, dt, bound):
-    found = all_errors(simulate(FOUNDED, law, 101, 1.5, method=method, dt=dt), truth(FOUNDED, law, 101, 1.5), FOUNDED)
+    found = errors(simulate(FOUNDED, law, 101, 1.5, method=method, dt=dt), truth(FOUNDED, law, 101, 1.5), FOUNDED)
     if law == "stereomechanical":  # floors that rest part where the force that follows is zero, to a chord
         assert found.pop("contact_time") < max(50.0 * bound, 1e-4)
     assert max(found.values()) < bound, found
@@ -220,7 +191,7 @@ def test_yielding_storeys_dashpots_links_and_a_wall_beside_them_equal_the_twin(m
     got, want = simulate(BOTH, "kelvin_voigt", 101, 1.5, method=method, dt=dt), truth(BOTH, "kelvin_voigt", 101, 1.5)
     assert float(got.ductility_max.max()) > 1.5
     assert float(got.energy_residual) < 1e-3
-    found = all_errors(got, want, BOTH)
+    found = errors(got, want, BOTH)
     assert max(found.values()) < {"rk4": 1e-5}.get(method, 2e-3), found
 
 
@@ -233,10 +204,11 @@ def test_a_row_of_more_floors_than_one_straight_line_holds_equals_the_twin(metho
             ps.Building("b", [90.0] * 10, [3.5e5] * 10, foundation=replace(SOFT, rocking_stiffness=6e7)),
         ],
         [0.01],
+        pair().contact,
     )
     got, want = simulate(tall, "kelvin_voigt", 101, 2.0, method=method, dt=1e-3), truth(tall, "kelvin_voigt", 101, 2.0)
     assert int(got.impact_count.sum()) > 10
-    found = all_errors(got, want, tall)
+    found = errors(got, want, tall)
     assert max(found.values()) < bound, found
 
 
@@ -276,29 +248,15 @@ def test_storeys_of_bouc_and_wen_on_a_foundation_equal_an_integration():
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["rk4", "newmark", "central_difference"])
 def test_order_of_convergence(method):
-    order, steps = {"rk4": 4}.get(method, 2), [2e-3, 1e-3, 5e-4, 2.5e-4]
-    names, total = ("displacement_max", *OUTPUTS, "energy_damping", "energy_strain", "impact_force_max"), []
-    for dt in steps:
-        got = simulate(FOUNDED, "kelvin_voigt", 101, 1.5, method=method, dt=dt)
-        found = all_errors(got, truth(FOUNDED, "kelvin_voigt", 101, 1.5), FOUNDED)
-        total.append(np.sqrt(np.mean([found[name] ** 2 for name in names])))
-    slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
-    assert 0.9 * order - 0.1 <= slope < order + 1.5, (slope, total)
+    check_order(FOUNDED, method, ("displacement_max", *OUTPUTS, "energy_damping", "energy_strain", "impact_force_max"))
 
 
 @pytest.mark.parametrize("method", FOUNDING)
 def test_energy_closes(method):
     """Springs, dashpots and masses of the base are in the balance: without them it would be far from closed."""
-    left = []
-    for dt in (2e-3, 1e-3, 5e-4):
-        one = simulate(FOUNDED, "kelvin_voigt", 151, 1.5, method=method, dt=dt)
-        left.append(float(one.energy_residual))
-        assert np.abs(one.input - one.damping - one.strain - one.kinetic - one.transfer).max() < 1e-9
+    for one in check_energy(FOUNDED, method):
         assert np.allclose(one.strain.values[-1], one.energy_strain.values)
         assert np.allclose(one.kinetic.values[-1], one.energy_kinetic.values)
-    order = {"rk4": 4, "newmark": 2}[method]
-    assert np.polyfit(np.log([2e-3, 1e-3, 5e-4]), np.log(left), 1)[0] > order - 0.8, left
-    assert left[-1] < {"rk4": 1e-7, "newmark": 2e-4}[method]
     held = (
         0.5 * SOFT.sway_stiffness * one.foundation_sway**2 + 0.5 * SOFT.rocking_stiffness * one.foundation_rotation**2
     )
@@ -400,8 +358,7 @@ def test_the_limit_with_contacts_closed():
 
 def test_a_scene_without_them_asks_for_the_kernel_that_it_had():
     plain, mine = (
-        kernel_shape(scene, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(EVERYTHING))
-        for scene in (pair(), FOUNDED)
+        kernel_shape(scene, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(EVERY)) for scene in (pair(), FOUNDED)
     )
     assert plain.foundations == ()
     assert plain.n_moving == plain.n_dof == 4

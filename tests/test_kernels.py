@@ -7,7 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from naive import WALL, NaiveBuilding, contact_floors, modal_exact, run
+from against_twin import errors, motion, twins
+from naive import modal_exact, run
 from scenes import EVERY
 
 import pounding_sweep as ps
@@ -68,32 +69,6 @@ def stiffness_of(law, row):
 
 
 @lru_cache
-def motion(points, scale=1.0):
-    el_centro = ps.find_record("el_centro")
-    return ps.Record("cut", el_centro.dt, scale * el_centro.acceleration[50 : 50 + points])
-
-
-def twins(scene):
-    return [
-        WALL
-        if isinstance(b, ps.Wall)
-        else NaiveBuilding(
-            list(b.masses),
-            list(b.stiffnesses),
-            b.damping_ratio,
-            storey_heights=list(b.storey_heights),
-            yield_strengths=b.yield_strengths,
-            hardening=b.hardening,
-            tangent_damping=b.damping_stiffness == "tangent",
-            p_delta=b.p_delta,
-            dashpots=b.dashpots,
-            foundation=None if b.foundation is None else tuple(vars(b.foundation).values()),
-        )
-        for b in scene.row
-    ]
-
-
-@lru_cache
 def truth(row, law, points, scale=1.0, e=0.6, rtol=1e-11):
     scene, record = ROWS[row], motion(points, scale)
     found = run(
@@ -111,66 +86,6 @@ def simulate(row, law, points, scale=1.0, e=0.6, **options):
         restitution=e if LAWS[law].takes_restitution else None,
         **options,
     )
-
-
-FLOOR, CONTACT = (
-    tuple(
-        name
-        for name, variable in VARIABLES.items()
-        if variable.dims == dims and name != "closing_max" and not (variable.of_columns or variable.of_links)
-    )
-    for dims in (("building", "storey"), ("pair", "storey"))
-)
-BUILDING = {
-    "energy_input": "energy_input",
-    "energy_damping": "energy_damping",
-    "energy_kinetic": "kinetic_final",
-    "energy_strain": "strain_final",
-    "hysteretic_energy": "energy_hysteretic",
-    "energy_links": "energy_links",
-    "energy_transfer_max": "energy_transfer_max",
-    "energy_transfer_min": "energy_transfer_min",
-}
-
-
-def both(got, want, scene):
-    """Every variable of a Dataset and of the twin as flat arrays, NaN where missing: {name: (got, want)}."""
-    rows = twins(scene)
-    real = [i for i, b in enumerate(rows) if b is not WALL]
-    result = {}
-    for name in (name for name in FLOOR if name in got):
-        mine = [got[name].sel(building=scene.row[i].name).values[: len(rows[i].masses)] for i in real]
-        result[name] = np.concatenate(mine), np.concatenate([want[name][i] for i in real])
-    for name in CONTACT:
-        mine, theirs = [], []
-        for p, pair in enumerate(scene.pair_names):
-            for f, (left, right) in enumerate(contact_floors(rows[p], rows[p + 1])):
-                mine.append(float(got[name].sel(pair=pair, storey=right if left is None else left)))
-                theirs.append(want[name][p][f])
-        if want["law"] == "stereomechanical" and VARIABLES[name].of_force:
-            counts = [count for pair in want["impact_count"] for count in pair]
-            theirs = [None if count else 0.0 for count in counts]
-        result[name] = np.array(mine), np.array([np.nan if x is None else x for x in theirs], dtype=float)
-    for name, other in ((name, other) for name, other in BUILDING.items() if name in got):
-        result[name] = got[name].values, np.asarray(want[other])[real]
-    work = [float(np.sum(w)) for w in want["contact_work"]]
-    result["contact_work"] = (got["contact_work"].values if "contact_work" in got else np.array([])), np.array(work)
-    return result
-
-
-def errors(got, want, scene):
-    """Largest error of each variable, over its largest absolute value (works and transfers share one)."""
-    values = both(got, want, scene)
-    size = {name: np.max(np.abs(theirs), initial=0.0, where=~np.isnan(theirs)) for name, (_, theirs) in values.items()}
-    exchanged = ("contact_work", "energy_transfer_max", "energy_transfer_min")
-    size |= dict.fromkeys(exchanged, max(1e-4 * size["energy_input"], *(size[name] for name in exchanged)))
-    result = {}
-    for name, (mine, theirs) in values.items():
-        assert mine.shape == theirs.shape, name
-        assert np.array_equal(np.isnan(mine), np.isnan(theirs)), name
-        error = np.max(np.abs(mine - theirs), initial=0.0, where=~np.isnan(theirs))
-        result[name] = float(error / (size[name] or 1.0))
-    return result
 
 
 def row_kernel(row, law, method, dt, locate=True, host=None):

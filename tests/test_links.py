@@ -4,25 +4,24 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from against_twin import check_energy, check_order, errors, motion, simulate, truth, twins
 from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import LINKED, LINKING
 from naive import NaiveBuilding, run
-from scenes import pair
+from scenes import EVERY, pair
 from scipy.linalg import block_diag, eig, expm
-from test_kernels import errors, motion, twins
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError
 from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import VARIABLES, Status, reducers_for
+from pounding_sweep.outputs.variables import Status, reducers_for
 from pounding_sweep.schemes.stability import largest_step
 from pounding_sweep.spec.overview import overview
 from pounding_sweep.spec.spec import scene_data, scene_of
@@ -36,10 +35,10 @@ TOWER = ps.Scene(
         ps.Building("twin", [90.0] * 5, [2.5e5] * 5, yield_strengths=[500.0] * 5),
     ],
     gaps=[0.004, 0.004],
+    contact=pair().contact,
     links=[ps.Link("tower-annex", [2, (4, 3)], 1e4, 400.0), ps.Link("annex-twin", [5], 5e4)],
 )
 ROOT = Path(__file__).parents[1]
-EVERYTHING = [name for name, each in VARIABLES.items() if name not in ("closing_max", "time_step", "error_estimate")]
 
 
 def matrices(scene):
@@ -67,36 +66,6 @@ def exact(scene, record):
         x = (step @ np.concatenate([x, [g0, (g1 - g0) / record.dt]]))[: 2 * n]
         found.append(x)
     return np.array(found)
-
-
-@lru_cache
-def truth(scene, law, points, scale):
-    record, ends = motion(points, scale), [each for link in scene.links for each in link.floors]
-    links = [
-        (link.pair, link.storey, right, link.stiffness, link.damping)
-        for link, (_, right) in zip(scene.linked_floors, ends, strict=True)
-    ]
-    k, e = (None if law in ("none", "stereomechanical") else 8e5), 0.6
-    found = run(twins(scene), list(scene.gaps), record.acceleration, record.dt, law, k, e, links=links, rtol=1e-11)
-    return {**found, "law": law}
-
-
-def simulate(scene, law, points, scale, **options):
-    stiffness = None if LAWS[law].exponent is None else 8e5
-    e = 0.6 if LAWS[law].takes_restitution else None
-    return ps.simulate(scene, motion(points, scale), law=law, stiffness=stiffness, restitution=e, **options)
-
-
-def all_errors(got, want, scene):
-    found = errors(got, want, scene)
-    forces = [
-        float(got.link_force_max.sel(pair=scene.pair_names[x.pair], storey=x.storey)) for x in scene.linked_floors
-    ]
-    theirs = [want["link_force"][x.pair][x.storey - 1] for x in scene.linked_floors]
-    assert np.isfinite(got.link_force_max).sum() == len(forces)
-    found["link_force_max"] = np.abs(np.array(forces) - theirs).max() / max(theirs)
-    found["energy_of_links"] = abs(float(got.energy_links.sum()) / want["energy_of_links"] - 1.0)
-    return found
 
 
 # -- against exact answers and the twin --------------------------------------------------------------------------------
@@ -135,7 +104,7 @@ def test_every_variable_equals_the_twins(method, bound):
     )
     assert int(got.status) == Status.OK
     assert sum(int(count) for each in want["impact_count"] for count in each) > 5
-    found = all_errors(got, want, LINKED)
+    found = errors(got, want, LINKED)
     assert max(found.values()) < 4.0 * bound, found
     moved = got.displacement.values[:: round(0.02 / dt)]
     for b in range(2):
@@ -149,7 +118,7 @@ def test_every_variable_equals_the_twins(method, bound):
 @pytest.mark.parametrize("law", ["none", "kelvin_voigt"])
 def test_a_long_row_equals_the_twin(law, method, dt, bound):
     got, want = simulate(TOWER, law, 51, 3.0, method=method, dt=dt), truth(TOWER, law, 51, 3.0)
-    found = all_errors(got, want, TOWER)
+    found = errors(got, want, TOWER)
     assert max(found.values()) < bound, found
 
 
@@ -159,7 +128,7 @@ def test_a_long_row_equals_the_twin(law, method, dt, bound):
     ("method", "dt", "bound"), [("rk4", 5e-4, 2e-6), ("newmark", 2e-4, 2e-3), ("central_difference", 1e-4, 2e-3)]
 )
 def test_other_laws_and_schemes_equal_the_twin(law, method, dt, bound):
-    found = all_errors(simulate(LINKED, law, 101, 1.5, method=method, dt=dt), truth(LINKED, law, 101, 1.5), LINKED)
+    found = errors(simulate(LINKED, law, 101, 1.5, method=method, dt=dt), truth(LINKED, law, 101, 1.5), LINKED)
     assert max(found.values()) < bound, found
 
 
@@ -168,45 +137,32 @@ def test_other_laws_and_schemes_equal_the_twin(law, method, dt, bound):
 def test_yielding_storeys_with_dashpots_links_and_columns_equal_the_twin(method):
     a = replace(A, yield_strengths=[220.0, np.inf], hardening=0.05, dashpots=[200.0, 0.0], damping_stiffness="tangent")
     scene = ps.Scene(
-        [a, replace(B, dashpots=[0.0, 90.0]), ps.Wall()], [0.003, 0.004], links=[ps.Link("a-b", [2], 0, 150)]
+        [a, replace(B, dashpots=[0.0, 90.0]), ps.Wall()],
+        [0.003, 0.004],
+        pair().contact,
+        links=[ps.Link("a-b", [2], 0, 150)],
     )
     dt = {"rk4": 5e-4}.get(method, 1e-4)
     got, want = simulate(scene, "kelvin_voigt", 101, 1.5, method=method, dt=dt), truth(scene, "kelvin_voigt", 101, 1.5)
     assert float(got.ductility_max.max()) > 1.5
-    found = all_errors(got, want, scene)
+    found = errors(got, want, scene)
     assert max(found.values()) < {"rk4": 1e-5}.get(method, 2e-3), found
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["rk4", "newmark", "central_difference"])
 def test_order_of_convergence(method):
-    order, steps = {"rk4": 4}.get(method, 2), [2e-3, 1e-3, 5e-4, 2.5e-4]
-    names, total = ("displacement_max", "link_force_max", "energy_damping", "energy_links", "impact_force_max"), []
-    for dt in steps:
-        found = all_errors(
-            simulate(LINKED, "kelvin_voigt", 101, 1.5, method=method, dt=dt),
-            truth(LINKED, "kelvin_voigt", 101, 1.5),
-            LINKED,
-        )
-        total.append(np.sqrt(np.mean([found[name] ** 2 for name in names])))
-    slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
-    assert 0.9 * order - 0.1 <= slope < order + 1.5, (slope, total)
+    check_order(
+        LINKED, method, ("displacement_max", "link_force_max", "energy_damping", "energy_links", "impact_force_max")
+    )
 
 
 @pytest.mark.parametrize("method", ["rk4", "newmark"])
 def test_energy_closes(method):
     """What buildings give to links is what springs hold and dashpots have lost, and the rest of the balance stands."""
-    left = []
-    for dt in (2e-3, 1e-3, 5e-4):
-        one = simulate(LINKED, "kelvin_voigt", 151, 1.5, method=method, dt=dt)
-        left.append(float(one.energy_residual))
-        own = one.input - one.damping - one.strain - one.kinetic - one.given_to_links - one.transfer
-        assert np.abs(own).max() < 1e-9
+    for one in check_energy(LINKED, method, "given_to_links"):
         assert np.allclose(one.given_to_links.values[-1], one.energy_links.values)
         assert float(np.abs(one.energy_links).max()) > 0.05 * float(one.energy_input.max())
-    order = {"rk4": 4, "newmark": 2}[method]
-    assert np.polyfit(np.log([2e-3, 1e-3, 5e-4]), np.log(left), 1)[0] > order - 0.8, left
-    assert left[-1] < {"rk4": 1e-7, "newmark": 2e-4}[method]
 
 
 @pytest.mark.slow
@@ -321,12 +277,12 @@ def test_a_scene_without_them_asks_for_the_kernel_that_it_had():
     """Dashpots of zero are none; nothing of links is in its shape or results."""
     none = ps.Scene([replace(each, dashpots=[0.0, 0.0]) for each in pair().row], [0.006])
     mine, plain = (
-        kernel_shape(scene, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(EVERYTHING)) for scene in (none, pair())
+        kernel_shape(scene, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(EVERY)) for scene in (none, pair())
     )
     assert mine == plain
     assert mine.dashpots == mine.links == ()
     assert not {"links", "link_force"} & mine.reducers
-    asked = kernel_shape(LINKED, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(EVERYTHING))
+    asked = kernel_shape(LINKED, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(EVERY))
     assert (asked.dashpots, asked.links) == ((0,), ((1, 3),))
     assert {"links", "link_force"} <= asked.reducers
     only = kernel_shape(LINKED, LAWS["linear"], Numerics("rk4", 1e-3), reducers_for(["displacement_max"]))

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 import pytest
+from against_twin import errors, motion, simulate, truth
 from kernels_used import LEANING, LEANING_YIELDS
-from naive import run
 from scipy.linalg import eigh
-from test_kernels import errors, motion, twins
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError, SweepError
@@ -92,22 +90,15 @@ def test_a_period_factor_is_one_under_the_weights():
 # -- against the twin --------------------------------------------------------------------------------------------------
 
 
-@lru_cache
-def truth(scene, points, scale):
-    record = motion(points, scale)
-    found = run(twins(scene), list(scene.gaps), record.acceleration, record.dt, "kelvin_voigt", 8e5, 0.6, rtol=1e-11)
-    return {**found, "law": "kelvin_voigt"}
-
-
 @pytest.mark.parametrize("method", ["rk4", "exact"])
 def test_every_variable_equals_the_twins(method):
-    got, want = ps.simulate(LEANING, motion(251, 1.5), law="kelvin_voigt", method=method), truth(LEANING, 251, 1.5)
+    got, want = simulate(LEANING, "kelvin_voigt", 251, method=method), truth(LEANING, "kelvin_voigt", 251)
     assert int(got.status) == Status.OK
     assert sum(int(count) for each in want["impact_count"] for count in each) >= 5
     found = errors(got, want, LEANING)
     assert max(found.values()) < 2e-5, found
     assert float(got.energy_residual) < 1e-6
-    without = ps.simulate(upright(LEANING), motion(251, 1.5), law="kelvin_voigt", method=method)
+    without = simulate(upright(LEANING), "kelvin_voigt", 251, method=method)
     assert abs(float(got.drift_max.max() / without.drift_max.max()) - 1.0) > 0.02
 
 
@@ -116,8 +107,8 @@ def test_every_variable_equals_the_twins(method):
 )
 def test_storeys_that_yield_equal_the_twins(method, dt, bound):
     """Storeys soften under their weights, and stay up."""
-    got = ps.simulate(LEANING_YIELDS, motion(251, 1.5), law="kelvin_voigt", method=method, dt=dt)
-    want = truth(LEANING_YIELDS, 251, 1.5)
+    got = simulate(LEANING_YIELDS, "kelvin_voigt", 251, method=method, dt=dt)
+    want = truth(LEANING_YIELDS, "kelvin_voigt", 251)
     assert (
         LEANING_YIELDS.buildings[0].hardening - np.array(LEANING_YIELDS.buildings[0].stability_coefficients)
     ).max() < 0

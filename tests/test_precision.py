@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from against_twin import motion
 from llvmlite import ir
 from scenes import EVERY, pair
-from test_kernels import motion, row_kernel, run_lanes, stiffness_of
+from test_kernels import row_kernel, run_lanes, stiffness_of
 
 import pounding_sweep as ps
 from pounding_sweep.engine.kernel import emit, emit_flight

@@ -1,8 +1,10 @@
 """Scenes, presets and the table of contact laws."""
 
 import itertools
+import json
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,10 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pounding_sweep.base.errors import LawError, SceneError
+from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.hertz import hertz_stiffness
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, Law, get_law
+from pounding_sweep.model.links import Link
 from pounding_sweep.model.presets import PRESETS, get_preset
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
+from pounding_sweep.spec.spec import scene_data
 
 NAN = float("nan")
 INF = float("inf")
@@ -97,6 +102,45 @@ def test_one_storey_damping_is_2_zeta_w_m():
     b = Building("b", [4.0], [100.0], damping_ratio=0.1)
     assert b.rayleigh == (pytest.approx(2 * 0.1 * 5.0), 0.0)
     assert b.periods == pytest.approx([2 * math.pi / 5.0])
+
+
+def changed(**changes):
+    """Two buildings, the first one changed."""
+    return Scene([replace(building("a"), **changes), building("b")], [0.1])
+
+
+@pytest.mark.parametrize(
+    ("make", "given"),
+    [
+        *(
+            (lambda given, name=name: changed(**{name: given}), given)
+            for name, given in {
+                "masses": [1.0, 2.0],
+                "stiffnesses": [1e3, 2e3],
+                "damping_ratio": [0.05, 0.04],
+                "storey_heights": [3.0, 4.0],
+                "yield_strengths": [3.0, INF],
+                "slab_depths": [0.2, 0.0],
+                "column_stiffnesses": [3.0, 4.0],
+                "dashpots": [1.0, 0.0],
+            }.items()
+        ),
+        (lambda given: changed(yield_strengths=[1.0, 2.0], bouc_wen=given), [1.0, 0.5, 0.5]),
+        (lambda given: Scene(changed().row, given), [0.1]),
+        (lambda given: replace(changed(), row=given), list(changed().row)),
+        (lambda given: replace(changed(), storeys={"a-b": given}), [1, 2]),
+        (lambda given: replace(changed(), links=[Link("a-b", given, 1e3)]), [1, 2]),
+        (lambda given: replace(changed(), links=[Link("a-b", given, 1e3)]), [[1, 2], [2, 1]]),
+        (lambda given: replace(changed(), links=given), [Link("a-b", [1], 1e3)]),
+        (lambda given: replace(changed(), bumpers=[Bumper("a-b", "linear", 1e3, storeys=given)]), [1]),
+        (lambda given: replace(changed(), bumpers=given), [Bumper("a-b", "linear", 1e3)]),
+    ],
+)
+def test_arrays_are_taken_as_lists_are(make, given):
+    want, got = make(given), make(np.array(given))
+    assert got == want
+    assert hash(got) == hash(want)
+    assert json.dumps(scene_data(got)) == json.dumps(scene_data(want))
 
 
 @pytest.mark.parametrize("number", [np.float32(0.05), np.float64(0.05), 0])

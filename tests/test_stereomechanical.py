@@ -6,9 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from against_twin import both, errors, twins
 from naive import run
 from scenes import EVERY, OUTPUTS, motions, row
-from test_kernels import both, errors, twins
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError

@@ -10,10 +10,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from against_twin import check_energy, check_order, errors, motion, simulate, truth, twins
 from kernels_used import YIELDING, YIELDING_SWEEP
 from naive import run
 from scenes import EVERY, motions, pair, run_in_any_company, yielding_pair
-from test_kernels import errors, motion, twins
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import InputError, SceneError, SweepError
@@ -38,19 +38,8 @@ TOWER = ps.Scene(
         ps.Building("twin", [90.0] * 5, [2.5e5] * 5, yield_strengths=[500.0] * 5),
     ],
     gaps=[0.004, 0.004],
+    contact=pair().contact,
 )
-
-
-@lru_cache
-def truth(scene, law, points, scale):
-    record = motion(points, scale)
-    found = run(twins(scene), list(scene.gaps), record.acceleration, record.dt, law, 8e5, 0.6, rtol=1e-11)
-    return {**found, "law": law}
-
-
-def simulate(scene, law, points, scale, **options):
-    stiffness, e = (None, None) if law == "none" else (8e5, 0.6)
-    return ps.simulate(scene, motion(points, scale), law=law, stiffness=stiffness, restitution=e, **options)
 
 
 # -- against the twin --------------------------------------------------------------------------------------------------
@@ -99,36 +88,15 @@ SMOOTH = ("displacement_max", "displacement_min", "storey_shear_max", "accelerat
 @pytest.mark.parametrize("method", YIELDING)
 def test_order_of_convergence(method):
     """Onset and unloading are located, so that the order is the scheme's own."""
-    order = SCHEMES[method].order
-    steps, total = [2e-3, 1e-3, 5e-4, 2.5e-4], []
-    for dt in steps:
-        got = simulate(PAIR, "kelvin_voigt", 101, 1.5, method=method, dt=dt)
-        found = errors(got, truth(PAIR, "kelvin_voigt", 101, 1.5), PAIR)
-        total.append(np.sqrt(np.mean([found[name] ** 2 for name in SMOOTH])))
-    if SCHEMES[method].flies_exactly:  # its series have no error that a step could make smaller
-        assert max(total) < 1e-9, total
-        return
-    slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
-    assert 0.9 * order - 0.1 <= slope < order + 1.5, (slope, total)
+    check_order(PAIR, method, SMOOTH)
 
 
 @pytest.mark.parametrize("method", YIELDING)
 def test_energy_closes(method):
-    left = []
-    for dt in (2e-3, 1e-3, 5e-4):
-        one = simulate(PAIR, "kelvin_voigt", 151, 1.5, method=method, dt=dt)
-        left.append(float(one.energy_residual))
-        own = one.input - one.damping - one.strain - one.kinetic - one.hysteretic - one.transfer
-        assert np.abs(own).max() < 1e-9
+    for one in check_energy(PAIR, method, "hysteretic"):
         assert (np.diff(one.hysteretic.values, axis=0) >= 0.0).all()
         assert np.allclose(one.hysteretic.values[-1], one.hysteretic_energy.values)
         assert float(one.hysteretic_energy.min()) > 0.1 * float(one.energy_input.min())
-    if SCHEMES[method].flies_exactly:
-        assert max(left) < 1e-11, left
-        return
-    order = SCHEMES[method].order
-    assert np.polyfit(np.log([2e-3, 1e-3, 5e-4]), np.log(left), 1)[0] > order - 0.8, left
-    assert left[-1] < {4: 1e-7, 2: 2e-4}[order]
 
 
 def test_a_loop_is_bilinear():

@@ -378,18 +378,13 @@ def _take_contacts(group: Group) -> None:
     moves = s["span"] > 0.0
     for j in group.each_contact() if needs_ends or r & {"force", "penetration"} else ():
         closed, depth, force = (s["mode", j] > OPEN) & moves, _depth(group, j), _force(group, j)
-        spring = not group.law_of(j).shape.damper
         for name in ("f0", "f1", "q0", "q1") if needs_ends else ():
             s[name, j] = 0.0
         with when_any(closed):
-            if "penetration" in r or (spring and "force" in r):
-                deepest = _largest(group, closed, depth)
-                if "penetration" in r:
-                    s["dmax", j] = maximum(s["dmax", j], deepest)
-                if spring and "force" in r:
-                    s["fmax", j] = maximum(s["fmax", j], s["ke", j] * deepest)
-            if "force" in r and not spring:
-                s["fmax", j] = maximum(s["fmax", j], _largest(group, closed, force))
+            # of the force itself, a spring's too: the same bits in the kernel of a damped law
+            for reducer, most, series in (("penetration", "dmax", depth), ("force", "fmax", force)):
+                if reducer in r:
+                    s[most, j] = maximum(s[most, j], _largest(group, closed, series))
             if needs_ends:
                 per = where(moves, 1.0 / s["span"], 0.0)
                 s["f0", j], s["f1", j] = force.read(0), force.value(t)

@@ -6,6 +6,8 @@ import numbers
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from pounding_sweep.base.errors import SceneError, shown
 from pounding_sweep.model.quantity import quantity
 
@@ -86,7 +88,7 @@ def _storeys(given: Sequence[int | Sequence[int]]) -> tuple[int | tuple[int, int
     for each in given if isinstance(given, Iterable) and not isinstance(given, str) else ():
         if whole(each):
             found.append(int(each))  # type: ignore[arg-type]
-        elif isinstance(each, Sequence) and len(each) == 2 and all(map(whole, each)):
+        elif isinstance(each, Sequence | np.ndarray) and len(each) == 2 and all(map(whole, each)):
             found.append((int(each[0]), int(each[1])))
         else:
             found.clear()

@@ -217,17 +217,18 @@ class Building:
         object.__setattr__(self, "storey_heights", _positive_list(owner, "storey_heights", "m", heights, n))
         self._check_yielding(owner, n)
         if self.slab_depths is not None:
-            object.__setattr__(self, "slab_depths", self._checked_depths(owner))
+            object.__setattr__(self, "slab_depths", self._checked_depths(owner, self.slab_depths))
         if self.column_stiffnesses is not None:
             columns = _positive_list(owner, "column_stiffnesses", "kN/m", self.column_stiffnesses, n)
             object.__setattr__(self, "column_stiffnesses", columns)
         self._check_stability(owner)
         if self.dashpots is not None:
-            object.__setattr__(self, "dashpots", self._checked_dashpots(owner, n))
+            object.__setattr__(self, "dashpots", self._checked_dashpots(owner, n, self.dashpots))
         if self.foundation is not None:
             object.__setattr__(self, "foundation", self._checked_foundation(owner))
         given = self.damping_ratio
-        ratios = tuple(given) if isinstance(given, (tuple, list)) else (given,)
+        values = given.tolist() if isinstance(given, np.ndarray) else given
+        ratios = tuple(values) if isinstance(values, (tuple, list)) else (values,)
         if len(ratios) not in (1, 2) or not all(
             isinstance(z, numbers.Real) and math.isfinite(z) and 0 <= z < 1 for z in ratios
         ):
@@ -290,8 +291,8 @@ class Building:
                 )
                 raise SceneError(msg)
 
-    def _checked_depths(self, owner: str) -> tuple[float, ...]:
-        depths, heights = _numbers(f"{owner}: slab_depths", "m", self.slab_depths or ()), self.storey_heights
+    def _checked_depths(self, owner: str, given: Sequence[float]) -> tuple[float, ...]:
+        depths, heights = _numbers(f"{owner}: slab_depths", "m", given), self.storey_heights
         assert heights is not None
         if len(depths) != len(heights):
             msg = f"{owner}: {len(depths)} slab_depths for {len(heights)} masses; give one value per storey"
@@ -305,8 +306,9 @@ class Building:
                 raise SceneError(msg)
         return depths
 
-    def _checked_dashpots(self, owner: str, n: int) -> tuple[float, ...]:
-        found = _numbers(f"{owner}: dashpots", "kN s/m", self.dashpots or ())
+    @staticmethod
+    def _checked_dashpots(owner: str, n: int, given: Sequence[float]) -> tuple[float, ...]:
+        found = _numbers(f"{owner}: dashpots", "kN s/m", given)
         if len(found) != n:
             msg = f"{owner}: {len(found)} dashpots for {n} masses; give one value per storey, 0 where it has none"
             raise SceneError(msg)
@@ -685,16 +687,23 @@ class Scene:
         self._check_links()
         self._check_bumpers()
 
+    def _between(self, name: str, kind: type[Any]) -> tuple[Any, ...]:
+        """Check and keep what is named for pairs of the row, all of one kind."""
+        given = getattr(self, name)
+        found = tuple(given) if isinstance(given, Iterable) else (given,)
+        for each in found:
+            if not isinstance(each, kind):
+                msg = f"{name} must be {kind.__name__} objects, not {shown(each)}"
+                raise SceneError(msg)
+            if each.pair not in self.pair_names:
+                raise SceneError(unknown(f"pair in {name}", each.pair, self.pair_names))
+        object.__setattr__(self, name, found)
+        return found
+
     def _check_bumpers(self) -> None:
         """Check that bumpers stand where floors meet, one at each place."""
-        bumpers = tuple(self.bumpers) if isinstance(self.bumpers, Iterable) else (self.bumpers,)
         found: list[Bumper | None] = [None] * len(self.contacts)
-        for bumper in bumpers:
-            if not isinstance(bumper, Bumper):
-                msg = f"bumpers must be Bumper objects, not {shown(bumper)}"
-                raise SceneError(msg)
-            if bumper.pair not in self.pair_names:
-                raise SceneError(unknown("pair in bumpers", bumper.pair, self.pair_names))
+        for bumper in self._between("bumpers", Bumper):
             label = self.pair_labels.index(bumper.pair)
             there = {contact.storey: j for j, contact in enumerate(self.contacts) if contact.place == label}
             for storey in bumper.storeys or ([] if there else [1]):
@@ -707,18 +716,11 @@ class Scene:
                     msg = f"storey {storey} of pair {bumper.pair!r} has several bumpers; give one"
                     raise SceneError(msg)
                 found[there[storey]] = bumper
-        object.__setattr__(self, "bumpers", bumpers)
         object.__setattr__(self, "_bumper_of", tuple(found))
 
     def _check_links(self) -> None:
         """Check that links join floors that are there, each two once."""
-        links = tuple(self.links) if isinstance(self.links, Iterable) else (self.links,)
-        for link in links:
-            if not isinstance(link, Link):
-                msg = f"links must be Link objects, not {shown(link)}"
-                raise SceneError(msg)
-            if link.pair not in self.pair_names:
-                raise SceneError(unknown("pair in links", link.pair, self.pair_names))
+        for link in self._between("links", Link):
             pair = self.pair_names.index(link.pair)
             for side, item in enumerate(self.row[pair : pair + 2]):
                 if isinstance(item, Wall):
@@ -731,7 +733,6 @@ class Scene:
                             f"there; give one of 1 to {item.n_storeys}"
                         )
                         raise SceneError(msg)
-        object.__setattr__(self, "links", links)
         places = [(each.pair, each.storey) for each in self.linked_floors]
         for pair, storey in places:
             if places.count((pair, storey)) > 1:
@@ -748,7 +749,6 @@ class Scene:
         if asked not in CONTACTS:
             raise SceneError(unknown("kind of contacts", asked, CONTACTS))
         limits, names = self._checked_limits(), self.pair_names
-        object.__setattr__(self, "storeys", tuple((name, limits[name]) for name in names if name in limits))
         labels: list[tuple[str, int]] = []
         contacts: list[Contact] = []
         for pair, name in enumerate(names):
@@ -771,6 +771,8 @@ class Scene:
             if contact.struck >= 0 and (fault := self._column_fault((contact.left, contact.right)[contact.struck])):
                 msg = f'floors of pair {names[contact.pair]!r} strike columns of {fault} contacts = "floors"'
                 raise SceneError(msg)
+        storeys = ((name, tuple(map(int, limits[name]))) for name in names if name in limits)
+        object.__setattr__(self, "storeys", tuple(storeys))
         object.__setattr__(self, "_labels", tuple(labels))
         object.__setattr__(self, "contacts", Contacts(contacts, asked))
 

@@ -337,12 +337,11 @@ def read_scene(given: dict[str, Any], base: Path | None) -> Scene:
         scene = faults.attempt(place, make, gaps=gaps, contact=contact, **more)
         if scene is not None and table.storeys is not None:
             scene = faults.attempt(("storeys",), replace, scene, storeys=table.storeys)
-        for index, link in enumerate(table.links or ()):
-            if scene is not None:
-                scene = faults.attempt(("links", index), replace, scene, links=(*scene.links, link)) or scene
-        for index, bumper in enumerate(table.bumpers or ()):
-            if scene is not None:
-                scene = faults.attempt(("bumpers", index), replace, scene, bumpers=(*scene.bumpers, bumper)) or scene
+        for name in ("links", "bumpers"):
+            for index, each in enumerate(getattr(table, name) or ()):
+                if scene is not None:
+                    all_now = {name: (*getattr(scene, name), each)}
+                    scene = faults.attempt((name, index), replace, scene, **all_now) or scene
     return scene
 
 

@@ -1,0 +1,179 @@
+"""Simulations of small rows beside their slow twins of `naive.py`: every variable of both, and how far they differ."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import naive
+import numpy as np
+from naive import WALL, NaiveBuilding, contact_floors
+from scipy.optimize import brentq
+
+import pounding_sweep as ps
+from pounding_sweep.model.laws import LAWS
+from pounding_sweep.outputs.variables import VARIABLES
+from pounding_sweep.schemes import SCHEMES
+
+
+@lru_cache
+def motion(points, scale=1.0):
+    el_centro = ps.find_record("el_centro")
+    return ps.Record("cut", el_centro.dt, scale * el_centro.acceleration[50 : 50 + points])
+
+
+def twins(scene):
+    return [
+        WALL
+        if isinstance(b, ps.Wall)
+        else NaiveBuilding(
+            list(b.masses),
+            list(b.stiffnesses),
+            b.damping_ratio,
+            storey_heights=list(b.storey_heights),
+            yield_strengths=b.yield_strengths,
+            hardening=b.hardening,
+            tangent_damping=b.damping_stiffness == "tangent",
+            p_delta=b.p_delta,
+            dashpots=b.dashpots,
+            foundation=None if b.foundation is None else tuple(vars(b.foundation).values()),
+        )
+        for b in scene.row
+    ]
+
+
+def number_of(e):
+    """D of a restitution, by another root finder."""
+    return brentq(lambda x: x * x - 2.0 * e * e * (-x - np.log1p(-x)), 1e-6, 1.0 - 1e-14) / e
+
+
+@lru_cache
+def truth(scene, law, points=101, scale=1.5):
+    """The twin of a row under a law of the scene's own stiffness and restitution, its links and bumpers among it."""
+    record, ends = motion(points, scale), [each for link in scene.links for each in link.floors]
+    links = [
+        (link.pair, link.storey, right, link.stiffness, link.damping)
+        for link, (_, right) in zip(scene.linked_floors, ends, strict=True)
+    ]
+    bumpers = []
+    for each in scene.bumpers:
+        own, at = each.law.key, (scene.pair_names.index(each.pair), each.storeys or None)
+        if own == "rubber_bumper":
+            flat = 0.8 * each.thickness
+            own = naive.Law(2.65, "proportional", rebound_only=True, published=number_of, flat=flat)
+        bumpers.append((*at, own, each.stiffness, each.restitution, each.thickness))
+    k, e = scene.contact.reference(LAWS[law].exponent), scene.contact.restitution
+    more = {"links": links, "bumpers": bumpers, "rtol": 1e-11}
+    found = naive.run(twins(scene), list(scene.gaps), record.acceleration, record.dt, law, k, e, **more)
+    return {**found, "law": law}
+
+
+def simulate(scene, law, points=101, scale=1.5, **options):
+    return ps.simulate(scene, motion(points, scale), law=law, **options)
+
+
+FLOOR, CONTACT = (
+    tuple(
+        name
+        for name, variable in VARIABLES.items()
+        if variable.dims == dims and name != "closing_max" and not (variable.of_columns or variable.of_links)
+    )
+    for dims in (("building", "storey"), ("pair", "storey"))
+)
+BUILDING = {
+    "energy_input": "energy_input",
+    "energy_damping": "energy_damping",
+    "energy_kinetic": "kinetic_final",
+    "energy_strain": "strain_final",
+    "hysteretic_energy": "energy_hysteretic",
+    "energy_links": "energy_links",
+    "energy_transfer_max": "energy_transfer_max",
+    "energy_transfer_min": "energy_transfer_min",
+}
+
+
+def both(got, want, scene):
+    """Every variable of a Dataset and of the twin as flat arrays, NaN where missing: {name: (got, want)}."""
+    rows = twins(scene)
+    real = [i for i, b in enumerate(rows) if b is not WALL]
+    result = {}
+    for name in (name for name in FLOOR if name in got):
+        mine = [got[name].sel(building=scene.row[i].name).values[: len(rows[i].masses)] for i in real]
+        result[name] = np.concatenate(mine), np.concatenate([want[name][i] for i in real])
+    for name in CONTACT:
+        mine, theirs = [], []
+        for p, pair in enumerate(scene.pair_names):
+            for f, (left, right) in enumerate(contact_floors(rows[p], rows[p + 1])):
+                mine.append(float(got[name].sel(pair=pair, storey=right if left is None else left)))
+                theirs.append(want[name][p][f])
+        if want["law"] == "stereomechanical" and VARIABLES[name].of_force:
+            counts = [count for pair in want["impact_count"] for count in pair]
+            theirs = [None if count else 0.0 for count in counts]
+        result[name] = np.array(mine), np.array([np.nan if x is None else x for x in theirs], dtype=float)
+    for name, other in ((name, other) for name, other in BUILDING.items() if name in got):
+        result[name] = got[name].values, np.asarray(want[other])[real]
+    work = [float(np.sum(w)) for w in want["contact_work"]]
+    result["contact_work"] = (got["contact_work"].values if "contact_work" in got else np.array([])), np.array(work)
+    return result
+
+
+def errors(got, want, scene):
+    """Largest error of each variable, over its largest absolute value (works and transfers share one)."""
+    values = both(got, want, scene)
+    size = {name: np.max(np.abs(theirs), initial=0.0, where=~np.isnan(theirs)) for name, (_, theirs) in values.items()}
+    exchanged = ("contact_work", "energy_transfer_max", "energy_transfer_min")
+    size |= dict.fromkeys(exchanged, max(1e-4 * size["energy_input"], *(size[name] for name in exchanged)))
+    result = {}
+    for name, (mine, theirs) in values.items():
+        assert mine.shape == theirs.shape, name
+        assert np.array_equal(np.isnan(mine), np.isnan(theirs)), name
+        error = np.max(np.abs(mine - theirs), initial=0.0, where=~np.isnan(theirs))
+        result[name] = float(error / (size[name] or 1.0))
+    return result | (_of_links(got, want, scene) if scene.links else {}) | _of_foundations(got, want, scene)
+
+
+def _of_links(got, want, scene):
+    mine = [float(got.link_force_max.sel(pair=scene.pair_names[x.pair], storey=x.storey)) for x in scene.linked_floors]
+    theirs = [want["link_force"][x.pair][x.storey - 1] for x in scene.linked_floors]
+    assert np.isfinite(got.link_force_max).sum() == len(mine)
+    energy = abs(float(got.energy_links.sum()) / want["energy_of_links"] - 1.0)
+    return {"link_force_max": np.abs(np.array(mine) - theirs).max() / max(theirs), "energy_of_links": energy}
+
+
+def _of_foundations(got, want, scene):
+    found, based = {}, list(scene.foundations)
+    for side, name in enumerate(("foundation_sway_max", "foundation_rotation_max") if based else ()):
+        theirs = np.array([want["foundation"][b][side] for b in based])
+        found[name] = np.abs(got[name].values[based] / theirs - 1.0).max()
+        assert np.isfinite(got[name]).sum() == len(theirs)
+    return found
+
+
+def check_order(scene, method, names):
+    """Errors of these variables fall with the step at the scheme's own order."""
+    scheme, steps, total = SCHEMES[method], [2e-3, 1e-3, 5e-4, 2.5e-4], []
+    for dt in steps:
+        got = simulate(scene, "kelvin_voigt", method=method, dt=dt)
+        found = errors(got, truth(scene, "kelvin_voigt"), scene)
+        total.append(np.sqrt(np.mean([found[name] ** 2 for name in names])))
+    if scheme.flies_exactly:  # its series have no error that a step could make smaller
+        assert max(total) < 1e-9, total
+        return
+    slope = np.polyfit(np.log(steps), np.log(total), 1)[0]
+    assert 0.9 * scheme.order - 0.1 <= slope < scheme.order + 1.5, (slope, total)
+
+
+def check_energy(scene, method, *stores):
+    """The balance, with what else than the usual holds or loses energy, closes at the scheme's order; all runs."""
+    scheme, steps, runs = SCHEMES[method], (2e-3, 1e-3, 5e-4), []
+    for dt in steps:
+        one = simulate(scene, "kelvin_voigt", 151, method=method, dt=dt)
+        rest = one.input - one.transfer - sum(one[name] for name in ("damping", "strain", "kinetic", *stores))
+        assert np.abs(rest).max() < 1e-9
+        runs.append(one)
+    left = [float(one.energy_residual) for one in runs]
+    if scheme.flies_exactly:
+        assert max(left) < 1e-11, left
+        return runs
+    assert np.polyfit(np.log(steps), np.log(left), 1)[0] > scheme.order - 0.8, left
+    assert left[-1] < {4: 1e-7, 2: 2e-4}[scheme.order]
+    return runs
