@@ -36,14 +36,11 @@ def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np
     """Phase by which a scheme misses a building's first two modes (rad), the largest of all buildings."""
     h = record.dt / numerics.steps(record)
     variants = variants_of(row)
-    worst = np.zeros(len(variants))
-    for frequencies, decays in variants.systems:
-        for w, decay, weight in zip(frequencies.T, decays.T, (1.0, SECOND_MODE), strict=False):
-            memory = np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
-            x = w * h
-            share = numerics.scheme.phase_error(x, numerics.beta, numerics.gamma)
-            worst = np.maximum(worst, weight * w * memory * share)
-    return worst
+    w, decay = (np.concatenate([each[k][:, :2] for each in variants.systems], axis=1) for k in (0, 1))
+    weight = np.concatenate([(1.0, SECOND_MODE)[: each.shape[1]] for each, _ in variants.systems])
+    memory = np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
+    share = numerics.scheme.phase_error(w * h, numerics.beta, numerics.gamma)
+    return np.asarray((weight * w * memory * share).max(axis=1))
 
 
 def loses_ground(record: Record, numerics: Numerics) -> bool:

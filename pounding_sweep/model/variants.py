@@ -67,9 +67,9 @@ class Variants:
 
     def flights(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows whose motions without pounding differ from those before them, and of each row which of them it has."""
-        given = [self.period_factor, np.nan_to_num(self.damping_ratio, nan=-1.0)]
-        given += [self.mass_factor] if self.scene.links else []  # links are what they are
-        columns = np.column_stack(given).T
+        given = [*self.period_factor.T, np.where(np.isnan(self.damping_ratio), -1.0, self.damping_ratio)]
+        given += [*self.mass_factor.T] if self.scene.links else []  # links are what they are
+        columns = np.array([each for each in given if (each != each[0]).any()] or given[:1])
         order = np.lexsort(columns)
         new = np.append(True, np.any(columns[:, order[1:]] != columns[:, order[:-1]], axis=0))
         first, which = order[new], np.empty(len(order), np.int64)
@@ -83,6 +83,10 @@ class Variants:
         buildings = self.scene.buildings
         return np.repeat(np.arange(len(buildings)), [b.n_storeys for b in buildings])
 
+    def _times(self, own: np.ndarray, factor: np.ndarray) -> np.ndarray:
+        """Properties of floors times a factor of their buildings, shape (n, floors), each floor's side by side."""
+        return np.asarray(own[:, None] * factor.T[self._owner]).T
+
     @property
     def stiffness_factor(self) -> np.ndarray:
         """Factor on all storey stiffnesses, shape (n, buildings)."""
@@ -91,14 +95,13 @@ class Variants:
     @cached_property
     def masses(self) -> np.ndarray:
         """Floor masses (t), shape (n, floors)."""
-        own = np.concatenate([b.masses for b in self.scene.buildings])
-        return np.asarray(own * self.mass_factor[:, self._owner])
+        return self._times(np.concatenate([b.masses for b in self.scene.buildings]), self.mass_factor)
 
     @cached_property
     def stiffnesses(self) -> np.ndarray:
         """Lateral storey stiffnesses (kN/m), with P-Delta less P / h, shape (n, floors)."""
         own = np.concatenate([b.lateral_stiffnesses for b in self.scene.buildings])
-        return np.asarray(own * self.stiffness_factor[:, self._owner])
+        return self._times(own, self.stiffness_factor)
 
     @cached_property
     def geometric_stiffnesses(self) -> np.ndarray:
@@ -175,7 +178,8 @@ class Variants:
 
     @cached_property
     def _frequencies(self) -> list[np.ndarray]:
-        return [b.frequencies / self.period_factor[:, i, None] for i, b in enumerate(self.scene.buildings)]
+        buildings = enumerate(self.scene.buildings)
+        return [(b.frequencies[:, None] / self.period_factor[:, i]).T for i, b in buildings]  # each mode's side by side
 
     @cached_property
     def systems(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -248,19 +252,21 @@ class Variants:
 
     def rayleigh(self, building: int) -> tuple[np.ndarray, np.ndarray]:
         """Factors (a, b) of C = a M + b K of a building (1/s, s), shape (n,) each."""
-        return self._rayleigh[building]
+        a, b = self.rayleigh_factors
+        return a[:, building], b[:, building]
 
     @cached_property
-    def _rayleigh(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        return [self._rayleigh_of(building) for building in range(len(self.scene.buildings))]
-
-    def _rayleigh_of(self, building: int) -> tuple[np.ndarray, np.ndarray]:
-        item, period = self.scene.buildings[building], self.period_factor[:, building]
-        own, unit = item.rayleigh, rayleigh_factors(item.on_fixed_base.frequencies, (1.0, 1.0))
-        given = np.isnan(self.damping_ratio)
-        a = np.where(given, own[0], self.damping_ratio * unit[0]) / period
-        b = np.where(given, own[1], self.damping_ratio * unit[1]) * period
-        return np.asarray(a), np.asarray(b)
+    def rayleigh_factors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Factors (a, b) of C = a M + b K of all buildings (1/s, s), shape (n, buildings) each."""
+        buildings = self.scene.buildings
+        own = np.array([each.rayleigh for each in buildings]).T
+        unit = np.array([rayleigh_factors(each.on_fixed_base.frequencies, (1.0, 1.0)) for each in buildings]).T
+        a, b = (self.damping_ratio[:, None] * each for each in unit)
+        for found, each in ((a, own[0]), (b, own[1])):
+            np.copyto(found, each, where=np.isnan(self.damping_ratio)[:, None])
+        a /= self.period_factor
+        b *= self.period_factor
+        return a, b
 
     def contact_mass(self, contact: int) -> np.ndarray:
         """Effective mass of a contact (t), shape (n,): the floor's own at a wall."""
