@@ -7,8 +7,8 @@ import pytest
 from benchmarks.axes import AXES, relative_throughput
 
 #: Least share of a gap sweep's scenarios per second. Scenarios of other gaps share one motion without pounding; where
-#: each has one of its own, as along periods and damping, finding that motion costs once or twice what the impacts do.
-LEAST = {"building.left.period_factor": 0.33, "damping_ratio": 0.25}
+#: each has one of its own, as along periods and damping, finding that motion costs as much as the impacts do.
+LEAST = {"building.left.period_factor": 0.45, "damping_ratio": 0.36}
 OTHERS = 0.55
 
 

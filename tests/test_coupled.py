@@ -159,9 +159,10 @@ def test_free_decay_keeps_within_its_bounds(seed, dashpot, damping, log_turn):
     fixed, decays = fixed_tables(layout, variants_of(scene), np.zeros(3), h, "float64")
     table = flight_tables(layout, 3, fixed)
     flight = Flight(make_group(kernel.shape, None, width("float64"), kernel.constants), table, 3)
+    flight.base.now = layout.base(0, 3)
     flight.put_decays(None, decays, HEAD + 3)
     n, count = scene.n_dof, len(layout.watched)
-    view = {name: layout.view(table, name, 3) for name in layout.fixed}
+    view = {name: layout.view(table, name, 3) for name in (*layout.shared, *layout.fixed)}
     rng = np.random.default_rng(seed)
     x = rng.standard_normal(2 * n) * 10.0 ** rng.uniform(-2, 2, 2 * n) / energy_scales(scene)
     by = [view[name].reshape(n, -1)[:, :n] for name in ("modal", "modal_qv", "modal_pu", "modal_pv")]
@@ -337,7 +338,8 @@ def test_rows_without_them_ask_for_the_kernel_that_they_had():
     plain, tied = (kernel_shape(each, LAWS["linear"], numerics, reducers_for(EVERY)) for each in (pair(), TIED))
     assert (plain.coupled, tied.coupled) == (False, True)
     mine, other = (Layout(make_group(each, None, 8, None)) for each in (plain, tied))
-    assert set(other.fixed) - set(mine.fixed) == {
+    assert {*other.fixed, *other.shared} - {*mine.fixed, *mine.shared} == {
+        "bulge",
         "shape_rate",
         "across_rate",
         "floors_up",

@@ -47,9 +47,9 @@ def tables_of(scene, ground, h, outputs=EVERY):
     tables = flight_tables(layout, len(ground), fixed)
     flight = Flight(make_group(kernel.shape, None, width("float64"), None), tables, len(ground))
     for i in range(len(variants)):
-        flight.base.now = i * layout.size(len(ground))
+        flight.base.now = layout.base(i, len(ground))
         flight.put_decays(None, decays, HEAD + len(ground) + i * len(layout.decays) * layout.wide_modes)
-    return layout, tables.reshape(len(variants), -1)
+    return layout, tables
 
 
 def filled(scene, ground, h):
@@ -96,9 +96,9 @@ def test_modes_decay_as_the_matrix_exponential_says(storeys, ratio, log_turn, fa
     h = 10.0**log_turn / float(scene.buildings[0].frequencies[-1])
     layout, tables = tables_of(variants, np.zeros(5), h, ("displacement_max",))
     n = len(masses)
-    for table, other in zip(tables, scenes_of(variants), strict=True):
-        advance = layout.view(table, "advance", 5).reshape(layout.lanes + 1, 4, -1)[..., :n]
-        floors, modal = (layout.view(table, name, 5).reshape(n, -1)[:, :n] for name in ("floors", "modal"))
+    for i, other in enumerate(scenes_of(variants)):
+        advance = layout.view(tables, "advance", 5, i).reshape(layout.lanes + 1, 4, -1)[..., :n]
+        floors, modal = (layout.view(tables, name, 5).reshape(n, -1)[:, :n] for name in ("floors", "modal"))
         w = float(other.buildings[0].frequencies[-1])
         for k, steps in ((1, 1), (3, 3), (layout.lanes, WIDE)):
             want = by_exponential(other.buildings[0], h * steps)
@@ -116,7 +116,7 @@ def test_critical_damping_is_no_special_case():
         spring = Building("a", [1.0], [w**2], damping_ratio=0.5)
         variants = Variants(Scene([spring]), np.ones((1, 1)), np.ones((1, 1)), np.array([ratio]))
         layout, tables = tables_of(variants, np.zeros(3), h)
-        found = layout.view(tables[0], "advance", 3).reshape(layout.lanes + 1, 4, -1)[1, :, 0].reshape(2, 2)
+        found = layout.view(tables, "advance", 3).reshape(layout.lanes + 1, 4, -1)[1, :, 0].reshape(2, 2)
         free = expm(np.array([[0.0, 1.0], [-(w**2), -2.0 * ratio * w]]) * h)
         np.testing.assert_allclose(found, free, rtol=1e-12)
 
@@ -182,20 +182,19 @@ def test_blocks_bound_what_is_watched_in_them(alike):
             own = slice(at, at := at + len(mass))
             forces.append(-np.linalg.solve(mass, damping @ v[:, own].T + stiffness @ u[:, own].T).T)
         x = np.where(shaken, np.concatenate(forces, axis=1) @ weights.T, u @ weights.T)
-        table = tables[i * layout.size(stops) :]
         bounds = {
-            name: layout.view(table, name, stops).reshape(stops, -1)[:, : len(shaken)]
+            name: layout.view(tables, name, stops, i).reshape(stops, -1)[:, : len(shaken)]
             for name in ("most", "least", "swell")
         }
         for block in range(stops):
             here = x[4 * block * blocks.length : 4 * (block + 1) * blocks.length + 1]
-            room = 18.0 * bounds["swell"][block] + 1e-9 * np.abs(x).max(axis=0)  # at both ends 9 times one of a step
+            room = 2.0 * bounds["swell"][block] + 1e-9 * np.abs(x).max(axis=0)
             assert (here.max(axis=0) <= bounds["most"][block]).all()
             assert (here.min(axis=0) >= bounds["least"][block]).all()
             assert (bounds["most"][block] <= here.max(axis=0) + room).all()
             assert (bounds["least"][block] >= here.min(axis=0) - room).all()
-        flight.base.now = i * layout.size(stops)
-        floors = layout.view(table, "floors", stops).reshape(layout.modes, -1)[:, : layout.modes]
+        flight.base.now = layout.base(i, stops)
+        floors = layout.view(tables, "floors", stops).reshape(layout.modes, -1)[:, : layout.modes]
         for block in (stops - 1, 0):
             blocks.know(block)
             many = min(blocks.length, points - 1 - block * blocks.length) + 1
@@ -215,12 +214,15 @@ def test_free_decay_keeps_within_its_bounds(seed, ratio, log_turn):
     variants = some_variants(scene, 3, seed)[np.array([2])]
     variants.damping_ratio[:] = ratio
     h = 10.0**log_turn / max(float(variants.frequencies(b).max()) for b in range(2))
-    layout, (table,) = tables_of(variants, np.zeros(3), h)
+    layout, table = tables_of(variants, np.zeros(3), h)
     n, count = layout.modes, len(layout.watched)
     assert {each.kind for each in layout.watched} == {TOUCH, TURN, ACCELERATION}
-    view = {name: layout.view(table, name, 3) for name in layout.fixed}
+    view = {name: layout.view(table, name, 3) for name in (*layout.shared, *layout.fixed)}
     shape = view["shape"].reshape(count, n)
-    bound, bulge = (view[name].reshape(n, -1)[:, :count] for name in ("bound", "bulge"))
+    bound, bulge = (
+        sum(view[name].reshape(n, -1)[:, :count] * (view[factor][:n, None] if factor else 1.0) for name, factor in each)
+        for each in (layout.bounds, layout.bulges)
+    )
     w, c = np.sqrt(view["square"][:n]) / h, view["damping"][:n] / h
     q, p = (
         rng.standard_normal(n) * 10.0 ** rng.uniform(-3, 3, n) / w,

@@ -1,19 +1,7 @@
 """Tables of free flight, of any number of variants of a scene at once.
 
-Between impacts a building is linear, and the ground acceleration is linear
-between record points; over a step h the state x = (q, q') of a mode then moves by
-
-    x' = A x + p g0 + q g1
-
-without error at any h (Nigam & Jennings 1969). Rayleigh damping leaves the modes
-apart, so that A, p and q follow from functions of a 2 x 2 matrix per mode:
-
-    Z = [[0, 1], [-(w h)**2, -2 zeta w h]],    exp(Z),    phi1(Z), phi2(Z)
-
-with phi1(z) = (e**z - 1) / z and phi2(z) = (e**z - 1 - z) / z**2. By Cayley and
-Hamilton each of them is f0 + f1 Z with two real numbers, found from the power
-series of a halved Z and by doubling it again: one formula for modes that are
-under-, critically and over-damped.
+What a kernel is given of them; it fills in how modes decay and what moves, by
+`pounding_sweep.kernel.modal_steps`.
 """
 
 from __future__ import annotations
@@ -22,19 +10,18 @@ import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from pounding_sweep.engine.kernel import MARGIN
 from pounding_sweep.kernel.flight import ACCELERATION, STATE, TO_FLOORS, TO_MODES, WIDE, Layout
-from pounding_sweep.kernel.flight_blocks import BUNDLE
 from pounding_sweep.kernel.flight_energies import nodes
+from pounding_sweep.kernel.modal_steps import step
 from pounding_sweep.model.coupled_modes import CoupledModes, coupled_modes
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants
-
-#: Largest frequency or damping, times the step, for which the series is summed, and its number of terms:
-#: 0.5**16 / 16! is below the last place.
-_SMALL, _TERMS = 0.5, 16
 
 #: Most points of the grid in a long step.
 LONGEST = 4
@@ -44,8 +31,21 @@ _KEPT = threading.local()
 #: Filled tables that a thread keeps for its next calls, at most (bytes).
 FILLED_BYTES = 1 << 24
 
-#: f0 + f1 Z
-_Function = tuple[np.ndarray, np.ndarray]
+
+@dataclass(frozen=True, eq=False)
+class Fixed:
+    """What of the tables of rows of buildings holds at any time.
+
+    Attributes
+    ----------
+    shared : ndarray
+        The same of all rows of buildings.
+    own : ndarray, shape (rows, numbers)
+        Those of each.
+    """
+
+    shared: np.ndarray
+    own: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -59,57 +59,30 @@ class _Modes:
     #: Mass of the building's first floor (t), as the scene has it; NaN where modes are coupled.
     first_mass: np.ndarray | float = math.nan
 
-    def step(self, h: float) -> tuple[np.ndarray, np.ndarray]:
-        """Motion over one step of `h` (s), as rows of four numbers of each mode, shape (4, variants, modes).
-
-        exp(F h), row by row, and what the ground adds: q, q' by its start, q, q' by its end.
-        """
-        square, damping = (self.w * h) ** 2, self.c * h
-        (e0, e1), (p0, p1), (q0, q1) = _functions(square, damping)
-        over = np.stack([e0, h * e1, -(self.w**2) * h * e1, e0 - damping * e1])
-        added = []
-        for f0, f1 in ((p0 - q0, p1 - q1), (q0, q1)):
-            added += [-(h**2) * f1, -h * (f0 - damping * f1)]
-        return over, np.stack(added) * self.participation
-
-    def compact(self) -> tuple[_Modes, Callable[[dict[str, np.ndarray], list[str]], np.ndarray]]:
-        """Return modes that are the same in all variants once, in one row with all others, and what spreads values."""
-        shape = self.w.shape
-        given = [np.broadcast_to(each, shape) for each in (self.w, self.c, self.participation, self.first_mass)]
-        varies = np.any([(each[1:] != each[:1]).any(axis=0) for each in (self.w, self.c, self.participation)], axis=0)
-
-        def spread(found: dict[str, np.ndarray], names: list[str]) -> np.ndarray:
-            """Return values of those names of all modes, shape (names, variants, modes)."""
-            values, each = np.empty((len(names), *shape)), np.concatenate([found[name] for name in names])
-            many = shape[0] * int(varies.sum())
-            values[:, :, varies] = each[:, :many].reshape(len(names), shape[0], -1)
-            values[:, :, ~varies] = each[:, None, many:]
-            return values
-
-        return _Modes(*(np.concatenate([x[:, varies].ravel(), x[0, ~varies]])[None] for x in given)), spread
+    def step(self, h: float) -> dict[str, np.ndarray]:
+        """Motion over one step of `h` (s), shape (variants, modes) each."""
+        return step(None, self.w, self.c, self.participation, h)
 
 
-def room_for_tables(layout: Layout, stops: int, count: int, precision: str) -> np.ndarray:
-    """Room for the tables of flight of so many rows of buildings, until the thread's next call."""
-    return _room(count * int(layout.size(stops)), precision, precision)
-
-
-def flight_tables(layout: Layout, stops: int, fixed: np.ndarray, stay: bool = False) -> np.ndarray:
+def flight_tables(layout: Layout, stops: int, fixed: Fixed, stay: bool = False) -> np.ndarray:
     """Return tables of flight over so many points or blocks, with all that a kernel does not fill in itself."""
     # those that do not `stay` stand until the thread's next call
-    precision, numbers = str(fixed.dtype), len(fixed) * int(layout.size(stops))
-    tables = np.empty(numbers, precision) if stay else room_for_tables(layout, stops, len(fixed), precision)
-    tables.reshape(len(fixed), -1)[:, : layout.given] = fixed
+    precision, count = str(fixed.own.dtype), len(fixed.own)
+    rows = -(-count // layout.lanes) * layout.lanes if layout.strides else count  # filled side by side in lanes
+    numbers = layout.start + rows * int(layout.size(stops))
+    tables = np.empty(numbers, precision) if stay else _room(numbers, precision, precision)
+    tables[: layout.start] = fixed.shared
+    tables[layout.start :].reshape(rows, -1)[:count, : layout.given] = fixed.own
     return tables
 
 
-def filled_tables(fixed: np.ndarray) -> np.ndarray | None:
+def filled_tables(fixed: Fixed) -> np.ndarray | None:
     """Return the tables that a call of this thread has filled with these `fixed` ones, if they are still there."""
-    kept: list[tuple[np.ndarray, np.ndarray]] = getattr(_KEPT, "filled", [])
+    kept: list[tuple[Fixed, np.ndarray]] = getattr(_KEPT, "filled", [])
     return next((tables for of, tables in kept if of is fixed), None)
 
 
-def keep_tables(fixed: np.ndarray, tables: np.ndarray) -> None:
+def keep_tables(fixed: Fixed, tables: np.ndarray) -> None:
     """Keep tables that are filled, the latest of this thread that find room."""
     kept = [(fixed, tables), *((of, those) for of, those in getattr(_KEPT, "filled", []) if of is not fixed)]
     while sum(those.nbytes for _, those in kept) > FILLED_BYTES:
@@ -118,78 +91,86 @@ def keep_tables(fixed: np.ndarray, tables: np.ndarray) -> None:
 
 
 def fixed_tables(
-    layout: Layout,
-    row: Variants,
-    ground: np.ndarray,
-    h: float,
-    precision: str,
-    substeps: int = 1,
-    room: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+    layout: Layout, row: Variants, ground: np.ndarray, h: float, precision: str, substeps: int = 1
+) -> tuple[Fixed, np.ndarray]:
     """Return what of the tables of all variants holds at any time, and what a kernel fills the others from."""
-    # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`;
-    # `room`: of whole tables, which the first lie in then
-    scene, n, count, q = row.scene, layout.modes, len(row), len(layout.watched)
+    # `ground`: accelerations (m/s2) at all points of a grid of step `h` (s), linear between every one of `substeps`
     coupled = coupled_modes(row, precision) if layout.coupled else None
-    modes, floors = _modes(row) if coupled is None else (_Modes(coupled.w, coupled.c, coupled.push), None)
-    tables = np.empty((count, layout.given), precision) if room is None else room.reshape(count, -1)[:, : layout.given]
-    tables[:] = 0.0
+    if coupled is None:
+        shared, push, first_masses = _shared_tables(layout, row.scene, h, precision)
+        every = range(len(row.scene.buildings))
+        w = np.concatenate([row.frequencies(b).T for b in every]).T  # each mode's side by side
+        a, b = (
+            np.repeat(each.T, [b.n_storeys for b in row.scene.buildings], axis=0).T for each in row.rayleigh_factors
+        )
+        modes = _Modes(w, a + b * w**2, push, first_masses)
+    else:
+        shared, modes = np.zeros(layout.start, precision), _Modes(coupled.w, coupled.c, coupled.push)
+    fixed = Fixed(shared, np.zeros((len(row), layout.given), precision))
 
-    def put(name: str, values: np.ndarray, times: np.ndarray | float = 1.0) -> None:
-        """Put in values of shape (variants or 1, ..., columns), padded to the width of the table."""
-        at = layout.first[name]
-        where = tables[:, at : at + layout.fixed[name]].reshape(count, *values.shape[1:-1], -1)
-        np.multiply(values, times, out=where[..., : values.shape[-1]], casting="same_kind")
+    def put(name: str, values: np.ndarray) -> None:
+        """Put in values of each row of buildings, shape (variants, ..., columns), padded to the width of the table."""
+        _put(layout, name, fixed.own, values)
 
     w, c = modes.w, modes.c
-    put("step", np.array([[h]]))
-    put("inverse", np.array([[1.0 / h**2]]))
     put("slowness", 1.0 / w)
     put("square", (w * h) ** 2)
     put("damping", c * h)
-    put("push", modes.participation * h**2)
-    kinds = np.array([each.kind for each in layout.watched], int)
-    put("sized", np.array([[each.sized for each in layout.watched]], float))
-    put("shaken", (kinds == ACCELERATION)[None].astype(float))
     if coupled is not None:
+        _put_shared(layout, shared, h)
+        put("push", modes.participation * h**2)
         _put_coupled(layout, row, coupled, h, precision, put)
-        return tables, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, _decays(layout, modes, h)[0]])
-    assert floors is not None
-    masses = np.concatenate([b.masses for b in scene.buildings])
-    put("floors", floors.T[None])
-    put("modal", (floors * masses[:, None])[None])
-    shape = np.array([each.weights for each in layout.watched]).reshape(q, n) @ floors
-    if q:
-        put("shape", shape[None])
-    if q and "across" in layout.fixed:
-        put("across", shape.T[None])
+        return fixed, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, _decays(layout, modes, h)])
     # what a mode of unit amplitude reaches at most, and its second and fourth rates: see the theory
     ratio, square = c / w, w**2
     near = np.sqrt(1.0 + ratio**2)
     far = np.sqrt(near**2 + (1.0 + ratio * near) ** 2)
-    shakes = kinds == ACCELERATION
-    widened = np.abs(shape.T)[None] * (1.0 + 10.0 * MARGIN[precision])
+    put("bend", square * near * (h**2 / 8.0))
+    put("missed", square * far * (h**2 / 48.0))
+    if "shake" in layout.fixed:
+        put("shake", square * near)
+        put("shake_bend", square**2 * near * far * (h**2 / 8.0))
+    if layout.strides:
+        return fixed, _in_lanes(layout, modes, ground, h, substeps)
+    return fixed, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, _decays(layout, modes, h)])
 
-    def weighed(shaken: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        return np.where(shakes, shaken[:, :, None], moved[:, :, None]) if shakes.any() else moved[:, :, None]
 
-    put("bound", widened, weighed(square * near, np.ones((1, n))))
-    put("bulge", widened, weighed(square**2 * near * far * (h**2 / 8.0), square * near * (h**2 / 8.0)))
-    missed, remainder = square * far * (h**2 / 48.0), np.zeros((count, q))
-    mine = [tuple(np.flatnonzero(each).tolist()) for each in widened[0].T]
-    for part in set(mine):
-        remainder[:, [each == part for each in mine]] = missed[:, list(part)].max(axis=1, initial=0.0, keepdims=True)
-    put("remainder", remainder)
-    stride = stride_of(substeps)
-    own, strides = _decays(layout, modes, h, stride)
-    if not layout.strides:
-        return tables, np.concatenate([[h, 1.0 / h, 1.0, WIDE], ground, own])
-    block = layout.block // stride * stride
-    parts = np.array([h, 1.0 / (stride * h), stride, block]), ground, own, strides
-    numbers, states = sum(len(part) for part in parts), len(strides) // len(layout.strides) * STATE
-    decays = _room(numbers + states * stops_of(layout, len(ground), substeps) + STATE * layout.wide_modes, "decays")
-    np.concatenate(parts, out=decays[:numbers])
-    return tables, decays
+def _put(layout: Layout, name: str, tables: np.ndarray, values: np.ndarray) -> None:
+    """Put values into a table of a name, padded to its width; shape (rows of buildings, ..., columns)."""
+    width = layout.fixed.get(name) or layout.shared[name]
+    where = tables[:, layout.first[name] : layout.first[name] + width]
+    where.reshape(*values.shape[:-1], -1)[..., : values.shape[-1]] = values
+
+
+def _put_shared(layout: Layout, shared: np.ndarray, h: float, **by_modes: np.ndarray) -> None:
+    """Put in what is the same of all rows of buildings."""
+    values: dict[str, Any] = {"step": [h], "inverse": [1.0 / h**2], **by_modes}
+    values |= {"sized": [float(each.sized) for each in layout.watched]}
+    values |= {"shaken": [float(each.kind == ACCELERATION) for each in layout.watched]}
+    for name, each in values.items():
+        if name in layout.shared and np.size(each):
+            _put(layout, name, shared[None], np.asarray(each)[None])
+
+
+@lru_cache(maxsize=16)
+def _shared_tables(layout: Layout, scene: Scene, h: float, precision: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what all variants of a scene share; what pushes their modes; masses of first floors."""
+    buildings, storeys = scene.buildings, [b.n_storeys for b in scene.buildings]
+    floors, at = np.zeros((sum(storeys), sum(storeys))), 0
+    for building in buildings:
+        here = slice(at, at := at + building.n_storeys)
+        floors[here, here] = building.modes[1]
+    masses = np.concatenate([b.masses for b in buildings])
+    push, first = masses @ floors, np.repeat([b.masses[0] for b in buildings], storeys)
+    shape = np.array([each.weights for each in layout.watched]).reshape(-1, sum(storeys)) @ floors
+    shakes = np.array([each.kind == ACCELERATION for each in layout.watched], bool)
+    widened = np.abs(shape.T) * (1.0 + 10.0 * MARGIN[precision])
+    by_modes = {"push": push * h**2, "floors": floors.T, "modal": floors * masses[:, None]}
+    by_modes |= {"shape": shape, "across": shape.T}
+    by_modes |= {"bound": np.where(shakes, 0.0, widened), "bound_shaken": np.where(shakes, widened, 0.0)}
+    shared = np.zeros(layout.start, precision)
+    _put_shared(layout, shared, h, **by_modes)
+    return shared, push[None], first[None]
 
 
 def _put_coupled(
@@ -224,7 +205,7 @@ def _put_coupled(
     put("bound", reach[0])
     put("bulge", reach[1] * (h**2 / 8.0))
     missed = np.where(reach[0] > 0.0, np.linalg.norm(twice, 2, axis=(2, 3))[:, :, None] * (h**2 / 48.0), 0.0)
-    put("remainder", missed.max(axis=1, initial=0.0))
+    put("missed", missed.max(axis=2, initial=0.0))
     if layout.powers:
         put("powers", _power_shapes(layout, row, modes).reshape(len(w), -1))
         put("nodes", _node_steps(layout, _Modes(w, c, modes.push), h).reshape(len(w), -1))
@@ -254,9 +235,10 @@ def _node_steps(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
     """How modes move from a point to each Gauss node of the step, shape (variants, modes, nodes, numbers)."""
     found = []
     for share in nodes(layout.nodes)[0]:
-        over, (q0, p0, q1, p1) = modes.step(share * h)
+        a = modes.step(share * h)
+        (q0, q1), (p0, p1) = ((a[f"{name}0"], a[f"{name}1"]) for name in "qp")
         ground = [(q0 + (1.0 - share) * q1, share * q1), (p0 + (1.0 - share) * p1, share * p1)]
-        found.append(np.stack([over[0], over[1] / h, *ground[0], over[2], over[3] / h, *ground[1]], axis=2))
+        found.append(np.stack([a["qq"], a["qp"] / h, *ground[0], a["pq"], a["pp"] / h, *ground[1]], axis=2))
     return np.stack(found, axis=2)
 
 
@@ -282,64 +264,40 @@ def _room(numbers: int, name: str, precision: str = "float64") -> np.ndarray:
     return kept[:numbers]
 
 
-def _modes(row: Variants) -> tuple[_Modes, np.ndarray]:
-    """Return the modes of all buildings, and their shapes, shape (floors, modes)."""
-    n = sum(b.n_storeys for b in row.scene.buildings)
-    floors = np.zeros((n, n))
-    w, c, taken, first, at = [], [], [], [], 0
-    for index, building in enumerate(row.scene.buildings):
-        w.append(row.frequencies(index))
-        a, b = row.rayleigh(index)
-        c.append(a[:, None] + b[:, None] * w[-1] ** 2)
-        here = slice(at, at := at + building.n_storeys)
-        floors[here, here] = building.modes[1]
-        taken.append(np.asarray(building.masses) @ building.modes[1])
-        first += [building.masses[0]] * building.n_storeys
-    modes = _Modes(np.concatenate(w, 1), np.concatenate(c, 1), np.concatenate(taken)[None], np.array(first)[None])
-    return modes, floors
-
-
-def _decays(layout: Layout, modes: _Modes, h: float, stride: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of modes from which a kernel finds the motion without pounding, of each variant; those of `_strides`."""
-    modes, spread = modes.compact()
+def _decays(layout: Layout, modes: _Modes, h: float) -> np.ndarray:
+    """Rows of modes from which a kernel finds the motion without pounding, of each variant."""
     w, c = modes.w, modes.c
-    a, pushed = modes.step(h)
-    bends = {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
-    found = _moves(a, pushed) | bends
+    a = modes.step(h)
+    found = a | {"square": w**2, "damping": c, "slowness": 1.0 / w, "push": modes.participation}
     if "weight" in layout.decays:  # energies of a unit mass at the first floor
         weight, area = -modes.participation / modes.first_mass, 1.0 / (h * w**2)
         found |= {"weight": weight, "area": area}
-        found |= {"adjoint_q": weight * (a[0] - 1.0), "adjoint_p": weight * a[1]}
+        found |= {"adjoint_q": weight * (a["qq"] - 1.0), "adjoint_p": weight * a["qp"]}
         found |= {
-            "adjoint_rise_q": weight * (a[0] + area * (a[2] + c * (a[0] - 1.0))),
-            "adjoint_rise_p": weight * (a[1] + area * (a[3] - 1.0 + c * a[1])),
+            "adjoint_rise_q": weight * (a["qq"] + area * (a["pq"] + c * (a["qq"] - 1.0))),
+            "adjoint_rise_p": weight * (a["qp"] + area * (a["pp"] - 1.0 + c * a["qp"])),
         }
-    values = spread(found, layout.decays)
-    rows = np.zeros((values.shape[1], len(layout.decays), layout.wide_modes))
-    rows[:, :, : layout.modes] = values.transpose(1, 0, 2)
-    if not layout.strides:
-        return rows.ravel(), np.empty(0)
-    long = _moves(*modes.step(stride * h)) if stride > 1 else found
-    long = long | bends | {"heft": w**2 * np.sqrt(1.0 + (c / w) ** 2)}
-    return rows.ravel(), _strides(layout, spread(long, layout.strides[:-1]))
-
-
-def _moves(over: np.ndarray, added: np.ndarray) -> dict[str, np.ndarray]:
-    """Numbers of a step by their names."""
-    return dict(zip(("qq", "qp", "pq", "pp", "q0", "p0", "q1", "p1"), (*over, *added), strict=True))
-
-
-def _strides(layout: Layout, values: np.ndarray) -> np.ndarray:
-    """Rows of variants side by side in lanes, from which a kernel finds their motion in long steps."""
-    lanes, (names, count, modes) = layout.lanes, values.shape
-    groups = -(-count // lanes)
-    those = np.minimum(np.arange(groups * lanes), count - 1)  # idle lanes repeat the last one
-    rows = np.ones((groups, names + 1, modes, lanes))
-    rows[:, :-1] = values[:, those].reshape(names, groups, lanes, modes).transpose(1, 0, 3, 2)
-    # modes that move otherwise than those of the group before, or are the first of all that are filled together
-    rows[1:, -1] = (rows[1:, :-1] != rows[:-1, :-1]).any(axis=(1, 3))[..., None]
-    rows[::BUNDLE, -1] = 1.0
+    rows = np.zeros((len(w), len(layout.decays), layout.wide_modes))
+    for k, name in enumerate(layout.decays):
+        rows[:, k, : layout.modes] = found[name]
     return rows.ravel()
+
+
+def _in_lanes(layout: Layout, modes: _Modes, ground: np.ndarray, h: float, substeps: int) -> np.ndarray:
+    """Return what a kernel finds the motions of variants from, side by side in lanes, and room for what it finds."""
+    lanes, n, (count, _) = layout.lanes, layout.modes, modes.w.shape
+    stride, groups, names = stride_of(substeps), -(-count // lanes), len(layout.strides)
+    head = [h, 1.0 / (stride * h), stride, layout.block // stride * stride, *ground, *modes.participation[0]]
+    head += [0.0] * (layout.wide_modes - n)
+    numbers = groups * n * lanes * (names + STATE * stops_of(layout, len(ground), substeps))
+    numbers += (groups * lanes * len(layout.decays) + STATE) * layout.wide_modes
+    found = _room(len(head) + numbers, "decays")
+    found[: len(head)], found[-STATE * layout.wide_modes :] = head, 0.0
+    rows = found[len(head) :][: groups * names * n * lanes].reshape(groups, names, n, lanes)
+    those = np.minimum(np.arange(groups * lanes), count - 1)  # idle lanes repeat the last one
+    for k, each in enumerate((modes.w, modes.c)):
+        rows[:, k] = each.T[:, those].reshape(n, groups, lanes).transpose(1, 0, 2)
+    return found
 
 
 def stride_of(substeps: int) -> int:
@@ -353,35 +311,3 @@ def stops_of(layout: Layout, points: int, substeps: int) -> int:
         return points
     stride = stride_of(substeps)
     return -(-(points - 1) // (layout.block // stride * stride))
-
-
-def _functions(square: np.ndarray, damping: np.ndarray) -> tuple[_Function, _Function, _Function]:
-    """exp, phi1 and phi2 of Z = [[0, 1], [-square, -damping]], elementwise."""
-    # each by its own number of halvings, so that none depends on those beside it
-    largest = np.maximum(np.maximum(np.sqrt(square), damping), _SMALL)
-    halvings = np.ceil(np.log2(largest / _SMALL)).astype(int)
-    scale = 0.5**halvings
-    s, c = square * scale**2, damping * scale
-
-    def times(f: _Function, g: _Function) -> _Function:  # Z**2 = -c Z - s
-        both = f[1] * g[1]
-        return f[0] * g[0] - s * both, f[0] * g[1] + f[1] * g[0] - c * both
-
-    # Horner's rule for phi2, whose series is sum Z**i / (i + 2)!; the others follow from it
-    f0, f1 = np.full_like(s, 1.0 / math.factorial(_TERMS + 1)), np.zeros_like(s)
-    for i in range(_TERMS - 2, -1, -1):
-        f0, f1 = 1.0 / math.factorial(i + 2) - s * f1, f0 - c * f1
-    phi2 = f0, f1
-    phi1 = 1.0 - s * f1, f0 - c * f1
-    grown = 1.0 - s * phi1[1], phi1[0] - c * phi1[1]
-    for k in range(int(halvings.max(initial=0))):
-        more = halvings > k
-        (a0, a1), (b0, b1) = times(phi1, phi1), times(grown, phi1)
-        phi2 = _where(more, (0.25 * (a0 + 2.0 * phi2[0]), 0.25 * (a1 + 2.0 * phi2[1])), phi2)
-        phi1 = _where(more, (0.5 * (b0 + phi1[0]), 0.5 * (b1 + phi1[1])), phi1)
-        grown = _where(more, times(grown, grown), grown)
-    return (grown[0], grown[1] * scale), (phi1[0], phi1[1] * scale), (phi2[0], phi2[1] * scale)
-
-
-def _where(condition: np.ndarray, a: _Function, b: _Function) -> _Function:
-    return np.where(condition, a[0], b[0]), np.where(condition, a[1], b[1])

@@ -142,12 +142,12 @@ class Scenarios:
         Rows of `LANES` scenarios, one after another.
     count : Count or int
         How many scenarios there are.
-    size : Count or int
-        Numbers of the tables of one row of buildings.
+    base : callable
+        Where the tables of a row of buildings begin, by its number.
     """
 
-    def __init__(self, group: Group, inputs: Rows, results: Rows, count: Any, size: Any) -> None:
-        self._group, self._inputs, self._results, self.count, self._size = group, inputs, results, count, size
+    def __init__(self, group: Group, inputs: Rows, results: Rows, count: Any, base: Callable[[Any], Any]) -> None:
+        self._group, self._inputs, self._results, self.count, self._base = group, inputs, results, count, base
 
     def _each(self, rows: Rows, number: Any) -> Iterator[tuple[Any, Any]]:
         """Go through the rows of a scenario: the row of the state, and its own."""
@@ -172,10 +172,10 @@ class Scenarios:
     def tables(self, number: Any) -> Any:
         """Where the tables of a scenario's row of buildings begin."""
         if "tables" not in self._inputs:
-            return number * 0
+            return self._base(number * 0)
         column = number - number // LANES * LANES
         at = number // LANES * self._inputs.size + self._inputs.first["tables"]
-        return rounded(self._inputs.lane(at, column)) * self._size
+        return self._base(rounded(self._inputs.lane(at, column)))
 
 
 def make_flights(
@@ -202,7 +202,7 @@ def make_flights(
         for slots, name in ((input_slots(group.spec), "inputs"), (output_slots(group.spec), "results"))
     )
     stops = flight.blocks.blocks if group.spec.blocks else points
-    those = Scenarios(group, given, found, scenarios, flight.layout.size(stops))
+    those = Scenarios(group, given, found, scenarios, lambda row: flight.layout.base(row, stops))
     return Flights(group, ground, flight, those, course, fill, rows[1], note)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -11,14 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.engine.flight import (
-    filled_tables,
-    fixed_tables,
-    flight_tables,
-    keep_tables,
-    room_for_tables,
-    stops_of,
-)
+from pounding_sweep.engine.flight import Fixed, filled_tables, fixed_tables, flight_tables, keep_tables, stops_of
 from pounding_sweep.engine.kernel import make_group, width
 from pounding_sweep.kernel.flight import Layout
 from pounding_sweep.kernel.spec import (
@@ -201,9 +194,9 @@ def _constants(
         numbers = np.atleast_1d(np.asarray(numbers, dtype=float))
         values[slots.first[name] : slots.first[name] + slots.count[name]] = numbers[: slots.count[name]]
 
-    for name, numbers in _properties(variants_of(scene)).items():
+    for name, values_of in _PROPERTIES.items():
         if slots.count.get(name):
-            put(name, numbers[0])
+            put(name, values_of(variants_of(scene))[0])
     if initial_velocity is not None:
         put("v0", (*initial_velocity, *[0.0] * (slots.count["v0"] - len(initial_velocity))))
     put("cap", _contact_cap(shape, numerics))
@@ -219,24 +212,19 @@ def _layout(shape: KernelSpec, constants: bytes) -> Layout:
 
 
 def _fixed_tables(
-    shape: KernelSpec,
-    constants: bytes,
-    row: Variants,
-    record: Record,
-    flight_substeps: int,
-    room: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
+    shape: KernelSpec, constants: bytes, row: Variants, record: Record, flight_substeps: int
+) -> tuple[Fixed, np.ndarray]:
     """Tables of flight of some rows of buildings that hold at any time, and what a kernel fills the others from."""
     motion, n = np.array(record.acceleration), flight_substeps
     inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
     ground = np.append(inner.ravel(), motion[-1])
-    return fixed_tables(_layout(shape, constants), row, ground, record.dt / n, shape.precision, n, room)
+    return fixed_tables(_layout(shape, constants), row, ground, record.dt / n, shape.precision, n)
 
 
 @lru_cache(maxsize=8)
 def _fixed_tables_of_scene(
     shape: KernelSpec, constants: bytes, scene: Scene, record: Record, flight_substeps: int
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[Fixed, np.ndarray]:
     """Those of a scene as given: all its runs under a record share them."""
     return _fixed_tables(shape, constants, variants_of(scene), record, flight_substeps)
 
@@ -382,7 +370,7 @@ class RowKernel:
 
     def _tables(
         self, record: Record, flight_substeps: int, row: Variants, slab: int, twin: bool
-    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int, np.ndarray | None]:
+    ) -> tuple[tuple[np.ndarray, np.ndarray, int], np.ndarray, int, Fixed | None]:
         """Tables of flight, which each scenario needs, groups (up to `slab`) they serve, and for what they last."""
         if not self.numerics.scheme.flies_exactly:
             return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), slab, None
@@ -398,9 +386,8 @@ class RowKernel:
         rows: Any = needed if len(needed) < len(row) else slice(None)
         given = self.shape, self.constants.tobytes()
         if self.varied or self.shape.blocks:  # whose room is each thread's own
-            tables = room_for_tables(layout, stops, len(needed), precision)
-            decays = _fixed_tables(*given, row[rows], record, flight_substeps, tables)[1]
-            return (tables, decays, len(needed)), which, groups, None
+            fixed, decays = _fixed_tables(*given, row[rows], record, flight_substeps)
+            return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups, None
         fixed, decays = _fixed_tables_of_scene(*given, self.scene, record, flight_substeps)
         filled = None if twin else filled_tables(fixed)
         if filled is not None:
@@ -421,14 +408,12 @@ class RowKernel:
         """Return the inputs of scenarios as they lie in the lanes, shape (groups, slots, lanes)."""
         slots, n = input_slots(self.shape), len(scale)
         groups = -(-n // LANES)
-        padded = np.minimum(np.arange(groups * LANES), n - 1)  # idle lanes repeat the last scenario
-        lanes = np.empty((groups, slots.size, LANES))
+        rows = np.empty((slots.size, groups * LANES))
 
         def put(name: str, values: np.ndarray) -> None:
             """Put in values of shape (slots, n), or (slots, 1) where all lanes agree."""
-            first, count = slots.first[name], slots.count[name]
-            spread = values[:, padded] if values.shape[1] == n else np.broadcast_to(values, (count, len(padded)))
-            lanes[:, first : first + count] = spread.reshape(count, groups, LANES).transpose(1, 0, 2)
+            first = slots.first[name]
+            rows[first : first + slots.count[name], :n] = values
 
         put("scale", scale[None, :])
         if "gap" in slots.first:
@@ -446,49 +431,66 @@ class RowKernel:
             put("k", k)
             put("c", c)
         if self.varied:
-            for name, values in _properties(row).items():
+            for name, values_of in _PROPERTIES.items():
                 if f"p_{name}" in slots.first:
-                    put(f"p_{name}", values.T)
+                    put(f"p_{name}", values_of(row).T)
             if self.numerics.scheme.flies_exactly:
                 put("tables", buildings[None, :])
-        return lanes
+        rows[:, n:] = rows[:, n - 1 : n]  # idle lanes repeat the last scenario
+        return np.ascontiguousarray(rows.reshape(-1, groups, LANES).transpose(1, 0, 2))
 
 
-def _properties(row: Variants) -> dict[str, np.ndarray]:
-    """Return building properties by the name of their slots, shape (n, slots)."""
-    shares = np.array([column_shares(contact.xi) for contact in row.scene.contacts]).reshape(-1, 2)
-    buildings = row.scene.buildings
-    alpha, beta = zip(*(row.rayleigh(b) for b in range(len(buildings))), strict=True)
-    tangent = [float(b.damping_stiffness == "tangent") for b in buildings]
-    storeys = [b.n_storeys for b in buildings]
-    masses = np.concatenate([row.masses, row.base_masses], axis=1)
-    return {
-        "m": masses,
-        "im": 1.0 / masses,
-        "k": np.concatenate([row.stiffnesses, row.base_stiffnesses], axis=1),
-        "alpha": np.stack(alpha, axis=1),
-        "beta": np.stack(beta, axis=1),
-        "reduced": row.contact_masses,
-        "hardening": row.hardenings,
-        "yield_drift": np.minimum(row.yield_drifts, ELASTIC),
-        "geometric": row.geometric_stiffnesses,
-        "tangent": np.broadcast_to(np.repeat(tangent, storeys), row.masses.shape),
-        "lower": shares[None, :, 0],
-        "upper": shares[None, :, 1],
-        "dashpot": np.concatenate([row.dashpots, row.base_dashpots], axis=1),
-        "height": row.storey_heights[None, :],
-        "elevation": np.concatenate([b.elevations for b in buildings])[None, :],
-        "link_k": np.array([[link.stiffness for link in row.scene.linked_floors]]),
-        "link_c": np.array([[link.damping for link in row.scene.linked_floors]]),
-        **_smooth(row.scene),
-    }
+def _of_floors(name: str) -> Callable[[Variants], np.ndarray]:
+    """Return what reads a property of floors, then of foundations."""
+
+    def of(row: Variants) -> np.ndarray:
+        floors, bases = getattr(row, name), getattr(row, f"base_{name}")
+        return np.concatenate([floors, bases], axis=1) if bases.shape[1] else floors
+
+    return of
 
 
-def _smooth(scene: Scene) -> dict[str, np.ndarray]:
-    """Return what the law of Bouc and Wen takes of each storey, zeros where it is not its law, shape (1, slots)."""
-    laws = [building.bouc_wen for building in scene.buildings for _ in building.masses]
-    return {
-        "wen_beta": np.array([[law.beta if law else 0.0 for law in laws]]),
-        "wen_gamma": np.array([[law.gamma if law else 0.0 for law in laws]]),
-        "wen_limit": np.array([[law.limit if law else 0.0 for law in laws]]),
-    }
+def _of_dampers(row: Variants) -> np.ndarray:
+    """Whether dampers follow the tangent stiffness, of each floor."""
+    return np.array([[float(b.damping_stiffness == "tangent") for b in row.scene.buildings for _ in b.masses]])
+
+
+def _of_columns(which: int) -> Callable[[Variants], np.ndarray]:
+    """Return what reads the share of each contact's push that a floor takes, below (0) or above it (1)."""
+    return lambda row: np.array([[column_shares(contact.xi)[which] for contact in row.scene.contacts]])
+
+
+def _of_links(name: str) -> Callable[[Variants], np.ndarray]:
+    return lambda row: np.array([[getattr(link, name) for link in row.scene.linked_floors]])
+
+
+def _of_bouc_wen(name: str) -> Callable[[Variants], np.ndarray]:
+    """Return what reads a parameter of the law of Bouc and Wen of each storey, zero where it is not its law."""
+    return lambda row: np.array(
+        [[getattr(b.bouc_wen, name) if b.bouc_wen else 0.0 for b in row.scene.buildings for _ in b.masses]]
+    )
+
+
+#: Building properties by the name of their slots: what reads them, shape (n or 1, slots).
+_PROPERTIES: dict[str, Callable[[Variants], np.ndarray]] = {
+    "m": _of_floors("masses"),
+    "im": lambda row: 1.0 / _of_floors("masses")(row),
+    "k": _of_floors("stiffnesses"),
+    "alpha": lambda row: row.rayleigh_factors[0],
+    "beta": lambda row: row.rayleigh_factors[1],
+    "reduced": lambda row: row.contact_masses,
+    "hardening": lambda row: row.hardenings,
+    "yield_drift": lambda row: np.minimum(row.yield_drifts, ELASTIC),
+    "geometric": lambda row: row.geometric_stiffnesses,
+    "tangent": _of_dampers,
+    "lower": _of_columns(0),
+    "upper": _of_columns(1),
+    "dashpot": _of_floors("dashpots"),
+    "height": lambda row: row.storey_heights[None, :],
+    "elevation": lambda row: np.concatenate([b.elevations for b in row.scene.buildings])[None, :],
+    "link_k": _of_links("stiffness"),
+    "link_c": _of_links("damping"),
+    "wen_beta": _of_bouc_wen("beta"),
+    "wen_gamma": _of_bouc_wen("gamma"),
+    "wen_limit": _of_bouc_wen("limit"),
+}

@@ -61,6 +61,7 @@ from pounding_sweep.kernel.lanes import (
     while_any,
     whole,
 )
+from pounding_sweep.kernel.modal_steps import MOVES
 from pounding_sweep.kernel.peaks import followed, septic_extreme
 from pounding_sweep.kernel.row import kinetic, strain
 from pounding_sweep.kernel.spec import property_slots
@@ -148,10 +149,11 @@ def watched(group: Group) -> list[Watched]:
 
 
 class Layout:
-    """Where the numbers of flight's tables lie, for one row of buildings under one record.
+    """Where the numbers of flight's tables lie, under one record.
 
-    Those of `fixed` come first, then those of `timed`, as many at each point of the grid, then `series`, each over
-    all points and `lanes` more. Where motions are known by blocks, these stand for points.
+    Those of `shared` come first, then those of each row of buildings: `fixed`, then `timed`, as many at each point of
+    the grid, then `series`, each over all points and `lanes` more. Where motions are known by blocks, these stand for
+    points.
 
     Parameters
     ----------
@@ -171,25 +173,29 @@ class Layout:
         #: Modes that each watched quantity has a part in: first and number.
         self.ranges = [self.part_in(spec.flocks, each.weights, each.rates) for each in self.watched]
         q, m, wide = len(self.watched), self.wide_modes, self.wide_watched
-        self.fixed = {
-            "step": lanes,
-            "inverse": lanes,
-            "slowness": m,
-            "square": m,
-            "damping": m,
-            "push": m,
-            "bound": n * wide,
-            "bulge": n * wide,
-            "bulge0": wide,
-            "remainder": wide,
-            "sized": wide,
-            "shaken": wide,
-            "shape": max(1, q) * n,
-            "floors": n * m,
-            "modal": n * m,
-        }
+        #: Factors of modes' amplitudes by what they add to what is watched, and to its excursions from chords: those
+        #: of total accelerations are apart.
+        self.bounds, self.bulges = [("bound", "")], [("bound", "bend")]
+        self.fixed = dict.fromkeys(("slowness", "square", "damping", "missed"), m)
+        by_modes = {"push": m, "shape": max(1, q) * n, "floors": n * m, "modal": n * m, "bound": n * wide}
         if spec.windows or spec.yielding:
-            self.fixed["across"] = n * wide
+            by_modes["across"] = n * wide
+        self.shared = {"step": lanes, "inverse": lanes, "sized": wide, "shaken": wide}
+        if self.coupled:  # whose shapes are not those of all rows of buildings
+            self.fixed |= by_modes | {"bulge": n * wide}
+            self.bulges = [("bulge", "")]
+        else:
+            self.shared |= by_modes
+            self.fixed["bend"] = m
+            if any(each.kind == ACCELERATION for each in self.watched):
+                self.shared["bound_shaken"] = n * wide
+                self.fixed |= {"shake": m, "shake_bend": m}
+                self.bounds, self.bulges = (
+                    [*each, ("bound_shaken", name)]
+                    for each, name in ((self.bounds, "shake"), (self.bulges, "shake_bend"))
+                )
+        if not spec.blocks:
+            self.fixed["bulge0"] = wide
         #: Motions whose powers are added up between the points of the grid, where modes are coupled.
         self.powers: list[flight_energies.Power] = []
         if self.coupled:
@@ -209,22 +215,24 @@ class Layout:
             self.timed |= {"given": m, "adjoint_q": m, "adjoint_p": m}
         self.series = {"x": n, "rate": n, "ground": 1}
         #: Rows of modes in double precision from which the motion without pounding follows.
-        moving, bending = ["qq", "qp", "pq", "pp", "q0", "p0", "q1", "p1"], ["square", "damping", "slowness", "push"]
-        self.decays = moving + bending
-        #: The same of long steps, where motions are known by blocks; most steps in a block, and rows of its series.
+        self.decays = [*MOVES, "square", "damping", "slowness", "push"]
+        #: Rows of modes of several rows of buildings in lanes, where motions are known by blocks: frequencies, twice
+        #: their damping, and what kernels find from them; most steps in a block, and rows of its series.
         self.strides: list[str] = []
         self.block, self.series_rows = SPAN - SPAN // lanes, SPAN // lanes + 1
         if spec.blocks:
             self.timed, self.series = dict.fromkeys(("most", "least", "swell"), wide), {}
-            self.decays, self.strides = moving, [*moving, *bending, "heft", "new"]
+            self.decays, self.strides = list(MOVES), ["w", "c", *MOVES, "square", "slowness", "heft", "new"]
         if "energy" in spec.reducers and not self.coupled:
             self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
         self.first: dict[str, int] = {}
-        for block in (self.fixed, self.timed, self.series):
+        for block in (self.shared, self.fixed, self.timed, self.series):
             at = 0
             for name, count in block.items():
                 self.first[name], at = at, at + count
         self.sizes = [sum(block.values()) for block in (self.fixed, self.timed, self.series)]
+        #: Where the tables of the first row of buildings begin.
+        self.start = sum(self.shared.values())
 
     @staticmethod
     def part_in(flocks: Sequence[tuple[int, int]], *weights: Sequence[float]) -> tuple[int, int]:
@@ -235,12 +243,16 @@ class Layout:
         return low, high - low
 
     def size(self, points: Any) -> Any:
-        """How many numbers the tables have over a grid of so many points."""
+        """How many numbers the tables of a row of buildings have over a grid of so many points."""
         fixed, timed, series = self.sizes
         return (points + self.lanes) * series + points * timed + fixed
 
+    def base(self, row: Any, points: Any) -> Any:
+        """Where the tables of a row of buildings begin."""
+        return row * self.size(points) + self.start
+
     def place(self, name: str, points: Any) -> Any:
-        """Where the numbers of a name begin."""
+        """Where the numbers of a name begin, from where those of the row of buildings do."""
         fixed, timed, _ = self.sizes
         at = self.first[name]
         if name in self.fixed:
@@ -249,9 +261,11 @@ class Layout:
             return points * at + fixed
         return points * timed + (points + self.lanes) * at + fixed
 
-    def view(self, table: Any, name: str, points: int) -> Any:
-        """Numbers of a name in the tables of one row of buildings, an array."""
-        at = self.place(name, points)
+    def view(self, tables: Any, name: str, points: int, row: int = 0) -> Any:
+        """Numbers of a name in the tables of a row of buildings, an array."""
+        if name in self.shared:
+            return tables[self.first[name] : self.first[name] + self.shared[name]]
+        table, at = tables[self.base(row, points) :], self.place(name, points)
         if name in self.fixed:
             return table[at : at + self.fixed[name]]
         many = points * self.timed[name] if name in self.timed else (points + self.lanes) * self.series[name]
@@ -285,9 +299,6 @@ class Flight:
         self.rated = Cell(flag(self.trace, False))
         #: Blocks of the grid, where motions are known by them.
         self.blocks: Any = None
-        #: Where the first block begins in which floors may touch, and whether of those before it the ones with the
-        #: largest peaks are looked at, or all others.
-        self.free_until, self.crests = Cell(points), Cell(flag(self.trace, False))
         self._places: dict[str, Any] = {}
         #: Whether storeys may yield: what flies is the motion about what they are set to.
         self.yields = bool(group.spec.yielding)
@@ -302,6 +313,8 @@ class Flight:
 
     def place_of(self, name: str) -> Any:
         """Where the numbers of a name begin."""
+        if name in self.layout.shared:
+            return self.layout.first[name]
         if name in self.layout.fixed:
             return self.base.now + self.layout.place(name, self.points)
         return self.base.now + self._places[name].now
@@ -472,7 +485,10 @@ class Flight:
             for _ in when(self._undisturbed()):
                 self._begin()
         if self.blocks is not None:
-            self._find_crests()
+            for _ in when(self.at.now < 1):
+                self._bounds()
+                for _ in when(self._undisturbed()):
+                    self._survey()
         for _ in while_any(lambda: self.going.now & (self.at.now < self.last), self.trace):
             t = self.at.now
             self._bounds()
@@ -481,7 +497,7 @@ class Flight:
             if self.blocks is not None:
                 block = self.blocks.of(t)
                 room = lesser(room, (block + 1) * self.blocks.length - t)
-                far = not_(self._near(block, "most", "least") & self._turn_of(block))
+                far = not_(self._near(block, "most", "least"))
             elif leaps:
                 far = not_(room < WIDE) & not_(self._near(t, "widest", "widest_least"))
             for _ in when(far):
@@ -502,9 +518,6 @@ class Flight:
                     self.enter(lane, t + steps)
                     note(t + steps)
                     self.leave(lane, t + steps)
-            if self.blocks is not None:
-                for _ in when(self.crests.now & not_(self.at.now < self.free_until.now)):
-                    self.at.now, self.crests.now = whole(self.trace, 0), flag(self.trace, False)
         self._keep_peaks(lane)
 
     @cached_property
@@ -567,25 +580,30 @@ class Flight:
         for part in self._mode_parts:
             q, p = w["q", part], w["p", part] * self._vector(slowness + part * self.lanes)
             w["amplitude", part] = sqrt(fma(q, q, p * p))
-        self._weigh("bound", "reach", None)
+        self._weigh(self.layout.bounds, "reach", None)
 
-    def _weigh(self, table: str, row: str, t: Any) -> None:
+    def _weigh(self, tables: Sequence[tuple[str, str]], row: str, t: Any) -> None:
         """Sum of the amplitudes, weighted for all that is watched; with the motion's own bulges at a point t."""
-        w, at, wide = self.rows, self.place_of(table), self.layout.wide_watched
-        sums = []
+        w, wide, sums = self.rows, self.layout.wide_watched, []
         for part in self._watched_parts:
             start = self.group.full(0.0)
             if t is not None:
                 if self.blocks is None:
                     own = self._vector(self.place_of("bulge0") + part * self.lanes)
                 else:
-                    own = self._then("swell", self.blocks.of(t), part)
+                    own = self._then("swell", self.blocks.of(t), part) * self.blocks.per_square
                 start = size(self.group.full(self.scale.now)) * own
             sums.append(Cell(start))
-        for m in self.each(self.layout.modes, len(sums)):
-            a = w.number("amplitude", m)
-            for part, total in enumerate(sums):
-                total.now = fma(self._vector(at + (m * wide + part * self.lanes)), a, total.now)
+        places = [self.place_of(table) for table, _ in tables]
+        for _, factor in tables:
+            for part in self._mode_parts if factor else ():
+                own = self._vector(self.place_of(factor) + part * self.lanes)
+                w[f"amplitude_{factor}", part] = own * w["amplitude", part]
+        for m in self.each(self.layout.modes, len(sums) * len(tables)):
+            for at, (_, factor) in zip(places, tables, strict=True):
+                a = w.number(f"amplitude_{factor}" if factor else "amplitude", m)
+                for part, total in enumerate(sums):
+                    total.now = fma(self._vector(at + (m * wide + part * self.lanes)), a, total.now)
         for part, total in enumerate(sums):
             w[row, part] = total.now
 
@@ -632,15 +650,19 @@ class Flight:
         self.at.now = low.now
         for part in self._watched_parts:
             most, least = self._extremes(self.at.now, "peak", "trough", part)
-            number = lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
-            moves = ~(number < float(touches))
-            largest, sized = (
-                maximum(size(most), size(least)),
-                self._vector(self.place_of("sized") + part * self.lanes) > 0.5,
-            )
-            high_now, low_now = w["high", part], w["low", part]
-            w["high", part] = where(moves, maximum(high_now, where(sized, largest, most)), high_now)
-            w["low", part] = where(moves, minimum(low_now, where(sized, -largest, least)), low_now)
+            self._take_peaks(part, most, least)
+
+    def _take_peaks(self, part: int, most: Any, least: Any) -> None:
+        """Take what is reached at least of a part of what is watched, touches left out."""
+        w, sized = self.rows, self._vector(self.place_of("sized") + part * self.lanes) > 0.5
+        number, largest = self._numbers(part), maximum(size(most), size(least))
+        moves, high, low = ~(number < float(self._touches)), w["high", part], w["low", part]
+        w["high", part] = where(moves, maximum(high, where(sized, largest, most)), high)
+        w["low", part] = where(moves, minimum(low, where(sized, -largest, least)), low)
+
+    def _numbers(self, part: int) -> Any:
+        """Numbers of what is watched in a part."""
+        return lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
 
     def _extremes(self, t: Any, most: str, least: str, part: int) -> tuple[Any, Any]:
         """Extremes at point t of the motion without pounding, of the table of a unit scale."""
@@ -701,50 +723,29 @@ class Flight:
             e = [self._vector(at + (k * m + part * self.lanes)) for k in range(4)]
             w["q", part], w["p", part] = fma(e[0], q, e[1] * p), fma(e[2], q, e[3] * p)
 
-    # blocks before the first touch ---------------------------------------------------------------------------------
-
-    def _find_crests(self) -> None:
-        """Find where floors may first touch, and the largest bounds of what is watched in the blocks before."""
-        self.free_until.now, self.crests.now = whole(self.trace, 0), flag(self.trace, False)
-        for _ in when(self.at.now < 1):
-            self._bounds()
-            for _ in when(self._undisturbed()):
-                self._survey()
-
     def _survey(self) -> None:
-        """Go through the bounds of blocks to the first in which floors may touch."""
+        """Go through blocks to the first in which floors may touch; what their peaks are at least are peaks so far."""
         w, far, touches = self.rows, self.group.limit.far, self._touches
         for part in self._watched_parts:
             w["crest", part], w["trough", part] = self.group.full(-far), self.group.full(far)
         free, block = Cell(flag(self.trace, True)), Cell(whole(self.trace, 0))
+        slack = 2.0 * size(self.group.full(self.scale.now))  # bounds reach beyond single points by one
         for _ in while_any(lambda: free.now & (block.now < self.blocks.blocks), self.trace):
             extremes = [self._extremes(block.now, "most", "least", part) for part in self._watched_parts]
             met = self.group.lanes_where(False)
             for part in range(-(-touches // self.lanes)):
-                met = met | ((extremes[part][0] >= w["high", part]) & self._within(part, 0, touches))
+                met = met | ((extremes[part][0] >= w["high", part]) & (self._numbers(part) < float(touches)))
             free.now = not_(any_lane(met))
             for _ in when(free.now):
                 for part, (above, below) in enumerate(extremes):
-                    w["crest", part] = maximum(w["crest", part], above)
-                    w["trough", part] = minimum(w["trough", part], below)
+                    less = slack * self._then("swell", block.now, part)
+                    w["crest", part] = maximum(w["crest", part], above - less)
+                    w["trough", part] = minimum(w["trough", part], below + less)
                 block.now = block.now + 1
-        self.free_until.now = lesser(block.now * self.blocks.length, self.last)
-        self.crests.now = self.free_until.now > 0
-
-    def _turn_of(self, block: Any) -> Any:
-        """Whether it is a block's turn: before floors may touch, those with the largest peaks come first."""
-        w, crest = self.rows, self.group.lanes_where(False)
-        for part in self._watched_parts:
-            above, below = self._extremes(block, "most", "least", part)
-            most = (above >= w["crest", part]) | (below <= w["trough", part])
-            crest = crest | (most & self._within(part, self._touches, len(self.layout.watched)))
-        mine, early = any_lane(crest), self.at.now < self.free_until.now
-        return not_(early) | (mine & self.crests.now) | not_(mine | self.crests.now)
-
-    def _within(self, part: int, low: int, high: int) -> Any:
-        """Lanes of a part of what is watched whose numbers lie in a range."""
-        number = lane_numbers(self.trace, self.lanes) + float(part * self.lanes)
-        return (number >= float(low)) & (number < float(high))
+        for _ in when(block.now > 0):
+            for part in self._watched_parts:
+                crest, trough = w["crest", part], w["trough", part]
+                self._take_peaks(part, crest, trough)
 
     # looking -------------------------------------------------------------------------------------------------------
 
@@ -756,7 +757,7 @@ class Flight:
         self.rated.now = flag(self.trace, False)
         if self.layout.coupled:
             self._bend(t, shakes=False)
-        self._weigh("bulge", "bulge", t)
+        self._weigh(self.layout.bulges, "bulge", t)
         kinds = {each.kind for each in self.layout.watched}
         for kind in sorted(kinds & {TOUCH, ONSET}):
             self._stop(kind, t)
@@ -887,9 +888,18 @@ class Flight:
         hull = self._past(x, q, onset)
         for each in (x1, x + s0, x1 - s1):
             hull = maximum(hull, self._past(each, q, onset))
-        may = hull + bulge * self.number(self.place_of("remainder") + q) > 0.0
+        may = hull + bulge * self._remainder(q) > 0.0
         first = first_true(may & (lane_numbers(self.trace, self.lanes) < real(self.steps.now)))
         self.steps.now = lesser(first, self.steps.now)
+
+    def _remainder(self, q: Any) -> Any:
+        """Share of a bulge by which what is watched may leave the hull of its cubic: the largest of its modes."""
+        lows, counts = self._ranges
+        at, most = self.place_of("missed") + lows[q], Cell(one(self.trace, 0.0))
+        for k in self.each(counts) if isinstance(counts, int) else count_to(counts[q], self.trace):
+            each = self.number(at + k)
+            most.now = where(most.now < each, each, most.now)
+        return most.now
 
     def _rates(self, q: Any, name: str, rise: str) -> tuple[Any, Any]:
         """Return a higher rate at the starts and the ends of steps, `rise` being the ground's part in it."""
@@ -938,7 +948,8 @@ class Flight:
 def scratch(layout: Layout) -> dict[str, int]:
     """Rows of flight's own."""
     n, parts, wide = layout.modes, layout.wide_modes // layout.lanes, layout.wide_watched // layout.lanes
-    rows = dict.fromkeys(("q", "p", "amplitude", "floor"), parts)
+    factors = (factor for _, factor in (*layout.bounds, *layout.bulges) if factor)
+    rows = dict.fromkeys(("q", "p", "amplitude", "floor", *(f"amplitude_{factor}" for factor in factors)), parts)
     rows |= dict.fromkeys(("high", "low", "reach", "bulge", "asks", *(("shift",) if layout.yields else ())), wide)
     rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n)
     rows |= {"reached": sum(each.kind in (TOUCH, ONSET) for each in layout.watched)}
@@ -951,5 +962,5 @@ def scratch(layout: Layout) -> dict[str, int]:
         return rows
     rows |= dict.fromkeys(("track", "shook"), n * SPAN) | dict.fromkeys(("bends", "reaches"), 2 * n)
     rows |= dict.fromkeys(("above", "below", "swell"), layout.wide_watched) | dict.fromkeys(("crest", "trough"), wide)
-    rows |= dict.fromkeys(("point_q", "point_p"), parts * SPAN)
+    rows |= dict.fromkeys(("point_q", "point_p"), parts * SPAN) | {"decay": (layout.lanes + 1) * 4 * n}
     return rows | dict.fromkeys(("free_x", "free_rate"), n * layout.series_rows) | {"free_ground": layout.series_rows}

@@ -10,14 +10,17 @@ through again, point by point, for the one scenario that flies.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from itertools import groupby
 from typing import Any
 
 from pounding_sweep.kernel.flight import ACCELERATION, HEAD, SPAN, STATE, Flight
 from pounding_sweep.kernel.lanes import (
     Cell,
+    Count,
     Table,
     Tracer,
+    any_lane,
     count_to,
     flag,
     fma,
@@ -28,6 +31,7 @@ from pounding_sweep.kernel.lanes import (
     minimum,
     narrow,
     not_,
+    one,
     real,
     rounded,
     size,
@@ -36,8 +40,10 @@ from pounding_sweep.kernel.lanes import (
     store_one,
     transposed,
     when,
+    where,
     whole,
 )
+from pounding_sweep.kernel.modal_steps import MOVES, step
 
 #: Groups of rows of buildings that are filled together, block by block.
 BUNDLE = 16
@@ -51,8 +57,9 @@ class Blocks:
     flight : Flight
         Whose motions they are.
     decays : LLVM pointer or ndarray
-        In double precision: `HEAD` numbers, the ground's acceleration at all points of the grid, the rows of
-        `Layout.decays` of each row of buildings, those of `Layout.strides` of each group of them, and room for states.
+        In double precision: `HEAD` numbers, the ground's acceleration at all points of the grid, what it pushes each
+        mode by, the rows of `Layout.strides` of each group of rows of buildings, of which the first two are known, and
+        room for those of `Layout.decays` of each row of buildings and for states.
     wide : Tracer or None
         Double precision; None: NumPy.
     margin : float
@@ -79,14 +86,16 @@ class Blocks:
         #: Points of the grid in a long step, in a block, and long steps in a block.
         self.stride, self.length = (rounded(narrow(self.trace, x)) for x in (stride, length))
         self.steps = self.length // self.stride
+        #: By what the bulge of one step is less than that of a long one.
+        self.per_square = 1.0 / (real(self.stride) * real(self.stride))
         self.blocks = (flight.last + (self.length - 1)) // self.length
-        own, groups = len(self.layout.decays) * self.layout.wide_modes, (rows + (self.lanes - 1)) // self.lanes
-        self.modes_at = flight.points + HEAD
-        self.strides_at = self.modes_at + rows * own
-        self.states_at = self.strides_at + groups * (len(self.layout.strides) * self.layout.modes * self.lanes)
+        self.groups = groups = (rows + (self.lanes - 1)) // self.lanes
+        self.push_at = flight.points + HEAD
+        self.strides_at = self.push_at + self.layout.wide_modes
+        self.modes_at = self.strides_at + groups * (len(self.layout.strides) * self.layout.modes * self.lanes)
+        self.states_at = self.modes_at + groups * (self.lanes * len(self.layout.decays) * self.layout.wide_modes)
         #: Where the states of the modes of one row of buildings are put together.
         self.desk = self.states_at + groups * (self.blocks * (self.layout.modes * STATE * self.lanes))
-        self.groups = groups
         self.lows = Table(self.trace, [low for low, _ in self.layout.ranges] or [0])
         self.shakes = any(each.kind == ACCELERATION for each in self.layout.watched)
         #: The block that lies point by point, and whose: where its tables begin.
@@ -116,14 +125,8 @@ class Blocks:
         for name in ("above", "below", "swell"):
             for q in count_to(self.layout.wide_watched, self.trace):
                 f.rows[name, q] = f.group.full(0.0)
-        for number in count_to(self.rows, self.trace):
-            f.base.now = number * self.layout.size(self.blocks)
-            f.put_decays(self.wide, self.decays, self._own(number))
         for group in count_to(self.groups, self.trace):
-            for m in count_to(self.layout.modes, self.trace):
-                for k in range(STATE):
-                    zero = self._wide(self.strides_at) * 0.0
-                    store(self.wide, self.decays, self._state(group, whole(self.trace, 0), m) + k * self.lanes, zero)
+            self._prepare(group)
         for bundle in count_to((self.groups + (BUNDLE - 1)) // BUNDLE, self.trace):
             first = bundle * BUNDLE
             for block in count_to(self.blocks, self.trace):
@@ -134,7 +137,7 @@ class Blocks:
     def _fill_block(self, group: Any, block: Any, steps: Any) -> None:
         """Fill a block of a group; what moves as in the group before it has been found there."""
         f = self.flight
-        f.base.now = group * self.lanes * self.layout.size(self.blocks)
+        f.base.now = self._base(group)
         for m in count_to(self.layout.modes, self.trace):
             new = self._is_new(group, m)
             for _ in when(new):
@@ -151,12 +154,97 @@ class Blocks:
                     new = new | self._is_new(group, self.lows[q + mine[0]] + k)
                 for _ in when(new):
                     self._watch(q + mine[0], many, shaken, steps)
-        self._hand_out(group, block)
+        self._hand_out(block)
+
+    def _base(self, group: Any) -> Any:
+        """Where the tables of the first row of buildings of a group begin."""
+        return self.layout.base(group * self.lanes, self.blocks)
+
+    def _row(self, group: Any, name: str, m: Any) -> Any:
+        """Where a row of a mode of a group lies."""
+        row = group * len(self.layout.strides) + self.layout.strides.index(name)
+        return self.strides_at + (row * self.layout.modes + m) * self.lanes
 
     def _is_new(self, group: Any, m: Any) -> Any:
         """Whether a mode moves otherwise in a group than in the one before it."""
-        row = group * len(self.layout.strides) + self.layout.strides.index("new")
-        return load_one(self.wide, self.decays, self.strides_at + (row * self.layout.modes + m) * self.lanes) > 0.5
+        return load_one(self.wide, self.decays, self._row(group, "new", m)) > 0.5
+
+    # how their modes move ----------------------------------------------------------------------------------------
+
+    def _prepare(self, group: Any) -> None:
+        """Find how the modes of a group move, over one step and a long one, and let them be at rest."""
+        wide, h = self.wide, load_one(self.wide, self.decays, whole(self.trace, 0))
+        early = (group - group // BUNDLE * BUNDLE) == 0
+        for long in count_to(lesser(self.stride, whole(self.trace, 2)), self.trace):
+            steps = (self.stride - 1) * long + 1
+            length = h * (float(steps) if wide is None else real(Count(wide, steps.value)))
+            for m in count_to(self.layout.modes, self.trace):
+                w, c = (self._wide(self._row(group, name, m)) for name in ("w", "c"))
+                push = load_one(wide, self.decays, self.push_at + m)
+                for name, x in step(wide, w, c, push, length).items():
+                    store(wide, self.decays, self._row(group, name, m), x)
+            for _ in when(long == 0):
+                self._hand_over(group)
+        before = group - lesser(group, whole(self.trace, 1))
+        for m in count_to(self.layout.modes, self.trace):
+            (w, w0), (c, c0) = ([self._wide(self._row(g, name, m)) for g in (group, before)] for name in ("w", "c"))
+            new = early | any_lane(~(w == w0) | ~(c == c0))
+            store_one(wide, self.decays, self._row(group, "new", m), where(new, one(wide, 1.0), one(wide, 0.0)))
+            found = {"square": w * w, "slowness": 1.0 / w}
+            if self.shakes:
+                ratio = c / w
+                found["heft"] = w * w * sqrt(ratio * ratio + 1.0)
+            for name, x in found.items():
+                store(wide, self.decays, self._row(group, name, m), x)
+            for k in range(STATE):
+                store(wide, self.decays, self._state(group, whole(self.trace, 0), m) + k * self.lanes, w * 0.0)
+
+    def _hand_over(self, group: Any) -> None:
+        """Give each row of buildings how its modes move over one step, and how they decay over several."""
+        f, layout, lanes = self.flight, self.layout, self.lanes
+        n, size, base = layout.modes, layout.size(self.blocks), self._base(group)
+        h, first, rows = f.number(f.place_of("step")), self._row(group, MOVES[0], 0), len(MOVES) * layout.wide_modes
+        for k in count_to(len(MOVES), self.trace):
+            mine, at = first + k * (n * lanes), self._own(group * lanes) + k * layout.wide_modes
+            self._side_by_side(partial(self._move_of, mine), self.wide, self.decays, at, rows)
+        for m in count_to(n, self.trace):
+            a = [self._wide(first + (m + row * n) * lanes) for row in range(4)]
+            e = [Cell(a[0] * 0.0 + start) for start in (1.0, 0.0, 0.0, 1.0)]
+            for k in count_to(self.length + 1, self.trace):
+                place = lesser(k, k * 0 + lanes)  # what comes after the last lane's is replaced, up to the block's
+                for row, cell in enumerate(e):
+                    f.rows["decay", (place * 4 + row) * n + m] = narrow(self.trace, cell.now)
+                e0, e1, e2, e3 = (cell.now for cell in e)
+                e[0].now, e[1].now = fma(a[0], e0, a[1] * e2), fma(a[0], e1, a[1] * e3)
+                e[2].now, e[3].now = fma(a[2], e0, a[3] * e2), fma(a[2], e1, a[3] * e3)
+            for row in count_to(4, self.trace):
+                unit = where(row < 2, one(self.trace, 1.0), h)
+                those = transposed([f.rows["decay", (row + k * 4) * n + m] * unit for k in range(lanes)])
+                at = base + layout.place("times", self.blocks) + (m * 4 + row) * lanes
+                for lane in range(lanes):
+                    store(self.trace, f.tables, at + size * lane, those[lane])
+        for k in count_to((lanes + 1) * 4, self.trace):
+            at = base + layout.place("advance", self.blocks) + k * layout.wide_modes
+            self._side_by_side(partial(self._decay_of, k * n), self.trace, f.tables, at, size)
+
+    def _move_of(self, at: Any, m: Any) -> Any:
+        return self._wide(at + m * self.lanes)
+
+    def _decay_of(self, at: Any, m: Any) -> Any:
+        return self.flight.rows["decay", at + m]
+
+    def _side_by_side(self, of: Callable[[Any], Any], trace: Any, to: Any, at: Any, size: Any) -> None:
+        """Put numbers of all modes side by side, of each lane into a table of its own, so many numbers apart."""
+        lanes, (parts, rest) = self.lanes, divmod(self.layout.modes, self.lanes)
+        for part in count_to(parts, self.trace) if parts else ():
+            for lane, x in enumerate(transposed([of(part * lanes + m) for m in range(lanes)])):
+                store(trace, to, at + part * lanes + size * lane, x)
+        if rest:
+            mine = [of(parts * lanes + m) for m in range(rest)]
+            for lane, x in enumerate(transposed(mine + [mine[0] * 0.0] * (lanes - rest))):
+                store(trace, to, at + parts * lanes + size * lane, x)
+
+    # through a block ---------------------------------------------------------------------------------------------
 
     def _kind(self, q: int) -> tuple[int, int, bool]:
         each = self.layout.watched[q]
@@ -165,11 +253,9 @@ class Blocks:
     def _move(self, group: Any, block: Any, m: Any, steps: Any) -> None:
         """Motions of one mode of all lanes through a block, and the most that it bends and reaches."""
         f, n = self.flight, self.layout.modes
-        first = self.strides_at + (group * (len(self.layout.strides) * n) + m) * self.lanes
-        c = {name: self._wide(first + k * n * self.lanes) for k, name in enumerate(self.layout.strides)}
-        square, damping, push, slowness = (
-            narrow(self.trace, c[name]) for name in ("square", "damping", "push", "slowness")
-        )
+        c = {name: self._wide(self._row(group, name, m)) for name in ("c", *MOVES, "square", "slowness", "heft")}
+        square, damping, slowness = (narrow(self.trace, c[name]) for name in ("square", "c", "slowness"))
+        push = narrow(self.trace, load_one(self.wide, self.decays, self.push_at + m))
         at = self._state(group, block, m)
         q, p = Cell(self._wide(at)), Cell(self._wide(at + self.lanes))
         zero = f.group.full(0.0)
@@ -222,26 +308,22 @@ class Blocks:
         for j, weight in enumerate(shape):
             bends = fma(size(weight), f.rows["bends", low + most + j], bends)
             reach = fma(size(weight), f.rows["reaches", low + most + j], reach)
-        swell = bends * (self.step * self.step * (0.125 * (1.0 + 10.0 * self.margin)))
-        long = real(self.stride)
-        wide = fma(swell, long * long, reach * (10.0 * self.margin))
-        f.rows["above", q], f.rows["below", q], f.rows["swell", q] = above.now + wide, below.now - wide, swell
+        long = self.step * real(self.stride)
+        swell = fma(bends, long * long * (0.125 * (1.0 + 10.0 * self.margin)), reach * (10.0 * self.margin))
+        f.rows["above", q], f.rows["below", q], f.rows["swell", q] = above.now + swell, below.now - swell, swell
 
-    def _hand_out(self, group: Any, block: Any) -> None:
+    def _hand_out(self, block: Any) -> None:
         """Put the bounds of a block into the tables of each lane's row of buildings."""
-        f, lanes, base = self.flight, self.lanes, self.flight.base.now
+        f, lanes = self.flight, self.lanes
         for part in range(self.layout.wide_watched // lanes):
             found = {
                 name: transposed([f.rows[row, part * lanes + q] for q in range(lanes)])
                 for name, row in (("most", "above"), ("least", "below"), ("swell", "swell"))
             }
-            for lane in range(lanes):
-                for _ in when(group * lanes + lane < self.rows):
-                    f.base.now = base + self.layout.size(self.blocks) * lane
-                    for name, those in found.items():
-                        at = f.place_of(name) + block * self.layout.wide_watched + part * lanes
-                        store(self.trace, f.tables, at, those[lane])
-        f.base.now = base
+            for name, those in found.items():
+                at = f.place_of(name) + block * self.layout.wide_watched + part * lanes
+                for lane in range(lanes):
+                    store(self.trace, f.tables, at + self.layout.size(self.blocks) * lane, those[lane])
 
     # one of them -----------------------------------------------------------------------------------------------
 
@@ -264,7 +346,7 @@ class Blocks:
 
     def _expand(self, block: Any) -> None:
         f, layout, lanes = self.flight, self.layout, self.lanes
-        number = f.base.now // layout.size(self.blocks)
+        number = (f.base.now - layout.start) // layout.size(self.blocks)
         group = number // lanes
         lane, start = number - group * lanes, block * self.length
         steps = lesser(f.last - start, self.length)
@@ -272,25 +354,31 @@ class Blocks:
             for k in range(STATE):
                 x = load_one(self.wide, self.decays, self._state(group, block, m) + lane + k * lanes)
                 store_one(self.wide, self.decays, self.desk + m + k * layout.wide_modes, x)
-        for part in range(layout.wide_modes // lanes):
-            own = self._own(number) + part * lanes
-            c = {name: self._wide(own + k * layout.wide_modes) for k, name in enumerate(layout.decays)}
-            q, p = (Cell(self._wide(self.desk + part * lanes + k * layout.wide_modes)) for k in range(STATE))
+        parts = range(layout.wide_modes // lanes)
+        for mine in (parts[k : k + 2] for k in parts[::2]):  # two at a time wait less for each other's steps
+            own = [self._own(number) + part * lanes for part in mine]
+            moves = [{n: self._wide(at + k * layout.wide_modes) for k, n in enumerate(layout.decays)} for at in own]
+            state = [
+                [Cell(self._wide(self.desk + part * lanes + k * layout.wide_modes)) for k in range(STATE)]
+                for part in mine
+            ]
             for k in count_to(steps, self.trace):
                 g0, g1 = self._ground(start + k), self._ground(start + k + 1)
-                self._keep(part, k, q.now, p.now)
-                q0, p0 = q.now, p.now
-                q.now = fma(c["qq"], q0, fma(c["qp"], p0, fma(c["q0"], g0, c["q1"] * g1)))
-                p.now = fma(c["pq"], q0, fma(c["pp"], p0, fma(c["p0"], g0, c["p1"] * g1)))
-            self._keep(part, steps, q.now, p.now)
-            for name, row, unit in (("free_x", "point_q", 1.0), ("free_rate", "point_p", self.step)):
-                for first in range(0, SPAN, lanes):
-                    rows = [f.rows[row, part * SPAN + first + k] for k in range(lanes)]
-                    for m, series in enumerate(transposed(rows)[: layout.modes - part * lanes]):
-                        place = (part * lanes + m) * layout.series_rows + first // lanes
-                        f.rows[name, place] = series * unit
-        for k in count_to(steps + 1, self.trace):
-            f.rows.put_number("free_ground", k, narrow(self.trace, self._ground(start + k)))
+                for part, c, (q, p) in zip(mine, moves, state, strict=True):
+                    q0, p0 = q.now, p.now
+                    self._keep(part, k, q0, p0)
+                    q.now = fma(c["qq"], q0, fma(c["qp"], p0, fma(c["q0"], g0, c["q1"] * g1)))
+                    p.now = fma(c["pq"], q0, fma(c["pp"], p0, fma(c["p0"], g0, c["p1"] * g1)))
+            for part, (q, p) in zip(mine, state, strict=True):
+                self._keep(part, steps, q.now, p.now)
+                for name, row, unit in (("free_x", "point_q", 1.0), ("free_rate", "point_p", self.step)):
+                    for first in range(0, SPAN, lanes):
+                        rows = [f.rows[row, part * SPAN + first + k] for k in range(lanes)]
+                        for m, series in enumerate(transposed(rows)[: layout.modes - part * lanes]):
+                            place = (part * lanes + m) * layout.series_rows + first // lanes
+                            f.rows[name, place] = series * unit
+        for k in range(SPAN // lanes):
+            f.rows["free_ground", k] = narrow(self.trace, self._wide(start + (HEAD + k * lanes)))
 
     def _keep(self, part: int, k: Any, q: Any, p: Any) -> None:
         for name, x in (("point_q", q), ("point_p", p)):

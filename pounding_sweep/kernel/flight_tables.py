@@ -56,7 +56,7 @@ class Tables:
         """Fill the tables of so many rows of buildings; of none where they are filled already."""
         flight = self.flight
         for row in count_to(rows, self.trace):
-            flight.base.now = row * self.layout.size(self.points)
+            flight.base.now = self.layout.base(row, self.points)
             own = row * (len(self.layout.decays) * self.layout.wide_modes) + self.points + HEAD
             flight.put_decays(self.wide, self.decays, own)
             for part in range(self.layout.wide_modes // self.lanes):
@@ -151,13 +151,13 @@ class Tables:
 
     def _weigh_ground(self, part: int) -> None:
         """Find how far what is watched leaves its chords at most, without pounding."""
-        f = self.flight
-        at, wide = f.place_of("bound") + part * self.lanes, self.layout.wide_watched
-        total = Cell(f.group.full(0.0))
-        for m in count_to(self.layout.modes, self.trace):
-            total.now = fma(
-                load(self.trace, f.tables, at + m * wide, self.lanes), f.rows.number("amplitude", m), total.now
-            )
+        f, wide, total = self.flight, self.layout.wide_watched, Cell(self.flight.group.full(0.0))
+        for table, factor in self.layout.bounds:
+            at, own = f.place_of(table) + part * self.lanes, f.place_of(factor) if factor else None
+            for m in count_to(self.layout.modes, self.trace):
+                a = f.rows.number("amplitude", m)
+                a = a if own is None else a * load_one(self.trace, f.tables, own + m)
+                total.now = fma(load(self.trace, f.tables, at + m * wide, self.lanes), a, total.now)
         h = load_one(self.trace, f.tables, f.place_of("step"))
         store(self.trace, f.tables, f.place_of("bulge0") + part * self.lanes, total.now * (h * h * 0.125))
 

@@ -67,9 +67,9 @@ class Variants:
 
     def flights(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows whose motions without pounding differ from those before them, and of each row which of them it has."""
-        given = [self.period_factor, np.nan_to_num(self.damping_ratio, nan=-1.0)]
-        given += [self.mass_factor] if self.scene.links else []  # links are what they are
-        columns = np.column_stack(given).T
+        given = [*self.period_factor.T, np.where(np.isnan(self.damping_ratio), -1.0, self.damping_ratio)]
+        given += [*self.mass_factor.T] if self.scene.links else []  # links are what they are
+        columns = np.array([each for each in given if (each != each[0]).any()] or given[:1])
         order = np.lexsort(columns)
         new = np.append(True, np.any(columns[:, order[1:]] != columns[:, order[:-1]], axis=0))
         first, which = order[new], np.empty(len(order), np.int64)
@@ -79,7 +79,8 @@ class Variants:
 
     def _floors(self, own: Iterable[Sequence[float]], factor: np.ndarray) -> np.ndarray:
         """Return values of all floors, building by building, times a factor (n, buildings), shape (n, floors)."""
-        return np.concatenate(list(own)) * factor[:, self._owner]
+        # each floor's stand side by side
+        return np.asarray(np.concatenate(list(own))[:, None] * factor.T[self._owner]).T
 
     @cached_property
     def _owner(self) -> np.ndarray:
@@ -175,7 +176,8 @@ class Variants:
 
     @cached_property
     def _frequencies(self) -> list[np.ndarray]:
-        return [b.frequencies / self.period_factor[:, i, None] for i, b in enumerate(self.scene.buildings)]
+        buildings = enumerate(self.scene.buildings)
+        return [(b.frequencies[:, None] / self.period_factor[:, i]).T for i, b in buildings]  # each mode's side by side
 
     @cached_property
     def systems(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -245,17 +247,21 @@ class Variants:
 
     def rayleigh(self, building: int) -> tuple[np.ndarray, np.ndarray]:
         """Factors (a, b) of C = a M + b K of a building (1/s, s), shape (n,) each."""
-        return self._rayleigh[building]
+        a, b = self.rayleigh_factors
+        return a[:, building], b[:, building]
 
     @cached_property
-    def _rayleigh(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        found, given = [], np.isnan(self.damping_ratio)
-        for item, period in zip(self.scene.buildings, self.period_factor.T, strict=True):
-            own, unit = item.rayleigh, rayleigh_factors(item.on_fixed_base.frequencies, (1.0, 1.0))
-            a = np.where(given, own[0], self.damping_ratio * unit[0]) / period
-            b = np.where(given, own[1], self.damping_ratio * unit[1]) * period
-            found.append((np.asarray(a), np.asarray(b)))
-        return found
+    def rayleigh_factors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Factors (a, b) of C = a M + b K of all buildings (1/s, s), shape (n, buildings) each."""
+        buildings = self.scene.buildings
+        own = np.array([each.rayleigh for each in buildings]).T
+        unit = np.array([rayleigh_factors(each.on_fixed_base.frequencies, (1.0, 1.0)) for each in buildings]).T
+        a, b = (self.damping_ratio[:, None] * each for each in unit)
+        for found, each in ((a, own[0]), (b, own[1])):
+            np.copyto(found, each, where=np.isnan(self.damping_ratio)[:, None])
+        a /= self.period_factor
+        b *= self.period_factor
+        return a, b
 
     def contact_mass(self, contact: int) -> np.ndarray:
         """Effective mass of a contact (t), shape (n,): the floor's own at a wall."""

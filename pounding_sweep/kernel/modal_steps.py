@@ -1,0 +1,82 @@
+"""Exact steps of modes, any number side by side: lanes of a kernel, or arrays of NumPy's.
+
+Between impacts a building is linear, and the ground acceleration is linear
+between record points; over a step h the state x = (q, q') of a mode then moves by
+
+    x' = A x + p g0 + q g1
+
+without error at any h (Nigam & Jennings 1969). Rayleigh damping leaves the modes
+apart, so that A, p and q follow from functions of a 2 x 2 matrix per mode:
+
+    Z = [[0, 1], [-(w h)**2, -2 zeta w h]],    exp(Z),    phi1(Z), phi2(Z)
+
+with phi1(z) = (e**z - 1) / z and phi2(z) = (e**z - 1 - z) / z**2. By Cayley and
+Hamilton each of them is f0 + f1 Z with two real numbers, found from the power
+series of a halved Z and by doubling it again: one formula for modes that are
+under-, critically and over-damped.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pounding_sweep.kernel.lanes import Cell, Tracer, fma, maximum, sqrt, where, while_any
+
+#: Largest frequency or damping, times the step, for which the series is summed, and its number of terms:
+#: 0.5**16 / 16! is below the last place.
+_SMALL, _TERMS = 0.5, 16
+#: Most halvings: what is larger has decayed to nothing, or is no number.
+_HALVINGS = 64
+#: Numbers of a step: what q and q' at its end are by those at its start, and by the ground at its start and end.
+MOVES = ("qq", "qp", "pq", "pp", "q0", "p0", "q1", "p1")
+
+#: f0 + f1 Z
+_Function = tuple[Any, Any]
+
+
+def step(trace: Tracer | None, w: Any, c: Any, push: Any, h: Any) -> dict[str, Any]:
+    """Return `MOVES` over a step of `h` (s), of frequencies, decay 2 zeta w, and what the ground pushes by."""
+    damping = c * h
+    (e0, e1), (p0, p1), (q0, q1) = _functions(trace, (w * h) * (w * h), damping)
+    found = [e0, e1 * h, -(w * w) * (e1 * h), e0 - damping * e1]
+    for f0, f1 in ((p0 - q0, p1 - q1), (q0, q1)):
+        found += [-(f1 * (push * h) * h), -((f0 - damping * f1) * (push * h))]
+    return dict(zip(MOVES, found, strict=True))
+
+
+def _functions(trace: Tracer | None, square: Any, damping: Any) -> tuple[_Function, _Function, _Function]:
+    """exp, phi1 and phi2 of Z = [[0, 1], [-square, -damping]], lane by lane."""
+    # each by its own number of halvings, so that none depends on those beside it
+    largest = maximum(maximum(sqrt(square), damping), _SMALL)
+    share = Cell(square * 0.0 + 1.0)
+    for _ in while_any(lambda: largest * share.now > _SMALL, trace, _HALVINGS):
+        share.now = where(largest * share.now > _SMALL, 0.5 * share.now, share.now)
+    scale = share.now
+    s, c = square * scale * scale, damping * scale
+
+    def times(f: _Function, g: _Function) -> _Function:  # Z**2 = -c Z - s
+        both = f[1] * g[1]
+        return fma(f[0], g[0], -s * both), fma(f[0], g[1], fma(f[1], g[0], -c * both))
+
+    # Horner's rule for phi2, whose series is sum Z**i / (i + 2)!; the others follow from it
+    f0, f1 = s * 0.0 + 1.0 / math.factorial(_TERMS + 1), s * 0.0
+    for i in range(_TERMS - 2, -1, -1):
+        f0, f1 = fma(-s, f1, 1.0 / math.factorial(i + 2)), fma(-c, f1, f0)
+    phi2 = Cell(f0), Cell(f1)
+    phi1 = Cell(1.0 - s * f1), Cell(f0 - c * f1)
+    grown = Cell(1.0 - s * phi1[1].now), Cell(phi1[0].now - c * phi1[1].now)
+
+    def now(cells: tuple[Cell, Cell]) -> _Function:
+        return cells[0].now, cells[1].now
+
+    for _ in while_any(lambda: share.now < 1.0, trace):
+        more, (a0, a1), (b0, b1) = share.now < 1.0, times(now(phi1), now(phi1)), times(now(grown), now(phi1))
+        twice = times(now(grown), now(grown))
+        new = (0.25 * (a0 + 2.0 * phi2[0].now), 0.25 * (a1 + 2.0 * phi2[1].now))
+        half = (0.5 * (b0 + phi1[0].now), 0.5 * (b1 + phi1[1].now))
+        for cells, values in ((phi2, new), (phi1, half), (grown, twice)):
+            for cell, value in zip(cells, values, strict=True):
+                cell.now = where(more, value, cell.now)
+        share.now = where(more, 2.0 * share.now, share.now)
+    return tuple((cells[0].now, cells[1].now * scale) for cells in (grown, phi1, phi2))  # type: ignore[return-value]
