@@ -58,7 +58,7 @@ OWN = [
 def test_a_kernel_is_what_its_source_says(method, law, locate, scene, monkeypatch):
     shared = (method, law, locate, scene) in SHARED
     reducers = simulated(method, law, located=locate, scene=scene).reducers if shared else frozenset(REDUCERS)
-    kernel = RowKernel(scene, LAWS[law], Numerics(method, 4e-3, locate=locate), reducers, history=True)
+    kernel = RowKernel(scene, LAWS[law], Numerics(method, 1e-2, locate=locate), reducers, history=True)
     assert not shared or kernel.shape in kernels()
     one = {
         "scale": np.ones(1),
