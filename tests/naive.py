@@ -359,6 +359,7 @@ class _Row:
         strengths = [[np.inf] * len(b.masses) if b.yield_strengths is None else b.yield_strengths for b in real]
         self.strength = np.concatenate(strengths).astype(float)
         self.yields = bool(np.isfinite(self.strength).any())
+        self.yield_drift = np.where(np.isfinite(self.strength), self.strength, 0.0) / self.k_storey
         # what the damper of a storey that yields loses of its coefficient (kN s/m)
         self.undamped = np.concatenate(
             [
@@ -497,8 +498,7 @@ class _Solver:
         """Return (drift, plastic drift, shear) of every storey in the frozen phases."""
         row, column = self.row, (slice(None),) + (None,) * (u.ndim - 1)
         drift = row.drift @ u
-        limit = np.where(np.isfinite(row.strength), row.strength, 0.0) / row.k_storey
-        plastic = np.where(self.phase[column] == 0.0, self.slip[column], drift - (self.phase * limit)[column])
+        plastic = np.where(self.phase[column] == 0.0, self.slip[column], drift - (self.phase * row.yield_drift)[column])
         return drift, plastic, row.k_storey[column] * (drift - row.softening[column] * plastic)
 
     def at_rest(self, y):
@@ -521,7 +521,7 @@ class _Solver:
     def damping(self, v):
         """Return C v."""
         row, found = self.row, self.row.C @ v
-        if row.yields:
+        if row.undamped.any():
             column = (slice(None),) + (None,) * (v.ndim - 1)
             found = found - row.drift.T @ ((row.undamped * np.abs(self.phase))[column] * (row.drift @ v))
         return found
@@ -807,7 +807,9 @@ class _Solver:
         value = q[rows, top]
         lower, upper = np.maximum(top - 1, 0), np.minimum(top + 1, len(ts) - 1)
         reach = 0.5 * np.maximum(value - q[rows, lower], value - q[rows, upper])
-        candidates = np.flatnonzero((value + reach > self.peak) & (reach > 1e-10 * np.abs(value)))
+        # what still rises at the end, by the slope of a parabola there, has its largest value in the steps to come
+        rising = (top == len(ts) - 1) & (2.0 * (value - q[:, -2]) > q[:, -2] - q[:, -3])
+        candidates = np.flatnonzero(~rising & (value + reach > self.peak) & (reach > 1e-10 * np.abs(value)))
         self.peak = np.maximum(self.peak, value)
         for i in candidates:
             best = _zoom(lambda t, i=i: self.observe(t, dense(t))[i], ts[lower[i]], ts[upper[i]])[1]

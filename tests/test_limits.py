@@ -30,7 +30,7 @@ from pounding_sweep.cli.app import app
 from pounding_sweep.output.netcdf import free_space, open_cube
 from pounding_sweep.resume.checkpoint import EXPECTED, IDENTITY, MANIFEST, ChunkStore
 from pounding_sweep.resume.survey import survey
-from pounding_sweep.run import execute
+from pounding_sweep.run import cube_writer, execute
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.sweep import Sweep, load_sweep
 
@@ -207,6 +207,19 @@ MOUNTED = 'mount -t tmpfs -o "$1" tmpfs "$2" && shift 2 && exec "$@"'
 UNSHARED = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c", MOUNTED, "sh")
 
 
+#: Several command lines in one process; what they say, and the code that each ends with.
+ONE_PROCESS = """
+import json, sys
+from pounding_sweep.cli import main
+sys.stderr = sys.stdout
+for sys.argv[1:] in json.loads(sys.argv[-1]):
+    try:
+        main()
+    except SystemExit as end:
+        print(end.code)
+"""
+
+
 def on_a_disk_of_its_own(folder, options, program, *arguments):
     """Run a program of Python beside a new file system at `folder`; skips where none may be mounted."""
     folder.mkdir()
@@ -299,13 +312,12 @@ def test_a_full_disk(tmp_path, reference):
 
 def test_a_disk_that_cannot_be_written(tmp_path):
     write(tmp_path, SWEEP)
-    program = f"""
-import sys
-from test_cli import bad
-print(bad("run", {str(tmp_path / "sweep.toml")!r}, "-o", sys.argv[1] + "/out.nc"))
-"""
-    said = on_a_disk_of_its_own(tmp_path / "disk", "ro", program)
-    assert re.search(r"the folder '.*disk' of output .* can't be written \(Read-only file system\); give another", said)
+    run = json.dumps([["run", str(tmp_path / "sweep.toml"), "-o", str(tmp_path / "disk" / "out.nc")]])
+    said = on_a_disk_of_its_own(tmp_path / "disk", "ro", ONE_PROCESS, run)
+    refused = (
+        r"pounding-sweep: error: the folder '.*disk' of output .* can't be written \(Read-only file system\); .*\n"
+    )
+    assert re.fullmatch(refused + "2\n", said)
 
 
 def test_chunks_that_cannot_be_removed(tmp_path, monkeypatch):
@@ -458,24 +470,18 @@ def test_a_damaged_chunk_is_forgotten_before_anybody_is_warned(tmp_path):
         sweep.run(tmp_path / "out.nc").close()
 
 
-def test_what_is_kept_is_counted_and_named_where_it_is(tmp_path):
+def test_what_is_kept_is_counted_and_named_where_it_is(tmp_path, monkeypatch):
     """A chunk that is listed but gone counts for nothing, and chunks stand beside the cube, not beside a link to it."""
     write(tmp_path, TINY)
     (tmp_path / "data").mkdir()
     (tmp_path / "out.nc").symlink_to(tmp_path / "data" / "real.nc")
-    code = """
-from pathlib import Path
-from pounding_sweep import cli
-from pounding_sweep.run import cube_writer as filling
 
-def stop(*arguments, **more):
-    min(Path("data/real.nc.parts").glob("chunk-*")).unlink()
-    raise KeyboardInterrupt
+    def loses_one(*arguments, **more):
+        min((tmp_path / "data" / "real.nc.parts").glob("chunk-*")).unlink()
+        raise KeyboardInterrupt
 
-filling.write_cube_of = stop
-cli.main()
-"""
-    said = cli(*RUN, cwd=tmp_path, code=130, start=("-c", code)).stderr
+    monkeypatch.setattr(cube_writer, "write_cube_of", loses_one)
+    said = cli(*RUN, cwd=tmp_path, code=130).stderr
     there = list((tmp_path / "data" / "real.nc.parts").glob("chunk-*"))
     listed = (tmp_path / "data" / "real.nc.parts" / MANIFEST).read_text().count("\n")
     assert 0 < len(there) < listed
@@ -493,21 +499,17 @@ def test_chunks_that_may_not_be_read(tmp_path):
     store = ChunkStore(tmp_path / "out.nc.parts", "x").open()
     store.write("a", np.zeros(1, [("a", "f8")]))
     store.folder.chmod(0)
-    said = []
+    command = [*bounded, sys.executable, "-c", ONE_PROCESS, json.dumps([RUN, ["info", "out.nc"]])]
     try:
-        for args in (RUN, ("info", "out.nc")):
-            command = [*bounded, sys.executable, "-m", "pounding_sweep", *args]
-            how = {"cwd": tmp_path, "env": environment(), "capture_output": True, "text": True}
-            said.append(subprocess.run(command, check=False, **how))
+        done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=True)
     finally:
         store.folder.chmod(0o700)
-    for done in said:
-        assert (done.returncode, done.stdout) == (2, "")
-        assert re.fullmatch(
-            r"pounding-sweep: error: the chunk folder '.*out\.nc\.parts' can't be read \(Permission denied\); "
-            r"ask its owner for access, or give another path\n",
-            done.stderr,
-        )
+    refused = (
+        r"pounding-sweep: error: the chunk folder '.*out\.nc\.parts' can't be read \(Permission denied\); "
+        r"ask its owner for access, or give another path\n2\n"
+    )
+    assert re.fullmatch(refused * 2, done.stdout)
+    assert done.stderr == ""
     assert store.completed() == {"a"}
 
 

@@ -167,7 +167,14 @@ def test_runs_that_several_parts_hold_count_once(runs, tmp_path):
     for cube in apart:
         cube.close()
     assert counted(*sorted(tmp_path.glob("part_*.nc")), out=out) == first
-    assert counted(out, c, b, a, out=tmp_path / "again.nc") == first
+
+
+@pytest.mark.slow
+def test_runs_that_several_parts_hold_count_once_in_any_order(runs, tmp_path):
+    """Copies, and parts that were merged with others before, too."""
+    a, b, c = sorted(runs.glob("part_?.nc"))
+    first = counted(a, b, c, out=tmp_path / "all.nc")
+    assert counted(tmp_path / "all.nc", c, b, a, out=tmp_path / "again.nc") == first
     (tmp_path / "copy.nc").write_bytes(a.read_bytes())
     assert counted(a, tmp_path / "copy.nc", b, c, out=tmp_path / "again.nc") == first
     counted(a, b, out=tmp_path / "ab.nc")
@@ -175,7 +182,7 @@ def test_runs_that_several_parts_hold_count_once(runs, tmp_path):
     assert counted(tmp_path / "ab.nc", tmp_path / "bc.nc", out=tmp_path / "again.nc") == first
 
 
-@pytest.mark.parametrize("slab_bytes", [3000, 2**25])
+@pytest.mark.parametrize("slab_bytes", [3000, pytest.param(2**25, marks=pytest.mark.slow)])
 def test_missing_combinations_are_not_run_and_named(whole, tmp_path, monkeypatch, slab_bytes):
     monkeypatch.setattr(merging, "SLAB_BYTES", slab_bytes)
     monkeypatch.setattr(merging, "BLOCK_BYTES", min(slab_bytes, 500))
@@ -617,7 +624,11 @@ def test_labels_of_cases_are_kept(cases, tmp_path):
             r"'.*b\.nc' has 1 values of case, its sweep had 2; give the cube as it was made",
         ),
         (lambda c: some(c, [0, 1]).isel(case=[1, 0]), r"'.*b\.nc' has other cases than its sweep"),
-        (lambda c: some(c, [0, 1]).drop_vars("law"), r"'.*b\.nc' has other cases than its sweep"),
+        pytest.param(
+            lambda c: some(c, [0, 1]).drop_vars("law"),
+            r"'.*b\.nc' has other cases than its sweep",
+            marks=pytest.mark.slow,
+        ),
         (
             lambda c: some(c, [2, 4]).drop_vars(["period_factor", "mass_factor"]),
             r"'.*a\.nc' varies building properties and '.*b\.nc' doesn't, so they ran in different kernels: add a case",
@@ -655,7 +666,7 @@ def test_command_with_cases(cases, tmp_path):
         assert [part.get("extended_from", {}).get("scenarios_taken") for part in parts] == [None, None, 1]
 
 
-@pytest.mark.parametrize("told", ["{", "[]", '{"laws": ["linear"]}'])
+@pytest.mark.parametrize("told", ["{", pytest.param("[]", marks=pytest.mark.slow), '{"laws": ["linear"]}'])
 def test_a_cube_whose_sweep_is_damaged_is_refused(cases, tmp_path, told):
     bad = some(cases, [0]).assign_attrs(sweep=told)
     files = saved(tmp_path, some(cases, [1]), bad)

@@ -66,7 +66,9 @@ def picture(tmp_path_factory):
     return Picture(5, "A & B", path)
 
 
-def test_the_page_says_what_there_is_and_loads_nothing(made, picture):
+def test_the_page_says_what_there_is_and_loads_nothing(made, picture, monkeypatch):
+    said = contents(made)
+    monkeypatch.setattr("pounding_sweep.paper.report.contents", lambda _: said)
     text = render(made, [picture])
     page = Page(text)
     assert page.open == []
@@ -86,10 +88,10 @@ def test_the_page_says_what_there_is_and_loads_nothing(made, picture):
     assert page.tables == 1 + 4 + 1 + 1 + 2 + 1 + 1 + 4
     begin = page.words.index("The verdict")
     assert begin < page.words.index("1. What was computed")
-    for part in contents(made)["opening"]:
+    for part in said["opening"]:
         assert f"{part.word}, {part.reading} {'; '.join(part.items)}" in page.words[begin:]
     assert [grid.title for grid in summary(made)][:2] == ["The verdict", "The paper's conclusions"]
-    verdicts = contents(made)["judgements"]
+    verdicts = said["judgements"]
     assert len(verdicts) == 5 * len(READINGS)
     assert all(one.verdict.value in page.words for one in verdicts)
 

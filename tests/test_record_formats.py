@@ -241,7 +241,7 @@ WRITTEN = st.one_of(
 )
 
 
-@given(st.lists(WRITTEN, min_size=1, max_size=40), st.sampled_from([" ", "  ", "\n", ", ", "\t"]))
+@given(st.lists(WRITTEN, min_size=1, max_size=10), st.sampled_from([" ", "  ", "\n", ", ", "\t"]))
 def test_blocks_are_read_as_word_by_word(words, between):
     expected = [float(word.replace("D", "E").replace("d", "e")) for word in words]
     assert plain_words(between.join(words) + "\n").tolist() == expected

@@ -79,18 +79,20 @@ def promised(damping, pseudo, total, ground):
 @given(
     values=st.lists(st.floats(-5.0, 5.0), min_size=2, max_size=30),
     dt=st.sampled_from([0.002, 0.01, 0.02, 0.5]),
-    ratio=st.floats(0.05, 500.0),
+    ratio=st.floats(0.2, 500.0),
     damping=st.sampled_from([0.0, 0.02, 0.05, 0.2, 0.5, 0.95]),
 )
 def test_the_peaks_of_any_motion_err_by_no_more_than_is_promised(values, dt, ratio, damping):
     assert_as_promised(np.array(values), dt, ratio * dt, damping)
 
 
-@pytest.mark.parametrize("damping", [0.0, 0.05, 0.2, 0.5, 0.99])
+@pytest.mark.parametrize(
+    "damping", [0.0, 0.2, 0.99, *(pytest.param(ratio, marks=pytest.mark.slow) for ratio in (0.05, 0.5))]
+)
 def test_peaks_of_rough_motions_err_by_no_more_than_is_promised(damping):
     """Ground that turns at every point, and oscillators about as slow as that its points need no others between."""
     rough = np.where(np.random.default_rng(3).random(40) < 0.5, -1.0, 1.0)
-    for motion, dt in ((rough, 0.01), (EL_CENTRO.acceleration[:150], EL_CENTRO.dt)):
+    for motion, dt in ((rough, 0.01), (EL_CENTRO.acceleration[60:120], EL_CENTRO.dt)):
         for ratio in (1.7, 9.0, 31.9, 32.0, 64.0, 100.0, 1000.0):
             assert_as_promised(motion, dt, ratio * dt, damping)
 
@@ -150,7 +152,7 @@ def test_equals_the_code_of_another_package():
     fine = np.interp(
         np.arange((EL_CENTRO.n_points - 1) * 32 + 1) / 32, np.arange(EL_CENTRO.n_points), EL_CENTRO.acceleration
     )
-    periods = np.geomspace(0.05, 5.0, 40)
+    periods = np.geomspace(0.05, 5.0, 12)
     u, _, total = sdof.nigam_and_jennings_response(fine, EL_CENTRO.dt / 32, periods, 0.05)
     found = response_spectrum(EL_CENTRO, periods)
     np.testing.assert_allclose(found["spectral_displacement"], np.abs(u).max(axis=1), rtol=2e-3)
@@ -370,4 +372,5 @@ def test_motions_are_drawn_with_their_peaks(count, tmp_path):
     assert (last.lines[1].get_xdata().item(), last.lines[1].get_ydata().item()) == (0.125, -2.0)
     assert last.get_xlim() == (0.0, 60.0)
     assert len(figure.axes[-1].lines) == (count if count < 9 else count + 3)
-    assert plot(motions, "ground-motion", tmp_path / "motions.svg").stat().st_size > 0
+    if count == 3:
+        assert plot(motions, "ground-motion", tmp_path / "motions.svg").stat().st_size > 0

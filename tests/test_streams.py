@@ -156,7 +156,9 @@ with reporting():
 """
 
 
-@pytest.mark.parametrize("names", ["SIGINT SIGINT", "SIGTERM SIGINT", "SIGHUP SIGTERM"])
+@pytest.mark.parametrize(
+    "names", ["SIGINT SIGINT", pytest.param("SIGTERM SIGINT", marks=pytest.mark.slow), "SIGHUP SIGTERM"]
+)
 def test_a_second_signal_does_not_wait_for_the_end_in_order(tmp_path, names):
     first, second = (signal.Signals[name] for name in names.split())
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}

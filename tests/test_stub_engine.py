@@ -67,11 +67,16 @@ def test_longer_rows_walls_and_histories(stub_engine):
     assert np.isfinite(alone.displacement).all()
 
 
-def test_workers_and_children_have_it_too(stub_engine, tmp_path):
-    """Processes of dask and of the command line give the bits of this one; nothing is compiled anywhere."""
+def test_workers_have_it_too(stub_engine):
+    """Processes of dask give the bits of this one."""
     here = ps.Sweep(**SWEEP).run(progress=False)
     there = ps.Sweep(**SWEEP).run(progress=False, scheduler="processes", workers=1)
     assert there.drop_attrs().identical(here.drop_attrs())
+
+
+@pytest.mark.slow
+def test_children_compile_nothing(stub_engine, tmp_path):
+    """By day, `test_streams` holds what a child gives against this process."""
     path = tmp_path / "sweep.toml"
     path.write_text('[scene]\npreset = "mate2015"\n[sweep]\nrecords = ["el_centro"]\nlaws = ["linear"]\n')
     cache = tmp_path / "kernels"

@@ -17,7 +17,7 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import REDUCERS
 
 EL_CENTRO = ps.find_record("el_centro")
-SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[70:130])
+SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[90:115])
 WALL = ps.Scene([ps.Wall(), ps.Building("a", [30.0], [2e4])], gaps=[0.002])
 YIELDS = ps.Scene(
     [ps.Building("a", [30.0], [2e4], yield_strengths=[40.0], hardening=0.1), ps.Building("b", [20.0], [2e4])], [0.002]
@@ -58,7 +58,7 @@ OWN = [
 def test_a_kernel_is_what_its_source_says(method, law, locate, scene, monkeypatch):
     shared = (method, law, locate, scene) in SHARED
     reducers = simulated(method, law, located=locate, scene=scene).reducers if shared else frozenset(REDUCERS)
-    kernel = RowKernel(scene, LAWS[law], Numerics(method, 4e-3, locate=locate), reducers, history=True)
+    kernel = RowKernel(scene, LAWS[law], Numerics(method, 1e-2, locate=locate), reducers, history=True)
     assert not shared or kernel.shape in kernels()
     one = {
         "scale": np.ones(1),
@@ -75,7 +75,7 @@ def test_a_kernel_is_what_its_source_says(method, law, locate, scene, monkeypatc
         found.append({**kernel.run(SHORT, **one, history=history), "history": history})
     get_kernel.cache_clear()
     compiled, twin = found
-    assert compiled["count" if law != "none" else "travel"].sum() > 0
+    assert compiled["count"].sum() > 1 if law != "none" else compiled["travel"].sum() > 0
     assert scene is not YIELDS or compiled["travel"].sum() > 0
     for name, want in compiled.items():
         size = np.abs(want).max()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -128,4 +129,9 @@ def published(number: int) -> xr.Dataset:
     """Return a table of the paper as outputs of a cube."""
     if number not in TABLES:
         raise InputError(unknown("table of results", number, map(str, TABLES)))
+    return _read(number).copy(deep=True)
+
+
+@cache
+def _read(number: int) -> xr.Dataset:
     return TABLES[number].read()
