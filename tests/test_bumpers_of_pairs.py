@@ -61,7 +61,7 @@ def truth(scene, law, points=101, scale=1.5):
         at = scene.pair_names.index(each.pair), each.storeys or None
         bumpers.append((*at, own, each.stiffness, each.restitution, each.thickness))
     k, gaps = STIFFNESS.get(law, 8e5), list(scene.gaps)
-    found = naive.run(twins(scene), gaps, record.acceleration, record.dt, law, k, 0.6, bumpers=bumpers, rtol=1e-11)
+    found = naive.run(twins(scene), gaps, record.acceleration, record.dt, law, k, 0.6, bumpers=bumpers, rtol=1e-9)
     return {**found, "law": law}
 
 
