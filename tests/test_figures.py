@@ -403,11 +403,7 @@ def test_a_part_of_the_record_is_drawn(key):
             FIGURES[key].draw(one, start=start, end=end)
 
 
-@pytest.mark.parametrize(
-    "key",
-    ["force-gap", "amplification"]
-    + [pytest.param(key, marks=pytest.mark.slow) for key in ("law-comparison", "incremental", "required-gap")],
-)
+@pytest.mark.parametrize("key", ["force-gap", "amplification", "law-comparison", "incremental", "required-gap"])
 def test_legends_stand_inside_their_figures(key):
     """Of one pair or building, with long names of laws."""
     cube = made.cube(scale=3).assign_coords(law=["nonlinear_viscoelastic", "modified_kelvin_voigt", "none"])
