@@ -23,7 +23,7 @@ from pounding_sweep.engine import cache, compile
 
 # kernels are compiled inside examples, on cores that other tests use too
 settings.register_profile("nightly", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("day", settings.get_profile("nightly"), max_examples=25)
+settings.register_profile("day", settings.get_profile("nightly"), max_examples=15)
 # the command line is made of its declarations once, not for every call of it
 typer.testing._get_command = once(typer.testing._get_command)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache, wraps
 
 import numpy as np
 import xarray as xr
@@ -20,6 +21,12 @@ from pounding_sweep.spec.spec import scene_data, to_json
 LAWS = ("linear", "kelvin_voigt", "none")
 
 
+def made_once(make):
+    """Have each dataset put together once; who asks gets a copy of it."""
+    kept = cache(make)
+    return wraps(make)(lambda *args, **more: kept(*args, **more).copy(deep=True))
+
+
 def scene(left_wall=False, right_wall=False, names=("w1", "a", "b", "w2")):
     """Two buildings of three and two storeys, walls beside them where asked for."""
     row = [Building(names[1], [200.0] * 3, [2e5] * 3), Building(names[2], [100.0] * 2, [1.5e5] * 2)]
@@ -28,6 +35,7 @@ def scene(left_wall=False, right_wall=False, names=("w1", "a", "b", "w2")):
     return Scene(row, gaps=[0.01 * (i + 1) for i in range(len(row) - 1)], contact=contact)
 
 
+@made_once
 def cube(seed=0, *, right_wall=False, **sizes):
     """A cube of every output, its values random and above zero; axes of the sizes given, or of one value."""
     rng = np.random.default_rng(seed)
@@ -60,6 +68,7 @@ def cube(seed=0, *, right_wall=False, **sizes):
     return assemble(row, axes, arrays, {"title": "by hand", "sweep": to_json(spec)}, extra)
 
 
+@made_once
 def design(samples=8, **more):
     """A cube of a Saltelli design of two inputs under two laws, its values those of a formula of the inputs."""
     inputs = {
@@ -81,6 +90,7 @@ def design(samples=8, **more):
     return assemble(row, axes, arrays, {"title": "by hand", "sweep": to_json(spec)}, extra)
 
 
+@made_once
 def histories(left_wall=False, right_wall=False, touch=True, **more):
     """Histories of two seconds: floors that sway against each other, and forces where they overlap."""
     row = scene(left_wall, right_wall, **more)

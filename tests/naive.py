@@ -811,9 +811,20 @@ class _Solver:
         rising = (top == len(ts) - 1) & (2.0 * (value - q[:, -2]) > q[:, -2] - q[:, -3])
         candidates = np.flatnonzero(~rising & (value + reach > self.peak) & (reach > 1e-10 * np.abs(value)))
         self.peak = np.maximum(self.peak, value)
-        for i in candidates:
-            best = _zoom(lambda t, i=i: self.observe(t, dense(t))[i], ts[lower[i]], ts[upper[i]])[1]
-            self.peak[i] = max(self.peak[i], best)
+        if candidates.size:
+            tops = self.tops(dense, candidates, ts[lower[candidates]], ts[upper[candidates]])
+            self.peak[candidates] = np.maximum(self.peak[candidates], tops)
+
+    def tops(self, dense, which, lo, hi, points=21, rounds=4):
+        """Largest value of each of these quantities on its own span, by repeated sampling around the best sample."""
+        each, best = np.arange(len(which)), np.full(len(which), -np.inf)
+        for _ in range(rounds):
+            t = np.linspace(lo, hi, points)
+            values = self.observe(t.ravel(), dense(t.ravel())).reshape(-1, *t.shape)[which, :, each]
+            i = np.argmax(values, axis=1)
+            best = np.maximum(best, values[each, i])
+            lo, hi = t[np.maximum(i - 1, 0), each], t[np.minimum(i + 1, points - 1), each]
+        return best
 
     # -- time ----------------------------------------------------------------------------------------------------
 

@@ -99,7 +99,9 @@ def test_deep_values_are_refused(tmp_path, depth, form):
 
 
 @pytest.mark.parametrize(
-    "key", ["title", "sweep.gaps", "sweep.records", "sweep.laws", "scene.preset", "solver.method", "solver.dt"]
+    "key",
+    ["title", "sweep.gaps", "sweep.records", "scene.preset"]
+    + [pytest.param(key, marks=pytest.mark.slow) for key in ("sweep.laws", "solver.method", "solver.dt")],
 )
 @pytest.mark.parametrize(
     "value",

@@ -271,7 +271,13 @@ DAMAGE = {
 
 @pytest.mark.parametrize(
     ("kind", "ending"),
-    [("empty", "nbi"), ("zeros", "nbc"), ("cut", "nbc"), ("byte flipped", "nbc"), ("another", "nbi")],
+    [
+        ("empty", "nbi"),
+        ("byte flipped", "nbc"),
+        ("another", "nbi"),
+        # seen by the same digest
+        *(pytest.param(kind, "nbc", marks=pytest.mark.slow) for kind in ("zeros", "cut")),
+    ],
 )
 def test_a_damaged_kernel_is_compiled_anew(filled, kind, ending):
     shapes = [kernel_of(law).shape for law in (LINEAR, DOUBLED)]
@@ -529,14 +535,8 @@ def test_an_implicit_solution_that_is_given_up_is_told_by_the_status(folder, mon
     )
     record = ps.pulse_record("sine", amplitude=4.0, period=0.5, dt=0.02, duration=1.0)
 
-    def status():
-        forget()
-        one = ps.simulate(scene, record, law="linear", stiffness=2e5, method="newmark", dt=2e-3)
-        assert float(one.impact_count.sum()) > 0
-        return int(one.status)
-
-    assert status() == Status.OK
-    with monkeypatch.context() as patch:
-        patch.setattr(implicit, "MAX_SWEEPS", 1)
-        patch.setattr(cache, "_surroundings", lambda: "another source")
-        assert status() == Status.NEWTON_NOT_CONVERGED
+    monkeypatch.setattr(implicit, "MAX_SWEEPS", 1)
+    monkeypatch.setattr(cache, "_surroundings", lambda: "another source")
+    one = ps.simulate(scene, record, law="linear", stiffness=2e5, method="newmark", dt=2e-3)
+    assert float(one.impact_count.sum()) > 0
+    assert int(one.status) == Status.NEWTON_NOT_CONVERGED

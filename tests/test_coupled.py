@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from against_twin import errors, motion, simulate, truth, twins
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import LEANING_YIELDS, LINKED
 from naive import run
@@ -75,7 +75,6 @@ def check_modes(scene, bound):
     assert (modes.c >= 0.0).all()
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.lists(coefficient, min_size=4, max_size=4), coefficient, coefficient, st.sampled_from([0.0, 0.05, 0.7]))
 def test_modes_are_those_of_the_state_matrix(dashpots, stiffness, damping, ratio):
     links = [ps.Link("a-b", [(1, 2), 2], stiffness, damping)] if stiffness or damping else []
@@ -148,7 +147,6 @@ def test_variants_have_modes_of_their_own():
 # -- bounds ------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10_000), coefficient, coefficient, st.floats(-2.0, 0.3))
 def test_free_decay_keeps_within_its_bounds(seed, dashpot, damping, log_turn):
     """What is watched, forces of links too, and its excursion from a chord, of any free motion."""

@@ -13,10 +13,18 @@ ROOT = Path(__file__).resolve().parent.parent
 PINNED = {"pydantic_core": "pydantic"}
 
 
+def statements(node):
+    """All below a node; expressions, which hold none, are passed over."""
+    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+        for child in getattr(node, part, ()):
+            yield child
+            yield from statements(child)
+
+
 def imported(folder):
     """Top-level names of all modules imported below a folder, wherever in a file."""
     for file in folder.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in statements(ast.parse(file.read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
             yield from (name.partition(".")[0] for name in names)

@@ -532,7 +532,7 @@ CHANGES = {
 
 
 #: Each is seen by the same comparison as one of the others.
-ALIKE = {"the step", "a value of the record", "what each scheme was measured to cost", "the version"}
+ALIKE = {"the step", "a value of the record", "what each scheme was measured to cost", "the version", "numba"}
 
 
 #: The package as it stands in a folder, in a process of its own.

@@ -39,12 +39,18 @@ def legend(figure):
 # -- nothing to draw ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("key", CUBE_FIGURES)
-def test_a_figure_without_a_value_is_an_error(key, tmp_path):
+@pytest.fixture(scope="module")
+def empty():
+    """A cube that all figures can be drawn from, and the same without a value."""
     whole = made.cube(record=2, scale=3, gap=1, stiffness_factor=2, restitution=1).squeeze("gap")
+    return whole, only(whole, nowhere(whole))
+
+
+@pytest.mark.parametrize("key", CUBE_FIGURES)
+def test_a_figure_without_a_value_is_an_error(key, empty, tmp_path):
+    whole, cube = empty
     assert not FIGURES[key].lacks(whole)
     picture = tmp_path / "figure.png"
-    cube = only(whole, nowhere(whole))
     with pytest.raises(InputError, match=f"figure '{key}' has nothing to draw") as error:
         plot(cube, key, picture)
     assert "at gap 2 mm: 36 of 36 scenarios are not_run; choose others with --at" in str(error.value)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from against_twin import check_energy, check_order, errors, motion, simulate, truth, twins
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from kernels_used import FOUNDED, FOUNDING, LEANING, SMOOTH
 from naive import run
@@ -327,7 +327,6 @@ def test_a_base_that_hardly_holds_is_no_diverged_run(strength):
 # -- limits of steps ---------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40)
 @given(
     st.floats(1e-3, 1e3), st.floats(1e-3, 1e3), st.floats(3.0, 9.0), st.floats(3.0, 9.0), st.floats(0.0, 6.0),
     st.floats(0.0, 6.0), st.sampled_from(["rk4", "central_difference"]),
