@@ -241,6 +241,8 @@ class Group:
             rows |= {"wj": nc * order} if any(law.damper_exponent == 1.0 for law in laws) else {}
             rows |= dict.fromkeys(("x", "y", "push"), n)
             rows |= dict.fromkeys(("span", "picked", "aim", "low", "high", "bends"), 1)
+            if "transfer" in self.asked and self.touching:
+                rows |= dict.fromkeys(("gain", "swing", "early", "late"), nb) | {"power": nb * (2 * order - 1)}
         return rows
 
     def looks(self, what: str) -> bool:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import forces, links, located, series_yielding
+from pounding_sweep.kernel import forces, links, located, series_transfers, series_yielding
 from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, PRESSING, REBOUND, SLACK
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import (
@@ -372,15 +372,12 @@ def _go(group: Group) -> None:
 
 
 def _take_contacts(group: Group) -> None:
-    """Take forces and penetrations of closed contacts at the ends of the step and between them."""
-    s, r, t = group.state, group.asked, group.state["fraction"]
-    needs_ends = group.looks("ends")
+    """Take the largest forces and penetrations of closed contacts."""
+    s, r = group.state, group.asked
     moves = s["span"] > 0.0
-    for j in group.each_contact() if needs_ends or r & {"force", "penetration"} else ():
+    for j in group.each_contact() if r & {"force", "penetration"} else ():
         closed, depth, force = (s["mode", j] > OPEN) & moves, _depth(group, j), _force(group, j)
         spring = not group.law_of(j).shape.damper
-        for name in ("f0", "f1", "q0", "q1") if needs_ends else ():
-            s[name, j] = 0.0
         with when_any(closed):
             if "penetration" in r or (spring and "force" in r):
                 deepest = _largest(group, closed, depth)
@@ -390,10 +387,6 @@ def _take_contacts(group: Group) -> None:
                     s["fmax", j] = maximum(s["fmax", j], s["ke", j] * deepest)
             if "force" in r and not spring:
                 s["fmax", j] = maximum(s["fmax", j], _largest(group, closed, force))
-            if needs_ends:
-                per = where(moves, 1.0 / s["span"], 0.0)
-                s["f0", j], s["f1", j] = force.read(0), force.value(t)
-                s["q0", j], s["q1", j] = force.read(1) * per, force.rate.value(t) * per
 
 
 def _largest(group: Group, lanes: Any, series: Series) -> Any:
@@ -439,6 +432,8 @@ def _integrate(group: Group) -> None:
     table = Table(group.trace, [*(0.5 + 0.5 * nodes), *(0.5 * weights)])
     if "links" in r:
         links.clear_powers(group)
+    if "transfer" in r:
+        series_transfers.begin(group)
     per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
     for q in count_to(len(nodes), group.trace):
         t, weight = s["fraction"] * table[q], s["h"] * table[q + len(nodes)]
@@ -454,16 +449,20 @@ def _integrate(group: Group) -> None:
                 for gained, lost in powers(group, [(b, floors)], [s["y", i] for i in floors], ground):
                     s["e_in", b] = fma(weight, gained, s["e_in", b])
                     s["e_damp", b] = fma(weight, lost, s["e_damp", b])
-        for j in group.each_contact() if r & {"work", "impulse"} else ():
+        for j in group.each_contact() if r & {"work", "impulse", "transfer"} else ():
             closed = s["mode", j] > OPEN
             with when_any(closed):
                 force = where(closed, _force(group, j).value(t), 0.0)  # where all contacts are open, none has a series
+                if "transfer" in r:
+                    series_transfers.add(group, j, force, weight)
                 if "impulse" in r:
                     s["impulse", j] = fma(weight, force, s["impulse", j])
                 if "work" in r:
                     s["work", j] = fma(weight, force * (_depth(group, j).rate.value(t) * per), s["work", j])
     if "links" in r:
         links.record(group, 1.0)
+    if "transfer" in r:
+        series_transfers.conclude(group, _force)
 
 
 def _largest_size(group: Group, lanes: Any, x: Series) -> Any:
