@@ -86,6 +86,20 @@ def test_contacts_are_exact_at_the_step_of_the_record(law):
             np.testing.assert_allclose(ours[name][i], np.concatenate(other[key]), rtol=1e-5, err_msg=name)
 
 
+def test_transfers_of_a_mirrored_row_are_mirrored():
+    scene, record = pair(0.002), motions()[0]
+    record = ps.Record("short", record.dt, 2.0 * record.acceleration[:30])
+    mirrored = Scene(scene.row[::-1], scene.gaps, scene.contact)
+    back = ps.Record("back", record.dt, -record.acceleration)
+    here, there = (
+        found(row, "kelvin_voigt", motion, [1.5e6, 3e5], [0.5, 0.7])
+        for row, motion in ((scene, record), (mirrored, back))
+    )
+    assert (np.abs(here["work"]).sum(axis=1) > 0.0).all()
+    for name in ("tmax", "tmin"):
+        np.testing.assert_allclose(here[name], there[name][:, ::-1], rtol=1e-9, atol=1e-9 * np.abs(here["tmax"]).max())
+
+
 @pytest.mark.slow
 def test_a_force_that_ends_and_returns_within_a_step():
     """Two floors part so fast that the damper would pull, and are pressed together again before the step ends."""
