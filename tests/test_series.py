@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import naive
 import numpy as np
 import pytest
@@ -10,7 +12,10 @@ from test_columns import twins
 
 import pounding_sweep as ps
 from pounding_sweep.accuracy.promises import draw, earthquakes
+from pounding_sweep.engine.kernel import make_group
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
+from pounding_sweep.kernel import series
+from pounding_sweep.kernel.forces import OPEN, PRESSING
 from pounding_sweep.kernel.lanes import roughly_power
 from pounding_sweep.kernel.roots import cubic_turn, with_slope
 from pounding_sweep.kernel.spec import LANES
@@ -28,6 +33,7 @@ POLYNOMIAL = [
 ]
 OUTPUTS = ["displacement_max", "drift_max", "acceleration_max", "impact_force_max", "impact_count"]
 OUTPUTS += ["penetration_max", "impulse", "contact_time", "energy_input", "energy_damping", "contact_work"]
+OUTPUTS += ["energy_transfer_max", "energy_transfer_min"]
 
 
 def found(scene, law, record, stiffness, restitution, outputs=OUTPUTS):
@@ -71,11 +77,27 @@ def test_contacts_are_exact_at_the_step_of_the_record(law):
             ("e_in", other["energy_input"]),
             ("e_damp", other["energy_damping"]),
             ("work", other["contact_work"][0]),
+            ("tmax", other["energy_transfer_max"]),
+            ("tmin", other["energy_transfer_min"]),
         ):
             atol = 1e-8 * np.abs(other["energy_input"]).max() if name == "work" else 1e-8 * np.abs(want).max()
             np.testing.assert_allclose(ours[name][i], want, rtol=1e-7, atol=atol, err_msg=name)
         for name, key in (("acc", "acceleration_max"), ("drift", "drift_max"), ("umax", "displacement_max")):
             np.testing.assert_allclose(ours[name][i], np.concatenate(other[key]), rtol=1e-5, err_msg=name)
+
+
+def test_transfers_of_a_mirrored_row_are_mirrored():
+    scene, record = pair(0.002), motions()[0]
+    record = ps.Record("short", record.dt, 2.0 * record.acceleration[:30])
+    mirrored = Scene(scene.row[::-1], scene.gaps, scene.contact)
+    back = ps.Record("back", record.dt, -record.acceleration)
+    here, there = (
+        found(row, "kelvin_voigt", motion, [1.5e6, 3e5], [0.5, 0.7])
+        for row, motion in ((scene, record), (mirrored, back))
+    )
+    assert (np.abs(here["work"]).sum(axis=1) > 0.0).all()
+    for name in ("tmax", "tmin"):
+        np.testing.assert_allclose(here[name], there[name][:, ::-1], rtol=1e-9, atol=1e-9 * np.abs(here["tmax"]).max())
 
 
 @pytest.mark.slow
@@ -144,3 +166,52 @@ def test_floors_that_part_and_touch_again_within_a_step_are_counted():
     ]
     np.testing.assert_array_equal(*counts)
     assert counts[0][3] == 78
+
+
+def _taylor(rng, order, shape):
+    """Coefficients of sines that turn by up to 2 rad in a step, which may have a constant."""
+    turn, phase, size = rng.uniform(0.2, 2.0, shape), rng.uniform(0.0, 2.0 * np.pi, shape), rng.normal(size=shape)
+    terms = [size * turn**k * np.sin(phase + 0.5 * np.pi * k) / math.factorial(k) for k in range(order)]
+    terms[0] = terms[0] + rng.choice([0.0, 1.0], shape) * rng.normal(size=shape)
+    return np.array(terms)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_extremes_of_transfers_lie_where_powers_change_their_sign(seed):
+    """Random forces and motions of a pair of two storeys: against the same products, sampled densely."""
+    kernel = RowKernel(pair(), LAWS["kelvin_voigt"], Numerics("exact", 0.01), reducers_for(OUTPUTS))
+    group, rng = make_group(kernel.shape, None, LANES, kernel.constants), np.random.default_rng(seed)
+    s, order, n, nc = group.state, kernel.shape.series, 4, 2
+    forces, rates = _taylor(rng, order, (nc, LANES)), _taylor(rng, order, (n, LANES))
+    s["span"], s["fraction"] = np.full(LANES, 0.01), rng.uniform(0.5, 1.0, LANES)
+    s["h"] = s["span"] * s["fraction"]
+    for i in range(n):
+        s["v0", i], s["v", i] = (
+            rates[0, i] / 0.01,
+            np.polynomial.polynomial.polyval(s["fraction"], rates[:, i], tensor=False) / 0.01,
+        )
+        for k in range(order):
+            s["jet", i + (k + 1) * n] = rates[k, i] / (k + 1)
+    for j in range(nc):
+        s["mode", j] = rng.choice([OPEN, PRESSING], LANES)
+        for k in range(order):
+            s["fj", j + k * nc] = forces[k, j]
+            s["dj", j + (k + 1) * nc] = (rates[k, j] - rates[k, j + 2]) / (k + 1)
+    series._integrate(group)
+    t, turned = np.linspace(0.0, 1.0, 4001)[:, None] * s["fraction"], False
+    for b, sign in enumerate((1.0, -1.0)):
+        given = np.zeros((len(t), LANES))
+        for lane in range(LANES):
+            held = [j for j in range(nc) if s["mode", j][lane] > OPEN]
+            for j in held:
+                force, rate = (np.polynomial.Polynomial(x) for x in (forces[:, j, lane], rates[:, j + 2 * b, lane]))
+                given[:, lane] += sign * (force * rate).integ()(t[:, lane])
+        np.testing.assert_allclose(s["now", b], given[-1], atol=1e-8)
+        np.testing.assert_allclose(s["tmax", b], given.max(axis=0), atol=1e-6)
+        np.testing.assert_allclose(s["tmin", b], given.min(axis=0), atol=1e-6)
+        inside = np.maximum(
+            given.max(axis=0) - np.maximum(given[-1], 0.0), np.minimum(given[-1], 0.0) - given.min(axis=0)
+        )
+        turned = turned or bool((inside > 1e-2).any())
+    assert turned
+    np.testing.assert_allclose(s["now", 0] + s["now", 1], s["work", 0] + s["work", 1], atol=1e-12)

@@ -177,7 +177,7 @@ _shape = lru_cache(maxsize=64)(kernel_shape)
 
 def _contact_cap(shape: KernelSpec, numerics: Numerics) -> float:
     """Largest product of a sub-step and the rate of a contact."""
-    if not shape.series or "transfer" in shape.reducers:  # between the ends, energies are those of a cubic
+    if not shape.series:
         return CONTACT_CAP / numerics.finer
     return SERIES_CAP / max(1.0, numerics.finer)
 

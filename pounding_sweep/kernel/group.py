@@ -241,11 +241,18 @@ class Group:
             rows |= {"wj": nc * order} if any(law.damper_exponent == 1.0 for law in laws) else {}
             rows |= dict.fromkeys(("x", "y", "push"), n)
             rows |= dict.fromkeys(("span", "picked", "aim", "low", "high", "bends"), 1)
+            rows |= {"ruled_out": 2 * (nc + n)}
+            if "transfer" in self.asked and self.touching:
+                rows |= dict.fromkeys(("gain", "swing", "early", "late"), nb) | {"power": nb * (2 * order - 1)}
         return rows
 
     def looks(self, what: str) -> bool:
         """Whether a reducer asks `what` (out of `LOOKS`) of each sub-step of a closed contact."""
         return any(LOOKS.index(reducer.looks) >= LOOKS.index(what) for reducer in self.reducers)
+
+    def change(self, i: Any, kind: int) -> Any:
+        """Return the number of a kind of change, of a contact or of a storey, these counted after contacts."""
+        return i + kind * (len(self.contacts) + self.spec.n_dof)
 
     # what the scene gives ------------------------------------------------------------------------------------------
 

@@ -86,7 +86,7 @@ def finalize_substep(group: Group, kind: ModuleType, h: Any) -> None:
     """Do what a lane does at the end of a sub-step that it takes: energies transferred, modes, velocity jumps."""
     s = group.state
     taken = s["taken"] > 0.0
-    if "transfer" in group.asked:
+    if "transfer" in group.asked and not group.spec.series:
         _transfers(group, taken)
     lands = taken & (s["land"] > 0.0)
     implicit = group.spec.implicit and not group.spec.impulsive
@@ -202,7 +202,7 @@ def clear_forces(group: Group, lanes: Any) -> None:
 
 def needs_ends(group: Group) -> bool:
     """Whether contact forces at the ends of a sub-step are asked for."""
-    return group.touching and group.looks("ends")
+    return group.touching and not group.spec.series and group.looks("ends")
 
 
 def is_any_closed(group: Group) -> Any:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pounding_sweep.kernel import forces, links, located, series_yielding
+from pounding_sweep.kernel import forces, links, located, series_transfers, series_yielding
 from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, PRESSING, REBOUND, SLACK
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import (
@@ -208,6 +208,8 @@ def _meet(group: Group) -> None:
     s["fraction"] = group.full(1.0)
     for j in group.each_contact():
         s["event", j], s["next", j] = group.full(NEVER), s["mode", j]
+        for kind in range(_kinds(group, j)):
+            s["ruled_out", group.change(j, kind)] = 0.0
     _converge(group)
     if group.spec.yielding:
         series_yielding.begin(group)
@@ -225,6 +227,12 @@ def _meet(group: Group) -> None:
                 going.now = found & (more | ~(s["fraction"] < before))
                 series_yielding.place(group)
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
+
+
+def _kinds(group: Group, j: Any) -> int:
+    """How many kinds of changes a contact has: of its penetration's sign, and of that of its rate or its force."""
+    law = group.law_of(j).shape
+    return 2 if law.approach_only or law.clips else 1
 
 
 def _converge(group: Group) -> None:
@@ -284,7 +292,7 @@ class _Choice:
             for k in range(self.group.spec.series + 1):
                 term = sign * series.read(k) if k <= series.order else 0.0
                 s["pick", k] = where(better, term, s["pick", k])
-            s["picked"], s["aim"] = where(better, real(number), s["picked"]), where(better, target, s["aim"])
+            s["picked"], s["aim"] = where(better, number, s["picked"]), where(better, target, s["aim"])
             s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0 * e0)), s["bends"])
 
 
@@ -309,21 +317,23 @@ def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -
     s, law, depth, mode = group.state, group.law_of(j), _depth(group, j), group.state["mode", j]
     closed, pressing = mode > OPEN, mode == PRESSING
 
-    def offer(lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
-        choice.offer(j, lanes & ~(s["next", j] == target), sign, series, target, leans)
+    def offer(kind: int, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
+        number = group.change(j, kind)
+        lanes = lanes & ~(s["next", j] == target) & ~(s["ruled_out", number] > 0.0)
+        choice.offer(real(number), lanes, sign, series, target, leans)
 
     sign = where(closed, -1.0, group.full(1.0))
     # one that has touched but for a rounding error goes on
     leans = closed & ~(depth.read(0) > 0.0)
-    offer(asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leans)
+    offer(0, asks, sign, depth, where(closed, OPEN, group.full(PRESSING)), leans)
     if law.shape.approach_only:
         toward = where(pressing, -1.0, group.full(1.0))
-        offer(asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
+        offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
     if law.shape.clips:
         k, c = s["kl", j], s["cl", j] * per
         press = Series(_pressing(depth, k, c, _is_product(group, j)), depth.order - 1)
         toward, target = where(pressing, -1.0, group.full(1.0)), where(pressing, SLACK, group.full(PRESSING))
-        offer(asks & closed & (c > 0.0), toward, press, target)
+        offer(1, asks & closed & (c > 0.0), toward, press, target)
 
 
 def _pressing(depth: Series, k: Any, c: Any, product: bool) -> Callable[[int], Any]:
@@ -339,7 +349,7 @@ def _pressing(depth: Series, k: Any, c: Any, product: bool) -> Callable[[int], A
 
 
 def _locate(group: Group, found: Any) -> None:
-    """Find when the chosen event happens; what does not is not asked for again."""
+    """Find when the chosen event happens; one that does not is ruled out."""
     s = group.state
     pick, end, bends = Series(lambda k: s["pick", k], group.spec.series), s["fraction"], s["bends"]
     s["low"], s["high"], happens = group.full(0.0), end, Cell(found)
@@ -351,9 +361,12 @@ def _locate(group: Group, found: Any) -> None:
     t = newton(group, happens.now, s["low"], s["high"], pick, 1.0)
     s["fraction"] = where(happens.now, t, end)
     for j in group.each_contact():
-        mine = found & (s["picked"] == real(j))
-        s["event", j] = where(mine & happens.now, t, s["event", j])
-        s["next", j] = where(mine, s["aim"], s["next", j])
+        for kind in range(_kinds(group, j)):
+            number = group.change(j, kind)
+            mine = found & (s["picked"] == real(number))
+            s["event", j] = where(mine & happens.now, t, s["event", j])
+            s["next", j] = where(mine & happens.now, s["aim"], s["next", j])
+            s["ruled_out", number] = where(mine & ~happens.now, 1.0, s["ruled_out", number])
     if group.spec.yielding:
         series_yielding.keep(group, found, happens.now, t)
 
@@ -372,23 +385,16 @@ def _go(group: Group) -> None:
 
 
 def _take_contacts(group: Group) -> None:
-    """Take forces and penetrations of closed contacts at the ends of the step and between them."""
-    s, r, t = group.state, group.asked, group.state["fraction"]
-    needs_ends = group.looks("ends")
+    """Take the largest forces and penetrations of closed contacts."""
+    s, r = group.state, group.asked
     moves = s["span"] > 0.0
-    for j in group.each_contact() if needs_ends or r & {"force", "penetration"} else ():
+    for j in group.each_contact() if r & {"force", "penetration"} else ():
         closed, depth, force = (s["mode", j] > OPEN) & moves, _depth(group, j), _force(group, j)
-        for name in ("f0", "f1", "q0", "q1") if needs_ends else ():
-            s[name, j] = 0.0
         with when_any(closed):
             # of the force itself, a spring's too: the same bits in the kernel of a damped law
             for reducer, most, series in (("penetration", "dmax", depth), ("force", "fmax", force)):
                 if reducer in r:
                     s[most, j] = maximum(s[most, j], _largest(group, closed, series))
-            if needs_ends:
-                per = where(moves, 1.0 / s["span"], 0.0)
-                s["f0", j], s["f1", j] = force.read(0), force.value(t)
-                s["q0", j], s["q1", j] = force.read(1) * per, force.rate.value(t) * per
 
 
 def _largest(group: Group, lanes: Any, series: Series) -> Any:
@@ -434,6 +440,8 @@ def _integrate(group: Group) -> None:
     table = Table(group.trace, [*(0.5 + 0.5 * nodes), *(0.5 * weights)])
     if "links" in r:
         links.clear_powers(group)
+    if "transfer" in r:
+        series_transfers.begin(group)
     per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
     for q in count_to(len(nodes), group.trace):
         t, weight = s["fraction"] * table[q], s["h"] * table[q + len(nodes)]
@@ -449,16 +457,20 @@ def _integrate(group: Group) -> None:
                 for gained, lost in powers(group, [(b, floors)], [s["y", i] for i in floors], ground):
                     s["e_in", b] = fma(weight, gained, s["e_in", b])
                     s["e_damp", b] = fma(weight, lost, s["e_damp", b])
-        for j in group.each_contact() if r & {"work", "impulse"} else ():
+        for j in group.each_contact() if r & {"work", "impulse", "transfer"} else ():
             closed = s["mode", j] > OPEN
             with when_any(closed):
                 force = where(closed, _force(group, j).value(t), 0.0)  # where all contacts are open, none has a series
+                if "transfer" in r:
+                    series_transfers.add(group, j, force, weight)
                 if "impulse" in r:
                     s["impulse", j] = fma(weight, force, s["impulse", j])
                 if "work" in r:
                     s["work", j] = fma(weight, force * (_depth(group, j).rate.value(t) * per), s["work", j])
     if "links" in r:
         links.record(group, 1.0)
+    if "transfer" in r:
+        series_transfers.conclude(group, _force)
 
 
 def _largest_size(group: Group, lanes: Any, x: Series) -> Any:

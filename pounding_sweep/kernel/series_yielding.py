@@ -25,6 +25,8 @@ def begin(group: Group) -> None:
     s, n, order = group.state, group.spec.n_dof, group.spec.series
     for i, _ in hysteresis.each_storey(group):
         s["turn", i], s["then", i] = group.full(NEVER), s["phase", i]
+        for kind in range(2):
+            s["ruled_out", group.change(i + len(group.contacts), kind)] = 0.0
 
     def terms(i: Any) -> tuple[Any, Any]:
         first = maximum(maximum(size(s["jet", i]), size(s["jet", i + n])), size(s["jet", i + 2 * n]))
@@ -86,6 +88,7 @@ def offer(group: Group, asks: Any, choice: Any) -> None:
     s, first = group.state, len(group.contacts)
     for i, below in hysteresis.each_storey(group):
         phase, then, dy, p = s["phase", i], s["then", i], group.prop("yield_drift", i), s["slip", i]
+        sides = [group.change(first + i, kind) for kind in range(2)]
         margin = dy * group.limit.same_time + group.limit.exact
         v0, v1 = (hysteresis.drift(group, i, below, name) for name in ("v0", "v"))
         z0, z1 = (hysteresis.drift(group, i, below, name) - p for name in ("u0", "u"))
@@ -96,26 +99,31 @@ def offer(group: Group, asks: Any, choice: Any) -> None:
             toward = where(v0 > 0.0, 1.0, group.full(-1.0))
             # it leaves its range on the side to which it moves first, and comes back, or stays beyond
             turns = (v0 * v1 < 0.0) & (where(v0 > 0.0, most, -least) > dy + margin)
-            hops = turns & ~(toward * z1 > dy + margin) & ~(then == toward)
+            ruled_out = where(toward > 0.0, *(s["ruled_out", each] for each in sides))
+            hops = turns & ~(toward * z1 > dy + margin) & ~(then == toward) & ~(ruled_out > 0.0)
             side = where(hops, toward, where(z1 > 0.0, 1.0, group.full(-1.0)))
             start = side * z0 - dy
             start = where(start > -margin, start - margin, start)
             lanes = leaves & (hops | (size(z1) > dy + margin)) & ~(then == side)
-            choice.offer(first + i, lanes, 1.0, _drift(group, i, below, start, side), side)
-        yields = asks & ~elastic & ~(then == 0.0)
+            number = where(side > 0.0, *(group.full(real(each)) for each in sides))
+            choice.offer(number, lanes, 1.0, _drift(group, i, below, start, side), side)
+        yields = asks & ~elastic & ~(then == 0.0) & ~(s["ruled_out", sides[0]] > 0.0)
         with when_any(yields):
             rate = _drift(group, i, below, z0, 1.0).rate
             end, last, per = s["fraction"], s["span"] * v1, (1.0 / 3.0) * s["fraction"]
             early, late = fma(per, rate.read(1), rate.read(0)), fma(-per, rate.rate.value(end), last)
             turns = yields & (minimum(phase * last, minimum(phase * early, phase * late)) < 0.0)
             with when_any(turns):
-                choice.offer(first + i, turns, -phase, rate, 0.0)
+                choice.offer(real(sides[0]), turns, -phase, rate, 0.0)
 
 
 def keep(group: Group, found: Any, happens: Any, t: Any) -> None:
     """Keep what was found of the storeys that were chosen."""
     s, first = group.state, len(group.contacts)
     for i, _ in hysteresis.each_storey(group):
-        mine = found & (s["picked"] == real(i + first))
-        s["turn", i] = where(mine & happens, t, s["turn", i])
-        s["then", i] = where(mine, s["aim"], s["then", i])
+        for kind in range(2):
+            number = group.change(i + first, kind)
+            mine = found & (s["picked"] == real(number))
+            s["turn", i] = where(mine & happens, t, s["turn", i])
+            s["then", i] = where(mine & happens, s["aim"], s["then", i])
+            s["ruled_out", number] = where(mine & ~happens, 1.0, s["ruled_out", number])
