@@ -266,9 +266,7 @@ class _Choice:
         group.state["bends"] = 0.0
 
     def _reach(self, early: Any, late: Any, e0: Any, e1: Any) -> Any:
-        """How far it may go between its ends, by its tangents there: where storeys yield, as a cubic may."""
-        if not self.group.spec.yielding:
-            return minimum(early, late)
+        """How far it may go between its ends, as far as it is a cubic: no farther than its tangents at thirds."""
         return maximum(e0 + (1.0 / 3.0) * (early - e0), e1 + (1.0 / 3.0) * (late - e1))
 
     def offer(self, number: Any, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
