@@ -7,6 +7,7 @@ import math
 import naive
 import numpy as np
 import pytest
+from kernels_used import EVERY
 from scenes import motions, pair
 from test_columns import twins
 
@@ -54,6 +55,22 @@ def test_which_laws_have_series():
 
     assert {law for law in LAWS if order(law, "float64")} == set(POLYNOMIAL)
     assert order("linear", "float32") < order("linear", "float64")
+
+
+def test_no_event_hides_another():
+    # where floors stay beside each other contacts open, close and fall slack several times in one step
+    record, gaps = ps.find_record("el_centro"), np.linspace(2e-4, 6e-3, 400)
+
+    def run(dt, finer):
+        kernel = RowKernel(pair(), LAWS["kelvin_voigt"], Numerics("exact", dt, finer=finer), reducers_for(EVERY))
+        given = {"scale": np.ones(400), "stiffness": np.full(400, 2e6), "restitution": np.full(400, 0.6)}
+        return kernel.run(record, gaps=gaps[:, None], **given)
+
+    whole, parts = run(0.02, 1.0), run(0.0025, 8.0)
+    assert parts["count"].max() > 100
+    np.testing.assert_array_equal(whole["count"], parts["count"])
+    for name, bound in (("impulse", 1e-11), ("work", 1e-8), ("tmax", 1e-8), ("fmax", 1e-8)):
+        assert np.abs(whole[name] - parts[name]).max() < bound * np.abs(parts[name]).max(), name
 
 
 @pytest.mark.parametrize(

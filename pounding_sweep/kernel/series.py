@@ -317,7 +317,8 @@ def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -
 
     def offer(kind: int, lanes: Any, sign: Any, series: Series, target: Any, leans: Any = None) -> None:
         number = group.change(j, kind)
-        lanes = lanes & ~(s["next", j] == target) & ~(s["ruled_out", number] > 0.0)
+        known = (s["next", j] == target) & ~(s["event", j] > s["fraction"])
+        lanes = lanes & ~known & ~(s["ruled_out", number] > 0.0)
         choice.offer(real(number), lanes, sign, series, target, leans)
 
     sign = where(closed, -1.0, group.full(1.0))

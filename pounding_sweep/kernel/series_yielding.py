@@ -87,7 +87,9 @@ def offer(group: Group, asks: Any, choice: Any) -> None:
     """Consider changes of storeys' phases before ``fraction``, in lanes that ask."""
     s, first = group.state, len(group.contacts)
     for i, below in hysteresis.each_storey(group):
-        phase, then, dy, p = s["phase", i], s["then", i], group.prop("yield_drift", i), s["slip", i]
+        phase, dy, p = s["phase", i], group.prop("yield_drift", i), s["slip", i]
+        # that of an event that ends the step as it is
+        then = where(s["turn", i] > s["fraction"], phase, s["then", i])
         sides = [group.change(first + i, kind) for kind in range(2)]
         margin = dy * group.limit.same_time + group.limit.exact
         v0, v1 = (hysteresis.drift(group, i, below, name) for name in ("v0", "v"))
