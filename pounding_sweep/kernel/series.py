@@ -216,15 +216,12 @@ def _meet(group: Group) -> None:
         series_yielding.place(group)
     events = len(group.contacts) + len(group.spec.yielding)
     going = Cell(ongoing & (s["tries"] < MAX_TRIES))
-    # what comes first is guessed, and looked for again before what was found where more may happen
+    # what comes first is guessed, and looked for again before what was found, where what did not show at the end may
     for _ in while_any(lambda: going.now, group.trace, at_most=4 * events):
-        found, more = _choose(group, going.now)
-        going.now = found & more
+        going.now = found = _choose(group, going.now)
         with when_any(found):
-            before = s["fraction"]
             _locate(group, found)
-            if group.spec.yielding:  # a storey that does not yield to one side may to the other
-                going.now = found & (more | ~(s["fraction"] < before))
+            if group.spec.yielding:
                 series_yielding.place(group)
     s["land"] = where(s["fraction"] < 1.0, 1.0, 0.0)
 
@@ -262,7 +259,7 @@ class _Choice:
 
     def __init__(self, group: Group) -> None:
         self.group, nobody = group, group.lanes_where(False)
-        self.soonest, self.more, self.found = Cell(group.full(NEVER)), Cell(nobody), Cell(nobody)
+        self.soonest, self.found = Cell(group.full(NEVER)), Cell(nobody)
         group.state["bends"] = 0.0
 
     def _reach(self, early: Any, late: Any, e0: Any, e1: Any) -> Any:
@@ -283,7 +280,6 @@ class _Choice:
             low = minimum(e0, 0.0)
             guess = where(crosses, end * (low / (low - e1)), 0.5 * end)
             guess = where(guess >= 0.0, guess, 0.0)
-            self.more.now = self.more.now | (lanes & self.found.now)
             self.found.now = self.found.now | lanes
             better = lanes & (guess < self.soonest.now)
             self.soonest.now = where(better, guess, self.soonest.now)
@@ -294,8 +290,8 @@ class _Choice:
             s["bends"] = where(better, where(hops, -1.0, where(rises, 1.0, 0.0 * e0)), s["bends"])
 
 
-def _choose(group: Group, asks: Any) -> tuple[Any, Any]:
-    """Find the lanes in which something may change before ``fraction``, and those in which more than one may."""
+def _choose(group: Group, asks: Any) -> Any:
+    """Find the lanes in which something may change before ``fraction``."""
     s, choice = group.state, _Choice(group)
     per = where(s["span"] > 0.0, 1.0 / s["span"], 0.0)
     for j in group.each_contact():
@@ -307,7 +303,7 @@ def _choose(group: Group, asks: Any) -> tuple[Any, Any]:
             _offer_contact(group, choice, j, mine, per)
     if group.spec.yielding:
         series_yielding.offer(group, asks, choice)
-    return choice.found.now, choice.more.now
+    return choice.found.now
 
 
 def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -> None:
