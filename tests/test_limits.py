@@ -259,7 +259,7 @@ exec(BALLAST)
 ballast, told = disk / "ballast", {}
 write(disk, SWEEP)
 
-with begin(disk, finished=3) as process:  # full while chunks are written
+with begin(disk, finished=1) as process:  # full while chunks are written
     fill(ballast)
     process.send_signal(signal.SIGCONT)
     told["chunks"] = (process.wait(), process.stderr.read(), done(disk))
@@ -296,7 +296,7 @@ def test_a_full_disk(tmp_path, reference):
         said,
     )
     assert "Traceback" not in said
-    assert kept >= 3
+    assert kept >= 1
     code, said, kept = told["cube"]
     assert code == 1
     assert re.search(
