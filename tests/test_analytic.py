@@ -7,9 +7,11 @@ import pytest
 from kernels_used import LAW_OF, SIMULATED
 from naive import NaiveBuilding, modal_exact, sdof_exact
 from scipy.integrate import cumulative_simpson
-from scipy.special import gamma
+from scipy.interpolate import BPoly, PPoly
+from scipy.special import factorial, gamma
 
 import pounding_sweep as ps
+from pounding_sweep.kernel.peaks import quintic_extreme
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.schemes import SCHEMES
@@ -431,3 +433,17 @@ def test_gap_and_motion_scaled_together_scale_the_answer(law, method):
         for name in names:
             want = one[name].fillna(0.0).values * factor**power
             near(other[name].fillna(0.0).values, want, 1e-9)
+
+
+@pytest.mark.parametrize("h", [0.1, 0.4, 0.8])
+def test_the_peak_on_the_quintic_inside_a_step_is_of_sixth_order(h):
+    for share in np.linspace(0.02, 0.98, 25):
+        start, end = 0.5 * np.pi - share * h, 0.5 * np.pi + (1.0 - share) * h
+        quintic = BPoly.from_derivatives([0.0, h], [sine_rates(start, 3), sine_rates(end, 3)])
+        rates = [PPoly.from_bernstein_basis(quintic)(0.0, n) for n in range(6)]
+        powers = [rate * h**n / factorial(n) for n, rate in enumerate(rates)]
+        assert abs(quintic_extreme(powers, h * np.cos(end)) - 1.0) < 8e-5 * h**6
+
+
+def sine_rates(t, many):
+    return [np.sin(t + 0.5 * np.pi * n) for n in range(many)]

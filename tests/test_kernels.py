@@ -349,6 +349,26 @@ def test_an_undamped_law_in_the_kernel_of_a_damped_one_to_the_last_bit(law, host
         assert np.array_equal(guest[name], values), name
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["hertz_damped", "nonlinear_viscoelastic"])
+def test_the_long_sub_steps_beside_exact_flight_find_the_peaks_inside_them(law):
+    """Of forces that rise steeply after a touch, and of motions, beside sub-steps twelve times as short."""
+    rng, one = np.random.default_rng(4), np.ones(48)
+    given = {"scale": one, "gaps": rng.uniform(0.004, 0.02, (48, 1)), "restitution": rng.uniform(0.3, 0.9, 48)}
+    given["stiffness"] = stiffness_of(law, "pair") * 10.0 ** rng.uniform(-0.6, 0.6, 48)
+    kept = frozenset({"displacement", "force"})
+    coarse, fine = (
+        RowKernel(PAIR, LAWS[law], Numerics("exact", 5e-3, finer=finer), kept).run(motion(600), **given)
+        for finer in (1.0, 12.0)
+    )
+    for name, most in (("umax", 6e-6), ("umin", 6e-6), ("fmax", 2e-4)):
+        largest = np.abs(fine[name]).max(axis=1)
+        hit = largest > 0.0
+        assert hit.sum() > 20
+        error = np.abs(coarse[name] - fine[name]).max(axis=1)[hit] / largest[hit]
+        assert error.max() < most, name
+
+
 # -- what a kernel leaves out ------------------------------------------------------------------------------------------
 
 

@@ -21,9 +21,19 @@ from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel import yielding
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, roughly_power, size, sqrt, when_any, where
-from pounding_sweep.kernel.roots import Series, along, coefficients, crossing, cubic_turn, quartic, rate, root
+from pounding_sweep.kernel.roots import (
+    Powers,
+    Series,
+    along,
+    coefficients,
+    crossing,
+    cubic_turn,
+    polynomial,
+    rate,
+    root,
+)
 from pounding_sweep.model.laws import RESTING_SPEED
 
 #: Sub-steps of one step before events are no longer followed (the lane is flagged).
@@ -35,6 +45,10 @@ SIDES = ((PRESSING, REBOUND), (REBOUND, PRESSING))
 AHEAD = 2.0
 #: Lengths of a contact beyond which its touch, or its release, is far; there powers to six figures suffice.
 LONG = 1000.0
+#: How much longer than floors need to part, at the rate they have, the sub-step is in which they should.
+OVER = 1.05
+#: Longest sub-step that graded ones of stages grow to, in durations of a contact, by the largest product of its rate.
+GRADED = 0.8
 #: Fraction of a sub-step that stands for: not in it.
 NEVER = 2.0
 
@@ -94,19 +108,27 @@ def longest_substep(group: Group, h: Any) -> Any:
                         b = 0.5 * b + sqrt(0.25 * b * b + fastest_here)
                     fastest_here = maximum(fastest_here, b * b)
                 fastest.now = maximum(fastest.now, where(closed, fastest_here, 0.0))
+            most = h / lasts
+            if group.spec.staged:
+                most = minimum(most, GRADED * group.prop("cap"))
             if law.touch_power > 1.0:
-                share = maximum(law.touch_share * h / lasts, law.least_share)
+                share = maximum(law.touch_share * most, law.least_share)
                 age = minimum(s["age", j] / lasts, LONG)
                 x = _root(age, law.touch_power) + share
                 grown = lasts * (_raised(x, law.touch_power) - age)
                 longest.now = minimum(longest.now, where(k > 0.0, grown, h))
             if law.release_power > 1.0:
                 rest = minimum(maximum(now, 0.0) / (-v * lasts), LONG)
-                share = maximum(law.release_share * h / lasts, law.least_share)
+                share = maximum(law.release_share * most, law.least_share)
                 x = _root(rest, law.release_power) - share
                 shrunk = lasts * (rest - _raised(x, law.release_power))
                 near = (k > 0.0) & (v < 0.0) & (x > share)  # else the release is within this sub-step
-                longest.now = minimum(longest.now, where(near, shrunk, h))
+                if group.spec.staged:  # which it ends, as near as one can tell
+                    parts = (k > 0.0) & (v < 0.0)
+                    last = lasts * maximum(OVER * rest, _raised(group.full(law.least_share), law.release_power))
+                    longest.now = minimum(longest.now, where(parts, where(near, shrunk, last), h))
+                else:
+                    longest.now = minimum(longest.now, where(near, shrunk, h))
     return minimum(longest.now, group.prop("cap") / sqrt(fastest.now)) if capped else longest.now
 
 
@@ -182,7 +204,7 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
     if group.spec.implicit:  # of a stiff contact the mode follows from the end of the sub-step
         busy = busy & ~(closed & (s["stiff"] > 0.0))
     with when_any(busy):
-        b = coefficients(h, d0, d1, v0, v1, group.between("a0", j))
+        b = course(group, j)
         sign = where(closed, -1.0, group.full(1.0))
         start = where(closed, d0, minimum(d0, 0.0))
         # else a closed contact has touched but for a rounding error, and goes on
@@ -193,9 +215,9 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
         if group.spec.implicit:
             rises = rises & closed
         at_peak = where(rises, sign, -sign)
-        depth = Series((start, *b).__getitem__, 4)
+        depth = Series((start, *b).__getitem__, len(b))
         extreme = crossing(group, busy & (turns | rises), 0.0, 1.0, depth.rate, at_peak)
-        there = quartic(extreme, start, b)
+        there = polynomial(extreme, start, b)
         event = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
         low, high = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
         when = where(event, crossing(group, event, low, high, depth, sign), NEVER)
@@ -227,10 +249,10 @@ def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, start: tuple
     r0, rb = rate(b)
 
     def press(t: Any) -> Any:
-        return law.pressing(k, c, quartic(t, d0, b), quartic(t, r0, rb) / h)
+        return law.pressing(k, c, polynomial(t, d0, b), polynomial(t, r0, rb) / h)
 
     end = minimum(when, 1.0)
-    d, v = quartic(end, d0, b), quartic(end, r0, rb) / h
+    d, v = polynomial(end, d0, b), polynomial(end, r0, rb) / h
     p1, p0 = law.pressing(k, c, d, v), law.pressing(k, c, d0, v0)
     asks = asks & (c > 0.0)
     ends = asks & (mode == PRESSING) & (p1 <= 0.0) & (v < 0.0)
@@ -260,30 +282,44 @@ def ends(group: Group, whole: Any) -> None:
         for name in ("f0", "f1", "q0", "q1") if group.looks("ends") and not implicit else ():
             s[name, j] = 0.0
         with nullcontext() if implicit else when_any(closed):  # of open ones implicit steps keep what was
-            a0 = group.between("a0", j)
-            b = coefficients(h, d0, d1, v0, v1, a0)
+            b = course(group, j)
             if "penetration" in r:
                 s["dmax", j] = maximum(s["dmax", j], where(closed, maximum(d0, d1), 0.0))
                 deepens = looks & (v0 > 0.0) & (v1 < 0.0)
                 with when_any(deepens):
                     x0, xb = rate(b)
                     t = root(group, deepens, 0.0, 1.0, along(x0, xb, -1.0))
-                    s["dmax", j] = maximum(s["dmax", j], where(deepens, quartic(t, d0, b), 0.0))
+                    s["dmax", j] = maximum(s["dmax", j], where(deepens, polynomial(t, d0, b), 0.0))
             if needs_force:
-                _force_ends(group, j, looks, whole, (d0, d1, v0, v1, a0), b, follows)
+                _force_ends(group, j, looks, whole, (d0, d1, v0, v1), b, follows)
+
+
+def course(group: Group, j: Any) -> Powers:
+    """Penetration of contact j in the sub-step: what is added to it at the start."""
+    s, h = group.state, group.state["h"]
+    if group.spec.staged:  # without differences of the motion
+        square = h * h
+        return h * s["w0", j], 0.5 * square * group.between("a0", j), *(square * group.between(x, j) for x in BENDS)
+    return coefficients(h, s["d0", j], s["d1", j], s["w0", j], s["w1", j], group.between("a0", j))
 
 
 def _force_ends(group: Group, j: Any, looks: Any, whole: Any, at: tuple[Any, ...], b: Any, follows: Any) -> None:
     """Take the force of one contact at the ends of a sub-step, its rates there, and its largest value between them."""
     s, law, r, h, limit = group.state, group.law_of(j), group.asked, group.state["h"], group.limit
-    d0, d1, v0, v1, a0 = at
+    d0, d1, v0, v1 = at
     k, c, mode = s["ke", j], s["ce", j], s["mode", j]
-    a1 = (2.0 * b[1] + 6.0 * b[2] + 12.0 * b[3]) / (h * h)
+    a0 = group.between("a0", j)
+    if group.spec.staged:
+        c3, c4, c5 = (group.between(x, j) for x in BENDS)
+        a1 = a0 + 6.0 * c3 + 12.0 * c4 + 20.0 * c5
+    else:
+        a1 = (2.0 * b[1] + 6.0 * b[2] + 12.0 * b[3]) / (h * h)
     f0, f1 = law.pressing(k, c, d0, v0), law.pressing(k, c, d1, v1)
     r0, r1 = law.pressing_rate(k, c, d0, v0, a0), law.pressing_rate(k, c, d1, v1, a1)
     mean = (f1 - f0) / maximum(h, limit.tiny)
-    short = ~(h >= limit.short * whole)
-    r0, r1 = where(short, mean, r0), where(short, mean, r1)
+    if not group.spec.staged:
+        short = ~(h >= limit.short * whole)
+        r0, r1 = where(short, mean, r0), where(short, mean, r1)
     presses = (mode == PRESSING) | (mode == REBOUND)
     if follows is not None:
         presses = presses & follows
@@ -291,11 +327,25 @@ def _force_ends(group: Group, j: Any, looks: Any, whole: Any, at: tuple[Any, ...
     if "force" in r:
         s["fmax", j] = maximum(s["fmax", j], maximum(f0, f1))
         between = looks & presses & (r0 > 0.0) & (r1 < 0.0)
+        turn = Cell(group.full(0.0))
+        if group.spec.staged:  # of a graze, whose force has no rate at its ends, about where it is deepest
+            grazes = looks & presses & ~between & ~(r0 < 0.0) & (v0 > 0.0) & (v1 < 0.0)
+            with when_any(grazes):
+                turn.now = cubic_turn(d0, d1, h * v0, h * v1)
+            between = between | grazes
         with when_any(between):
             x0, xb = rate(b)
             t = cubic_turn(f0, f1, h * r0, h * r1)
-            d, v = quartic(t, d0, b), quartic(t, x0, xb) / h
-            s["fmax", j] = maximum(s["fmax", j], where(between, law.pressing(k, c, d, v), 0.0))
+            t = where(grazes, turn.now, t) if group.spec.staged else t
+            d, v = polynomial(t, d0, b), polynomial(t, x0, xb) / h
+            found = law.pressing(k, c, d, v)
+            if group.spec.staged:  # long ones, in which a force with roots is no cubic: regula falsi on its rate
+                bend = rate(xb)
+                r = law.pressing_rate(k, c, d, v, polynomial(t, *bend) / (h * h))
+                t = where(r > 0.0, t + (1.0 - t) * r / (r - r1), t * r0 / (r0 - r))
+                d, v = polynomial(t, d0, b), polynomial(t, x0, xb) / h
+                found = maximum(found, where(grazes, found, law.pressing(k, c, d, v)))
+            s["fmax", j] = maximum(s["fmax", j], where(between, found, 0.0))
     if follows is not None:
         for reducer, name, value in (
             ("impulse", "impulse", 0.5 * h * (f0 + f1)),

@@ -41,8 +41,13 @@ SHARED = frozenset({"u0", "v0", "cap", "newmark_beta", "newmark_gamma"})
 #: What a reducer asks of each sub-step of a closed contact, each with those before it: nothing, the penetration at
 #: both ends, the force too, or that forces and their rates at both ends are kept for all floors.
 LOOKS = ("", "depth", "force", "ends")
+#: Rows of what floors move by beside their acceleration at the start of a sub-step of stages, in shares of its length
+#: to the third, fourth and fifth power.
+BENDS = ("c3", "c4", "c5")
 #: Share of an elastic contact's duration over which sub-steps grow to a whole step, where they are graded.
 GRADED_SHARE = 0.5
+#: The same in the longer sub-steps of exact flight, of a damper that begins with a steeper root than forces do.
+STEEP_SHARE = 1.0
 
 
 def power_of(x: Any, exponent: float) -> Any:
@@ -67,19 +72,19 @@ class Law:
     Of stiffness `k`, damping `c`, penetration `d` (m) and its rate `v` (m/s): kN.
     """
 
-    def __init__(self, shape: LawShape, order: int, exact: float) -> None:
+    def __init__(self, shape: LawShape, order: int, exact: float, share: float = GRADED_SHARE) -> None:
         self.shape = shape
         self.touch_power, self.release_power = shape.grading(order)
         self.graded = max(self.touch_power, self.release_power) > 1.0
         #: Shares by which graded sub-steps grow after a touch and shrink before a release.
         self.touch_share, self.release_share = (
-            1.0 / (q * GRADED_SHARE ** (1.0 - 1.0 / q)) for q in (self.touch_power, self.release_power)
+            1.0 / (q * share ** (1.0 - 1.0 / q)) for q in (self.touch_power, self.release_power)
         )
         #: Least root of a graded sub-step, in durations of the contact: its error is that of rounding.
         self.least_share = exact ** (1.0 / (order + 1))
-        share = 1.0 / (shape.exponent + 1.0)
-        factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + share) / math.gamma(0.5 + share)
-        self._duration = factor * (0.5 * (shape.exponent + 1.0)) ** share, share
+        degree = 1.0 / (shape.exponent + 1.0)
+        factor = 2.0 * math.sqrt(math.pi) * math.gamma(1.0 + degree) / math.gamma(0.5 + degree)
+        self._duration = factor * (0.5 * (shape.exponent + 1.0)) ** degree, degree
 
     def _evaluate(self, text: str, d: Any, **given: Any) -> Any:
         formula = read(text)
@@ -184,7 +189,8 @@ class Group:
         #: Whether steps are cut at events: of contacts, or of storeys that yield.
         self.eventful = self.touching or bool(spec.yielding)
         self.limit = SimpleNamespace(**TOLERANCES[spec.precision])
-        self.laws = [Law(shape, spec.order, self.limit.exact) for shape in spec.laws]
+        shares = [STEEP_SHARE if spec.staged and law.steep else GRADED_SHARE for law in spec.laws]
+        self.laws = [Law(law, spec.order, self.limit.exact, x) for law, x in zip(spec.laws, shares, strict=True)]
         #: Number of the step that lanes are within: one for all, or one each.
         self.number: Callable[[], Any] = lambda: 0
         self._places, self._inputs = property_slots(spec), input_slots(spec)
@@ -204,9 +210,8 @@ class Group:
         if not spec.fused:  # sums over the stages of a step, and its stages
             rows |= dict.fromkeys(("din", "ddamp"), nb)
             if self.eventful or spec.links:
-                rows |= dict.fromkeys(("x", "y", "push", "s0", "s1", "s2", "s3"), n) | dict.fromkeys(
-                    ("dwork", "dimpulse"), nc
-                )
+                stages = [f"s{k}" for k in range(spec.stages)]
+                rows |= dict.fromkeys(("x", "y", "push", *stages), n) | dict.fromkeys(("dwork", "dimpulse"), nc)
         if "links" in self.asked:  # sums over the stages of a step
             rows |= {"dgiven": nb, "dlost": len(spec.links)}
         if spec.implicit and self.touching:
@@ -234,6 +239,7 @@ class Group:
             rows |= {"plastic": nc, "yield": nc}
         #: What no step leaves to the next follows, from this row on.
         self.passing = sum(rows.values())
+        rows |= dict.fromkeys(BENDS, n) if spec.staged else {}
         if spec.series:
             order, laws = spec.series, spec.laws
             rows |= {"jet": n * (order + 1), "dj": nc * (order + 1), "pick": order + 1}
@@ -295,6 +301,10 @@ class Group:
         wide = (lambda x: x) if t.size == 8 else (lambda x: b.fpext(x, kind))
         time = b.fadd(b.fmul(steps, wide(self.full(h).value)), wide((h - rest).value))
         return Vector(t, time if t.size == 8 else b.fptrunc(time, t.vector))
+
+    def longest(self, h: Any) -> Any:
+        """Longest sub-step of a step of length h."""
+        return self.prop("longest") if self.spec.staged else h
 
     def full(self, x: Any) -> Any:
         """Return a number in all lanes."""

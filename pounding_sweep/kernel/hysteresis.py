@@ -20,7 +20,7 @@ from typing import Any
 from pounding_sweep.kernel.forces import NEVER
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import Cell, Table, any_lane, count_to, maximum, minimum, size, when_any, where
-from pounding_sweep.kernel.roots import coefficients, quartic, rate, root
+from pounding_sweep.kernel.roots import coefficients, polynomial, rate, root
 
 
 def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any]]:
@@ -115,16 +115,16 @@ def _event(group: Group, i: Any, below: Any, busy: Any) -> None:
     elastic = phase == 0.0
     turns = busy & where(elastic, v0 * v1 < 0.0, minimum(phase * v0, phase * v1) < 0.0)
     toward = where(elastic, where(v0 > 0.0, 1.0, group.full(-1.0)), phase)
-    extreme = root(group, turns, 0.0, 1.0, lambda t: -toward * quartic(t, r0, rb))
+    extreme = root(group, turns, 0.0, 1.0, lambda t: -toward * polynomial(t, r0, rb))
     extreme = where(turns, extreme, 1.0)
     # an elastic drift leaves its range before it turns, or after
-    before = turns & elastic & (toward * quartic(extreme, z0, b) > top)
+    before = turns & elastic & (toward * polynomial(extreme, z0, b) > top)
     after = busy & elastic & ~before & (size(z1) > top)
     side = where(before, toward, where(z1 > 0.0, 1.0, group.full(-1.0)))
     start = minimum(side * z0 - dy, 0.0)
     low, high = where(after & turns, extreme, 0.0), where(before, extreme, 1.0)
     leaves = before | after
-    when = root(group, leaves, low, high, lambda t: start + side * quartic(t, 0.0 * t, b))
+    when = root(group, leaves, low, high, lambda t: start + side * polynomial(t, 0.0 * t, b))
     found = where(leaves, when, where(turns & ~elastic, extreme, NEVER))
     s["turn", i] = where(busy, found, s["turn", i])
     s["then", i] = where(busy, where(elastic, side, 0.0), s["then", i])

@@ -14,7 +14,7 @@ from pounding_sweep.kernel import links
 from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, is_closed, note_touch, penetration
 from pounding_sweep.kernel.group import Group, is_wall
 from pounding_sweep.kernel.lanes import Cell, maximum, minimum, real, when_any, where, while_any
-from pounding_sweep.kernel.roots import along, coefficients, quartic, rate, root
+from pounding_sweep.kernel.roots import along, coefficients, polynomial, rate, root
 from pounding_sweep.kernel.row import total_accelerations, transferred
 from pounding_sweep.model.laws import RESTING_SPEED
 
@@ -151,7 +151,7 @@ def first_event(group: Group, asks: Any) -> Any:
             start = minimum(d0, 0.0)
             turns = busy & ~crosses & (v0 > 0.0) & (v1 < 0.0)
             top = root(group, turns, 0.0, 1.0, along(r0, rb, -1.0))
-            event = busy & (crosses | (turns & (quartic(top, start, b) > clear)))
+            event = busy & (crosses | (turns & (polynomial(top, start, b) > clear)))
             last = where(turns, top, 1.0)
             when = root(group, event, 0.0, last, along(start, b))
             s["event", j] = where(event, when, s["event", j])

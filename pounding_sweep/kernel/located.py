@@ -6,7 +6,7 @@ from types import ModuleType
 from typing import Any
 
 from pounding_sweep.kernel import bouc_wen, forces, hysteresis, impulse
-from pounding_sweep.kernel.group import Group, part_of
+from pounding_sweep.kernel.group import BENDS, Group, part_of
 from pounding_sweep.kernel.lanes import Cell, any_lane, fma, maximum, minimum, when_any, where
 from pounding_sweep.kernel.peaks import each_step, largest_accelerations, samples, turns
 from pounding_sweep.kernel.row import transferred
@@ -27,9 +27,12 @@ def begin(group: Group, lanes: Any, ga: Any, gb: Any, h: Any) -> None:
 def look_ahead(group: Group, h: Any) -> None:
     """Length and ground of every lane's next trial."""
     s = group.state
-    rest, longest = s["time_left"], forces.longest_substep(group, h) if group.touching else group.full(h)
+    most = group.longest(h)
+    rest, longest = s["time_left"], forces.longest_substep(group, most) if group.touching else group.full(most)
     if group.spec.smooth:
-        longest = minimum(longest, bouc_wen.longest(group, h))
+        longest = minimum(longest, bouc_wen.longest(group, most))
+    if group.spec.staged:  # two equal ones rather than a long one and what is left
+        longest = where(longest < rest, minimum(longest, 0.5 * rest), longest)
     ahead = where((longest < rest) & (s["tries"] < forces.MAX_TRIES), longest, rest)
     length = where(rest > 0.0, where(s["land"] > 0.0, s["ahead"], ahead), 0.0)
     ga, gb, done = s["ga"], s["gb"], h - rest
@@ -51,6 +54,30 @@ def refuse(group: Group, lanes: Any) -> None:
                 s[now, i] = where(lanes, s[before, i], s[now, i])
     if spec.smooth:
         bouc_wen.return_to_start(group, lanes)
+
+
+def _cuts(group: Group) -> bool:
+    """Whether a trial may end at its first event: sums over its stages know no part of it."""
+    sums = {"energy", "work", "impulse", "links"} & group.asked
+    return group.spec.staged and not (group.spec.yielding or group.spec.impulsive or sums)
+
+
+def cut(group: Group, lanes: Any) -> None:
+    """Lanes end their trial at its first event."""
+    s, t = group.state, group.state["fraction"]
+    h = t * s["h"]
+    for i in group.each(group.spec.n_moving, straight=False):
+        sped, moved, power = s["a0", i], 0.5 * s["a0", i], t
+        for n, name in enumerate(BENDS, 3):
+            bend = power * s[name, i]
+            sped, moved, power = fma(float(n), bend, sped), moved + bend, t * power
+            s[name, i] = where(lanes, bend, s[name, i])
+        s["u", i] = where(lanes, fma(h, fma(h, moved, s["v0", i]), s["u0", i]), s["u", i])
+        s["v", i] = where(lanes, fma(h, sped, s["v0", i]), s["v", i])
+    for j in group.each_contact():
+        s["d1", j], s["w1", j] = forces.penetration(group, j), group.between("v", j)
+    s["g1"] = where(lanes, fma(t, s["g1"] - s["g0"], s["g0"]), s["g1"])
+    s["land"], s["h"] = where(lanes, 1.0, s["land"]), where(lanes, h, s["h"])
 
 
 def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
@@ -79,7 +106,7 @@ def accept_substep(group: Group, look: Any, kind: ModuleType) -> None:
         s["fraction"] = where(early, fraction, s["fraction"])
         s["ahead"] = where(early, h * fraction, s["ahead"])
         with when_any(early):
-            refuse(group, early)
+            (cut if _cuts(group) else refuse)(group, early)
 
 
 def finalize_substep(group: Group, kind: ModuleType, h: Any) -> None:
@@ -150,7 +177,7 @@ def substep(group: Group, h: Any) -> None:
         look = look | storeys_may_change(group, s["h"])
     accept_substep(group, look, kind)
     if group.touching:
-        kind.ends(group, h)
+        kind.ends(group, group.longest(h))
     turns(group)
     if group.spec.impulsive:
         samples(group)  # a motion may turn in a velocity jump

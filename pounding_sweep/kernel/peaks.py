@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from pounding_sweep.kernel import bouc_wen, links
-from pounding_sweep.kernel.group import Group
+from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import Cell, Table, count_to, fma, maximum, minimum, size, when_any, where
-from pounding_sweep.kernel.roots import horner
+from pounding_sweep.kernel.roots import horner, with_slope
 from pounding_sweep.kernel.row import add_forces, total_accelerations, transferred
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
@@ -26,6 +26,15 @@ def cubic_extreme(x0: Any, x1: Any, s0: Any, s1: Any) -> Any:
     t = where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0)
     b = -3.0 * (x0 - x1) - (2.0 * s0 + s1)
     return x0 + t * (s0 + t * (b + t * (2.0 * (x0 - x1) + (s0 + s1))))
+
+
+def quintic_extreme(coefficients: Sequence[Any], s1: Any) -> Any:
+    """Extreme inside a step of a polynomial, whose rate is s1 at its end."""
+    s0 = coefficients[1]
+    t = where(s0 * s1 < 0.0, s0 / (s0 - s1), 0.0)
+    slope, bend = with_slope(t, [n * b for n, b in enumerate(coefficients[1:], 1)])
+    nearer = t - slope / bend
+    return horner(where((nearer > 0.0) & (nearer < 1.0), nearer, t), coefficients)
 
 
 def septic_extreme(start: Sequence[Any], end: Sequence[Any]) -> Any:
@@ -114,7 +123,12 @@ def turns(group: Group) -> None:
         if least is not None:
             above = maximum(above, s[least] - minimum(x0, x1) + reach)
         with when_any(asks := (v0 * v1 <= 0.0) & (above > 0.0)):
-            take_extremes(group, motion, asks, (cubic_extreme(x0, x1, h * v0, h * v1), x0, x1))
+            if group.spec.staged and not (motion.pulls or motion.of_shear):
+                bends = (0.5 * motion.of("a0"), *(motion.of(name) for name in BENDS))
+                p = quintic_extreme((x0, h * v0, *(h * h * b for b in bends)), h * v1)
+            else:
+                p = cubic_extreme(x0, x1, h * v0, h * v1)
+            take_extremes(group, motion, asks, (p, x0, x1))
 
 
 def take_extremes(group: Group, motion: Motion, lanes: Any, found: tuple[Any, Any, Any]) -> None:

@@ -13,26 +13,29 @@ from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, sqrt,
 SETTLED = {"float64": 1e-8, "float32": 1e-3}
 #: Newton's rounds to where a rate turns, in both number formats: a peak is flat.
 TURNS = {"float64": 3, "float32": 2}
-#: Coefficients of t, t**2, t**3, t**4.
-Quartic = tuple[Any, Any, Any, Any]
+#: Coefficients of t, t**2, t**3, t**4, ...
+Powers = tuple[Any, ...]
 
 
-def quartic(t: Any, x0: Any, b: Quartic) -> Any:
+def polynomial(t: Any, x0: Any, b: Powers) -> Any:
     """Its value at t = time / h."""
-    return x0 + t * (b[0] + t * (b[1] + t * (b[2] + t * b[3])))
+    x = b[-1]
+    for each in reversed(b[:-1]):
+        x = each + t * x
+    return x0 + t * x
 
 
-def along(x0: Any, b: Quartic, sign: float = 1.0) -> Callable[[Any], Any]:
+def along(x0: Any, b: Powers, sign: float = 1.0) -> Callable[[Any], Any]:
     """Return it, or its negative, as a function of t."""
-    return lambda t: sign * quartic(t, x0, b)
+    return lambda t: sign * polynomial(t, x0, b)
 
 
-def rate(b: Quartic) -> tuple[Any, Quartic]:
+def rate(b: Powers) -> tuple[Any, Powers]:
     """Its derivative: the value at 0 and the coefficients."""
-    return b[0], (2.0 * b[1], 3.0 * b[2], 4.0 * b[3], 0.0 * b[0])
+    return b[0], tuple((n + 2.0) * each for n, each in enumerate(b[1:]))
 
 
-def coefficients(h: Any, d0: Any, d1: Any, v0: Any, v1: Any, a0: Any) -> Quartic:
+def coefficients(h: Any, d0: Any, d1: Any, v0: Any, v1: Any, a0: Any) -> Powers:
     """Quartic through value, rate and second rate at t = 0, value and rate at t = 1."""
     b1 = h * v0
     b2 = 0.5 * h * h * a0

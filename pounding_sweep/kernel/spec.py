@@ -17,7 +17,7 @@ LANES = 16
 
 
 #: Properties that may differ from lane to lane.
-VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "geometric", "dashpot")
+VARIED = ("m", "im", "k", "alpha", "beta", "reduced", "hardening", "yield_drift", "geometric", "dashpot", "longest")
 
 #: Parameters of a compiled kernel and their types.
 PARAMETERS = {
@@ -39,7 +39,8 @@ PARAMETERS = {
 }
 #: Largest product of sub-step and contact rate in located explicit schemes: stiffer ones get sub-steps.
 CONTACT_CAP = 0.25
-
+#: The same of `exact`, whose stages are of fifth order.
+STAGED_CAP = 0.5
 
 #: The same of steps by series, and the order of these: what is left out of a step is of the size of rounding.
 SERIES_CAP = 2.0
@@ -88,6 +89,11 @@ class LawShape:
     def clips(self) -> bool:
         """Whether the published force can turn negative and is cut at zero."""
         return bool(self.damper) and not self.approach_only and not self.tension
+
+    @property
+    def steep(self) -> bool:
+        """Whether the damper begins with a root steeper than a line."""
+        return bool(self.damper) and 0.0 < self.damper_exponent < 1.0
 
     def grading(self, order: int) -> tuple[float, float]:
         """Power by which sub-steps grow after a touch and shrink before a release (1: no need to)."""
@@ -228,6 +234,16 @@ class KernelSpec:
         if not self.flies_exactly or not polynomial:
             return 0
         return YIELDING_ORDER if self.yielding else SERIES_ORDER[self.precision]
+
+    @property
+    def staged(self) -> bool:
+        """Whether exact flight goes on in sub-steps of the scheme's stages, beside contacts or where storeys yield."""
+        return self.flies_exactly and not self.series and bool(self.law or self.yielding)
+
+    @property
+    def stages(self) -> int:
+        """Most stages of a step."""
+        return 6 if self.flies_exactly else 4
 
     @property
     def blocks(self) -> bool:
@@ -406,6 +422,8 @@ def property_slots(shape: KernelSpec) -> Slots:
     if shape.foundations:  # of each floor, above the floor below and above the base
         slots.add("height", n)
         slots.add("elevation", n)
+    if shape.flies_exactly:
+        slots.add("longest")
     return slots
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import maximum, minimum, power, sqrt, where
-from pounding_sweep.kernel.roots import Quartic, quartic, rate, root
+from pounding_sweep.kernel.roots import Powers, polynomial, rate, root
 from pounding_sweep.model.laws import RESTING_SPEED
 from pounding_sweep.model.rebound import YIELD_SHARE
 
@@ -98,7 +98,7 @@ def settle(group: Group, j: Any, lanes: Any, d: Any, v: Any) -> Any:
     return where(slips, 2.0, group.full(1.0))
 
 
-def event(group: Group, j: Any, asks: Any, h: Any, ends: tuple[Any, Any, Any, Any], b: Quartic) -> Any:
+def event(group: Group, j: Any, asks: Any, h: Any, ends: tuple[Any, Any, Any, Any], b: Powers) -> Any:
     """Fraction of the sub-step at which a closed contact begins to slip, or sticks again (2: not in it)."""
     del h
     s, (d0, d1, v0, v1) = group.state, ends
@@ -117,14 +117,16 @@ def event(group: Group, j: Any, asks: Any, h: Any, ends: tuple[Any, Any, Any, An
     under = sticking & (low > 0.0) & (d1 < low - margin)
     perhaps_under = sticking & (low > 0.0) & ~under & dips
     sign = where(falls | perhaps_over, -1.0, group.full(1.0))
-    extreme = root(group, falls | grows | perhaps_over | perhaps_under, 0.0, 1.0, lambda t: sign * quartic(t, r0, rb))
-    there = quartic(extreme, d0, b)
+    extreme = root(
+        group, falls | grows | perhaps_over | perhaps_under, 0.0, 1.0, lambda t: sign * polynomial(t, r0, rb)
+    )
+    there = polynomial(extreme, d0, b)
     found = where(falls | grows, extreme, 2.0)
     over = over | (perhaps_over & (there > top + margin))
     above = minimum(d0 - top, 0.0)
     last = where(perhaps_over, extreme, 1.0)
-    found = where(over, root(group, over, 0.0, last, lambda t: quartic(t, above, b)), found)
+    found = where(over, root(group, over, 0.0, last, lambda t: polynomial(t, above, b)), found)
     under = under | (perhaps_under & (there < low - margin))
     below = maximum(d0 - low, 0.0)
     last = where(perhaps_under, extreme, 1.0)
-    return where(under, minimum(found, root(group, under, 0.0, last, lambda t: -1.0 * quartic(t, below, b))), found)
+    return where(under, minimum(found, root(group, under, 0.0, last, lambda t: -1.0 * polynomial(t, below, b))), found)

@@ -20,11 +20,11 @@ from pounding_sweep.schemes.base import Scheme
 
 @dataclass
 class Step:
-    """What a step found: motion at its end, acceleration at its start, and sums over its stages (of weight x rate)."""
+    """What a step found: motion at its end, accelerations of its stages, and sums over these."""
 
     u: list[Any]
     v: list[Any]
-    a0: list[Any]
+    a: list[list[Any]]
     powers: list[tuple[Any, Any]] = field(default_factory=list)
     work: list[Any] = field(default_factory=list)
     impulse: list[Any] = field(default_factory=list)
@@ -44,8 +44,8 @@ class Explicit(Scheme):
         Largest stable product of step and frequency without damping; and with any, of step and frequency or damping
         rate, the larger of them.
     nodes : tuple of (float, float)
-        Of each stage: the share of the step at which it takes the ground (0, 0.5 or 1), and the weight of what acts
-        there in the integrals of work, impulse and energy, in sixths of the step.
+        Of each stage: the share of the step at which it takes the ground, and the weight of what acts there in the
+        integrals of work, impulse and energy, in sixths of the step.
     """
 
     undamped_radius: float
@@ -57,11 +57,21 @@ class Explicit(Scheme):
         """Displacement and velocity of a floor after a stage (from 1): of the next one, at last of the end."""
         # `u` and `v` are the start, `x` is the displacement of this stage, `a` the accelerations up to it
 
+    def keep(self, group: Group, i: Any, a: Sequence[Any]) -> None:
+        """Keep what a sub-step asks of the accelerations of floor i in its stages."""
+        group.state["a0", i] = a[0]
+
     def stability_limit(self, w2: np.ndarray, rate: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """By the radii."""
         # an overdamped mode has no frequency: its rate is at most that of the dampers, where they are largest
         fastest = np.maximum(np.sqrt(w2), rate)
         return np.asarray(np.where(rate > 0.0, self.damped_radius, self.undamped_radius) / fastest)
+
+    def _grounds(self, group: Group) -> dict[float, Any]:
+        """Ground accelerations at the places of the stages."""
+        g0, g1 = group.state["g0"], group.state["g1"]
+        known = {0.0: g0, 0.5: 0.5 * (g0 + g1), 1.0: g1}
+        return known | {c: fma(c, g1 - g0, g0) for c, _ in self.nodes if c not in known}
 
     def step(
         self,
@@ -75,7 +85,7 @@ class Explicit(Scheme):
     ) -> Step:
         """Return where a step of length `h` leads a part of the row."""
         asked, every = group.asked, range(len(u))
-        grounds, found, x, y, a = _grounds(group), Step([], [], []), list(u), list(v), []
+        grounds, found, x, y, a = self._grounds(group), Step([], [], []), list(u), list(v), []
 
         def total(sums: Sequence[Any], values: Sequence[Any]) -> list[Any]:
             scaled = [weight * value for value in values]
@@ -112,7 +122,7 @@ class Explicit(Scheme):
         if flow is not None:
             flow.end()
             found.travel = flow.lost
-        found.u, found.v, found.a0 = x, y, a[0]
+        found.u, found.v, found.a = x, y, a
         return found
 
     def step_long(
@@ -122,7 +132,7 @@ class Explicit(Scheme):
         # `press` is a contact's force. The sums over the stages are left in `din`, `ddamp`, `dwork` and `dimpulse`;
         # where floors rest on each other, `join` makes their accelerations in a row alike and leaves the forces in
         # `force`.
-        s, r, n, grounds = group.state, group.asked, group.spec.n_dof, _grounds(group)
+        s, r, n, grounds = group.state, group.asked, group.spec.n_dof, self._grounds(group)
         for i in group.each(n):
             s["x", i], s["y", i] = s["u0", i], s["v0", i]
         for number, (place, weight) in enumerate(self.nodes, 1):
@@ -165,7 +175,7 @@ class Explicit(Scheme):
                 for name, value in zip(names, self.after(number, s["u0", i], s["v0", i], s["x", i], a, h), strict=True):
                     s[name, i] = value
         for i in group.each(n):
-            s["a0", i] = s["s0", i]
+            self.keep(group, i, [s[f"s{k}", i] for k in range(len(self.nodes))])
 
     def flight(self, group: Group, h: Any) -> Callable[[], None]:
         """Take a step of all lanes without contact."""
@@ -257,16 +267,11 @@ class Explicit(Scheme):
                 return [force.now for force in found]
 
             step = self.step(group, _row(group), u0, v0, h, press)
-        group.put("a0", step.a0)
+        for i in range(group.spec.n_moving):
+            self.keep(group, i, [each[i] for each in step.a])
         group.put("u", step.u)
         group.put("v", step.v)
         return _record(group, step)
-
-
-def _grounds(group: Group) -> dict[float, Any]:
-    """Ground accelerations at the start, middle and end of the step."""
-    g0, g1 = group.state["g0"], group.state["g1"]
-    return {0.0: g0, 0.5: 0.5 * (g0 + g1), 1.0: g1}
 
 
 def _row(group: Group) -> Part:

@@ -32,7 +32,7 @@ class Rk4(Explicit):
     finest_float32: float = 64
     undamped_radius = 2.0 * math.sqrt(2.0)
     damped_radius = 2.615
-    nodes = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
+    nodes: tuple[tuple[float, float], ...] = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
 
     def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """Of the classical method."""
