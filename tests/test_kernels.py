@@ -213,7 +213,7 @@ def test_what_happens_at_instants_needs_them_located(key):
 
 
 def slope(law, method, steps, locate=True):
-    want = truth("pair", law, 76, 1.5, rtol=1e-9)  # that of `check`
+    want = truth("pair", law, 76, 1.5, rtol=1e-11)
     total = []
     for dt in steps:
         found = errors(simulate("pair", law, 76, 1.5, method=method, dt=dt, locate=locate), want, PAIR)

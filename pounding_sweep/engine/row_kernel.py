@@ -461,7 +461,8 @@ class RowKernel:
                     put(f"p_{name}", values_of(row).T)
             if self.numerics.scheme.flies_exactly:
                 put("tables", buildings[None, :])
-                put("p_longest", _longest(row, self.numerics)[None, :] if self.shape.staged else np.zeros((1, 1)))
+                if "p_longest" in slots.first:
+                    put("p_longest", _longest(row, self.numerics)[None, :] if self.shape.staged else np.zeros((1, 1)))
         rows[:, n:] = rows[:, n - 1 : n]  # idle lanes repeat the last scenario
         return np.ascontiguousarray(rows.reshape(-1, groups, LANES).transpose(1, 0, 2))
 

@@ -1,7 +1,8 @@
 """Contacts that press by a law: touch, release and changes of phase inside a step.
 
 Within a sub-step of length h the penetration of contact j is the quartic that matches
-d, d', d'' at the start and d, d' at the end; its roots are the touch and the release.
+d, d', d'' at the start and d, d' at the end (beside exact flight the quintic that its stages
+lead to); its roots are the touch and the release.
 Each contact is in one mode:
 
     0  open: no force             1  pressing: E(d) + B(d) v

@@ -237,8 +237,8 @@ class KernelSpec:
 
     @property
     def staged(self) -> bool:
-        """Whether exact flight goes on in sub-steps of the scheme's stages, beside contacts or where storeys yield."""
-        return self.flies_exactly and not self.series and bool(self.law or self.yielding)
+        """Whether exact flight goes on in sub-steps of the scheme's stages beside contacts."""
+        return self.flies_exactly and not self.series and self.law is not None
 
     @property
     def stages(self) -> int:
@@ -422,7 +422,7 @@ def property_slots(shape: KernelSpec) -> Slots:
     if shape.foundations:  # of each floor, above the floor below and above the base
         slots.add("height", n)
         slots.add("elevation", n)
-    if shape.flies_exactly:
+    if shape.flies_exactly and shape.law is not None:  # where flight, which is one of all laws, finds it
         slots.add("longest")
     return slots
 
