@@ -369,6 +369,26 @@ def test_the_long_sub_steps_beside_exact_flight_find_the_peaks_inside_them(law):
         assert error.max() < most, name
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["hertz_damped", "nonlinear_viscoelastic"])
+def test_single_precision_finds_forces_beside_exact_flight(law):
+    """Also of contacts much shorter than a step, in whose sub-steps the motion changes little beside its rounding."""
+    rng, one = np.random.default_rng(5), np.ones(96)
+    given = {"scale": one, "gaps": rng.uniform(0.004, 0.02, (96, 1)), "restitution": rng.uniform(0.2, 0.9, 96)}
+    given["stiffness"] = stiffness_of(law, "pair") * 10.0 ** rng.uniform(0.0, 3.0, 96)
+    kept = frozenset({"displacement", "force"})
+    single, double = (
+        RowKernel(PAIR, LAWS[law], Numerics("exact", 5e-3, precision=form), kept).run(motion(600), **given)["fmax"]
+        for form in ("float32", "float64")
+    )
+    largest = double.max(axis=1)
+    hit = largest > 0.0
+    assert hit.sum() > 40
+    error = np.abs(single - double).max(axis=1)[hit] / largest[hit]
+    assert np.quantile(error, 0.9) < 1e-5
+    assert error.max() < 1e-4
+
+
 # -- what a kernel leaves out ------------------------------------------------------------------------------------------
 
 
