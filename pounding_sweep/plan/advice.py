@@ -228,7 +228,7 @@ class Advice:
         Divisor of the lengths that steps do not set (see `Numerics`).
     steps : ndarray of int, shape (scenarios,)
         Steps per record interval of each scenario.
-    still : ndarray of int, shape (records, variants)
+    uncoupled : ndarray of int, shape (records, variants)
         Steps per record interval of each run without pounding.
     sentence : str
         What was chosen, and why.
@@ -238,7 +238,7 @@ class Advice:
     precision: str
     finer: float
     steps: np.ndarray
-    still: np.ndarray
+    uncoupled: np.ndarray
     sentence: str
 
 
@@ -344,10 +344,10 @@ def advise(
     for scheme in schemes:
         need, error = _needed(known, spec, scheme, laws)
         if max(need.values()) < math.inf:
-            steps, still = demand.steps(scheme[0], need)
+            steps, uncoupled = demand.steps(scheme[0], need)
             costs[scheme] = demand.cost(scheme[0], known.cost[scheme], steps, need)
             if best is None or costs[scheme] < costs[best[0]]:
-                best = scheme, steps, still, need
+                best = scheme, steps, uncoupled, need
         else:
             reached[scheme] = error
     if best is None:
@@ -357,15 +357,15 @@ def advise(
             f"({listed}); ask for less, for other laws or another method, or give dt and see the cube's audit"
         )
         raise SweepError(msg)
-    scheme, steps, still, need = best
+    scheme, steps, uncoupled, need = best
     cost = costs[scheme]
     others = {name: each / cost for name, each in costs.items() if name != scheme and cost > 0}
     return Advice(
         *scheme,
         _finer(scheme[0], need),
         np.repeat(steps, alike) if len(some) < len(table) else steps,
-        still,
-        demand.sentence(known, scheme, need, steps, still, others),
+        uncoupled,
+        demand.sentence(known, scheme, need, steps, uncoupled, others),
     )
 
 
@@ -457,30 +457,30 @@ class _Demand:
         interval = np.array([record.dt for record in spec.records])
         alone = np.ones(len(self.variants))
         # of exact flight contacts have sub-steps of their own
-        still_need = EXACT_STEPS * _finer(method, need) if SCHEMES[method].flies_exactly else need["none"]
+        uncoupled_need = EXACT_STEPS * _finer(method, need) if SCHEMES[method].flies_exactly else need["none"]
         open_limit = self._limit(self.variants, method, self.laws[-1], 0.0 * alone, alone)
-        still = whole_steps(np.maximum(still_need / self.mode, 1.0 / open_limit) * interval[:, None])
-        most = np.full(len(spec.records), np.max(still_need / self.mode))
+        uncoupled = whole_steps(np.maximum(uncoupled_need / self.mode, 1.0 / open_limit) * interval[:, None])
+        most = np.full(len(spec.records), np.max(uncoupled_need / self.mode))
         steps = np.empty(len(table), np.int32)
         for first in range(0, len(table), BLOCK):
             rows = slice(first, first + BLOCK)
             record = table.record[rows]
-            wanted = self._wanted(method, need, still_need, rows)
+            wanted = self._wanted(method, need, uncoupled_need, rows)
             np.maximum.at(most, record, wanted) if len(most) > 1 else np.maximum(most, wanted.max(), out=most)
             steps[rows] = whole_steps(np.minimum(wanted * interval[record], MAX_STEPS))
-        for r, motion in enumerate(spec.records):
-            if fault := step_fault(motion, float(most[r]) * motion.dt):
+        for r, each in enumerate(spec.records):
+            if fault := step_fault(each, float(most[r]) * each.dt):
                 msg = f"accuracy {spec.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it"
                 raise SweepError(msg)
         least = np.stack([self._motion_steps(method, record) for record in spec.records])
         np.maximum(steps, least[table.record, table.variant], out=steps)
-        return steps, np.maximum(still, least).astype(np.int32)
+        return steps, np.maximum(uncoupled, least).astype(np.int32)
 
-    def _wanted(self, method: str, need: dict[str, float], still_need: float, rows: slice) -> np.ndarray:
+    def _wanted(self, method: str, need: dict[str, float], uncoupled_need: float, rows: slice) -> np.ndarray:
         """Return the steps per second that scenarios ask for: those of modes, contacts, and the stability limit."""
         table = self.table[rows]
         contact, mode = self.contact[rows], self.mode[table.variant]
-        wanted = still_need / mode
+        wanted = uncoupled_need / mode
         if not SCHEMES[method].flies_exactly:
             own = np.array([need[law.key] for law in self.laws])[table.law] / np.minimum(contact, mode)
             wanted = np.maximum(own, wanted)  # where contacts are followed with sub-steps, modes decide
@@ -535,15 +535,15 @@ class _Demand:
         scheme: Scheme,
         need: dict[str, float],
         steps: np.ndarray,
-        still: np.ndarray,
+        uncoupled: np.ndarray,
         others: dict[Scheme, float],
     ) -> str:
         """Say what was chosen and why."""
         spec, about = self.spec, known.about
-        still = still[:, np.unique(self.table.variant)]
-        counts = np.concatenate([steps, still.ravel()])
+        uncoupled = uncoupled[:, np.unique(self.table.variant)]
+        counts = np.concatenate([steps, uncoupled.ravel()])
         interval = np.array([r.dt for r in spec.records])
-        lengths = np.concatenate([interval[self.table.record] / steps, (interval[:, None] / still).ravel()])
+        lengths = np.concatenate([interval[self.table.record] / steps, (interval[:, None] / uncoupled).ravel()])
         named = "as the sweep names it" if spec.method else "the cheapest"
         text = (
             f"for a relative error of {spec.accuracy:g}: {scheme[0]} ({named}; {scheme[1]}, located) with "

@@ -332,8 +332,8 @@ class EarlierCube:
         return self.completed(rows, new)
 
 
-class Taken:
-    """Counts what was taken."""
+class ReuseLedger:
+    """Counts the scenarios that were taken."""
 
     def __init__(self, store: ChunkStore | None, earlier: EarlierCube | None) -> None:
         self.origin: Mapping[str, Any] | None = None
