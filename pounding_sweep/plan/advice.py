@@ -170,18 +170,10 @@ _STEPS = (10, 12, 16, 20, 25, 30, 40, 50, 60, 80)
 
 @dataclass(frozen=True)
 class Curve:
-    """Measured error against steps in the shortest time.
+    """Measured error against steps in the shortest time."""
 
-    Attributes
-    ----------
-    steps : tuple of float
-        Steps in the shortest time of the scenario, rising.
-    error : tuple of float
-        Relative error of so many steps.
-    """
-
-    steps: tuple[float, ...]
-    error: tuple[float, ...]
+    steps: tuple[float, ...]  # steps in the shortest time of the scenario, rising
+    error: tuple[float, ...]  # relative error of so many steps
 
     def needed(self, accuracy: float) -> float:
         """Return the least steps from which on the error stays within `accuracy`; infinite if that was not reached."""
@@ -199,21 +191,12 @@ class Curve:
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured: errors and costs.
+    """What was measured: errors and costs."""
 
-    Attributes
-    ----------
-    curves : dict
-        (method, precision, law, class of outputs) -> `Curve`.
-    cost : dict
-        (method, precision) -> ns of one scenario, step (of exact flight: long step) and degree of freedom.
-    about : dict
-        Where the numbers come from: quantile, version, date, machine.
-    """
-
-    curves: dict[tuple[str, str, str, str], Curve]
+    curves: dict[tuple[str, str, str, str], Curve]  # (method, precision, law, class of outputs) -> `Curve`
+    #: (method, precision) -> ns of one scenario, step (of exact flight: long step) and degree of freedom
     cost: dict[tuple[str, str], float]
-    about: dict[str, Any]
+    about: dict[str, Any]  # where the numbers come from: quantile, version, date, machine
 
 
 @dataclass(frozen=True)

@@ -65,18 +65,11 @@ FLAGS = {
 
 @dataclass(frozen=True)
 class Sample:
-    """Scenarios of one law, record and step that are run again together.
+    """Scenarios of one law, record and step that are run again together."""
 
-    Attributes
-    ----------
-    rows : ndarray of int
-        Rows of the plan's unique scenarios, a lane group at most.
-    law, record, steps, begun : int
-        Index of the law and the record, steps per record interval that the scenarios ended with in the sweep, and
-        those that they began with.
-    """
-
-    rows: np.ndarray
+    rows: np.ndarray  # rows of the plan's unique scenarios, a lane group at most; int
+    #: index of the law and the record, steps per record interval that the scenarios ended with in the sweep, and those
+    #: that they began with
     law: int
     record: int
     steps: int
