@@ -24,7 +24,7 @@ NEVER = 1e9
 STEP = 1e-3
 
 
-def constant_ductility(
+def strengths_for(
     row: Variants, record: Record, ductilities: np.ndarray, dt: float = STEP
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return factors on yield strengths, and reductions, at which each building alone reaches the ductility asked."""

@@ -131,7 +131,7 @@ def emit(spec: KernelSpec, builder: Any, arrays: dict[str, Any]) -> None:
             _copy(trace, group.state, kept, name, n)
 
 
-class Scenarios:
+class ScenarioQueue:
     """The scenarios of a call, as lanes ask for them."""
 
     # inputs, results: rows of `LANES` scenarios, one after another
@@ -194,7 +194,7 @@ def make_flights(
         for slots, name in ((input_slots(group.spec), "inputs"), (output_slots(group.spec), "results"))
     )
     stops = flight.blocks.blocks if group.spec.blocks else points
-    those = Scenarios(group, given, found, scenarios, lambda row: flight.layout.base(row, stops))
+    those = ScenarioQueue(group, given, found, scenarios, lambda row: flight.layout.base(row, stops))
     return Flights(group, ground, flight, those, course, fill, rows[1], note)
 
 

@@ -154,7 +154,7 @@ def shortest_contact(
 #: File of measured errors beside this module.
 MEASURED = "measured.json"
 #: Method and precision.
-Scheme = tuple[str, str]
+SchemeAndFormat = tuple[str, str]
 #: Steps in the shortest contact over those that its status asks for: its speed is an estimate, and three times the
 #: speed shortens a Hertz contact by so much.
 CONTACT_MARGIN = 1.25
@@ -310,9 +310,9 @@ def advise(
     known = load_measured() if measured is None else measured
     some, alike = but_for_gaps(table)
     demand = _Demand(spec, laws, some, alike, variants, initial_speed)
-    costs: dict[Scheme, float] = {}
-    best: tuple[Scheme, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
-    reached: dict[Scheme, tuple[float, str]] = {}
+    costs: dict[SchemeAndFormat, float] = {}
+    best: tuple[SchemeAndFormat, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
+    reached: dict[SchemeAndFormat, tuple[float, str]] = {}
     schemes = [
         (m, p)
         for m, p in known.cost
@@ -360,7 +360,7 @@ def _formats(spec: SweepSpec) -> tuple[str, ...]:
 
 
 def _needed(
-    known: Measured, spec: SweepSpec, scheme: Scheme, laws: Sequence[Law]
+    known: Measured, spec: SweepSpec, scheme: SchemeAndFormat, laws: Sequence[Law]
 ) -> tuple[dict[str, float], tuple[float, str]]:
     """Return what each law needs (of exact flight its `finer`, else steps in the shortest time) and the worst error."""
     assert spec.accuracy is not None
@@ -515,11 +515,11 @@ class _Demand:
     def sentence(
         self,
         known: Measured,
-        scheme: Scheme,
+        scheme: SchemeAndFormat,
         need: dict[str, float],
         steps: np.ndarray,
         uncoupled: np.ndarray,
-        others: dict[Scheme, float],
+        others: dict[SchemeAndFormat, float],
     ) -> str:
         """Say what was chosen and why."""
         spec, about = self.spec, known.about

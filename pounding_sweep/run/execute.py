@@ -29,7 +29,7 @@ from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkCorrupt, ChunkStore
 from pounding_sweep.resume.reuse import ReuseLedger
-from pounding_sweep.resume.survey import expected, listed, stages_before
+from pounding_sweep.resume.survey import chunk_lines, expected, stages_before
 from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import run_at_step, run_refined
@@ -198,7 +198,7 @@ class _Stages:
         """Run chunks of a table but those that are in the store; `keep` gets rows, results and where these stand."""
         plan, outcome, results = self.plan, self.outcome, self.outcome.results
         if self.store is not None:
-            self.expected[stage] = listed(chunks)
+            self.expected[stage] = chunk_lines(chunks)
             self.store.expect(expected(plan, self.expected))
         self.progress.stage(stage, sum(len(chunk.rows) for chunk in chunks))
         done = self.store.completed() if self.store is not None else set()
