@@ -257,9 +257,10 @@ def _case_axes(plan: Plan) -> tuple[list[CubeAxis], dict[str, Any]]:
         rows = keys == key
         realised[rows] = realised_restitution(spec.law(str(key)), nominal[rows], spec.restitution_basis)
     extra["restitution_realised"] = (("case",), realised, _REALISED)
-    if any(case.ductility is not None for case in cases):
-        about = {"units": "1", "long_name": AXES["ductilities"].long_name, "comment": AXES["ductilities"].comment}
-        extra["ductility"] = (("case",), [number(case.ductility) for case in cases], about)
+    for axis in AXES.values():
+        if axis.listed and any(getattr(case, axis.dimension) is not None for case in cases):
+            about = {"units": axis.unit, "long_name": axis.long_name, "comment": axis.comment}
+            extra[axis.dimension] = (("case",), [number(getattr(case, axis.dimension)) for case in cases], about)
     n_pairs = len(spec.scene.pair_names)
     if n_pairs:
         gaps = np.empty((len(cases), n_pairs))
