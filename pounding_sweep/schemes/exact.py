@@ -44,6 +44,7 @@ from pounding_sweep.kernel.peaks import samples
 from pounding_sweep.model.coupled_modes import coupled_modes
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import variants_of
+from pounding_sweep.schemes.explicit import Explicit
 from pounding_sweep.schemes.rk4 import Rk4
 
 #: Largest share of a motion that may be lost between floors and modes, by number format.
@@ -82,7 +83,7 @@ QUINTIC = tuple(
 )
 
 
-class Exact(Rk4):
+class Exact(Explicit):
     """Exact flight; a step with contact is a series, or one of six stages."""
 
     name = "exact"
@@ -90,8 +91,9 @@ class Exact(Rk4):
     source = "Nigam & Jennings 1969, Butcher 1964"
     undamped_radius, damped_radius = 0.85, 1.25  # from a damping ratio of 1e-3 on; sub-steps of the stages keep to them
     nodes = tuple((sum(row), 6.0 * weight) for row, weight in zip(STAGES, STAGES[-1], strict=False))
+    order = 4  # of contacts, whose forces begin with a root
+    min_steps_located = 1.5
     flies_exactly = True
-    follows_smooth = False
     step_cost = 0.4
     ladder = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
     finest_float32 = 2.0

@@ -28,11 +28,11 @@ class Rk4(Explicit):
     follows_smooth = True
     min_steps_located = 1.5
     step_cost = 2.6
-    ladder: tuple[float, ...] = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
-    finest_float32: float = 64
+    ladder = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
+    finest_float32 = 64
     undamped_radius = 2.0 * math.sqrt(2.0)
     damped_radius = 2.615
-    nodes: tuple[tuple[float, float], ...] = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
+    nodes = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
 
     def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """Of the classical method."""
