@@ -126,7 +126,10 @@ def fixed_tables(
     near = np.sqrt(1.0 + ratio**2)
     far = np.sqrt(near**2 + (1.0 + ratio * near) ** 2)
     put("bend", square * near * (h**2 / 8.0))
-    put("missed", square * far * (h**2 / 48.0))
+    put("missed", square**2 * near * far * (h**4 / 384.0))
+    if layout.strides:  # of what a block leaves chords by; else the kernel finds it
+        most = [(square * near)[:, low : low + many].max(axis=1) for low, many in layout.ranges]
+        put("missed0", np.stack(most, axis=1) * (h**2 / 48.0) if most else np.zeros((len(w), 1)))
     if "shake" in layout.fixed:
         put("shake", square * near)
         put("shake_bend", square**2 * near * far * (h**2 / 8.0))
@@ -201,11 +204,9 @@ def _put_coupled(
     twice = turn @ turn
     both = np.stack([by_q, w[:, None] * by_p], axis=3).swapaxes(1, 2)
     widened = 1.0 + 10.0 * MARGIN[precision]
-    reach = [np.linalg.norm(each, axis=3) * widened for each in (both, both @ twice)]
-    put("bound", reach[0])
-    put("bulge", reach[1] * (h**2 / 8.0))
-    missed = np.where(reach[0] > 0.0, np.linalg.norm(twice, 2, axis=(2, 3))[:, :, None] * (h**2 / 48.0), 0.0)
-    put("missed", missed.max(axis=2, initial=0.0))
+    for name, share in (("bound", 1.0), ("bulge", h**2 / 8.0), ("missed", h**4 / 384.0)):
+        put(name, np.linalg.norm(both, axis=3) * (widened * share))
+        both = both @ twice
     if layout.powers:
         put("powers", _power_shapes(layout, row, modes).reshape(len(w), -1))
         put("nodes", _node_steps(layout, _Modes(w, c, modes.push), h).reshape(len(w), -1))

@@ -174,19 +174,19 @@ class Layout:
         self.ranges = [self.part_in(spec.flocks, each.weights, each.rates) for each in self.watched]
         q, m, wide = len(self.watched), self.wide_modes, self.wide_watched
         #: Factors of modes' amplitudes by what they add to what is watched, and to its excursions from chords: those
-        #: of total accelerations are apart.
-        self.bounds, self.bulges = [("bound", "")], [("bound", "bend")]
-        self.fixed = dict.fromkeys(("slowness", "square", "damping", "missed"), m)
+        #: of total accelerations are apart; and to those from the hulls of cubics, of what ends a flight.
+        self.bounds, self.bulges, self.misses = [("bound", "")], [("bound", "bend")], [("bound", "missed")]
+        self.fixed = dict.fromkeys(("slowness", "square", "damping"), m) | {"missed0": wide}
         by_modes = {"push": m, "shape": max(1, q) * n, "floors": n * m, "modal": n * m, "bound": n * wide}
         if spec.windows or spec.yielding:
             by_modes["across"] = n * wide
         self.shared = {"step": lanes, "inverse": lanes, "sized": wide, "shaken": wide}
         if self.coupled:  # whose shapes are not those of all rows of buildings
-            self.fixed |= by_modes | {"bulge": n * wide}
-            self.bulges = [("bulge", "")]
+            self.fixed |= by_modes | dict.fromkeys(("bulge", "missed"), n * wide)
+            self.bulges, self.misses = [("bulge", "")], [("missed", "")]
         else:
             self.shared |= by_modes
-            self.fixed["bend"] = m
+            self.fixed |= dict.fromkeys(("bend", "missed"), m)
             if any(each.kind == ACCELERATION for each in self.watched):
                 self.shared["bound_shaken"] = n * wide
                 self.fixed |= {"shake": m, "shake_bend": m}
@@ -580,20 +580,24 @@ class Flight:
         for part in self._mode_parts:
             q, p = w["q", part], w["p", part] * self._vector(slowness + part * self.lanes)
             w["amplitude", part] = sqrt(fma(q, q, p * p))
-        self._weigh(self.layout.bounds, "reach", None)
+        self._weigh(self.layout.bounds, "reach")
 
-    def _weigh(self, tables: Sequence[tuple[str, str]], row: str, t: Any) -> None:
-        """Sum of the amplitudes, weighted for all that is watched; with the motion's own bulges at a point t."""
-        w, wide, sums = self.rows, self.layout.wide_watched, []
-        for part in self._watched_parts:
-            start = self.group.full(0.0)
-            if t is not None:
-                if self.blocks is None:
-                    own = self._vector(self.place_of("bulge0") + part * self.lanes)
-                else:
-                    own = self._then("swell", self.blocks.of(t), part) * self.blocks.per_square
-                start = size(self.group.full(self.scale.now)) * own
-            sums.append(Cell(start))
+    def _own(self, name: str, t: Any, part: int) -> Any:
+        """How far what is watched leaves chords (`bulge0`) or hulls (`missed0`) from point t on, without pounding."""
+        own = (
+            None
+            if self.blocks is not None and name == "bulge0"
+            else self._vector(self.place_of(name) + part * self.lanes)
+        )
+        if self.blocks is not None:
+            swell = self._then("swell", self.blocks.of(t), part) * self.blocks.per_square
+            own = swell if own is None else swell * own
+        return size(self.group.full(self.scale.now)) * own
+
+    def _weigh(self, tables: Sequence[tuple[str, str]], row: str, own: str = "", t: Any = None) -> None:
+        """Sum of the amplitudes, weighted for all that is watched; with the motion's `own` at a point t."""
+        w, wide = self.rows, self.layout.wide_watched
+        sums = [Cell(self._own(own, t, part) if own else self.group.full(0.0)) for part in self._watched_parts]
         places = [self.place_of(table) for table, _ in tables]
         for _, factor in tables:
             for part in self._mode_parts if factor else ():
@@ -757,7 +761,7 @@ class Flight:
         self.rated.now = flag(self.trace, False)
         if self.layout.coupled:
             self._bend(t, shakes=False)
-        self._weigh(self.layout.bulges, "bulge", t)
+        self._weigh(self.layout.bulges, "bulge", "bulge0", t)
         kinds = {each.kind for each in self.layout.watched}
         for kind in sorted(kinds & {TOUCH, ONSET}):
             self._stop(kind, t)
@@ -869,18 +873,19 @@ class Flight:
             worst.now = maximum(worst.now, self._past(x, q, onset) + w.number("bulge", q))
         for _ in when(any_lane((worst.now > 0.0) & (number <= real(self.steps.now)))):
             self._know_rates(t)
+            self._weigh(self.layout.misses, "missed", "missed0", t)
             for q in self._asked(kind):
                 x, bulge = w["reached", q], w.number("bulge", q)
                 past = (self._past(x, q, onset) + bulge > 0.0) & (number <= real(self.steps.now))
                 for _ in when(any_lane(past)):
-                    self._end_before(q, x, bulge, onset)
+                    self._end_before(q, x, onset)
 
     def _past(self, x: Any, q: Any, onset: bool) -> Any:
         """Return how far beyond its limit a watched quantity is; an onset has one on either side."""
         w = self.rows
         return size(x) - 0.5 * (w.number("high", q) - w.number("low", q)) if onset else x
 
-    def _end_before(self, q: Any, x: Any, bulge: Any, onset: bool) -> None:
+    def _end_before(self, q: Any, x: Any, onset: bool) -> None:
         """End the window before the first step in which a watched quantity may reach its limit."""
         s0 = self._sum(q, "rate") * (1.0 / 3.0)
         x1, s1 = after(x), after(s0)
@@ -888,18 +893,9 @@ class Flight:
         hull = self._past(x, q, onset)
         for each in (x1, x + s0, x1 - s1):
             hull = maximum(hull, self._past(each, q, onset))
-        may = hull + bulge * self._remainder(q) > 0.0
+        may = hull + self.rows.number("missed", q) > 0.0
         first = first_true(may & (lane_numbers(self.trace, self.lanes) < real(self.steps.now)))
         self.steps.now = lesser(first, self.steps.now)
-
-    def _remainder(self, q: Any) -> Any:
-        """Share of a bulge by which what is watched may leave the hull of its cubic: the largest of its modes."""
-        lows, counts = self._ranges
-        at, most = self.place_of("missed") + lows[q], Cell(one(self.trace, 0.0))
-        for k in self.each(counts) if isinstance(counts, int) else count_to(counts[q], self.trace):
-            each = self.number(at + k)
-            most.now = where(most.now < each, each, most.now)
-        return most.now
 
     def _rates(self, q: Any, name: str, rise: str) -> tuple[Any, Any]:
         """Return a higher rate at the starts and the ends of steps, `rise` being the ground's part in it."""
@@ -948,9 +944,11 @@ class Flight:
 def scratch(layout: Layout) -> dict[str, int]:
     """Rows of flight's own."""
     n, parts, wide = layout.modes, layout.wide_modes // layout.lanes, layout.wide_watched // layout.lanes
-    factors = (factor for _, factor in (*layout.bounds, *layout.bulges) if factor)
+    factors = (factor for _, factor in (*layout.bounds, *layout.bulges, *layout.misses) if factor)
     rows = dict.fromkeys(("q", "p", "amplitude", "floor", *(f"amplitude_{factor}" for factor in factors)), parts)
-    rows |= dict.fromkeys(("high", "low", "reach", "bulge", "asks", *(("shift",) if layout.yields else ())), wide)
+    rows |= dict.fromkeys(
+        ("high", "low", "reach", "bulge", "missed", "asks", *(("shift",) if layout.yields else ())), wide
+    )
     rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n)
     rows |= {"reached": sum(each.kind in (TOUCH, ONSET) for each in layout.watched)}
     if layout.coupled:
