@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.engine.kernel import MARGIN
+from pounding_sweep.engine.room import aligned
 from pounding_sweep.kernel.flight import ACCELERATION, STATE, TO_FLOORS, TO_MODES, WIDE, Layout
 from pounding_sweep.kernel.flight_energies import nodes
 from pounding_sweep.kernel.modal_steps import step
@@ -70,7 +71,7 @@ def flight_tables(layout: Layout, stops: int, fixed: Fixed, stay: bool = False) 
     precision, count = str(fixed.own.dtype), len(fixed.own)
     rows = -(-count // layout.lanes) * layout.lanes if layout.strides else count  # filled side by side in lanes
     numbers = layout.start + rows * int(layout.size(stops))
-    tables = np.empty(numbers, precision) if stay else _room(numbers, precision, precision)
+    tables = aligned(numbers, precision) if stay else _room(numbers, precision, precision)
     tables[: layout.start] = fixed.shared
     tables[layout.start :].reshape(rows, -1)[:count, : layout.given] = fixed.own
     return tables
@@ -260,7 +261,7 @@ def _room(numbers: int, name: str, precision: str = "float64") -> np.ndarray:
     """Room of a name, the same again for each call of a thread: new memory costs as much as filling it."""
     kept: np.ndarray | None = getattr(_KEPT, name, None)
     if kept is None or len(kept) < numbers:
-        kept = np.empty(numbers, precision)
+        kept = aligned(numbers, precision)
         setattr(_KEPT, name, kept)
     return kept[:numbers]
 

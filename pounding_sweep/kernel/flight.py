@@ -207,7 +207,7 @@ class Layout:
             self.fixed |= {"nodes": flight_energies.STATE * n * self.nodes} if self.powers else {}
             self.fixed |= {"sets": n * n} if spec.links and spec.yielding else {}
         #: How many numbers are known before a kernel runs.
-        self.given = sum(self.fixed.values())
+        self.given = sum(map(padded, self.fixed.values()))
         self.fixed |= {"advance": (lanes + 1) * 4 * m, "times": n * 4 * lanes}
         extremes = ("most", "least", "widest", "widest_least", "peak", "trough") if spec.windows else ()
         self.timed = dict.fromkeys(extremes, wide) | {"q": m, "p": m}
@@ -226,13 +226,14 @@ class Layout:
         if "energy" in spec.reducers and not self.coupled:
             self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
         self.first: dict[str, int] = {}
+        ends = []
         for block in (self.shared, self.fixed, self.timed, self.series):
             at = 0
-            for name, count in block.items():
-                self.first[name], at = at, at + count
-        self.sizes = [sum(block.values()) for block in (self.fixed, self.timed, self.series)]
+            for name, count in block.items():  # of which vectors lie where memory is read as such
+                self.first[name], at = at, at + (count if block is self.series else padded(count))
+            ends.append(at)
         #: Where the tables of the first row of buildings begin.
-        self.start = sum(self.shared.values())
+        self.start, *self.sizes = ends
 
     @staticmethod
     def part_in(flocks: Sequence[tuple[int, int]], *weights: Sequence[float]) -> tuple[int, int]:
@@ -245,7 +246,8 @@ class Layout:
     def size(self, points: Any) -> Any:
         """How many numbers the tables of a row of buildings have over a grid of so many points."""
         fixed, timed, series = self.sizes
-        return (points + self.lanes) * series + points * timed + fixed
+        many = (points + self.lanes) * series + (self.lanes - 1)
+        return many // self.lanes * self.lanes + points * timed + fixed
 
     def base(self, row: Any, points: Any) -> Any:
         """Where the tables of a row of buildings begin."""
