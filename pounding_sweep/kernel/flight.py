@@ -501,9 +501,10 @@ class Flight:
                 room = lesser(room, (block + 1) * self.blocks.length - t)
                 far = not_(self._near(block, "most", "least"))
             elif leaps:
-                far = not_(room < WIDE) & not_(self._near(t, "widest", "widest_least"))
-            for _ in when(far):
-                self._leap(room)
+                self._pass_windows()
+                far = self.at.now > t
+            for _ in when(far) if self.blocks is not None else ():
+                self._pass_block(room)
             for _ in when(not_(far)):
                 room = lesser(room, whole(self.trace, self.lanes - 1 if note is None else 1))
                 self.steps.now = room
@@ -704,12 +705,19 @@ class Flight:
             self.rows["asks", part] = self.group.full(1.0)
         yield
 
-    def _leap(self, room: Any) -> None:
-        """Pass a wide window, or what is left of a block."""
-        if self.blocks is None:
+    def _pass_windows(self) -> None:
+        """Pass wide windows as long as the bounds that modes have now rule them out."""
+
+        def far() -> Any:
+            t = self.at.now
+            return not_(self.last - t < WIDE) & not_(self._near(t, "widest", "widest_least"))
+
+        for _ in while_any(far, self.trace):
             self._advance(self.lanes)
             self.at.now = self.at.now + WIDE
-            return
+
+    def _pass_block(self, room: Any) -> None:
+        """Pass what is left of a block."""
         left = Cell(room)
         for _ in when(room == self.blocks.length):
             self._advance(self.lanes)
