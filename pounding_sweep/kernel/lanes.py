@@ -488,6 +488,27 @@ class Cell:
             value = _lanes(self._trace, x) if self._kind is Vector else x.value
         self._trace.builder.store(value, self._place)
 
+    def _lane_at(self, lane: Any) -> Any:
+        b = self._trace.builder  # type: ignore[union-attr]
+        each = b.bitcast(self._place, self._place.type.pointee.element.as_pointer())
+        return b.gep(each, [lane.value], inbounds=True)
+
+    def lane(self, lane: Any) -> Any:
+        """Return the number of one lane."""
+        if self._trace is None:
+            return self._x[lane]
+        kind = Count if self._kind is Counts else Real
+        return kind(self._trace, self._trace.builder.load(self._lane_at(lane)))
+
+    def put_lane(self, lane: Any, x: Any) -> None:
+        """Change the number of one lane."""
+        if self._trace is None:
+            self._x = self._x.copy()
+            self._x[lane] = x
+            return
+        value = x.value if isinstance(x, Value) else _one(self._trace, x)
+        self._trace.builder.store(value, self._lane_at(lane))
+
 
 class Ledger:
     """Variables that several functions of a kernel share, `ROOM` bytes of memory for each.
@@ -722,19 +743,6 @@ def lane_of(x: Any, lane: Any) -> Any:
         return x[lane]
     found = trace.builder.extract_element(x.value, lane.value)
     return Count(trace, found) if isinstance(x, Counts) else Real(trace, found)
-
-
-def put_lane(cell: Cell, lane: Any, x: Any) -> None:
-    """Change one lane of a variable."""
-    now = cell.now
-    trace = _trace_of(now)
-    if trace is None:
-        now = now.copy()
-        now[lane] = x
-        cell.now = now
-        return
-    value = x.value if isinstance(x, Value) else ir.Constant(_I64, x) if isinstance(now, Counts) else _one(trace, x)
-    cell.now = type(now)(trace, trace.builder.insert_element(now.value, value, lane.value))
 
 
 def _bits(mask: Mask) -> Any:
