@@ -52,6 +52,7 @@ from pounding_sweep.kernel.lanes import (
     one,
     real,
     rounded,
+    side_by_side,
     size,
     sqrt,
     store,
@@ -532,15 +533,23 @@ class Flight:
     def _take_thresholds(self, lane: Any) -> None:
         """Gaps and peaks so far; what is in no lane's way is far."""
         s, w, far = self.group.state, self.rows, self.group.limit.far
+        many = self.layout.wide_watched
+        highs, lows = [far] * many, [-far] * many
+        # numbers that are put in one by one are waited for where vectors are read
+        short = len(self.layout.watched) <= STRAIGHT
+        for q, each in enumerate(self.layout.watched) if short else ():
+            if each.storey < 0:
+                x = s.lane(each.most, lane)
+                highs[q], lows[q] = x, -x if each.sized else lows[q] if each.least < 0 else s.lane(each.least, lane)
         for part in self._watched_parts:
-            w["high", part], w["low", part] = self.group.full(far), self.group.full(-far)
+            mine = slice(part * self.lanes, (part + 1) * self.lanes)
+            w["high", part], w["low", part] = (side_by_side(self.trace, each[mine]) for each in (highs, lows))
         for low, high, least, sized, storeys in self._alike:
             if storeys:
                 onsets = self.layout.watched[low].kind == ONSET
                 take = flight_yielding.take_onsets if onsets else flight_yielding.take_shears
                 take(self, lane, low, high)
-                continue
-            for q in self._run(low, high):
+            for q in () if storeys or short else self._run(low, high):
                 x = s.lane(self._row_numbers[0][q], lane)
                 w.put_number("high", q, x)
                 if sized:
@@ -561,7 +570,7 @@ class Flight:
         return found
 
     def _run(self, low: int, high: int) -> Iterator[Any]:
-        for q in count_to(high - low, self.trace) if high - low > 4 else range(high - low):
+        for q in self.each(high - low):
             yield q + low
 
     def _keep_peaks(self, lane: Any) -> None:
