@@ -37,6 +37,7 @@ from pounding_sweep.kernel.lanes import (
     any_lane,
     count_to,
     each_lane,
+    each_true,
     first_true,
     flag,
     fma,
@@ -299,7 +300,8 @@ class Flight:
         self.base, self.scale = Cell(points), Cell(one(self.trace, 1.0))
         self.at, self.hits = Cell(points), Cell(flag(self.trace, False))
         self.going, self.steps = Cell(flag(self.trace, True)), Cell(points)
-        self.rated = Cell(flag(self.trace, False))
+        #: Whether rates, and what leaves hulls of cubics, are known in a window.
+        self.rated, self.weighed = (Cell(flag(self.trace, False)) for _ in range(2))
         #: Blocks of the grid, where motions are known by them.
         self.blocks: Any = None
         self._places: dict[str, Any] = {}
@@ -777,7 +779,7 @@ class Flight:
         w = self.rows
         for m in self.each(self.layout.modes, 4):
             w["y", m] = self.moved(m, t, 0)
-        self.rated.now = flag(self.trace, False)
+        self.rated.now = self.weighed.now = flag(self.trace, False)
         if self.layout.coupled:
             self._bend(t, shakes=False)
         self._weigh(self.layout.bulges, "bulge", "bulge0", t)
@@ -883,30 +885,40 @@ class Flight:
 
     def _stop(self, kind: int, t: Any) -> None:
         """End the window before the first step in which a contact may touch, or a storey yield."""
-        w, number, onset = self.rows, lane_numbers(self.trace, self.lanes), kind == ONSET
+        onset = kind == ONSET
+        for q in self._reaching(kind, onset):
+            for _ in when(not_(self.weighed.now)):
+                self._know_rates(t)
+                self._weigh(self.layout.misses, "missed", "missed0", t)
+                self.weighed.now = flag(self.trace, True)
+            self._end_before(q, onset)
+
+    def _reaching(self, kind: int, onset: bool) -> Iterator[Any]:
+        """Go through what may reach its limit in the window, between its points for all that is known of these."""
         mine = [q for q, each in enumerate(self.layout.watched) if each.kind == kind]
-        short = sum(self.layout.ranges[q][1] for q in mine) <= STRAIGHT
-        worst = Cell(self.group.full(-1.0))
-        for q in mine if short else self._asked(kind):
-            w["reached", q] = x = self._sum(q, "y") - self._threshold(q, onset)
-            worst.now = maximum(worst.now, self._past(x, q, onset) + w.number("bulge", q))
-        for _ in when(any_lane((worst.now > 0.0) & (number <= real(self.steps.now)))):
-            self._know_rates(t)
-            self._weigh(self.layout.misses, "missed", "missed0", t)
+        if sum(self.layout.ranges[q][1] for q in mine) > STRAIGHT:
             for q in self._asked(kind):
-                x, bulge = w["reached", q], w.number("bulge", q)
-                past = (self._past(x, q, onset) + bulge > 0.0) & (number <= real(self.steps.now))
-                for _ in when(any_lane(past)):
-                    self._end_before(q, x, onset)
+                for _ in when(self._reaches(q, onset)):
+                    yield q
+            return
+        asks = [self.rows.number("asks", q) > 0.5 for q in mine]
+        for q in each_true([asked & self._reaches(q, onset) for q, asked in zip(mine, asks, strict=True)], self.trace):
+            yield q + mine[0]
+
+    def _reaches(self, q: Any, onset: bool) -> Any:
+        """Whether a watched quantity may reach its limit in the window; how far beyond it is, in ``reached``."""
+        w, number = self.rows, lane_numbers(self.trace, self.lanes)
+        w["reached", q] = x = self._sum(q, "y") - self._threshold(q, onset)
+        return any_lane((self._past(x, q, onset) + w.number("bulge", q) > 0.0) & (number <= real(self.steps.now)))
 
     def _past(self, x: Any, q: Any, onset: bool) -> Any:
         """Return how far beyond its limit a watched quantity is; an onset has one on either side."""
         w = self.rows
         return size(x) - 0.5 * (w.number("high", q) - w.number("low", q)) if onset else x
 
-    def _end_before(self, q: Any, x: Any, onset: bool) -> None:
+    def _end_before(self, q: Any, onset: bool) -> None:
         """End the window before the first step in which a watched quantity may reach its limit."""
-        s0 = self._sum(q, "rate") * (1.0 / 3.0)
+        x, s0 = self.rows["reached", q], self._sum(q, "rate") * (1.0 / 3.0)
         x1, s1 = after(x), after(s0)
         # a cubic keeps within the hull of its ends and of where their tangents are at a third of the step
         hull = self._past(x, q, onset)

@@ -776,10 +776,25 @@ def each_lane(mask: Any) -> Iterator[Any]:
     trace = _trace_of(mask)
     if trace is None:
         yield from np.flatnonzero(mask)
+    else:
+        yield from _each_bit(trace, _bits(mask))
+
+
+def each_true(flags: Sequence[Any], trace: Tracer | None) -> Iterator[Any]:
+    """Go through the numbers of the truths that hold, of so many that are known beforehand."""
+    if trace is None:
+        yield from (i for i, each in enumerate(flags) if each)
         return
-    b = trace.builder
-    left = trace.place(_I64)
-    b.store(_bits(mask), left)
+    b, bits = trace.builder, ir.Constant(_I64, 0)
+    for i, each in enumerate(flags):
+        bits = b.or_(bits, b.shl(b.zext(each.value, _I64), ir.Constant(_I64, i)))
+    yield from _each_bit(trace, bits)
+
+
+def _each_bit(trace: Tracer, bits: Any) -> Iterator[Count]:
+    """Go through the numbers of the bits that are set in a whole number."""
+    b, left = trace.builder, trace.place(_I64)
+    b.store(bits, left)
     head, body, out = (b.append_basic_block(name) for name in ("lanes", "lane", "served"))
     b.branch(head)
     b.position_at_end(head)
