@@ -77,6 +77,8 @@ SPAN = 32
 HEAD = 4
 #: Numbers of a mode's state.
 STATE = 2
+#: Sums of which one is added up.
+CHAINS = 3
 #: Rounds of code that are written one after another instead of in a loop.
 STRAIGHT = 48
 #: What may happen to a watched quantity.
@@ -610,20 +612,23 @@ class Flight:
 
     def _weigh(self, tables: Sequence[tuple[str, str]], row: str, own: str = "", t: Any = None) -> None:
         """Sum of the amplitudes, weighted for all that is watched; with the motion's `own` at a point t."""
-        w, wide = self.rows, self.layout.wide_watched
-        sums = [Cell(self._own(own, t, part) if own else self.group.full(0.0)) for part in self._watched_parts]
+        w, wide, zero = self.rows, self.layout.wide_watched, self.group.full(0.0)
+        # all that follows waits for these sums: their parts do not wait for each other
+        sums = [[Cell(zero) for _ in range(CHAINS)] for _ in self._watched_parts]
         places = [self.place_of(table) for table, _ in tables]
         for _, factor in tables:
             for part in self._mode_parts if factor else ():
-                own = self._vector(self.place_of(factor) + part * self.lanes)
-                w[f"amplitude_{factor}", part] = own * w["amplitude", part]
+                each = self._vector(self.place_of(factor) + part * self.lanes)
+                w[f"amplitude_{factor}", part] = each * w["amplitude", part]
         for m in self.each(self.layout.modes, len(sums) * len(tables)):
             for at, (_, factor) in zip(places, tables, strict=True):
                 a = w.number(f"amplitude_{factor}" if factor else "amplitude", m)
-                for part, total in enumerate(sums):
+                for part, chains in enumerate(sums):
+                    total = chains[m % CHAINS if isinstance(m, int) else 0]
                     total.now = fma(self._vector(at + (m * wide + part * self.lanes)), a, total.now)
-        for part, total in enumerate(sums):
-            w[row, part] = total.now
+        for part, chains in enumerate(sums):
+            first = self._own(own, t, part) if own else zero
+            w[row, part] = sum((chain.now for chain in chains), start=first)
 
     @property
     def _touches(self) -> int:
