@@ -129,7 +129,10 @@ def test_motions_without_pounding_are_those_of_the_modes():
     layout, table = filled(scene, ground, record.dt)
     fine = np.interp(np.arange(32 * (points - 1) + 1) / 32, np.arange(points), ground)
     alone = [NaiveBuilding(list(b.masses), list(b.stiffnesses), rayleigh=b.rayleigh) for b in scene.buildings]
-    u = np.concatenate([modal_exact(b, fine, record.dt / 32)[0] for b in alone], axis=1)
+    u, v = (
+        np.concatenate(part, axis=1)
+        for part in zip(*(modal_exact(b, fine, record.dt / 32)[:2] for b in alone), strict=True)
+    )
     floors = layout.view(table, "floors", points).reshape(layout.modes, -1)[:, : layout.modes].T
     q = layout.view(table, "q", points).reshape(points, -1)[:, : layout.modes]
     np.testing.assert_allclose(q @ floors.T, u[::32], rtol=0, atol=1e-10 * np.abs(u).max())
@@ -140,6 +143,13 @@ def test_motions_without_pounding_are_those_of_the_modes():
         found = layout.view(table, name, points).reshape(points, -1)[:, still]
         want = np.array([best(x[32 * t : 32 * (t + length) + 1], axis=0) for t in range(points)])
         assert (np.abs(found - want) <= size).all(), name
+    rates = v @ np.array([layout.watched[i].weights for i in still]).T * record.dt
+    bulge, missed = (layout.view(table, name, points)[still] for name in ("bulge0", "missed0"))
+    slack, share = 1e-9 * np.abs(x).max(axis=0), np.linspace(0.0, 1.0, 33)[:, None]
+    for t in range(points - 1):  # beyond chords, and beyond hulls of cubics
+        part, ends = x[32 * t : 32 * t + 33], rates[[32 * t, 32 * t + 32]]
+        assert (np.abs(part - part[0] - (part[-1] - part[0]) * share) <= bulge + slack).all()
+        assert (out_of_hull(part, ends) <= missed + slack).all()
     peaks = layout.view(table, "peak", points).reshape(points, -1)[:, still]
     want = np.array([x[: 32 * t + 1].max(axis=0) for t in range(points)])
     assert (np.abs(peaks - want) <= size).all()
@@ -206,6 +216,12 @@ def test_blocks_bound_what_is_watched_in_them(alike):
 # -- bounds ------------------------------------------------------------------------------------------------------------
 
 
+def out_of_hull(x, rates):
+    """How far motions, and their rates times the step at both ends of it, are beyond the hull of the cubic."""
+    hull = np.array([x[0], x[0] + rates[0] / 3.0, x[-1] - rates[-1] / 3.0, x[-1]])
+    return np.maximum(x - hull.max(axis=0), hull.min(axis=0) - x)
+
+
 @given(st.integers(0, 10_000), st.sampled_from([0.0, 0.05, 0.3, 0.9]), st.floats(-2.0, 0.3))
 def test_free_decay_keeps_within_its_bounds(seed, ratio, log_turn):
     """What is watched, its excursion from a chord, and from the hull of a cubic, of any free motion."""
@@ -219,9 +235,9 @@ def test_free_decay_keeps_within_its_bounds(seed, ratio, log_turn):
     assert {each.kind for each in layout.watched} == {TOUCH, TURN, ACCELERATION}
     view = {name: layout.view(table, name, 3) for name in (*layout.shared, *layout.fixed)}
     shape = view["shape"].reshape(count, n)
-    bound, bulge = (
+    bound, bulge, missed = (
         sum(view[name].reshape(n, -1)[:, :count] * (view[factor][:n, None] if factor else 1.0) for name, factor in each)
-        for each in (layout.bounds, layout.bulges)
+        for each in (layout.bounds, layout.bulges, layout.misses)
     )
     w, c = np.sqrt(view["square"][:n]) / h, view["damping"][:n] / h
     q, p = (
@@ -239,13 +255,15 @@ def test_free_decay_keeps_within_its_bounds(seed, ratio, log_turn):
     shaken = np.array([each.kind == ACCELERATION for each in layout.watched])
     value = states[:, 0] @ shape.T
     value[:, shaken] = (-(states[:, 0] * w**2) - states[:, 1] * c) @ shape[shaken].T
-    slack = 1e-9 * np.abs(value).max(axis=0)
+    slack, rates = 1e-9 * np.abs(value).max(axis=0), states[:, 1] @ shape.T * (50 * t[1])
     assert (np.abs(value) <= reach + slack).all()
     for k in range(0, 2000, 50):  # one step of h
         part = value[k : k + 51]
         share = np.linspace(0.0, 1.0, 51)[:, None]
         chord = part[0] + (part[-1] - part[0]) * share
         assert (np.abs(part - chord) <= high + slack).all()
+        beyond = out_of_hull(part, rates[[k, k + 50]])[:, ~shaken]
+        assert (beyond <= (amplitude @ missed + slack)[~shaken]).all()
 
 
 @pytest.mark.slow

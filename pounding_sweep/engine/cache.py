@@ -33,6 +33,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.base.paths import expanded
+from pounding_sweep.engine.room import aligned
 from pounding_sweep.kernel import READ
 from pounding_sweep.kernel.spec import PARAMETERS, KernelSpec, to_json
 
@@ -366,7 +367,9 @@ def _compiled_kernel(shape: KernelSpec) -> Callable[..., None]:
     compiled, size = compile_piece(shape), state_size(shape)
 
     def run(*arguments: Any) -> None:
-        compiled(*arguments, np.zeros(size, shape.precision), flight)
+        state = aligned(size, shape.precision)
+        state[:] = 0.0
+        compiled(*arguments, state, flight)
 
     run.stats, run.inspect_asm = compiled.stats, compiled.inspect_asm  # type: ignore[attr-defined]
     return run

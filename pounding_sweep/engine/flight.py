@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.engine.kernel import MARGIN
+from pounding_sweep.engine.room import aligned
 from pounding_sweep.kernel.flight import ACCELERATION, STATE, TO_FLOORS, TO_MODES, WIDE, Layout
 from pounding_sweep.kernel.flight_energies import nodes
 from pounding_sweep.kernel.modal_steps import step
@@ -62,7 +63,7 @@ def flight_tables(layout: Layout, stops: int, fixed: Fixed, stay: bool = False) 
     precision, count = str(fixed.own.dtype), len(fixed.own)
     rows = -(-count // layout.lanes) * layout.lanes if layout.strides else count  # filled side by side in lanes
     numbers = layout.start + rows * int(layout.size(stops))
-    tables = np.empty(numbers, precision) if stay else _room(numbers, precision, precision)
+    tables = aligned(numbers, precision) if stay else _room(numbers, precision, precision)
     tables[: layout.start] = fixed.shared
     tables[layout.start :].reshape(rows, -1)[:count, : layout.given] = fixed.own
     return tables
@@ -118,7 +119,10 @@ def fixed_tables(
     near = np.sqrt(1.0 + ratio**2)
     far = np.sqrt(near**2 + (1.0 + ratio * near) ** 2)
     put("bend", square * near * (h**2 / 8.0))
-    put("missed", square * far * (h**2 / 48.0))
+    put("missed", square**2 * near * far * (h**4 / 384.0))
+    if layout.strides:  # of what a block leaves chords by; else the kernel finds it
+        most = [(square * near)[:, low : low + many].max(axis=1) for low, many in layout.ranges]
+        put("missed0", np.stack(most, axis=1) * (h**2 / 48.0) if most else np.zeros((len(w), 1)))
     if "shake" in layout.fixed:
         put("shake", square * near)
         put("shake_bend", square**2 * near * far * (h**2 / 8.0))
@@ -193,11 +197,9 @@ def _put_coupled(
     twice = turn @ turn
     both = np.stack([by_q, w[:, None] * by_p], axis=3).swapaxes(1, 2)
     widened = 1.0 + 10.0 * MARGIN[precision]
-    reach = [np.linalg.norm(each, axis=3) * widened for each in (both, both @ twice)]
-    put("bound", reach[0])
-    put("bulge", reach[1] * (h**2 / 8.0))
-    missed = np.where(reach[0] > 0.0, np.linalg.norm(twice, 2, axis=(2, 3))[:, :, None] * (h**2 / 48.0), 0.0)
-    put("missed", missed.max(axis=2, initial=0.0))
+    for name, share in (("bound", 1.0), ("bulge", h**2 / 8.0), ("missed", h**4 / 384.0)):
+        put(name, np.linalg.norm(both, axis=3) * (widened * share))
+        both = both @ twice
     if layout.powers:
         put("powers", _power_shapes(layout, row, modes).reshape(len(w), -1))
         put("nodes", _node_steps(layout, _Modes(w, c, modes.push), h).reshape(len(w), -1))
@@ -251,7 +253,7 @@ def _room(numbers: int, name: str, precision: str = "float64") -> np.ndarray:
     """Room of a name, the same again for each call of a thread: new memory costs as much as filling it."""
     kept: np.ndarray | None = getattr(_KEPT, name, None)
     if kept is None or len(kept) < numbers:
-        kept = np.empty(numbers, precision)
+        kept = aligned(numbers, precision)
         setattr(_KEPT, name, kept)
     return kept[:numbers]
 

@@ -37,6 +37,7 @@ from pounding_sweep.kernel.lanes import (
     any_lane,
     count_to,
     each_lane,
+    each_true,
     first_true,
     flag,
     fma,
@@ -52,6 +53,7 @@ from pounding_sweep.kernel.lanes import (
     one,
     real,
     rounded,
+    side_by_side,
     size,
     sqrt,
     store,
@@ -75,6 +77,8 @@ SPAN = 32
 HEAD = 4
 #: Numbers of a mode's state.
 STATE = 2
+#: Sums of which one is added up.
+CHAINS = 3
 #: Rounds of code that are written one after another instead of in a loop.
 STRAIGHT = 48
 #: What may happen to a watched quantity.
@@ -157,19 +161,19 @@ class Layout:
         self.ranges = [self.part_in(spec.flocks, each.weights, each.rates) for each in self.watched]
         q, m, wide = len(self.watched), self.wide_modes, self.wide_watched
         #: Factors of modes' amplitudes by what they add to what is watched, and to its excursions from chords: those
-        #: of total accelerations are apart.
-        self.bounds, self.bulges = [("bound", "")], [("bound", "bend")]
-        self.fixed = dict.fromkeys(("slowness", "square", "damping", "missed"), m)
+        #: of total accelerations are apart; and to those from the hulls of cubics, of what ends a flight.
+        self.bounds, self.bulges, self.misses = [("bound", "")], [("bound", "bend")], [("bound", "missed")]
+        self.fixed = dict.fromkeys(("slowness", "square", "damping"), m) | {"missed0": wide}
         by_modes = {"push": m, "shape": max(1, q) * n, "floors": n * m, "modal": n * m, "bound": n * wide}
         if spec.windows or spec.yielding:
             by_modes["across"] = n * wide
         self.shared = {"step": lanes, "inverse": lanes, "sized": wide, "shaken": wide}
         if self.coupled:  # whose shapes are not those of all rows of buildings
-            self.fixed |= by_modes | {"bulge": n * wide}
-            self.bulges = [("bulge", "")]
+            self.fixed |= by_modes | dict.fromkeys(("bulge", "missed"), n * wide)
+            self.bulges, self.misses = [("bulge", "")], [("missed", "")]
         else:
             self.shared |= by_modes
-            self.fixed["bend"] = m
+            self.fixed |= dict.fromkeys(("bend", "missed"), m)
             if any(each.kind == ACCELERATION for each in self.watched):
                 self.shared["bound_shaken"] = n * wide
                 self.fixed |= {"shake": m, "shake_bend": m}
@@ -190,7 +194,7 @@ class Layout:
             self.fixed |= {"nodes": flight_energies.STATE * n * self.nodes} if self.powers else {}
             self.fixed |= {"sets": n * n} if spec.links and spec.yielding else {}
         #: How many numbers are known before a kernel runs.
-        self.given = sum(self.fixed.values())
+        self.given = sum(map(padded, self.fixed.values()))
         self.fixed |= {"advance": (lanes + 1) * 4 * m, "times": n * 4 * lanes}
         extremes = ("most", "least", "widest", "widest_least", "peak", "trough") if spec.windows else ()
         self.timed = dict.fromkeys(extremes, wide) | {"q": m, "p": m}
@@ -209,13 +213,14 @@ class Layout:
         if "energy" in spec.reducers and not self.coupled:
             self.decays += ["weight", "area", "adjoint_q", "adjoint_p", "adjoint_rise_q", "adjoint_rise_p"]
         self.first: dict[str, int] = {}
+        ends = []
         for block in (self.shared, self.fixed, self.timed, self.series):
             at = 0
-            for name, count in block.items():
-                self.first[name], at = at, at + count
-        self.sizes = [sum(block.values()) for block in (self.fixed, self.timed, self.series)]
+            for name, count in block.items():  # of which vectors lie where memory is read as such
+                self.first[name], at = at, at + (count if block is self.series else padded(count))
+            ends.append(at)
         #: Where the tables of the first row of buildings begin.
-        self.start = sum(self.shared.values())
+        self.start, *self.sizes = ends
 
     @staticmethod
     def part_in(flocks: Sequence[tuple[int, int]], *weights: Sequence[float]) -> tuple[int, int]:
@@ -228,7 +233,8 @@ class Layout:
     def size(self, points: Any) -> Any:
         """How many numbers the tables of a row of buildings have over a grid of so many points."""
         fixed, timed, series = self.sizes
-        return (points + self.lanes) * series + points * timed + fixed
+        many = (points + self.lanes) * series + (self.lanes - 1)
+        return many // self.lanes * self.lanes + points * timed + fixed
 
     def base(self, row: Any, points: Any) -> Any:
         """Where the tables of a row of buildings begin."""
@@ -271,7 +277,8 @@ class Flight:
         self.base, self.scale = Cell(points), Cell(one(self.trace, 1.0))
         self.at, self.hits = Cell(points), Cell(flag(self.trace, False))
         self.going, self.steps = Cell(flag(self.trace, True)), Cell(points)
-        self.rated = Cell(flag(self.trace, False))
+        #: Whether rates, and what leaves hulls of cubics, are known in a window.
+        self.rated, self.weighed = (Cell(flag(self.trace, False)) for _ in range(2))
         #: Blocks of the grid, where motions are known by them.
         self.blocks: Any = None
         self._places: dict[str, Any] = {}
@@ -474,9 +481,10 @@ class Flight:
                 room = lesser(room, (block + 1) * self.blocks.length - t)
                 far = not_(self._near(block, "most", "least"))
             elif leaps:
-                far = not_(room < WIDE) & not_(self._near(t, "widest", "widest_least"))
-            for _ in when(far):
-                self._leap(room)
+                self._pass_windows()
+                far = self.at.now > t
+            for _ in when(far) if self.blocks is not None else ():
+                self._pass_block(room)
             for _ in when(not_(far)):
                 room = lesser(room, whole(self.trace, self.lanes - 1 if note is None else 1))
                 self.steps.now = room
@@ -504,15 +512,23 @@ class Flight:
     def _take_thresholds(self, lane: Any) -> None:
         """Gaps and peaks so far; what is in no lane's way is far."""
         s, w, far = self.group.state, self.rows, self.group.limit.far
+        many = self.layout.wide_watched
+        highs, lows = [far] * many, [-far] * many
+        # numbers that are put in one by one are waited for where vectors are read
+        short = len(self.layout.watched) <= STRAIGHT
+        for q, each in enumerate(self.layout.watched) if short else ():
+            if each.storey < 0:
+                x = s.lane(each.most, lane)
+                highs[q], lows[q] = x, -x if each.sized else lows[q] if each.least < 0 else s.lane(each.least, lane)
         for part in self._watched_parts:
-            w["high", part], w["low", part] = self.group.full(far), self.group.full(-far)
+            mine = slice(part * self.lanes, (part + 1) * self.lanes)
+            w["high", part], w["low", part] = (side_by_side(self.trace, each[mine]) for each in (highs, lows))
         for low, high, least, sized, storeys in self._alike:
             if storeys:
                 onsets = self.layout.watched[low].kind == ONSET
                 take = flight_yielding.take_onsets if onsets else flight_yielding.take_shears
                 take(self, lane, low, high)
-                continue
-            for q in self._run(low, high):
+            for q in () if storeys or short else self._run(low, high):
                 x = s.lane(self._row_numbers[0][q], lane)
                 w.put_number("high", q, x)
                 if sized:
@@ -533,7 +549,7 @@ class Flight:
         return found
 
     def _run(self, low: int, high: int) -> Iterator[Any]:
-        for q in count_to(high - low, self.trace) if high - low > 4 else range(high - low):
+        for q in self.each(high - low):
             yield q + low
 
     def _keep_peaks(self, lane: Any) -> None:
@@ -555,32 +571,39 @@ class Flight:
         for part in self._mode_parts:
             q, p = w["q", part], w["p", part] * self._vector(slowness + part * self.lanes)
             w["amplitude", part] = sqrt(fma(q, q, p * p))
-        self._weigh(self.layout.bounds, "reach", None)
+        self._weigh(self.layout.bounds, "reach")
 
-    def _weigh(self, tables: Sequence[tuple[str, str]], row: str, t: Any) -> None:
-        """Sum of the amplitudes, weighted for all that is watched; with the motion's own bulges at a point t."""
-        w, wide, sums = self.rows, self.layout.wide_watched, []
-        for part in self._watched_parts:
-            start = self.group.full(0.0)
-            if t is not None:
-                if self.blocks is None:
-                    own = self._vector(self.place_of("bulge0") + part * self.lanes)
-                else:
-                    own = self._then("swell", self.blocks.of(t), part) * self.blocks.per_square
-                start = size(self.group.full(self.scale.now)) * own
-            sums.append(Cell(start))
+    def _own(self, name: str, t: Any, part: int) -> Any:
+        """How far what is watched leaves chords (`bulge0`) or hulls (`missed0`) from point t on, without pounding."""
+        own = (
+            None
+            if self.blocks is not None and name == "bulge0"
+            else self._vector(self.place_of(name) + part * self.lanes)
+        )
+        if self.blocks is not None:
+            swell = self._then("swell", self.blocks.of(t), part) * self.blocks.per_square
+            own = swell if own is None else swell * own
+        return size(self.group.full(self.scale.now)) * own
+
+    def _weigh(self, tables: Sequence[tuple[str, str]], row: str, own: str = "", t: Any = None) -> None:
+        """Sum of the amplitudes, weighted for all that is watched; with the motion's `own` at a point t."""
+        w, wide, zero = self.rows, self.layout.wide_watched, self.group.full(0.0)
+        # all that follows waits for these sums: their parts do not wait for each other
+        sums = [[Cell(zero) for _ in range(CHAINS)] for _ in self._watched_parts]
         places = [self.place_of(table) for table, _ in tables]
         for _, factor in tables:
             for part in self._mode_parts if factor else ():
-                own = self._vector(self.place_of(factor) + part * self.lanes)
-                w[f"amplitude_{factor}", part] = own * w["amplitude", part]
+                each = self._vector(self.place_of(factor) + part * self.lanes)
+                w[f"amplitude_{factor}", part] = each * w["amplitude", part]
         for m in self.each(self.layout.modes, len(sums) * len(tables)):
             for at, (_, factor) in zip(places, tables, strict=True):
                 a = w.number(f"amplitude_{factor}" if factor else "amplitude", m)
-                for part, total in enumerate(sums):
+                for part, chains in enumerate(sums):
+                    total = chains[m % CHAINS if isinstance(m, int) else 0]
                     total.now = fma(self._vector(at + (m * wide + part * self.lanes)), a, total.now)
-        for part, total in enumerate(sums):
-            w[row, part] = total.now
+        for part, chains in enumerate(sums):
+            first = self._own(own, t, part) if own else zero
+            w[row, part] = sum((chain.now for chain in chains), start=first)
 
     @property
     def _touches(self) -> int:
@@ -673,12 +696,19 @@ class Flight:
             self.rows["asks", part] = self.group.full(1.0)
         yield
 
-    def _leap(self, room: Any) -> None:
-        """Pass a wide window, or what is left of a block."""
-        if self.blocks is None:
+    def _pass_windows(self) -> None:
+        """Pass wide windows as long as the bounds that modes have now rule them out."""
+
+        def far() -> Any:
+            t = self.at.now
+            return not_(self.last - t < WIDE) & not_(self._near(t, "widest", "widest_least"))
+
+        for _ in while_any(far, self.trace):
             self._advance(self.lanes)
             self.at.now = self.at.now + WIDE
-            return
+
+    def _pass_block(self, room: Any) -> None:
+        """Pass what is left of a block."""
         left = Cell(room)
         for _ in when(room == self.blocks.length):
             self._advance(self.lanes)
@@ -729,10 +759,10 @@ class Flight:
         w = self.rows
         for m in self.each(self.layout.modes, 4):
             w["y", m] = self.moved(m, t, 0)
-        self.rated.now = flag(self.trace, False)
+        self.rated.now = self.weighed.now = flag(self.trace, False)
         if self.layout.coupled:
             self._bend(t, shakes=False)
-        self._weigh(self.layout.bulges, "bulge", t)
+        self._weigh(self.layout.bulges, "bulge", "bulge0", t)
         kinds = {each.kind for each in self.layout.watched}
         for kind in sorted(kinds & {TOUCH, ONSET}):
             self._stop(kind, t)
@@ -833,46 +863,48 @@ class Flight:
 
     def _stop(self, kind: int, t: Any) -> None:
         """End the window before the first step in which a contact may touch, or a storey yield."""
-        w, number, onset = self.rows, lane_numbers(self.trace, self.lanes), kind == ONSET
+        onset = kind == ONSET
+        for q in self._reaching(kind, onset):
+            for _ in when(not_(self.weighed.now)):
+                self._know_rates(t)
+                self._weigh(self.layout.misses, "missed", "missed0", t)
+                self.weighed.now = flag(self.trace, True)
+            self._end_before(q, onset)
+
+    def _reaching(self, kind: int, onset: bool) -> Iterator[Any]:
+        """Go through what may reach its limit in the window, between its points for all that is known of these."""
         mine = [q for q, each in enumerate(self.layout.watched) if each.kind == kind]
-        short = sum(self.layout.ranges[q][1] for q in mine) <= STRAIGHT
-        worst = Cell(self.group.full(-1.0))
-        for q in mine if short else self._asked(kind):
-            w["reached", q] = x = self._sum(q, "y") - self._threshold(q, onset)
-            worst.now = maximum(worst.now, self._past(x, q, onset) + w.number("bulge", q))
-        for _ in when(any_lane((worst.now > 0.0) & (number <= real(self.steps.now)))):
-            self._know_rates(t)
+        if sum(self.layout.ranges[q][1] for q in mine) > STRAIGHT:
             for q in self._asked(kind):
-                x, bulge = w["reached", q], w.number("bulge", q)
-                past = (self._past(x, q, onset) + bulge > 0.0) & (number <= real(self.steps.now))
-                for _ in when(any_lane(past)):
-                    self._end_before(q, x, bulge, onset)
+                for _ in when(self._reaches(q, onset)):
+                    yield q
+            return
+        asks = [self.rows.number("asks", q) > 0.5 for q in mine]
+        for q in each_true([asked & self._reaches(q, onset) for q, asked in zip(mine, asks, strict=True)], self.trace):
+            yield q + mine[0]
+
+    def _reaches(self, q: Any, onset: bool) -> Any:
+        """Whether a watched quantity may reach its limit in the window; how far beyond it is, in ``reached``."""
+        w, number = self.rows, lane_numbers(self.trace, self.lanes)
+        w["reached", q] = x = self._sum(q, "y") - self._threshold(q, onset)
+        return any_lane((self._past(x, q, onset) + w.number("bulge", q) > 0.0) & (number <= real(self.steps.now)))
 
     def _past(self, x: Any, q: Any, onset: bool) -> Any:
         """Return how far beyond its limit a watched quantity is; an onset has one on either side."""
         w = self.rows
         return size(x) - 0.5 * (w.number("high", q) - w.number("low", q)) if onset else x
 
-    def _end_before(self, q: Any, x: Any, bulge: Any, onset: bool) -> None:
+    def _end_before(self, q: Any, onset: bool) -> None:
         """End the window before the first step in which a watched quantity may reach its limit."""
-        s0 = self._sum(q, "rate") * (1.0 / 3.0)
+        x, s0 = self.rows["reached", q], self._sum(q, "rate") * (1.0 / 3.0)
         x1, s1 = after(x), after(s0)
         # a cubic keeps within the hull of its ends and of where their tangents are at a third of the step
         hull = self._past(x, q, onset)
         for each in (x1, x + s0, x1 - s1):
             hull = maximum(hull, self._past(each, q, onset))
-        may = hull + bulge * self._remainder(q) > 0.0
+        may = hull + self.rows.number("missed", q) > 0.0
         first = first_true(may & (lane_numbers(self.trace, self.lanes) < real(self.steps.now)))
         self.steps.now = lesser(first, self.steps.now)
-
-    def _remainder(self, q: Any) -> Any:
-        """Share of a bulge by which what is watched may leave the hull of its cubic: the largest of its modes."""
-        lows, counts = self._ranges
-        at, most = self.place_of("missed") + lows[q], Cell(one(self.trace, 0.0))
-        for k in self.each(counts) if isinstance(counts, int) else count_to(counts[q], self.trace):
-            each = self.number(at + k)
-            most.now = where(most.now < each, each, most.now)
-        return most.now
 
     def _rates(self, q: Any, name: str, rise: str) -> tuple[Any, Any]:
         """Return a higher rate at the starts and the ends of steps, `rise` being the ground's part in it."""
@@ -921,9 +953,11 @@ class Flight:
 def scratch(layout: Layout) -> dict[str, int]:
     """Rows of flight's own."""
     n, parts, wide = layout.modes, layout.wide_modes // layout.lanes, layout.wide_watched // layout.lanes
-    factors = (factor for _, factor in (*layout.bounds, *layout.bulges) if factor)
+    factors = (factor for _, factor in (*layout.bounds, *layout.bulges, *layout.misses) if factor)
     rows = dict.fromkeys(("q", "p", "amplitude", "floor", *(f"amplitude_{factor}" for factor in factors)), parts)
-    rows |= dict.fromkeys(("high", "low", "reach", "bulge", "asks", *(("shift",) if layout.yields else ())), wide)
+    rows |= dict.fromkeys(
+        ("high", "low", "reach", "bulge", "missed", "asks", *(("shift",) if layout.yields else ())), wide
+    )
     rows |= dict.fromkeys(("y", "rate", "second", "third", "rise"), n)
     rows |= {"reached": sum(each.kind in (TOUCH, ONSET) for each in layout.watched)}
     if layout.coupled:

@@ -143,16 +143,18 @@ class Tables:
             store_one(self.trace, f.tables, at + self.points + k, 0.0)
 
     def _weigh_ground(self, part: int) -> None:
-        """Find how far what is watched leaves its chords at most, without pounding."""
-        f, wide, total = self.flight, self.layout.wide_watched, Cell(self.flight.group.full(0.0))
-        for table, factor in self.layout.bounds:
-            at, own = f.place_of(table) + part * self.lanes, f.place_of(factor) if factor else None
-            for m in count_to(self.layout.modes, self.trace):
-                a = f.rows.number("amplitude", m)
-                a = a if own is None else a * load_one(self.trace, f.tables, own + m)
-                total.now = fma(load(self.trace, f.tables, at + m * wide, self.lanes), a, total.now)
+        """Find how far what is watched leaves its chords, and the hulls of cubics, at most, without pounding."""
+        f, wide = self.flight, self.layout.wide_watched
         h = load_one(self.trace, f.tables, f.place_of("step"))
-        store(self.trace, f.tables, f.place_of("bulge0") + part * self.lanes, total.now * (h * h * 0.125))
+        for name, tables, share in (("bulge0", self.layout.bounds, 8.0), ("missed0", self.layout.bulges, 48.0)):
+            total = Cell(f.group.full(0.0))
+            for table, factor in tables:
+                at, own = f.place_of(table) + part * self.lanes, f.place_of(factor) if factor else None
+                for m in count_to(self.layout.modes, self.trace):
+                    a = f.rows.number("amplitude", m)
+                    a = a if own is None else a * load_one(self.trace, f.tables, own + m)
+                    total.now = fma(load(self.trace, f.tables, at + m * wide, self.lanes), a, total.now)
+            store(self.trace, f.tables, f.place_of(name) + part * self.lanes, total.now * (h * h * (1.0 / share)))
 
     def _watched_at(self, t: Any, part: int) -> list[Any]:
         """Find what is watched at point t and three rates, times the step; the rise of the ground is apart."""

@@ -482,6 +482,27 @@ class Cell:
             value = _lanes(self._trace, x) if self._kind is Vector else x.value
         self._trace.builder.store(value, self._place)
 
+    def _lane_at(self, lane: Any) -> Any:
+        b = self._trace.builder  # type: ignore[union-attr]
+        each = b.bitcast(self._place, self._place.type.pointee.element.as_pointer())
+        return b.gep(each, [lane.value], inbounds=True)
+
+    def lane(self, lane: Any) -> Any:
+        """Return the number of one lane."""
+        if self._trace is None:
+            return self._x[lane]
+        kind = Count if self._kind is Counts else Real
+        return kind(self._trace, self._trace.builder.load(self._lane_at(lane)))
+
+    def put_lane(self, lane: Any, x: Any) -> None:
+        """Change the number of one lane."""
+        if self._trace is None:
+            self._x = self._x.copy()
+            self._x[lane] = x
+            return
+        value = x.value if isinstance(x, Value) else _one(self._trace, x)
+        self._trace.builder.store(value, self._lane_at(lane))
+
 
 class Ledger:
     """Variables that several functions of a kernel share, `ROOM` bytes of memory for each."""
@@ -635,6 +656,17 @@ def narrow(trace: Tracer | None, x: Any) -> Any:
     return type(x)(trace, trace.builder.fptrunc(x.value, kind))
 
 
+def side_by_side(trace: Tracer | None, numbers: Sequence[Any]) -> Any:
+    """Return numbers, as many as there are lanes, in these."""
+    if trace is None:
+        return np.array(numbers, float)
+    found = ir.Constant(trace.vector, [0.0 if isinstance(x, Real) else trace.number(x).constant for x in numbers])
+    for i, x in enumerate(numbers):
+        if isinstance(x, Real):
+            found = trace.builder.insert_element(found, x.value, ir.Constant(_I32, i))
+    return Vector(trace, found)
+
+
 def lane_numbers(trace: Tracer | None, lanes: int) -> Any:
     """Return the number of each lane."""
     if trace is None:
@@ -705,19 +737,6 @@ def lane_of(x: Any, lane: Any) -> Any:
     return Count(trace, found) if isinstance(x, Counts) else Real(trace, found)
 
 
-def put_lane(cell: Cell, lane: Any, x: Any) -> None:
-    """Change one lane of a variable."""
-    now = cell.now
-    trace = _trace_of(now)
-    if trace is None:
-        now = now.copy()
-        now[lane] = x
-        cell.now = now
-        return
-    value = x.value if isinstance(x, Value) else ir.Constant(_I64, x) if isinstance(now, Counts) else _one(trace, x)
-    cell.now = type(now)(trace, trace.builder.insert_element(now.value, value, lane.value))
-
-
 def _bits(mask: Mask) -> Any:
     """Truths of all lanes as the bits of a whole number."""
     t = mask.trace
@@ -738,10 +757,25 @@ def each_lane(mask: Any) -> Iterator[Any]:
     trace = _trace_of(mask)
     if trace is None:
         yield from np.flatnonzero(mask)
+    else:
+        yield from _each_bit(trace, _bits(mask))
+
+
+def each_true(flags: Sequence[Any], trace: Tracer | None) -> Iterator[Any]:
+    """Go through the numbers of the truths that hold, of so many that are known beforehand."""
+    if trace is None:
+        yield from (i for i, each in enumerate(flags) if each)
         return
-    b = trace.builder
-    left = trace.place(_I64)
-    b.store(_bits(mask), left)
+    b, bits = trace.builder, ir.Constant(_I64, 0)
+    for i, each in enumerate(flags):
+        bits = b.or_(bits, b.shl(b.zext(each.value, _I64), ir.Constant(_I64, i)))
+    yield from _each_bit(trace, bits)
+
+
+def _each_bit(trace: Tracer, bits: Any) -> Iterator[Count]:
+    """Go through the numbers of the bits that are set in a whole number."""
+    b, left = trace.builder, trace.place(_I64)
+    b.store(bits, left)
     head, body, out = (b.append_basic_block(name) for name in ("lanes", "lane", "served"))
     b.branch(head)
     b.position_at_end(head)

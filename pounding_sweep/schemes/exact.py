@@ -29,9 +29,7 @@ from pounding_sweep.kernel.lanes import (
     fma,
     gather,
     lane_numbers,
-    lane_of,
     not_,
-    put_lane,
     real,
     when,
     when_any,
@@ -232,17 +230,17 @@ class Flights:
 
     def _serve(self, lane: Any) -> None:
         group, flight, course = self.group, self.flight, self.course
-        has = Cell(lane_of(course.busy.now, lane) > 0.0)
+        has = Cell(course.busy.lane(lane) > 0.0)
         self.settled.now = flag(group.trace, False)
         for _ in when(has.now):
             self._know(lane)
-            flight.at.now = lane_of(course.at.now, lane) // self.short
+            flight.at.now = course.at.lane(lane) // self.short
             flight.leave(lane, flight.at.now)
         for _ in while_any(lambda: not_(self.settled.now), group.trace):
             for _ in when(not_(has.now)):
                 none_left = not_(course.next.now < self.scenarios.count)
                 for _ in when(none_left):
-                    put_lane(course.busy, lane, 0.0)
+                    course.busy.put_lane(lane, 0.0)
                     self.settled.now = flag(group.trace, True)
                 for _ in when(not_(none_left)):
                     self._begin(lane)
@@ -251,12 +249,12 @@ class Flights:
                 flight.fly(lane, self._note_point if self.note is not None else None)
                 flight.enter(lane, flight.at.now)
                 for _ in when(flight.hits.now):
-                    put_lane(course.at, lane, flight.at.now * self.short)
-                    put_lane(course.left, lane, real(self.short))
+                    course.at.put_lane(lane, flight.at.now * self.short)
+                    course.left.put_lane(lane, real(self.short))
                     self.settled.now = flag(group.trace, True)
                 for _ in when(not_(flight.hits.now)):
                     conclude(group)
-                    self.scenarios.take(lane_of(course.scenario.now, lane), lane)
+                    self.scenarios.take(course.scenario.lane(lane), lane)
                     has.now = flag(group.trace, False)
 
     def _note_point(self, point: Any) -> None:
@@ -267,7 +265,7 @@ class Flights:
         """Let flight know whose tables it reads."""
         s = self.group.state
         self.flight.scale.now = s.lane(s.first["scale"], lane)
-        self.flight.base.now = self.scenarios.tables(lane_of(self.course.scenario.now, lane))
+        self.flight.base.now = self.scenarios.tables(self.course.scenario.lane(lane))
 
     def _begin(self, lane: Any) -> None:
         """Let the next scenario begin in a lane."""
@@ -275,9 +273,9 @@ class Flights:
         number = course.next.now
         group.state.clear_lane(lane, self._rows)
         self.scenarios.put(number, lane)
-        put_lane(course.scenario, lane, number)
-        put_lane(course.busy, lane, 1.0)
-        put_lane(course.at, lane, whole(group.trace, 0))
+        course.scenario.put_lane(lane, number)
+        course.busy.put_lane(lane, 1.0)
+        course.at.put_lane(lane, whole(group.trace, 0))
         course.next.now = number + 1
         mine = lane_numbers(group.trace, group.lanes) == real(lane)
         begin(group, self.ground.start(), mine)
