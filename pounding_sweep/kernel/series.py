@@ -48,7 +48,7 @@ LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
 NODES = {"float64": 6, "float32": 4}
 #: Most that a motion leaves its ends by, in its rates there times the step.
 BULGE = 0.2
-#: Where a step ends if floors that part bend back, over when a parabola is at its start again, and its least part.
+#: Where a step ends if floors that part bend back, over when a parabola is at its start again; its least part, if cut.
 PAST, SOONEST = -1.5, 1e-3
 
 
@@ -213,6 +213,8 @@ def _meet(group: Group) -> None:
     _converge(group)
     if group.spec.yielding:
         series_yielding.begin(group)
+    s["fraction"] = maximum(s["fraction"], SOONEST)  # of what rests, no first term tells the size
+    if group.spec.yielding:
         series_yielding.place(group)
     events = len(group.contacts) + len(group.spec.yielding)
     going = Cell(ongoing & (s["tries"] < MAX_TRIES))
@@ -249,7 +251,7 @@ def _converge(group: Group) -> None:
     short = room.now < 1.0
     with when_any(short):
         s["fraction"] = where(short, roughly_power(room.now, 1.0 / order), s["fraction"])
-    s["fraction"] = minimum(s["fraction"], maximum(back.now, SOONEST))
+    s["fraction"] = minimum(s["fraction"], back.now)
 
 
 class _Choice:

@@ -8,6 +8,7 @@ changes its sign.
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import Any
 
 from pounding_sweep.kernel import hysteresis
@@ -29,7 +30,8 @@ def begin(group: Group) -> None:
             s["ruled_out", group.change(i + len(group.contacts), kind)] = 0.0
 
     def terms(i: Any) -> tuple[Any, Any]:
-        first = maximum(maximum(size(s["jet", i]), size(s["jet", i + n])), size(s["jet", i + 2 * n]))
+        # the fourth of them too: a floor at rest begins with the ground's ramp
+        first = reduce(maximum, [size(s["jet", i + k * n]) for k in range(4)])
         return LEFT_OUT[group.spec.precision] * first, size(s["jet", i + order * n])
 
     over = Cell(group.full(0.0))
