@@ -53,6 +53,9 @@ def _impossible(kernel: RowKernel, raw: Mapping[str, np.ndarray], record: Record
     if len(row) == 1 and (scale == scale[0]).all():  # one limit for all
         scale = scale[:1]
     limit = displacement_limit(row, MAX_ENERGY * energy_limit(row, record, scale, kernel.initial_velocity))
+    highest, lowest = raw["umax"].max(axis=0, initial=-np.inf), raw["umin"].min(axis=0, initial=np.inf)
+    if len(limit) == 1 and np.all((highest <= limit) & (-lowest <= limit)):  # nobody: the rule
+        return np.zeros(len(raw["flags"]), dtype=bool)
     return ~np.all((raw["umax"] <= limit) & (-raw["umin"] <= limit), axis=1)
 
 
