@@ -286,6 +286,9 @@ class RowKernel:
     def flight_substeps(self, record: Record, variants: Variants | None = None) -> np.ndarray:
         """Return the exact steps of free flight per record interval: a divisor of the steps."""
         row = variants_of(self.scene) if variants is None else variants
+        return (_substeps_of_one if len(row) == 1 else RowKernel._flight_substeps)(self, record, row)
+
+    def _flight_substeps(self, record: Record, row: Variants) -> np.ndarray:
         steps = self.numerics.steps(record)
         if self.history:
             return np.full(len(row), steps)
@@ -438,6 +441,10 @@ class RowKernel:
                 put("tables", buildings[None, :])
         rows[:, n:] = rows[:, n - 1 : n]  # idle lanes repeat the last scenario
         return np.ascontiguousarray(rows.reshape(-1, groups, LANES).transpose(1, 0, 2))
+
+
+#: Exact steps of a single row: each chunk asks for them.
+_substeps_of_one = lru_cache(maxsize=64)(RowKernel._flight_substeps)
 
 
 def _of_floors(name: str) -> Callable[[Variants], np.ndarray]:
