@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.links import LinkedFloors
+from pounding_sweep.model.scene import Contact, Scene
 from pounding_sweep.model.variants import Variants
 
 #: Stored in integer variables where there is no value.
@@ -40,7 +41,7 @@ def scatter_dof(values: Any, scene: Scene) -> np.ndarray:
     return _scatter(values, places, inner, "degrees of freedom")
 
 
-def _scatter_pairs(values: Any, found: Sequence[Any], scene: Scene, what: str) -> np.ndarray:
+def _scatter_pairs(values: Any, found: Sequence[Contact | LinkedFloors], scene: Scene, what: str) -> np.ndarray:
     """Put values where the pair and the storey of what was found there are."""
     places = [each.place * scene.n_storeys + each.storey - 1 for each in found]
     return _scatter(values, places, (len(scene.pair_labels), scene.n_storeys), what)
