@@ -45,8 +45,8 @@ MUTANTS = (
     # a damaged chunk is read
     (
         "resume/checkpoint.py",
-        "digest = hashlib.sha256(content).hexdigest()",
-        'digest = entry["sha256"]',
+        "checksum = zlib.crc32(content)",
+        'checksum = entry["crc32"]',
         "test_store.py",
     ),
     # shears are of the neighbour's stiffness

@@ -151,7 +151,7 @@ def test_a_line_without_its_line_break_is_whole_or_torn(store):
 
 
 @pytest.mark.parametrize(
-    "line", [b"\x00\xff\xfe", b"[]", b"3", b'{"key": 1, "sha256": "0"}', b'{"key": "../x", "sha256": "0"}']
+    "line", [b"\x00\xff\xfe", b"[]", b"3", b'{"key": 1, "crc32": 0}', b'{"key": "../x", "crc32": 0}']
 )
 def test_lines_that_are_no_entries(store, line):
     store.write("a", TABLE)
@@ -201,7 +201,7 @@ def test_a_damaged_chunk_is_found(store, damage):
     if damage == "flip":
         content[len(content) // 2] ^= 1
     path.write_bytes({"flip": bytes(content), "cut": bytes(content[:-7]), "empty": b""}[damage])
-    with pytest.raises(ChunkCorrupt, match=r"^chunk 'a' in '.*' is damaged: its SHA-256 is [^;]*$"):
+    with pytest.raises(ChunkCorrupt, match=r"^chunk 'a' in '.*' is damaged: its CRC-32 is [^;]*$"):
         store.read("a")
     assert issubclass(ChunkCorrupt, OutputError)
     store.forget("a")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -51,9 +52,19 @@ def _impossible(kernel: RowKernel, raw: Mapping[str, np.ndarray], record: Record
         return np.zeros(len(raw["flags"]), dtype=bool)
     scale = raw["scale"][:, 0]
     if len(row) == 1 and (scale == scale[0]).all():  # one limit for all
-        scale = scale[:1]
-    limit = displacement_limit(row, MAX_ENERGY * energy_limit(row, record, scale, kernel.initial_velocity))
+        limit = _farthest(row, record, float(scale[0]), kernel.initial_velocity)
+        highest, lowest = raw["umax"].max(axis=0), raw["umin"].min(axis=0)
+        if np.all((highest <= limit) & (-lowest <= limit)):  # as a rule
+            return np.zeros(len(scale), dtype=bool)
+    else:
+        limit = displacement_limit(row, MAX_ENERGY * energy_limit(row, record, scale, kernel.initial_velocity))
     return ~np.all((raw["umax"] <= limit) & (-raw["umin"] <= limit), axis=1)
+
+
+@lru_cache(maxsize=64)
+def _farthest(row: Variants, record: Record, scale: float, initial_velocity: tuple[float, ...] | None) -> np.ndarray:
+    """How far floors of a single row can get (m), shape (1, floors): each chunk asks for it."""
+    return displacement_limit(row, MAX_ENERGY * energy_limit(row, record, np.array([scale]), initial_velocity))
 
 
 def _fallen(raw: Mapping[str, np.ndarray], row: Variants) -> np.ndarray:

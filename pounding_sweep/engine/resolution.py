@@ -121,11 +121,17 @@ def _moves_with_base(building: Building) -> np.ndarray:
     return np.stack([np.full(building.n_storeys, sway**-0.5), building.elevations * rocking**-0.5])
 
 
+#: `phase_error` of a single row: each chunk asks for it.
+_late = lru_cache(maxsize=64)(phase_error)
+
+
 def resolution_status(
     row: Scene | Variants, record: Record, numerics: Numerics, steps_per_contact: np.ndarray
 ) -> np.ndarray:
     """Status of scenarios by what their step resolves, `steps_per_contact` of the fastest part of the shortest."""
-    blurred = (phase_error(row, record, numerics) > MAX_PHASE_ERROR) | loses_ground(record, numerics)
+    variants = variants_of(row)
+    late = _late(variants, record, numerics) if len(variants) == 1 else phase_error(variants, record, numerics)
+    blurred = (late > MAX_PHASE_ERROR) | loses_ground(record, numerics)
     status = np.full(len(steps_per_contact), Status.OK, dtype=np.int8)
     status[np.broadcast_to(blurred, status.shape)] = Status.UNDER_RESOLVED_MOTION
     need = numerics.scheme.min_steps_per_contact(numerics.locate)

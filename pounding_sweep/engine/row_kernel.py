@@ -274,6 +274,9 @@ class RowKernel:
     def flight_substeps(self, record: Record, variants: Variants | None = None) -> np.ndarray:
         """Return the exact steps of free flight per record interval: a divisor of the steps."""
         row = variants_of(self.scene) if variants is None else variants
+        return (_substeps_of_one if len(row) == 1 else RowKernel._flight_substeps)(self, record, row)
+
+    def _flight_substeps(self, record: Record, row: Variants) -> np.ndarray:
         steps = self.numerics.steps(record)
         if self.history:
             return np.full(len(row), steps)
@@ -428,6 +431,10 @@ class RowKernel:
                     put("p_longest", _longest(row, self.numerics)[None, :] if self.shape.staged else np.zeros((1, 1)))
         rows[:, n:] = rows[:, n - 1 : n]  # idle lanes repeat the last scenario
         return np.ascontiguousarray(rows.reshape(-1, groups, LANES).transpose(1, 0, 2))
+
+
+#: Exact steps of a single row: each chunk asks for them.
+_substeps_of_one = lru_cache(maxsize=64)(RowKernel._flight_substeps)
 
 
 def _of_floors(name: str) -> Callable[[Variants], np.ndarray]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 #: Scenarios side by side in one kernel call. A compile-time constant: with no
@@ -373,6 +374,7 @@ class Slots:
         self.size += count
 
 
+@lru_cache(maxsize=64)
 def input_slots(shape: KernelSpec) -> Slots:
     """Layout of the values a scenario brings: record scale, contact stiffness, gaps, damping."""
     slots = Slots()

@@ -31,7 +31,7 @@ from pounding_sweep.model.scene import Scene, rayleigh_factors
 _BLOCK = 4096
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Variants:
     """A table of building properties, one row per variant of a scene."""
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache, reduce
 
 import numpy as np
 
@@ -19,7 +20,7 @@ def comparable(outputs: Iterable[str]) -> tuple[str, ...]:
 
 
 def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
-    """Largest error of each scenario over its floors, pairs or buildings."""
+    """Largest error of each scenario over its floors, pairs or buildings, relative to its largest value or `scale`."""
     variable = get_variable(name)
     x = np.asarray(values, dtype=float).reshape(len(values), -1)
     y = np.asarray(reference, dtype=float).reshape(len(reference), -1)
@@ -27,12 +28,13 @@ def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: 
         x, y = np.where(x < 0, np.nan, x), np.where(y < 0, np.nan, y)
     if not x.shape[1]:
         return np.zeros(len(x))
-    off = np.maximum.reduce(np.abs(x - y), axis=1)
+    gap = x - y
+    off = np.maximum.reduce(np.abs(gap, out=gap), axis=1)
     missing = np.flatnonzero(np.isnan(off))
     if len(missing):
         some, others = x[missing], y[missing]
         off[missing] = np.fmax.reduce(np.abs(some - others), axis=1, initial=0.0)
-    size = _largest(y) if scale is None else np.maximum(_largest(y), scale)
+    size = _largest(name, y) if scale is None else scale
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.where(off == 0.0, 0.0, np.where(size > 0.0, off / size, np.inf))
     if len(missing):
@@ -44,24 +46,27 @@ def relative_errors(
     outputs: Iterable[str], values: Mapping[str, np.ndarray], reference: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """`relative_error` of every comparable output, by name; relative to what the registry says."""
+    largest = cache(lambda name: _largest(name, reference[name]))
     return {
-        name: relative_error(name, values[name], reference[name], _scale(name, reference))
+        name: relative_error(name, values[name], reference[name], _scale(name, reference, largest))
         for name in comparable(outputs)
     }
 
 
-def _largest(values: np.ndarray) -> np.ndarray:
+def _largest(name: str, values: np.ndarray) -> np.ndarray:
     """Largest absolute value of each scenario."""
     found = np.asarray(values, dtype=float).reshape(len(values), -1)
-    low, high = (reduce.reduce(found, axis=1, initial=0.0) for reduce in (np.fmin, np.fmax))
-    return np.asarray(np.maximum(high, -low))
+    high = np.fmax.reduce(found, axis=1, initial=0.0)
+    if VARIABLES[name].dtype == "f8":  # integers are missing where they are negative
+        high = np.maximum(high, -np.fmin.reduce(found, axis=1, initial=0.0))
+    return np.asarray(high)
 
 
-def _scale(name: str, reference: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return what an error of `name` is relative to, as far as `reference` holds more than itself."""
-    sizes = []
+def _scale(name: str, reference: Mapping[str, np.ndarray], largest: Callable[[str], np.ndarray]) -> np.ndarray:
+    """Return what an error of `name` is relative to: itself, and what else `reference` holds."""
+    sizes = [largest(name)]
     for other in VARIABLES[name].relative_to:
         parts = (other,) if isinstance(other, str) else other
         if all(part in reference for part in parts):
-            sizes.append(np.prod([_largest(reference[part]) for part in parts], axis=0))
-    return np.max(sizes, axis=0) if sizes else None
+            sizes.append(np.prod([largest(part) for part in parts], axis=0))
+    return np.asarray(reduce(np.maximum, sizes))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,55 +19,47 @@ from pounding_sweep.model.variants import Variants
 INTEGER_FILL = -1
 
 
-def _unfilled(values: np.ndarray, *inner: int) -> np.ndarray:
-    """Return an array without values; in memory scenarios lie side by side, so that what goes over all is fast."""
-    missing = INTEGER_FILL if np.issubdtype(values.dtype, np.integer) else np.nan
-    lying = np.full((*inner, *values.shape[:-1]), missing, values.dtype)
-    return lying.transpose(*range(len(inner), lying.ndim), *range(len(inner)))
-
-
-def _check_last(values: np.ndarray, size: int, what: str) -> None:
-    if values.ndim == 0 or values.shape[-1] != size:
-        msg = f"the last dimension of the values must be the scene's {size} {what}, not shape {values.shape}"
+def _scatter(values: Any, places: Sequence[int], inner: tuple[int, ...], what: str) -> np.ndarray:
+    """Put values where they belong among `inner`; no copy where there is one for every place."""
+    values = np.asarray(values)
+    if values.ndim == 0 or values.shape[-1] != len(places):
+        msg = f"the last dimension of the values must be the scene's {len(places)} {what}, not shape {values.shape}"
         raise InputError(msg)
+    if list(places) == list(range(math.prod(inner))):
+        return values.reshape(*values.shape[:-1], *inner)
+    missing = INTEGER_FILL if np.issubdtype(values.dtype, np.integer) else np.nan
+    # in memory scenarios lie side by side, so that what goes over all is fast
+    lying = np.full((math.prod(inner), *values.shape[:-1]), missing, values.dtype)
+    lying[list(places)] = np.moveaxis(values, -1, 0)
+    return np.moveaxis(lying, 0, -1).reshape(*values.shape[:-1], *inner)
 
 
 def scatter_dof(values: Any, scene: Scene) -> np.ndarray:
     """Put values per degree of freedom where their building and storey are."""
-    values = np.asarray(values)
-    _check_last(values, scene.n_dof, "degrees of freedom")
-    result = _unfilled(values, len(scene.buildings), scene.n_storeys)
-    for i, (start, stop) in enumerate(zip(scene.offsets[:-1], scene.offsets[1:], strict=True)):
-        result[..., i, : stop - start] = values[..., start:stop]
-    return result
+    inner = len(scene.buildings), scene.n_storeys
+    places = [i * scene.n_storeys + storey for i, b in enumerate(scene.buildings) for storey in range(b.n_storeys)]
+    return _scatter(values, places, inner, "degrees of freedom")
+
+
+def _scatter_pairs(values: Any, found: Sequence[Contact | LinkedFloors], scene: Scene, what: str) -> np.ndarray:
+    """Put values where the pair and the storey of what was found there are."""
+    places = [each.place * scene.n_storeys + each.storey - 1 for each in found]
+    return _scatter(values, places, (len(scene.pair_labels), scene.n_storeys), what)
 
 
 def scatter_contact(values: Any, scene: Scene) -> np.ndarray:
     """Put values per contact where their pair and storey are."""
-    return _between(values, scene.contacts, "contacts", scene)
+    return _scatter_pairs(values, scene.contacts, scene, "contacts")
 
 
 def scatter_link(values: Any, scene: Scene) -> np.ndarray:
     """Put values per link where their pair and the storey of their left floor are."""
-    return _between(values, scene.linked_floors, "links", scene)
-
-
-def _between(values: Any, joints: Sequence[Contact | LinkedFloors], what: str, scene: Scene) -> np.ndarray:
-    values = np.asarray(values)
-    _check_last(values, len(joints), what)
-    result = _unfilled(values, len(scene.pair_labels), scene.n_storeys)
-    for i, joint in enumerate(joints):
-        result[..., joint.place, joint.storey - 1] = values[..., i]
-    return result
+    return _scatter_pairs(values, scene.linked_floors, scene, "links")
 
 
 def scatter_base(values: Any, scene: Scene) -> np.ndarray:
     """Put values per foundation where their building is."""
-    values = np.asarray(values)
-    _check_last(values, len(scene.foundations), "foundations")
-    result = _unfilled(values, len(scene.buildings))
-    result[..., list(scene.foundations)] = values
-    return result
+    return _scatter(values, scene.foundations, (len(scene.buildings),), "foundations")
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ read them here.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.kernel.spec import KernelSpec, Slots, result_slots
@@ -99,6 +100,7 @@ def reducers_of(shape: KernelSpec) -> list[Reducer]:
     return [reducer for name, reducer in REDUCERS.items() if name in shape.reducers]
 
 
+@lru_cache(maxsize=64)
 def output_slots(shape: KernelSpec) -> Slots:
-    """Layout of a scenario's results."""
+    """Layout of a scenario's results: each chunk asks for it."""
     return result_slots(shape, reducers_of(shape))

@@ -20,6 +20,7 @@ import json
 import mmap
 import os
 import re
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -111,16 +112,15 @@ def _own(name: str) -> bool:
     return name in (EXPECTED, MANIFEST) or any(kind.fullmatch(name) for kind in kinds) or is_temporary(name)
 
 
-def _save(path: Path, table: np.ndarray) -> tuple[str, int]:
-    """Write a table to a file; returns its SHA-256 and where in it the rows begin."""
+def _save(path: Path, table: np.ndarray) -> tuple[int, int]:
+    """Write a table to a file; returns its CRC-32 and where in it the rows begin."""
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(header, np.lib.format.header_data_from_array_1_0(table))
-    digest, rows = hashlib.sha256(header.getvalue()), table.view(np.uint8).data
-    digest.update(rows)
+    rows = table.view(np.uint8).data
     with path.open("wb") as file:
         file.write(header.getvalue())
         file.write(rows)
-    return digest.hexdigest(), len(header.getvalue())
+    return zlib.crc32(rows, zlib.crc32(header.getvalue())), len(header.getvalue())
 
 
 def _form(content: mmap.mmap) -> tuple[np.dtype, int, int]:
@@ -271,9 +271,9 @@ class ChunkStore:
         try:
             with replacing(path, self.folder) as temporary:
                 table = np.ascontiguousarray(table)
-                digest, begin = _save(temporary, table)
+                checksum, begin = _save(temporary, table)
             size = begin + table.nbytes
-            line = {**more, "key": key, "file": path.name, "sha256": digest, "bytes": size, "rows": len(table)}
+            line = {**more, "key": key, "file": path.name, "crc32": checksum, "bytes": size, "rows": len(table)}
             self._append(json.dumps(line, sort_keys=True))
         except OSError as error:
             raise WriteError(failure(f"writing chunk {key!r} to {str(self.folder)!r}", error)) from error
@@ -314,10 +314,10 @@ class ChunkStore:
         for line in self._manifest_text().split(b"\n"):
             try:
                 entry = json.loads(line)
-                key, digest = entry["key"], entry["sha256"]
+                key, checksum = entry["key"], entry["crc32"]
             except (ValueError, TypeError, KeyError):
                 continue
-            if isinstance(key, str) and isinstance(digest, str) and _KEY.fullmatch(key):
+            if isinstance(key, str) and isinstance(checksum, int) and _KEY.fullmatch(key):
                 entries[key] = entry
         return entries
 
@@ -339,9 +339,9 @@ class ChunkStore:
                 empty = not os.fstat(file.fileno()).st_size  # can't be mapped
                 content: Any = b"" if empty else mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
             if key not in self._checked:
-                digest = hashlib.sha256(content).hexdigest()
-                if digest != entry["sha256"]:
-                    msg = f"{damaged}its SHA-256 is {digest[:12]}..., it was written as {entry['sha256'][:12]}..."
+                checksum = zlib.crc32(content)
+                if checksum != entry["crc32"]:
+                    msg = f"{damaged}its CRC-32 is {checksum:08x}, it was written as {entry['crc32']:08x}"
                     raise ChunkCorrupt(msg)
             if key not in self._forms:
                 self._forms[key] = _form(content)
