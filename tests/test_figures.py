@@ -493,7 +493,7 @@ def test_a_map_of_an_amplification():
     assert figure.axes[-1].get_ylabel() == "amplification of the largest interstorey drift (-)"
 
 
-@pytest.mark.parametrize("key", ["force-gap", "amplification", "law-comparison"])
+@pytest.mark.parametrize("key", ["force-gap", "amplification", pytest.param("law-comparison", marks=pytest.mark.slow)])
 def test_any_axis_of_numbers_may_be_drawn_along(key):
     cube = of_periods(record=2)
     for x, label, scale in (

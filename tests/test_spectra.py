@@ -215,6 +215,7 @@ def test_a_damaged_cache_is_compiled_and_kept_anew(tmp_path):
     assert all(any(path.read_bytes()) for path in found)  # compiled once, and kept again
 
 
+@pytest.mark.slow  # compiles
 def test_where_no_cache_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):
     import numba.core.caching
 
@@ -361,6 +362,7 @@ def test_a_suite_is_drawn_with_its_fractiles():
 
 
 @pytest.mark.parametrize("count", [1, 3, 14])
+@pytest.mark.usefixtures("not_rendered")
 def test_motions_are_drawn_with_their_peaks(count, tmp_path):
     records = [*suite(count - 1), ps.pulse_record("sine", amplitude=-2.0, period=0.5, dt=0.125, duration=60.0)]
     motions = records_dataset(records).merge(response_spectrum(records, [0.1, 0.5, 1.0]))
