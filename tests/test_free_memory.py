@@ -226,7 +226,7 @@ def test_more_than_the_limit_of_a_control_group_is_refused(tmp_path):
     assert 0.5 * GIB < float(number) * {"MB": 1e6, "GB": 1e9}[unit] < GIB
 
 
-@pytest.mark.slow  # another process; by day the doctor's words are those of `free_memory`, in `test_doctor`
+@pytest.mark.slow  # another process; by day `diagnose` is asked in this one, above
 @pytest.mark.skipif(not Path("/proc/self/cgroup").exists(), reason="needs control groups")
 def test_the_doctor_tells_the_control_group():
     with control_group(GIB) as group:
