@@ -495,7 +495,6 @@ def test_shapes_travel_as_plain_data():
                 assert from_json(json.loads(json.dumps(to_json(kernel.shape)))) == kernel.shape
 
 
-@pytest.mark.slow  # other processes compile
 def test_kernels_are_compiled_side_by_side(folder, monkeypatch):
     monkeypatch.setattr(compile, "BEGINNING", 0.1)
     shapes = [kernel_of().shape, kernel_of(DOUBLED).shape]

@@ -163,6 +163,8 @@ def test_a_system_that_does_not_tell(tmp_path, monkeypatch):
     monkeypatch.setattr("pounding_sweep.base.memory.free_memory", lambda: None)
     assert diagnose()["memory"] == {"free_bytes": None, "limit": None}
     assert Sweep("mate2015", "el_centro", "none").plan().n_asked == 1
+    monkeypatch.setattr("pounding_sweep.base.memory.free_memory", lambda: FreeMemory(GIB, "the machine"))
+    assert diagnose()["memory"] == {"free_bytes": GIB, "limit": "the machine"}
 
 
 # -- real limits -------------------------------------------------------------------------------------------------------

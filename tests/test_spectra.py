@@ -215,7 +215,6 @@ def test_a_damaged_cache_is_compiled_and_kept_anew(tmp_path):
     assert all(any(path.read_bytes()) for path in found)  # compiled once, and kept again
 
 
-@pytest.mark.slow  # compiles
 def test_where_no_cache_can_be_kept_the_kernel_is_compiled_all_the_same(monkeypatch):
     import numba.core.caching
 

@@ -67,7 +67,6 @@ def test_longer_rows_walls_and_histories(stub_engine):
     assert np.isfinite(alone.displacement).all()
 
 
-@pytest.mark.slow  # processes; by day `test_distributed` has it in those of its clusters
 def test_workers_have_it_too(stub_engine):
     """Processes of dask give the bits of this one."""
     here = ps.Sweep(**SWEEP).run(progress=False)
