@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -31,8 +33,8 @@ class Tasks:
     chunk_seconds : float
         Mean time (s) of a chunk in its worker.
     overhead : float
-        Share of the workers' time, from the first chunk's dispatch until one of them has nothing left to begin,
-        in which they did not integrate.
+        Share of a worker's time in which it does not integrate, from the beginning of a chunk to that of its next:
+        the median over all, which the few that other programs hold up don't change.
     """
 
     chunks: int
@@ -63,11 +65,9 @@ def task_overhead(work: Work, chunk_seconds: float, seconds: float, **settings: 
         size = max(16, 16 * round(chunk_seconds / each / 16))
         plan = plan_gaps(work, np.linspace(*GAPS, size), **settings)
         n = workers * max(1, round(seconds / chunk_seconds))
-        begun = time.time()
         spans = _spans(dispatcher, n, _part_of(plan, size))
-    until = min(max(stop for _, stop in mine) for mine in spans)
-    busy = sum(min(stop, until) - start for mine in spans for start, stop in mine if start < until)
-    return Tasks(n, _seconds(spans) / n, 1.0 - busy / (workers * (until - begun)))
+    idle = [(after - stop) / (after - start) for mine in spans for (start, stop), (after, _) in pairwise(sorted(mine))]
+    return Tasks(n, _seconds(spans) / n, statistics.median(idle))
 
 
 def _part_of(plan: Any, size: int) -> Callable[[int], ChunkTask]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pounding_sweep.model.scene import Building, Scene, Wall
-from pounding_sweep.output.dataset import Axis, assemble
+from pounding_sweep.output.dataset import CubeAxis, assemble
 from pounding_sweep.outputs.layout import inner_shape
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import VARIABLES
@@ -28,7 +28,7 @@ def hand_cube(axes, fill, *, scene=None, status=None, coords=None, attributes=No
     """Return a cube; `axes` maps names to values, `fill` variables to arrays or functions of a shape."""
     scene = scene or low_and_high()
     units = {"gap": "m", "law": "", "record": "", "case": "1"}
-    listed = [Axis(name, values, units.get(name, "1")) for name, values in axes.items()]
+    listed = [CubeAxis(name, values, units.get(name, "1")) for name, values in axes.items()]
     outer = tuple(len(values) for values in axes.values())
     arrays = {}
     for name, given in fill.items():

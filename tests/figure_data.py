@@ -10,7 +10,7 @@ import xarray as xr
 
 from pounding_sweep.accuracy.tradeoff import KIND, KIND_ATTRIBUTE
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
-from pounding_sweep.output.dataset import Axis, assemble
+from pounding_sweep.output.dataset import CubeAxis, assemble
 from pounding_sweep.output.labels import design_coordinates
 from pounding_sweep.outputs.layout import inner_shape
 from pounding_sweep.outputs.variables import VARIABLES
@@ -42,12 +42,12 @@ def cube(seed=0, *, right_wall=False, **sizes):
     row = scene(right_wall=right_wall)
     n = {"law": 3, "gap": 4, "stiffness_factor": 1, "restitution": 2, "record": 1, "scale": 1} | sizes
     axes = [
-        Axis("law", list(LAWS[: n["law"]])),
-        Axis("gap", [0.002 * (i + 1) for i in range(n["gap"])], "m", "gap of every pair"),
-        Axis("stiffness_factor", [2.0**i for i in range(n["stiffness_factor"])], "1"),
-        Axis("restitution", [round(0.4 + 0.2 * i, 1) for i in range(n["restitution"])], "1"),
-        Axis("record", [f"r{i + 1}" for i in range(n["record"])]),
-        Axis("scale", [0.5 * (i + 1) for i in range(n["scale"])], "1", "factor on the record"),
+        CubeAxis("law", list(LAWS[: n["law"]])),
+        CubeAxis("gap", [0.002 * (i + 1) for i in range(n["gap"])], "m", "gap of every pair"),
+        CubeAxis("stiffness_factor", [2.0**i for i in range(n["stiffness_factor"])], "1"),
+        CubeAxis("restitution", [round(0.4 + 0.2 * i, 1) for i in range(n["restitution"])], "1"),
+        CubeAxis("record", [f"r{i + 1}" for i in range(n["record"])]),
+        CubeAxis("scale", [0.5 * (i + 1) for i in range(n["scale"])], "1", "factor on the record"),
     ]
     shape = tuple(axis.size for axis in axes)
     arrays = {}
@@ -86,7 +86,7 @@ def design(samples=8, **more):
         arrays[name][:, -1, 2] = np.nan  # a storey that the lower building has not
     extra = {name: (("case",), [getattr(case, name) for case in cases], {}) for name in ("law", "record")}
     extra |= design_coordinates(spec)
-    axes = [Axis("case", np.arange(1, len(cases) + 1), "1", "listed scenario")]
+    axes = [CubeAxis("case", np.arange(1, len(cases) + 1), "1", "listed scenario")]
     return assemble(row, axes, arrays, {"title": "by hand", "sweep": to_json(spec)}, extra)
 
 

@@ -10,7 +10,7 @@ import xarray as xr
 from pounding_sweep.analysis.spectra import response_spectrum
 from pounding_sweep.model.laws import MATE2015_MODELS
 from pounding_sweep.outputs.variables import Status, get_variable
-from pounding_sweep.paper.hertz import LAWS as HERTZ_LAWS
+from pounding_sweep.paper.hertz import HERTZ_LAWS
 from pounding_sweep.paper.published import BUILDINGS, PAIRS, STOREYS
 from pounding_sweep.paper.readings import OUTPUTS, READINGS, sweep_of
 from pounding_sweep.paper.steps import OUTPUTS as STEP_OUTPUTS

@@ -376,7 +376,7 @@ def test_calibration_measures_an_order(monkeypatch):
     monkeypatch.setattr(calibrate, "OUTPUTS", tuple(OUTPUTS))
     monkeypatch.setattr(calibrate, "scenes", lambda: (row(),))
     law = get_law("kelvin_voigt")
-    cell = calibrate.Cell.draw(law, row(), calibrate.records()[0], seed=3)
+    cell = calibrate.RandomScenarios.draw(law, row(), calibrate.records()[0], seed=3)
     monkeypatch.setattr(calibrate, "CLASSES", {"contacts": ("impact_force_max",)})
     reference = cell.run("rk4", "float64", 128)
     points = calibrate.curve(calibrate.lines(cell, ("rk4", "float64"), reference, np.arange(16))["contacts"])

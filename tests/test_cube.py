@@ -28,7 +28,7 @@ from pounding_sweep.kernel.spec import property_slots
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.output import netcdf as writing
-from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, Axis, assemble, unit_attributes
+from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, CubeAxis, assemble, unit_attributes
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
 from pounding_sweep.outputs.declare import Reducer, Slot
@@ -64,9 +64,9 @@ UNEQUAL = Scene(
 SCENE = Scene([building("left", 3), building("right", 2)], gaps=[0.01])
 SINGLE = Scene([building("alone", 2)])
 AXES = [
-    Axis("law", ["none", "kelvin_voigt"], "", "contact law"),
-    Axis("gap", [0.01, 0.02, 0.05], "m", "gap"),
-    Axis("record", ["el_centro", "Düzce"], "", "ground motion"),
+    CubeAxis("law", ["none", "kelvin_voigt"], "", "contact law"),
+    CubeAxis("gap", [0.01, 0.02, 0.05], "m", "gap"),
+    CubeAxis("record", ["el_centro", "Düzce"], "", "ground motion"),
 ]
 
 
@@ -249,7 +249,7 @@ class TestScatter:
 
 class TestMask:
     def test_only_scenarios_without_values_lose_them(self):
-        axes = [Axis("case", range(len(STATUS)))]
+        axes = [CubeAxis("case", range(len(STATUS)))]
         arrays = results(SCENE, axes)
         arrays["status"][:] = [int(s) for s in STATUS]
         before = {name: values.copy() for name, values in arrays.items()}
@@ -328,7 +328,7 @@ class TestAssemble:
         assert cube["impact_count"].isnull().all()
 
     def test_listed_cases(self, tmp_path):
-        axes = [Axis("case", np.arange(3), "1", "listed case")]
+        axes = [CubeAxis("case", np.arange(3), "1", "listed case")]
         extra = {
             "law": (("case",), ["hertz", "none", "hertz"], {"long_name": "contact law"}),
             "stiffness": (("case",), [1e6, None, 2e6], {"units": "kN m-1.5", "long_name": "contact stiffness"}),
@@ -361,7 +361,7 @@ class TestAssemble:
         with pytest.raises(InputError, match="no 'status'"):
             assemble(SCENE, AXES, {k: v for k, v in arrays.items() if k != "status"})
         with pytest.raises(InputError, match="'storey' is taken"):
-            assemble(SCENE, [Axis("storey", [1])], arrays)
+            assemble(SCENE, [CubeAxis("storey", [1])], arrays)
         with pytest.raises(InputError, match="'gap' is taken"):
             assemble(SCENE, [AXES[1], AXES[1]], arrays)
 
@@ -712,7 +712,7 @@ class TestDescribe:
             assert describe(again) == describe(cube)
 
     def test_nothing_ok(self):
-        axes = [Axis("gap", np.linspace(0.01, 0.2, 20), "m")]
+        axes = [CubeAxis("gap", np.linspace(0.01, 0.2, 20), "m")]
         arrays = results(SCENE, axes, ("drift_max", "status", "steps_per_contact"))
         arrays["status"][:] = Status.NOT_RUN
         text = describe(assemble(SCENE, axes, arrays))

@@ -15,7 +15,7 @@ import pounding_sweep as ps
 from pounding_sweep.base.errors import SweepError
 from pounding_sweep.engine import ductility
 from pounding_sweep.outputs.variables import Status
-from pounding_sweep.run.one_scenario import choices, simulate_one
+from pounding_sweep.run.one_scenario import selectors, simulate_one
 from pounding_sweep.spec.axes import Case
 from pounding_sweep.spec.spec import digest, to_json
 
@@ -124,7 +124,7 @@ def test_one_of_its_scenarios_is_simulated():
     one = simulate_one(spec, case=2)
     assert spec.cases[1].ductility == 4.0
     np.testing.assert_allclose(one.ductility_max.max("storey").values, 4.0, rtol=2e-4)
-    assert "ductility" not in choices(spec)
+    assert "ductility" not in selectors(spec)
 
 
 @pytest.mark.slow

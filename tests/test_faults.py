@@ -435,7 +435,7 @@ def test_kills(tmp_path, counts, undisturbed, seed):
             night.life("at its end")
     assert values(night.study / OUT) == undisturbed
     plan = load_sweep(tmp_path / "sweep.toml").plan()
-    chunks = len(plan.motion_chunks()) + len(plan.chunks(np.flatnonzero(~plan.no_contact)))
+    chunks = len(plan.uncoupled_chunks()) + len(plan.chunks(np.flatnonzero(~plan.no_contact)))
     assert night.written <= chunks + night.destroyed
     kept = sum(len(np.load(night.study / PARTS / f"chunk-{key}.npy")) for key in night.sound())
     report = json.loads(cli(*RUN, "--overwrite", cwd=tmp_path, env=night.env).stdout)["scenarios"]

@@ -20,7 +20,7 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.presets import PRESETS
 from pounding_sweep.paper.checks import energy_checks, findings, silent_models, unbalanced
 from pounding_sweep.paper.compare import agreement, side_by_side, table_grid
-from pounding_sweep.paper.conclusions import CONCLUSIONS, Judgement, Outcome, Verdict, judge, overall, spread
+from pounding_sweep.paper.conclusions import CONCLUSIONS, Judgement, Support, Verdict, judge, overall, spread
 from pounding_sweep.paper.hertz import force_fit
 from pounding_sweep.paper.published import GROUND_MOTIONS, MODELS, RECORDS, TABLES, published
 from pounding_sweep.paper.readings import READINGS, RESCALED, paper_records, reading_of, sweep_of
@@ -286,7 +286,7 @@ def test_floors_that_do_not_touch_are_no_cases():
 @given(held=st.integers(0, 40), more=st.integers(0, 40))
 def test_a_claims_verdict_follows_its_share(held, more):
     cases = held + more
-    verdict = Outcome(held, cases, "").verdict
+    verdict = Support(held, cases, "").verdict
     if not cases:
         assert verdict is Verdict.UNTESTED
     elif verdict is Verdict.HOLDS:
@@ -408,7 +408,7 @@ def test_the_largest_step_is_the_last_before_an_error():
 
 def _judged(cube, verdict):
     compared = {number: side_by_side(number, cube) for number in TABLES}
-    outcome = Outcome(*{Verdict.HOLDS: (9, 10), Verdict.PARTLY: (5, 10), Verdict.FAILS: (1, 10)}[verdict], "")
+    outcome = Support(*{Verdict.HOLDS: (9, 10), Verdict.PARTLY: (5, 10), Verdict.FAILS: (1, 10)}[verdict], "")
     judgements = [Judgement(one, key, (outcome,)) for one in CONCLUSIONS.values() for key in READINGS]
     return {(part.word, part.reading): "; ".join(part.items) for part in verdict_of_all(cube, compared, judgements)}
 

@@ -290,7 +290,7 @@ def little(stub_module, asked):
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("POUNDING_SWEEP_RECORDS", raising=False)
         patch.setattr(paper_search, "cases_of", counted)
-        return find(rounds=(64, 32), few=(16, 8), variant=8, law=16)
+        return find(rounds=(64, 32), few=(16, 8), form=8, law=16)
 
 
 def test_what_was_found_is_said(little):

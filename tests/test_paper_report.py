@@ -20,7 +20,7 @@ import pounding_sweep as ps
 from pounding_sweep.analysis.comparisons.energy import energy_transfer
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.cli.app import app
-from pounding_sweep.paper.figures import FIGURES, roof_force, save_figures
+from pounding_sweep.paper.figures import PAPER_FIGURES, roof_force, save_figures
 from pounding_sweep.paper.readings import READINGS, sweep_of
 from pounding_sweep.paper.report import Picture, contents, render, summary, write_report
 from pounding_sweep.paper.study import INTERVAL, kept, scenario
@@ -112,7 +112,7 @@ def test_a_page_that_cannot_be_written_is_said(made, tmp_path, monkeypatch):
         write_report(made, [], tmp_path / "none" / "report.html")
 
 
-@pytest.mark.parametrize("one", FIGURES, ids=lambda one: str(one.number))
+@pytest.mark.parametrize("one", PAPER_FIGURES, ids=lambda one: str(one.number))
 def test_every_figure_shows_its_data(made, one):
     figure = one.draw(made)
     axes = figure.get_axes()
@@ -125,12 +125,12 @@ def test_every_figure_shows_its_data(made, one):
 
 
 def test_figures_4_to_21_are_drawn():
-    assert [one.number for one in FIGURES] == list(range(4, 22))
-    assert len({one.title for one in FIGURES}) == 18
+    assert [one.number for one in PAPER_FIGURES] == list(range(4, 22))
+    assert len({one.title for one in PAPER_FIGURES}) == 18
 
 
 def test_figures_are_saved_in_two_formats(made, tmp_path, monkeypatch):
-    monkeypatch.setattr("pounding_sweep.paper.figures.FIGURES", FIGURES[4:5])
+    monkeypatch.setattr("pounding_sweep.paper.figures.PAPER_FIGURES", PAPER_FIGURES[4:5])
     found = save_figures(made, tmp_path)
     assert [picture.path.name for picture in found] == ["figure_08.png"]
     for picture in found:

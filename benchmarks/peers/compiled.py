@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.peers import Run
 from benchmarks.work import Peaks, Work
 
 
@@ -88,6 +89,22 @@ def compile_row(work: Work) -> Compiled:
                     onsets[j] += 1.0
 
     return Compiled(derivative, follow)
+
+
+def one_by_one(work: Work, integrate: Callable[..., bool], motion: Any, failure: str) -> Run:
+    """Return what integrates scenarios one after another, compiled."""
+
+    def run(gaps: np.ndarray) -> Peaks:
+        assert motion is not None  # its address is used: it lives as long as this function
+        peaks = empty_peaks(work, len(gaps))
+        for s, gap in enumerate(gaps):
+            if not integrate(float(gap), peaks.force[s], peaks.onsets[s], peaks.highest[s], peaks.lowest[s]):
+                msg = f"{failure}, gap = {gap:g} m"
+                raise RuntimeError(msg)
+        return peaks
+
+    run(np.array([1.0]))
+    return run
 
 
 def empty_peaks(work: Work, n: int) -> Peaks:

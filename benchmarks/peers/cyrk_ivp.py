@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.peers import Peer, Run
-from benchmarks.peers.compiled import compile_row, empty_peaks
-from benchmarks.work import Peaks, Work
+from benchmarks.peers.compiled import compile_row, one_by_one
+from benchmarks.work import Work
 
 #: Absolute over relative tolerance.
 ATOL = 1e-2
@@ -65,17 +65,7 @@ def _prepare(method: str, work: Work, rtol: float) -> Run:
                 return False
         return True
 
-    def run(gaps: np.ndarray) -> Peaks:
-        assert motion is not None  # its address is used: it lives as long as this function
-        peaks = empty_peaks(work, len(gaps))
-        for s, gap in enumerate(gaps):
-            if not integrate(float(gap), peaks.force[s], peaks.onsets[s], peaks.highest[s], peaks.lowest[s]):
-                msg = f"{method} gave up at rtol = {rtol:g}, gap = {gap:g} m"
-                raise RuntimeError(msg)
-        return peaks
-
-    run(np.array([1.0]))
-    return run
+    return one_by_one(work, integrate, motion, f"{method} gave up at rtol = {rtol:g}")
 
 
 PEERS = tuple(

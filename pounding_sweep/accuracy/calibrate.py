@@ -102,7 +102,7 @@ def records() -> tuple[Record, ...]:
 
 
 @dataclass(frozen=True)
-class Cell:
+class RandomScenarios:
     """Random scenarios of one law, row and record."""
 
     law: Law
@@ -114,7 +114,7 @@ class Cell:
     restitution: np.ndarray
 
     @classmethod
-    def draw(cls, law: Law, scene: Scene, record: Record, seed: int) -> Cell:
+    def draw(cls, law: Law, scene: Scene, record: Record, seed: int) -> RandomScenarios:
         """Draw the scenarios of a seed."""
         random = np.random.Generator(np.random.PCG64(seed))
         n = SCENARIOS
@@ -187,7 +187,9 @@ def _nodes(scheme: tuple[str, str]) -> Sequence[float]:
     return LADDERS[scheme] if SCHEMES[scheme[0]].flies_exactly else NODES
 
 
-def lines(cell: Cell, scheme: tuple[str, str], reference: dict[str, Any], kept: np.ndarray) -> dict[str, np.ndarray]:
+def lines(
+    cell: RandomScenarios, scheme: tuple[str, str], reference: dict[str, Any], kept: np.ndarray
+) -> dict[str, np.ndarray]:
     """Error of each kept scenario by class at `NODES` (of exact flight: at its ladder), shape (kept, nodes)."""
     shortest = cell.shortest()
     ladder = LADDERS[scheme]
@@ -229,7 +231,7 @@ def calibrate(
     first = records()[0]
     empty = np.zeros((1, 1))
     shapes = [
-        Cell(law, scene, first, empty, empty[0], empty[0]).kernel(*scheme, 1).shape
+        RandomScenarios(law, scene, first, empty, empty[0], empty[0]).kernel(*scheme, 1).shape
         for scene in scenes()
         for law in laws
         for scheme in schemes
@@ -265,10 +267,10 @@ def calibrate(
     return {"about": about, "cost": {"/".join(scheme): _cost(scheme) for scheme in schemes}, "errors": errors}
 
 
-def _cells(law: Law) -> Iterator[Cell]:
+def _cells(law: Law) -> Iterator[RandomScenarios]:
     for i, scene in enumerate(scenes()):
         for j, record in enumerate(records()):
-            yield Cell.draw(law, scene, record, seed=100 + 10 * i + j)
+            yield RandomScenarios.draw(law, scene, record, seed=100 + 10 * i + j)
 
 
 def _cost(scheme: tuple[str, str]) -> float:

@@ -24,7 +24,7 @@ from pounding_sweep.accuracy.extreme_scenes import (
     run_batch,
     schemes_of,
 )
-from pounding_sweep.accuracy.judge import Verdict, judge, make_reference
+from pounding_sweep.accuracy.judge import BatchVerdict, judge, make_reference
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.engine.compile import prepare
 from pounding_sweep.model.laws import LAWS, Law, get_law
@@ -61,7 +61,7 @@ class FamilyResult:
     violations: list[dict[str, Any]] = field(default_factory=list)
     seconds: float = 0.0  # wall time of the runs, references and compilation not counted
 
-    def add(self, verdict: Verdict) -> None:
+    def add(self, verdict: BatchVerdict) -> None:
         """Count one run of a batch."""
         ok = verdict.status == Status.OK
         self.scenarios += len(verdict.status)
@@ -84,7 +84,7 @@ class FamilyResult:
         return vars(self) | {"statuses": {s.label: self.statuses[s.label] for s in STATUS if self.statuses[s.label]}}
 
 
-def _fault(verdict: Verdict, row: int, text: str) -> dict[str, Any]:
+def _fault(verdict: BatchVerdict, row: int, text: str) -> dict[str, Any]:
     batch = verdict.batch
     return {
         "fault": text,
@@ -180,7 +180,7 @@ def _prepare(
     return batches
 
 
-def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] | None = None) -> list[Verdict]:
+def run_judged(batch: Batch, precision: str = "float64", methods: Sequence[str] | None = None) -> list[BatchVerdict]:
     """Run a batch in each scheme at every step, and judge all runs against one reference."""
     runs = []
     wanted = np.zeros(len(batch), bool)

@@ -54,7 +54,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class BatchVerdict:
     """What the judge found of a batch in one scheme at one step; arrays of shape (n,)."""
 
     batch: Batch  # the scenarios
@@ -172,7 +172,7 @@ def judge(
     *,
     seconds: float = 0.0,
     precision: str = "float64",
-) -> Verdict:
+) -> BatchVerdict:
     """Judge what a run of a batch found."""
     status = np.asarray(found["status"])
     ok = status == Status.OK
@@ -217,7 +217,7 @@ def judge(
     if seconds > TIME_LIMIT:
         faults.append((0, f"took {seconds:.0f} s"))
     unknown = ok & sound & ~reference.known
-    return Verdict(
+    return BatchVerdict(
         batch, method, precision, dt, status, error, beyond, told, sensitive, unknown, created, share, seconds, faults
     )
 

@@ -141,7 +141,7 @@ def reference(spec: SweepSpec) -> tuple[dict[str, np.ndarray], np.ndarray]:
 
 
 @dataclass
-class Tally:
+class Kept:
     """How one promise was kept by one class of scenarios."""
 
     #: ok ones with a converged run to compare with, and ok ones without
@@ -156,7 +156,7 @@ class Tally:
     worst: float = 0.0  # largest error over what was promised
     outputs: Counter[str] = field(default_factory=Counter)  # missed ones by the output that is farthest off
 
-    def add(self, other: Tally) -> None:
+    def add(self, other: Kept) -> None:
         """Count those of another tally too."""
         for name in ("scenarios", "unknown", "unsettled", "missed", "far", "sensitive"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
@@ -170,7 +170,7 @@ def judged(
     names: Sequence[str],
     promised: float,
     amplification: np.ndarray,
-) -> Tally:
+) -> Kept:
     """Count how often runs keep a promise about some outputs."""
     values, change = converged
     errors = relative_errors(names, found, values)
@@ -178,7 +178,7 @@ def judged(
     ok, known = found["status"] == Status.OK, change <= 0.1 * promised
     error = table.max(axis=0) / promised
     missed = ok & known & (error > 1.0)
-    return Tally(
+    return Kept(
         scenarios=int((ok & known).sum()),
         unknown=int((ok & ~known).sum()),
         unsettled=int((found["status"] == Status.UNSETTLED).sum()),
@@ -192,7 +192,7 @@ def judged(
 
 def judge(
     number: int, seed: int, laws: Sequence[str], files: Sequence[str], status: bool
-) -> dict[tuple[str, ...], Tally]:
+) -> dict[tuple[str, ...], Kept]:
     """Judge both promises on one drawn row; tallies by promise and class."""
     spec = draw(seed, number, laws, earthquakes(files))
     law = spec.laws[0]
@@ -200,11 +200,11 @@ def judge(
     kind = "with a wall" if 0 in storeys else "one storey" if set(storeys) == {1} else "several storeys"
     converged = reference(spec)
     rough = run_cases(replace(spec, outputs=(*PEAKS, "amplification"), method="rk4", dt=1e-4, precision="float64"))
-    found: dict[tuple[str, ...], Tally] = {}
+    found: dict[tuple[str, ...], Kept] = {}
 
-    def count(promise: str, tally: Tally) -> None:
+    def count(promise: str, tally: Kept) -> None:
         for of in (("all", ""), ("row", kind), ("law", law)):
-            found.setdefault((promise, *of), Tally()).add(tally)
+            found.setdefault((promise, *of), Kept()).add(tally)
 
     for accuracy in ACCURACIES:
         asked = run_cases(replace(spec, accuracy=accuracy, method=None, dt=None, precision=None))
@@ -232,14 +232,14 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)), help="processes")
     arguments = parser.parse_args()
     numbers = range(-(-arguments.scenarios // CASES))
-    total: dict[tuple[str, ...], Tally] = {}
+    total: dict[tuple[str, ...], Kept] = {}
     with ProcessPoolExecutor(arguments.workers) as pool:
         waiting = [
             pool.submit(judge, i, arguments.seed, arguments.laws, arguments.records, arguments.status) for i in numbers
         ]
         for done, each in enumerate(waiting, 1):
             for key, tally in each.result().items():
-                total.setdefault(key, Tally()).add(tally)
+                total.setdefault(key, Kept()).add(tally)
             print(f"\r{done} of {len(numbers)} rows", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     heads = ("promise", "class", "scenarios", "missed", "rate", "> 3 x", "worst / promised", "sensitive")

@@ -51,7 +51,7 @@ TIMED_GROUPS = 2
 
 
 @dataclass(frozen=True)
-class Group:
+class KernelCall:
     """Scenarios of one law and one record: one kernel call."""
 
     #: index into the plan's laws and records
@@ -61,12 +61,12 @@ class Group:
 
 
 @dataclass(frozen=True)
-class Sample:
+class TradeSample:
     """What is run to measure a trade."""
 
-    groups: tuple[Group, ...]  # random scenarios, for errors
+    groups: tuple[KernelCall, ...]  # random scenarios, for errors
     #: one per law: scenarios that stand side by side in the sweep, in whole lane groups, for costs
-    timed: tuple[Group, ...]
+    timed: tuple[KernelCall, ...]
     touching: np.ndarray  # rows of the plan's table in which floors can meet
 
     @property
@@ -99,7 +99,7 @@ def find_touching(plan: Plan) -> np.ndarray:
     return ~untouched(plan, closing)
 
 
-def draw(plan: Plan, scenarios: int, seed: int) -> Sample:
+def draw(plan: Plan, scenarios: int, seed: int) -> TradeSample:
     """Draw the scenarios of a trade: every law alike, records as often as the sweep has them."""
     rng = np.random.default_rng(seed)
     touching = find_touching(plan)
@@ -114,16 +114,16 @@ def draw(plan: Plan, scenarios: int, seed: int) -> Sample:
     for place, law in enumerate(laws):
         free = np.flatnonzero(touching & (table.law == law))
         record = int(table.record[rng.choice(free)])
-        timed.append(Group(law, record, _side_by_side(plan, free[table.record[free] == record], rng)))
+        timed.append(KernelCall(law, record, _side_by_side(plan, free[table.record[free] == record], rng)))
         for _ in range(n_groups // len(laws) + (place < n_groups % len(laws))):
             if not len(free):
                 break
             record = int(table.record[rng.choice(free)])
             mine = free[table.record[free] == record]
             rows = np.sort(rng.choice(mine, min(size, len(mine)), replace=False))
-            groups.append(Group(law, record, rows))
+            groups.append(KernelCall(law, record, rows))
             free = np.setdiff1d(free, rows)
-    return Sample(tuple(groups), tuple(timed), touching)
+    return TradeSample(tuple(groups), tuple(timed), touching)
 
 
 def _side_by_side(plan: Plan, rows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -167,12 +167,12 @@ class Compared:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredTrade:
     """Everything measured, before it is summed up."""
 
     spec: SweepSpec  # the sweep as it was given
     plan: Plan  # its scenarios
-    sample: Sample  # those that were run
+    sample: TradeSample  # those that were run
     outputs: tuple[str, ...]  # outputs whose errors were measured
     compared: Compared  # what was compared
     reference: Numerics  # how the converged solution was integrated
@@ -201,7 +201,7 @@ def measure(
     repeats: int,
     workers: int | None,
     progress: Progress,
-) -> Measured:
+) -> MeasuredTrade:
     """Run a sample of a sweep's scenarios in every configuration; see `pounding_sweep.accuracy.tradeoff.tradeoff`."""
     outputs = comparable(spec.outputs)
     if not outputs:
@@ -234,7 +234,7 @@ def measure(
         errors.append(np.where(np.isnan(reference_errors), np.nan, _errors(outputs, values, converged)))
         statuses.append(values["status"])
     seconds = _time(plan, sample, grid, beyond, repeats, progress)
-    return Measured(
+    return MeasuredTrade(
         spec,
         plan,
         sample,
@@ -249,7 +249,9 @@ def measure(
     )
 
 
-def _compile(plan: Plan, sample: Sample, every: Sequence[Numerics], workers: int | None, progress: Progress) -> None:
+def _compile(
+    plan: Plan, sample: TradeSample, every: Sequence[Numerics], workers: int | None, progress: Progress
+) -> None:
     """Make every kernel ready before anything is timed."""
     laws = [group.law for group in sample.timed]
     shapes = list(dict.fromkeys(replace(plan.kernel(law), numerics=n).shape for n in every for law in laws))
@@ -266,7 +268,7 @@ def _beyond_limit(plan: Plan, numerics: Numerics, limit: np.ndarray) -> np.ndarr
 
 
 def _run_rows(
-    plan: Plan, group: Group, rows: np.ndarray, numerics: Numerics, outputs: Sequence[str], change: bool = False
+    plan: Plan, group: KernelCall, rows: np.ndarray, numerics: Numerics, outputs: Sequence[str], change: bool = False
 ) -> Values:
     """Run scenarios of one group as a sweep does; returns shape (rows, *inner)."""
     kernel = replace(plan.kernel(group.law), numerics=numerics)
@@ -276,7 +278,7 @@ def _run_rows(
 
 def _run(
     plan: Plan,
-    groups: Sequence[Group],
+    groups: Sequence[KernelCall],
     numerics: Numerics,
     outputs: Sequence[str],
     progress: Progress,
@@ -313,7 +315,7 @@ def _errors(outputs: Sequence[str], values: Values, reference: Values) -> np.nda
 
 def _time(
     plan: Plan,
-    sample: Sample,
+    sample: TradeSample,
     grid: Sequence[Numerics],
     beyond: Sequence[np.ndarray],
     repeats: int,
@@ -436,7 +438,7 @@ def statistics(errors: np.ndarray) -> np.ndarray:
     return np.asarray(kept[places].T)
 
 
-def make_dataset(measured: Measured, settings: Mapping[str, Any]) -> xr.Dataset:
+def make_dataset(measured: MeasuredTrade, settings: Mapping[str, Any]) -> xr.Dataset:
     """Sum up and label what was measured."""
     m = measured
     rows_law = m.plan.unique.law[m.sample.rows]
@@ -493,7 +495,7 @@ def _populations(sensitive: np.ndarray, ok: np.ndarray) -> dict[str, np.ndarray]
     return {name: masks[name] for name in POPULATIONS}
 
 
-def _sums(m: Measured, populations: dict[str, np.ndarray], mine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _sums(m: MeasuredTrade, populations: dict[str, np.ndarray], mine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Statistics of the errors and of their resolution, shape (*configurations, outputs, populations, statistics)."""
     shape = m.statuses.shape[:-1]
     error = np.full((*shape, len(m.outputs), len(populations), len(STATISTICS)), np.nan)
@@ -507,13 +509,13 @@ def _sums(m: Measured, populations: dict[str, np.ndarray], mine: np.ndarray) -> 
     return error, resolution
 
 
-def _reference_sums(m: Measured) -> np.ndarray:
+def _reference_sums(m: MeasuredTrade) -> np.ndarray:
     """Statistics of the converged solution's own error, shape (outputs, populations, statistics)."""
     chosen = _populations(m.sensitive, np.ones(m.sensitive.shape, bool))
     return np.stack([statistics(m.reference_errors[rows]) for rows in chosen.values()], axis=1)
 
 
-def _costs(m: Measured) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _costs(m: MeasuredTrade) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time per thousand scenarios: of each law, and of the sweep's mix of laws (best and median of the passes)."""
     table, touching = m.plan.unique, m.sample.touching
     durations = np.array([record.duration for record in m.spec.records])
@@ -528,7 +530,7 @@ def _costs(m: Measured) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.moveaxis(per_law, -1, 0), mixed[0], mixed[1]
 
 
-def _coordinates(m: Measured) -> dict[str, Any]:
+def _coordinates(m: MeasuredTrade) -> dict[str, Any]:
     spec, plan = m.spec, m.plan
     table = plan.unique[m.sample.rows]
     by_step = m.compared.configurations[: len(m.compared.steps)]
@@ -585,7 +587,7 @@ def _coordinates(m: Measured) -> dict[str, Any]:
     }
 
 
-def _attributes(m: Measured, settings: Mapping[str, Any]) -> dict[str, Any]:
+def _attributes(m: MeasuredTrade, settings: Mapping[str, Any]) -> dict[str, Any]:
     import numba
     import xarray
 
@@ -716,7 +718,7 @@ def tradeoff(
     return make_dataset(found, {"seed": seed, "repeats": repeats})
 
 
-def warn_of_doubt(measured: Measured) -> None:
+def warn_of_doubt(measured: MeasuredTrade) -> None:
     """Warn, with the worst case by name, where the converged solution is not converged."""
     own = np.nan_to_num(measured.reference_errors, posinf=np.inf)
     doubtful = int((own.max(axis=1) > DOUBTFUL).sum())

@@ -129,10 +129,9 @@ def fit_with_one_dispersion(trials: Sequence[tuple[np.ndarray, np.ndarray]]) -> 
 def _maximum(
     log_x: np.ndarray, y: np.ndarray, of: np.ndarray | None = None, start: tuple[np.ndarray, float] | None = None
 ) -> list[LognormalFit]:
-    """Find where the slope of the likelihood is zero, which it is at one place: its maximum.
-
-    With `of`, the set of each trial, each has a median and all one dispersion; `start`, logarithms of medians, and it.
-    """
+    """Find where the slope of the likelihood is zero, which it is at one place: its maximum."""
+    # With `of`, the set of each trial, each has a median and all one dispersion; `start`, logarithms of medians, and
+    # it.
     from scipy.optimize import root
     from scipy.special import log_ndtr
 

@@ -141,14 +141,14 @@ def without_pounding(cube: xr.Dataset, what: str) -> xr.Dataset:
         return cube.sel(law=NO_POUNDING, drop=True).reset_coords(drop=True)
     if not law.dims:
         return cube.reset_coords(drop=True)
-    twin = np.array(still_cases(cube))
+    twin = np.array(uncoupled_cases(cube))
     found = cube.isel(case=np.maximum(twin, 0)).reset_coords(drop=True).assign_coords(case=cube["case"])
     known = cube["case"].copy(data=twin >= 0)
     status = found["status"] if "status" in found else known.astype("i1") * 0
     return found.assign(status=status.where(known, int(Status.NOT_RUN)).astype("i1"))
 
 
-def still_cases(cube: xr.Dataset) -> list[int]:
+def uncoupled_cases(cube: xr.Dataset) -> list[int]:
     """Return the position of the case without pounding that belongs to each listed case, -1 where there is none."""
 
     def keys() -> list[bytes]:

@@ -9,8 +9,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, shown
-from pounding_sweep.engine.ductility import STEP
-from pounding_sweep.engine.ductility import constant_ductility as factors
+from pounding_sweep.engine.ductility import STEP, strengths_for
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.records import resolve_records
@@ -67,7 +66,7 @@ def constant_ductility(
         raise InputError(msg)
     motions = resolve_records(records, folders=folders)
     rows = Variants(scene, *(np.repeat(column, len(targets), axis=0) for column in variants_of(scene).columns))
-    found = np.stack([np.stack(factors(rows, motion, targets, dt), axis=-1) for motion in motions])
+    found = np.stack([np.stack(strengths_for(rows, motion, targets, dt), axis=-1) for motion in motions])
     dims = ("record", "ductility", "building")
     about = (
         ("strength_factor", "factor on all yield strengths"),

@@ -19,7 +19,7 @@ from pounding_sweep.analysis.scenarios import (
     law_keys,
     present,
     scenarios_only,
-    still_cases,
+    uncoupled_cases,
     values,
     without_pounding,
 )
@@ -41,7 +41,7 @@ STEP = 1e-3
 
 
 @dataclass(frozen=True)
-class StillRuns:
+class UncoupledRuns:
     """Runs without pounding."""
 
     scene: Scene  # the row
@@ -50,17 +50,17 @@ class StillRuns:
     damping: xr.DataArray  # damping ratios of their first modes
 
 
-def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> StillRuns:
+def runs_of_row(scene: Scene | str, records: Any, folders: Any) -> UncoupledRuns:
     """Run a row without pounding, once for each record."""
     sweep = Sweep(scene, records, NO_POUNDING, folders=folders, **_settings(scene))
     _check_pairs(sweep.spec.scene)
     if (row := with_columns(sweep.spec.scene)) != sweep.spec.scene:
         sweep = Sweep(row, sweep.spec.records, NO_POUNDING, **_settings(row))
     cube = _reduced(sweep.run()).isel(scale=0, drop=True)
-    return StillRuns(sweep.spec.scene, cube, *_first_modes(sweep.spec.scene, ()))
+    return UncoupledRuns(sweep.spec.scene, cube, *_first_modes(sweep.spec.scene, ()))
 
 
-def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
+def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> UncoupledRuns:
     """Return the runs without pounding that belong to a cube; see `required_gap`."""
     cube = scenarios_only(cube)
     sweep = stored_sweep(cube)
@@ -71,15 +71,15 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> StillRuns:
     whole = all(cube.sizes.get(dim) == size for dim, size in sizes.items())  # a part of the row is no row
     there = whole and scene == own and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
     if sweep["cases"] is not None:
-        if there and min(still_cases(cube)) >= 0:
+        if there and min(uncoupled_cases(cube)) >= 0:
             runs = cube.isel(case=np.flatnonzero(cube["law"].values.astype(str) == NO_POUNDING))
         else:
             runs = _run_cases(scene, sweep, records, folders)
-        return StillRuns(scene, runs, *_first_modes_of_cases(scene, runs))
+        return UncoupledRuns(scene, runs, *_first_modes_of_cases(scene, runs))
     axes = property_axes(axes_of(sweep))
     runs = _reduced(cube) if there else _selected(_run_product(scene, sweep, records, folders), cube)
     modes = [_where(part, cube if there else runs) for part in _first_modes(scene, axes)]
-    return StillRuns(scene, runs, *modes)
+    return UncoupledRuns(scene, runs, *modes)
 
 
 def with_columns(scene: Scene) -> Scene:
@@ -102,8 +102,8 @@ def _settings(scene: Scene | str) -> dict[str, Any]:
 
 def _reduced(cube: xr.Dataset) -> xr.Dataset:
     """Return the runs without pounding of a product without the axes that they ignore."""
-    still = without_pounding(cube, "the required gap")
-    return still.isel(dict.fromkeys((dim for dim in _IGNORED if dim in still.dims), 0)).reset_coords(drop=True)
+    uncoupled = without_pounding(cube, "the required gap")
+    return uncoupled.isel(dict.fromkeys((dim for dim in _IGNORED if dim in uncoupled.dims), 0)).reset_coords(drop=True)
 
 
 def _found_again(sweep: dict[str, Any], records: Any, folders: Any) -> list[Record]:

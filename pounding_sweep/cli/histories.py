@@ -49,7 +49,7 @@ OutputStep = Annotated[
     ),
 ]
 #: Arguments of both commands that choose a scenario, and how it is run.
-_CHOICE = (
+_SELECTORS = (
     *("sweep", "folders", "skip_missing", "at", "output_step"),
     *("case", "law", "gap", "stiffness", "stiffness_factor", "restitution", "record", "scale"),
 )
@@ -79,7 +79,7 @@ def simulate_command(
         from pounding_sweep.output.netcdf import check_output, write_cube
 
         check_output(out, overwrite)
-        one = _simulate(**{name: given[name] for name in _CHOICE})
+        one = _simulate(**{name: given[name] for name in _SELECTORS})
         write_cube(one, out, overwrite)
         print(out)
 
@@ -132,7 +132,7 @@ def animate_command(
 
         check_output(out, overwrite=True, netcdf=False)
         check_movie(out, frames, speed)
-        one = _simulate(**{name: given[name] for name in _CHOICE})
+        one = _simulate(**{name: given[name] for name in _SELECTORS})
         print(animate(one, out, start=start, end=end, frames=frames, speed=speed))
 
 

@@ -24,14 +24,12 @@ NEVER = 1e9
 STEP = 1e-3
 
 
-def constant_ductility(
+def strengths_for(
     row: Variants, record: Record, ductilities: np.ndarray, dt: float = STEP
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return factors on yield strengths, and reductions, at which each building alone reaches a ductility of its row.
-
-    Of shape (rows, buildings); NaN where a building does not yield, or does not reach it. `ductilities` has one for
-    each row of building properties, whose own strength factors are passed over.
-    """
+    """Return factors on yield strengths, and reductions, at which each building alone reaches the ductility asked."""
+    # Of shape (rows, buildings); NaN where a building does not yield, or does not reach it. `ductilities` has one for
+    # each row of building properties, whose own strength factors are passed over.
     demand = _demand(row, record, dt)
     elastic = NEVER * demand(np.full((len(row), 1, len(row.scene.buildings)), NEVER))[:, 0]  # NaN: it does not yield
     elastic = np.where(elastic > 0.0, elastic, np.nan)

@@ -34,18 +34,10 @@ FILLED_BYTES = 1 << 24
 
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """What of the tables of rows of buildings holds at any time.
+    """What of the tables of rows of buildings holds at any time."""
 
-    Attributes
-    ----------
-    shared : ndarray
-        The same of all rows of buildings.
-    own : ndarray, shape (rows, numbers)
-        Those of each.
-    """
-
-    shared: np.ndarray
-    own: np.ndarray
+    shared: np.ndarray  # the same of all rows of buildings
+    own: np.ndarray  # those of each; shape (rows, numbers)
 
 
 @dataclass(frozen=True)

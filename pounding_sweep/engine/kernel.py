@@ -131,20 +131,12 @@ def emit(spec: KernelSpec, builder: Any, arrays: dict[str, Any]) -> None:
             _copy(trace, group.state, kept, name, n)
 
 
-class Scenarios:
-    """The scenarios of a call, as lanes ask for them.
+class ScenarioQueue:
+    """The scenarios of a call, as lanes ask for them."""
 
-    Parameters
-    ----------
-    group : Group
-        The lanes.
-    inputs, results : Rows
-        Rows of `LANES` scenarios, one after another.
-    count : Count or int
-        How many scenarios there are.
-    base : callable
-        Where the tables of a row of buildings begin, by its number.
-    """
+    # inputs, results: rows of `LANES` scenarios, one after another
+    # count: how many scenarios there are
+    # base: where the tables of a row of buildings begin, by its number
 
     def __init__(self, group: Group, inputs: Rows, results: Rows, count: Any, base: Callable[[Any], Any]) -> None:
         self._group, self._inputs, self._results, self.count, self._base = group, inputs, results, count, base
@@ -202,15 +194,14 @@ def make_flights(
         for slots, name in ((input_slots(group.spec), "inputs"), (output_slots(group.spec), "results"))
     )
     stops = flight.blocks.blocks if group.spec.blocks else points
-    those = Scenarios(group, given, found, scenarios, lambda row: flight.layout.base(row, stops))
+    those = ScenarioQueue(group, given, found, scenarios, lambda row: flight.layout.base(row, stops))
     return Flights(group, ground, flight, those, course, fill, rows[1], note)
 
 
 class CalledFlights:
-    """Flight as the kernel of a law calls it: compiled by itself, once for all laws.
+    """Flight as the kernel of a law calls it: compiled by itself, once for all laws."""
 
-    What the kernel was given lies, as whole numbers, before the variables that both share.
-    """
+    # What the kernel was given lies, as whole numbers, before the variables that both share.
 
     #: What flight is asked to do.
     BEGIN, SERVE = range(2)

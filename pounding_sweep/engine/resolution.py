@@ -91,10 +91,8 @@ def displacement_limit(row: Scene | Variants, energy: np.ndarray) -> np.ndarray:
 
 
 def _yielding_limit(variants: Variants, energy: np.ndarray) -> np.ndarray:
-    """`displacement_limit` of a row in which storeys yield: what each may drift, summed from the ground.
-
-    No energy bounds the drift of one that softens under its weight: it has fallen where that is its height.
-    """
+    """`displacement_limit` of a row in which storeys yield: what each may drift, summed from the ground."""
+    # No energy bounds the drift of one that softens under its weight: it has fallen where that is its height.
     k, r = variants.stiffnesses, variants.hardenings
     # its springs hold at most that energy, and its yielding has lost at most what the ground put in, twice that
     held = np.sqrt(2.0 * energy / k)

@@ -47,30 +47,16 @@ TABLE_BYTES = 1 << 25
 
 @dataclass(frozen=True)
 class Numerics:
-    """How scenarios are integrated.
+    """How scenarios are integrated."""
 
-    Attributes
-    ----------
-    method : str
-        Name of the scheme, one of `SCHEMES`.
-    dt : float
-        Largest time step (s); a record interval is cut into equal steps no longer than it.
-    locate : bool
-        Locate contacts and peaks inside the step.
-    beta, gamma : float
-        Newmark's parameters.
-    precision : {"float64", "float32"}
-        Number format of the kernel.
-    finer : float
-        Divisor of lengths that `dt` does not set: of sub-steps of a stiff contact and of long steps of exact flight.
-    """
-
-    method: str
-    dt: float
-    locate: bool = True
+    method: str  # name of the scheme, one of `SCHEMES`
+    dt: float  # largest time step (s); a record interval is cut into equal steps no longer than it
+    locate: bool = True  # locate contacts and peaks inside the step
+    #: Newmark's parameters
     beta: float = 0.25
     gamma: float = 0.5
-    precision: str = "float64"
+    precision: str = "float64"  # number format of the kernel; one of {"float64", "float32"}
+    #: divisor of lengths that `dt` does not set: of sub-steps of a stiff contact and of long steps of exact flight
     finer: float = 1.0
 
     @property
@@ -231,46 +217,23 @@ def _fixed_tables_of_scene(
 
 @dataclass(frozen=True)
 class RowKernel:
-    """A scene under one law and one scheme, ready to run.
+    """A scene under one law and one scheme, ready to run."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The row.
-    law : Law
-        Contact law.
-    numerics : Numerics
-        Scheme and step.
-    reducers : frozenset of str
-        What is kept of each scenario.
-    history : bool
-        Keep the state of the first scenario after every step.
-    initial_velocity : tuple of float, optional
-        Velocity (m/s) of every floor, building by building; at rest where not given.
-    host : Law, optional
-        Damped law in whose kernel this undamped one runs, with c = 0.
-    basis : {"published", "realised"}
-        Whether damping follows from the restitution by the law's published formula,
-        or so that two free masses rebound at exactly it.
-    varied : bool
-        Building properties differ from scenario to scenario.
-    windows : bool
-        Exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings.
-    accuracy : float, optional
-        Relative error that each scenario is refined to, from this step on.
-    """
-
-    scene: Scene
-    law: Law
-    numerics: Numerics
-    reducers: frozenset[str]
-    history: bool = False
+    scene: Scene  # the row
+    law: Law  # contact law
+    numerics: Numerics  # scheme and step
+    reducers: frozenset[str]  # what is kept of each scenario
+    history: bool = False  # keep the state of the first scenario after every step
+    #: velocity (m/s) of every floor, building by building; at rest where not given
     initial_velocity: tuple[float, ...] | None = None
-    host: Law | None = None
+    host: Law | None = None  # damped law in whose kernel this undamped one runs, with c = 0
+    #: whether damping follows from the restitution by the law's published formula, or so that two free masses rebound
+    #: at exactly it; one of {"published", "realised"}
     basis: str = "published"
-    varied: bool = False
+    varied: bool = False  # building properties differ from scenario to scenario
+    #: exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings
     windows: bool = True
-    accuracy: float | None = None
+    accuracy: float | None = None  # relative error that each scenario is refined to, from this step on
 
     @cached_property
     def shape(self) -> KernelSpec:

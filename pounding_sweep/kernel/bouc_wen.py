@@ -90,15 +90,11 @@ class Flow:
 
 
 def rounds(group: Group) -> Iterator[None]:
-    """Go round an implicit step, shears in straight lines, until they are those of the law at its end.
-
-    With the drift's change D = d1 - d0 and the share q of it that flows into p,
-
-        p1 = p0 + D (q(z0, D) + q(z1, D)) / 2,
-
-    of which Newton's method finds p1 and d1 together: p1 = REST + FLOW d1. It loses (p1 - p0) (z0 + z1) / 2. As q
-    does not fall while z is loaded, p1 is the only one, with z1 in what `_most` returns.
-    """
+    """Go round an implicit step, shears in straight lines, until they are those of the law at its end."""
+    # With the drift's change D = d1 - d0 and the share q of it that flows into p,
+    #     p1 = p0 + D (q(z0, D) + q(z1, D)) / 2,
+    # of which Newton's method finds p1 and d1 together: p1 = REST + FLOW d1. It loses (p1 - p0) (z0 + z1) / 2. As q
+    # does not fall while z is loaded, p1 is the only one, with z1 in what `_most` returns.
     s, storeys = group.state, list(each_storey(group))
     moves = s["h"] > 0.0
     for i, below, n in storeys:

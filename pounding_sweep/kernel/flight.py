@@ -89,29 +89,18 @@ TO_FLOORS, TO_MODES = ("floors", "floors_up", "floors_vq", "floors_vp"), ("modal
 
 @dataclass(frozen=True)
 class Watched:
-    """What flight watches: a linear function of the floors.
+    """What flight watches: a linear function of the floors."""
 
-    Attributes
-    ----------
-    kind : int
-        `TOUCH`: it may reach a gap; `TURN`: it may turn beyond its peak so far; `ACCELERATION`: the same of total
-        accelerations; `ONSET`: it may reach limits on both sides, within which a storey is elastic.
-    weights, rates : tuple of float
-        Of each floor's displacement, and of its velocity: a dashpot's force, () where none counts.
-    most, least : int
-        Rows of the state that hold the gap or the peaks; `least` < 0: none, and of one whose size counts, that of
-        `most`.
-    sized : bool
-        It is its size that counts.
-    storey : int
-        Floor above the storey whose drift it is, to which yielding sets limits or whose shear is kept; -1: none.
-    """
-
+    #: `TOUCH`: it may reach a gap; `TURN`: it may turn beyond its peak so far; `ACCELERATION`: the same of total
+    #: accelerations; `ONSET`: it may reach limits on both sides, within which a storey is elastic
     kind: int
+    #: of each floor's displacement, and of its velocity: a dashpot's force, () where none counts
     weights: tuple[float, ...]
+    #: rows of the state that hold the gap or the peaks; `least` < 0: none, and of one whose size counts, that of `most`
     most: int
     least: int
-    sized: bool
+    sized: bool  # it is its size that counts
+    #: floor above the storey whose drift it is, to which yielding sets limits or whose shear is kept; -1: none
     storey: int = -1
     rates: tuple[float, ...] = ()
 
@@ -149,17 +138,11 @@ def watched(group: Group) -> list[Watched]:
 
 
 class Layout:
-    """Where the numbers of flight's tables lie, under one record.
+    """Where the numbers of flight's tables lie, under one record."""
 
-    Those of `shared` come first, then those of each row of buildings: `fixed`, then `timed`, as many at each point of
-    the grid, then `series`, each over all points and `lanes` more. Where motions are known by blocks, these stand for
-    points.
-
-    Parameters
-    ----------
-    group : Group
-        The lanes.
-    """
+    # Those of `shared` come first, then those of each row of buildings: `fixed`, then `timed`, as many at each
+    # point of the grid, then `series`, each over all points and `lanes` more. Where motions are known by blocks,
+    # these stand for points.
 
     def __init__(self, group: Group) -> None:
         spec, lanes = group.spec, group.lanes
@@ -273,19 +256,11 @@ class Layout:
 
 
 class Flight:
-    """Flight of the scenarios of a lane group, one at a time.
+    """Flight of the scenarios of a lane group, one at a time."""
 
-    Parameters
-    ----------
-    group : Group
-        The lanes.
-    tables : LLVM pointer or ndarray
-        Tables of flight, a `Layout` for each row of buildings.
-    points : Count or int
-        Points of the grid.
-    memory : LLVM pointer, optional
-        Where flight's own rows lie.
-    """
+    # tables: tables of flight, a `Layout` for each row of buildings
+    # points: points of the grid
+    # memory: where flight's own rows lie
 
     def __init__(self, group: Group, tables: Any, points: Any, memory: Any = None) -> None:
         self.group, self.trace, self.lanes = group, group.trace, group.lanes
@@ -791,10 +766,8 @@ class Flight:
             self.rated.now = flag(self.trace, True)
 
     def _bend(self, t: Any, shakes: bool) -> None:
-        """Find second and third rates of all modes, and what accelerations ask for.
-
-        Of third rates, the part of the ground's is apart: it jumps at the points of the grid.
-        """
+        """Find second and third rates of all modes, and what accelerations ask for."""
+        # Of third rates, the part of the ground's is apart: it jumps at the points of the grid.
         w = self.rows
         square, damping, push, inverse = (self.place_of(name) for name in ("square", "damping", "push", "inverse"))
         self._know_rates(t)

@@ -50,25 +50,16 @@ BUNDLE = 16
 
 
 class Blocks:
-    """Fills the blocks of a call's rows of buildings, and goes through them point by point.
+    """Fills the blocks of a call's rows of buildings, and goes through them point by point."""
 
-    Parameters
-    ----------
-    flight : Flight
-        Whose motions they are.
-    decays : LLVM pointer or ndarray
-        In double precision: `HEAD` numbers, the ground's acceleration at all points of the grid, what it pushes each
-        mode by, the rows of `Layout.strides` of each group of rows of buildings, of which the first two are known, and
-        room for those of `Layout.decays` of each row of buildings and for states.
-    wide : Tracer or None
-        Double precision; None: NumPy.
-    margin : float
-        Share by which what is watched is widened for rounding.
-    rows : Count or int
-        Rows of buildings.
-    cell : callable
-        Makes a variable that is there at the next call of flight, of a first value.
-    """
+    # flight: whose motions they are
+    # decays: in double precision: `HEAD` numbers, the ground's acceleration at all points of the grid, what it pushes
+    #     each mode by, the rows of `Layout.strides` of each group of rows of buildings, of which the first two are
+    #     known, and room for those of `Layout.decays` of each row of buildings and for states
+    # wide: double precision; None: NumPy
+    # margin: share by which what is watched is widened for rounding
+    # rows: rows of buildings
+    # cell: makes a variable that is there at the next call of flight, of a first value
 
     def __init__(
         self,

@@ -39,21 +39,13 @@ STATE = 8
 
 @dataclass(frozen=True)
 class Power:
-    """A linear function of the floors' motion that is a factor of a power.
+    """A linear function of the floors' motion that is a factor of a power."""
 
-    Attributes
-    ----------
-    kind : {"momentum", "stretch", "left", "right"}
-        Of a building, in masses of its first floor; of a link, its stretch and the velocities of its floors.
-    number : int
-        Of the building or the link.
-    modes : (int, int)
-        First mode that it has a part in, and their number.
-    """
-
+    #: of a building, in masses of its first floor; of a link, its stretch and the velocities of its floors; one of
+    #: {"momentum", "stretch", "left", "right"}
     kind: str
-    number: int
-    modes: tuple[int, int]
+    number: int  # of the building or the link
+    modes: tuple[int, int]  # first mode that it has a part in, and their number
 
 
 def powers(spec: KernelSpec) -> list[Power]:

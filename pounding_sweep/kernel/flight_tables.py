@@ -32,20 +32,13 @@ from pounding_sweep.kernel.peaks import septic_extreme
 
 
 class Tables:
-    """Fills the tables of flight for the rows of buildings of a call.
+    """Fills the tables of flight for the rows of buildings of a call."""
 
-    Parameters
-    ----------
-    flight : Flight
-        Whose tables they are.
-    decays : LLVM pointer or ndarray
-        In double precision: the ground's acceleration at all points of the grid, then the rows of `Layout.decays` of
-        each row of buildings.
-    wide : Tracer or None
-        Double precision; None: NumPy.
-    margin : float
-        Share of its largest size by which what is watched is widened in windows.
-    """
+    # flight: whose tables they are
+    # decays: in double precision: the ground's acceleration at all points of the grid, then the rows of
+    #     `Layout.decays` of each row of buildings
+    # wide: double precision; None: NumPy
+    # margin: share of its largest size by which what is watched is widened in windows
 
     def __init__(self, flight: Flight, decays: Any, wide: Tracer | None, margin: float) -> None:
         self.flight, self.layout, self.lanes = flight, flight.layout, flight.lanes

@@ -26,17 +26,11 @@ _ROOT_HALF = int(np.float32(0.5**0.5).view(np.int32))
 
 
 class Tracer:
-    """The LLVM function that is being built.
+    """The LLVM function that is being built."""
 
-    Attributes
-    ----------
-    builder : llvmlite.ir.IRBuilder
-        Stands where the next instruction goes.
-    real : llvmlite.ir.Type
-        Number format of the lanes.
-    lanes : int
-        Scenarios side by side.
-    """
+    # builder: stands where the next instruction goes
+    # real: number format of the lanes
+    # lanes: scenarios side by side
 
     def __init__(self, builder: Any, precision: str, lanes: int) -> None:
         self.builder, self.lanes, self.module = builder, lanes, builder.module
@@ -490,15 +484,10 @@ class Cell:
 
 
 class Ledger:
-    """Variables that several functions of a kernel share, `ROOM` bytes of memory for each.
+    """Variables that several functions of a kernel share, `ROOM` bytes of memory for each."""
 
-    Parameters
-    ----------
-    trace : Tracer or None
-        None: NumPy, where all is one function.
-    pointer : LLVM pointer, optional
-        Where they begin: whole numbers.
-    """
+    # trace: None: NumPy, where all is one function
+    # pointer: where they begin: whole numbers
 
     #: Of the widest variable, a whole number of each lane, and what it is aligned to.
     ROOM = 128
@@ -517,21 +506,13 @@ class Ledger:
 
 
 class Rows:
-    """Named rows of lanes in one flat array: ``rows[name, i]``.
+    """Named rows of lanes in one flat array: ``rows[name, i]``."""
 
-    Parameters
-    ----------
-    trace : Tracer or None
-        None: NumPy.
-    counts : sequence of (name, count)
-        Rows of each name.
-    lanes : int
-        Lanes of the kernel.
-    pointer : LLVM pointer, optional
-        Where the first lane of the first row lies.
-    stride : int, optional
-        Numbers from one row to the next; `lanes` unless given.
-    """
+    # trace: None: NumPy
+    # counts: rows of each name
+    # lanes: lanes of the kernel
+    # pointer: where the first lane of the first row lies
+    # stride: numbers from one row to the next; `lanes` unless given
 
     def __init__(
         self,

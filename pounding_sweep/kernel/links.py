@@ -132,11 +132,9 @@ def reader(group: Group, j: Any, ends: tuple[Any, Any]) -> Any:
 
 
 def solve(group: Group, be: Any, ga: Any, storeys: Sequence[Any], right: Sequence[Any]) -> list[Any]:
-    """Return (M + ga C + be K)^-1 `right` of the whole row, by what each of the `storeys` adds to its diagonal.
-
-    Floors are eliminated in the order in which they have the fewest others left beside them, which is known when the
-    kernel is written.
-    """
+    """Return (M + ga C + be K)^-1 `right` of the whole row, by what each of the `storeys` adds to its diagonal."""
+    # Floors are eliminated in the order in which they have the fewest others left beside them, which is known when the
+    # kernel is written.
     spec, n = group.spec, group.spec.n_moving
     diagonal: list[Any] = []
     beside: list[dict[int, Any]] = [{} for _ in range(n)]

@@ -75,11 +75,6 @@ class Motion:
     alone: bool = True
     pulls: bool = False
 
-    @property
-    def of_shear(self) -> bool:
-        """Whether it is the shear of a storey that yields."""
-        return not isinstance(self.shear, int) or self.shear >= 0
-
 
 def followed(group: Group, straight: bool) -> Iterator[Motion]:
     """Go through the motions whose extremes are kept."""

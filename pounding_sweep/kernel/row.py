@@ -43,10 +43,8 @@ def _drift(group: Group, i: Any, x: Sequence[Any], p: Any, first: Any) -> Any:
 
 
 def storey_force(group: Group, b: Any, i: Any, drift: Any, rate: Any, constant: Any = True) -> Any:
-    """Force of a storey of a building in which some may yield, or have dashpots, its dampers included.
-
-    Of rates it is without its constant, which a number (1 or 0) may say at run time.
-    """
+    """Force of a storey of a building in which some may yield, or have dashpots, its dampers included."""
+    # Of rates it is without its constant, which a number (1 or 0) may say at run time.
     if not group.own_damper(i):
         return group.prop("k", i) * fma(group.prop("beta", b), rate, drift)
     s = group.state

@@ -233,10 +233,8 @@ def _kinds(group: Group, j: Any) -> int:
 
 
 def _converge(group: Group) -> None:
-    """End the step where series of closed contacts leave out more than rounding, and where floors that part come back.
-
-    These may touch again and be gone by the end of a longer step, which its ends do not tell.
-    """
+    """End the step where series of closed contacts leave out more than rounding, or floors that part come back."""
+    # These may touch again and be gone by the end of a longer step, which its ends do not tell.
     s, order, room, back = group.state, group.spec.series, Cell(group.full(1.0)), Cell(group.full(1.0))
     left_out = series_yielding.LEFT_OUT if group.spec.yielding else LEFT_OUT
     for j in group.each_contact(straight=True):

@@ -40,7 +40,7 @@ Coordinates = Mapping[str, tuple[Sequence[str], Any, Mapping[str, Any]]]
 
 
 @dataclass(frozen=True)
-class Axis:
+class CubeAxis:
     """One dimension along which scenarios differ."""
 
     name: str  # name of the dimension: ``gap``, ``law``, ``case`` ...
@@ -211,7 +211,7 @@ def as_stored(name: str, values: np.ndarray) -> np.ndarray:
 
 def assemble(
     scene: Scene,
-    axes: Sequence[Axis],
+    axes: Sequence[CubeAxis],
     arrays: Mapping[str, np.ndarray],
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,
@@ -246,7 +246,7 @@ def assemble(
 
 def frame(
     scene: Scene,
-    axes: Sequence[Axis],
+    axes: Sequence[CubeAxis],
     names: Iterable[str],
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,
@@ -262,7 +262,7 @@ def frame(
 
 def label(
     scene: Scene,
-    axes: Sequence[Axis],
+    axes: Sequence[CubeAxis],
     data: Mapping[str, np.ndarray],
     attributes: Mapping[str, Any] | None = None,
     extra_coords: Coordinates | None = None,

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 #: Axes in the description of a sweep.
-AXES = frozenset({"laws", *(name for name, axis in axes.AXES.items() if not axis.by_building)})
+AXIS_KEYS = frozenset({"laws", *(name for name, axis in axes.AXES.items() if not axis.by_building)})
 #: Axes there that are given for some buildings: [name, values].
 BUILDING_AXES = frozenset(axes.FACTOR_KINDS)
 #: What else sweeps of one study may differ in: no result of a scenario depends on it.
@@ -77,7 +77,7 @@ def recorded_sweep(path: str, cube: xr.Dataset) -> dict[str, Any]:
 def _well_formed(told: Mapping[str, Any]) -> bool:
     """Whether JSON has the form of a sweep, as far as its axes, cases and records go; any error means the same."""
     lists = [told["records"], told["records_left_out"], told["outputs"]]
-    lists += [told[key] for key in {*AXES, "cases"} if told.get(key) is not None]
+    lists += [told[key] for key in {*AXIS_KEYS, "cases"} if told.get(key) is not None]
     lists += [values for key in BUILDING_AXES for _, values in told.get(key, ())]
     axes.axes_of(told)  # an error where one lacks
     records = all(record.keys() >= {"name", *MOTION} for record in told["records"])

@@ -14,7 +14,7 @@ import numpy as np
 from pounding_sweep.model.laws import LAWS, realised_restitution
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.output.dataset import Axis, law_coordinates
+from pounding_sweep.output.dataset import CubeAxis, law_coordinates
 from pounding_sweep.output.provenance import library_attribute, library_versions
 from pounding_sweep.outputs.readout import scatter_dof
 from pounding_sweep.records.measures import record_measures
@@ -50,11 +50,11 @@ _MULTIPLIES: dict[str, tuple[str, str, Callable[[Building], float], str, str]] =
 }
 
 
-def property_axis(axis: PropertyAxis) -> Axis:
+def property_axis(axis: PropertyAxis) -> CubeAxis:
     """Return an axis over a building property as the cube has it."""
     known = _AXES[axis.kind]
     long_name = known.long_name if axis.building is None else f"{known.long_name} of building {axis.building}"
-    return Axis(axis.dimension, axis.values, known.unit, long_name, known.comment)
+    return CubeAxis(axis.dimension, axis.values, known.unit, long_name, known.comment)
 
 
 def product_coordinates(scene: Scene, axes: tuple[PropertyAxis, ...]) -> Coordinates:
@@ -172,7 +172,7 @@ _REALISED = {
 }
 
 
-def scenario_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
+def scenario_axes(plan: Plan) -> tuple[list[CubeAxis], dict[str, Any]]:
     """Return the dimensions of the scenarios, and what further coordinates say of them."""
     axes, extra = _case_axes(plan) if plan.spec.cases is not None else _product_axes(plan)
     if plan.spec.own_laws:
@@ -181,7 +181,7 @@ def scenario_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
     return axes, extra
 
 
-def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
+def _product_axes(plan: Plan) -> tuple[list[CubeAxis], dict[str, Any]]:
     spec = plan.spec
     axes = []
     properties = {axis.dimension: axis for axis in spec.property_axes}
@@ -199,7 +199,7 @@ def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
             exponents = {law.exponent for law in plan.laws if law.exponent is not None}
             exponent = exponents.pop() if exponents else 1.0
             units = "kN m-1" if exponent == 1 else f"kN m-{exponent:g}"
-        axes.append(Axis(name, values, units, long_name))
+        axes.append(CubeAxis(name, values, units, long_name))
     extra: dict[str, Any] = {}
     n_pairs = len(spec.scene.pair_names)
     if n_pairs:
@@ -228,7 +228,7 @@ def _product_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
     return axes, extra | named | building_coordinates(varied, dims, shape, {*named})
 
 
-def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
+def _case_axes(plan: Plan) -> tuple[list[CubeAxis], dict[str, Any]]:
     spec = plan.spec
     cases = spec.cases or ()
     first = spec.records[0].name
@@ -257,9 +257,10 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
         rows = keys == key
         realised[rows] = realised_restitution(spec.law(str(key)), nominal[rows], spec.restitution_basis)
     extra["restitution_realised"] = (("case",), realised, _REALISED)
-    if any(case.ductility is not None for case in cases):
-        about = {"units": "1", "long_name": AXES["ductilities"].long_name, "comment": AXES["ductilities"].comment}
-        extra["ductility"] = (("case",), [number(case.ductility) for case in cases], about)
+    for axis in AXES.values():
+        if axis.listed and any(getattr(case, axis.dimension) is not None for case in cases):
+            about = {"units": axis.unit, "long_name": axis.long_name, "comment": axis.comment}
+            extra[axis.dimension] = (("case",), [number(getattr(case, axis.dimension)) for case in cases], about)
     n_pairs = len(spec.scene.pair_names)
     if n_pairs:
         gaps = np.empty((len(cases), n_pairs))
@@ -273,7 +274,7 @@ def _case_axes(plan: Plan) -> tuple[list[Axis], dict[str, Any]]:
     else:
         extra |= building_coordinates(plan.variants, [], [], {*extra})
     extra = design_coordinates(spec) | extra
-    return [Axis("case", np.arange(1, len(cases) + 1), "1", "listed scenario")], extra
+    return [CubeAxis("case", np.arange(1, len(cases) + 1), "1", "listed scenario")], extra
 
 
 def design_coordinates(spec: SweepSpec) -> Coordinates:

@@ -23,7 +23,7 @@ from pounding_sweep.output.audited import AUDIT_DIMS, has_audit
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, as_read, as_stored, package_version
 from pounding_sweep.output.frame import Frame
 from pounding_sweep.output.integrity import (
-    AXES,
+    AXIS_KEYS,
     BUILDING_AXES,
     FREE,
     OWN_LAWS,
@@ -309,9 +309,9 @@ def _differences(
         ("the list of variables", scenario_variables(a), scenario_variables(b)),
     ]
     found += differing_laws(one, two)
-    for key in sorted({*one, *two} - AXES - BUILDING_AXES - FREE - {OWN_LAWS}):
+    for key in sorted({*one, *two} - AXIS_KEYS - BUILDING_AXES - FREE - {OWN_LAWS}):
         found.append((f"{key!r} of the sweep", one.get(key), two.get(key)))
-    for key in sorted(AXES):
+    for key in sorted(AXIS_KEYS):
         found.append((f"whether {key!r} are given", one.get(key) is not None, two.get(key) is not None))
     for key in sorted({*a.attrs, *b.attrs} - OWN_ATTRIBUTES):
         found.append((f"attribute {key!r}", plain(a.attrs.get(key)), plain(b.attrs.get(key))))
@@ -418,7 +418,7 @@ def attributes(
     whole = {**described[0], "cases": cases}
     if any(each.get("design") != described[0].get("design") for each in described):
         whole.pop("design", None)
-    for key in AXES:
+    for key in AXIS_KEYS:
         if whole.get(key) is not None:
             whole[key] = together(key, [each[key] for each in described])
     for key in BUILDING_AXES & whole.keys():

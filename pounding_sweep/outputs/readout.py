@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from pounding_sweep.base.errors import InputError
-from pounding_sweep.model.scene import Scene
+from pounding_sweep.model.links import LinkedFloors
+from pounding_sweep.model.scene import Contact, Scene
 from pounding_sweep.model.variants import Variants
 
 #: Stored in integer variables where there is no value.
@@ -42,21 +43,20 @@ def scatter_dof(values: Any, scene: Scene) -> np.ndarray:
 
 def scatter_contact(values: Any, scene: Scene) -> np.ndarray:
     """Put values per contact where their pair and storey are."""
-    values = np.asarray(values)
-    _check_last(values, len(scene.contacts), "contacts")
-    result = _unfilled(values, len(scene.pair_labels), scene.n_storeys)
-    for i, contact in enumerate(scene.contacts):
-        result[..., contact.place, contact.storey - 1] = values[..., i]
-    return result
+    return _between(values, scene.contacts, "contacts", scene)
 
 
 def scatter_link(values: Any, scene: Scene) -> np.ndarray:
     """Put values per link where their pair and the storey of their left floor are."""
+    return _between(values, scene.linked_floors, "links", scene)
+
+
+def _between(values: Any, joints: Sequence[Contact | LinkedFloors], what: str, scene: Scene) -> np.ndarray:
     values = np.asarray(values)
-    _check_last(values, len(scene.linked_floors), "links")
+    _check_last(values, len(joints), what)
     result = _unfilled(values, len(scene.pair_labels), scene.n_storeys)
-    for i, link in enumerate(scene.linked_floors):
-        result[..., link.place, link.storey - 1] = values[..., i]
+    for i, joint in enumerate(joints):
+        result[..., joint.place, joint.storey - 1] = values[..., i]
     return result
 
 

@@ -46,7 +46,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Support:
     """How often a claim is true."""
 
     held: int  # cases in which it is true, of how many
@@ -68,8 +68,8 @@ class Claim:
 
     text: str  # the claim, in this package's words
     criterion: str  # when it is true, and what a case is
-    #: (outputs of one reading, floor spectra of the roofs) -> `Outcome`
-    test: Callable[[xr.Dataset, xr.Dataset], Outcome]
+    #: (outputs of one reading, floor spectra of the roofs) -> `Support`
+    test: Callable[[xr.Dataset, xr.Dataset], Support]
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Judgement:
 
     conclusion: Conclusion
     reading: str
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[Support, ...]
 
     @property
     def verdict(self) -> Verdict:
@@ -121,12 +121,12 @@ def _peaks(one: xr.Dataset) -> xr.DataArray:
     return abs(xr.concat([one["displacement_max"], one["displacement_min"]], "way"))
 
 
-def _count(true: xr.DataArray, valid: xr.DataArray, numbers: str) -> Outcome:
+def _count(true: xr.DataArray, valid: xr.DataArray, numbers: str) -> Support:
     true, valid = true.broadcast_like(valid), valid.broadcast_like(true)
-    return Outcome(int((true & valid).sum()), int(valid.sum()), numbers if bool(valid.any()) else "no case")
+    return Support(int((true & valid).sum()), int(valid.sum()), numbers if bool(valid.any()) else "no case")
 
 
-def _displacement_of_models(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
+def _displacement_of_models(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     peaks = _peaks(one.sel(law=list(_POUNDING)))
     median = peaks.median("law")
     off = abs(peaks / median - 1.0).max("law")
@@ -134,7 +134,7 @@ def _displacement_of_models(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
     return _count(off <= SAME_DISPLACEMENT, off.notnull(), text)
 
 
-def _displacement_of_families(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
+def _displacement_of_families(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     linear, other = (_peaks(one.sel(law=list(laws))).median("law") for laws in (_LINEAR, _NONLINEAR))
     off = abs(other / linear - 1.0)
     text = f"largest difference {float(off.max()):.0%}, median over the cases {float(off.median()):.0%}"
@@ -146,7 +146,7 @@ def _top_over_below(one: xr.Dataset) -> xr.DataArray:
     return shear.isel(storey=-1) / shear.isel(storey=-2)
 
 
-def _shear_turns(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
+def _shear_turns(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     ratio = _top_over_below(one)
     pounding, alone = ratio.sel(law=list(_POUNDING)), ratio.sel(law="none")
     over = int((pounding > 1.0).sum())
@@ -163,14 +163,14 @@ def _forces(one: xr.Dataset, laws: Sequence[str]) -> tuple[xr.DataArray, xr.Data
     return force, (force > 0).all("law")
 
 
-def _linear_forces(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
+def _linear_forces(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     force, touch = _forces(one, _LINEAR)
     ratio = (force.max("law") / force.min("law").where(touch)).where(touch)
     text = f"largest over smallest: median {float(ratio.median()):.2f}, at most {float(ratio.max()):.2f}"
     return _count(ratio <= SAME_FORCE, touch, text)
 
 
-def _linear_counts(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
+def _linear_counts(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     count = one["impact_count"].sel(law=list(_LINEAR))
     touch = (count > 0).any("law")
     span = count.max("law") - count.min("law")
@@ -178,14 +178,14 @@ def _linear_counts(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
     return _count(span <= limit, touch, f"largest difference {int(span.max())} impacts of {int(count.max())} at most")
 
 
-def _damped_below_hertz(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
+def _damped_below_hertz(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     force, touch = _forces(one, ("hertz", *_DAMPED))
     ratio = (force.sel(law=list(_DAMPED)).max("law") / force.sel(law="hertz").where(touch)).where(touch)
     text = f"the larger of V and VI over IV: median {float(ratio.median()):.2f}, at most {float(ratio.max()):.2f}"
     return _count(ratio < 1.0, touch, text)
 
 
-def _nonlinear_below_linear(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
+def _nonlinear_below_linear(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     force, touch = _forces(one, _POUNDING)
     largest, smallest = force.sel(law=list(_NONLINEAR)).max("law"), force.sel(law=list(_LINEAR)).min("law")
     ratio = (largest / smallest.where(touch)).where(touch)
@@ -196,7 +196,7 @@ def _nonlinear_below_linear(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
     return _count(ratio < 1.0, touch, text)
 
 
-def _spectra_grow(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
+def _spectra_grow(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     ordinates = spectra["pseudo_acceleration"]
     pounding, alone = ordinates.sel(law=list(_POUNDING)), ordinates.sel(law="none")
     ratio = pounding.max("period") / alone.max("period")
@@ -214,7 +214,7 @@ def spread(spectra: xr.DataArray) -> xr.DataArray:
     return width.where(spectra >= SPREAD_LEVEL * spectra.max("period"), 0.0).sum("period")
 
 
-def _spectra_spread(one: xr.Dataset, spectra: xr.Dataset) -> Outcome:
+def _spectra_spread(one: xr.Dataset, spectra: xr.Dataset) -> Support:
     width = spread(spectra["pseudo_acceleration"])
     ratio = width.sel(law=list(_POUNDING)) / width.sel(law="none")
     text = f"spread over that without pounding: median {float(ratio.median()):.2f}, up to {float(ratio.max()):.2f}"

@@ -204,7 +204,7 @@ def _force(pair: str, study: Study) -> Figure:
     return roof_force(study.histories, pair, shown_record(study))
 
 
-FIGURES: tuple[PaperFigure, ...] = (
+PAPER_FIGURES: tuple[PaperFigure, ...] = (
     PaperFigure(4, "Ground motions and their 5 % spectra", lambda study: ground_motion(study.motions)),
     *_each(5, "Signed peak displacements of the floors", lambda b, study: displacement_profiles(study.cube, b)),
     *_each(8, "Peak storey shears", lambda b, study: shear_profiles(study.cube, b)),
@@ -219,9 +219,9 @@ FIGURES: tuple[PaperFigure, ...] = (
 def save_figures(study: Study, folder: Path, progress: Progress | None = None) -> list[Picture]:
     """Draw every figure into a folder, as ``figure_NN.png`` and ``figure_NN.svg``."""
     progress = progress or Progress()
-    progress.stage("figures", len(FIGURES))
+    progress.stage("figures", len(PAPER_FIGURES))
     found = []
-    for one in FIGURES:
+    for one in PAPER_FIGURES:
         figure = one.draw(study)
         path = folder / f"figure_{one.number:02d}.png"
         try:

@@ -49,19 +49,19 @@ from pounding_sweep.paper.search import (
     held_against,
     law_fit,
     numbers,
+    other_forms,
     plain_steps,
     reading_points,
     run,
     scene_at,
     search,
     taken,
-    variants,
 )
 from pounding_sweep.records import Record
 from pounding_sweep.records.catalogue import Folders
 
-#: Points of a search's rounds, of one over fewer inputs, of each variant, and of each law's design: powers of 2.
-ROUNDS, FEW, VARIANT, LAW = (2**13, 2**11, 2**11, 2**11, 2**11, 2**11), (2**8, 2**7, 2**7), 2**9, 2**11
+#: Points of a search's rounds, of one over fewer inputs, of a form of damping, and of a law's design: powers of 2.
+ROUNDS, FEW, FORM, LAW = (2**13, 2**11, 2**11, 2**11, 2**11, 2**11), (2**8, 2**7, 2**7), 2**9, 2**11
 #: What is said of a range: between these fractiles.
 RANGE = (0.05, 0.5, 0.95)
 #: Fractile of the misfits of a design that says how near it comes, less by chance than its best point.
@@ -90,7 +90,7 @@ class Found:
     held: tuple[HeldOut, ...]
     boot: Resampled
     fewer: Mapping[tuple[str, ...], Designs]
-    variants: Mapping[str, Squares]
+    other_forms: Mapping[str, Squares]
     steps: Mapping[float, Squares]  # plain steps -> those of `readings`
     program: Squares  # of the plain program with variable steps, points as `readings`
     laws: tuple[LawFit, ...]
@@ -105,7 +105,7 @@ def find(
     folders: Folders = None,
     rounds: Sequence[int] = ROUNDS,
     few: Sequence[int] = FEW,
-    variant: int = VARIANT,
+    form: int = FORM,
     law: int = LAW,
     say: Callable[[str], None] = lambda text: None,
 ) -> Found:
@@ -124,7 +124,7 @@ def find(
     say("fewer inputs")
     less = fewer(records, few)
     say("forms of damping, plain programs")
-    tried = variants(records, _middle(designs), designs.points, designs.best, variant)
+    tried = other_forms(records, _middle(designs), designs.points, designs.best, form)
     rows = [scene_at(points, i) for i in range(len(points["gap"]))]
     ran = [
         [plain_program(row, record.scaled(scale), SAMPLING) for record in records]
@@ -136,7 +136,7 @@ def find(
     for key in MATE2015_MODELS[:-1]:
         say(f"  {key}")
         laws.append(law_fit(key, records, rows[-2], law))
-    per_record = sum(rounds) + (1 + len(PLAIN_STEPS)) * len(rows) + 1 + len(tried) * variant
+    per_record = sum(rounds) + (1 + len(PLAIN_STEPS)) * len(rows) + 1 + len(tried) * form
     per_record += len(less) * sum(few) + len(laws) * (law + law // 2 + 1)
     return Found(
         tuple(records),
@@ -158,7 +158,7 @@ def find(
 
 
 def _middle(designs: Designs) -> Mapping[str, tuple[float, float]]:
-    """Return the box of the round in the middle: wide enough to adapt to a variant, near enough to find its best."""
+    """Return the box of the round in the middle: wide enough to adapt to another form, near enough to find its best."""
     return designs.boxes[len(designs.boxes) // 2]
 
 
@@ -317,16 +317,16 @@ def impacts_grid(found: Found) -> Grid:
     )
 
 
-def variants_grid(found: Found) -> Grid:
+def forms_grid(found: Found) -> Grid:
     """Write how near forms of damping and the other sign of the motion come."""
     rows = []
-    for title, one in found.variants.items():
+    for title, one in found.other_forms.items():
         misfit = one.misfit()
         rows.append(
             [title, *(f"{value:.3f}" for value in (misfit.min(), np.quantile(misfit, NEAR), np.median(misfit)))]
         )
     headings = [("", text) for text in ("damping of 5 % in", "least misfit", f"{NEAR:.0%} fractile", "median")]
-    size = len(next(iter(found.variants.values())))
+    size = len(next(iter(found.other_forms.values())))
     return Grid(f"Form of the damping, sign of the motion ({size} points each)", headings, rows)
 
 
@@ -380,7 +380,7 @@ def grids(found: Found) -> list[Grid]:
         fewer_grid(found),
         held_out_grid(found),
         impacts_grid(found),
-        variants_grid(found),
+        forms_grid(found),
         programs_grid(found),
         laws_grid(found),
     ]

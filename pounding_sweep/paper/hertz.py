@@ -18,7 +18,7 @@ from pounding_sweep.records import Record
 from pounding_sweep.run.sweep import Sweep
 
 #: Laws whose stiffness it is.
-LAWS = ("hertz", "hertz_damped", "nonlinear_viscoelastic")
+HERTZ_LAWS = ("hertz", "hertz_damped", "nonlinear_viscoelastic")
 
 
 def hertz_fit(records: Sequence[Record]) -> xr.Dataset:
@@ -27,7 +27,7 @@ def hertz_fit(records: Sequence[Record]) -> xr.Dataset:
     cube = Sweep(
         READINGS["as_run"].preset,
         records,
-        LAWS,
+        HERTZ_LAWS,
         gaps=[GAP],
         stiffnesses=stiffnesses,
         restitutions=[RESTITUTION],

@@ -24,7 +24,7 @@ from pounding_sweep.paper.published import GROUND_MOTIONS, TABLES, record_title
 from pounding_sweep.paper.readings import READINGS, RESCALED, STEP
 from pounding_sweep.paper.steps import LIMIT, error_text, largest_steps, step_rows
 from pounding_sweep.paper.study import Study
-from pounding_sweep.paper.verdict import Part, opening_grid, rule, verdict_of_all
+from pounding_sweep.paper.verdict import Reproduction, opening_grid, rule, verdict_of_all
 from pounding_sweep.records.record import STANDARD_GRAVITY
 
 
@@ -86,7 +86,7 @@ def contents(study: Study) -> dict[str, Any]:
     }
 
 
-def opening(study: Study) -> list[Part]:
+def opening(study: Study) -> list[Reproduction]:
     """Return the verdict that the report opens with."""
     compared = {number: side_by_side(number, study.cube) for number in TABLES}
     return verdict_of_all(study.cube, compared, judge(study.cube, study.floor_spectra))

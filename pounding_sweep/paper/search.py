@@ -279,7 +279,7 @@ def scene_at(points: Points, at: int) -> Scene:
     return Scene(row, gaps=[float(points["gap"][at])] * len(printed.gaps), contact=contact)
 
 
-def variants(records: Sequence[Record], box: Box, points: Points, at: int, samples: int) -> dict[str, Squares]:
+def other_forms(records: Sequence[Record], box: Box, points: Points, at: int, samples: int) -> dict[str, Squares]:
     """Try forms of damping, and ground motions of the other sign, around a point: a design over the other inputs."""
     centre = scene_at(points, at)
     around = {name: float(points[name][at]) for name in BUILDINGS}  # factors on the row are over the centre's

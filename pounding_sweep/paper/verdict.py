@@ -13,7 +13,7 @@ import xarray as xr
 
 from pounding_sweep.paper.checks import findings
 from pounding_sweep.paper.compare import CLOSE, Grid, resolution
-from pounding_sweep.paper.conclusions import HOLDS_SHARE, PARTLY_SHARE, Judgement, Outcome, Verdict
+from pounding_sweep.paper.conclusions import HOLDS_SHARE, PARTLY_SHARE, Judgement, Support, Verdict
 from pounding_sweep.paper.readings import READINGS
 
 #: What the tables hold, in words, and the outputs that are it.
@@ -32,7 +32,7 @@ _WORDS = {
 }
 
 
-def table_outcome(compared: xr.Dataset, names: Sequence[str], reading: str) -> Outcome:
+def table_outcome(compared: xr.Dataset, names: Sequence[str], reading: str) -> Support:
     """Count the cells of a table of `side_by_side`, not zero in both, that a reading comes near to."""
     paper = "matlab" if "matlab" in compared["source"].values else "paper"
     held = cases = 0
@@ -42,11 +42,11 @@ def table_outcome(compared: xr.Dataset, names: Sequence[str], reading: str) -> O
         cell = np.isfinite(own) & ((printed != 0.0) | (np.abs(own) >= resolution(name)))
         near = np.abs(own - printed) <= CLOSE[-1] * np.abs(printed)
         held, cases = held + int((near & cell).sum()), cases + int(cell.sum())
-    return Outcome(held, cases, f"{held} of {cases} numbers within {CLOSE[-1]:.0%}")
+    return Support(held, cases, f"{held} of {cases} numbers within {CLOSE[-1]:.0%}")
 
 
 @dataclass(frozen=True)
-class Part:
+class Reproduction:
     """What is reproduced, or is not, of one reading; or what can't be."""
 
     word: str
@@ -54,7 +54,9 @@ class Part:
     items: tuple[str, ...]
 
 
-def verdict_of_all(cube: xr.Dataset, compared: Mapping[int, xr.Dataset], judgements: Sequence[Judgement]) -> list[Part]:
+def verdict_of_all(
+    cube: xr.Dataset, compared: Mapping[int, xr.Dataset], judgements: Sequence[Judgement]
+) -> list[Reproduction]:
     """Return the verdict; `compared` are the tables side by side by their number."""
     parts = []
     for reading in cube["reading"].values.tolist():
@@ -68,15 +70,15 @@ def verdict_of_all(cube: xr.Dataset, compared: Mapping[int, xr.Dataset], judgeme
                 said[one.verdict].append(f"conclusion {one.conclusion.key}: {one.conclusion.text}")
         label = READINGS[reading].label
         parts += [
-            Part(_WORDS[verdict], label, tuple(items) or ("nothing",))
+            Reproduction(_WORDS[verdict], label, tuple(items) or ("nothing",))
             for verdict, items in said.items()
             if items or verdict is not Verdict.UNTESTED
         ]
     impossible = tuple(f"{one.title}: {one.printed}" for one in findings(cube) if one.impossible)
-    return [*parts, Part("Can't be", "in the paper itself", impossible)]
+    return [*parts, Reproduction("Can't be", "in the paper itself", impossible)]
 
 
-def opening_grid(parts: Sequence[Part]) -> Grid:
+def opening_grid(parts: Sequence[Reproduction]) -> Grid:
     """Write the verdict, a row for each item."""
     rows = [
         [part.word, part.reading, item] if item is part.items[0] else ["", "", item]

@@ -154,7 +154,7 @@ def shortest_contact(
 #: File of measured errors beside this module.
 MEASURED = "measured.json"
 #: Method and precision.
-Scheme = tuple[str, str]
+SchemeAndFormat = tuple[str, str]
 #: Steps in the shortest contact over those that its status asks for: its speed is an estimate, and three times the
 #: speed shortens a Hertz contact by so much.
 CONTACT_MARGIN = 1.25
@@ -170,18 +170,10 @@ _STEPS = (10, 12, 16, 20, 25, 30, 40, 50, 60, 80)
 
 @dataclass(frozen=True)
 class Curve:
-    """Measured error against steps in the shortest time.
+    """Measured error against steps in the shortest time."""
 
-    Attributes
-    ----------
-    steps : tuple of float
-        Steps in the shortest time of the scenario, rising.
-    error : tuple of float
-        Relative error of so many steps.
-    """
-
-    steps: tuple[float, ...]
-    error: tuple[float, ...]
+    steps: tuple[float, ...]  # steps in the shortest time of the scenario, rising
+    error: tuple[float, ...]  # relative error of so many steps
 
     def needed(self, accuracy: float) -> float:
         """Return the least steps from which on the error stays within `accuracy`; infinite if that was not reached."""
@@ -199,21 +191,12 @@ class Curve:
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured: errors and costs.
+    """What was measured: errors and costs."""
 
-    Attributes
-    ----------
-    curves : dict
-        (method, precision, law, class of outputs) -> `Curve`.
-    cost : dict
-        (method, precision) -> ns of one scenario, step (of exact flight: long step) and degree of freedom.
-    about : dict
-        Where the numbers come from: quantile, version, date, machine.
-    """
-
-    curves: dict[tuple[str, str, str, str], Curve]
+    curves: dict[tuple[str, str, str, str], Curve]  # (method, precision, law, class of outputs) -> `Curve`
+    #: (method, precision) -> ns of one scenario, step (of exact flight: long step) and degree of freedom
     cost: dict[tuple[str, str], float]
-    about: dict[str, Any]
+    about: dict[str, Any]  # where the numbers come from: quantile, version, date, machine
 
 
 @dataclass(frozen=True)
@@ -228,7 +211,7 @@ class Advice:
         Divisor of the lengths that steps do not set (see `Numerics`).
     steps : ndarray of int, shape (scenarios,)
         Steps per record interval of each scenario.
-    still : ndarray of int, shape (records, variants)
+    uncoupled : ndarray of int, shape (records, variants)
         Steps per record interval of each run without pounding.
     sentence : str
         What was chosen, and why.
@@ -238,7 +221,7 @@ class Advice:
     precision: str
     finer: float
     steps: np.ndarray
-    still: np.ndarray
+    uncoupled: np.ndarray
     sentence: str
 
 
@@ -327,9 +310,9 @@ def advise(
     known = load_measured() if measured is None else measured
     some, alike = but_for_gaps(table)
     demand = _Demand(spec, laws, some, alike, variants, initial_speed)
-    costs: dict[Scheme, float] = {}
-    best: tuple[Scheme, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
-    reached: dict[Scheme, tuple[float, str]] = {}
+    costs: dict[SchemeAndFormat, float] = {}
+    best: tuple[SchemeAndFormat, np.ndarray, np.ndarray, dict[str, float]] | None = None  # the others' steps are let go
+    reached: dict[SchemeAndFormat, tuple[float, str]] = {}
     schemes = [
         (m, p)
         for m, p in known.cost
@@ -344,10 +327,10 @@ def advise(
     for scheme in schemes:
         need, error = _needed(known, spec, scheme, laws)
         if max(need.values()) < math.inf:
-            steps, still = demand.steps(scheme[0], need)
+            steps, uncoupled = demand.steps(scheme[0], need)
             costs[scheme] = demand.cost(scheme[0], known.cost[scheme], steps, need)
             if best is None or costs[scheme] < costs[best[0]]:
-                best = scheme, steps, still, need
+                best = scheme, steps, uncoupled, need
         else:
             reached[scheme] = error
     if best is None:
@@ -357,15 +340,15 @@ def advise(
             f"({listed}); ask for less, for other laws or another method, or give dt and see the cube's audit"
         )
         raise SweepError(msg)
-    scheme, steps, still, need = best
+    scheme, steps, uncoupled, need = best
     cost = costs[scheme]
     others = {name: each / cost for name, each in costs.items() if name != scheme and cost > 0}
     return Advice(
         *scheme,
         _finer(scheme[0], need),
         np.repeat(steps, alike) if len(some) < len(table) else steps,
-        still,
-        demand.sentence(known, scheme, need, steps, still, others),
+        uncoupled,
+        demand.sentence(known, scheme, need, steps, uncoupled, others),
     )
 
 
@@ -377,7 +360,7 @@ def _formats(spec: SweepSpec) -> tuple[str, ...]:
 
 
 def _needed(
-    known: Measured, spec: SweepSpec, scheme: Scheme, laws: Sequence[Law]
+    known: Measured, spec: SweepSpec, scheme: SchemeAndFormat, laws: Sequence[Law]
 ) -> tuple[dict[str, float], tuple[float, str]]:
     """Return what each law needs (of exact flight its `finer`, else steps in the shortest time) and the worst error."""
     assert spec.accuracy is not None
@@ -457,30 +440,30 @@ class _Demand:
         interval = np.array([record.dt for record in spec.records])
         alone = np.ones(len(self.variants))
         # of exact flight contacts have sub-steps of their own
-        still_need = EXACT_STEPS * _finer(method, need) if SCHEMES[method].flies_exactly else need["none"]
+        uncoupled_need = EXACT_STEPS * _finer(method, need) if SCHEMES[method].flies_exactly else need["none"]
         open_limit = self._limit(self.variants, method, self.laws[-1], 0.0 * alone, alone)
-        still = whole_steps(np.maximum(still_need / self.mode, 1.0 / open_limit) * interval[:, None])
-        most = np.full(len(spec.records), np.max(still_need / self.mode))
+        uncoupled = whole_steps(np.maximum(uncoupled_need / self.mode, 1.0 / open_limit) * interval[:, None])
+        most = np.full(len(spec.records), np.max(uncoupled_need / self.mode))
         steps = np.empty(len(table), np.int32)
         for first in range(0, len(table), BLOCK):
             rows = slice(first, first + BLOCK)
             record = table.record[rows]
-            wanted = self._wanted(method, need, still_need, rows)
+            wanted = self._wanted(method, need, uncoupled_need, rows)
             np.maximum.at(most, record, wanted) if len(most) > 1 else np.maximum(most, wanted.max(), out=most)
             steps[rows] = whole_steps(np.minimum(wanted * interval[record], MAX_STEPS))
-        for r, motion in enumerate(spec.records):
-            if fault := step_fault(motion, float(most[r]) * motion.dt):
+        for r, each in enumerate(spec.records):
+            if fault := step_fault(each, float(most[r]) * each.dt):
                 msg = f"accuracy {spec.accuracy:g}: {fault}; resample the record at a smaller dt, or cut it"
                 raise SweepError(msg)
         least = np.stack([self._motion_steps(method, record) for record in spec.records])
         np.maximum(steps, least[table.record, table.variant], out=steps)
-        return steps, np.maximum(still, least).astype(np.int32)
+        return steps, np.maximum(uncoupled, least).astype(np.int32)
 
-    def _wanted(self, method: str, need: dict[str, float], still_need: float, rows: slice) -> np.ndarray:
+    def _wanted(self, method: str, need: dict[str, float], uncoupled_need: float, rows: slice) -> np.ndarray:
         """Return the steps per second that scenarios ask for: those of modes, contacts, and the stability limit."""
         table = self.table[rows]
         contact, mode = self.contact[rows], self.mode[table.variant]
-        wanted = still_need / mode
+        wanted = uncoupled_need / mode
         if not SCHEMES[method].flies_exactly:
             own = np.array([need[law.key] for law in self.laws])[table.law] / np.minimum(contact, mode)
             wanted = np.maximum(own, wanted)  # where contacts are followed with sub-steps, modes decide
@@ -532,18 +515,18 @@ class _Demand:
     def sentence(
         self,
         known: Measured,
-        scheme: Scheme,
+        scheme: SchemeAndFormat,
         need: dict[str, float],
         steps: np.ndarray,
-        still: np.ndarray,
-        others: dict[Scheme, float],
+        uncoupled: np.ndarray,
+        others: dict[SchemeAndFormat, float],
     ) -> str:
         """Say what was chosen and why."""
         spec, about = self.spec, known.about
-        still = still[:, np.unique(self.table.variant)]
-        counts = np.concatenate([steps, still.ravel()])
+        uncoupled = uncoupled[:, np.unique(self.table.variant)]
+        counts = np.concatenate([steps, uncoupled.ravel()])
         interval = np.array([r.dt for r in spec.records])
-        lengths = np.concatenate([interval[self.table.record] / steps, (interval[:, None] / still).ravel()])
+        lengths = np.concatenate([interval[self.table.record] / steps, (interval[:, None] / uncoupled).ravel()])
         named = "as the sweep names it" if spec.method else "the cheapest"
         text = (
             f"for a relative error of {spec.accuracy:g}: {scheme[0]} ({named}; {scheme[1]}, located) with "

@@ -21,25 +21,14 @@ SMALLEST = 1.0 / 4.0
 
 @dataclass(frozen=True)
 class Chunk:
-    """Scenarios of one kernel and one record that one task runs.
+    """Scenarios of one kernel and one record that one task runs."""
 
-    Attributes
-    ----------
-    key : str
-        Digest of the sweep and of the scenarios: the same chunk of the same sweep has the same key.
-    law, record : int
-        Index into the plan's laws and records.
-    rows : ndarray of int
-        Rows of the table that was cut, neighbouring gaps side by side.
-    steps : int
-        Steps per record interval.
-    """
-
-    key: str
+    key: str  # digest of the sweep and of the scenarios: the same chunk of the same sweep has the same key
+    #: index into the plan's laws and records
     law: int
     record: int
-    rows: np.ndarray
-    steps: int
+    rows: np.ndarray  # rows of the table that was cut, neighbouring gaps side by side; int
+    steps: int  # steps per record interval
 
 
 def cut(
@@ -83,30 +72,14 @@ def cut(
 
 @dataclass(frozen=True)
 class ChunkTask:
-    """One chunk, ready to be run by anybody.
+    """One chunk, ready to be run by anybody."""
 
-    Attributes
-    ----------
-    key : str
-        Name of the chunk.
-    kernel : RowKernel
-        What runs.
-    record : int
-        Index of the record.
-    table : Scenarios
-        Scenarios to run.
-    variants : Variants
-        Their building properties.
-    outputs : tuple of str
-        Variables asked for.
-    """
-
-    key: str
-    kernel: RowKernel
-    record: int
-    table: Scenarios
-    variants: Variants
-    outputs: tuple[str, ...]
+    key: str  # name of the chunk
+    kernel: RowKernel  # what runs
+    record: int  # index of the record
+    table: Scenarios  # scenarios to run
+    variants: Variants  # their building properties
+    outputs: tuple[str, ...]  # variables asked for
 
 
 #: (kernel, record, scenarios, variants, outputs) -> table of results, or what went wrong; can be pickled

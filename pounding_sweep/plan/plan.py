@@ -41,8 +41,8 @@ CHUNK_BYTES = 2**22
 PLAN_BYTES = 300
 #: Scenarios whose largest steps are found at a time.
 LIMIT_BLOCK = 1 << 16
-#: Scenarios that must share a motion without pounding for the extremes of its windows to be worth finding, and where
-#: energies are asked for, which motions that are known by blocks have not.
+#: Scenarios that must share a run without pounding for the extremes of its windows to be worth finding, and where
+#: energies are asked for, which runs that are known by blocks have not.
 LEAST_SHARING, LEAST_SHARING_ENERGIES = 32, 6
 #: Scenarios that must share a run without pounding for it to be run: it costs about what one of them does.
 LEAST_SHARED = 4
@@ -145,11 +145,11 @@ class Plan:
 
     @cached_property
     def _shares_flight(self) -> bool:
-        """Whether scenarios of a law and a record that share a motion without pounding are enough for its windows."""
-        motions = len(self.variants.flights()[0]) * len(self.laws) * len(self.spec.records)
+        """Whether scenarios of a law and a record that share a run without pounding are enough for its windows."""
+        runs = len(self.variants.flights()[0]) * len(self.laws) * len(self.spec.records)
         energies = "energy" in reducers_for(self.spec.outputs)
         least = LEAST_SHARING_ENERGIES if energies else LEAST_SHARING
-        return len(self.variants) == 1 or len(self.unique) >= least * motions
+        return len(self.variants) == 1 or len(self.unique) >= least * runs
 
     def kernels(self) -> dict[tuple[int, bool], RowKernel]:
         """Return the kernels that a run needs by (law, closing); the last law's decides who can touch."""
@@ -201,7 +201,7 @@ class Plan:
         name = f"{self.digest}:{self.numerics.method}"
         return self._cut(self.unique, rows, self.steps, name)
 
-    def motion_chunks(self) -> list[Chunk]:
+    def uncoupled_chunks(self) -> list[Chunk]:
         """Cut the runs without pounding that are worth it into chunks; their rows are those of `uncoupled_runs`."""
         steps = self.uncoupled_steps[self.uncoupled_runs.record, self.uncoupled_runs.variant]
         name = f"{self.digest}:{self.numerics.method}:without pounding"
@@ -211,11 +211,11 @@ class Plan:
         flights = np.broadcast_to(np.int16(0), len(table))
         if self.numerics.scheme.flies_exactly and len(self.variants) > 1:
             flights = np.zeros(len(table), np.int32)
-            for record, motion in enumerate(self.spec.records):
-                for count in np.unique(steps[table.record == record]).tolist():
-                    mine = np.flatnonzero((table.record == record) & (steps == count))
-                    kernel = self.kernel(len(self.laws) - 1, record=record, steps=count)
-                    flights[mine] = kernel.flight_substeps(motion, self.variants[table.variant[mine]])
+            for index, record in enumerate(self.spec.records):
+                for count in np.unique(steps[table.record == index]).tolist():
+                    mine = np.flatnonzero((table.record == index) & (steps == count))
+                    kernel = self.kernel(len(self.laws) - 1, record=index, steps=count)
+                    flights[mine] = kernel.flight_substeps(record, self.variants[table.variant[mine]])
         most = CHUNK_BYTES // self.bytes_per_scenario
         seconds = self.scenario_seconds
         return cut(table, rows, steps, flights, name=name, longest=CHUNK_SECONDS, most=most, seconds=seconds)
@@ -248,12 +248,12 @@ class Plan:
         """
         rows = np.flatnonzero(~self.refused)
         seconds, most, least = 0.0, {}, {}
-        for index, motion in enumerate(self.spec.records):
+        for index, record in enumerate(self.spec.records):
             mine = self.steps[rows[self.unique.record[rows] == index]]
             seconds += float(self.scenario_seconds(index, mine).sum())
             each = mine if len(mine) else self.uncoupled_steps[index]
-            most[motion.name] = (motion.n_points - 1) * int(each.max())
-            least[motion.name] = (motion.n_points - 1) * int(each.min())
+            most[record.name] = (record.n_points - 1) * int(each.max())
+            least[record.name] = (record.n_points - 1) * int(each.min())
         return {
             "asked": self.n_asked,
             "at_most": self.n_unique,
@@ -319,14 +319,14 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
         assert spec.precision is not None
         numerics = Numerics(spec.method, spec.dt, spec.locate, spec.beta, spec.gamma, spec.precision)
         each = np.array([numerics.steps(r) for r in spec.records], np.int32)
-        still = np.broadcast_to(each[:, None], (len(each), len(variants)))
+        uncoupled = np.broadcast_to(each[:, None], (len(each), len(variants)))
         steps = each[unique.record]
     else:
         from pounding_sweep.plan.advice import advise
 
         advice = advise(spec, laws, unique, variants, initial_speed=initial_speed)
-        still, steps = advice.still, advice.steps
-        largest = max(r.dt / int(n.min()) for r, n in zip(spec.records, still, strict=True))
+        uncoupled, steps = advice.uncoupled, advice.steps
+        largest = max(r.dt / int(n.min()) for r, n in zip(spec.records, uncoupled, strict=True))
         numerics = Numerics(advice.method, largest, spec.locate, spec.beta, spec.gamma, advice.precision, advice.finer)
     limit = _limits(spec, laws, unique, variants, numerics)
     interval = np.array([r.dt for r in spec.records])
@@ -334,7 +334,7 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
     refused = np.zeros(len(unique), bool) if spec.force_unstable else step > limit
     steps, limit = _once(steps), _once(limit)
     choice = advice.sentence if advice else ""
-    return Plan(spec, unique, variants, inverse, refused, limit, numerics, steps, still, choice)
+    return Plan(spec, unique, variants, inverse, refused, limit, numerics, steps, uncoupled, choice)
 
 
 def _once(column: np.ndarray) -> np.ndarray:

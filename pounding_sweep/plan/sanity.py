@@ -24,26 +24,17 @@ _NAMED = 3
 
 @dataclass(frozen=True)
 class Limit:
-    """What a quantity of real buildings, and of what is done to them, lies between.
+    """What a quantity of real buildings, and of what is done to them, lies between."""
 
-    Attributes
-    ----------
-    what, unit : str
-        The quantity and its unit.
-    low, high : float
-        Real ones lie between these, ends included.
-    slips : tuple of (str, float)
-        Slips of units that are common, each with the factor that mends the value.
-    real : str
-        What lies between the limits.
-    """
-
+    #: the quantity and its unit
     what: str
     unit: str
+    #: real ones lie between these, ends included
     low: float
     high: float
+    #: slips of units that are common, each with the factor that mends the value
     slips: tuple[tuple[str, float], ...] = ()
-    real: str = "real ones"
+    real: str = "real ones"  # what lies between the limits
 
     def doubt(self, named: Iterable[tuple[str, float]]) -> str:
         """Say which of some values, each with where it stands, are outside, and of what slip; "" where none is."""

@@ -22,29 +22,19 @@ BLOCK = 2**18
 
 @dataclass(frozen=True)
 class Scenarios:
-    """A table of scenarios, one row each.
+    """A table of scenarios, one row each."""
 
-    Columns in which all rows agree may take the memory of one row, and then can't be written to.
+    # Columns in which all rows agree may take the memory of one row, and then can't be written to.
 
-    Attributes
-    ----------
-    law, record : ndarray of int
-        Index into the plan's laws and records.
-    scale, stiffness, restitution : ndarray of float
-        Values (stiffness in kN/m**exponent); 0 and 1 where the law ignores them.
-    gaps : ndarray, shape (n, pairs)
-        Gaps (m); infinite where nothing can touch.
-    variant : ndarray of int
-        Row of the plan's table of building properties; 0 stands for the scene as given.
-    """
-
+    #: index into the plan's laws and records; int
     law: np.ndarray
     record: np.ndarray
+    #: values (stiffness in kN/m**exponent); 0 and 1 where the law ignores them; float
     scale: np.ndarray
     stiffness: np.ndarray
     restitution: np.ndarray
-    gaps: np.ndarray
-    variant: np.ndarray
+    gaps: np.ndarray  # gaps (m); infinite where nothing can touch; shape (n, pairs)
+    variant: np.ndarray  # row of the plan's table of building properties; 0 stands for the scene as given; int
 
     def __len__(self) -> int:
         return len(self.law)
@@ -55,21 +45,11 @@ class Scenarios:
 
 @dataclass(frozen=True)
 class _Asked:
-    """What a sweep asks for, coded: equal codes are scenarios that can't differ.
+    """What a sweep asks for, coded: equal codes are scenarios that can't differ."""
 
-    Attributes
-    ----------
-    codes : ndarray of int64, shape (n_asked,)
-        Sorted by them, scenarios that are most alike stand side by side.
-    variants : Variants
-        Building properties.
-    table : callable
-        Asked scenarios (positions) -> `Scenarios`.
-    """
-
-    codes: np.ndarray
-    variants: Variants
-    table: Callable[[np.ndarray], Scenarios]
+    codes: np.ndarray  # sorted by them, scenarios that are most alike stand side by side; int64, shape (n_asked,)
+    variants: Variants  # building properties
+    table: Callable[[np.ndarray], Scenarios]  # asked scenarios (positions) -> `Scenarios`
 
 
 def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, Variants, np.ndarray]:

@@ -52,7 +52,7 @@ def identity_of(plan: Plan) -> tuple[str, dict[str, str]]:
     return hashlib.sha256(json.dumps(details, sort_keys=True).encode()).hexdigest(), details
 
 
-def differences(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
+def differing_in(there: Mapping[str, str], here: Mapping[str, str]) -> list[str]:
     """Return in what two details differ, the parts of the sweep before what stands for the whole."""
     keys = sorted({*there, *here}, key=lambda key: (key in WHOLE, key))
     return [
@@ -207,7 +207,7 @@ class ChunkStore:
             if b"\n" not in self._manifest_text():
                 return False
             there = found.get("details")
-            differing = differences(there if isinstance(there, dict) else {}, self.details)
+            differing = differing_in(there if isinstance(there, dict) else {}, self.details)
             what = f"they differ in {', '.join(differing)}; " if differing else ""
             msg = (
                 f"the chunks in {str(self.folder)!r} belong to another sweep: {what}identity "

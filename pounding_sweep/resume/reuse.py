@@ -24,7 +24,7 @@ from pounding_sweep.model.laws import law_of
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.output.dataset import SOURCE_ATTRIBUTE, VERSION_ATTRIBUTE, as_stored, package_version
 from pounding_sweep.output.integrity import (
-    AXES,
+    AXIS_KEYS,
     BUILDING_AXES,
     FREE,
     OWN_LAWS,
@@ -74,7 +74,7 @@ def check_same_study(path: str, cube: xr.Dataset, spec: SweepSpec, source: str) 
         )
         raise InputError(msg)
     there, here = recorded_sweep(path, cube), json.loads(to_json(spec))
-    free = AXES | BUILDING_AXES | FREE | {"force_unstable", OWN_LAWS}
+    free = AXIS_KEYS | BUILDING_AXES | FREE | {"force_unstable", OWN_LAWS}
     sweeps = differing_laws(there, here) + [
         (key, there.get(key), here.get(key)) for key in sorted({*there, *here} - free)
     ]
@@ -173,7 +173,7 @@ def shared_part(cube: xr.Dataset, whole: SweepSpec) -> tuple[SweepSpec, xr.Datas
     return replace(whole, records=records, cases=cases), cube.isel(case=chosen)
 
 
-def check_cases(path: str, cube: xr.Dataset, old: Plan) -> None:
+def check_listed(path: str, cube: xr.Dataset, old: Plan) -> None:
     """Raise `InputError` where a cube says of its listed cases what its sweep, planned again, does not."""
     for name, (dims, values, _) in scenario_axes(old)[1].items():
         if name == "record":  # may have another name in the new sweep
@@ -206,7 +206,7 @@ class EarlierCube:
             old = self._planned(spec)
             self._check_numerics(shared, old, varied=varies_buildings(whole))
             if spec.cases is not None:
-                check_cases(self.path, shared, old)
+                check_listed(self.path, shared, old)
             self._table = self._copy(shared, spec, folder)
         results = self._table
         valid = ~np.isin(results["status"], [int(Status.NOT_RUN), int(Status.BEYOND_STABILITY_LIMIT)])
@@ -332,8 +332,8 @@ class EarlierCube:
         return self.completed(rows, new)
 
 
-class Taken:
-    """Counts what was taken."""
+class ReuseLedger:
+    """Counts the scenarios that were taken."""
 
     def __init__(self, store: ChunkStore | None, earlier: EarlierCube | None) -> None:
         self.origin: Mapping[str, Any] | None = None

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pounding_sweep.plan.plan import Plan
 
 
-def listed(chunks: Sequence[Chunk]) -> list[list[Any]]:
+def chunk_lines(chunks: Sequence[Chunk]) -> list[list[Any]]:
     """Return what a folder says of the chunks of a stage: key, law, record and number of scenarios of each."""
     return [[chunk.key, chunk.law, chunk.record, len(chunk.rows)] for chunk in chunks]
 

@@ -64,19 +64,12 @@ FLAGS = {
 
 
 @dataclass(frozen=True)
-class Sample:
-    """Scenarios of one law, record and step that are run again together.
+class Rerun:
+    """Scenarios of one law, record and step that are run again together."""
 
-    Attributes
-    ----------
-    rows : ndarray of int
-        Rows of the plan's unique scenarios, a lane group at most.
-    law, record, steps, begun : int
-        Index of the law and the record, steps per record interval that the scenarios ended with in the sweep, and
-        those that they began with.
-    """
-
-    rows: np.ndarray
+    rows: np.ndarray  # rows of the plan's unique scenarios, a lane group at most; int
+    #: index of the law and the record, steps per record interval that the scenarios ended with in the sweep, and those
+    #: that they began with
     law: int
     record: int
     steps: int
@@ -154,7 +147,7 @@ def sweep_cost(plan: Plan, rows: np.ndarray) -> int:
     return times * sum(int((plan.steps[some] * points[plan.unique.record[some]]).sum()) for some in blocks)
 
 
-def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
+def draw(plan: Plan, rows: np.ndarray) -> list[Rerun]:
     """Draw the groups of an audit."""
     if not len(rows) or plan.spec.audit <= 0.0:
         return []
@@ -170,7 +163,7 @@ def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
         own = rows if len(kinds) == 1 else rows[kinds == kind]
         mine = random.permutation(own)[:MOST]
         steps = int(plan.steps[mine[0]])
-        alike.append(Sample(mine, int(table.law[mine[0]]), int(table.record[mine[0]]), steps, steps))
+        alike.append(Rerun(mine, int(table.law[mine[0]]), int(table.record[mine[0]]), steps, steps))
         each = np.full(-(-len(mine) // GROUP), GROUP)  # groups by their sizes, each for its share of the kind
         each[-1] = (len(mine) - 1) % GROUP + 1
         weights.append(each * (len(own) / len(mine)))
@@ -181,7 +174,7 @@ def draw(plan: Plan, rows: np.ndarray) -> list[Sample]:
     left, budget = min(MOST, max(1, len(rows) // 2)), plan.spec.audit * sweep_cost(plan, rows)
     cheapest = costs.min()
     affordable = order[costs[order] <= budget] if cheapest <= budget else order[:1]
-    chosen: list[Sample] = []
+    chosen: list[Rerun] = []
     for index in affordable:
         if chosen and (not left or budget < cheapest):
             break
@@ -253,7 +246,7 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     return result
 
 
-def _by_step(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[Sample]:
+def _by_step(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[Rerun]:
     """Put scenarios of one law and record together that began and ended with the same step."""
     table = plan.unique[rows]
     steps = plan.steps[rows]
@@ -264,12 +257,12 @@ def _by_step(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[S
     samples = []
     for kind in np.unique(kinds, axis=1).T:
         alike = rows[(kinds == kind[:, None]).all(axis=0)]
-        samples += [Sample(alike[i : i + LANES], *kind.tolist()) for i in range(0, len(alike), LANES)]
+        samples += [Rerun(alike[i : i + LANES], *kind.tolist()) for i in range(0, len(alike), LANES)]
     return samples
 
 
 def _run(
-    plan: Plan, batches: list[list[Sample]], dispatcher: Dispatcher, task_of: Callable[[list[Sample], int], ChunkTask]
+    plan: Plan, batches: list[list[Rerun]], dispatcher: Dispatcher, task_of: Callable[[list[Rerun], int], ChunkTask]
 ) -> dict[str, np.ndarray] | None:
     """Run batches; returns results in rising order of their rows, or None, with a warning, where one failed."""
     measured: list[tuple[np.ndarray, np.ndarray]] = []
@@ -295,9 +288,9 @@ def _run(
     return {name: table[name] for name in table.dtype.names or ()}
 
 
-def _batches(plan: Plan, samples: list[Sample]) -> list[list[Sample]]:
+def _batches(plan: Plan, samples: list[Rerun]) -> list[list[Rerun]]:
     """Put samples of one law, record and step together: enough of them that a task is worth its while."""
-    kinds: dict[tuple[int, ...], list[Sample]] = {}
+    kinds: dict[tuple[int, ...], list[Rerun]] = {}
     for sample in samples:
         kinds.setdefault((sample.law, sample.record, sample.steps, sample.begun), []).append(sample)
     size = min(LARGEST_BATCH, math.ceil(len(samples) / BATCHES))
@@ -308,10 +301,10 @@ def _batches(plan: Plan, samples: list[Sample]) -> list[list[Sample]]:
     return batches
 
 
-def _halved_task(plan: Plan, outputs: Sequence[str], change: bool = False) -> Callable[[list[Sample], int], ChunkTask]:
+def _halved_task(plan: Plan, outputs: Sequence[str], change: bool = False) -> Callable[[list[Rerun], int], ChunkTask]:
     """Return what makes the run of a batch at half of all its steps, as it is or with all inputs changed."""
 
-    def task_of(batch: list[Sample], position: int) -> ChunkTask:
+    def task_of(batch: list[Rerun], position: int) -> ChunkTask:
         sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
         kernel = replace(_kernel_of(plan, sample), accuracy=None)
         key = f"audit-{plan.digest[:32]}-{'changed' if change else 'halved'}-{position}"
@@ -321,10 +314,10 @@ def _halved_task(plan: Plan, outputs: Sequence[str], change: bool = False) -> Ca
     return task_of
 
 
-def _settling_task(plan: Plan, outputs: Sequence[str], tolerance: float) -> Callable[[list[Sample], int], ChunkTask]:
+def _settling_task(plan: Plan, outputs: Sequence[str], tolerance: float) -> Callable[[list[Rerun], int], ChunkTask]:
     """Return what makes the run of a batch in double precision, at ever finer steps until they agree."""
 
-    def task_of(batch: list[Sample], position: int) -> ChunkTask:
+    def task_of(batch: list[Rerun], position: int) -> ChunkTask:
         sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
         kernel = replace(in_double(_kernel_of(plan, sample)), accuracy=CONVERGED * tolerance)
         key = f"audit-{plan.digest[:32]}-settled-{position}"
@@ -333,7 +326,7 @@ def _settling_task(plan: Plan, outputs: Sequence[str], tolerance: float) -> Call
     return task_of
 
 
-def _kernel_of(plan: Plan, sample: Sample) -> RowKernel:
+def _kernel_of(plan: Plan, sample: Rerun) -> RowKernel:
     """Return the kernel of a sample at half the step that it ended with, in the number format that it ended in."""
     halvings = round(math.log2(sample.steps / sample.begun))
     kernel = plan.kernel(sample.law, record=sample.record, steps=sample.begun)

@@ -28,8 +28,8 @@ from pounding_sweep.plan.plan import Plan, untouched
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
 from pounding_sweep.resume.checkpoint import ChunkCorrupt, ChunkStore
-from pounding_sweep.resume.reuse import Taken
-from pounding_sweep.resume.survey import expected, listed, stages_before
+from pounding_sweep.resume.reuse import ReuseLedger
+from pounding_sweep.resume.survey import chunk_lines, expected, stages_before
 from pounding_sweep.run.async_writer import AsyncWriter
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import run_at_step, run_refined
@@ -107,7 +107,7 @@ def execute(
     earlier: EarlierCube | None = None,
 ) -> Outcome:
     """Run a plan and keep the results of its unique scenarios."""
-    progress, taken = progress or Progress(), Taken(store, earlier)
+    progress, ledger = progress or Progress(), ReuseLedger(store, earlier)
     kernels = plan.kernels()
     shapes = list(dict.fromkeys(kernel.shape for kernel in kernels.values()))
     progress.stage("kernels", len(shapes))
@@ -121,13 +121,13 @@ def execute(
         with ExitStack() as contexts:
             writer = None if store is None else contexts.enter_context(AsyncWriter(store, results))
             before = {} if store is None else stages_before(plan, store.folder)
-            stages = _Stages(plan, outcome, store, writer, dispatcher, progress, taken, before)
+            stages = _Stages(plan, outcome, store, writer, dispatcher, progress, ledger, before)
             stages.without_pounding()
             stages.scenarios()
     outcome.run_seconds = time.perf_counter() - started
-    outcome.taken, outcome.taken_from = taken.scenarios, taken.origin
-    if taken.origin is not None:
-        progress.note(f"{taken.scenarios} scenarios taken from {taken.origin['file']}")
+    outcome.taken, outcome.taken_from = ledger.scenarios, ledger.origin
+    if ledger.origin is not None:
+        progress.note(f"{ledger.scenarios} scenarios taken from {ledger.origin['file']}")
     if outcome.failures:
         shown_failures = "; ".join(sorted(set(outcome.failures))[:3])
         warnings.warn(
@@ -148,11 +148,11 @@ class _Stages:
     writer: AsyncWriter | None
     dispatcher: Dispatcher
     progress: Progress
-    taken: Taken
+    ledger: ReuseLedger
     expected: dict[str, list[list[Any]]]
 
     def without_pounding(self) -> None:
-        """Run each motion that is worth it, and find the scenarios that never touch: they are answered by it."""
+        """Run those that are worth it, and find the scenarios that never touch: they are answered by it."""
         plan, outcome, results = self.plan, self.outcome, self.outcome.results
         contacts, n = plan.spec.scene.contacts, len(plan.uncoupled_runs)
         closing = np.full((n, len(contacts)), np.inf)
@@ -166,13 +166,13 @@ class _Stages:
                 closing[rows, j] = np.where(ok, found, np.inf)
 
         outputs = (*plan.outputs, "closing_max")
-        self._run("no pounding", plan.motion_chunks(), plan.uncoupled_runs, outputs, keep, closing=True)
+        self._run("no pounding", plan.uncoupled_chunks(), plan.uncoupled_runs, outputs, keep, closing=True)
         left_out = untouched(plan, closing) & ~plan.refused
         outcome.left_out = left_out
         outcome.untouched = int((left_out & ~plan.no_contact).sum())
         rows = np.flatnonzero(left_out)
-        motion = plan.uncoupled_of[rows]
-        results.answer(rows, slot[motion], status[motion], touched=False)
+        run = plan.uncoupled_of[rows]
+        results.answer(rows, slot[run], status[run], touched=False)
 
     def scenarios(self) -> None:
         """Run the scenarios that may touch."""
@@ -198,7 +198,7 @@ class _Stages:
         """Run chunks of a table but those that are in the store; `keep` gets rows, results and where these stand."""
         plan, outcome, results = self.plan, self.outcome, self.outcome.results
         if self.store is not None:
-            self.expected[stage] = listed(chunks)
+            self.expected[stage] = chunk_lines(chunks)
             self.store.expect(expected(plan, self.expected))
         self.progress.stage(stage, sum(len(chunk.rows) for chunk in chunks))
         done = self.store.completed() if self.store is not None else set()
@@ -210,7 +210,7 @@ class _Stages:
                 waiting.append(chunk)
                 continue
             keep(chunk.rows, found, results.hold(found, partial(self.store.read, chunk.key))[1])
-            outcome.reused += len(chunk.rows) - self.taken.kept(chunk.key)
+            outcome.reused += len(chunk.rows) - self.ledger.kept(chunk.key)
             self.progress.advance(len(chunk.rows))
 
         def task_of(position: int) -> ChunkTask:
@@ -221,17 +221,17 @@ class _Stages:
 
         def receive(position: int, found: np.ndarray | str) -> None:
             chunk = waiting[position]
-            failure = found if isinstance(found, str) else self.taken.lost(chunk.key)
+            failure = found if isinstance(found, str) else self.ledger.lost(chunk.key)
             if failure:
                 outcome.failures.append(failure)
             if not isinstance(found, str):
                 index, slots = results.hold(found)
                 keep(chunk.rows, found, slots)
-                taken = self.taken.new(chunk.key)
+                taken = self.ledger.new(chunk.key)
                 if not failure:
                     outcome.run += len(chunk.rows) - taken
                 if self.writer is not None and not failure:  # else the next run makes what is missing
-                    self.writer.save(chunk.key, found, index, **self.taken.line(taken))
+                    self.writer.save(chunk.key, found, index, **self.ledger.line(taken))
             self.progress.advance(len(chunk.rows))
 
         self.dispatcher.run(len(waiting), task_of, receive)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 #: What of a scenario may be chosen otherwise than the sweep has it.
-CHOICES = ("law", "record", *(dim for column in COLUMNS for dim in DIMENSIONS[column]))
+SELECTORS = ("law", "record", *(dim for column in COLUMNS for dim in DIMENSIONS[column]))
 #: Attribute of the histories: what tells the scenario from others of its sweep, beside law, record and gaps.
 SCENARIO_ATTRIBUTE = "scenario"
 
@@ -48,9 +48,9 @@ def scenario_of(spec: SweepSpec, case: int | None = None) -> Case:
     return Case(law=law, record=middle["record"], damping_ratio=ratio, **{**values, **given})
 
 
-def choices(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
+def selectors(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
     """Return what of a scenario may be chosen by name -> field of `Case`, and building of a property that has one."""
-    found: dict[str, tuple[str, str | None]] = {name: (name, None) for name in CHOICES}
+    found: dict[str, tuple[str, str | None]] = {name: (name, None) for name in SELECTORS}
     for argument, axis in AXES.items():
         if axis.by_building:
             mine = {each.building: each.dimension for each in spec.property_axes if each.kind == axis.column}
@@ -64,7 +64,7 @@ def choices(spec: SweepSpec) -> dict[str, tuple[str, str | None]]:
 
 def _with_properties(spec: SweepSpec, own: Case, given: Mapping[str, Any]) -> Case:
     """Return a scenario with the building properties that are chosen."""
-    known = choices(spec)
+    known = selectors(spec)
     for name, value in given.items():
         field, building = known[name]
         axis = next((axis for argument, axis in AXES.items() if field in (argument, axis.dimension)), None)
@@ -119,7 +119,7 @@ def simulate_one(
 
     own = scenario_of(spec, case)
     for name in choice:
-        if name not in (known := choices(spec)):
+        if name not in (known := selectors(spec)):
             raise InputError(unknown("choice", name, known))
     given = {name: value for name, value in choice.items() if value is not None}
     for column in COLUMNS:
@@ -227,7 +227,7 @@ def _details(spec: SweepSpec, taken: Case, law: Law, given: Mapping[str, Any], n
         if told(dim) and (found := taken.axis("scale")) and found[0].dimension == dim:
             yield f"{dim} {found[1]:g}"
     single = {(axis.kind, axis.building) for axis in spec.property_axes if len(axis.values) == 1}
-    chosen = {place for name, place in choices(spec).items() if name in given}
+    chosen = {place for name, place in selectors(spec).items() if name in given}
     for plural, kind in FACTOR_KINDS.items():
         for building, factor in dict(getattr(taken, plural)).items():
             if (kind, building) not in single or (plural, building) in chosen:

@@ -91,10 +91,8 @@ def _run_alike(
 
 
 def differences(outputs: Sequence[str], coarse: Values, fine: Values, leeway: float | np.ndarray = 1.0) -> np.ndarray:
-    """Largest relative difference of an output between two runs, shape (n,); infinite where one has no values.
-
-    That of what varies smoothly is divided by `leeway`.
-    """
+    """Largest relative difference of an output between two runs, shape (n,); infinite where one has no values."""
+    # That of what varies smoothly is divided by `leeway`.
     found = relative_errors(outputs, coarse, fine)
     found = {name: each / leeway if get_variable(name).dtype == "f8" else each for name, each in found.items()}
     worst = np.max(list(found.values()), axis=0, initial=0.0) if found else np.zeros(len(fine["status"]))

@@ -40,20 +40,19 @@ from pounding_sweep.kernel.peaks import samples
 from pounding_sweep.model.coupled_modes import coupled_modes
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import variants_of
-from pounding_sweep.schemes.rk4 import Rk4
+from pounding_sweep.schemes.rk4 import RungeKutta
 
 #: Largest share of a motion that may be lost between floors and modes, by number format.
 MOST_LOST = {"float64": 1e-5, "float32": 1e-4}
 
 
-class Exact(Rk4):
-    """Exact flight; a step with contact is a series, or one of `Rk4`."""
+class Exact(RungeKutta):
+    """Exact flight; a step with contact is a series or, where forces are roots, one of Runge and Kutta."""
 
     name = "exact"
     title = "exact flight between contacts, Taylor series beside them or, where forces are roots, `rk4`"
     source = "Nigam & Jennings 1969"
     flies_exactly = True
-    follows_smooth = False
     step_cost = 0.4
     ladder = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
     finest_float32 = 2.0

@@ -60,6 +60,7 @@ class Axis:
     unsaid: bool = False
     #: whether a sweep with it is a list of cases: what it comes to in a scenario depends on all of that
     listed: bool = False
+    finds: str = ""  # argument of the axis by building whose values it finds, and excludes
 
 
 def positive(what: str) -> Check:
@@ -325,7 +326,7 @@ class AxisValues:
         "alone reaches it without pounding, under the record and scale of each scenario. The cube lists its scenarios.",
         "largest storey ductility without pounding",
         comment="the coordinate strength_factor has the factor on the yield strengths of each building",
-        requires=_need_yielding, of_buildings=True, unsaid=True, listed=True,
+        requires=_need_yielding, of_buildings=True, unsaid=True, listed=True, finds="strength_factors",
     )})
     # fmt: on
 

@@ -432,12 +432,13 @@ def _axes(given: dict[str, Any], info: Any) -> dict[str, Any]:
             product = " x ".join(f"{count} {name}" for name, count in sizes.items())
             text = f"{product} = {size} scenarios ({size:.3g}); at most {most} in one sweep: split it"
             faults.add(Root(()), text)
-        if given.get("ductilities") is not None or ("ductilities", None) in drawn:
-            for place, text in AXES["ductilities"].requires(scene, laws, records) if scene is not None else ():
+        for name, axis in AXES.items():
+            if not axis.finds or (given.get(name) is None and (name, None) not in drawn):
+                continue
+            for place, text in axis.requires(scene, laws, records) if scene is not None else ():
                 faults.add(Root(place), text)
-            if any(name == "strength_factors" for name, _ in (*items, *drawn)):
-                text = "ductilities and strength_factors exclude each other; give one of them"
-                faults.add(Root(("ductilities",)), text)
+            if any(other == axis.finds for other, _ in (*items, *drawn)):
+                faults.add(Root((name,)), f"{name} and {axis.finds} exclude each other; give one of them")
         _check_parameters(faults, info, [axis.dimension for name, axis in AXES.items() if given.get(name) is not None])
         for column in COLUMNS:
             choices = {name: axis for name, axis in AXES.items() if axis.column == column}

@@ -46,7 +46,7 @@ def with_strengths(spec: SweepSpec) -> SweepSpec:
 
 def _found(spec: SweepSpec, record: str, cases: Sequence[Case]) -> list[dict[str, float]]:
     """Return the factors at scale 1 of buildings that yield, by name."""
-    from pounding_sweep.engine.ductility import REACH, constant_ductility
+    from pounding_sweep.engine.ductility import REACH, strengths_for
 
     buildings = spec.scene.buildings
     periods, hardenings = (
@@ -56,7 +56,7 @@ def _found(spec: SweepSpec, record: str, cases: Sequence[Case]) -> list[dict[str
     ratios = np.array([np.nan if case.damping_ratio is None else case.damping_ratio for case in cases])
     row = Variants(spec.scene, periods, np.ones(periods.shape), ratios, None, hardenings)  # type: ignore[arg-type]
     targets = np.array([case.ductility for case in cases], float)
-    factors, _ = constant_ductility(row, spec.record(record), targets)
+    factors, _ = strengths_for(row, spec.record(record), targets)
     result = []
     for case, each in zip(cases, factors, strict=True):
         own = {b.name: factor for b, factor in zip(buildings, each.tolist(), strict=True) if any(b.yields)}

@@ -117,9 +117,9 @@ def table_rows(
         columns = [dim for dim in apart if dim in variable.dims]
         pooled = over_text({dim: size for dim, size in variable.sizes.items() if dim not in columns})
         never = part["never"] if "never" in part and {*part["never"].dims} <= {*variable.dims} else None
-        still = _cells(never.broadcast_like(variable), columns) if never is not None and never.any() else None
+        nowhere = _cells(never.broadcast_like(variable), columns) if never is not None and never.any() else None
         for place, (labels, found) in enumerate(_cells(variable, columns)):
-            untouched = {"never touches": int(still[place][1].sum())} if still else {}
+            untouched = {"never touches": int(nowhere[place][1].sum())} if nowhere else {}
             if found.size or untouched.get("never touches"):
                 spread = np.quantile(found, list(shares.values())).tolist() if found.size else [None] * len(shares)
                 numbers = {"values": int(found.size), **dict(zip(shares, spread, strict=True)), **untouched}

@@ -84,18 +84,18 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
     """
     what = "amplification"
     cube = scenarios_only(cube)
-    still = without_pounding(cube, what)
+    uncoupled = without_pounding(cube, what)
     pounding = pounding_only(cube)
     if 0 in pounding.sizes.values() or not set(map(str, pounding["law"].values.ravel())) - {"none"}:
         msg = f"{what} compares pounding with no pounding, and this cube has only the law 'none'; add laws with contact"
         raise InputError(msg)
     if "case" in pounding.dims:
-        still = still.sel(case=pounding["case"])
+        uncoupled = uncoupled.sel(case=pounding["case"])
     names = chosen_variables(cube, what, responses, RESPONSES, "response")
-    base = {name: values(still, name) for name in names}
+    base = {name: values(uncoupled, name) for name in names}
     signed = {"displacement_max", "displacement_min"}
     if signed <= set(names):
-        base[PEAK] = peak_displacement(still)
+        base[PEAK] = peak_displacement(uncoupled)
     largest = {name: largest_of(base.get(PEAK, part) if name in signed else part) for name, part in base.items()}
     ratios = {}
     for name, part in base.items():
@@ -117,7 +117,7 @@ def needed_for(ratios: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(name for need in needs for name in need))
 
 
-def _ratio(pounding: xr.DataArray, still: xr.DataArray, name: str, largest: xr.DataArray) -> xr.DataArray:
-    found = over(pounding, still, ROUND_OFF * largest)
+def _ratio(pounding: xr.DataArray, uncoupled: xr.DataArray, name: str, largest: xr.DataArray) -> xr.DataArray:
+    found = over(pounding, uncoupled, ROUND_OFF * largest)
     comment = "value with pounding over value without; missing where either scenario is not ok"
     return described(found, "1", f"amplification of the {name}", comment)

@@ -18,7 +18,7 @@ import xarray as xr
 from pounding_sweep.analysis.comparisons import comparison
 from pounding_sweep.analysis.scenarios import ROUND_OFF, described, finished, labelled, peak_displacement, values
 from pounding_sweep.analysis.separation_rules import SEPARATION_RULES, BehaviourFactors, Neighbours, cqc_correlation
-from pounding_sweep.analysis.uncoupled_runs import StillRuns, runs_of_cube, runs_of_row
+from pounding_sweep.analysis.uncoupled_runs import UncoupledRuns, runs_of_cube, runs_of_row
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.records import Record
@@ -94,22 +94,22 @@ def required_gap(
     """
     factors = behaviour or BehaviourFactors()
     if isinstance(source, xr.Dataset):
-        still = runs_of_cube(source, [] if records is None else records, folders)
+        runs = runs_of_cube(source, [] if records is None else records, folders)
     elif records is None:
         msg = "the required gap of a row needs records: required_gap(scene, records)"
         raise InputError(msg)
     else:
-        still = runs_of_row(source, records, folders)
+        runs = runs_of_row(source, records, folders)
     used = {f"factor_{f.name}": _text(getattr(factors, f.name)) for f in fields(factors)}
-    cube = source if isinstance(source, xr.Dataset) else still.cube
-    return finished(_gaps(still, factors), cube, "required-gap", **used)
+    cube = source if isinstance(source, xr.Dataset) else runs.cube
+    return finished(_gaps(runs, factors), cube, "required-gap", **used)
 
 
-def _gaps(still: StillRuns, factors: BehaviourFactors) -> xr.Dataset:
-    closing = values(still.cube, "closing_max")
-    ends = _neighbours(still, factors)
+def _gaps(runs: UncoupledRuns, factors: BehaviourFactors) -> xr.Dataset:
+    closing = values(runs.cube, "closing_max")
+    ends = _neighbours(runs, factors)
     never = closing <= ROUND_OFF * (ends.left + ends.right)
-    closest, thick = closing.where(~never, 0.0), _thicknesses(still.scene)
+    closest, thick = closing.where(~never, 0.0), _thicknesses(runs.scene)
     exact, reach = (closest + thick).max("storey"), closest.max("storey")
     rules = list(SEPARATION_RULES.values())
     index = labelled("rule", [rule.key for rule in rules], "separation rule")
@@ -120,7 +120,7 @@ def _gaps(still: StillRuns, factors: BehaviourFactors) -> xr.Dataset:
     }
     own = (
         "pair",
-        [still.scene.gaps[pair] for pair in still.scene.pair_of_label],
+        [runs.scene.gaps[pair] for pair in runs.scene.pair_of_label],
         {"units": "m", "long_name": "gap of the row"},
     )
     found = {
@@ -149,18 +149,18 @@ def _text(factor: float | Mapping[str, float]) -> str:
     return ", ".join(f"{k}: {v:g}" for k, v in factor.items()) if isinstance(factor, Mapping) else f"{factor:g}"
 
 
-def _neighbours(still: StillRuns, factors: BehaviourFactors) -> Neighbours:
+def _neighbours(runs: UncoupledRuns, factors: BehaviourFactors) -> Neighbours:
     """Return what rules are given, on pair and storey; missing where no floors meet."""
-    scene = still.scene
+    scene = runs.scene
     ends = list(zip(scene.row[:-1], scene.row[1:], strict=True))
     buildings = [[item for item in both if isinstance(item, Building)] for both in ends]
     two = _on_pairs(scene, [len(both) == 2 for both in buildings])
     meeting = np.bincount([contact.pair for contact in scene.contacts if contact.struck < 0], minlength=len(ends))
     lowest = [min(item.n_storeys for item in both) for both in buildings]
-    periods = _sides(scene, lambda name: still.periods.sel(building=name, drop=True), 1.0)
-    damping = _sides(scene, lambda name: still.damping.sel(building=name, drop=True), 1.0)
+    periods = _sides(scene, lambda name: runs.periods.sel(building=name, drop=True), 1.0)
+    damping = _sides(scene, lambda name: runs.damping.sel(building=name, drop=True), 1.0)
     return Neighbours(
-        *_floors(scene, peak_displacement(still.cube)),
+        *_floors(scene, peak_displacement(runs.cube)),
         correlation=cqc_correlation(*periods, *damping).where(two, 0.0),
         level=two & _on_pairs(scene, meeting == np.array(lowest)),
         factors={f.name: _sides(scene, _of(factors, f.name), 1.0) for f in fields(factors)},
