@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from contextlib import nullcontext
 from functools import cache as once
+from pathlib import Path
 
 import counting
 import pytest
@@ -23,7 +24,7 @@ from pounding_sweep.engine import cache, compile
 
 # kernels are compiled inside examples, on cores that other tests use too
 settings.register_profile("nightly", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("day", settings.get_profile("nightly"), max_examples=15)
+settings.register_profile("day", settings.get_profile("nightly"), max_examples=10)
 # the command line is made of its declarations once, not for every call of it
 typer.testing._get_command = once(typer.testing._get_command)
 
@@ -106,6 +107,19 @@ def stub_engine():
     """Put the numbers of a formula in the place of compiled kernels for one test."""
     with installed() as stub:
         yield stub
+
+
+@pytest.fixture
+def not_rendered(monkeypatch):
+    """Have figures drawn and no picture made of them: the options with which each would have been, in turn."""
+    asked = []
+
+    def savefig(self, file, **options):
+        Path(file).write_bytes(b"drawn")
+        asked.append(options)
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", savefig)
+    return asked
 
 
 @pytest.fixture(scope="module")

@@ -28,12 +28,12 @@ def outputs(records=("el_centro",), readings=tuple(READINGS), **values):
     found = {}
     for name in OUTPUTS:
         dims = ("reading", "law", "record", *get_variable(name).dims)
-        shape = [len(coords[dim]) for dim in dims]
-        array = xr.DataArray(np.ones(shape), dims=dims, coords={dim: coords[dim] for dim in dims})
+        array = np.ones([len(coords[dim]) for dim in dims])
         if "pair" in dims:
-            array.loc[{"law": "none"}] = 0.0
-        found[name] = (array * 0.0 + values[name]).transpose(*dims) if name in values else array
-    return xr.Dataset(found)
+            array[:, LAWS.index("none")] = 0.0
+        found[name] = (dims, array)
+    made = xr.Dataset(found, coords)
+    return made.assign({name: (made[name] * 0.0 + given).transpose(*made[name].dims) for name, given in values.items()})
 
 
 def by_law(*values):

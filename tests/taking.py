@@ -63,23 +63,34 @@ def outcome(command, cube):
         return {str(name): array.values.tobytes() for name, array in found.data_vars.items()}
 
 
-def main(whole):
-    """Take every cube that stdin names after a command; tell its exit code, "same" where nothing came out changed."""
-    install()
+def of_whole(whole):
+    """Return what comes of a cube that is not damaged, by command."""
     expected = {}
     for command in COMMANDS:
         done = take(command, whole)
         assert done == (0, ""), done
         expected[command] = outcome(command, whole)
+    return expected
+
+
+def answer(command, path, expected):
+    """Take a cube after a command; return its exit code, "same" where nothing came out changed, and what it said."""
+    code, words = take(command, path)
+    if code == 0:
+        code = "same" if outcome(command, path) == expected[command] else "changed"
+    return str(code), words
+
+
+def main(whole):
+    """Take every cube that stdin names after a command; tell what came of each."""
+    install()
+    expected = of_whole(whole)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     for command, _, path in (line.partition(" ") for line in sys.stdin.read().splitlines()):
         used = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
         resource.setrlimit(resource.RLIMIT_CPU, (int(used + HANGING), -1))
         print("?", flush=True)
-        code, words = take(command, path)
-        if code == 0:
-            code = "same" if outcome(command, path) == expected[command] else "changed"
-        print(code, words, flush=True)
+        print(*answer(command, path, expected), flush=True)
 
 
 if __name__ == "__main__":

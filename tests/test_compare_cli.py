@@ -83,7 +83,7 @@ def test_one_scenario_with_its_histories(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "key", ["amplification", "impacts", *(pytest.param(key, marks=pytest.mark.slow) for key in ("laws", "fragility"))]
+    "key", ["amplification", *(pytest.param(key, marks=pytest.mark.slow) for key in ("impacts", "laws", "fragility"))]
 )
 def test_one_comparison_prints_the_rows_of_its_result(cube_file, key):
     result = run(cube_file, "--what", key, "--json")
@@ -99,6 +99,7 @@ def test_one_comparison_prints_the_rows_of_its_result(cube_file, key):
     assert len(text.splitlines()) >= len(rows) + 2
 
 
+@pytest.mark.usefixtures("not_rendered")
 def test_files(cube_file, tmp_path):
     folder = tmp_path / "new" / "folder"
     result = run(cube_file, "-o", folder)

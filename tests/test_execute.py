@@ -399,7 +399,7 @@ def fails(monkeypatch, when):
 
 
 @pytest.mark.usefixtures("small_chunks")
-@pytest.mark.parametrize("scheduler", ["threads", "synchronous"])
+@pytest.mark.parametrize("scheduler", ["threads", pytest.param("synchronous", marks=pytest.mark.slow)])
 def test_a_failing_chunk_costs_its_own_scenarios_only(reference, tmp_path, monkeypatch, scheduler):
     out = tmp_path / "out.nc"
     sweep = make()

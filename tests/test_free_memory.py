@@ -163,6 +163,8 @@ def test_a_system_that_does_not_tell(tmp_path, monkeypatch):
     monkeypatch.setattr("pounding_sweep.base.memory.free_memory", lambda: None)
     assert diagnose()["memory"] == {"free_bytes": None, "limit": None}
     assert Sweep("mate2015", "el_centro", "none").plan().n_asked == 1
+    monkeypatch.setattr("pounding_sweep.base.memory.free_memory", lambda: FreeMemory(GIB, "the machine"))
+    assert diagnose()["memory"] == {"free_bytes": GIB, "limit": "the machine"}
 
 
 # -- real limits -------------------------------------------------------------------------------------------------------
@@ -180,6 +182,7 @@ REFUSED = (
 
 
 @pytest.mark.skipif(not Path("/proc/self/limits").exists(), reason="needs /proc")
+@pytest.mark.slow  # by day limits of a control group are, in a process of its own
 def test_more_than_the_limit_on_address_space_is_refused(tmp_path):
     write(tmp_path, MANY)
     start = "import resource, runpy; resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30)); "
@@ -221,9 +224,17 @@ def test_more_than_the_limit_of_a_control_group_is_refused(tmp_path):
         join = f"import os, pathlib; pathlib.Path({str(group / 'cgroup.procs')!r}).write_text(str(os.getpid())); "
         start = join + "import runpy; runpy.run_module('pounding_sweep', run_name='__main__', alter_sys=True)"
         said = bad("plan", "sweep.toml", cwd=tmp_path, start=("-c", start))
-        told = json.loads(cli("doctor", "--no-check", "--json", start=("-c", start)).stdout)["memory"]
     number, unit = re.match(REFUSED.format(f"limit of the control group {group}"), said).groups()
     assert 0.5 * GIB < float(number) * {"MB": 1e6, "GB": 1e9}[unit] < GIB
+
+
+@pytest.mark.slow  # another process; by day `diagnose` is asked in this one, above
+@pytest.mark.skipif(not Path("/proc/self/cgroup").exists(), reason="needs control groups")
+def test_the_doctor_tells_the_control_group():
+    with control_group(GIB) as group:
+        join = f"import os, pathlib; pathlib.Path({str(group / 'cgroup.procs')!r}).write_text(str(os.getpid())); "
+        start = join + "import runpy; runpy.run_module('pounding_sweep', run_name='__main__', alter_sys=True)"
+        told = json.loads(cli("doctor", "--no-check", "--json", start=("-c", start)).stdout)["memory"]
     assert told["limit"] == f"limit of the control group {group}"
 
 

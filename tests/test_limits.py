@@ -431,7 +431,7 @@ def test_chunks_that_are_gone_before_the_cube_are_no_full_disk(tmp_path, monkeyp
     assert not (tmp_path / "out.nc").exists()
 
 
-@pytest.mark.parametrize("harm", ["flip", "cut", "nearly all"])
+@pytest.mark.parametrize("harm", ["flip", pytest.param("cut", marks=pytest.mark.slow), "nearly all"])
 def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, monkeypatch, harm):
     """A bit, an end, or nearly all: no number of the cube is from such a chunk."""
     monkeypatch.setattr("pounding_sweep.output.results.KEPT_BYTES", 0)

@@ -78,6 +78,7 @@ cli.main()
 """
 
 
+@pytest.mark.slow  # a process of its own
 def test_a_run_outlives_its_terminal(tmp_path):
     write(tmp_path, TINY)
     ours, theirs = os.openpty()

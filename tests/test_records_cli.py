@@ -86,7 +86,7 @@ def test_plot_draws_the_records_named(folder):
     assert "damping ratio 0.02" in text
 
 
-def test_plot_keeps_what_it_draws(folder):
+def test_plot_keeps_what_it_draws(folder, not_rendered):
     data, out = folder / "motions.nc", folder / "motions.png"
     printed = call("records", "plot", "el_centro", "-o", out, "--data", data).stdout.split()
     assert printed == [str(out), str(data)]
@@ -95,7 +95,7 @@ def test_plot_keeps_what_it_draws(folder):
         assert found["pgv"].item() == record_measures(find_record("el_centro")).pgv
         assert found["pseudo_acceleration"].dims == ("record", "period")
     call("plot", data, "response-spectra", "-o", folder / "again.png")
-    assert (folder / "again.png").stat().st_size > 5000
+    assert len(not_rendered) == 2
     assert "exists" in refusal("records", "plot", "el_centro", "-o", out, "--data", data)
 
 

@@ -312,6 +312,7 @@ def test_digest_is_the_same_however_the_sweep_was_written():
     assert digest(one) == digest(two)
 
 
+@pytest.mark.slow  # by day keys of chunks, which hold it, are, in `test_plan`
 def test_digest_is_the_same_in_another_process():
     # Interrupted runs are continued by it, so it must not depend on hash seeds or the process.
     spec = build_spec(
@@ -631,6 +632,7 @@ def test_key_lines_follows_any_file(data):
         assert {key: lines[(key,)] for key in data} == expected
 
 
+@pytest.mark.slow  # by day what commands load is looked at, in `test_cli`
 def test_importing_is_light():
     code = (
         "import sys; import pounding_sweep.spec.toml, pounding_sweep.model.presets; "

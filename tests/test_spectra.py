@@ -361,6 +361,7 @@ def test_a_suite_is_drawn_with_its_fractiles():
 
 
 @pytest.mark.parametrize("count", [1, 3, 14])
+@pytest.mark.usefixtures("not_rendered")
 def test_motions_are_drawn_with_their_peaks(count, tmp_path):
     records = [*suite(count - 1), ps.pulse_record("sine", amplitude=-2.0, period=0.5, dt=0.125, duration=60.0)]
     motions = records_dataset(records).merge(response_spectrum(records, [0.1, 0.5, 1.0]))

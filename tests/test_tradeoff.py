@@ -497,7 +497,7 @@ def tiny(tmp_path):
     return path
 
 
-def test_the_command_measures_writes_draws_and_prints(tiny, tmp_path):
+def test_the_command_measures_writes_draws_and_prints(tiny, tmp_path, not_rendered):
     out, figure = tmp_path / "trade.nc", tmp_path / "trade.png"
     done = command(tiny, "-o", out, "--steps", "2e-3,1e-3", "--scenarios", "2", "--plot", figure, "--quiet")
     assert done.exit_code == 0, done.output
@@ -508,7 +508,8 @@ def test_the_command_measures_writes_draws_and_prints(tiny, tmp_path):
     assert lines[-2:] == [str(figure), str(out)]
     drawn = CliRunner().invoke(app, ["plot", str(out), "work-precision", "-o", str(tmp_path / "again.png")])
     assert drawn.exit_code == 0, drawn.output
-    assert (tmp_path / "again.png").read_bytes() == figure.read_bytes()
+    assert figure.exists()
+    assert len(not_rendered) == 2
     assert command(tiny, "-o", out).exit_code == 2
 
 

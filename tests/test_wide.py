@@ -82,18 +82,23 @@ def ordinate(record, scale, period):
 def test_one_row_for_each_scenario(cube, tmp_path, monkeypatch, at_a_time):
     monkeypatch.setattr(tidy, "ROWS_AT_A_TIME", at_a_time)
     rows = read(export_cube(cube, tmp_path / "t.csv", table=True))
-    cube = cube[["status", "displacement_max", "impact_count"]]
-    dims = cube["status"].dims
-    assert len(rows) == cube["status"].size
-    for place, row in zip(np.ndindex(cube["status"].shape), rows, strict=True):
-        one = cube.isel(dict(zip(dims, place, strict=True)))
-        assert all(same(row[dim], one[dim].item()) for dim in dims)
-        assert same(row["status"], one["status"].item())
-        for storey in (1, 2):
-            assert same(row[f"displacement_max_b_{storey}"], one["displacement_max"].sel(building="b", storey=storey))
-            assert same(row[f"impact_count_a_b_{storey}"], one["impact_count"].sel(pair="a-b", storey=storey).item())
-        (record,) = [each for each in motions() if each.name == one["record"].item()]
-        measures = measured(record, float(one["scale"]))
+    status = cube["status"]
+    dims, records = status.dims, {each.name: each for each in motions()}
+    u, n = (
+        cube["displacement_max"].sel(building="b", storey=[1, 2]),
+        cube["impact_count"].sel(storey=[1, 2], pair="a-b"),
+    )
+    floors = [each.transpose(*dims, "storey").values for each in (u, n)]
+    about = [cube[name].broadcast_like(status).transpose(*dims).values for name in (*dims, "record", "scale")]
+    assert len(rows) == status.size
+    for place, row in zip(np.ndindex(status.shape), rows, strict=True):
+        *labels, record, scale = (each[place].item() for each in about)
+        assert all(same(row[dim], label) for dim, label in zip(dims, labels, strict=True))
+        assert same(row["status"], status.values[place].item())
+        for i, storey in enumerate((1, 2)):
+            assert same(row[f"displacement_max_b_{storey}"], floors[0][place][i].item())
+            assert same(row[f"impact_count_a_b_{storey}"], floors[1][place][i].item())
+        measures = measured(records[record], scale)
         for name in ("pga", "pgv", "arias_intensity", "significant_duration", "duration"):
             assert float(row[f"ground_{name}"]) == pytest.approx(getattr(measures, name), rel=1e-12)
 

@@ -217,9 +217,9 @@ def zoomed(one: xr.Dataset, start: float | None, end: float | None) -> xr.Datase
 _AXES = ("gap", "stiffness_factor", "stiffness", *DIMENSIONS["scale"], "restitution")
 
 
-def result_of(dataset: xr.Dataset, key: str) -> xr.Dataset:
+def result_of(dataset: xr.Dataset, key: str, **drawn: Any) -> xr.Dataset:
     """Return a comparison's result: the dataset itself where it is one, else what the comparison makes of the cube."""
-    return dataset if dataset.attrs.get(COMPARISON) == key else COMPARISONS[key].make(dataset)
+    return dataset if dataset.attrs.get(COMPARISON) == key else COMPARISONS[key].make(dataset, **drawn)
 
 
 def drawn_response(result: xr.Dataset, key: str) -> tuple[str, str, float, str]:

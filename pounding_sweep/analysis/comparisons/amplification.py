@@ -110,6 +110,13 @@ def amplification(cube: xr.Dataset, responses: Iterable[str] | None = None) -> x
     return finished(dataset, cube, "amplification")
 
 
+def needed_for(ratios: Iterable[str]) -> list[str]:
+    """Return the responses that these ratios are made of."""
+    names = (name.removesuffix("_ratio") for name in ratios)
+    needs = (("displacement_max", "displacement_min") if name == PEAK else (name,) for name in names)
+    return list(dict.fromkeys(name for need in needs for name in need))
+
+
 def _ratio(pounding: xr.DataArray, uncoupled: xr.DataArray, name: str, largest: xr.DataArray) -> xr.DataArray:
     found = over(pounding, uncoupled, ROUND_OFF * largest)
     comment = "value with pounding over value without; missing where either scenario is not ok"

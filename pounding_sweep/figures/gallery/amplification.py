@@ -7,6 +7,7 @@ from typing import Any
 import xarray as xr
 from matplotlib.figure import Figure
 
+from pounding_sweep.analysis.comparisons.amplification import needed_for
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import CONTACT, NO_CONTACT, figure_of
 from pounding_sweep.figures.shown import along, labels_with_values, law_name, middle_over_records, result_of
@@ -59,14 +60,12 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
     ax : matplotlib.axes.Axes, optional
         Axes for a figure of one panel: of one building and one response.
     """
-    result = result_of(cube, "amplification")
-    if "case" in result.dims:
+    if "case" in cube.dims:
         msg = (
             "figure 'amplification' needs axes, and this cube lists its scenarios as cases; give the axes of the sweep"
         )
         raise InputError(msg)
-    result = along(along(along(result, "law"), "building"), "storey")
-    rows = [name for name in _ROWS if name in result]
+    rows = [name for name in _ROWS if name in cube or {*needed_for([name])} <= {*cube.data_vars}]
     if not rows:
         msg = (
             "figure 'amplification' shows displacements, drifts, accelerations and shears, none of which this cube has"
@@ -75,6 +74,8 @@ def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None =
     if value not in (None, *rows):
         raise InputError(unknown("value to draw", value, rows))
     rows = [value] if value else rows[:3]
+    result = result_of(cube, "amplification", responses=needed_for(rows))
+    result = along(along(along(result, "law"), "building"), "storey")
     side = drawn_side(result, x) or side_of(result, "storey")
     over = "" if side.dim == "storey" or result.sizes["storey"] < 2 else "largest of the storeys"
     result, shown = middle_over_records(result, ("law", side.dim), rows)

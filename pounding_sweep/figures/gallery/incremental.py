@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.comparisons import MOTION_DIMS
 from pounding_sweep.analysis.comparisons.incremental import NO_FRACTILES, directions
+from pounding_sweep.analysis.scenarios import TOUCH_VARIABLES
 from pounding_sweep.figures import figure_of
 from pounding_sweep.figures.shown import (
     along,
@@ -47,8 +48,9 @@ _CHARACTERS = 12.5
 )
 def incremental(cube: xr.Dataset) -> Figure:
     """Draw responses against intensity as records are scaled up."""
-    result = result_of(cube, "incremental")
-    name, label, factor, per = drawn_response(result, "incremental")
+    name, label, factor, per = drawn_response(cube, "incremental")
+    touch = next((name for name in TOUCH_VARIABLES if name in cube), name)  # by which `middle` chooses
+    result = result_of(cube, "incremental", outputs=dict.fromkeys((name, touch)))
     for dim in ("law", per, "storey"):
         result = along(result, dim, absent="")
     scaled = next(dim for dim in MOTION_DIMS[1:] if dim in result.dims)

@@ -49,7 +49,8 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
         Axis of several numbers, or a coordinate along one, to draw along; by default the restitution, or, where
         there is one, the first axis that varies.
     """
-    result = result_of(cube, "laws")
+    drawn = next((name for name in _OUTPUTS if name in cube), None)
+    result = result_of(cube, "laws", outputs=drawn and [drawn])
     name = next((key for key in _OUTPUTS if f"{key}_compared" in result), None)
     if name is None:
         msg = (

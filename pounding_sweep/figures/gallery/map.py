@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.comparisons.amplification import RESPONSES as AMPLIFIED
+from pounding_sweep.analysis.comparisons.amplification import needed_for
 from pounding_sweep.analysis.scenarios import COMPARISON
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import figure_of
@@ -129,7 +130,7 @@ def _response(cube: xr.Dataset, value: str | None) -> tuple[xr.Dataset, str, str
     value = value or str(next(iter(cube.data_vars)))
     ratios = [f"{name}_ratio" for name in ("displacement_peak", *AMPLIFIED)]
     if value in ratios and value not in cube.data_vars:
-        cube = result_of(cube, "amplification")
+        cube = result_of(cube, "amplification", responses=needed_for([value]))
     numbers = [str(name) for name, found in cube.data_vars.items() if found.dtype.kind in "iuf"]
     if value not in numbers:
         raise InputError(unknown("value to draw", value, [*numbers, *ratios]))
