@@ -351,7 +351,7 @@ laws = ["none"]
     path.write_text(text)
     assert ps.load_sweep(path).spec.scene.buildings[0].bouc_wen == BoucWen(3.0, 0.5, 0.1)
     for bad, message in (
-        ("n = 0.1", r"scene.row\[0\].bouc_wen: building 'a': n of bouc_wen is 0.1"),
+        ("n = 0.1", r"scene.row\[0\].bouc_wen: n of bouc_wen is 0.1"),
         ("m = 3", r"scene.row\[0\].bouc_wen.m: unknown key 'm'"),
         ("n = 'x'", r"scene.row\[0\].bouc_wen.n"),
     ):

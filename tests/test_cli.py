@@ -562,7 +562,7 @@ def test_all_errors_of_a_file_are_told_at_once_with_their_lines(tmp_path):
     assert re.match(r"sweep\.toml: \d+ problems\n", text)
     expected = {
         3: r"scene\.gaps\[0\]: .*-0\.002",
-        6: r"masses\[1\]: -90\.0 is not a positive number",
+        6: r"masses\[1\]: masses of storey 2 is -90\.0 t; it must be a positive number",
         7: r"stiffnesses: 3 stiffnesses for 2 masses",
         11: r"unknown key 'stiffness'; did you mean 'stiffnesses'\?",
         14: r"unknown record 'el_centroo'; did you mean 'el_centro'\?",

@@ -17,7 +17,7 @@ from bad_sweeps import BAD, GOOD
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pounding_sweep.base.errors import SweepError
+from pounding_sweep.base.errors import SceneError, SweepError
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS, get_law
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
@@ -25,6 +25,7 @@ from pounding_sweep.outputs.variables import DEFAULT_OUTPUTS, VARIABLES
 from pounding_sweep.records import Record, find_record, pulse_record, synthetic_record
 from pounding_sweep.spec.axes import AXES, Case, Range, contact_stiffness
 from pounding_sweep.spec.build import build_spec
+from pounding_sweep.spec.faults import spell
 from pounding_sweep.spec.spec import (
     MAX_AXIS,
     SweepSpec,
@@ -69,6 +70,32 @@ def only(**change):
 
 def bare_scene(**contact):
     return Scene([Building("a", [1.0], [1.0]), Building("b", [1.0], [1.0])], [0.01], ContactProperties(**contact))
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        ({"masses": [1.0, -2.0]}, "masses[1]"),
+        ({"masses": []}, "masses"),
+        ({"yield_strengths": [3.0]}, "yield_strengths"),
+        ({"slab_depths": [0.1, 3.0]}, "slab_depths[1]"),
+        ({"dashpots": [-1.0, 0.0]}, "dashpots[0]"),
+        ({"damping_ratio": 1.5}, "damping_ratio"),
+        ({"damping_ratio": [0.2, 0.01]}, "damping_ratio"),
+        ({"hardening": 0.1}, "hardening"),
+        ({"damping_stiffness": "tan", "yield_strengths": [3.0, INF]}, "damping_stiffness"),
+        ({"bouc_wen": {"n": 0.5}, "yield_strengths": [3.0, INF]}, "bouc_wen"),
+        ({"p_delta": True, "storey_heights": [1e-3, 3.0]}, "p_delta"),
+        ({"foundation": {"mass": 0, "inertia": 1, "sway_stiffness": 1, "rocking_stiffness": 1}}, "foundation"),
+    ],
+)
+def test_files_and_python_say_the_same_of_buildings(change, place):
+    given = {"name": "b", "masses": [1.0, 1.0], "stiffnesses": [1e3, 1e3], **change}
+    with pytest.raises(SceneError) as caught:
+        Building(**given)
+    said = only(scene={"row": [given]})
+    assert spell(caught.value.place) == place
+    assert said.replace("building 'b': ", "") == f"scene.row[0].{place}: {caught.value}".replace("building 'b': ", "")
 
 
 # --- what a valid sweep becomes -------------------------------------------------------------------------------------

@@ -11,6 +11,10 @@ import difflib
 import reprlib
 from collections.abc import Iterable
 
+#: Where something stands in what a user gave, such as ``("masses", 1)``; and a fault, its place and what it is.
+Place = tuple[str | int, ...]
+Fault = tuple[Place, str]
+
 
 class PoundingSweepError(Exception):
     """Base of all errors raised on purpose by this package."""
@@ -21,7 +25,11 @@ class InputError(PoundingSweepError, ValueError):
 
 
 class SceneError(InputError):
-    """A building, wall, gap or row of buildings is not valid."""
+    """A building, wall, gap or row of buildings is not valid; ``place`` is where in it, where that is known."""
+
+    def __init__(self, message: str, place: Place = ()) -> None:
+        super().__init__(message)
+        self.place = place
 
 
 class LawError(InputError):

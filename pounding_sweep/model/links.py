@@ -11,6 +11,9 @@ import numpy as np
 from pounding_sweep.base.errors import SceneError, shown
 from pounding_sweep.model.quantity import quantity
 
+#: Unit of each property.
+UNITS = {"stiffness": "kN/m", "damping": "kN s/m"}
+
 
 @dataclass(frozen=True)
 class Link:
@@ -48,7 +51,7 @@ class Link:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        for what, unit in (("stiffness", "kN/m"), ("damping", "kN s/m")):
+        for what, unit in UNITS.items():
             object.__setattr__(self, what, quantity(getattr(self, what), f"link: {what}", unit))
         if not (self.stiffness or self.damping):
             msg = f"link of pair {shown(self.pair)}: stiffness and damping are zero; give one of them, or leave it out"

@@ -7,10 +7,10 @@ interface and the documentation read it.
 from __future__ import annotations
 
 import math
-import numbers
 from dataclasses import dataclass, replace
 
-from pounding_sweep.base.errors import SceneError, shown, unknown
+from pounding_sweep.base.errors import SceneError, unknown
+from pounding_sweep.model.quantity import quantity
 from pounding_sweep.model.scene import Building, ContactProperties, Scene
 
 
@@ -143,19 +143,15 @@ def base_isolated(
     ([79.7, inf], [62.8, 178.9])
     """
     name = f"isolators of {building.name!r}"
-    for what, value, least, unit in (
-        ("base_mass", base_mass, 0.0, "t"),
-        ("period", period, 0.0, "s"),
-        ("yield_drift", yield_drift, 0.0, "m"),
-        ("height", height, 0.0, "m"),
-        ("strength", strength, None, "kN"),
-        ("damping_ratio", damping_ratio, None, "of critical"),
+    for what, value, unit, positive in (
+        ("base_mass", base_mass, "t", True),
+        ("period", period, "s", True),
+        ("yield_drift", yield_drift, "m", True),
+        ("height", height, "m", True),
+        ("strength", strength, "kN", False),
+        ("damping_ratio", damping_ratio, "of critical", False),
     ):
-        real = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
-        if not (real and (value >= 0.0 if least is None else value > least)):
-            kind = "zero or a positive" if least is None else "a positive"
-            msg = f"{name}: {what} is {shown(value)} {unit}; it must be {kind} number"
-            raise SceneError(msg)
+        quantity(value, f"{name}: {what}", unit, positive=positive)
     if any(building.yields):
         msg = f"{name}: storeys of the building yield too, and hardening is one for all; leave out its yield_strengths"
         raise SceneError(msg)

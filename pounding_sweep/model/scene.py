@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from pounding_sweep.base.errors import SceneError, shown, unknown
+from pounding_sweep.base.errors import Fault, Place, SceneError, shown, unknown
 from pounding_sweep.base.gravity import STANDARD_GRAVITY
 from pounding_sweep.base.tables import html_table
 from pounding_sweep.base.text import label_fault
@@ -22,7 +22,7 @@ from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.levels import FLOOR_TOLERANCE, Facing, Slabs, column_shares, facing_columns, level_floors
 from pounding_sweep.model.links import Link, LinkedFloors
-from pounding_sweep.model.quantity import quantity
+from pounding_sweep.model.quantity import fraction, quantity
 
 #: Storey height where none is given (m).
 DEFAULT_STOREY_HEIGHT = 3.0
@@ -40,29 +40,6 @@ def _numbers(what: str, unit: str, values: Sequence[float]) -> tuple[float, ...]
     except (TypeError, ValueError, OverflowError):
         msg = f"{what} must be a list of numbers ({unit}), not {shown(values)}"
         raise SceneError(msg) from None
-
-
-def _positive_list(
-    owner: str, what: str, unit: str, values: Sequence[float], n: int | None = None, infinite: bool = False
-) -> tuple[float, ...]:
-    result = _numbers(f"{owner}: {what}", unit, values)
-    if not result:
-        msg = f"{owner}: {what} is empty; give one value ({unit}) per storey, bottom first"
-        raise SceneError(msg)
-    if n is not None and len(result) != n:
-        msg = f"{owner}: {len(result)} {what} for {n} masses; give one value per storey"
-        raise SceneError(msg)
-    for storey, value in enumerate(result, start=1):
-        if not (infinite and value == math.inf):
-            quantity(value, f"{owner}: {what} of storey {storey}", unit, positive=True)
-    return result
-
-
-def check_hardening(value: float, owner: str = "") -> None:
-    """Raise `SceneError` unless a hardening is in [0, 1)."""
-    if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and 0 <= value < 1):
-        msg = f"{owner}{': ' * bool(owner)}hardening is {shown(value)}; it must be in [0, 1)"
-        raise SceneError(msg)
 
 
 class BoucWen(NamedTuple):
@@ -102,37 +79,137 @@ class BoucWen(NamedTuple):
         return float((self.beta + self.gamma) ** (-1.0 / self.n))
 
 
-def _bouc_wen(given: Any, owner: str) -> BoucWen:
-    """Return the law of a mapping or three numbers; `SceneError` where it is none."""
+def _bouc_wen(given: Any) -> BoucWen | None:
+    """Return the law of a mapping or three numbers, if any; `SceneError` where it is none."""
+    if given is None:
+        return None
     try:
         law = BoucWen(**given) if isinstance(given, Mapping) else BoucWen(*given)
     except TypeError:
-        msg = f"{owner}: bouc_wen is {shown(given)}; give n, beta and gamma, each a number"
+        msg = f"bouc_wen is {shown(given)}; give n, beta and gamma, each a number"
         raise SceneError(msg) from None
     for name, value in law._asdict().items():
         if not (isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)):
-            msg = f"{owner}: {name} of bouc_wen is {shown(value)}; it must be a number"
+            msg = f"{name} of bouc_wen is {shown(value)}; it must be a number"
             raise SceneError(msg)
     law = BoucWen(*map(float, law))
     if not 1.0 <= law.n <= MOST_SHARP:
-        msg = f"{owner}: n of bouc_wen is {law.n:g}; it must be in [1, {MOST_SHARP:g}]"
+        msg = f"n of bouc_wen is {law.n:g}; it must be in [1, {MOST_SHARP:g}]"
         raise SceneError(msg)
     if not -law.beta < law.gamma <= law.beta:
         msg = (
-            f"{owner}: gamma of bouc_wen is {law.gamma:g} beside beta {law.beta:g}; it must be above -beta, so that z "
+            f"gamma of bouc_wen is {law.gamma:g} beside beta {law.beta:g}; it must be above -beta, so that z "
             "stays bounded, and at most beta, so that no energy is won"
         )
         raise SceneError(msg)
     return law
 
 
-def _check_name(kind: str, name: str) -> None:
+def _foundation(given: Any) -> Foundation | None:
+    """Return the foundation of a mapping or as such, if any; `SceneError` where it is none."""
+    try:
+        found = Foundation(**given) if isinstance(given, Mapping) else given
+    except TypeError:
+        found = None
+    if not (given is None or isinstance(found, Foundation)):
+        msg = (
+            f"foundation is {shown(given)}; give a Foundation of {', '.join(each.name for each in fields(Foundation))}"
+        )
+        raise SceneError(msg)
+    return found
+
+
+def _damping_ratio(given: Any) -> float | tuple[float, float]:
+    """Return one or two ratios; `SceneError` where they are none."""
+    values = given.tolist() if isinstance(given, np.ndarray) else given
+    ratios = tuple(values) if isinstance(values, tuple | list) else (values,)
+    if len(ratios) not in (1, 2):
+        msg = f"damping_ratio is {shown(given)}; it must be one or two numbers"
+        raise SceneError(msg)
+    found = [fraction(ratio, "damping_ratio") for ratio in ratios]
+    return (found[0], found[1]) if len(found) == 2 else found[0]
+
+
+def check_name(kind: str, name: str) -> str:
+    """Return the name of a building or wall; `SceneError` where it is none."""
     if not isinstance(name, str) or not name.strip():
         msg = f"a {kind} needs a name, a non-empty text, not {shown(name)}"
         raise SceneError(msg)
     if fault := label_fault(name):
         msg = f"the name {shown(name)} of a {kind} {fault}; give it another one"
         raise SceneError(msg)
+    return name
+
+
+#: Lists of a building, a value for each storey: its unit, whether it must be above 0, whether it may be infinite.
+_LISTS = {
+    "masses": ("t", True, False),
+    "stiffnesses": ("kN/m", True, False),
+    "storey_heights": ("m", True, False),
+    "yield_strengths": ("kN", True, True),
+    "slab_depths": ("m", False, False),
+    "column_stiffnesses": ("kN/m", True, False),
+    "dashpots": ("kN s/m", False, False),
+}
+#: Its other parts, with what checks and converts them.
+_PARTS: dict[str, Callable[[Any], Any]] = {
+    "hardening": partial(fraction, what="hardening"),
+    "damping_ratio": _damping_ratio,
+    "bouc_wen": _bouc_wen,
+    "foundation": _foundation,
+}
+
+
+def building_faults(given: Mapping[str, Any]) -> Iterator[Fault]:
+    """Tell the faults of what a building is to be made of, but for its name; lists that are none are passed over."""
+    lists = {name: each for name in _LISTS if isinstance(each := given.get(name), list | tuple)}
+    n = len(lists.get("masses", ()))
+    if n == 0 and "masses" in lists:
+        yield ("masses",), "masses is empty; give one value (t) per storey, bottom first"
+    for name, values in lists.items():
+        unit, positive, infinite = _LISTS[name]
+        if n and len(values) != n:
+            more = "" if positive else ", 0 where it has none"
+            yield (name,), f"{len(values)} {name} for {n} masses; give one value per storey{more}"
+        for i, value in enumerate(values):
+            if not (infinite and value == math.inf):
+                what = f"{name} of storey {i + 1}"
+                yield from _told((name, i), quantity, value, what, unit, positive=positive)
+    for name, check in _PARTS.items():
+        if name in given:
+            yield from _told((name,), check, given[name])
+    p_delta, follows = given.get("p_delta", False), given.get("damping_stiffness", "initial")
+    if follows not in DAMPING_STIFFNESSES:
+        yield ("damping_stiffness",), unknown("damping_stiffness", follows, DAMPING_STIFFNESSES)
+    if not isinstance(p_delta, bool):
+        yield ("p_delta",), f"p_delta is {shown(p_delta)}; it must be true or false"
+    if given.get("yield_strengths") is None:
+        for name, usual in (("hardening", 0.0), ("damping_stiffness", "initial"), ("bouc_wen", None)):
+            if given.get(name, usual) != usual:
+                yield (name,), f"{name} is that of storeys that yield; give yield_strengths too, or leave it out"
+    if follows == "tangent" and given.get("bouc_wen") is not None:
+        remedy = 'give damping_stiffness = "initial"'
+        yield ("bouc_wen",), f"bouc_wen has no tangent stiffness that is one number while a storey yields; {remedy}"
+    if follows == "tangent" and p_delta:
+        yield (
+            ("p_delta",),
+            "with p_delta the tangent stiffness of a storey that yields may be negative, and damping that follows it "
+            'would put energy in; give damping_stiffness = "initial", or leave out p_delta',
+        )
+    if p_delta and given.get("foundation") is not None:
+        yield (
+            ("foundation",),
+            "p_delta and a foundation do not go together, as weights would act on its rocking too; leave one of them "
+            "out",
+        )
+
+
+def _told(place: Place, check: Callable[..., Any], *given: Any, **named: Any) -> Iterator[Fault]:
+    """Tell what a check says of what is given."""
+    try:
+        check(*given, **named)
+    except SceneError as error:
+        yield place, str(error)
 
 
 @dataclass(frozen=True)
@@ -207,135 +284,49 @@ class Building:
     foundation: Foundation | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        _check_name("building", self.name)
-        owner = f"building {self.name!r}"
-        masses = _positive_list(owner, "masses", "t", self.masses)
-        n = len(masses)
-        object.__setattr__(self, "masses", masses)
-        object.__setattr__(self, "stiffnesses", _positive_list(owner, "stiffnesses", "kN/m", self.stiffnesses, n))
-        heights = [DEFAULT_STOREY_HEIGHT] * n if self.storey_heights is None else self.storey_heights
-        object.__setattr__(self, "storey_heights", _positive_list(owner, "storey_heights", "m", heights, n))
-        self._check_yielding(owner, n)
-        if self.slab_depths is not None:
-            object.__setattr__(self, "slab_depths", self._checked_depths(owner, self.slab_depths))
-        if self.column_stiffnesses is not None:
-            columns = _positive_list(owner, "column_stiffnesses", "kN/m", self.column_stiffnesses, n)
-            object.__setattr__(self, "column_stiffnesses", columns)
-        self._check_stability(owner)
-        if self.dashpots is not None:
-            object.__setattr__(self, "dashpots", self._checked_dashpots(owner, n, self.dashpots))
-        if self.foundation is not None:
-            object.__setattr__(self, "foundation", self._checked_foundation(owner))
-        given = self.damping_ratio
-        values = given.tolist() if isinstance(given, np.ndarray) else given
-        ratios = tuple(values) if isinstance(values, (tuple, list)) else (values,)
-        if len(ratios) not in (1, 2) or not all(
-            isinstance(z, numbers.Real) and math.isfinite(z) and 0 <= z < 1 for z in ratios
-        ):
-            msg = f"{owner}: damping_ratio {shown(given)} must be one or two numbers in [0, 1)"
-            raise SceneError(msg)
-        ratios = tuple(float(z) for z in ratios)
-        object.__setattr__(self, "damping_ratio", ratios if len(ratios) == 2 else ratios[0])
-        if not all(math.isfinite(c) for c in self.rayleigh):
-            msg = f"{owner}: damping_ratio {shown(given)} gives no Rayleigh damping"
-            raise SceneError(msg)
-        if min(self.rayleigh) < 0:
-            msg = (
-                f"{owner}: damping ratios {shown(given)} in the first two modes need negative Rayleigh factors "
-                f"{self.rayleigh!r}, which would feed energy in; bring the two ratios closer together"
-            )
-            raise SceneError(msg)
+        check_name("building", self.name)
+        for name, (unit, *_) in _LISTS.items():
+            if (values := getattr(self, name)) is not None:
+                what = f"building {self.name!r}: {name}"
+                object.__setattr__(self, name, _numbers(what, unit, values))
+        if self.storey_heights is None:
+            object.__setattr__(self, "storey_heights", (DEFAULT_STOREY_HEIGHT,) * len(self.masses))
+        self._refuse(building_faults(vars(self)))
+        for name, check in _PARTS.items():
+            object.__setattr__(self, name, check(getattr(self, name)))
+        self._refuse(self._faults())
 
-    def _check_yielding(self, owner: str, n: int) -> None:
-        if self.yield_strengths is not None:
-            strengths = _positive_list(owner, "yield_strengths", "kN", self.yield_strengths, n, infinite=True)
-            object.__setattr__(self, "yield_strengths", strengths)
-        check_hardening(self.hardening, owner)
-        object.__setattr__(self, "hardening", float(self.hardening))
-        if self.damping_stiffness not in DAMPING_STIFFNESSES:
-            msg = f"{owner}: {unknown('damping_stiffness', self.damping_stiffness, DAMPING_STIFFNESSES)}"
-            raise SceneError(msg)
-        if self.bouc_wen is not None:
-            object.__setattr__(self, "bouc_wen", _bouc_wen(self.bouc_wen, owner))
-            if self.yield_strengths is None:
-                msg = f"{owner}: bouc_wen is that of storeys that yield; give yield_strengths too, or leave it out"
-                raise SceneError(msg)
-            if self.damping_stiffness == "tangent":
-                msg = (
-                    f"{owner}: bouc_wen has no tangent stiffness that is one number while a storey yields; give "
-                    'damping_stiffness = "initial"'
-                )
-                raise SceneError(msg)
-        if self.yield_strengths is None and (self.hardening, self.damping_stiffness) != (0.0, "initial"):
-            what = "hardening" if self.hardening else "damping_stiffness"
-            msg = f"{owner}: {what} is that of storeys that yield; give yield_strengths too, or leave it out"
-            raise SceneError(msg)
+    def _refuse(self, faults: Iterable[Fault]) -> None:
+        """Raise the first fault."""
+        for place, text in faults:
+            msg = f"building {self.name!r}: {text}"
+            raise SceneError(msg, place)
 
-    def _check_stability(self, owner: str) -> None:
-        if not isinstance(self.p_delta, bool):
-            msg = f"{owner}: p_delta is {shown(self.p_delta)}; it must be true or false"
-            raise SceneError(msg)
-        if self.p_delta and self.damping_stiffness == "tangent":
-            msg = (
-                f"{owner}: with p_delta the tangent stiffness of a storey that yields may be negative, and damping "
-                'that follows it would put energy in; give damping_stiffness = "initial", or leave out p_delta'
-            )
-            raise SceneError(msg)
+    def _faults(self) -> Iterator[Fault]:
+        """Tell what only the building shows, its parts being valid."""
+        assert self.storey_heights is not None
+        for i, (depth, height) in enumerate(zip(self.slab_depths or (), self.storey_heights, strict=False)):
+            if depth >= height:
+                what = f"slab_depths of storey {i + 1} is {depth!r} m"
+                yield ("slab_depths", i), f"{what}; it must be less than the storey's height of {height:g} m"
         pairs = zip(self.stability_coefficients, self.geometric_stiffnesses, strict=True)
         for storey, (theta, least) in enumerate(pairs, start=1):
             if not theta < 1.0:
-                msg = (
-                    f"{owner}: storey {storey} of stiffness {self.stiffnesses[storey - 1]:g} kN/m does not stand under "
-                    f"the weight above it: its stability coefficient P / (k h) is {theta:.3g}, and must be below 1; "
-                    f"give it a stiffness above P / h = {least:.4g} kN/m, or leave out p_delta"
+                yield (
+                    ("p_delta",),
+                    f"storey {storey} of stiffness {self.stiffnesses[storey - 1]:g} kN/m does not stand under the "
+                    f"weight above it: its stability coefficient P / (k h) is {theta:.3g}, and must be below 1; give "
+                    f"it a stiffness above P / h = {least:.4g} kN/m, or leave out p_delta",
                 )
-                raise SceneError(msg)
-
-    def _checked_depths(self, owner: str, given: Sequence[float]) -> tuple[float, ...]:
-        depths, heights = _numbers(f"{owner}: slab_depths", "m", given), self.storey_heights
-        assert heights is not None
-        if len(depths) != len(heights):
-            msg = f"{owner}: {len(depths)} slab_depths for {len(heights)} masses; give one value per storey"
-            raise SceneError(msg)
-        for storey, (depth, height) in enumerate(zip(depths, heights, strict=True), start=1):
-            if not 0.0 <= depth < height:
-                msg = (
-                    f"{owner}: slab_depths of storey {storey} is {shown(depth)} m; it must be zero or positive, and "
-                    f"less than the storey's height of {height:g} m"
-                )
-                raise SceneError(msg)
-        return depths
-
-    @staticmethod
-    def _checked_dashpots(owner: str, n: int, given: Sequence[float]) -> tuple[float, ...]:
-        found = _numbers(f"{owner}: dashpots", "kN s/m", given)
-        if len(found) != n:
-            msg = f"{owner}: {len(found)} dashpots for {n} masses; give one value per storey, 0 where it has none"
-            raise SceneError(msg)
-        for storey, value in enumerate(found, start=1):
-            quantity(value, f"{owner}: dashpots of storey {storey}", "kN s/m")
-        return found
-
-    def _checked_foundation(self, owner: str) -> Foundation:
-        given: Any = self.foundation
-        try:
-            found = Foundation(**given) if isinstance(given, Mapping) else given
-        except TypeError:
-            found = None
-        except SceneError as error:
-            msg = f"{owner}: {error}"
-            raise SceneError(msg) from None
-        if not isinstance(found, Foundation):
-            names = ", ".join(each.name for each in fields(Foundation))
-            msg = f"{owner}: foundation is {shown(given)}; give a Foundation of {names}"
-            raise SceneError(msg)
-        if self.p_delta:
-            msg = (
-                f"{owner}: p_delta and a foundation do not go together, as weights would act on its rocking too; leave "
-                "one of them out"
+        place = ("damping_ratio",)
+        if not all(math.isfinite(c) for c in self.rayleigh):
+            yield place, f"damping_ratio {shown(self.damping_ratio)} gives no Rayleigh damping"
+        if min(self.rayleigh) < 0:
+            yield (
+                place,
+                f"damping ratios {shown(self.damping_ratio)} in the first two modes need negative Rayleigh factors "
+                f"{self.rayleigh!r}, which would feed energy in; bring the two ratios closer together",
             )
-            raise SceneError(msg)
-        return found
 
     @property
     def n_storeys(self) -> int:
@@ -483,7 +474,7 @@ class Wall:
     name: str = "wall"
 
     def __post_init__(self) -> None:
-        _check_name("wall", self.name)
+        check_name("wall", self.name)
 
 
 @dataclass(frozen=True)
@@ -505,10 +496,9 @@ class ContactProperties:
     restitution: float | None = None
 
     def __post_init__(self) -> None:
-        for what, value in (("linear_stiffness", self.linear_stiffness), ("hertz_stiffness", self.hertz_stiffness)):
-            if value is not None and not (isinstance(value, numbers.Real) and 0 < value < math.inf):
-                msg = f"contact: {what} is {shown(value)}; it must be a positive number"
-                raise SceneError(msg)
+        for what, unit in (("linear_stiffness", "kN/m"), ("hertz_stiffness", "kN/m^1.5")):
+            if (value := getattr(self, what)) is not None:
+                quantity(value, f"contact: {what}", unit, positive=True)
         if self.restitution is not None and not (
             isinstance(self.restitution, numbers.Real) and 0 <= self.restitution <= 1
         ):
@@ -679,7 +669,7 @@ class Scene:
         gaps = _numbers("gaps", "m", self.gaps)
         if len(gaps) != len(row) - 1:
             msg = f"{len(gaps)} gaps for a row of {len(row)}; give {len(row) - 1}, one between each two neighbours (m)"
-            raise SceneError(msg)
+            raise SceneError(msg, ("gaps",))
         for name, gap in zip(self.pair_names, gaps, strict=True):
             check_gap(gap, f"gap of pair {name!r}")
         object.__setattr__(self, "gaps", gaps)

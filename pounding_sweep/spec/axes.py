@@ -13,9 +13,10 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
-from pounding_sweep.base.errors import InputError, LawError, SweepError, shown
+from pounding_sweep.base.errors import Fault, InputError, LawError, SweepError, shown
 from pounding_sweep.model.laws import Law, get_law, realised_validity
-from pounding_sweep.model.scene import Scene, check_gap, check_hardening
+from pounding_sweep.model.quantity import fraction
+from pounding_sweep.model.scene import Scene, check_gap
 from pounding_sweep.records import Record
 
 #: Factor by name of the building, in the order of the row.
@@ -25,9 +26,7 @@ Values = tuple[float, ...] | None
 #: Axes by building: name and values, in the order of the row.
 BuildingValues = tuple[tuple[str, tuple[float, ...]], ...]
 #: Raises unless a value will do; it gets the laws of the sweep and how restitution is meant as well.
-Check = Callable[[float, Sequence[Law], str], None]
-#: Place of a fault among the arguments of `build_spec`, and what it is.
-Fault = tuple[tuple[str | int, ...], str]
+Check = Callable[[float, Sequence[Law], str], object]
 
 
 @dataclass(frozen=True)
@@ -100,12 +99,6 @@ def _factor_in(low: float, high: float) -> Check:
             raise InputError(msg)
 
     return check
-
-
-def _check_ratio(value: float, *_: Any) -> None:
-    if not 0.0 <= value < 1.0:
-        msg = f"damping ratio is {value!r}; it must be in [0, 1)"
-        raise InputError(msg)
 
 
 def _check_gap(value: float, *_: Any) -> None:
@@ -305,7 +298,8 @@ class AxisValues:
         of_buildings=True, by_building=True,
     )})
     damping_ratios: Values = field(default=None, metadata={"axis": Axis(
-        "damping_ratio", "damping_ratio", "damping ratio", "damping ratios", _check_ratio,
+        "damping_ratio", "damping_ratio", "damping ratio", "damping ratios",
+        lambda value, *_: fraction(value, "damping ratio"),
         "Rayleigh damping ratios of the first two modes of all buildings, in [0, 1); by default each building's own.",
         "damping ratio of the first two modes of all buildings", of_buildings=True,
     )})
@@ -315,7 +309,7 @@ class AxisValues:
         "factor on all yield strengths", requires=_need_strengths, of_buildings=True, by_building=True, unsaid=True,
     )})
     hardenings: BuildingValues = field(default=(), metadata={"axis": Axis(
-        "hardening", "hardening", "hardening", "hardenings", lambda value, *_: check_hardening(value),
+        "hardening", "hardening", "hardening", "hardenings", lambda value, *_: fraction(value, "hardening"),
         "Stiffness of a building's storeys that yield over their elastic one, by its name, in [0, 1), one axis each.",
         "stiffness of yielding storeys over their elastic one", requires=_need_strengths,
         of_buildings=True, by_building=True, unsaid=True,

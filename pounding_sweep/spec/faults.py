@@ -12,9 +12,15 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from pounding_sweep.base.errors import SHOWN_CHARACTERS, InputError, PoundingSweepError, shown, unknown
-
-Place = tuple[str | int, ...]
+from pounding_sweep.base.errors import (
+    SHOWN_CHARACTERS,
+    Fault,
+    InputError,
+    Place,
+    PoundingSweepError,
+    shown,
+    unknown,
+)
 
 
 class Root(tuple[str | int, ...]):
@@ -25,7 +31,7 @@ class Faults:
     """Faults found so far, each with its place, such as ``("gaps", 3)``."""
 
     def __init__(self) -> None:
-        self.found: list[tuple[Place, str]] = []
+        self.found: list[Fault] = []
 
     def add(self, place: Place, text: str) -> None:
         """Note a fault."""
@@ -33,11 +39,11 @@ class Faults:
 
     def take(self, place: Place, error: Exception) -> None:
         """Note what an error says, of a part of the sweep that stands at `place`."""
-        if not isinstance(error, ValidationError):
-            self.add(place, str(error))
-            return
-        for each in error.errors(include_url=False):
-            inner, text = told(each)
+        if isinstance(error, ValidationError):
+            found = [told(each) for each in error.errors(include_url=False)]
+        else:
+            found = [(getattr(error, "place", ()), str(error))]
+        for inner, text in found:
             self.add(inner if isinstance(inner, Root) else type(place)((*place, *inner)), text)
 
     def attempt(self, place: Place, make: Callable[..., Any], *given: Any, **named: Any) -> Any:
@@ -143,7 +149,7 @@ def listed(given: Any, single: tuple[type, ...] = ()) -> list[Any] | None:
     return list(given) if isinstance(given, Iterable) and not isinstance(given, (str, bytes, dict)) else None
 
 
-def number(value: Any, what: str, check: Callable[..., None], *more: Any) -> float:
+def number(value: Any, what: str, check: Callable[..., object], *more: Any) -> float:
     """Convert and check a number; `more` is what the check gets beside it."""
     if not is_number(value):
         msg = f"{shown(value)} is not a number ({what})"

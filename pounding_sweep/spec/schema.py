@@ -19,6 +19,7 @@ from pydantic_core import ErrorDetails
 from pounding_sweep.base.errors import (
     InputError,
     MissingRecordError,
+    Place,
     PoundingSweepError,
     SceneError,
     shown,
@@ -35,7 +36,6 @@ from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, AxisValu
 from pounding_sweep.spec.design import RECORD, Design, Distribution, named_inputs, product_cases
 from pounding_sweep.spec.faults import (
     Faults,
-    Place,
     Root,
     Table,
     gathering,

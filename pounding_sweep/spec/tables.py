@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
@@ -15,24 +14,24 @@ from pounding_sweep.base.errors import InputError, RecordError, SweepError, show
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.model.bumpers import Bumper
 from pounding_sweep.model.hertz import hertz_stiffness
-from pounding_sweep.model.links import Link
+from pounding_sweep.model.links import UNITS, Link
 from pounding_sweep.model.presets import get_preset
 from pounding_sweep.model.quantity import quantity
 from pounding_sweep.model.scene import (
     CONTACTS,
-    DAMPING_STIFFNESSES,
     Building,
     ContactProperties,
     Scene,
     Wall,
+    building_faults,
     check_gap,
-    check_hardening,
+    check_name,
 )
 from pounding_sweep.records import Record, find_record, near_fault_record, pulse_record, read_record, synthetic_record
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import Range, finite
 from pounding_sweep.spec.design import KINDS, NEEDS, POWERS, Distribution
-from pounding_sweep.spec.faults import Faults, Table, gathering, is_number, number
+from pounding_sweep.spec.faults import Table, gathering, number
 from pounding_sweep.spec.own_laws import find_law, names_file
 
 
@@ -51,54 +50,6 @@ def _one_of(what: str, valid: Collection[str]) -> Callable[[Any], str]:
         return value
 
     return check
-
-
-def _positive(value: Any, info: ValidationInfo) -> Any:
-    infinite = info.field_name == "yield_strengths"  # of storeys that never yield
-    if not (is_number(value) and value > 0 and (infinite or value < math.inf)):
-        what = str(BuildingTable.model_fields[str(info.field_name)].description).partition(", ")[2]
-        msg = f"{shown(value)} is not a positive number ({what})"
-        raise InputError(msg)
-    return value
-
-
-def _depth(value: Any) -> Any:
-    if not (is_number(value) and 0 <= value < math.inf):
-        msg = f"{shown(value)} is no depth: zero or a positive number (slab depths in m)"
-        raise InputError(msg)
-    return value
-
-
-_Positives = Annotated[list[Any], AfterValidator(lambda values, info: _each(values, _positive, info))]
-_Depths = Annotated[list[Any], AfterValidator(lambda values: _each(values, _depth))]
-_Dashpots = Annotated[list[Any], AfterValidator(lambda values: _each(values, quantity, "coefficient", "kN s/m"))]
-
-
-def _ratio(value: Any) -> Any:
-    values = value if isinstance(value, list) else [value]
-    if not all(map(is_number, values)):
-        msg = f"{shown(value)} won't do; it must be one or two numbers in [0, 1)"
-        raise InputError(msg)
-    return tuple(values) if values is value else value
-
-
-def _of_yielding(info: ValidationInfo) -> None:
-    if info.data.get("yield_strengths", ()) is None:
-        msg = "is that of storeys that yield; give yield_strengths too, or leave it out"
-        raise InputError(msg)
-
-
-def _hardening(value: Any, info: ValidationInfo) -> float:
-    found = number(value, "hardening", check_hardening)
-    if found:
-        _of_yielding(info)
-    return found
-
-
-def _damping_stiffness(value: str, info: ValidationInfo) -> str:
-    if _one_of("damping_stiffness", DAMPING_STIFFNESSES)(value) != "initial":
-        _of_yielding(info)
-    return value
 
 
 class BoucWenTable(Table):
@@ -123,26 +74,26 @@ class FoundationTable(Table):
 class BuildingTable(Table):
     """[[scene.row]]: a building."""
 
-    name: str = Field(description="a text")
-    masses: _Positives = Field(description="a list of numbers, floor masses in t, bottom first")
-    stiffnesses: _Positives = Field(description="a list of numbers, storey stiffnesses in kN/m, bottom first")
-    damping_ratio: Annotated[Any, AfterValidator(_ratio)] = 0.05
-    storey_heights: _Positives | None = Field(None, description="a list of numbers, storey heights in m, bottom first")
-    yield_strengths: _Positives | None = Field(
+    name: Annotated[str, AfterValidator(partial(check_name, "building"))] = Field(description="a text")
+    masses: list[Any] = Field(description="a list of numbers, floor masses in t, bottom first")
+    stiffnesses: list[Any] = Field(description="a list of numbers, storey stiffnesses in kN/m, bottom first")
+    damping_ratio: Any = 0.05
+    storey_heights: list[Any] | None = Field(None, description="a list of numbers, storey heights in m, bottom first")
+    yield_strengths: list[Any] | None = Field(
         None, description="a list of numbers, storey shears at first yield in kN, bottom first"
     )
-    hardening: Annotated[Any, AfterValidator(_hardening)] = Field(0.0, description="a number")
-    damping_stiffness: Annotated[str, AfterValidator(_damping_stiffness)] = Field("initial", description="a text")
+    hardening: Any = Field(0.0, description="a number")
+    damping_stiffness: str = Field("initial", description="a text")
 
-    slab_depths: _Depths | None = Field(
+    slab_depths: list[Any] | None = Field(
         None, description="a list of numbers, depths of the floors' slabs in m, bottom first"
     )
-    column_stiffnesses: _Positives | None = Field(
+    column_stiffnesses: list[Any] | None = Field(
         None, description="a list of numbers, 12 E I / L^3 of the columns that may be struck in kN/m, bottom first"
     )
     p_delta: bool = Field(False, description="true or false")
     bouc_wen: BoucWenTable | None = Field(None, description="a table of n, beta and gamma")
-    dashpots: _Dashpots | None = Field(
+    dashpots: list[Any] | None = Field(
         None, description="a list of numbers, coefficients of the storeys' dashpots in kN s/m, bottom first"
     )
     foundation: FoundationTable | None = Field(None, description="a table of mass, inertia, stiffnesses and dampings")
@@ -152,40 +103,21 @@ class WallTable(Table):
     """[[scene.row]]: a rigid wall, with ``wall = true``."""
 
     wall: Literal[True] = Field(description="true")
-    name: str = Field("wall", description="a text")
+    name: Annotated[str, AfterValidator(partial(check_name, "wall"))] = Field("wall", description="a text")
 
 
-def _one_per_storey(faults: Faults, item: dict[str, Any]) -> bool:
-    """Note lists of a building that are not as long as its masses, whatever else is wrong with them."""
-    equal, masses = True, item.get("masses")
-    for name in ("stiffnesses", "storey_heights", "slab_depths", "column_stiffnesses", "yield_strengths", "dashpots"):
-        values = item.get(name)
-        if isinstance(masses, list) and isinstance(values, list) and len(values) != len(masses):
-            faults.add((name,), f"{len(values)} {name} for {len(masses)} masses; give one value per storey")
-            equal = False
-    return equal
-
-
-def _row_item(given: Any) -> Building | Wall | None:
+def _row_item(given: Any) -> Building | Wall:
     if not isinstance(given, dict):
         msg = f"{shown(given)} won't do in tables [[scene.row]], left to right"
         raise InputError(msg)
     if "wall" in given:
         return Wall(WallTable.model_validate(given).name)
     with gathering() as faults:
-        equal = _one_per_storey(faults, given)
-        table = faults.attempt((), BuildingTable.model_validate, given)
-        if not (table and equal):
-            return None
-        values = dict(table)
-        more = {name: values.pop(name) for name in ("slab_depths", "bouc_wen", "p_delta", "foundation")}
-        last = "damping_ratio" if table.name.strip() else "name"  # all that can still be at fault
-        found: Building | None = faults.attempt((last,), Building, **values)
-        for name, value in more.items():
-            if found is not None and value not in (None, False):
-                each = {name: dict(value) if isinstance(value, Table) else value}
-                found = faults.attempt((name,), replace, found, **each)
-    return found
+        faults.attempt((), BuildingTable.model_validate, given)
+        at_fault = {place[:1] for place, _ in faults.found}
+        found = faults.attempt((), lambda: [*building_faults(given)]) or []
+        faults.found += [(place, text) for place, text in found if place[:1] not in at_fault]
+    return Building(**given)
 
 
 def _contact_value(value: float, info: ValidationInfo) -> float:
@@ -232,15 +164,8 @@ class ContactTable(Table):
     restitution: _ContactValue | None = Field(None, description="a number")
 
 
-def _tolerance(value: float) -> float:
-    if not 0 <= value < math.inf:
-        msg = f"{shown(value)} m won't do; it must be zero or a positive number"
-        raise InputError(msg)
-    return value
-
-
 def _linking(value: Any, info: ValidationInfo) -> float:
-    return quantity(value, str(info.field_name), "kN/m" if info.field_name == "stiffness" else "kN s/m")
+    return quantity(value, str(info.field_name), UNITS[str(info.field_name)])
 
 
 class LinkTable(Table):
@@ -290,7 +215,7 @@ class SceneTable(Table):
     contacts: Annotated[str, AfterValidator(_one_of("kind of contacts", CONTACTS))] | None = Field(
         None, description='"floors" or "floors and columns", what can meet'
     )
-    tolerance: Annotated[float, AfterValidator(_tolerance)] | None = Field(
+    tolerance: Annotated[float, AfterValidator(lambda value: quantity(value, "tolerance", "m"))] | None = Field(
         None, description="a number in m, by which slabs that meet may miss each other in elevation"
     )
     storeys: dict[str, list[int]] | None = Field(
@@ -333,8 +258,7 @@ def read_scene(given: dict[str, Any], base: Path | None) -> Scene:
     more = {name: getattr(table, name) for name in _SCENE_SETTINGS if getattr(table, name) is not None}
     make = partial(replace, whole) if whole else partial(Scene, row)
     with gathering() as faults:
-        place = ("gaps",) if len(gaps) != len(row) - 1 else ()
-        scene = faults.attempt(place, make, gaps=gaps, contact=contact, **more)
+        scene = faults.attempt((), make, gaps=gaps, contact=contact, **more)
         if scene is not None and table.storeys is not None:
             scene = faults.attempt(("storeys",), replace, scene, storeys=table.storeys)
         for name in ("links", "bumpers"):

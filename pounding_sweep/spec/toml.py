@@ -11,12 +11,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pounding_sweep.base.errors import SweepError, shown, unknown
+from pounding_sweep.base.errors import Place, SweepError, shown, unknown
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.model.laws import Law
 from pounding_sweep.records.catalogue import Folders
 from pounding_sweep.spec.axes import AXES
-from pounding_sweep.spec.faults import Faults, Place, spell
+from pounding_sweep.spec.faults import Faults, spell
 from pounding_sweep.spec.schema import check_sweep
 from pounding_sweep.spec.spec import SweepSpec, sweep_error
 from pounding_sweep.spec.tables import ContactTable, DesignTable, SceneTable
