@@ -252,6 +252,21 @@ def test_contacts_beside_storeys_that_yield_do_the_work_that_buildings_transfer(
     assert found["energy_residual"][0] < 1e-9
 
 
+def test_a_row_in_touch_begins_from_rest():
+    """No displacement, velocity or acceleration tells how large its first motion is: the ground begins with a ramp."""
+    ground = np.concatenate([[0.0], motion(60).acceleration])
+    gaps = np.array([[0.0], [1e-9]])
+    given = {"scale": np.ones(2), "gaps": gaps, "stiffness": np.full(2, 8e5), "restitution": np.full(2, 0.6)}
+    kernel = flying()
+    record = ps.Record("ramp", 0.02, ground)
+    outputs = ["displacement_max", "impact_force_max"]
+    found = variables_of(kernel, kernel.run(record, **given), outputs, record)
+    for name in outputs:
+        touching, apart = found[name]
+        assert np.all(apart > 0.0), name
+        np.testing.assert_allclose(touching, apart, rtol=1e-5, err_msg=name)
+
+
 def test_what_is_left_out_of_a_flight_changes_nothing():
     """Windows of a record are passed where neither a touch, nor an onset, nor a peak may be: against every step."""
     given, record = some_scenarios(24), motion(151)
