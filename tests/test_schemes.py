@@ -15,7 +15,7 @@ from scipy.linalg import expm
 
 import pounding_sweep
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.engine.row_kernel import DAMPED, Numerics, RowKernel
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.kernel.spec import property_slots
 from pounding_sweep.model.laws import LAWS, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
@@ -23,7 +23,7 @@ from pounding_sweep.plan import advice
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.explicit import Explicit
-from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.schemes.stability import DAMPED, largest_step
 
 EXPLICIT = [scheme for scheme in SCHEMES.values() if isinstance(scheme, Explicit)]
 

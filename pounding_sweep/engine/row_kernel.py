@@ -25,28 +25,20 @@ from pounding_sweep.kernel.spec import (
     property_slots,
 )
 from pounding_sweep.model.coupled_modes import coupled_modes
-from pounding_sweep.model.laws import LAWS, Law
+from pounding_sweep.model.laws import Law
 from pounding_sweep.model.levels import column_shares
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.outputs.variables import REDUCERS, output_slots
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES, Scheme
-from pounding_sweep.schemes.exact import Exact
-from pounding_sweep.schemes.rk4 import Rk4
-from pounding_sweep.schemes.stability import largest_step
+from pounding_sweep.schemes.stability import longest_substep
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
 #: others: peaks are those of a septic between the ends, which errs by (w h)**8 / 10321920 of what a mode adds.
 GLIDE = (0.9, 2.0, 2.8)
 #: Largest divisor of these products: their errors are below any accuracy then, however often contacts are refined.
 FINEST_GLIDE = 4.0
-#: Longest sub-step of the stages of exact flight, in steps.
-STRIDE = 2.0
-#: Least ratio of damping at which their damped radius holds.
-DAMPED = 1e-3
-#: By how much it may be longer, for no rounding error to be left over.
-EVEN = 1.0 + 1e-4
 #: Yield drift (m) of storeys that never yield, in both number formats.
 ELASTIC = 1e30
 #: Inputs handed to a kernel at a time (bytes).
@@ -178,19 +170,6 @@ def _contact_cap(shape: KernelSpec, numerics: Numerics) -> float:
     return SERIES_CAP / max(1.0, numerics.finer)
 
 
-def _longest(row: Variants, numerics: Numerics) -> np.ndarray:
-    """Longest sub-step (s) of the stages of exact flight, shape (n,)."""
-    scene, dt = row.scene, numerics.dt * EVEN
-    if not scene.has_own_modes:
-        limit = largest_step(row, LAWS["none"], np.zeros(len(row)), np.ones(len(row)), method="rk4")
-        return np.asarray(np.minimum(dt, Exact.undamped_radius / Rk4.undamped_radius * limit))
-    limits = [
-        np.where((decays >= 2.0 * DAMPED * w).all(axis=1), Exact.damped_radius, Exact.undamped_radius) / w[:, -1]
-        for w, decays in row.systems
-    ]
-    return np.minimum(np.min(limits, axis=0), dt if any(scene.yields) else STRIDE * dt)
-
-
 @lru_cache(maxsize=64)
 def _constants(
     shape: KernelSpec, scene: Scene, numerics: Numerics, initial_velocity: tuple[float, ...] | None
@@ -210,7 +189,7 @@ def _constants(
         put("v0", (*initial_velocity, *[0.0] * (slots.count["v0"] - len(initial_velocity))))
     put("cap", _contact_cap(shape, numerics))
     if shape.staged:
-        put("longest", _longest(variants_of(scene), numerics)[0])
+        put("longest", longest_substep(variants_of(scene), numerics.dt)[0])
     put("newmark_beta", numerics.beta)
     put("newmark_gamma", numerics.gamma)
     return values
@@ -428,7 +407,10 @@ class RowKernel:
             if self.numerics.scheme.flies_exactly:
                 put("tables", buildings[None, :])
                 if "p_longest" in slots.first:
-                    put("p_longest", _longest(row, self.numerics)[None, :] if self.shape.staged else np.zeros((1, 1)))
+                    put(
+                        "p_longest",
+                        longest_substep(row, self.numerics.dt)[None, :] if self.shape.staged else np.zeros((1, 1)),
+                    )
         rows[:, n:] = rows[:, n - 1 : n]  # idle lanes repeat the last scenario
         return np.ascontiguousarray(rows.reshape(-1, groups, LANES).transpose(1, 0, 2))
 

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from pounding_sweep.model.laws import Law
+from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.scene import Building, Scene
 from pounding_sweep.model.variants import Variants, variants_of
 from pounding_sweep.schemes import SCHEMES
+from pounding_sweep.schemes.exact import Exact
+from pounding_sweep.schemes.rk4 import Rk4
+
+#: Longest sub-step of the stages of exact flight, in steps.
+STRIDE = 2.0
+#: Least ratio of damping at which their damped radius holds.
+DAMPED = 1e-3
+#: By how much it may be longer, for no rounding error to be left over.
+EVEN = 1.0 + 1e-4
 
 
 def largest_step(
@@ -137,3 +146,16 @@ def _decisive(stiffness: np.ndarray, weights: np.ndarray) -> list[tuple[float, f
         if not kept or pair[1] > kept[-1][1]:
             kept.append(pair)
     return kept
+
+
+def longest_substep(row: Variants, dt: float) -> np.ndarray:
+    """Longest sub-step (s) of the stages of exact flight, at a step `dt`, shape (n,)."""
+    scene, dt = row.scene, dt * EVEN
+    if not scene.has_own_modes:
+        limit = largest_step(row, LAWS["none"], np.zeros(len(row)), np.ones(len(row)), method="rk4")
+        return np.asarray(np.minimum(dt, Exact.undamped_radius / Rk4.undamped_radius * limit))
+    limits = [
+        np.where((decays >= 2.0 * DAMPED * w).all(axis=1), Exact.damped_radius, Exact.undamped_radius) / w[:, -1]
+        for w, decays in row.systems
+    ]
+    return np.minimum(np.min(limits, axis=0), dt if any(scene.yields) else STRIDE * dt)
