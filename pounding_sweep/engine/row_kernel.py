@@ -309,7 +309,7 @@ class RowKernel:
             kernel(
                 np.array(record.acceleration),
                 float(record.dt),
-                flight_substeps if self.shape.flies_exactly else self.numerics.steps(record),
+                flight_substeps if self.shape.series or self.shape.staged else self.numerics.steps(record),
                 flight_substeps,
                 self.constants,
                 lanes.reshape(len(lanes), -1),

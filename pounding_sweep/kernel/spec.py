@@ -239,7 +239,7 @@ class KernelSpec:
     @property
     def staged(self) -> bool:
         """Whether exact flight goes on in sub-steps of the scheme's stages beside contacts."""
-        return self.flies_exactly and not self.series and self.law is not None
+        return self.flies_exactly and not self.series and self.law is not None and not self.impulsive
 
     @property
     def stages(self) -> int:

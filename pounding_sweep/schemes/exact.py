@@ -42,11 +42,14 @@ from pounding_sweep.kernel.peaks import samples
 from pounding_sweep.model.coupled_modes import coupled_modes
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.model.variants import variants_of
+from pounding_sweep.schemes.base import SAFETY
 from pounding_sweep.schemes.explicit import Explicit
 from pounding_sweep.schemes.rk4 import Rk4
 
 #: Largest share of a motion that may be lost between floors and modes, by number format.
 MOST_LOST = {"float64": 1e-5, "float32": 1e-4}
+#: By what errors of contacts fall at least where long steps are halved.
+LEAST_FALL = 7.6
 
 
 #: Butcher's six stages of fifth order: what each takes of the accelerations before it, the last row that of the end.
@@ -95,6 +98,11 @@ class Exact(Explicit):
     step_cost = 0.4
     ladder = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
     finest_float32 = 2.0
+
+    @property
+    def leeway(self) -> float:
+        """By the least fall of contacts' errors, whose forces begin with a root."""
+        return (LEAST_FALL - 1.0) / SAFETY
 
     def phase_error(self, x: np.ndarray, beta: float, gamma: float) -> np.ndarray:
         """Of Butcher's stages."""
