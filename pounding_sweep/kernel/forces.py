@@ -342,8 +342,8 @@ def _force_ends(group: Group, j: Any, looks: Any, whole: Any, at: tuple[Any, ...
             found = law.pressing(k, c, d, v)
             if group.spec.staged:  # long ones, in which a force with roots is no cubic: regula falsi on its rate
                 bend = rate(xb)
-                r = law.pressing_rate(k, c, d, v, polynomial(t, *bend) / (h * h))
-                t = where(r > 0.0, t + (1.0 - t) * r / (r - r1), t * r0 / (r0 - r))
+                here = law.pressing_rate(k, c, d, v, polynomial(t, *bend) / (h * h))
+                t = where(here > 0.0, t + (1.0 - t) * here / (here - r1), t * r0 / (r0 - here))
                 d, v = polynomial(t, d0, b), polynomial(t, x0, xb) / h
                 found = maximum(found, where(grazes, found, law.pressing(k, c, d, v)))
             s["fmax", j] = maximum(s["fmax", j], where(between, found, 0.0))

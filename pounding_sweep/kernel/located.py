@@ -59,7 +59,7 @@ def refuse(group: Group, lanes: Any) -> None:
 def _cuts(group: Group) -> bool:
     """Whether a trial may end at its first event: sums over its stages know no part of it."""
     sums = {"energy", "work", "impulse", "links"} & group.asked
-    return group.spec.staged and not (group.spec.yielding or group.spec.impulsive or sums)
+    return group.spec.staged and not (group.spec.yielding or sums)
 
 
 def cut(group: Group, lanes: Any) -> None:
