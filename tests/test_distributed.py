@@ -269,7 +269,7 @@ def test_the_client_is_killed(reference, tmp_path, whole):
 @pytest.fixture
 def interrupted(tmp_path):
     """Run a sweep in a process of its own, interrupted by `event`; check how it ends, and run it again."""
-    write(tmp_path, LONG.replace("dt = 1e-6", "dt = 1e-5"))
+    write(tmp_path, LONG.replace("dt = 1e-6", "dt = 3e-6"))
 
     def check(code="", event=lambda process: None, scheduler="processes"):
         run = ["run", "sweep.toml", "-o", "out.nc", "--quiet", "--workers", "2", "--scheduler"]

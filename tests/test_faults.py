@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 import warnings
+import zlib
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
@@ -156,7 +157,7 @@ def chunks_by_manifest(content):
     listed = entries(content(f"{PARTS}/{MANIFEST}") or b"")
     files = {key: content(f"{PARTS}/{entry['file']}") for key, entry in listed.items()}
     there = {key for key, file in files.items() if file is not None}
-    return there, {key for key in there if hashlib.sha256(files[key]).hexdigest() == listed[key]["sha256"]}
+    return there, {key for key in there if zlib.crc32(files[key]) == listed[key]["crc32"]}
 
 
 def is_wrong(path, reference, tally):
