@@ -71,7 +71,8 @@ def test_a_row_gone_through_at_run_time_moves_as_one_straight_line_does(law, met
     scene = {"storeys": (2, 3, 2, 1), "walls": True}
     straight = results(law, method, **scene)
     monkeypatch.setattr(spec, "FUSED_DOF", 0)
-    monkeypatch.setattr(cache, "_surroundings", lambda: "rows in loops")
+    surroundings = cache._surroundings() + "rows in loops"
+    monkeypatch.setattr(cache, "_surroundings", lambda: surroundings)
     cache.get_kernel.cache_clear()
     looped = results(law, method, **scene)
     cache.get_kernel.cache_clear()

@@ -32,10 +32,10 @@ VARIED = {"period_factors": {"b": [0.8, 1.2]}, "damping_ratios": [0.02, 0.08]}
 
 
 def both(monkeypatch, **settings):
-    found = []
+    found, own = [], cache._surroundings()
     for most in (shape.FUSED_DOF, 0):
         monkeypatch.setattr(shape, "FUSED_DOF", most)
-        monkeypatch.setattr(cache, "_surroundings", lambda most=most: f"rows to {most} floors")
+        monkeypatch.setattr(cache, "_surroundings", lambda most=most: f"{own} rows to {most} floors")
         get_kernel.cache_clear()
         found.append(
             ps.Sweep(ROW, SHORT, "kelvin_voigt", outputs=OUTPUTS, audit=0.0, **{"dt": 1e-3, **settings}).run(
