@@ -495,3 +495,23 @@ def test_a_slow_touch_is_counted_once():
     )
     np.testing.assert_array_equal(coarse.impact_count, fine.impact_count)
     assert int(fine.impact_count.sum()) > 100
+
+
+@pytest.mark.slow
+def test_a_force_that_ends_just_before_its_contact_pulls_at_nothing():
+    """Of a strong damper the cut force is zero from shortly before the release on, where all of it ends."""
+    gaps, n = np.linspace(8.31e-3, 8.33e-3, 16), 16
+    scenarios = {
+        "scale": np.ones(n),
+        "gaps": np.repeat(gaps[:, None], 2, axis=1),
+        "stiffness": np.full(n, 6.39e7),
+        "restitution": np.full(n, 0.45),
+    }
+    reducers = reducers_for(["displacement_max", "impact_force_max"])
+    found, right = (
+        RowKernel(PAPER, LAWS["ye_hertz"], Numerics("exact", dt, finer=finer), reducers).run(
+            ps.find_record("el_centro"), **scenarios
+        )["umax"]
+        for dt, finer in ((5e-3, 1.0), (2.5e-4, 8.0))
+    )
+    assert np.abs(found / right - 1.0).max() < 3e-5

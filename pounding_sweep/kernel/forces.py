@@ -252,7 +252,8 @@ def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, start: tuple
     def press(t: Any) -> Any:
         return law.pressing(k, c, polynomial(t, d0, b), polynomial(t, r0, rb) / h)
 
-    end = minimum(when, 1.0)
+    # not the release itself, where E and B v both end
+    end = where(mode == PRESSING, minimum(when - group.limit.at_release, 1.0), minimum(when, 1.0))
     d, v = polynomial(end, d0, b), polynomial(end, r0, rb) / h
     p1, p0 = law.pressing(k, c, d, v), law.pressing(k, c, d0, v0)
     asks = asks & (c > 0.0)
@@ -261,8 +262,7 @@ def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, start: tuple
     sign = where(ends, -1.0, group.full(1.0))
     inside = (ends & (p0 > 0.0)) | (begins & (p0 <= 0.0))
     t = where(inside, root(group, inside, 0.0, end, lambda t: sign * press(t)), 0.0)
-    # not the release itself, where E and B v both end
-    sooner = (ends & (t < when - group.limit.at_release)) | (begins & (t < when))
+    sooner = ends | (begins & (t < when))
     return where(sooner, t, when), where(sooner, where(ends, SLACK, group.full(PRESSING)), target)
 
 
