@@ -48,6 +48,9 @@ AHEAD = 2.0
 LONG = 1000.0
 #: How much longer than floors need to part, at the rate they have, the sub-step is in which they should.
 OVER = 1.05
+#: Most that penetration and its rate leave their ends by in a sub-step, by the sum of its rates there, with a margin:
+#: a cubic leaves them by 4/27.
+BEYOND = 0.25
 #: Longest sub-step that graded ones of stages grow to, in durations of a contact, by the largest product of its rate.
 GRADED = 0.8
 #: Fraction of a sub-step that stands for: not in it.
@@ -282,7 +285,10 @@ def ends(group: Group, whole: Any) -> None:
         looks = closed & (h > 0.0)
         for name in ("f0", "f1", "q0", "q1") if group.looks("ends") and not implicit else ():
             s[name, j] = 0.0
-        with nullcontext() if implicit else when_any(closed):  # of open ones implicit steps keep what was
+        counts = closed
+        if group.spec.staged and not (group.looks("ends") or "penetration" in r):
+            counts = looks & _may_exceed(group, j, (d0, d1, v0, v1))
+        with nullcontext() if implicit else when_any(counts):  # of open ones implicit steps keep what was
             b = course(group, j)
             if "penetration" in r:
                 s["dmax", j] = maximum(s["dmax", j], where(closed, maximum(d0, d1), 0.0))
@@ -293,6 +299,17 @@ def ends(group: Group, whole: Any) -> None:
                     s["dmax", j] = maximum(s["dmax", j], where(deepens, polynomial(t, d0, b), 0.0))
             if needs_force:
                 _force_ends(group, j, looks, whole, (d0, d1, v0, v1), b, follows)
+
+
+def _may_exceed(group: Group, j: Any, at: tuple[Any, ...]) -> Any:
+    """Lanes in which the force of contact j may exceed its largest so far in the sub-step just taken."""
+    s, law, h = group.state, group.law_of(j), group.state["h"]
+    d0, d1, v0, v1 = at
+    if not law.shape.grows:
+        return group.lanes_where(True)
+    rates = size(v0) + size(v1)
+    deepest, fastest = maximum(d0, d1) + BEYOND * h * rates, maximum(maximum(v0, v1), 0.0) + BEYOND * rates
+    return law.pressing(s["ke", j], s["ce", j], deepest, fastest) > s["fmax", j]
 
 
 def course(group: Group, j: Any) -> Powers:
