@@ -220,13 +220,16 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
             rises = rises & closed
         at_peak = where(rises, sign, -sign)
         depth = Series((start, *b).__getitem__, len(b))
-        extreme = crossing(group, busy & (turns | rises), 0.0, 1.0, depth.rate, at_peak)
-        there = polynomial(extreme, start, b)
-        event = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
-        low, high = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
-        when = where(event, crossing(group, event, low, high, depth, sign), NEVER)
+        bends = busy & (turns | rises)
+        low, high, event = Cell(group.full(0.0)), Cell(group.full(1.0)), Cell(busy & crosses)
+        with when_any(bends):
+            extreme = crossing(group, bends, 0.0, 1.0, depth.rate, at_peak)
+            there = polynomial(extreme, start, b)
+            event.now = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
+            low.now, high.now = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
+        when = where(event.now, crossing(group, event.now, low.now, high.now, depth, sign), NEVER)
         nears, parting = SIDES[law.shape.rebound_only]
-        target = where(event, where(closed, OPEN, group.full(nears)), mode)
+        target = where(event.now, where(closed, OPEN, group.full(nears)), mode)
         if law.shape.one_sided:
             slows, speeds = (mode == nears) & (v1 < 0.0), (mode == parting) & (v1 > 0.0)
             toward = where(slows, -1.0, group.full(1.0))
@@ -264,7 +267,10 @@ def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, start: tuple
     begins = asks & (mode == SLACK) & (p1 > 0.0) & (d > 0.0)
     sign = where(ends, -1.0, group.full(1.0))
     inside = (ends & (p0 > 0.0)) | (begins & (p0 <= 0.0))
-    t = where(inside, root(group, inside, 0.0, end, lambda t: sign * press(t)), 0.0)
+    start = Cell(group.full(0.0))
+    with when_any(inside):
+        start.now = where(inside, root(group, inside, 0.0, end, lambda t: sign * press(t)), 0.0)
+    t = start.now
     sooner = ends | (begins & (t < when))
     return where(sooner, t, when), where(sooner, where(ends, SLACK, group.full(PRESSING)), target)
 
