@@ -136,6 +136,25 @@ def test_a_force_that_ends_and_returns_within_a_step():
         np.testing.assert_allclose(ours["tclosed"][i], want["contact_time"], rtol=1e-6)
 
 
+@pytest.mark.slow
+def test_the_peak_of_a_graze_soon_after_its_touch_is_found():
+    """A strong damper has the force of a light contact rise at once, and fall through most of a long step."""
+    scenario = {
+        "scale": np.ones(1),
+        "gaps": np.full((1, 2), 5.80405e-3),
+        "stiffness": np.array([1.29644e6]),
+        "restitution": np.array([0.478414]),
+    }
+    found, right = (
+        RowKernel(ps.get_preset("mate2015"), LAWS["modified_kelvin"], Numerics(*how), reducers_for(OUTPUTS)).run(
+            ps.find_record("el_centro"), **scenario
+        )["fmax"][0]
+        for how in (("exact", 5e-3), ("rk4", 5e-4))
+    )
+    assert 0.0 < right[3] < 0.01 * right.max()
+    np.testing.assert_allclose(found, right, rtol=1e-3)
+
+
 @pytest.mark.parametrize("exponent", [1.0 / 12.0, 1.0 / 20.0, 0.4, -0.5])
 def test_rough_powers_have_six_figures(exponent):
     x = np.geomspace(1e-20, 1e20, 4001)

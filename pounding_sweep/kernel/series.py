@@ -399,7 +399,8 @@ def _largest(group: Group, lanes: Any, series: Series) -> Any:
     most = Cell(where(lanes, maximum(maximum(series.read(0), x1), 0.0), 0.0))
     turns = lanes & (r0 > 0.0) & (r1 < 0.0)
     with when_any(turns):
-        most.now = maximum(most.now, where(turns, extreme(group, series, t, r0, r1), 0.0))
+        at = newton(group, turns, 0.0, t, series.rate, -1.0)  # a force may turn soon after a touch
+        most.now = maximum(most.now, where(turns, series.value(at), 0.0))
     return most.now
 
 
