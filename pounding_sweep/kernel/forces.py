@@ -241,7 +241,7 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
             sooner = busy & closed & (t < when)
             when, target = where(sooner, t, when), where(sooner, 3.0 - mode, target)
         if law.shape.clips:
-            when, target = _slack(group, j, busy, when, target, (d0, v0), b)
+            when, target = _slack(group, j, busy, when, target, d0, b)
         s["event", j], s["next", j] = where(busy, when, s["event", j]), where(busy, target, s["next", j])
         if is_capped(group):
             fast, most = h * contact_rate(group, j, maximum(d0, d1)), group.prop("cap")
@@ -249,10 +249,10 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
             cap.now = where(deep, minimum(cap.now, maximum(most / fast, 1e-3)), cap.now)
 
 
-def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, start: tuple[Any, Any], b: Any) -> tuple[Any, Any]:
+def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, d0: Any, b: Any) -> tuple[Any, Any]:
     """Look for the instant at which a force that cannot pull ends, or begins again, before any other event."""
     s, law, h = group.state, group.law_of(j), group.state["h"]
-    (d0, v0), mode, k, c = start, s["mode", j], s["kl", j], s["cl", j]
+    mode, k, c = s["mode", j], s["kl", j], s["cl", j]
     r0, rb = rate(b)
 
     def press(t: Any) -> Any:
@@ -261,16 +261,18 @@ def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, start: tuple
     # not the release itself, where E and B v both end
     end = where(mode == PRESSING, minimum(when - group.limit.at_release, 1.0), minimum(when, 1.0))
     d, v = polynomial(end, d0, b), polynomial(end, r0, rb) / h
-    p1, p0 = law.pressing(k, c, d, v), law.pressing(k, c, d0, v0)
+    # at its own event the sign of a force is one of rounding
+    p1, p0 = law.pressing(k, c, d, v), press(group.full(group.limit.just_after))
     asks = asks & (c > 0.0)
     ends = asks & (mode == PRESSING) & (p1 <= 0.0) & (v < 0.0)
     begins = asks & (mode == SLACK) & (p1 > 0.0) & (d > 0.0)
     sign = where(ends, -1.0, group.full(1.0))
     inside = (ends & (p0 > 0.0)) | (begins & (p0 <= 0.0))
-    start = Cell(group.full(0.0))
+    first = Cell(group.full(0.0))
     with when_any(inside):
-        start.now = where(inside, root(group, inside, 0.0, end, lambda t: sign * press(t)), 0.0)
-    t = start.now
+        found = root(group, inside, group.limit.just_after, end, lambda t: sign * press(t))
+        first.now = where(inside, found, 0.0)
+    t = first.now
     sooner = ends | (begins & (t < when))
     return where(sooner, t, when), where(sooner, where(ends, SLACK, group.full(PRESSING)), target)
 

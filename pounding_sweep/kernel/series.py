@@ -326,19 +326,21 @@ def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -
         offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
     if law.shape.clips:
         k, c = s["kl", j], s["cl", j] * per
-        press = Series(_pressing(depth, k, c, _is_product(group, j)), depth.order - 1)
+        press = Series(_pressing(depth, k, c, _is_product(group, j), group.limit.at_release), depth.order - 1)
         toward, target = where(pressing, -1.0, group.full(1.0)), where(pressing, SLACK, group.full(PRESSING))
         offer(1, asks & closed & (c > 0.0), toward, press, target)
 
 
-def _pressing(depth: Series, k: Any, c: Any, product: bool) -> Callable[[int], Any]:
+def _pressing(depth: Series, k: Any, c: Any, product: bool, least: float) -> Callable[[int], Any]:
     """Coefficients of what the sign of a force follows, of a contact that may be slack: of k d + c d d' without d."""
 
     def read(n: int) -> Any:
         damped = c * depth.rate.read(n)
-        if product:
-            return k + damped if n == 0 else damped
-        return fma(k, depth.read(n), damped)
+        if n:
+            return damped if product else fma(k, depth.read(n), damped)
+        elastic = k if product else k * depth.read(0)
+        # at its own event the sign of a force is one of rounding
+        return where(size(elastic + damped) > least * size(elastic), elastic + damped, 0.0)
 
     return read
 
