@@ -120,13 +120,13 @@ def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: A
     return at.now
 
 
-def extreme(group: Group, series: Series, end: Any, r0: Any, r1: Any) -> Any:
+def extreme(group: Group, series: Series, end: Any, r0: Any, r1: Any, start: Any = 0.0) -> Any:
     """Value of a series where its rate, r0 at the start and r1 at the end of opposite sign, is zero (Newton)."""
-    t, slope = end * (r0 / (r0 - r1)), series.rate
+    t, slope = start + (end - start) * (r0 / (r0 - r1)), series.rate
     for _ in range(TURNS[group.spec.precision]):
         x, bend = slope.with_slope(t)
         then = t - x / bend
-        t = where((then >= 0.0) & (then <= end), then, t)
+        t = where((then >= start) & (then <= end), then, t)
     return series.value(t)
 
 

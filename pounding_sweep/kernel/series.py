@@ -48,6 +48,8 @@ LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
 NODES = {"float64": 6, "float32": 4}
 #: Most that a motion leaves its ends by, in its rates there times the step.
 BULGE = 0.2
+#: Parts of a step in which extremes of motions are looked for.
+PARTS = 4
 #: Where a step ends if floors that part bend back, over when a parabola is at its start again; its least part, if cut.
 PAST, SOONEST = -1.5, 1e-3
 
@@ -420,8 +422,13 @@ def _take_turns(group: Group) -> None:
             above = maximum(above, s[motion.least] - minimum(x0, x1))
         asks = (v0 * v1 <= 0.0) & (above + BULGE * h * (size(v0) + size(v1)) > 0.0)
         with when_any(asks):
-            inner = extreme(group, _course(group, motion), t, s["span"] * v0, s["span"] * v1)
-            take_extremes(group, motion, asks, (where(v0 * v1 < 0.0, inner, x1), x0, x1))
+            course = _course(group, motion)
+            for q in count_to(PARTS, group.trace):  # a floor that all but rests in a contact may turn thrice
+                a, b = ((1.0 / PARTS) * real(end) * t for end in (q, q + 1))
+                r0, r1 = course.rate.value(a), course.rate.value(b)
+                with when_any(turns := asks & (r0 * r1 < 0.0)):
+                    take_extremes(group, motion, turns, (extreme(group, course, b, r0, r1, a), x0, x1))
+            take_extremes(group, motion, asks, (x0, x0, x1))
 
 
 def _course(group: Group, motion: Motion) -> Series:
