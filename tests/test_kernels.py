@@ -495,3 +495,48 @@ def test_a_slow_touch_is_counted_once():
     )
     np.testing.assert_array_equal(coarse.impact_count, fine.impact_count)
     assert int(fine.impact_count.sum()) > 100
+
+
+@pytest.mark.slow
+def test_a_force_that_ends_just_before_its_contact_pulls_at_nothing():
+    """Of a strong damper the cut force is zero from shortly before the release on, where all of it ends."""
+    gaps, n = np.linspace(8.31e-3, 8.33e-3, 16), 16
+    scenarios = {
+        "scale": np.ones(n),
+        "gaps": np.repeat(gaps[:, None], 2, axis=1),
+        "stiffness": np.full(n, 6.39e7),
+        "restitution": np.full(n, 0.45),
+    }
+    reducers = reducers_for(["displacement_max", "impact_force_max"])
+    found, right = (
+        RowKernel(PAPER, LAWS["ye_hertz"], Numerics("exact", dt, finer=finer), reducers).run(
+            ps.find_record("el_centro"), **scenarios
+        )["umax"]
+        for dt, finer in ((5e-3, 1.0), (2.5e-4, 8.0))
+    )
+    assert np.abs(found / right - 1.0).max() < 3e-5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["float64", "float32"])
+@pytest.mark.parametrize("law", ["nonlinear_viscoelastic", "ye_hertz", "gonthier", "modified_kelvin"])
+def test_contacts_that_hardly_rebound_change_their_mode_once(law, precision):
+    """Where a rate or a force is zero at an event, and goes the other way first, the event is not found again."""
+    rng, n = np.random.default_rng(3), 256
+    stiffness = 2e6 if LAWS[law].exponent == 1.0 else 1.88e7
+    scenarios = {
+        "scale": np.ones(n),
+        "gaps": np.repeat(rng.uniform(0.002, 0.02, n)[:, None], 2, axis=1),
+        "stiffness": stiffness * np.exp(rng.uniform(-1.4, 1.4, n)),
+        "restitution": rng.uniform(0.05, 0.3, n),
+    }
+    reducers = reducers_for(["displacement_max", "impact_force_max", "impact_count"])
+    found, right = (
+        RowKernel(PAPER, LAWS[law], numerics, reducers).run(ps.find_record("el_centro"), **scenarios)
+        for numerics in (Numerics("exact", 5e-3, precision=precision), Numerics("rk4", 5e-4))
+    )
+    assert not found["flags"].any()
+    same = (found["count"] == right["count"]).all(axis=1)
+    assert same.mean() > 0.95
+    errors = np.abs(found["umax"] - right["umax"]).max(axis=1) / right["umax"].max(axis=1)
+    assert errors[same].max() < 1e-3

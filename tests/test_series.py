@@ -136,6 +136,51 @@ def test_a_force_that_ends_and_returns_within_a_step():
         np.testing.assert_allclose(ours["tclosed"][i], want["contact_time"], rtol=1e-6)
 
 
+@pytest.mark.slow
+def test_the_peak_of_a_graze_soon_after_its_touch_is_found():
+    """A strong damper has the force of a light contact rise at once, and fall through most of a long step."""
+    scenario = {
+        "scale": np.ones(1),
+        "gaps": np.full((1, 2), 5.80405e-3),
+        "stiffness": np.array([1.29644e6]),
+        "restitution": np.array([0.478414]),
+    }
+    found, right = (
+        RowKernel(ps.get_preset("mate2015"), LAWS["modified_kelvin"], Numerics(*how), reducers_for(OUTPUTS)).run(
+            ps.find_record("el_centro"), **scenario
+        )["fmax"][0]
+        for how in (("exact", 5e-3), ("rk4", 5e-4))
+    )
+    assert 0.0 < right[3] < 0.01 * right.max()
+    np.testing.assert_allclose(found, right, rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_floor_that_all_but_rests_in_a_contact_turns_where_it_does():
+    """Its rate is nearly zero all along a step, and changes its sign three times: Newton's method alone goes astray."""
+    buildings = [
+        Building("a", [120.0, 90.0], [1.5e5, 1.2e5]),
+        Building("b", [80.0, 110.0], [2.4e5, 2.0e5], damping_ratio=0.03),
+    ]
+    scene = Scene([ps.Wall(), *buildings, ps.Wall("right")], gaps=[0.004, 0.006, 0.005])
+    whole, rng, n = ps.find_record("el_centro"), np.random.default_rng(5), 512
+    scenarios = {
+        "scale": rng.uniform(0.3, 3.0, n),
+        "gaps": rng.uniform(0.0, 0.01, (n, 1)) * np.ones((1, 3)),
+        "stiffness": 2e5 * np.exp(rng.uniform(-2.0, 2.0, n)),
+        "restitution": rng.uniform(0.1, 0.98, n),
+    }
+    some = {name: values[[33, 118]] for name, values in scenarios.items()}
+    record = ps.Record("start", whole.dt, whole.acceleration[:600])
+    found, right = (
+        RowKernel(scene, LAWS["kelvin_voigt_tension"], Numerics(*how), reducers_for(OUTPUTS)).run(record, **some)
+        for how in (("exact", 2.5e-3), ("rk4", 5e-4))
+    )
+    np.testing.assert_array_equal(found["count"], right["count"])
+    for name in ("umax", "umin"):
+        np.testing.assert_allclose(found[name], right[name], rtol=1e-4, err_msg=name)
+
+
 @pytest.mark.parametrize("exponent", [1.0 / 12.0, 1.0 / 20.0, 0.4, -0.5])
 def test_rough_powers_have_six_figures(exponent):
     x = np.geomspace(1e-20, 1e20, 4001)

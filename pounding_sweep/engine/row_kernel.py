@@ -151,6 +151,7 @@ def _compiled(law: Law) -> LawShape:
         law.yields,
         law.rebound_only,
         law.is_power,
+        law.grows,
     )
 
 

@@ -48,6 +48,9 @@ AHEAD = 2.0
 LONG = 1000.0
 #: How much longer than floors need to part, at the rate they have, the sub-step is in which they should.
 OVER = 1.05
+#: Most that penetration and its rate leave their ends by in a sub-step, by the sum of its rates there, with a margin:
+#: a cubic leaves them by 4/27.
+BEYOND = 0.25
 #: Longest sub-step that graded ones of stages grow to, in durations of a contact, by the largest product of its rate.
 GRADED = 0.8
 #: Fraction of a sub-step that stands for: not in it.
@@ -217,13 +220,16 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
             rises = rises & closed
         at_peak = where(rises, sign, -sign)
         depth = Series((start, *b).__getitem__, len(b))
-        extreme = crossing(group, busy & (turns | rises), 0.0, 1.0, depth.rate, at_peak)
-        there = polynomial(extreme, start, b)
-        event = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
-        low, high = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
-        when = where(event, crossing(group, event, low, high, depth, sign), NEVER)
+        bends = busy & (turns | rises)
+        low, high, event = Cell(group.full(0.0)), Cell(group.full(1.0)), Cell(busy & crosses)
+        with when_any(bends):
+            extreme = crossing(group, bends, 0.0, 1.0, depth.rate, at_peak)
+            there = polynomial(extreme, start, b)
+            event.now = busy & (crosses | (turns & where(closed, there <= 0.0, there > 0.0)))
+            low.now, high.now = where(rises, extreme, 0.0), where(turns, extreme, 1.0)
+        when = where(event.now, crossing(group, event.now, low.now, high.now, depth, sign), NEVER)
         nears, parting = SIDES[law.shape.rebound_only]
-        target = where(event, where(closed, OPEN, group.full(nears)), mode)
+        target = where(event.now, where(closed, OPEN, group.full(nears)), mode)
         if law.shape.one_sided:
             slows, speeds = (mode == nears) & (v1 < 0.0), (mode == parting) & (v1 > 0.0)
             toward = where(slows, -1.0, group.full(1.0))
@@ -235,7 +241,7 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
             sooner = busy & closed & (t < when)
             when, target = where(sooner, t, when), where(sooner, 3.0 - mode, target)
         if law.shape.clips:
-            when, target = _slack(group, j, busy, when, target, (d0, v0), b)
+            when, target = _slack(group, j, busy, when, target, d0, b)
         s["event", j], s["next", j] = where(busy, when, s["event", j]), where(busy, target, s["next", j])
         if is_capped(group):
             fast, most = h * contact_rate(group, j, maximum(d0, d1)), group.prop("cap")
@@ -243,26 +249,31 @@ def _event(group: Group, j: Any, asks: Any, cap: Cell) -> None:
             cap.now = where(deep, minimum(cap.now, maximum(most / fast, 1e-3)), cap.now)
 
 
-def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, start: tuple[Any, Any], b: Any) -> tuple[Any, Any]:
+def _slack(group: Group, j: Any, asks: Any, when: Any, target: Any, d0: Any, b: Any) -> tuple[Any, Any]:
     """Look for the instant at which a force that cannot pull ends, or begins again, before any other event."""
     s, law, h = group.state, group.law_of(j), group.state["h"]
-    (d0, v0), mode, k, c = start, s["mode", j], s["kl", j], s["cl", j]
+    mode, k, c = s["mode", j], s["kl", j], s["cl", j]
     r0, rb = rate(b)
 
     def press(t: Any) -> Any:
         return law.pressing(k, c, polynomial(t, d0, b), polynomial(t, r0, rb) / h)
 
-    end = minimum(when, 1.0)
+    # not the release itself, where E and B v both end
+    end = where(mode == PRESSING, minimum(when - group.limit.at_release, 1.0), minimum(when, 1.0))
     d, v = polynomial(end, d0, b), polynomial(end, r0, rb) / h
-    p1, p0 = law.pressing(k, c, d, v), law.pressing(k, c, d0, v0)
+    # at its own event the sign of a force is one of rounding
+    p1, p0 = law.pressing(k, c, d, v), press(group.full(group.limit.just_after))
     asks = asks & (c > 0.0)
     ends = asks & (mode == PRESSING) & (p1 <= 0.0) & (v < 0.0)
     begins = asks & (mode == SLACK) & (p1 > 0.0) & (d > 0.0)
     sign = where(ends, -1.0, group.full(1.0))
     inside = (ends & (p0 > 0.0)) | (begins & (p0 <= 0.0))
-    t = where(inside, root(group, inside, 0.0, end, lambda t: sign * press(t)), 0.0)
-    # not the release itself, where E and B v both end
-    sooner = (ends & (t < when - group.limit.at_release)) | (begins & (t < when))
+    first = Cell(group.full(0.0))
+    with when_any(inside):
+        found = root(group, inside, group.limit.just_after, end, lambda t: sign * press(t))
+        first.now = where(inside, found, 0.0)
+    t = first.now
+    sooner = ends | (begins & (t < when))
     return where(sooner, t, when), where(sooner, where(ends, SLACK, group.full(PRESSING)), target)
 
 
@@ -282,7 +293,10 @@ def ends(group: Group, whole: Any) -> None:
         looks = closed & (h > 0.0)
         for name in ("f0", "f1", "q0", "q1") if group.looks("ends") and not implicit else ():
             s[name, j] = 0.0
-        with nullcontext() if implicit else when_any(closed):  # of open ones implicit steps keep what was
+        counts = closed
+        if group.spec.staged and not (group.looks("ends") or "penetration" in r):
+            counts = looks & _may_exceed(group, j, (d0, d1, v0, v1))
+        with nullcontext() if implicit else when_any(counts):  # of open ones implicit steps keep what was
             b = course(group, j)
             if "penetration" in r:
                 s["dmax", j] = maximum(s["dmax", j], where(closed, maximum(d0, d1), 0.0))
@@ -293,6 +307,17 @@ def ends(group: Group, whole: Any) -> None:
                     s["dmax", j] = maximum(s["dmax", j], where(deepens, polynomial(t, d0, b), 0.0))
             if needs_force:
                 _force_ends(group, j, looks, whole, (d0, d1, v0, v1), b, follows)
+
+
+def _may_exceed(group: Group, j: Any, at: tuple[Any, ...]) -> Any:
+    """Lanes in which the force of contact j may exceed its largest so far in the sub-step just taken."""
+    s, law, h = group.state, group.law_of(j), group.state["h"]
+    d0, d1, v0, v1 = at
+    if not law.shape.grows:
+        return group.lanes_where(True)
+    rates = size(v0) + size(v1)
+    deepest, fastest = maximum(d0, d1) + BEYOND * h * rates, maximum(maximum(v0, v1), 0.0) + BEYOND * rates
+    return law.pressing(s["ke", j], s["ce", j], deepest, fastest) > s["fmax", j]
 
 
 def course(group: Group, j: Any) -> Powers:

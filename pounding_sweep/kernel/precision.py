@@ -9,6 +9,7 @@ TOLERANCES: dict[str, dict[str, float]] = {
         "swept": 1e-13,  # relative change of contact forces at which sweeps over the contacts end
         "unswept": 1e-9,  # and above which they have failed
         "same_time": 1e-12,  # events this close (in steps) are simultaneous
+        "just_after": 1e-6,  # fraction of a sub-step after which a force differs from zero by more than rounding
         "at_release": 1e-9,  # and this close to a release, part of it
         "at_kink": 1e-6,  # kinks of a storey no farther (in sub-steps) from an end of a sub-step are at that end
         "done": 1e-13,  # remainder of a step (in steps) that is none
@@ -23,6 +24,7 @@ TOLERANCES: dict[str, dict[str, float]] = {
         "swept": 1e-6,
         "unswept": 1e-3,
         "same_time": 1e-6,
+        "just_after": 1e-3,
         "at_release": 1e-5,
         "at_kink": 1e-3,
         "done": 1e-6,

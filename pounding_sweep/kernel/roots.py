@@ -99,10 +99,12 @@ def crossing(group: Group, asks: Any, low: Any, high: Any, series: Series, sign:
 def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: Any) -> Any:
     """Where sign times a series turns positive between two instants, in lanes that ask (Newton in a bracket)."""
     low, high = group.full(low), group.full(high)
-    at_low, at_high = sign * series.value(low), sign * series.value(high)
-    going = Cell(asks & ~(at_low > 0.0) & (at_high > 0.0))
-    begin = where(at_low > 0.0, low, high)
-    secant = low + (high - low) * (at_low / (at_low - at_high))
+    (at_low, rises), at_high = (sign * x for x in series.with_slope(low)), sign * series.value(high)
+    at_once = (at_low > 0.0) | ((at_low == 0.0) & (rises > 0.0))
+    going = Cell(asks & ~at_once & (at_high > 0.0))
+    begin = where(at_once, low, high)
+    # from zero it turns negative first: that is not the change which is sought
+    secant = where(at_low < 0.0, low + (high - low) * (at_low / (at_low - at_high)), 0.5 * (low + high))
     lo, hi, at = Cell(low), Cell(high), Cell(where(going.now, secant, begin))
     settled, exact = SETTLED[group.spec.precision], group.limit.exact
     for _ in while_any(lambda: going.now, group.trace, at_most=60):
@@ -118,13 +120,13 @@ def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: A
     return at.now
 
 
-def extreme(group: Group, series: Series, end: Any, r0: Any, r1: Any) -> Any:
+def extreme(group: Group, series: Series, end: Any, r0: Any, r1: Any, start: Any = 0.0) -> Any:
     """Value of a series where its rate, r0 at the start and r1 at the end of opposite sign, is zero (Newton)."""
-    t, slope = end * (r0 / (r0 - r1)), series.rate
+    t, slope = start + (end - start) * (r0 / (r0 - r1)), series.rate
     for _ in range(TURNS[group.spec.precision]):
         x, bend = slope.with_slope(t)
         then = t - x / bend
-        t = where((then >= 0.0) & (then <= end), then, t)
+        t = where((then >= start) & (then <= end), then, t)
     return series.value(t)
 
 

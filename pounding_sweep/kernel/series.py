@@ -48,6 +48,8 @@ LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
 NODES = {"float64": 6, "float32": 4}
 #: Most that a motion leaves its ends by, in its rates there times the step.
 BULGE = 0.2
+#: Parts of a step in which extremes of motions are looked for.
+PARTS = 4
 #: Where a step ends if floors that part bend back, over when a parabola is at its start again; its least part, if cut.
 PAST, SOONEST = -1.5, 1e-3
 
@@ -326,19 +328,21 @@ def _offer_contact(group: Group, choice: _Choice, j: Any, asks: Any, per: Any) -
         offer(1, asks & closed, toward, depth.rate, where(pressing, REBOUND, group.full(PRESSING)))
     if law.shape.clips:
         k, c = s["kl", j], s["cl", j] * per
-        press = Series(_pressing(depth, k, c, _is_product(group, j)), depth.order - 1)
+        press = Series(_pressing(depth, k, c, _is_product(group, j), group.limit.at_release), depth.order - 1)
         toward, target = where(pressing, -1.0, group.full(1.0)), where(pressing, SLACK, group.full(PRESSING))
         offer(1, asks & closed & (c > 0.0), toward, press, target)
 
 
-def _pressing(depth: Series, k: Any, c: Any, product: bool) -> Callable[[int], Any]:
+def _pressing(depth: Series, k: Any, c: Any, product: bool, least: float) -> Callable[[int], Any]:
     """Coefficients of what the sign of a force follows, of a contact that may be slack: of k d + c d d' without d."""
 
     def read(n: int) -> Any:
         damped = c * depth.rate.read(n)
-        if product:
-            return k + damped if n == 0 else damped
-        return fma(k, depth.read(n), damped)
+        if n:
+            return damped if product else fma(k, depth.read(n), damped)
+        elastic = k if product else k * depth.read(0)
+        # at its own event the sign of a force is one of rounding
+        return where(size(elastic + damped) > least * size(elastic), elastic + damped, 0.0)
 
     return read
 
@@ -399,7 +403,8 @@ def _largest(group: Group, lanes: Any, series: Series) -> Any:
     most = Cell(where(lanes, maximum(maximum(series.read(0), x1), 0.0), 0.0))
     turns = lanes & (r0 > 0.0) & (r1 < 0.0)
     with when_any(turns):
-        most.now = maximum(most.now, where(turns, extreme(group, series, t, r0, r1), 0.0))
+        at = newton(group, turns, 0.0, t, series.rate, -1.0)  # a force may turn soon after a touch
+        most.now = maximum(most.now, where(turns, series.value(at), 0.0))
     return most.now
 
 
@@ -417,8 +422,13 @@ def _take_turns(group: Group) -> None:
             above = maximum(above, s[motion.least] - minimum(x0, x1))
         asks = (v0 * v1 <= 0.0) & (above + BULGE * h * (size(v0) + size(v1)) > 0.0)
         with when_any(asks):
-            inner = extreme(group, _course(group, motion), t, s["span"] * v0, s["span"] * v1)
-            take_extremes(group, motion, asks, (where(v0 * v1 < 0.0, inner, x1), x0, x1))
+            course = _course(group, motion)
+            for q in count_to(PARTS, group.trace):  # a floor that all but rests in a contact may turn thrice
+                a, b = ((1.0 / PARTS) * real(end) * t for end in (q, q + 1))
+                r0, r1 = course.rate.value(a), course.rate.value(b)
+                with when_any(turns := asks & (r0 * r1 < 0.0)):
+                    take_extremes(group, motion, turns, (extreme(group, course, b, r0, r1, a), x0, x1))
+            take_extremes(group, motion, asks, (x0, x0, x1))
 
 
 def _course(group: Group, motion: Motion) -> Series:

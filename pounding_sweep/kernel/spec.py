@@ -71,6 +71,7 @@ class LawShape:
     yields: bool = False
     rebound_only: bool = False
     is_power: bool = True
+    grows: bool = True
 
     @property
     def one_sided(self) -> bool:

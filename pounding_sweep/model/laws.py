@@ -188,6 +188,11 @@ class Law:
         return bool(np.ptp(share) <= _ALIKE * share[0])
 
     @property
+    def grows(self) -> bool:
+        """Whether the force grows with the penetration at any rate of approach: E does of every law."""
+        return not self.damper or bool((np.diff(_tried(self.damper, _DEPTHS)) >= 0.0).all())
+
+    @property
     def yields(self) -> bool:
         """Whether the force depends on how deep this contact has been before."""
         return self.damping == "yield"

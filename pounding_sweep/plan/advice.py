@@ -159,7 +159,7 @@ SchemeAndFormat = tuple[str, str]
 #: speed shortens a Hertz contact by so much.
 CONTACT_MARGIN = 1.25
 #: Short exact steps in half a period of the highest mode where `finer` is 1: where floors meet they are Runge-Kutta's.
-EXACT_STEPS = 8.0
+EXACT_STEPS = 4.0
 #: Relative error beyond which steps are too long for their errors to follow the order of a scheme.
 ORDERLY = 2e-3
 #: Scenarios whose times are worked out at once.
