@@ -17,8 +17,8 @@ _GROUP_FILES = {
 
 #: Limits of a process as ``/proc/self/limits`` names them, what is counted in ``/proc/self/status``, and the name.
 _PROCESS_LIMITS = (
-    ("Max address space", "VmSize", "limit on address space, ulimit -v"),
-    ("Max data size", "VmData", "limit on data, ulimit -d"),
+    ("Max address space", "VmSize:", "limit on address space, ulimit -v"),
+    ("Max data size", "VmData:", "limit on data, ulimit -d"),
 )
 
 
@@ -37,7 +37,7 @@ def free_memory(root: Path = Path("/")) -> FreeMemory | None:
 
 
 def _machine(root: Path) -> Iterator[FreeMemory]:
-    available = _numbers(root / "proc/meminfo").get("MemAvailable")
+    available = _number(root / "proc/meminfo", "MemAvailable:")
     if available is None:
         with suppress(ValueError, OSError):
             available = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
@@ -69,29 +69,29 @@ def _control_groups(root: Path) -> Iterator[FreeMemory]:
 
 def _group(folder: Path, limits: tuple[str, ...], used: str, cached: str) -> Iterator[FreeMemory]:
     most = [int(text) for name in limits for text in _lines(folder / name) if text.isdecimal()]  # or "max"
-    taken = next((int(text) for text in _lines(folder / used) if text.isdecimal()), None)
-    if most and taken is not None:
-        taken -= _numbers(folder / "memory.stat").get(cached, 0)
+    taken = next((int(text) for text in _lines(folder / used) if text.isdecimal()), None) if most else None
+    if taken is not None:
+        taken -= _number(folder / "memory.stat", cached) or 0
         yield FreeMemory(max(0, min(most) - taken), f"limit of the control group {folder}")
 
 
 def _process_limits(root: Path) -> Iterator[FreeMemory]:
-    used = _numbers(root / "proc/self/status")
     for line in _lines(root / "proc/self/limits"):
         for name, counted, text in _PROCESS_LIMITS:
             most = line.removeprefix(name).split()[:1] if line.startswith(name) else []
-            if most and most[0].isdecimal() and counted in used:  # or "unlimited"
-                yield FreeMemory(max(0, int(most[0]) - used[counted]), text)
+            used = _number(root / "proc/self/status", counted) if most and most[0].isdecimal() else None  # "unlimited"
+            if used is not None:
+                yield FreeMemory(max(0, int(most[0]) - used), text)
 
 
-def _numbers(path: Path) -> dict[str, int]:
-    """Read the lines of a name and a whole number; those in kB as bytes."""
-    found = {}
+def _number(path: Path, name: str) -> int | None:
+    """Read the whole number of a line that begins with a name; one in kB as bytes."""
     for line in _lines(path):
-        name, number, *unit = [*line.split(), "", ""][:3]
-        if number.isdecimal():
-            found[name.rstrip(":")] = int(number) * (1024 if unit == ["kB"] else 1)
-    return found
+        if line.startswith(name):
+            own, number, *unit = [*line.split(), "", ""][:3]
+            if own == name and number.isdecimal():
+                return int(number) * (1024 if unit == ["kB"] else 1)
+    return None
 
 
 def _lines(path: Path) -> list[str]:

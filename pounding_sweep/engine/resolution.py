@@ -9,7 +9,7 @@ however finite it is: `energy_limit` tells.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -33,15 +33,24 @@ MAX_ENERGY = 2.0
 MIN_GROUND_STEPS = 8.0
 
 
-def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np.ndarray:
-    """Phase by which a scheme misses a building's first two modes (rad), the largest of all buildings."""
-    h = record.dt / numerics.steps(record)
+def phase_errors(row: Scene | Variants, record: Record) -> Callable[[Numerics], np.ndarray]:
+    """Return what tells by which phase a scheme misses the first two modes (rad), the largest of all buildings."""
     variants = variants_of(row)
     w, decay = (np.concatenate([each[:, :2].T for each in parts]) for parts in zip(*variants.systems, strict=True))
     weights = np.concatenate([(1.0, SECOND_MODE)[: each.shape[1]] for each, _ in variants.systems])
-    memory = np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
-    share = numerics.scheme.phase_error(w * h, numerics.beta, numerics.gamma)
-    return np.asarray(np.max(weights[:, None] * w * memory * share, axis=0, initial=0.0))
+    weighed = weights[:, None] * w * np.minimum(record.duration, 2.0 / np.maximum(decay, 1e-300))
+
+    def of(numerics: Numerics) -> np.ndarray:
+        h = record.dt / numerics.steps(record)
+        share = numerics.scheme.phase_error(w * h, numerics.beta, numerics.gamma)
+        return np.asarray(np.max(weighed * share, axis=0, initial=0.0))
+
+    return of
+
+
+def phase_error(row: Scene | Variants, record: Record, numerics: Numerics) -> np.ndarray:
+    """Phase by which a scheme misses a building's first two modes (rad), the largest of all buildings."""
+    return phase_errors(row, record)(numerics)
 
 
 def loses_ground(record: Record, numerics: Numerics) -> bool:

@@ -229,6 +229,8 @@ _UNFINISHED = ".parts/identity.json"
 READ_CACHE = 2**22
 #: How the arrays of a dataset that is written in one piece are compressed, and checked when they are read.
 COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}
+#: Least size (bytes) of a label that is compressed by `write_in_slabs`: to begin with it costs as much as to write it.
+LEAST_COMPRESSED = 2**14
 
 
 def _target(path: str | os.PathLike[str]) -> tuple[Path, int | None]:
@@ -468,7 +470,8 @@ def _declare_label(file: netCDF4.Dataset, name: str, label: Array) -> tuple[netC
         values = texts.reshape(*values.shape, 1).view("S1")
         attributes = {**attributes, **({"_Encoding": ENCODING} if _says_encoding(name, dims) else {})}
         dims = (*dims, f"string{values.shape[-1]}")
-    stored = _declare(file, name, Array(dims, values, {}), {"_FillValue": None}, **(COMPRESSION if dims else {}))
+    how = COMPRESSION if values.nbytes >= LEAST_COMPRESSED else {}
+    stored = _declare(file, name, Array(dims, values, {}), {"_FillValue": None}, **how)
     stored.setncatts(attributes)
     return stored, values
 

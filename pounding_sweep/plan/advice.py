@@ -16,14 +16,14 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pounding_sweep.base.errors import SweepError
-from pounding_sweep.engine.resolution import MAX_PHASE_ERROR, loses_ground, phase_error
+from pounding_sweep.engine.resolution import MAX_PHASE_ERROR, loses_ground, phase_errors
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import LAWS, RESTING_SPEED, Law
 from pounding_sweep.model.scene import Building, Scene
@@ -166,6 +166,8 @@ ORDERLY = 2e-3
 BLOCK = 2**16
 #: Leading digits of the numbers of steps in a record interval: few, so that many scenarios share one.
 _STEPS = (10, 12, 16, 20, 25, 30, 40, 50, 60, 80)
+#: Powers of ten by which they are multiplied at most: more steps than any record can be cut into.
+_MOST_DECADES = 8
 
 
 @dataclass(frozen=True)
@@ -175,9 +177,14 @@ class Curve:
     steps: tuple[float, ...]  # steps in the shortest time of the scenario, rising
     error: tuple[float, ...]  # relative error of so many steps
 
+    @cached_property
+    def _log_error(self) -> np.ndarray:
+        """Logarithm of the largest error of so many steps or more: no use of a lucky coarse step."""
+        return np.asarray(np.log(np.maximum.accumulate(np.asarray(self.error)[::-1])[::-1]))
+
     def needed(self, accuracy: float) -> float:
         """Return the least steps from which on the error stays within `accuracy`; infinite if that was not reached."""
-        log_error = np.log(np.maximum.accumulate(np.asarray(self.error)[::-1])[::-1])  # no use of a lucky coarse step
+        log_error = self._log_error
         within = log_error <= math.log(accuracy) + 1e-12
         if not within[-1]:
             return math.inf
@@ -365,11 +372,11 @@ def _needed(
     """Return what each law needs (of exact flight its `finer`, else steps in the shortest time) and the worst error."""
     assert spec.accuracy is not None
     need, best, bumpers = {}, (0.0, ""), [bumper.law for bumper in spec.scene.bumpers]
-    beside = 0.0
+    beside, kinds = 0.0, classes_of(spec.outputs)
     for law in (*bumpers, *laws):
         # a law of a user's own has no curves: its scenarios begin as those of the law that asks for most
         likes = [law.key] if LAWS.get(law.key) == law else list(LAWS)
-        curves = [known.curves.get((*scheme, like, kind)) for like in likes for kind in classes_of(spec.outputs)]
+        curves = [known.curves.get((*scheme, like, kind)) for like in likes for kind in kinds]
         if None in curves:
             msg = (
                 f"accuracy: no errors of law {law.key!r} with {' and precision '.join(scheme)} were measured; "
@@ -482,13 +489,13 @@ class _Demand:
         stepped = any(self.spec.scene.yields) or any(law.impulsive for law in self.laws)
         flies = SCHEMES[method].flies_exactly and not stepped
         limit = MAX_PHASE_ERROR if flies else min(self.spec.accuracy, MAX_PHASE_ERROR)
-        result = np.zeros(len(self.variants), dtype=int)
-        steps = 1
-        while not result.all():
+        result, error = np.zeros(len(self.variants), dtype=int), phase_errors(self.variants, record)
+        for steps in _ladder(_MOST_DECADES).tolist():
             numerics = Numerics(method, record.dt / steps)
-            late = phase_error(self.variants, record, numerics) > limit
+            late = error(numerics) > limit
             result[(result == 0) & ~late & (not loses_ground(record, numerics))] = steps
-            steps = int(whole_steps(np.array([steps + 1.0]))[0])
+            if result.all():
+                break
         return result
 
     def _limit(

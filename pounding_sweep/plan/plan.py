@@ -99,7 +99,7 @@ class Plan:
         """SHA-256 of the sweep's description."""
         return digest(self.spec)
 
-    @property
+    @cached_property
     def outputs(self) -> tuple[str, ...]:
         """Variables that are asked for; where steps were chosen, the step and the estimated error among them."""
         chosen = () if self.spec.accuracy is None else ("time_step", "error_estimate")
@@ -225,7 +225,7 @@ class Plan:
         total = (self.spec.records[record].n_points - 1) * steps * (1 if self.spec.accuracy is None else REFINED)
         return total * self.spec.scene.n_dof * self.numerics.scheme.step_cost * 1e-9
 
-    @property
+    @cached_property
     def bytes_per_scenario(self) -> int:
         """Bytes of one scenario's values."""
         from pounding_sweep.outputs.layout import inner_shape

@@ -61,10 +61,10 @@ def unique_scenarios(spec: SweepSpec, laws: Sequence[Law]) -> tuple[Scenarios, V
     if len(first) <= BLOCK:
         return table_of(first), variants, inverse
     starts = range(0, len(first), BLOCK)
-    return _joined([table_of(first[start : start + BLOCK]) for start in starts]), variants, inverse
+    return joined([table_of(first[start : start + BLOCK]) for start in starts]), variants, inverse
 
 
-def _joined(parts: list[Scenarios]) -> Scenarios:
+def joined(parts: list[Scenarios]) -> Scenarios:
     """Put tables one below the other; a column in which all rows agree takes the memory of one row again."""
     n = sum(map(len, parts))
 

@@ -32,7 +32,7 @@ from pounding_sweep.outputs.differences import CHANGE, comparable, relative_erro
 from pounding_sweep.outputs.variables import STATUS, Status
 from pounding_sweep.plan.chunks import ChunkTask
 from pounding_sweep.plan.plan import REFINED
-from pounding_sweep.plan.scenarios import BLOCK, changed
+from pounding_sweep.plan.scenarios import BLOCK, changed, joined
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.refinement import SINGLE_HALVINGS, halved, in_double
 
@@ -220,10 +220,10 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     where = np.sort(np.concatenate([sample.rows for sample in samples]))
     own = outcome.results.gather(where)
     batches = _batches(plan, _by_step(plan, where, own))
-    fine = _run(plan, batches, dispatcher, _halved_task(plan, outputs))
-    moved = None if fine is None else _run(plan, batches, dispatcher, _halved_task(plan, outputs, change=True))
-    if fine is None or moved is None:
+    both = _run(batches, dispatcher, _halved_task(plan, outputs))
+    if both is None:
         return None
+    fine, moved = both
     error = _table(relative_errors(outputs, own, fine))
     sensitivity = _table(relative_errors(outputs, moved, fine))
     sensitive = _counts_differ(moved, fine) | (sensitivity.max(axis=1) > tolerance)
@@ -231,14 +231,11 @@ def audit(plan: Plan, outcome: Outcome, dispatcher: Dispatcher) -> Audit | None:
     again = np.flatnonzero((own["status"] == Status.OK) & (error.max(axis=1) > tolerance))
     if len(again):
         some = {name: values[again] for name, values in own.items()}
-        settled = _run(
-            plan,
-            _batches(plan, _by_step(plan, where[again], some)),
-            dispatcher,
-            _settling_task(plan, outputs, tolerance),
-        )
-        if settled is None:
+        batches = _batches(plan, _by_step(plan, where[again], some))
+        found = _run(batches, dispatcher, _settling_task(plan, outputs, tolerance))
+        if found is None:
             return None
+        (settled,) = found
         error[again] = _table(relative_errors(outputs, some, settled))
         undecided[again] = settled["status"] != Status.OK
     result = Audit(where, outputs, error, sensitivity, own["status"], sensitive, undecided, len(rows), share, tolerance)
@@ -262,9 +259,10 @@ def _by_step(plan: Plan, rows: np.ndarray, own: dict[str, np.ndarray]) -> list[R
 
 
 def _run(
-    plan: Plan, batches: list[list[Rerun]], dispatcher: Dispatcher, task_of: Callable[[list[Rerun], int], ChunkTask]
-) -> dict[str, np.ndarray] | None:
+    batches: list[list[Rerun]], dispatcher: Dispatcher, task_of: Callable[[list[Rerun], int], ChunkTask]
+) -> list[dict[str, np.ndarray]] | None:
     """Run batches; returns results in rising order of their rows, or None, with a warning, where one failed."""
+    # a dictionary for each time that a task has all scenarios of its batch
     measured: list[tuple[np.ndarray, np.ndarray]] = []
     failures: list[str] = []
 
@@ -272,7 +270,8 @@ def _run(
         if isinstance(found, str):
             failures.append(found)
         else:
-            measured.append((np.concatenate([sample.rows for sample in batches[position]]), found))
+            rows = np.concatenate([sample.rows for sample in batches[position]])
+            measured.append((rows, found.reshape(-1, len(rows))))
 
     dispatcher.run(len(batches), lambda position: task_of(batches[position], position), receive)
     if failures:
@@ -283,9 +282,8 @@ def _run(
             stacklevel=4,
         )
         return None
-    rows, tables = (np.concatenate(part) for part in zip(*measured, strict=True))
-    table = tables[np.argsort(rows)]
-    return {name: table[name] for name in table.dtype.names or ()}
+    rows, tables = (np.concatenate(part, axis=-1) for part in zip(*measured, strict=True))
+    return [{name: table[name] for name in table.dtype.names or ()} for table in tables[:, np.argsort(rows)]]
 
 
 def _batches(plan: Plan, samples: list[Rerun]) -> list[list[Rerun]]:
@@ -301,15 +299,15 @@ def _batches(plan: Plan, samples: list[Rerun]) -> list[list[Rerun]]:
     return batches
 
 
-def _halved_task(plan: Plan, outputs: Sequence[str], change: bool = False) -> Callable[[list[Rerun], int], ChunkTask]:
-    """Return what makes the run of a batch at half of all its steps, as it is or with all inputs changed."""
+def _halved_task(plan: Plan, outputs: Sequence[str]) -> Callable[[list[Rerun], int], ChunkTask]:
+    """Return what makes the run of a batch at half of all its steps, as it is and with all inputs changed."""
 
     def task_of(batch: list[Rerun], position: int) -> ChunkTask:
         sample, table = batch[0], plan.unique[np.concatenate([sample.rows for sample in batch])]
         kernel = replace(_kernel_of(plan, sample), accuracy=None)
-        key = f"audit-{plan.digest[:32]}-{'changed' if change else 'halved'}-{position}"
-        scenarios = changed(table) if change else table
-        return ChunkTask(key, kernel, sample.record, scenarios, plan.variants[table.variant], tuple(outputs))
+        key = f"audit-{plan.digest[:32]}-halved-{position}"
+        both = joined([table, changed(table)])
+        return ChunkTask(key, kernel, sample.record, both, plan.variants[both.variant], tuple(outputs))
 
     return task_of
 

@@ -79,6 +79,14 @@ class Dispatcher:
         client = self._open.enter_context(cluster_client(self.scheduler, self.workers))
         return ClusterWorkers(client, self.records, self._run, self._note)
 
+    @cached_property
+    def _threads(self) -> ThreadPoolExecutor:
+        """The threads of this process, from the first chunk on."""
+        pool = ThreadPoolExecutor(self.workers, thread_name_prefix="sweep")
+        # who interrupts a run does not wait for its chunks
+        self._open.callback(pool.shutdown, wait=False, cancel_futures=True)
+        return pool
+
     def _run_here(self, task_of: Callable[[int], ChunkTask], position: int) -> np.ndarray | str:
         try:
             mine = task_of(position)
@@ -89,17 +97,13 @@ class Dispatcher:
     def _run_in_threads(self, n: int, task_of: Callable[[int], ChunkTask], receive: Receive) -> None:
         following = iter(range(n))
         under_way: dict[Future[np.ndarray | str], int] = {}
-        pool = ThreadPoolExecutor(self.workers, thread_name_prefix="sweep")
-        try:
-            while True:
-                for position in islice(following, AHEAD * self.workers - len(under_way)):
-                    under_way[pool.submit(self._run_here, task_of, position)] = position
-                if not under_way:
-                    break
-                for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-                    receive(under_way.pop(future), future.result())
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)  # who interrupts a run does not wait for its chunks
+        while True:
+            for position in islice(following, AHEAD * self.workers - len(under_way)):
+                under_way[self._threads.submit(self._run_here, task_of, position)] = position
+            if not under_way:
+                break
+            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                receive(under_way.pop(future), future.result())
 
 
 class ExtendingDispatcher(Dispatcher):

@@ -48,7 +48,7 @@ def largest_step(
                 largest = np.maximum(largest, variants.contact_mass(j))
             contact_c = law.damping_coefficient(restitution, stiffness, largest, basis)
     w2, rate = np.zeros_like(stiffness), np.zeros_like(stiffness)
-    weights = _contact_weights(scene)
+    weights = _contact_weights(scene) if decides else np.zeros(scene.n_dof)
     links = _link_weights(scene)
     if law.has_contact and not scheme.flies_exactly:
         links = links + _bumper_weights(variants, basis)
