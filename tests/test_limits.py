@@ -498,6 +498,29 @@ def test_what_is_kept_is_counted_and_named_where_it_is(tmp_path, monkeypatch):
     assert f"; {len(there)} finished chunks are kept in {tmp_path}/data/real.nc.parts: " in said
 
 
+def test_chunks_whose_folder_is_closed(tmp_path, monkeypatch):
+    """Both who runs and who asks is told why, and of whom to ask access."""
+    write(tmp_path, TINY)
+    store = ChunkStore(tmp_path / "out.nc.parts", "x").open()
+    real = Path.read_bytes
+
+    def closed(path):
+        if path.parent == store.folder:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return real(path)
+
+    monkeypatch.setattr(Path, "read_bytes", closed)
+    monkeypatch.chdir(tmp_path)
+    for command in (RUN, ["info", "out.nc"]):
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 2
+        assert re.fullmatch(
+            r"pounding-sweep: error: the chunk folder '.*out\.nc\.parts' can't be read \(Permission denied\); "
+            r"ask its owner for access, or give another path\n",
+            done.stderr,
+        )
+
+
 @pytest.mark.slow  # a process without rights
 def test_chunks_that_may_not_be_read(tmp_path):
     """Such as another user's; nobody is told to remove them."""
