@@ -46,9 +46,13 @@ def number_of(e):
     return brentq(lambda x: x * x - 2.0 * e * e * (-x - np.log1p(-x)), 1e-6, 1.0 - 1e-14) / e
 
 
-@lru_cache
 def truth(scene, law, points=101, scale=1.5):
     """The twin of a row under a law of the scene's own stiffness and restitution, its links and bumpers among it."""
+    return _truth(scene, law, points, scale)
+
+
+@lru_cache
+def _truth(scene, law, points, scale):
     record, ends = motion(points, scale), [each for link in scene.links for each in link.floors]
     links = [
         (link.pair, link.storey, right, link.stiffness, link.damping)

@@ -254,7 +254,9 @@ class TestLaws:
 
 
 class TestImpacts:
-    @pytest.mark.parametrize("over", [None, ["gap"], ["record", "scale"], []])
+    @pytest.mark.parametrize(
+        "over", [None, ["record", "scale"], *(pytest.param(over, marks=pytest.mark.slow) for over in (["gap"], []))]
+    )
     def test_statistics_by_a_plain_loop(self, over):
         cube = spoiled(6, "impact_count", "impact_force_max", "first_impact_time")
         found = analysis.impact_statistics(cube, over)

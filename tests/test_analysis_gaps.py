@@ -386,6 +386,7 @@ class TestAtAnIntensity:
         assert found.attrs["hazard"] == "0.001 x^-2"
         assert float(found.beyond) == 0.0
 
+    @pytest.mark.slow
     def test_intervals_under_a_hazard_hold_the_truth_as_often_as_they_say(self):
         rng = np.random.default_rng(3)
         ratios = 0.02 * np.exp(0.5 * rng.standard_normal((400, 10)))

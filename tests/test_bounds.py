@@ -100,8 +100,14 @@ def test_deep_values_are_refused(tmp_path, depth, form):
 
 @pytest.mark.parametrize(
     "key",
-    ["title", "sweep.gaps", "sweep.records", "scene.preset"]
-    + [pytest.param(key, marks=pytest.mark.slow) for key in ("sweep.laws", "solver.method", "solver.dt")],
+    [
+        "sweep.gaps",
+        "scene.preset",
+        *(
+            pytest.param(key, marks=pytest.mark.slow)
+            for key in ("title", "sweep.records", "sweep.laws", "solver.method", "solver.dt")
+        ),
+    ],
 )
 @pytest.mark.parametrize(
     "value",
@@ -175,6 +181,13 @@ def test_a_file_whose_name_is_no_text(tmp_path, monkeypatch):
     assert record.source.encode() == b"caf\\udce9.csv"
     (fault,) = [said for _, said in list_records() if isinstance(said, str)]
     assert "give it another one" in fault
+
+
+@pytest.mark.slow  # whose streams are those of a process
+def test_a_file_whose_name_is_no_text_is_listed(tmp_path, monkeypatch):
+    monkeypatch.setenv("POUNDING_SWEEP_RECORDS", str(tmp_path))
+    with open(os.fsencode(tmp_path) + b"/caf\xe9.csv", "wb") as file:
+        file.write(b"time (s),acc (g)\n0,0.1\n0.01,0.2\n")
     done = subprocess.run(
         [sys.executable, "-m", "pounding_sweep", "records", "--json"], capture_output=True, check=True, timeout=300
     )
@@ -233,10 +246,18 @@ def test_any_attributes_of_a_cube_are_described_in_short(attributes):
 
 @pytest.mark.parametrize(
     "value",
-    [nested(10**5), "x" * 10**6, list(range(10**5)), 16**9000, {1: nested(2000)}, b"x" * 999],
+    [
+        lambda: nested(10**5),
+        lambda: "x" * 10**6,
+        lambda: list(range(10**5)),
+        lambda: 16**9000,
+        lambda: {1: nested(2000)},
+        lambda: b"x" * 999,
+    ],
     ids=["deep", "text", "list", "number", "dict", "bytes"],
 )
 def test_values_are_shown_in_short(value):
+    value = value()
     assert len(shown(value)) <= errors.SHOWN_CHARACTERS
     assert len(unknown("thing", value, ["one", "two"])) < 2 * errors.SHOWN_CHARACTERS
 

@@ -52,7 +52,7 @@ LONG = ps.Scene(
 
 @pytest.mark.parametrize(("method", "dt", "bound"), [("rk4", 5e-4, 1e-6), ("newmark", 5e-4, 3e-3)])
 def test_every_variable_equals_the_twins(method, dt, bound):
-    got, want = simulate(BUMPED, "hertz_damped", method=method, dt=dt), truth(BUMPED, "hertz_damped")
+    got, want = simulate(BUMPED, "hertz_damped", 86, method=method, dt=dt), truth(BUMPED, "hertz_damped", 86)
     assert int(got.status) == Status.OK
     assert (got.impact_count.sum("storey") > 3).all()  # bumpers, bare floors and the wall
     assert float(got.penetration_max.sel(pair="a-b").max()) > 0.8 * PAD.thickness  # squeezed flat
@@ -64,7 +64,7 @@ def test_every_variable_equals_the_twins(method, dt, bound):
 
 def test_contacts_of_several_laws_are_stepped_by_one_series():
     """Where all are polynomials of the motion, at any step."""
-    got, want = simulate(PADDED, "kelvin_voigt", method="exact", dt=5e-3), truth(PADDED, "kelvin_voigt")
+    got, want = simulate(PADDED, "kelvin_voigt", 51, method="exact", dt=5e-3), truth(PADDED, "kelvin_voigt", 51)
     found = errors(got, want, PADDED)
     assert max(found.values()) < 5e-6, found
     shapes = [kernel_shape(scene, LAWS["kelvin_voigt"], Numerics("exact", 1e-3), ()) for scene in (PADDED, BUMPED)]

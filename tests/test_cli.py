@@ -459,7 +459,8 @@ def test_an_interrupted_run_continues_to_the_same_cube(tmp_path):
 # -- progress ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("quiet", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow  # by day the display is, in `test_progress`
+@pytest.mark.parametrize("quiet", [False, True])
 def test_progress_is_shown_on_a_terminal_unless_quiet(tiny, tmp_path, quiet):
     folder, _ = tiny
     ours, theirs = pty.openpty()

@@ -725,17 +725,17 @@ class TestDescribe:
         assert "PGA 5 m/s2" in describe(cube)
 
     @pytest.mark.parametrize(
-        "dataset",
+        "given",
         [
-            xr.Dataset(),
-            xr.Dataset({"status": ("x", np.array([0, 77], dtype="i1"))}),
-            xr.Dataset({"a": ("x", ["p", "q"]), "b": ("x", [np.nan, np.nan])}, attrs={"records": "no JSON"}),
-            xr.Dataset({"a": ("x", np.zeros(0))}, coords={"x": np.zeros(0)}),
-            xr.Dataset({"status": ("x", np.zeros(2, "i1")), "a": ("y", [1.0])}, attrs={"records": "[1, {}]"}),
+            {},
+            {"data_vars": {"status": ("x", np.array([0, 77], dtype="i1"))}},
+            {"data_vars": {"a": ("x", ["p", "q"]), "b": ("x", [np.nan, np.nan])}, "attrs": {"records": "no JSON"}},
+            {"data_vars": {"a": ("x", np.zeros(0))}, "coords": {"x": np.zeros(0)}},
+            {"data_vars": {"status": ("x", np.zeros(2, "i1")), "a": ("y", [1.0])}, "attrs": {"records": "[1, {}]"}},
         ],
     )
-    def test_any_dataset(self, dataset):
-        text = describe(dataset)
+    def test_any_dataset(self, given):
+        text = describe(xr.Dataset(**given))
         assert text
         assert not text.endswith("\n")
 
@@ -760,10 +760,10 @@ def test_files_written_side_by_side_take_nothing_from_one_another(tmp_path):
     """A folder that is just being made is no leftover of a killed process."""
 
     def write(writer):
-        for i in range(40):
+        for i in range(10):
             with files.replacing(tmp_path / f"{writer}-{i}.txt") as path:
                 path.write_text("whole", encoding="utf-8")
 
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(write, range(8)))
-    assert len(list(tmp_path.iterdir())) == 8 * 40
+    assert len(list(tmp_path.iterdir())) == 8 * 10

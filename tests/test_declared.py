@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 import sys
 import tomllib
@@ -11,23 +10,15 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 #: Modules of distributions that others pin to one version.
 PINNED = {"pydantic_core": "pydantic"}
-
-
-def statements(node):
-    """All below a node; expressions, which hold none, are passed over."""
-    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
-        for child in getattr(node, part, ()):
-            yield child
-            yield from statements(child)
+#: A line that imports: ``import x.y``, ``from x.y import z``.
+IMPORT = re.compile(r"^ *(?:import (\w+)|from (\w+)[\w.]* import )", re.M)
 
 
 def imported(folder):
     """Top-level names of all modules imported below a folder, wherever in a file."""
     for file in folder.rglob("*.py"):
-        for node in statements(ast.parse(file.read_text(encoding="utf-8"))):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
-            yield from (name.partition(".")[0] for name in names)
+        for whole, first in IMPORT.findall(file.read_text(encoding="utf-8")):
+            yield whole or first
 
 
 def plain(name):

@@ -211,6 +211,7 @@ class TestRuns:
         assert (same[:, 0] == same[:, 2]).all()  # without pounding a gap changes nothing
         assert job.plan().n_unique < cube.sizes["case"] - 40
 
+    @pytest.mark.slow  # by day those of axes do, in `test_execute`
     def test_interrupted_runs_go_on(self, tmp_path, monkeypatch):
         from pounding_sweep.run import cube_writer
 
@@ -233,6 +234,7 @@ class TestRuns:
         assert job.last_outcome.taken >= 3 * 2 * 8 - 2 * 8
         assert cube.drop_attrs().equals(sweep(many).run(workers=1).drop_attrs())
 
+    @pytest.mark.slow  # by day those of lists are, in `test_merge`
     def test_records_run_apart_are_merged(self, tmp_path):
         for record in motions():
             sweep(records=record).run(tmp_path / f"{record.name}.nc", workers=1).close()

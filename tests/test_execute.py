@@ -100,7 +100,7 @@ def test_sweeps_in_threads_keep_to_themselves():
     sweeps = [make(scales=scale) for scale in (0.5, 1.0, 1.5, 2.0)]
     alone = [sweep.run(workers=1) for sweep in sweeps]
     with ThreadPoolExecutor(len(sweeps)) as pool:
-        for _ in range(5):
+        for _ in range(2):
             together = pool.map(lambda sweep: sweep.run(workers=1), [make(scales=s) for s in (0.5, 1.0, 1.5, 2.0)])
             for cube, expected in zip(together, alone, strict=True):
                 same(cube, expected)
@@ -301,7 +301,7 @@ def rows_in(chunks):
 
 
 @pytest.mark.usefixtures("small_chunks")
-@pytest.mark.parametrize("scheduler", ["threads", "synchronous"])
+@pytest.mark.parametrize("scheduler", [pytest.param("threads", marks=pytest.mark.slow), "synchronous"])
 def test_an_interrupted_run_continues(reference, tmp_path, monkeypatch, scheduler):
     out = tmp_path / "out.nc"
     parts = interrupted(out, 3, scheduler)

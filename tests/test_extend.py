@@ -115,10 +115,7 @@ def same(found, expected):
     ("chunk_seconds", "axis"),
     [
         # other axes differ in their values alone
-        *(
-            pytest.param(1e-5, axis, marks=[] if axis in ("records", "all") else pytest.mark.slow)
-            for axis in (*WHOLE, "all")
-        ),
+        *(pytest.param(1e-5, axis, marks=[] if axis == "all" else pytest.mark.slow) for axis in (*WHOLE, "all")),
         *(pytest.param(0.25, axis, marks=[] if axis == "all" else pytest.mark.slow) for axis in (*WHOLE, "all")),
     ],
 )
@@ -160,6 +157,7 @@ def test_the_output_itself_may_be_extended(whole, tmp_path):
     assert not (tmp_path / "study.nc.parts").exists()
 
 
+@pytest.mark.slow  # by day scenarios without a result are run, and merged cubes extended, above and below
 def test_a_merged_cube_is_filled(whole, ran, tmp_path):
     """Parts with holes between them: what no part has is run."""
     a, b = {"gaps": [0.002, 0.01], "restitutions": [0.3]}, {"gaps": [0.0005, 0.5, 0.02], "restitutions": [0.7]}
@@ -253,6 +251,10 @@ def test_one_motion_under_two_names(ran, tmp_path):
             found = job.run(extend=tmp_path / "old.nc", workers=1)
             assert {(record, gaps[0]) for _, record, *_, gaps in ran} == new
             same(found, whole)
+
+
+@pytest.mark.slow  # by day on axes
+def test_one_motion_under_two_names_in_cases(tmp_path):
     cases = [{"law": "kelvin_voigt", "gap": gap, "record": name} for gap in (0.002, 0.01) for name in ("one", "twin")]
     listed(cases, records=twins()).run(tmp_path / "cases.nc", workers=1).close()
     job = listed([*cases[::-1], {**cases[0], "gap": 0.02}], records=twins())
@@ -286,7 +288,7 @@ def whole_file(whole, tmp_path_factory):
     ("told", "says"),
     [
         pytest.param({"pounding_sweep_version": "0.0"}, r"version is '0\.0' there and", marks=pytest.mark.slow),
-        ({"package_sha256": None}, "does not say what it needs to be extended"),
+        pytest.param(*({"package_sha256": None}, "does not say what it needs to be extended"), marks=pytest.mark.slow),
         ({"package_sha256": None, "merged_from": '[{"file": "a.nc"}]'}, "merged from cubes that several states of the"),
         ({"package_sha256": "new"}, r"source of the package, as SHA-256, is 'new' there and '[0-9a-f]{64}' here\. The"),
         pytest.param(
@@ -427,6 +429,7 @@ def found_taken(cube):
 
 @settings(max_examples=settings().max_examples // 5)
 @given(st.lists(st.integers(0, 5), min_size=1, unique=True), st.lists(st.integers(0, 5), min_size=1, unique=True))
+@pytest.mark.slow  # by day those of axes are
 def test_listed_building_properties(tmp_path_factory, old, new):
     """With chunks of one scenario, too; the damping ratio that all buildings have is no property."""
     pool = [
@@ -619,17 +622,26 @@ def earlier(two_cubes, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("after", "lines", "there"),  # chunks that are known as a whole come first
-    [pytest.param(1, 1, 16, marks=pytest.mark.slow), (70, 2, 24)],
+    ("after", "lines", "there", "with_it"),  # chunks that are known as a whole come first
+    [
+        (70, 2, 24, False),
+        *(
+            pytest.param(*case, marks=pytest.mark.slow)
+            for case in ((70, 2, 24, True), (1, 1, 16, True), (1, 1, 16, False))
+        ),
+    ],
 )
-def test_an_interrupted_extension_continues(whole, earlier, tmp_path, after, lines, there):
+def test_an_interrupted_extension_continues(whole, earlier, tmp_path, after, lines, there, with_it):
     """What was taken is told, as without an interrupt, whether it goes on with the other cube or without it."""
     (old, _), new = earlier, tmp_path / "new.nc"
-    assert finished(whole, sweep(), new, extend=old) == (whole.attrs["unique_run"] - 32, 0, 32)
-    for more in ({"extend": old}, {}):
-        assert interrupted(sweep(), new, after, extend=old, overwrite=True) == lines
-        again = finished(whole, sweep(), new, overwrite=True, **more)
-        assert again[2] == (32 if more else there)
+    assert interrupted(sweep(), new, after, extend=old) == lines
+    again = finished(whole, sweep(), new, **({"extend": old} if with_it else {}))
+    assert again[2] == (32 if with_it else there)
+
+
+@pytest.mark.slow  # by day with a file of its own
+def test_an_extension_beside_its_output(whole, earlier, tmp_path):
+    assert finished(whole, sweep(), tmp_path / "new.nc", extend=earlier[0]) == (whole.attrs["unique_run"] - 32, 0, 32)
 
 
 def test_an_extension_goes_on_with_another_cube(whole, earlier, tmp_path):

@@ -532,17 +532,12 @@ CHANGES = {
 }
 
 
-#: Each is seen by the same comparison as one of the others.
-ALIKE = {"the step", "a value of the record", "what each scheme was measured to cost", "the version", "numba"}
-#: Those are seen in this process by day, of a sweep in `test_execute` and of chunks in `test_store`.
-ALIKE |= {"nothing", "a value of the sweep"}
-
-
 #: The package as it stands in a folder, in a process of its own.
 PROGRAM = ("-m", "pounding_sweep")
 
 
-@pytest.mark.parametrize("what", [pytest.param(k, marks=pytest.mark.slow) if k in ALIKE else k for k in CHANGES])
+@pytest.mark.slow  # by day a sweep and a source that differ are, in `test_execute`, and chunks, in `test_store`
+@pytest.mark.parametrize("what", CHANGES)
 def test_what_changed_is_named_and_nothing_stale_is_taken_up(stopped, tmp_path, what):
     folder = tmp_path / "study"
     shutil.copytree(stopped, folder)

@@ -151,7 +151,7 @@ def test_laws_that_a_figure_needs():
 @pytest.mark.parametrize(
     "key",
     [
-        key if key in ("amplification", "incremental", "required-gap") else pytest.param(key, marks=pytest.mark.slow)
+        key if key == "required-gap" else pytest.param(key, marks=pytest.mark.slow)
         for key, item in COMPARISONS.items()
         if item.figure
     ],
@@ -188,6 +188,7 @@ def test_files_of_every_kind(suffix, tmp_path):
     assert path.read_bytes().startswith(start)
 
 
+@pytest.mark.slow  # by day the command asks for as many
 def test_dots_per_inch(tmp_path):
     sizes = []
     for dpi in (50, 100):
@@ -219,7 +220,14 @@ def test_force_gap_shows_the_largest_of_all_storeys():
             np.testing.assert_allclose(line.get_ydata(), want)
 
 
-@pytest.mark.parametrize("key", [key for key, kind in FIGURES.items() if kind.source == "cube"])
+@pytest.mark.parametrize(
+    "key",
+    [
+        key if key in ("force-gap", "profiles", "fragility") else pytest.param(key, marks=pytest.mark.slow)
+        for key, kind in FIGURES.items()
+        if kind.source == "cube"
+    ],
+)
 def test_panels_show_all_of_their_lines(key):
     """Panels share axes, and the values of the last one are the largest."""
     cube = made.cube(right_wall=True, gap=2, restitution=1, record=2, scale=3)
@@ -403,7 +411,16 @@ def test_a_part_of_the_record_is_drawn(key):
             FIGURES[key].draw(one, start=start, end=end)
 
 
-@pytest.mark.parametrize("key", ["force-gap", "amplification", "law-comparison", "incremental", "required-gap"])
+@pytest.mark.parametrize(
+    "key",
+    [
+        "force-gap",
+        *(
+            pytest.param(key, marks=pytest.mark.slow)
+            for key in ("amplification", "law-comparison", "incremental", "required-gap")
+        ),
+    ],
+)
 def test_legends_stand_inside_their_figures(key):
     """Of one pair or building, with long names of laws."""
     cube = made.cube(scale=3).assign_coords(law=["nonlinear_viscoelastic", "modified_kelvin_voigt", "none"])
@@ -493,7 +510,9 @@ def test_a_map_of_an_amplification():
     assert figure.axes[-1].get_ylabel() == "amplification of the largest interstorey drift (-)"
 
 
-@pytest.mark.parametrize("key", ["force-gap", "amplification", pytest.param("law-comparison", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "key", ["force-gap", *(pytest.param(key, marks=pytest.mark.slow) for key in ("amplification", "law-comparison"))]
+)
 def test_any_axis_of_numbers_may_be_drawn_along(key):
     cube = of_periods(record=2)
     for x, label, scale in (
@@ -1075,7 +1094,7 @@ def test_histories_of_one_instant_are_refused():
         assert FIGURES[key].lacks(made.histories().isel(time=3)) == ("several times",)
 
 
-@pytest.mark.parametrize("key", ["fragility", "incremental"])
+@pytest.mark.parametrize("key", ["fragility", pytest.param("incremental", marks=pytest.mark.slow)])
 def test_figures_of_suites_name_laws_and_records_and_take_the_spacing_of_scales(key):
     cube = made.cube(record=2, scale=4, law=2).isel(gap=[0])
     for scales, spacing in (([0.5, 1.0, 1.5, 2.0], "linear"), ([0.25, 0.5, 1.0, 2.0], "log")):

@@ -64,6 +64,7 @@ def test_a_result_without_a_value_is_told(tmp_path):
         plot(result.where(False), "amplification", tmp_path / "x.png")
 
 
+@pytest.mark.usefixtures("not_rendered")
 def test_a_cube_of_the_law_without_contact_has_no_forces(tmp_path):
     cube = made.cube().sel(law=["none"])
     with pytest.raises(InputError, match=r"needs a law with contact, .*: choose others with --at, or run .* a law"):
@@ -73,6 +74,7 @@ def test_a_cube_of_the_law_without_contact_has_no_forces(tmp_path):
         plot(only(cube.isel(law=0), nowhere(cube.isel(law=0)), Status.DIVERGED), "profiles", tmp_path / "z.png")
 
 
+@pytest.mark.usefixtures("not_rendered")
 def test_the_command_says_it_and_fails(tmp_path):
     cube = made.cube(record=2)
     file, picture = tmp_path / "cube.nc", tmp_path / "x.png"
@@ -136,7 +138,7 @@ def test_forces_are_looked_for_among_laws_with_contact():
     assert FIGURES["force-gap"].draw(only(cube, there)).get_suptitle().endswith("record r3 (one of 3); scale 0.5")
 
 
-@pytest.mark.parametrize("key", ["amplification", "law-comparison"])
+@pytest.mark.parametrize("key", [pytest.param("amplification", marks=pytest.mark.slow), "law-comparison"])
 def test_a_median_counts_the_records_that_have_values(key):
     cube = made.cube(record=3)
     assert "median of 3 records" in FIGURES[key].draw(cube).get_suptitle()
@@ -147,7 +149,9 @@ def test_a_median_counts_the_records_that_have_values(key):
 # -- laws without values -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("key", ["force-gap", "amplification", "law-comparison"])
+@pytest.mark.parametrize(
+    "key", ["force-gap", *(pytest.param(key, marks=pytest.mark.slow) for key in ("amplification", "law-comparison"))]
+)
 def test_laws_without_values_are_not_in_the_legend(key):
     laws = [LAWS[key].title for key in ("kelvin_voigt", "linear", "none")]
     cube = made.cube().assign_coords(law=["linear", "kelvin_voigt", "none"])

@@ -155,7 +155,7 @@ def test_motions_without_pounding_are_those_of_the_modes():
     assert (np.abs(peaks - want) <= size).all()
 
 
-@pytest.mark.parametrize("alike", [False, True])
+@pytest.mark.parametrize("alike", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_blocks_bound_what_is_watched_in_them(alike):
     """Motions of several rows of buildings at once, their bounds in blocks, and one of them point by point."""
     scene, record, substeps = Scene([*tall().row[:2]], tall().gaps[:1]), motions()[0], 6

@@ -326,7 +326,9 @@ def test_values_of_a_cube_are_read_under_the_lock(tmp_path, lock):
             cube["displacement_max"].load()  # of the same thread
 
 
-@pytest.mark.parametrize("ending", ["nc", "zarr", "csv", "parquet"])
+@pytest.mark.parametrize(
+    "ending", ["nc", "zarr", *(pytest.param(e, marks=pytest.mark.slow) for e in ("csv", "parquet"))]
+)
 def test_a_cube_in_chunks_is_written(tmp_path, ending):
     """By threads of dask, or by this one, as each must have the lock to read."""
     if ending in (needs := {"zarr": "zarr", "parquet": "pyarrow"}):
@@ -345,12 +347,7 @@ def test_exports_side_by_side_leave_dask_as_it_is(tmp_path):
     pytest.importorskip("zarr")
     path, before = write_cube(small_cube(), tmp_path / "cube.nc"), dask.config.get("scheduler", None)
     with open_cube(path) as cube, ThreadPoolExecutor(2) as pool:
-        for turn in range(2):
-            list(
-                pool.map(
-                    lambda i, turn=turn: export_cube(cube, tmp_path / f"{turn}-{i}.zarr", ["impact_count"]), range(2)
-                )
-            )
+        list(pool.map(lambda i: export_cube(cube, tmp_path / f"{i}.zarr", ["impact_count"]), range(2)))
     assert dask.config.get("scheduler", None) == before
 
 

@@ -88,7 +88,9 @@ def test_buildings_of_listed_cases(tmp_path):
     ("more", "beside"),
     [
         ({"gaps": [0.0001, 0.0002], "audit": 1.0}, ["law_title", "law_formula", "audit_law", "audit_record"]),
-        ({"laws": None, "cases": [{"law": "none"}, {"law": "linear"}]}, ["law", "record"]),
+        pytest.param(
+            *({"laws": None, "cases": [{"law": "none"}, {"law": "linear"}]}, ["law", "record"]), marks=pytest.mark.slow
+        ),
     ],
 )
 def test_cubes_are_read_in_chunks(more, beside, tmp_path):

@@ -310,6 +310,7 @@ def test_a_full_disk(tmp_path, reference):
     same(tmp_path / "out.nc", reference)
 
 
+@pytest.mark.slow  # a process with a disk of its own
 def test_a_disk_that_cannot_be_written(tmp_path):
     write(tmp_path, SWEEP)
     run = json.dumps([["run", str(tmp_path / "sweep.toml"), "-o", str(tmp_path / "disk" / "out.nc")]])
@@ -402,7 +403,14 @@ class At(Progress):
                 self.action()
 
 
-@pytest.mark.parametrize(("stage", "after"), [("no pounding", 1), ("scenarios", 0), ("audit", 0), ("cube", 0)])
+@pytest.mark.parametrize(
+    ("stage", "after"),
+    [
+        ("scenarios", 0),
+        ("cube", 0),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("no pounding", 1), ("audit", 0))),
+    ],
+)
 def test_an_output_folder_that_is_gone_during_the_run(tmp_path, stage, after):
     folder = tmp_path / "results"
     folder.mkdir()
@@ -431,7 +439,9 @@ def test_chunks_that_are_gone_before_the_cube_are_no_full_disk(tmp_path, monkeyp
     assert not (tmp_path / "out.nc").exists()
 
 
-@pytest.mark.parametrize("harm", ["flip", pytest.param("cut", marks=pytest.mark.slow), "nearly all"])
+@pytest.mark.parametrize(
+    "harm", ["flip", *(pytest.param(harm, marks=pytest.mark.slow) for harm in ("cut", "nearly all"))]
+)
 def test_chunks_that_are_damaged_before_the_cube_is_made(tmp_path, monkeypatch, harm):
     """A bit, an end, or nearly all: no number of the cube is from such a chunk."""
     monkeypatch.setattr("pounding_sweep.output.results.KEPT_BYTES", 0)
@@ -488,6 +498,30 @@ def test_what_is_kept_is_counted_and_named_where_it_is(tmp_path, monkeypatch):
     assert f"; {len(there)} finished chunks are kept in {tmp_path}/data/real.nc.parts: " in said
 
 
+def test_chunks_whose_folder_is_closed(tmp_path, monkeypatch):
+    """Both who runs and who asks is told why, and of whom to ask access."""
+    write(tmp_path, TINY)
+    store = ChunkStore(tmp_path / "out.nc.parts", "x").open()
+    real = Path.read_bytes
+
+    def closed(path):
+        if path.parent == store.folder:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return real(path)
+
+    monkeypatch.setattr(Path, "read_bytes", closed)
+    monkeypatch.chdir(tmp_path)
+    for command in (RUN, ["info", "out.nc"]):
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 2
+        assert re.fullmatch(
+            r"pounding-sweep: error: the chunk folder '.*out\.nc\.parts' can't be read \(Permission denied\); "
+            r"ask its owner for access, or give another path\n",
+            done.stderr,
+        )
+
+
+@pytest.mark.slow  # a process without rights
 def test_chunks_that_may_not_be_read(tmp_path):
     """Such as another user's; nobody is told to remove them."""
     bounded = ()

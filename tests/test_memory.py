@@ -219,8 +219,8 @@ LISTED = {"cases": [Case(law, gap=g, record="one") for g in (0.0005, 0.5, 0.01) 
     "changes",
     [
         {},
-        {"stiffness_factors": [1.0, 1e3]},
-        {"outputs": ["impact_count"]},
+        pytest.param({"stiffness_factors": [1.0, 1e3]}, marks=pytest.mark.slow),
+        pytest.param({"outputs": ["impact_count"]}, marks=pytest.mark.slow),
         {"outputs": ["drift_max"]},
         LISTED,
     ],

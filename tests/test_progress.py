@@ -24,6 +24,19 @@ pytestmark = pytest.mark.usefixtures("stub_module")
 # -- bars --------------------------------------------------------------------------------------------------------------
 
 
+def test_bars_are_shown_on_the_terminal_of_stderr(monkeypatch):
+    shown = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", shown)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    progress = TerminalProgress()
+    progress.stage("scenarios", 2)
+    progress.advance(2)
+    progress.close()
+    assert "scenarios" in shown.getvalue()
+    assert "2/2" in shown.getvalue()
+
+
 class Going(io.StringIO):
     """A terminal that is gone from a moment on."""
 

@@ -183,7 +183,9 @@ def inputs_of(kernel, record, monkeypatch, variants=None, n=1):
     return taken["constants"], lanes
 
 
-@pytest.mark.parametrize("law", ["none", pytest.param("linear", marks=pytest.mark.slow), "kelvin_voigt", "hertz"])
+@pytest.mark.parametrize(
+    "law", ["none", "kelvin_voigt", *(pytest.param(law, marks=pytest.mark.slow) for law in ("linear", "hertz"))]
+)
 @pytest.mark.parametrize("method", ["rk4", "newmark", "exact"])
 def test_lanes_hold_the_constants_of_buildings_built_so(law, method, monkeypatch):
     monkeypatch.setattr("pounding_sweep.engine.row_kernel.SLAB_BYTES", 20_000)  # handed over in several parts

@@ -94,6 +94,7 @@ def test_a_mean_far_from_zero_changes_nothing():
         assert one == pytest.approx(other, abs=1e-7)
 
 
+@pytest.mark.slow  # by day they narrow as they must
 def test_intervals_hold_the_known_indices_as_often_as_they_say():
     exact = np.stack(ishigami_indices())
     inside = []

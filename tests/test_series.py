@@ -79,7 +79,7 @@ def test_no_event_hides_another():
 )
 def test_contacts_are_exact_at_the_step_of_the_record(law):
     scene, record = pair(0.003), motions()[0]
-    record = ps.Record("short", record.dt, 2.0 * record.acceleration[:45])
+    record = ps.Record("short", record.dt, 2.0 * record.acceleration[:35])
     stiffness, restitution = [1.5e6], [0.5]
     ours = found(scene, law, record, stiffness, restitution)
     for i, (k, e) in enumerate(zip(stiffness, restitution, strict=True)):

@@ -358,7 +358,10 @@ store.write("second", np.ones(4, [("a", "f8")]))
 """
 
 
-@pytest.mark.parametrize("where", ["in the file", "before the manifest", "in the manifest"])
+@pytest.mark.parametrize(
+    "where",
+    [*(pytest.param(w, marks=pytest.mark.slow) for w in ("in the file", "before the manifest")), "in the manifest"],
+)
 def test_a_killed_run_continues(tmp_path, where):
     folder = tmp_path / "chunks"
     done = subprocess.run([sys.executable, "-c", KILLED, str(folder), where], check=False)

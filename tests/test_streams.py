@@ -43,7 +43,8 @@ def through(shell, folder, *args, **more):
     return subprocess.run(command, cwd=folder, env=environment(), text=True, check=False, timeout=300, **more)
 
 
-@pytest.mark.parametrize("where", ["gone", *(pytest.param(w, marks=pytest.mark.slow) for w in ("full", "closed"))])
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["gone", "full", "closed"])
 def test_a_warning_that_nobody_reads_ends_nothing(stopped, tmp_path, where):
     folder = tmp_path / "study"
     shutil.copytree(stopped, folder)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.text import Text
 from scenes import EVERY, pair
 from typer.testing import CliRunner
 
@@ -30,7 +31,7 @@ from pounding_sweep.accuracy.tradeoff import (
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli import main  # noqa: F401  registers the commands
 from pounding_sweep.cli.app import app
-from pounding_sweep.figures import plot
+from pounding_sweep.figures import FIGURES, plot
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import write_cube
@@ -444,14 +445,25 @@ def test_the_table_has_a_row_per_configuration(trade):
     assert marked
 
 
-@pytest.mark.parametrize("suffix", [pytest.param("png", marks=pytest.mark.slow), "svg"])
+LABELS = ("Pareto front", "rk4, located, float64", "newmark, not located, float32", "one core")
+
+
+def test_the_figure_tells_schemes_and_cores(trade):
+    figure = FIGURES["work-precision"].draw(trade)
+    words = " ".join(text.get_text() for text in figure.findobj(Text))
+    for label in LABELS:
+        assert label in words
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", ["png", "svg"])
 def test_the_figure_is_drawn(trade, tmp_path, suffix):
     path = plot(trade, "work-precision", tmp_path / f"trade.{suffix}")
     assert path.stat().st_size > 5_000
     if suffix == "svg":
         text = path.read_text()
         assert text.count("<!-- ") > 10
-        for label in ("Pareto front", "rk4, located, float64", "newmark, not located, float32", "one core"):
+        for label in LABELS:
             assert label in text
 
 

@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("stub_module")
 OUTPUTS = ["displacement_max", "impact_force_max", "impact_count"]
 DESIGN = {
     "kind": "halton",
-    "samples": 6,
+    "samples": 4,
     "inputs": {
         "gap": {"distribution": "uniform", "low": 0.001, "high": 0.01},
         "damping_ratio": {"distribution": "uniform", "low": 0.02, "high": 0.08},
@@ -52,7 +52,10 @@ def made(name):
     return Sweep(pair(0.0005), **{**settings, **SWEEPS[name]}).run(workers=1)
 
 
-@pytest.fixture(scope="module", params=SWEEPS)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(name, marks=pytest.mark.slow) if name == "pgas" else name for name in SWEEPS],
+)
 def cube(stub_module, request):
     return made(request.param)
 
@@ -151,7 +154,9 @@ def test_inputs_are_columns(tmp_path):
     assert columns["ground_arias_intensity"]["units"] == "m s-1"
 
 
-@pytest.mark.parametrize("name", ["axes", "pgas", "cases", "design"])
+@pytest.mark.parametrize(
+    "name", [*(pytest.param(name, marks=pytest.mark.slow) for name in ("axes", "pgas")), "cases", "design"]
+)
 def test_chosen_intensities_are_columns(name, tmp_path):
     """Spectral accelerations of the records as scaled, by their response spectra, a scenario at a time."""
     cube = with_intensities(made(name), ["sa(0.3)", "sa(b)"], records=motions())

@@ -34,7 +34,7 @@ def plain_program(
     )
     left, right = (np.array([getattr(one, side) for one in scene.contacts]) for side in ("left", "right"))
     gap = np.array([scene.gaps[one.pair] for one in scene.contacts])
-    n = len(mass)
+    n, times = len(mass), record.time
 
     def rates(t: float, state: np.ndarray) -> np.ndarray:
         u, v = state[:n], state[n:]
@@ -42,7 +42,7 @@ def plain_program(
         total = -(k @ u) - c @ v
         np.subtract.at(total, left, force)
         np.add.at(total, right, force)
-        return np.concatenate([v, total / mass - np.interp(t, record.time, record.acceleration)])
+        return np.concatenate([v, total / mass - np.interp(t, times, record.acceleration)])
 
     output = np.arange(0.0, record.duration + 1e-9, interval)
     relative, absolute = tolerances
