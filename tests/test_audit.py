@@ -48,12 +48,12 @@ def audited():
 # -- against a comparison by hand --------------------------------------------------------------------------------------
 
 
-def alone(cube, i, dt, change=0.0, finer=1.0):
+def alone(cube, i, dt, change=0.0, refinement=1.0):
     """The scenario of row `i` of an audit, by itself."""
     record = next(r for r in motions() if r.name == str(cube["audit_record"][i].values))
     law = get_law(str(cube["audit_law"][i].values))
     kernel = RowKernel(
-        row(), law, Numerics("rk4", dt, finer=finer), reducers_for(OUTPUTS), host=get_law("kelvin_voigt")
+        row(), law, Numerics("rk4", dt, refinement=refinement), reducers_for(OUTPUTS), host=get_law("kelvin_voigt")
     )
     raw = kernel.run(
         record,

@@ -150,7 +150,7 @@ def test_steps_that_are_not_split_find_the_same_impacts():
 def test_a_stiff_end_counts_as_the_shorter_contact_that_it_is():
     """Else steps that are too long for it would pass as good."""
     soft, hard = (ps.rubber_bumper(0.01, stop=stop, key=f"pad{stop:g}") for stop in (1.0, 100.0))
-    from pounding_sweep.kernel.group import Law as Formulas
+    from pounding_sweep.kernel.group import LaneLaw as Formulas
 
     shapes = [kernel_shape(SCENE, law, Numerics("rk4", 1e-3), frozenset()).law for law in (soft, hard)]
     slow, fast = (

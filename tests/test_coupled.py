@@ -303,7 +303,9 @@ def test_scenarios_are_those_of_small_steps(outputs, precision):
     want = small.run(motion(151), **given)
     assert want["count"].sum() > 100
     for windows in (True, False):
-        found = kernel_of(LINKED, outputs, finer=4.0, precision=precision, windows=windows).run(motion(151), **given)
+        found = kernel_of(LINKED, outputs, refinement=4.0, precision=precision, windows=windows).run(
+            motion(151), **given
+        )
         np.testing.assert_array_equal(found["count"], want["count"])
         for name, values in ((name, values) for name, values in want.items() if name != "shortest"):
             bound = 2e-5 if precision == "float64" else 5e-3
@@ -316,7 +318,7 @@ def test_variants_side_by_side_are_those_of_their_own():
     variants = Variants(
         LINKED, rng.uniform(0.7, 1.4, (n, 2)), rng.uniform(0.5, 2.0, (n, 2)), rng.choice([0.02, np.nan], n)
     )
-    given, kernel, record = scenarios(n, LINKED), kernel_of(LINKED, varied=True, finer=4.0), motion(101)
+    given, kernel, record = scenarios(n, LINKED), kernel_of(LINKED, varied=True, refinement=4.0), motion(101)
     found = kernel.run(record, **given, variants=variants)
     small = RowKernel(LINKED, LAWS["kelvin_voigt"], Numerics("rk4", 2e-4), kernel.reducers, varied=True)
     want = small.run(record, **given, variants=variants)

@@ -702,7 +702,7 @@ def test_a_chunk_that_fails_keeps_what_was_taken_for_it(whole, earlier, tmp_path
     real, new = execute.run_chunk, earlier[0].rename(tmp_path / "new.nc")
 
     def failing(kernel, *more):
-        audit, without_pounding = kernel.numerics.finer > 1, "closing_max" in more[-1]
+        audit, without_pounding = kernel.numerics.refinement > 1, "closing_max" in more[-1]
         return real(kernel, *more) if audit or without_pounding else "MemoryError: no room"
 
     job = sweep()
@@ -725,7 +725,7 @@ def test_an_audit_without_result_is_made_up_for_as_the_warning_says(whole, tmp_p
     real = execute.run_chunk
 
     def failing(kernel, *more):
-        return "MemoryError: no room" if kernel.numerics.finer > 1 else real(kernel, *more)
+        return "MemoryError: no room" if kernel.numerics.refinement > 1 else real(kernel, *more)
 
     out = tmp_path / "new.nc"
     with monkeypatch.context() as patch:

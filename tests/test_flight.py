@@ -332,7 +332,7 @@ def test_scenarios_are_those_of_small_steps(outputs):
     """All outputs, scales and gaps against RK4 in steps of 0.1 ms."""
     record, given = motions()[0], some_scenarios()
     given["gaps"] += 5e-4  # else the first touch is the first step
-    kernel = kernel_of(pair(), outputs, finer=4.0)
+    kernel = kernel_of(pair(), outputs, refinement=4.0)
     small = RowKernel(pair(), get_law("kelvin_voigt"), Numerics("rk4", 1e-4), kernel.reducers)
     found, want = kernel.run(record, **given), small.run(record, **given)
     np.testing.assert_array_equal(found["count"], want["count"])

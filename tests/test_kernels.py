@@ -251,7 +251,7 @@ def test_a_touch_that_is_over_within_a_step_is_found(method, law):
 def test_a_stiff_contact_has_steps_of_its_own():
     """A hundred times stiffer than the step resolves: the same as with steps of a fiftieth."""
     coarse = row_kernel("pair", "kelvin_voigt", "rk4", 1e-3)
-    fine = replace(coarse, numerics=replace(coarse.numerics, dt=2e-5, finer=4.0))
+    fine = replace(coarse, numerics=replace(coarse.numerics, dt=2e-5, refinement=4.0))
     one = ([1.0], [[0.006]], [1e8], [0.6])
     got, want = (run_lanes(kernel, motion(76, 1.5), *one) for kernel in (coarse, fine))
     assert want["count"].sum() >= 3
@@ -358,8 +358,8 @@ def test_the_long_sub_steps_beside_exact_flight_find_the_peaks_inside_them(law):
     given["stiffness"] = stiffness_of(law, "pair") * 10.0 ** rng.uniform(-0.6, 0.6, 48)
     kept = frozenset({"displacement", "force"})
     coarse, fine = (
-        RowKernel(PAIR, LAWS[law], Numerics("exact", 5e-3, finer=finer), kept).run(motion(600), **given)
-        for finer in (1.0, 12.0)
+        RowKernel(PAIR, LAWS[law], Numerics("exact", 5e-3, refinement=refinement), kept).run(motion(600), **given)
+        for refinement in (1.0, 12.0)
     )
     for name, most in (("umax", 6e-6), ("umin", 6e-6), ("fmax", 2e-4)):
         largest = np.abs(fine[name]).max(axis=1)
@@ -509,10 +509,10 @@ def test_a_force_that_ends_just_before_its_contact_pulls_at_nothing():
     }
     reducers = reducers_for(["displacement_max", "impact_force_max"])
     found, right = (
-        RowKernel(PAPER, LAWS["ye_hertz"], Numerics("exact", dt, finer=finer), reducers).run(
+        RowKernel(PAPER, LAWS["ye_hertz"], Numerics("exact", dt, refinement=refinement), reducers).run(
             ps.find_record("el_centro"), **scenarios
         )["umax"]
-        for dt, finer in ((5e-3, 1.0), (2.5e-4, 8.0))
+        for dt, refinement in ((5e-3, 1.0), (2.5e-4, 8.0))
     )
     assert np.abs(found / right - 1.0).max() < 3e-5
 

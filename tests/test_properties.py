@@ -222,10 +222,12 @@ def test_lanes_hold_the_constants_of_buildings_built_so(law, method, monkeypatch
 def test_flights_suit_the_fastest_of_a_chunk():
     scene, record = tall(), motions()[0]
     variants = some_variants(scene, 30)
-    kernel = RowKernel(scene, get_law("linear"), Numerics("exact", 0.001, finer=2.0), frozenset({"force"}), varied=True)
+    kernel = RowKernel(
+        scene, get_law("linear"), Numerics("exact", 0.001, refinement=2.0), frozenset({"force"}), varied=True
+    )
     each = kernel.flight_substeps(record, variants)
     want = [
-        RowKernel(s, get_law("linear"), Numerics("exact", 0.001, finer=2.0), frozenset({"force"})).flight_substeps(
+        RowKernel(s, get_law("linear"), Numerics("exact", 0.001, refinement=2.0), frozenset({"force"})).flight_substeps(
             record
         )[0]
         for s in scenes_of(variants)

@@ -98,7 +98,7 @@ def test_two_runs_by_series_are_not_one():
     linear, hertz = (plan.kernel(law, record=0, steps=4) for law in (0, 1))
     assert linear.shape.series
     assert not hertz.shape.series
-    assert linear.numerics.finer < 1.0
+    assert linear.numerics.refinement < 1.0
     coarse, fine = (kernel.constants for kernel in (linear, halved(linear, motions()[0])))
     changed = np.flatnonzero(coarse != fine)
     assert coarse[changed] == pytest.approx(SERIES_CAP)

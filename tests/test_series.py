@@ -61,8 +61,10 @@ def test_no_event_hides_another():
     # where floors stay beside each other contacts open, close and fall slack several times in one step
     record, gaps = ps.find_record("el_centro"), np.linspace(2e-4, 6e-3, 400)
 
-    def run(dt, finer):
-        kernel = RowKernel(pair(), LAWS["kelvin_voigt"], Numerics("exact", dt, finer=finer), reducers_for(EVERY))
+    def run(dt, refinement):
+        kernel = RowKernel(
+            pair(), LAWS["kelvin_voigt"], Numerics("exact", dt, refinement=refinement), reducers_for(EVERY)
+        )
         given = {"scale": np.ones(400), "stiffness": np.full(400, 2e6), "restitution": np.full(400, 0.6)}
         return kernel.run(record, gaps=gaps[:, None], **given)
 

@@ -293,7 +293,7 @@ def test_what_is_left_out_of_a_flight_changes_nothing():
 def test_flown_scenarios_are_those_of_small_steps(scene, law):
     record, given = motion(101), some_scenarios()
     given["gaps"] = np.tile(given["gaps"], len(scene.gaps))
-    kernel = RowKernel(scene, LAWS[law], Numerics("exact", 5e-4, finer=4.0), reducers_for(EVERY))
+    kernel = RowKernel(scene, LAWS[law], Numerics("exact", 5e-4, refinement=4.0), reducers_for(EVERY))
     small = RowKernel(scene, LAWS[law], Numerics("rk4", 1e-4), kernel.reducers)
     found, want = kernel.run(record, **given), small.run(record, **given)
     for name, values in want.items():

@@ -53,7 +53,7 @@ from pounding_sweep.spec.spec import PRECISIONS
 QUANTILE = 0.9
 #: Scenarios of each law, row and record: two lane groups.
 SCENARIOS = 32
-#: Steps per 0.01 s (of exact flight: its `finer`), by method and number format; single precision uses no more.
+#: Steps per 0.01 s (of exact flight: its `refinement`), by method and number format; single precision uses no more.
 LADDERS = {(scheme.name, form): scheme.ladder_in(form) for form in PRECISIONS for scheme in SCHEMES.values()}
 #: Steps per 0.01 s of the converged run (rk4, located, float64), and of the one that it must agree with.
 CONVERGED, CHECKED = 256, 128
@@ -128,14 +128,14 @@ class RandomScenarios:
         host = HOSTS.get(self.law.key)
         numerics = Numerics(method, 0.01 / level, precision=precision)
         if SCHEMES[method].flies_exactly:
-            numerics = replace(numerics, dt=self.exact_step(level), finer=level)
+            numerics = replace(numerics, dt=self.exact_step(level), refinement=level)
         return RowKernel(
             self.scene, self.law, numerics, reducers_for(OUTPUTS), host=get_law(host) if host is not None else None
         )
 
-    def exact_step(self, finer: float) -> float:
+    def exact_step(self, refinement: float) -> float:
         """Return the short step (s) of exact flight that the advice would take."""
-        return float(math.pi / highest_frequency(self.scene)[0] / (EXACT_STEPS * finer))
+        return float(math.pi / highest_frequency(self.scene)[0] / (EXACT_STEPS * refinement))
 
     def run(self, method: str, precision: str, level: float) -> dict[str, Any]:
         """Run the scenarios."""

@@ -68,9 +68,9 @@ def outputs_of(scene: Scene) -> tuple[str, ...]:
     return (*OUTPUTS, *(YIELDING_OUTPUTS if any(scene.yields) else ()))
 
 
-def kernel_of(batch: Batch, method: str, dt: float, precision: str = "float64", finer: float = 1.0) -> RowKernel:
+def kernel_of(batch: Batch, method: str, dt: float, precision: str = "float64", refinement: float = 1.0) -> RowKernel:
     """Return the kernel that runs a batch."""
-    numerics = Numerics(method, dt, precision=precision, finer=finer)
+    numerics = Numerics(method, dt, precision=precision, refinement=refinement)
     reducers = reducers_for(outputs_of(batch.scene))
     return RowKernel(batch.scene, batch.law, numerics, reducers, initial_velocity=batch.initial_velocity)
 
@@ -93,10 +93,10 @@ def stable_step(batch: Batch, method: str) -> np.ndarray:
 
 
 def run_batch(
-    batch: Batch, method: str, dt: float, precision: str = "float64", finer: float = 1.0
+    batch: Batch, method: str, dt: float, precision: str = "float64", refinement: float = 1.0
 ) -> dict[str, np.ndarray]:
     """Run every scenario of a batch."""
-    kernel = kernel_of(batch, method, dt, precision, finer)
+    kernel = kernel_of(batch, method, dt, precision, refinement)
     step = batch.record.dt / kernel.numerics.steps(batch.record)
     rows = np.flatnonzero(step <= stable_step(batch, method))
     result: dict[str, np.ndarray] = {}

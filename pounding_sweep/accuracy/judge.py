@@ -128,7 +128,7 @@ def told_rows(
     batch: Batch, method: str, dt: float, precision: str, found: Mapping[str, np.ndarray], rows: np.ndarray
 ) -> np.ndarray:
     """Whether a run at half the step of each of those scenarios differs by more than `SETTLED`."""
-    half = run_batch(take(batch, rows), method, dt / 2.0, precision, finer=2.0)
+    half = run_batch(take(batch, rows), method, dt / 2.0, precision, refinement=2.0)
     differs = peak_error(peaks_of({name: values[rows] for name, values in found.items()}), peaks_of(half)) > SETTLED
     return np.asarray(differs | (half["status"] != Status.OK))
 

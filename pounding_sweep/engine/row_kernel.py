@@ -36,9 +36,9 @@ from pounding_sweep.schemes.stability import longest_substep
 
 #: Largest product of an exact flight step and a modal frequency, of a building's first mode, its second and all
 #: others: peaks are those of a septic between the ends, which errs by (w h)**8 / 10321920 of what a mode adds.
-GLIDE = (0.9, 2.0, 2.8)
+FLIGHT_STEP = (0.9, 2.0, 2.8)
 #: Largest divisor of these products: their errors are below any accuracy then, however often contacts are refined.
-FINEST_GLIDE = 4.0
+FINEST_FLIGHT = 4.0
 #: Yield drift (m) of storeys that never yield, in both number formats.
 ELASTIC = 1e30
 #: Inputs handed to a kernel at a time (bytes).
@@ -59,7 +59,7 @@ class Numerics:
     gamma: float = 0.5
     precision: str = "float64"  # number format of the kernel; one of {"float64", "float32"}
     #: divisor of lengths that `dt` does not set: of sub-steps of a stiff contact and of long steps of exact flight
-    finer: float = 1.0
+    refinement: float = 1.0
 
     @property
     def scheme(self) -> Scheme:
@@ -167,8 +167,8 @@ _shape = lru_cache(maxsize=64)(kernel_shape)
 def _contact_cap(shape: KernelSpec, numerics: Numerics) -> float:
     """Largest product of a sub-step and the rate of a contact."""
     if not shape.series:  # between the ends, transferred energies are those of a cubic
-        return (STAGED_CAP if shape.staged and "transfer" not in shape.reducers else CONTACT_CAP) / numerics.finer
-    return SERIES_CAP / max(1.0, numerics.finer)
+        return (STAGED_CAP if shape.staged and "transfer" not in shape.reducers else CONTACT_CAP) / numerics.refinement
+    return SERIES_CAP / max(1.0, numerics.refinement)
 
 
 @lru_cache(maxsize=64)
@@ -260,15 +260,15 @@ class RowKernel:
         steps = self.numerics.steps(record)
         if self.history:
             return np.full(len(row), steps)
-        finer, need = min(self.numerics.finer, FINEST_GLIDE), np.zeros(len(row))
+        refinement, need = min(self.numerics.refinement, FINEST_FLIGHT), np.zeros(len(row))
         if self.shape.coupled:
             w, at = coupled_modes(row, self.shape.precision).w, np.cumsum([0, *(many for _, many in self.shape.flocks)])
             every = [w[:, low:high] for low, high in pairwise(at)]
         else:
             every = [row.frequencies(index) for index in range(len(self.scene.buildings))]
         for frequencies in every:
-            for w, cap in (*zip(frequencies.T[:2], GLIDE, strict=False), (frequencies[:, -1], GLIDE[-1])):
-                need = np.maximum(need, record.dt * w / cap * finer)
+            for w, cap in (*zip(frequencies.T[:2], FLIGHT_STEP, strict=False), (frequencies[:, -1], FLIGHT_STEP[-1])):
+                need = np.maximum(need, record.dt * w / cap * refinement)
         divisors = np.array([n for n in range(1, steps + 1) if steps % n == 0])
         return np.asarray(divisors[np.minimum(np.searchsorted(divisors, need), len(divisors) - 1)])
 

@@ -31,8 +31,8 @@ from pounding_sweep.kernel import flight_energies, flight_yielding, hysteresis
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
+    Lookup,
     Rows,
-    Table,
     after,
     any_lane,
     count_to,
@@ -504,10 +504,10 @@ class Flight:
         self._keep_peaks(lane)
 
     @cached_property
-    def _row_numbers(self) -> tuple[Table, Table]:
+    def _row_numbers(self) -> tuple[Lookup, Lookup]:
         found = self.layout.watched
         most, least = [each.most for each in found] or [0], [each.least for each in found] or [0]
-        return Table(self.trace, most), Table(self.trace, least)
+        return Lookup(self.trace, most), Lookup(self.trace, least)
 
     def _take_thresholds(self, lane: Any) -> None:
         """Gaps and peaks so far; what is in no lane's way is far."""
@@ -856,10 +856,10 @@ class Flight:
         return total.now
 
     @cached_property
-    def _ranges(self) -> tuple[Table, Table | int]:
+    def _ranges(self) -> tuple[Lookup, Lookup | int]:
         lows, counts = zip(*(self.layout.ranges or [(0, 0)]), strict=True)
         same = counts[0] if len(set(counts)) == 1 else None
-        return Table(self.trace, lows), same or Table(self.trace, counts)
+        return Lookup(self.trace, lows), same or Lookup(self.trace, counts)
 
     def _stop(self, kind: int, t: Any) -> None:
         """End the window before the first step in which a contact may touch, or a storey yield."""

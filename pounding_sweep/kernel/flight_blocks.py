@@ -18,7 +18,7 @@ from pounding_sweep.kernel.flight import ACCELERATION, HEAD, SPAN, STATE, Flight
 from pounding_sweep.kernel.lanes import (
     Cell,
     Count,
-    Table,
+    Lookup,
     Tracer,
     any_lane,
     count_to,
@@ -87,7 +87,7 @@ class Blocks:
         self.states_at = self.modes_at + groups * (self.lanes * len(self.layout.decays) * self.layout.wide_modes)
         #: Where the states of the modes of one row of buildings are put together.
         self.desk = self.states_at + groups * (self.blocks * (self.layout.modes * STATE * self.lanes))
-        self.lows = Table(self.trace, [low for low, _ in self.layout.ranges] or [0])
+        self.lows = Lookup(self.trace, [low for low, _ in self.layout.ranges] or [0])
         self.shakes = any(each.kind == ACCELERATION for each in self.layout.watched)
         #: The block that lies point by point, and whose: where its tables begin.
         self.known, self.owner = (cell(whole(self.trace, 0)) for _ in range(2))

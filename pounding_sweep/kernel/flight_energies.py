@@ -16,7 +16,7 @@ import numpy as np
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.lanes import (
     Cell,
-    Table,
+    Lookup,
     after,
     count_to,
     fma,
@@ -77,7 +77,7 @@ def gather(flight: Any, lane: Any, t: Any, steps: Any) -> None:
     group, w, layout, trace = flight.group, flight.rows, flight.layout, flight.trace
     s, spec, count = group.state, group.spec, count_nodes(group.spec)
     at, weights = nodes(count)
-    table = Table(trace, [*map(float, at), *map(float, weights)])
+    table = Lookup(trace, [*map(float, at), *map(float, weights)])
     for m in flight.each(layout.modes, 4):
         w["y", m], w["rate", m] = flight.moved(m, t, 0), flight.moved(m, t, 2)
     early = flight.scale.now * flight.ground(t)

@@ -17,7 +17,7 @@ from typing import Any
 
 from pounding_sweep.kernel.group import Group
 from pounding_sweep.kernel.hysteresis import hardened
-from pounding_sweep.kernel.lanes import Cell, Table, count_to, fma, lane_of, load, maximum, where
+from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, lane_of, load, maximum, where
 
 
 def find_sets(flight: Any) -> None:
@@ -74,7 +74,7 @@ def shift(flight: Any, lane: Any) -> None:
 
 def _storeys(flight: Any, low: int, high: int, group: Group) -> Iterator[tuple[Any, Any]]:
     """Go through what is watched of storeys: its number, and the storey."""
-    table, n = Table(group.trace, [each.storey for each in flight.layout.watched[low:high]]), high - low
+    table, n = Lookup(group.trace, [each.storey for each in flight.layout.watched[low:high]]), high - low
     for k in count_to(n, group.trace) if n > 4 else range(n):
         yield k + low, table[k]
 

@@ -17,9 +17,9 @@ from pounding_sweep.kernel.lanes import (
     Contact,
     Count,
     Counts,
+    Lookup,
     Real,
     Rows,
-    Table,
     Tracer,
     Vector,
     count_to,
@@ -66,7 +66,7 @@ def power_of(x: Any, exponent: float) -> Any:
 _FUNCTIONS: dict[str, Callable[..., Any]] = {"max": maximum, "sqrt": sqrt, "pow": power_of}
 
 
-class Law:
+class LaneLaw:
     """The formulas of a contact law, as functions of lanes.
 
     Of stiffness `k`, damping `c`, penetration `d` (m) and its rate `v` (m/s): kN.
@@ -190,7 +190,7 @@ class Group:
         self.eventful = self.touching or bool(spec.yielding)
         self.limit = SimpleNamespace(**TOLERANCES[spec.precision])
         shares = [STEEP_SHARE if spec.staged and law.steep else GRADED_SHARE for law in spec.laws]
-        self.laws = [Law(law, spec.order, self.limit.exact, x) for law, x in zip(spec.laws, shares, strict=True)]
+        self.laws = [LaneLaw(law, spec.order, self.limit.exact, x) for law, x in zip(spec.laws, shares, strict=True)]
         #: Number of the step that lanes are within: one for all, or one each.
         self.number: Callable[[], Any] = lambda: 0
         self._places, self._inputs = property_slots(spec), input_slots(spec)
@@ -344,23 +344,23 @@ class Group:
         return self.trace is not None and not self.spec.fused
 
     @cached_property
-    def _sides(self) -> Table:
-        return Table(self.trace, [i for contact in self.spec.contacts for i in contact])
+    def _sides(self) -> Lookup:
+        return Lookup(self.trace, [i for contact in self.spec.contacts for i in contact])
 
     @cached_property
-    def _homes(self) -> Table:
+    def _homes(self) -> Lookup:
         spec = self.spec
-        return Table(self.trace, [i for b in self._alike_order for i in (b, spec.home(b))])
+        return Lookup(self.trace, [i for b in self._alike_order for i in (b, spec.home(b))])
 
     @cached_property
     def _alike_order(self) -> list[int]:
         return sorted(range(self.spec.n_buildings), key=lambda b: self.spec.storeys[b])
 
     @cached_property
-    def _floors_of(self) -> Table:
+    def _floors_of(self) -> Lookup:
         """Of each floor: the lowest floor of its building, the number of its storeys, and the building."""
         spec = self.spec
-        return Table(self.trace, [x for b in spec.building_of for x in (spec.home(b), spec.storeys[b], b)])
+        return Lookup(self.trace, [x for b in spec.building_of for x in (spec.home(b), spec.storeys[b], b)])
 
     def each_contact(self, straight: bool = False) -> Iterator[Any]:
         """Go through the contacts, at run time (in a short row, if not `straight`)."""
@@ -371,8 +371,8 @@ class Group:
         yield from self._each(self.spec.contacts, straight)
 
     @cached_property
-    def _linked(self) -> Table:
-        return Table(self.trace, [i for ends in self.spec.links for i in ends])
+    def _linked(self) -> Lookup:
+        return Lookup(self.trace, [i for ends in self.spec.links for i in ends])
 
     def each_link(self) -> Iterator[tuple[Any, tuple[Any, Any]]]:
         """Go through the links and the floors that they join; in a long row at run time."""
@@ -407,7 +407,7 @@ class Group:
             return j.law
         return self.spec.bumped[j] if self.spec.bumped else 0
 
-    def law_of(self, j: Any) -> Law:
+    def law_of(self, j: Any) -> LaneLaw:
         """Return the law of contact j."""
         return self.laws[self.law_index(j)]
 

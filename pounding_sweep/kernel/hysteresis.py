@@ -19,7 +19,7 @@ from typing import Any
 
 from pounding_sweep.kernel.forces import NEVER
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import Cell, Table, any_lane, count_to, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.lanes import Cell, Lookup, any_lane, count_to, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.roots import coefficients, polynomial, rate, root
 
 
@@ -31,7 +31,7 @@ def each_storey(group: Group, straight: bool = False) -> Iterator[tuple[Any, Any
         return
     for bottom in (True, False):
         mine = [i for i in spec.bilinear if spec.bottom[i] is bottom]
-        table = Table(group.trace, mine or [0])
+        table = Lookup(group.trace, mine or [0])
         for q in count_to(len(mine), group.trace) if mine else ():
             i = table[q]
             yield i, None if bottom else i - 1

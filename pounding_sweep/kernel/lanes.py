@@ -842,7 +842,7 @@ def gather(trace: Tracer | None, pointer: Any, places: Any) -> Any:
     return Vector(trace, found)
 
 
-class Table:
+class Lookup:
     """Numbers that are known beforehand, to be looked up at run time: whole ones, or all in the kernel's format."""
 
     def __init__(self, trace: Tracer | None, numbers: Sequence[float]) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from pounding_sweep.kernel import bouc_wen, links
 from pounding_sweep.kernel.group import BENDS, Group
-from pounding_sweep.kernel.lanes import Cell, Table, count_to, fma, maximum, minimum, size, when_any, where
+from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, size, when_any, where
 from pounding_sweep.kernel.roots import horner, with_slope
 from pounding_sweep.kernel.row import add_forces, total_accelerations, transferred
 
@@ -100,7 +100,7 @@ def storeys(group: Group) -> Iterator[tuple[Any, Any]]:
         return
     for bottom in (True, False):
         mine = [i for i in range(group.spec.n_dof) if group.spec.bottom[i] is bottom]
-        table = Table(group.trace, mine or [0])
+        table = Lookup(group.trace, mine or [0])
         for q in count_to(len(mine), group.trace):
             i = table[q]
             yield i, None if bottom else i - 1

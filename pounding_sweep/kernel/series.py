@@ -23,7 +23,7 @@ from pounding_sweep.kernel.forces import MAX_TRIES, NEVER, OPEN, PRESSING, REBOU
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import (
     Cell,
-    Table,
+    Lookup,
     any_lane,
     count_to,
     fma,
@@ -442,7 +442,7 @@ def _integrate(group: Group) -> None:
     if not r & {"energy", "work", "impulse", "links"}:
         return
     nodes, weights = np.polynomial.legendre.leggauss(NODES[group.spec.precision])
-    table = Table(group.trace, [*(0.5 + 0.5 * nodes), *(0.5 * weights)])
+    table = Lookup(group.trace, [*(0.5 + 0.5 * nodes), *(0.5 * weights)])
     if "links" in r:
         links.clear_powers(group)
     if "transfer" in r:

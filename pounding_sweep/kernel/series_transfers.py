@@ -16,7 +16,7 @@ from pounding_sweep.kernel.forces import OPEN
 from pounding_sweep.kernel.group import Group, part_of
 from pounding_sweep.kernel.lanes import (
     Cell,
-    Table,
+    Lookup,
     Tracer,
     count_to,
     fma,
@@ -145,7 +145,7 @@ def _take_turns(group: Group, b: Any, lanes: Any) -> None:
     """Take the transfers of a building at which its power changes its sign, in some lanes."""
     s, end, many = group.state, group.state["fraction"], 2 * group.spec.series - 1
     power = _Power(lambda k: s["power", b * many + k], many - 1, group.trace)
-    table = Table(group.trace, [*(0.5 - 0.5 * np.cos(np.pi * np.arange(1, PARTS + 1) / PARTS))])
+    table = Lookup(group.trace, [*(0.5 - 0.5 * np.cos(np.pi * np.arange(1, PARTS + 1) / PARTS))])
     begun, low, at_low = s["now", b] - s["gain", b], Cell(0.0 * end), Cell(power.read(0))
     for q in count_to(PARTS, group.trace):
         a, high = low.now, end * table[q]

@@ -158,7 +158,8 @@ SchemeAndFormat = tuple[str, str]
 #: Steps in the shortest contact over those that its status asks for: its speed is an estimate, and three times the
 #: speed shortens a Hertz contact by so much.
 CONTACT_MARGIN = 1.25
-#: Short exact steps in half a period of the highest mode where `finer` is 1: where floors meet they are Runge-Kutta's.
+#: Short exact steps in half a period of the highest mode where `refinement` is 1: those of Runge-Kutta where floors
+#: meet.
 EXACT_STEPS = 4.0
 #: Relative error beyond which steps are too long for their errors to follow the order of a scheme.
 ORDERLY = 2e-3
@@ -214,7 +215,7 @@ class Advice:
     ----------
     method, precision : str
         Scheme and number format.
-    finer : float
+    refinement : float
         Divisor of the lengths that steps do not set (see `Numerics`).
     steps : ndarray of int, shape (scenarios,)
         Steps per record interval of each scenario.
@@ -226,7 +227,7 @@ class Advice:
 
     method: str
     precision: str
-    finer: float
+    refinement: float
     steps: np.ndarray
     uncoupled: np.ndarray
     sentence: str
@@ -352,7 +353,7 @@ def advise(
     others = {name: each / cost for name, each in costs.items() if name != scheme and cost > 0}
     return Advice(
         *scheme,
-        _finer(scheme[0], need),
+        _refinement(scheme[0], need),
         np.repeat(steps, alike) if len(some) < len(table) else steps,
         uncoupled,
         demand.sentence(known, scheme, need, steps, uncoupled, others),
@@ -369,7 +370,7 @@ def _formats(spec: SweepSpec) -> tuple[str, ...]:
 def _needed(
     known: Measured, spec: SweepSpec, scheme: SchemeAndFormat, laws: Sequence[Law]
 ) -> tuple[dict[str, float], tuple[float, str]]:
-    """Return what each law needs (of exact flight its `finer`, else steps in the shortest time) and the worst error."""
+    """Return what laws need (of exact flight `refinement`, else steps in the shortest time), and the worst error."""
     assert spec.accuracy is not None
     need, best, bumpers = {}, (0.0, ""), [bumper.law for bumper in spec.scene.bumpers]
     beside, kinds = 0.0, classes_of(spec.outputs)
@@ -396,7 +397,7 @@ def _needed(
     return need, best
 
 
-def _finer(method: str, need: dict[str, float]) -> float:
+def _refinement(method: str, need: dict[str, float]) -> float:
     """Divisor of sub-steps and flight steps: exact flight is refined by it, the other schemes by their steps alone."""
     return max(need.values()) if SCHEMES[method].flies_exactly else 1.0
 
@@ -447,7 +448,7 @@ class _Demand:
         interval = np.array([record.dt for record in spec.records])
         alone = np.ones(len(self.variants))
         # of exact flight contacts have sub-steps of their own
-        uncoupled_need = EXACT_STEPS * _finer(method, need) if SCHEMES[method].flies_exactly else need["none"]
+        uncoupled_need = EXACT_STEPS * _refinement(method, need) if SCHEMES[method].flies_exactly else need["none"]
         open_limit = self._limit(self.variants, method, self.laws[-1], 0.0 * alone, alone)
         uncoupled = whole_steps(np.maximum(uncoupled_need / self.mode, 1.0 / open_limit) * interval[:, None])
         most = np.full(len(spec.records), np.max(uncoupled_need / self.mode))
@@ -506,14 +507,14 @@ class _Demand:
 
     def cost(self, method: str, each: float, steps: np.ndarray, need: dict[str, float]) -> float:
         """Seconds of all scenarios on one core, by the measured cost of a step."""
-        total, finer = 0.0, _finer(method, need)
+        total, refinement = 0.0, _refinement(method, need)
         for r, record in enumerate(self.spec.records):
             mine = self.table.record == r
             for count in np.unique(steps[mine]).tolist():
                 rows = np.flatnonzero(mine & (steps == count))
                 each_interval: Any = float(count)
                 if SCHEMES[method].flies_exactly:
-                    numerics = Numerics(method, record.dt / count, finer=finer)
+                    numerics = Numerics(method, record.dt / count, refinement=refinement)
                     kernel = RowKernel(self.spec.scene, self.laws[-1], numerics, reducers_for(self.spec.outputs))
                     each_interval = kernel.flight_substeps(record, self.variants[self.table.variant[rows]])
                 total += (record.n_points - 1) * float((each_interval * self.alike[rows]).sum())

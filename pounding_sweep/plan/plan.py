@@ -327,7 +327,9 @@ def make_plan(spec: SweepSpec, *, initial_speed: float = 0.0) -> Plan:
         advice = advise(spec, laws, unique, variants, initial_speed=initial_speed)
         uncoupled, steps = advice.uncoupled, advice.steps
         largest = max(r.dt / int(n.min()) for r, n in zip(spec.records, uncoupled, strict=True))
-        numerics = Numerics(advice.method, largest, spec.locate, spec.beta, spec.gamma, advice.precision, advice.finer)
+        numerics = Numerics(
+            advice.method, largest, spec.locate, spec.beta, spec.gamma, advice.precision, advice.refinement
+        )
     limit = _limits(spec, laws, unique, variants, numerics)
     interval = np.array([r.dt for r in spec.records])
     step = (interval if len(interval) == 1 else interval[unique.record]) / _once(steps)

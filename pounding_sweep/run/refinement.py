@@ -46,8 +46,8 @@ def halved(kernel: RowKernel, record: Record) -> RowKernel:
     """Return the kernel at half of all its steps."""
     numerics = kernel.numerics
     # steps by series have a longest length, which no divisor below one changes
-    finer = max(1.0, numerics.finer) if kernel.shape.series else numerics.finer
-    half = replace(numerics, dt=record.dt / (2 * numerics.steps(record)), finer=2.0 * finer)
+    refinement = max(1.0, numerics.refinement) if kernel.shape.series else numerics.refinement
+    half = replace(numerics, dt=record.dt / (2 * numerics.steps(record)), refinement=2.0 * refinement)
     return replace(kernel, numerics=half)
 
 

@@ -42,7 +42,7 @@ class Scheme(ABC):
     step_cost : float
         Cost of one scenario and step (ns per degree of freedom), for estimates and chunk sizes only.
     ladder : tuple of float
-        Steps per 0.01 s (of exact flight: its `finer`) at which errors are measured for ``accuracy``.
+        Steps per 0.01 s (of exact flight: its `refinement`) at which errors are measured for ``accuracy``.
     finest_float32 : float
         The last of them that is of use in single precision.
     """
