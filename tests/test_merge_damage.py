@@ -119,9 +119,7 @@ def damage(counts, folder, tmp_path, count, seed):
         kind = f"cubes to {command}"
         counts.update({(kind, "damaged"): count, **{(kind, name): here[name] for name in ANSWERS.values()}})
         assert here[ANSWERS["2"]] > count / 4
-        assert here[ANSWERS["died"]] <= max(
-            count > MANY[0], count // 100
-        )  # HDF5 goes for ever round a heap of zeros
+        assert here[ANSWERS["died"]] <= max(count > MANY[0], count // 100)  # HDF5 goes for ever round a heap of zeros
     wrong = [
         (command, path.name, *answer)
         for (command, path), answer in answers
