@@ -1,4 +1,4 @@
-"""What slow twins found, kept beside compiled kernels: by their source, what they were given, and SciPy's version.
+"""What slow twins found, kept beside compiled kernels: by their source, what they were given, NumPy and SciPy.
 
 For functions of modules that take nothing from the package: no change of it is missed then.
 """
