@@ -74,7 +74,7 @@ class TestAlong:
 
 
 class TestAmplification:
-    @pytest.mark.parametrize("seed", [1, 2])
+    @pytest.mark.parametrize("seed", [pytest.param(1, marks=pytest.mark.slow), 2])
     def test_ratios_by_a_plain_loop(self, seed):
         names = ["displacement_max", "displacement_min", "drift_max", "energy_input", "impact_count"]
         cube = spoiled(seed, *names)

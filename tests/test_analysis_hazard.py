@@ -35,7 +35,16 @@ def test_a_power_law_has_the_closed_form(median, dispersion, k0, kappa):
     assert float(found) == pytest.approx(k0 * median**-kappa * math.exp(0.5 * (kappa * dispersion) ** 2), rel=1e-9)
 
 
-@pytest.mark.parametrize(("median", "dispersion"), [(0.3, 0.6), (1.0, 0.05), (3.0, 0.6), (8.0, 0.2), (20.0, 0.9)])
+@pytest.mark.parametrize(
+    ("median", "dispersion"),
+    [
+        (0.3, 0.6),
+        (1.0, 0.05),
+        pytest.param(3.0, 0.6, marks=pytest.mark.slow),
+        pytest.param(8.0, 0.2, marks=pytest.mark.slow),
+        (20.0, 0.9),
+    ],
+)
 def test_a_curve_is_integrated_exactly(median, dispersion):
     found = float(CURVE.touching(np.array(median), np.array(dispersion)))
     assert found == pytest.approx(integral(CURVE, median, dispersion), rel=1e-6)

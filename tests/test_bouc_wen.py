@@ -113,7 +113,11 @@ def test_a_pounding_row_that_leans_moves_as_scipy_says(method, dt, near):
 
 @pytest.mark.parametrize(
     ("method", "law", "longest", "low", "high"),
-    [("rk4", "none", 2e-2, 3.5, 5.5), ("newmark", "none", 1e-2, 1.7, 2.3), ("newmark", "linear", 1e-2, 1.7, 2.3)],
+    [
+        ("rk4", "none", 2e-2, 3.5, 5.5),
+        pytest.param("newmark", "none", 1e-2, 1.7, 2.3, marks=pytest.mark.slow),
+        ("newmark", "linear", 1e-2, 1.7, 2.3),
+    ],
 )
 def test_order_of_convergence(method, law, longest, low, high):
     """Sub-steps end at kinks, so that the order is the scheme's."""

@@ -119,6 +119,7 @@ def test_long_values_make_short_messages(tmp_path, key, value):
     refused(tmp_path, "".join(f"{name} = {given}\n" for name, given in (usual | {key: value}).items()))
 
 
+@pytest.mark.slow
 def test_long_keys_make_short_messages(tmp_path):
     refused(tmp_path, f"{'k' * 3_000_000} = 1\n{SWEEP}")
     refused(tmp_path, f"{SWEEP}records = [{{ synthetic = 0x{'f' * 9000} }}]\n".replace("records = ['el", "x = ['el", 1))

@@ -45,7 +45,7 @@ def simulate(points, scale, law=BUMPER, **options):
 
 
 @pytest.mark.parametrize("e", [0.2, 0.8, *(pytest.param(e, marks=pytest.mark.slow) for e in (0.5, 0.99))])
-@pytest.mark.parametrize(("speed", "stop"), [(0.05, 1.0), (0.6, 1.0), (0.6, 12.0)])
+@pytest.mark.parametrize(("speed", "stop"), [(0.05, 1.0), pytest.param(0.6, 1.0, marks=pytest.mark.slow), (0.6, 12.0)])
 def test_free_masses_rebound_as_asked_for_at_any_speed(e, speed, stop):
     pad = ps.rubber_bumper(0.01, stop=stop)
     assert solved_restitution(pad, e, mass=40.0, stiffness=K, speed=speed) == pytest.approx(e, abs=1e-8)

@@ -281,7 +281,7 @@ DAMAGE = {
 @pytest.mark.parametrize(
     ("kind", "ending"),
     [
-        ("byte flipped", "nbc"),
+        pytest.param("byte flipped", "nbc", marks=pytest.mark.slow),
         ("another", "nbi"),
         # seen by the same digests
         *(pytest.param(*each, marks=pytest.mark.slow) for each in (("zeros", "nbc"), ("cut", "nbc"), ("empty", "nbi"))),

@@ -162,7 +162,19 @@ def test_help_lists_the_commands():
     assert "--install-completion" not in text
 
 
-@pytest.mark.parametrize("command", ["run", "plan", "info", "plot", "tradeoff", "laws", "records", "doctor"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run",
+        pytest.param("plan", marks=pytest.mark.slow),
+        pytest.param("info", marks=pytest.mark.slow),
+        pytest.param("plot", marks=pytest.mark.slow),
+        pytest.param("tradeoff", marks=pytest.mark.slow),
+        pytest.param("laws", marks=pytest.mark.slow),
+        "records",
+        pytest.param("doctor", marks=pytest.mark.slow),
+    ],
+)
 def test_every_command_has_help(command):
     assert f"pounding-sweep {command}" in cli(command, "--help").stdout
 
@@ -174,8 +186,8 @@ HEAVY = ("numba", "llvmlite", "dask", "distributed", "matplotlib", "xarray", "ne
     "statement",
     [
         "import pounding_sweep",
-        "import pounding_sweep.cli",
-        "sys.argv[1:] = ['--help']; from pounding_sweep.cli import main; main()",
+        pytest.param("import pounding_sweep.cli", marks=pytest.mark.slow),
+        pytest.param("sys.argv[1:] = ['--help']; from pounding_sweep.cli import main; main()", marks=pytest.mark.slow),
         "sys.argv[1:] = ['--version']; from pounding_sweep.cli import main; main()",
     ],
 )
@@ -588,9 +600,17 @@ def test_all_errors_of_a_file_are_told_at_once_with_their_lines(tmp_path):
     ("old", "new", "below", "said"),
     [
         ('"kelvin_voigt"', '"kelvin_void"', 0, r"unknown contact law 'kelvin_void'; did you mean 'kelvin_voigt'\?"),
-        ("gaps = [0.001, 0.005, 1.0]", "gaps = []", 0, "a sweep of zero scenarios"),
-        ("gaps = [0.001, 0.005, 1.0]", "gaps = [0.001, -0.005]", 0, r"gaps\[1\]: .*-0\.005"),
-        ("restitutions = [0.4, 0.8]", "restitutions = [0.4, 1.8]", 0, r"1\.8 .*kelvin_voigt.*0 <= e <= 1"),
+        pytest.param("gaps = [0.001, 0.005, 1.0]", "gaps = []", 0, "a sweep of zero scenarios", marks=pytest.mark.slow),
+        pytest.param(
+            "gaps = [0.001, 0.005, 1.0]", "gaps = [0.001, -0.005]", 0, r"gaps\[1\]: .*-0\.005", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            "restitutions = [0.4, 0.8]",
+            "restitutions = [0.4, 1.8]",
+            0,
+            r"1\.8 .*kelvin_voigt.*0 <= e <= 1",
+            marks=pytest.mark.slow,
+        ),
         ('"none"]', '"hertz"]\nstiffnesses = [1e6]', 1, "exponent"),
         ("title = ", "[[[", 0, "no valid TOML"),
     ],
@@ -624,9 +644,9 @@ def test_bad_paths_and_options(tiny, tmp_path):
     "args",
     [
         [],
-        ["rum"],
+        pytest.param(["rum"], marks=pytest.mark.slow),
         ["run"],
-        ["run", "x.toml"],
+        pytest.param(["run", "x.toml"], marks=pytest.mark.slow),
         ["run", "x.toml", "-o", "x.nc", "--fast"],
         ["plan", "x", "--workers", "a"],
     ],

@@ -155,6 +155,7 @@ def test_data_that_are_there_are_replaced_only_when_told(cube_file, tmp_path):
     assert "impacts.csv' exists" in run(cube_file, "-o", tmp_path).stderr  # a summary writes them all
 
 
+@pytest.mark.slow
 def test_figures_are_replaced(cube_file, tmp_path, not_rendered):
     picture = tmp_path / "amplification.png"
     picture.write_text("old")

@@ -77,7 +77,15 @@ def test_each_share_of_an_input_has_one_point(kind):
     assert (found == np.arange(32)[:, None]).all()
 
 
-@pytest.mark.parametrize("kind", ["latin_hypercube", "sobol", "halton", "saltelli"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "latin_hypercube",
+        pytest.param("sobol", marks=pytest.mark.slow),
+        pytest.param("halton", marks=pytest.mark.slow),
+        "saltelli",
+    ],
+)
 def test_a_seed_gives_the_same_points_and_another_seed_others(kind):
     assert (points(kind, 16) == points(kind, 16)).all()
     assert (points(kind, 16) != points(kind, 16, seed=1)).all()

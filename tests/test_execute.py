@@ -77,7 +77,8 @@ def small_chunks(monkeypatch):
 
 @pytest.mark.parametrize("chunk_seconds", [0.0, 2e-4, 10.0])
 @pytest.mark.parametrize(
-    ("scheduler", "workers"), [("threads", 1), ("threads", 2), ("threads", 3), ("synchronous", None)]
+    ("scheduler", "workers"),
+    [pytest.param("threads", 1, marks=pytest.mark.slow), ("threads", 2), ("threads", 3), ("synchronous", None)],
 )
 def test_no_scheduler_and_no_chunk_size_changes_a_bit(reference, monkeypatch, scheduler, workers, chunk_seconds):
     monkeypatch.setattr("pounding_sweep.plan.plan.CHUNK_SECONDS", chunk_seconds)

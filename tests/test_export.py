@@ -234,7 +234,7 @@ def test_all_is_on_disk_before_it_has_its_name(cube, tmp_path, monkeypatch, endi
     assert named[0][1] > (20 if ending == ".zarr" else 0)
 
 
-@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+@pytest.mark.parametrize("ending", [".csv", pytest.param(".parquet", marks=pytest.mark.slow)])
 def test_a_full_disk_ends_with_a_remedy_and_replaces_nothing(cube, tmp_path, monkeypatch, ending):
     pytest.importorskip(NEEDS[ending])
     path = export_cube(cube, tmp_path / f"all{ending}", ["status"])

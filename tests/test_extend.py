@@ -290,7 +290,11 @@ def whole_file(whole, tmp_path_factory):
         pytest.param({"pounding_sweep_version": "0.0"}, r"version is '0\.0' there and", marks=pytest.mark.slow),
         pytest.param(*({"package_sha256": None}, "does not say what it needs to be extended"), marks=pytest.mark.slow),
         ({"package_sha256": None, "merged_from": '[{"file": "a.nc"}]'}, "merged from cubes that several states of the"),
-        ({"package_sha256": "new"}, r"source of the package, as SHA-256, is 'new' there and '[0-9a-f]{64}' here\. The"),
+        pytest.param(
+            {"package_sha256": "new"},
+            r"source of the package, as SHA-256, is 'new' there and '[0-9a-f]{64}' here\. The",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             {"numba_version": "0.61.0"},
             r"by this sweep: numba is '0\.61\.0' there and '\S+' here\. The same scenario may",
@@ -480,12 +484,18 @@ def test_cases_under_labels_and_records_under_other_names(few, ran, tmp_path):
             lambda cube: cube.isel(case=[0, 1]),
             r"'.*old\.nc' has 2 values of case, its sweep had 4; give the cube as it was made",
         ),
-        (lambda cube: cube.isel(case=[1, 0, 2, 3]), "other values of scale than its sweep"),
+        pytest.param(
+            lambda cube: cube.isel(case=[1, 0, 2, 3]), "other values of scale than its sweep", marks=pytest.mark.slow
+        ),
         pytest.param(
             lambda cube: cube.isel(case=[0, 2, 1, 3]), "other values of record than its sweep", marks=pytest.mark.slow
         ),
         (lambda cube: cube.assign_coords(pair_gap=cube.pair_gap * 2), "other values of pair_gap than its sweep"),
-        (lambda cube: cube.drop_vars("contact_stiffness"), "other values of contact_stiffness than its sweep"),
+        pytest.param(
+            lambda cube: cube.drop_vars("contact_stiffness"),
+            "other values of contact_stiffness than its sweep",
+            marks=pytest.mark.slow,
+        ),
         (lambda cube: cube.isel(case=0), "has the axes none, its sweep had case"),
     ],
 )

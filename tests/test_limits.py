@@ -407,7 +407,7 @@ class At(Progress):
     ("stage", "after"),
     [
         ("scenarios", 0),
-        ("cube", 0),
+        pytest.param("cube", 0, marks=pytest.mark.slow),
         *(pytest.param(*case, marks=pytest.mark.slow) for case in (("no pounding", 1), ("audit", 0))),
     ],
 )

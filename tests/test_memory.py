@@ -221,7 +221,7 @@ LISTED = {"cases": [Case(law, gap=g, record="one") for g in (0.0005, 0.5, 0.01) 
         {},
         pytest.param({"stiffness_factors": [1.0, 1e3]}, marks=pytest.mark.slow),
         pytest.param({"outputs": ["impact_count"]}, marks=pytest.mark.slow),
-        {"outputs": ["drift_max"]},
+        pytest.param({"outputs": ["drift_max"]}, marks=pytest.mark.slow),
         LISTED,
     ],
     ids=["all", "some refused", "counts", "no impacts", "listed"],

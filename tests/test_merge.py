@@ -588,6 +588,7 @@ def test_a_case_that_one_part_failed_to_run_is_taken_from_the_other(cases, tmp_p
     assert found.named == ["case=3 law=linear record=one scale=1.0 pair_gap=0.0005 period_factor=1.0 mass_factor=1.0"]
 
 
+@pytest.mark.slow
 def test_different_results_of_a_case_are_named(cases, tmp_path):
     a, b = some(cases, [0, 1, 3]), some(cases, [2, 1]).copy(deep=True)
     before = float(b.impact_force_max.max("storey").sel(pair="a-b")[1])

@@ -334,6 +334,8 @@ ALIKE = (
     "records without names",
     "merged from a run of no number",
     "merged from half an audit",
+    "another building",
+    "buildings turned",
 )
 
 

@@ -318,7 +318,7 @@ def test_the_page_about_own_laws_runs():
     assert k * deepest**n <= force <= 1.6 * k * deepest**n
 
 
-@pytest.mark.parametrize("e", [0.2, 0.6, 0.95])
+@pytest.mark.parametrize("e", [0.2, pytest.param(0.6, marks=pytest.mark.slow), 0.95])
 @pytest.mark.parametrize(
     "given",
     [
@@ -339,7 +339,10 @@ def test_relations_that_follow_are_those_of_a_solver(given, e):
     "given",
     [
         {"exponent": 2.0, "damper": "c*d**0.5", "damping": "viscous"},
-        {"exponent": 1.25, "damper": "c*d**1.25", "damping": "elastic", "approach_only": True},
+        pytest.param(
+            {"exponent": 1.25, "damper": "c*d**1.25", "damping": "elastic", "approach_only": True},
+            marks=pytest.mark.slow,
+        ),
         {"damper": "c", "damping": "viscous", "tension": True},
     ],
     ids=["clipped", "approach", "tension"],

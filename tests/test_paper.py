@@ -438,7 +438,10 @@ def test_what_is_the_papers_own_is_reproduced():
     assert "misprint" not in cant
 
 
-@pytest.mark.parametrize(("shares", "word"), [(0, "Not reproduced"), (9, "Reproduced in part"), (17, "Reproduced")])
+@pytest.mark.parametrize(
+    ("shares", "word"),
+    [pytest.param(0, "Not reproduced", marks=pytest.mark.slow), (9, "Reproduced in part"), (17, "Reproduced")],
+)
 def test_a_table_is_reproduced_by_its_share_of_cells(shares, word):
     three = published(3).sel(record=["el_centro"], program="matlab", drop=True)
     off = xr.where(xr.DataArray(np.arange(9).reshape(3, 3), dims=("building", "storey")) < shares / 2, 1.2, 1.3)

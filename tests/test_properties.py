@@ -441,8 +441,14 @@ def test_steps_and_limits_follow_the_buildings():
 @pytest.mark.parametrize(
     "axes",
     [
-        {"gaps": ps.Range(0.001, 0.05, 500), "restitutions": ps.Range(0.3, 0.9, 100), "scales": [0.5, 1.0]},
-        {"gaps": ps.Range(0.001, 0.05, 400), "period_factors": {"left": ps.Range(0.5, 2.0, 250)}},
+        pytest.param(
+            {"gaps": ps.Range(0.001, 0.05, 500), "restitutions": ps.Range(0.3, 0.9, 100), "scales": [0.5, 1.0]},
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            {"gaps": ps.Range(0.001, 0.05, 400), "period_factors": {"left": ps.Range(0.5, 2.0, 250)}},
+            marks=pytest.mark.slow,
+        ),
         {
             "gaps": [0.01],
             "period_factors": {"left": ps.Range(0.5, 2.0, 100)},

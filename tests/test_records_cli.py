@@ -70,6 +70,7 @@ def test_list_has_the_measures_of_each_record(folder):
     assert re.search(r"^fema_p695_far_field +FEMA P695 far-field set, as recorded +44$", text, re.M)
 
 
+@pytest.mark.slow
 def test_plot_draws_the_records_at_hand(folder):
     out = folder / "motions.svg"
     assert call("records", "plot", "--records", folder, "-o", out).stdout.strip() == str(out)

@@ -360,7 +360,9 @@ def test_a_suite_is_drawn_with_its_fractiles():
         response_spectra(spectra * np.nan)
 
 
-@pytest.mark.parametrize("count", [1, 3, pytest.param(14, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "count", [1, pytest.param(3, marks=pytest.mark.slow), pytest.param(14, marks=pytest.mark.slow)]
+)
 @pytest.mark.usefixtures("not_rendered")
 def test_motions_are_drawn_with_their_peaks(count, tmp_path):
     records = [*suite(count - 1), ps.pulse_record("sine", amplitude=-2.0, period=0.5, dt=0.125, duration=60.0)]

@@ -158,7 +158,12 @@ with reporting():
 
 
 @pytest.mark.parametrize(
-    "names", ["SIGINT SIGINT", pytest.param("SIGTERM SIGINT", marks=pytest.mark.slow), "SIGHUP SIGTERM"]
+    "names",
+    [
+        "SIGINT SIGINT",
+        pytest.param("SIGTERM SIGINT", marks=pytest.mark.slow),
+        pytest.param("SIGHUP SIGTERM", marks=pytest.mark.slow),
+    ],
 )
 def test_a_second_signal_does_not_wait_for_the_end_in_order(tmp_path, names):
     first, second = (signal.Signals[name] for name in names.split())
@@ -172,7 +177,9 @@ def test_a_second_signal_does_not_wait_for_the_end_in_order(tmp_path, names):
     assert process.returncode == 130
 
 
-@pytest.mark.parametrize(("terminal", "shown"), [("xterm", b"\x1b[?25h\r\n"), ("dumb", b"")])
+@pytest.mark.parametrize(
+    ("terminal", "shown"), [("xterm", b"\x1b[?25h\r\n"), pytest.param("dumb", b"", marks=pytest.mark.slow)]
+)
 def test_a_second_signal_gives_the_cursor_back(tmp_path, terminal, shown):
     """The display, which hides it, has no time to be closed."""
     ours, theirs = os.openpty()
@@ -231,7 +238,14 @@ except typer.Exit as ended:
 """
 
 
-@pytest.mark.parametrize("names", ["SIGINT SIGHUP", "SIGTERM SIGINT", "SIGHUP SIGTERM"])
+@pytest.mark.parametrize(
+    "names",
+    [
+        "SIGINT SIGHUP",
+        pytest.param("SIGTERM SIGINT", marks=pytest.mark.slow),
+        pytest.param("SIGHUP SIGTERM", marks=pytest.mark.slow),
+    ],
+)
 def test_what_is_ignored_stays_ignored(tmp_path, names):
     """As SIGHUP under nohup, or SIGINT in the background of a script; the others end the command."""
     done = cli(*names.split(), cwd=tmp_path, code=130, start=("-c", SENT))
@@ -262,7 +276,7 @@ def terminate():
             "the cube out.nc is complete; {parts} is left: remove it, or run again with --overwrite where scenarios "
             "have no result",
         ),
-        ((audited, "audit_table"), True, "the cube out.nc is complete"),
+        pytest.param((audited, "audit_table"), True, "the cube out.nc is complete", marks=pytest.mark.slow),
         (
             (cube_writer, "write_cube_of"),
             True,

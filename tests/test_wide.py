@@ -81,7 +81,9 @@ def ordinate(record, scale, period):
     return float(response_spectrum(record.scaled(scale), [period], 0.05)["pseudo_acceleration"].squeeze())
 
 
-@pytest.mark.parametrize("at_a_time", [300, pytest.param(10**6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "at_a_time", [pytest.param(300, marks=pytest.mark.slow), pytest.param(10**6, marks=pytest.mark.slow)]
+)
 def test_one_row_for_each_scenario(cube, tmp_path, monkeypatch, at_a_time):
     monkeypatch.setattr(tidy, "ROWS_AT_A_TIME", at_a_time)
     rows = read(export_cube(cube, tmp_path / "t.csv", table=True))

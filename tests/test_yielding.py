@@ -345,7 +345,7 @@ def test_a_sweep_in_flight_is_that_of_small_steps():
 
 
 @pytest.mark.parametrize("method", YIELDING)
-@pytest.mark.parametrize("hardening", [0.0, 0.05, 0.999999])
+@pytest.mark.parametrize("hardening", [0.0, pytest.param(0.05, marks=pytest.mark.slow), 0.999999])
 def test_strengths_from_hardly_any_to_never(hardening, method):
     factors = [1e-6, 1e-4, 1e-2, 0.1, 0.5, 1.0, 10.0, 1e4, 1e9]
     shears = []
