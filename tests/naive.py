@@ -40,7 +40,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from kept import kept
 from scipy.integrate import DOP853, solve_ivp
 from scipy.linalg import block_diag, eigh, expm
 from scipy.optimize import brentq, nnls
@@ -890,7 +889,6 @@ def _zoom(f, a, b, points=21, rounds=5):
     return best_t, best
 
 
-@kept
 def run(
     buildings,
     gaps,
@@ -925,8 +923,7 @@ def run(
 
     Returns
     -------
-    dict, kept from run to run of the tests.
-    Per building lists of arrays over storeys: displacement_max, displacement_min, drift_max, storey_shear_max,
+    dict. Per building lists of arrays over storeys: displacement_max, displacement_min, drift_max, storey_shear_max,
     acceleration_max, displacement_final, velocity_final, and displacement, velocity (record points x storeys).
     Per building arrays: energy_input, energy_damping, kinetic_final, strain_final, kinetic_initial,
     energy_transfer_final, energy_transfer_max, energy_transfer_min (a wall has zeros), and of storeys that may yield
