@@ -209,28 +209,14 @@ class Measured:
 
 @dataclass(frozen=True)
 class Advice:
-    """What was chosen for a sweep.
+    """What was chosen for a sweep."""
 
-    Attributes
-    ----------
-    method, precision : str
-        Scheme and number format.
-    refinement : float
-        Divisor of the lengths that steps do not set (see `Numerics`).
-    steps : ndarray of int, shape (scenarios,)
-        Steps per record interval of each scenario.
-    uncoupled : ndarray of int, shape (records, variants)
-        Steps per record interval of each run without pounding.
-    sentence : str
-        What was chosen, and why.
-    """
-
-    method: str
-    precision: str
-    refinement: float
-    steps: np.ndarray
-    uncoupled: np.ndarray
-    sentence: str
+    method: str  # scheme
+    precision: str  # number format
+    refinement: float  # divisor of the lengths that steps do not set (see `Numerics`)
+    steps: np.ndarray  # steps per record interval of each scenario, shape (scenarios,)
+    uncoupled: np.ndarray  # those of each run without pounding, shape (records, variants)
+    sentence: str  # what was chosen, and why
 
 
 @lru_cache(maxsize=1)
