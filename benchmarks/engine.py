@@ -21,18 +21,7 @@ BATCH = 256
 
 
 def plan_gaps(work: Work, gaps: np.ndarray, **settings: Any) -> Plan:
-    """Return the plan of a sweep of the work over gaps (m).
-
-    Parameters
-    ----------
-    work : Work
-        Row, record and law.
-    gaps : ndarray, shape (n,)
-        Gaps (m), the same between all neighbours.
-    **settings
-        ``method``, ``dt``, ``locate``, ``precision``, ``accuracy`` and others of `pounding_sweep.Sweep`; ``outputs``
-        are those that every tool reports, where not given.
-    """
+    """Return the plan of a sweep of the work over gaps (m)."""
     axes = {"gaps": gaps, "stiffnesses": work.stiffness}
     if get_law(work.law).takes_restitution:
         axes["restitutions"] = work.restitution
@@ -40,13 +29,7 @@ def plan_gaps(work: Work, gaps: np.ndarray, **settings: Any) -> Plan:
 
 
 def run_chunks(plan: Plan) -> dict[str, np.ndarray]:
-    """Run all scenarios of a plan in this thread; returns variables of shape (unique scenarios, *inner).
-
-    Raises
-    ------
-    RuntimeError
-        A chunk has no result.
-    """
+    """Run all scenarios of a plan in this thread; returns variables of shape (unique scenarios, *inner)."""
     found: dict[str, np.ndarray] = {}
     for chunk in plan.chunks(np.arange(len(plan.unique))):
         kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)

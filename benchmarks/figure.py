@@ -17,20 +17,7 @@ ENGINE = "engine"
 
 @styled
 def speed(points: Sequence[Point], caption: str) -> Figure:
-    """Draw the worst error of the peak impact forces against milliseconds per scenario, one line per tool.
-
-    Parameters
-    ----------
-    points : sequence of Point
-        What `benchmarks.compare.measure` found, of one contact law.
-    caption : str
-        What was measured, above the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Colours and markers differ; hollow markers on dashed lines are other tools.
-    """
+    """Draw the worst error of the peak impact forces against milliseconds per scenario, one line per tool."""
     figure, axes = subplots(1, 1, (6.4, 5.2))
     ax = axes[0, 0]
     titles = list(dict.fromkeys(p.title for p in points))

@@ -32,18 +32,12 @@ LAWS, DT = ("linear", "hertz_damped"), 2.5e-3
 
 @dataclass(frozen=True)
 class Series:
-    """What was measured of one law by one scheme.
+    """What was measured of one law by one scheme."""
 
-    Attributes
-    ----------
-    method, law : str
-        Scheme and contact law.
-    impacts, microseconds : ndarray, shape (gaps,)
-        Mean number of impacts of a scenario, all floors together, and its processor time.
-    """
-
+    #: scheme and contact law
     method: str
     law: str
+    #: mean number of impacts of a scenario, all floors together, and its processor time, shape (gaps,)
     impacts: np.ndarray
     microseconds: np.ndarray
 
