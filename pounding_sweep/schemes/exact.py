@@ -149,15 +149,7 @@ def _mean(shares: Sequence[float], a: Sequence[Any]) -> Any:
 
 
 class Course:
-    """How far the scenario of each lane has come: what flight and the steps beside contacts share.
-
-    Parameters
-    ----------
-    group : Group
-        The lanes.
-    cell : callable
-        Makes a variable of its first value, in memory that both know.
-    """
+    """How far the scenario of each lane has come: what flight and the steps beside contacts share."""
 
     def __init__(self, group: Group, cell: Callable[[Any], Cell]) -> None:
         trace, lanes = group.trace, group.lanes
@@ -186,28 +178,11 @@ class Course:
 
 
 class Flights:
-    """Flight of the scenarios of a kernel call, from lane to lane: nothing in it depends on the contact law.
+    """Flight of the scenarios of a kernel call, from lane to lane: nothing in it depends on the contact law."""
 
-    Parameters
-    ----------
-    group : Group
-        The lanes.
-    ground : Ground
-        Steps of both lengths.
-    flight : Flight
-        Flight of one scenario.
-    scenarios : object
-        Gives lanes their inputs and takes their results: ``count``, ``put(i, lane)``, ``take(i, lane)`` and
-        ``tables(i)``, where a scenario's tables begin.
-    course : Course
-        How far scenarios have come.
-    fill : callable
-        Fills the tables of flight.
-    rows : Count or int
-        Rows of the state that a step leaves to the next.
-    note : callable, optional
-        Keeps the motion after so many short steps: of one scenario, in lane 0.
-    """
+    # `scenarios` gives lanes their inputs and takes their results: ``count``, ``put(i, lane)``, ``take(i, lane)`` and
+    # ``tables(i)``, where a scenario's tables begin; `fill` fills these. `rows` of the state are what a step leaves to
+    # the next; `note` keeps the motion after so many short steps, of one scenario, in lane 0
 
     def __init__(
         self,
@@ -295,21 +270,9 @@ class Flights:
 
 
 class Events:
-    """All scenarios of a kernel call, through the lanes of one group.
+    """All scenarios of a kernel call, through the lanes of one group."""
 
-    Parameters
-    ----------
-    group : Group
-        The lanes.
-    ground : Ground
-        Its acceleration at the ends of all short steps; steps of both lengths.
-    flights : object
-        Has ``begin`` and ``serve`` of `Flights`.
-    course : Course
-        How far scenarios have come.
-    note : callable, optional
-        Keeps the motion after so many short steps: of one scenario, in lane 0.
-    """
+    # `ground` is the acceleration at the ends of all short steps, `flights` has ``begin`` and ``serve`` of `Flights`
 
     def __init__(
         self, group: Group, ground: Any, flights: Any, course: Course, note: Callable[[Any], None] | None
