@@ -469,7 +469,6 @@ _ALL = [
         model="VII",
         exponent=None,
         formula="F = 0",
-        reference="-",
     ),
     Law(
         key="linear",
@@ -567,7 +566,6 @@ _ALL = [
     Law(
         key="linear_viscoelastic",
         title="Linear viscoelastic",
-        model="-",
         **_LINEAR,
         damper="c",
         damping="viscous",
@@ -581,7 +579,6 @@ _ALL = [
     Law(
         key="modified_kelvin",
         title="Modified Kelvin",
-        model="-",
         **_LINEAR,
         damper="c*max(d, 0.0)",
         damper_slope="c",
@@ -596,7 +593,6 @@ _ALL = [
     Law(
         key="hunt_crossley",
         title="Hunt-Crossley",
-        model="-",
         **_HERTZ_DAMPED,
         number=lambda e: 1.5 * (1.0 - e),
         number_text="D = 3 (1 - e) / 2",
@@ -608,7 +604,6 @@ _ALL = [
     Law(
         key="ye_hertz",
         title="Hertz-damped of Ye et al.",
-        model="-",
         **_HERTZ_DAMPED,
         number=lambda e: 8.0 * (1.0 - e) / (5.0 * e),
         number_text="D = 8 (1 - e) / (5 e)",
@@ -620,7 +615,6 @@ _ALL = [
     Law(
         key="gonthier",
         title="Gonthier",
-        model="-",
         **_HERTZ_DAMPED,
         number=lambda e: (1.0 - e * e) / e,
         number_text="D = (1 - e^2) / e",
@@ -631,7 +625,6 @@ _ALL = [
     Law(
         key="hysteretic",
         title="Bilinear with yielding and hysteresis",
-        model="-",
         exponent=1.5,
         elastic="k*d + c",
         elastic_slope="k",
@@ -650,7 +643,6 @@ _ALL = [
     Law(
         key="stereomechanical",
         title="Stereomechanical impact (velocity jump)",
-        model="-",
         exponent=None,
         damping="jump",
         number=lambda e: e,
