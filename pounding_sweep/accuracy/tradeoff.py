@@ -32,8 +32,7 @@ from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import made_here
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
-from pounding_sweep.outputs.layout import inner_shape
-from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status
+from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status, inner_shape
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.plan import Plan, make_plan, untouched
 from pounding_sweep.plan.scenarios import changed

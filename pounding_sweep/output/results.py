@@ -15,8 +15,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.outputs.layout import inner_shape
-from pounding_sweep.outputs.variables import Status, get_variable
+from pounding_sweep.outputs.variables import Status, get_variable, inner_shape
 
 #: Most bytes of tables that stay in memory though they are in files: those of a small sweep are not read again.
 KEPT_BYTES = 2**24

@@ -228,7 +228,7 @@ class Plan:
     @cached_property
     def bytes_per_scenario(self) -> int:
         """Bytes of one scenario's values."""
-        from pounding_sweep.outputs.layout import inner_shape
+        from pounding_sweep.outputs.variables import inner_shape
 
         return sum(
             np.dtype(get_variable(name).dtype).itemsize * math.prod(inner_shape(name, self.spec.scene))
