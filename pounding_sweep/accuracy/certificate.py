@@ -55,11 +55,6 @@ def _valid(law: Law, e: float, basis: str) -> bool:
     return True
 
 
-def _seconds(slowest: float) -> float:
-    """Time after which the masses have met and parted."""
-    return DURATION * (20.0 + 2.0 * slowest**-0.6)
-
-
 def certify(
     restitutions: Iterable[float] = RESTITUTIONS,
     laws: Sequence[str | Law] | None = None,
@@ -127,7 +122,7 @@ def certify(
 
     slowest = float(np.min(analytic, where=analytic > 0.0, initial=1.0))
     numerics = Numerics(method, DURATION / steps)
-    record = Record("quiet", _seconds(slowest), np.zeros(2))
+    record = Record("quiet", DURATION * (20.0 + 2.0 * slowest**-0.6), np.zeros(2))  # the masses have met and parted
     half = APPROACH / 2.0
     kernels = [
         [

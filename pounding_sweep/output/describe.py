@@ -122,14 +122,10 @@ def _variables(dataset: xr.Dataset, status: xr.DataArray | None) -> list[str]:
     for name in dataset.data_vars:
         variable = dataset[name]
         if name != "status" and AUDIT_DIMS[0] not in variable.dims:
-            long_name = str(variable.attrs.get("long_name", ""))
-            inner = [str(dim) for dim in variable.dims if dim in INNER_DIMS]
-            rows.append((str(name), _units(variable) or "-", _range(variable, status), _per(inner, long_name)))
+            inner = " and ".join(str(dim) for dim in variable.dims if dim in INNER_DIMS)
+            told = str(variable.attrs.get("long_name", "")) + f", per {inner}" * bool(inner)
+            rows.append((str(name), _units(variable) or "-", _range(variable, status), told))
     return _table(rows)
-
-
-def _per(inner: list[str], long_name: str) -> str:
-    return f"{long_name}, per {' and '.join(inner)}" if inner else long_name
 
 
 def _statuses(status: xr.DataArray) -> list[str]:

@@ -25,7 +25,14 @@ from pounding_sweep.base.tables import bytes_text, html_table, pairs_text, secon
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import Status, check_outputs, cube_variables, get_variable, reducers_for
+from pounding_sweep.outputs.variables import (
+    Status,
+    check_outputs,
+    cube_variables,
+    get_variable,
+    inner_shape,
+    reducers_for,
+)
 from pounding_sweep.plan.chunks import Chunk, cut
 from pounding_sweep.plan.scenarios import Scenarios, but_for_gaps, uncoupled_runs_of, unique_scenarios
 from pounding_sweep.schemes.stability import largest_step
@@ -228,8 +235,6 @@ class Plan:
     @cached_property
     def bytes_per_scenario(self) -> int:
         """Bytes of one scenario's values."""
-        from pounding_sweep.outputs.variables import inner_shape
-
         return sum(
             np.dtype(get_variable(name).dtype).itemsize * math.prod(inner_shape(name, self.spec.scene))
             for name in cube_variables(self.outputs)
