@@ -562,11 +562,7 @@ def _coordinates(m: MeasuredTrade) -> dict[str, Any]:
         ),
         "scenario": (per, np.arange(1, len(table) + 1), {"units": "1", "long_name": "scenario of the sample"}),
         "scenario_law": (per, [plan.laws[i].key for i in table.law], {"long_name": "contact law"}),
-        "scenario_record": (
-            per,
-            [spec.records[i].name for i in table.record],
-            {"long_name": "ground-motion record"},
-        ),
+        "scenario_record": (per, [spec.records[i].name for i in table.record], {"long_name": "ground-motion record"}),
         "scenario_scale": (per, table.scale, {"units": "1", "long_name": "factor on the record"}),
         "scenario_gap": (
             ("scenario", "pair"),

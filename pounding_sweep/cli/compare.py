@@ -57,8 +57,7 @@ def compare_command(
         typer.Option("-o", "--output", metavar="FOLDER", help="Write tables (CSV), results (netCDF), figures."),
     ] = None,
     overwrite: Annotated[
-        bool,
-        typer.Option("--overwrite", help="Replace tables and results that exist in FOLDER; figures always are."),
+        bool, typer.Option("--overwrite", help="Replace tables and results that exist in FOLDER; figures always are.")
     ] = False,
     reference: Annotated[
         str | None, typer.Option("--reference", metavar="LAW", help="Law that the others are compared with.")

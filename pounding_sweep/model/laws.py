@@ -463,13 +463,7 @@ _HERTZ_DAMPED: dict[str, Any] = {
 _LINEAR: dict[str, Any] = {"exponent": 1.0, "elastic": "k*d", "elastic_slope": "k"}
 
 _ALL = [
-    Law(
-        key="none",
-        title="No pounding",
-        model="VII",
-        exponent=None,
-        formula="F = 0",
-    ),
+    Law(key="none", title="No pounding", model="VII", exponent=None, formula="F = 0"),
     Law(
         key="linear",
         title="Linear spring",

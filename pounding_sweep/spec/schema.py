@@ -35,18 +35,7 @@ from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, AxisValues, Case, Range, by_exponent, positive
 from pounding_sweep.spec.design import RECORD, Design, Distribution, named_inputs, product_cases
-from pounding_sweep.spec.faults import (
-    Faults,
-    Root,
-    Table,
-    gathering,
-    is_flag,
-    is_number,
-    listed,
-    number,
-    spell,
-    within,
-)
+from pounding_sweep.spec.faults import Faults, Root, Table, gathering, is_flag, is_number, listed, number, spell, within
 from pounding_sweep.spec.own_laws import LAW_GROUPS, find_law, names_file
 from pounding_sweep.spec.spec import (
     AUDIT_SHARE,

@@ -35,10 +35,7 @@ _NO_RESPONSES = ("status", "energy_residual", "steps_per_contact", "time_step")
     arguments=("quantiles",),
 )
 def fractiles(
-    cube: xr.Dataset,
-    quantiles: Sequence[float] = QUANTILES,
-    dim: str = "record",
-    outputs: Iterable[str] | None = None,
+    cube: xr.Dataset, quantiles: Sequence[float] = QUANTILES, dim: str = "record", outputs: Iterable[str] | None = None
 ) -> xr.Dataset:
     """Return fractiles of every response over the records of a suite.
 

@@ -12,14 +12,7 @@ from pounding_sweep.analysis.along import ROUNDING, check_quantiles, fractiles_o
 from pounding_sweep.analysis.comparisons import comparison, over_text
 from pounding_sweep.analysis.comparisons.fractiles import QUANTILES, responses
 from pounding_sweep.analysis.intensity import intensity_of
-from pounding_sweep.analysis.scenarios import (
-    described,
-    finished,
-    need_several,
-    need_variables,
-    scenarios_only,
-    values,
-)
+from pounding_sweep.analysis.scenarios import described, finished, need_several, need_variables, scenarios_only, values
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.spec.axes import DIMENSIONS
 

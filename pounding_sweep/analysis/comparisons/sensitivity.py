@@ -60,11 +60,7 @@ def index_rows(result: xr.Dataset) -> list[Row]:
     rows=index_rows,
 )
 def sensitivity(
-    cube: xr.Dataset,
-    variables: Iterable[str] | None = None,
-    *,
-    confidence: float = 0.95,
-    resamples: int = RESAMPLES,
+    cube: xr.Dataset, variables: Iterable[str] | None = None, *, confidence: float = 0.95, resamples: int = RESAMPLES
 ) -> xr.Dataset:
     """Estimate Sobol indices of the outputs of a Saltelli design.
 

@@ -33,12 +33,7 @@ _RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
 @figure_of(
     "cube",
     "responses with pounding over responses without, by building and law",
-    needs=(
-        "law",
-        f"{_RESPONSES}|{_RATIOS}",
-        CONTACT,
-        f"{NO_CONTACT}|{_RATIOS}",
-    ),
+    needs=("law", f"{_RESPONSES}|{_RATIOS}", CONTACT, f"{NO_CONTACT}|{_RATIOS}"),
 )
 def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
     """Draw the amplification of each building's responses by pounding.
