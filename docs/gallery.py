@@ -1,8 +1,7 @@
 """The gallery: every figure of the registry, drawn by the commands that its page shows.
 
-``python docs/gallery.py`` runs small sweeps on El Centro and draws all pictures
-into ``docs/_static/gallery``; with names of figures, only those. The page itself
-is written at every build from the pictures that are there.
+``python docs/gallery.py`` runs small sweeps on El Centro and draws all pictures into ``docs/_static/gallery``; with
+names of figures, only those. The page itself is written at every build from the pictures that are there.
 """
 
 from __future__ import annotations

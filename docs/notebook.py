@@ -4,9 +4,8 @@
 - ``sh`` blocks run in bash, each by itself;
 - ``toml`` and ``python`` blocks whose first line is ``# NAME.toml`` or ``# NAME.py`` are written to that file.
 
-Everything happens in one folder, empty at first, which all pages share;
-pictures made there are kept beside the pages. Blocks of other languages are
-only shown. A notebook runs in Jupyter, and becomes a page with what its cells show.
+Everything happens in one folder, empty at first, which all pages share; pictures made there are kept beside the pages.
+Blocks of other languages are only shown. A notebook runs in Jupyter, and becomes a page with what its cells show.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """The restitution certificate: what rebound the kernels give, law by law, beside the closed form.
 
-Two equal free masses meet head on with opposite velocities, so that their momentum
-is zero and the ratio of their kinetic energies after and before is e^2. They are
-the floors of two one-storey buildings whose own stiffness is negligible, run by the
-same kernels as every sweep.
+Two equal free masses meet head on with opposite velocities, so that their momentum is zero and the ratio of their
+kinetic energies after and before is e^2. They are the floors of two one-storey buildings whose own stiffness is
+negligible, run by the same kernels as every sweep.
 """
 
 from __future__ import annotations
@@ -84,9 +83,8 @@ def certify(
     Returns
     -------
     xarray.Dataset
-        On (law, basis, restitution): ``measured`` and ``analytic`` restitution and
-        ``damping_number``; missing where the law is not valid at that nominal value.
-        Laws without damping are measured once for each value, all the same.
+        On (law, basis, restitution): ``measured`` and ``analytic`` restitution and ``damping_number``; missing where
+        the law is not valid at that nominal value. Laws without damping are measured once for each value, all the same.
 
     Raises
     ------

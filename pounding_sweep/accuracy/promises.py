@@ -1,12 +1,11 @@
 """How often promises are kept: ``python -m pounding_sweep.accuracy.promises``.
 
-Random realistic rows under real and synthetic earthquakes are run as a user's sweep
-runs them, and compared with converged runs of the same scenarios. Two promises are
-measured: that an accuracy asked for is reached in every output, and that the peaks of a
-scenario of status ok are within `OK_CLAIM`, by the rules of the status alone and with
-``error_estimate`` asked for. The scenes have nothing in common with those that the
-steps were calibrated on (`pounding_sweep.accuracy.calibrate`). No scenario is left out
-but those of which no converged run is found; they are counted.
+Random realistic rows under real and synthetic earthquakes are run as a user's sweep runs them, and compared with
+converged runs of the same scenarios. Two promises are measured: that an accuracy asked for is reached in every output,
+and that the peaks of a scenario of status ok are within `OK_CLAIM`, by the rules of the status alone and with
+``error_estimate`` asked for. The scenes have nothing in common with those that the steps were calibrated on
+(`pounding_sweep.accuracy.calibrate`). No scenario is left out but those of which no converged run is found; they are
+counted.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
 """The speed-accuracy trade of a sweep, measured on a sample of its own scenarios.
 
-Every scheme, step, number format, located or not, is run on the same scenarios
-and compared with a converged solution; its cost is measured beside it. The
-converged solution is itself checked, by its own double step.
+Every scheme, step, number format, located or not, is run on the same scenarios and compared with a converged solution;
+its cost is measured beside it. The converged solution is itself checked, by its own double step.
 
-Errors are measured on scenarios drawn at random, costs on scenarios that stand
-side by side in the sweep: neighbouring gaps share a lane group there, and
-contacts that fall together cost less.
+Errors are measured on scenarios drawn at random, costs on scenarios that stand side by side in the sweep: neighbouring
+gaps share a lane group there, and contacts that fall together cost less.
 """
 
 from __future__ import annotations

@@ -44,8 +44,7 @@ def animate(
     path : path
         File to write: ``.gif``, or ``.mp4`` where ffmpeg is installed.
     start, end : float, optional
-        Part of the record (s); by default four periods of the motion, round the
-        strongest impact.
+        Part of the record (s); by default four periods of the motion, round the strongest impact.
     frames : int
         Number of pictures, at least 2.
     speed : float, optional

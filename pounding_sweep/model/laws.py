@@ -5,17 +5,15 @@ penetration ``d`` (m) is positive, as an elastic part plus a damper,
 
     F = E(d) + B(d) v,                                   kN, pressing positive
 
-with ``v`` the rate of ``d`` (m/s). The two expressions are written once, as
-text, in the variables
+with ``v`` the rate of ``d`` (m/s). The two expressions are written once, as text, in the variables
 
     d   penetration (m)           r   sqrt(d)
     k   contact stiffness         c   damping coefficient of this contact
 
-and are compiled inline into the time-stepping kernels; the slopes dE/dd and
-dB/dd stand beside them for the implicit scheme and for locating peaks. Adding
-a law is adding one `Law` to `LAWS`; kernels, planner, command line and
-documentation read the registry. A law of a user's own is a `Law` that is not
-in it: what it leaves out follows from its formulas.
+and are compiled inline into the time-stepping kernels; the slopes dE/dd and dB/dd stand beside them for the implicit
+scheme and for locating peaks. Adding a law is adding one `Law` to `LAWS`; kernels, planner, command line and
+documentation read the registry. A law of a user's own is a `Law` that is not in it: what it leaves out follows from its
+formulas.
 
 The damping coefficient follows from the coefficient of restitution ``e``
 through one dimensionless damping number per law, as published, and is
@@ -25,14 +23,12 @@ through one dimensionless damping number per law, as published, and is
     c = number                     (``jump``: no force in an impact, velocities jump, v -> -c v)
     c = number                     (``yield``: the share of the energy that is lost)
 
-with the pair's effective mass m = m1 m2 / (m1 + m2) (t) and the approach
-velocity v0 (m/s) at the located touch.
+with the pair's effective mass m = m1 m2 / (m1 + m2) (t) and the approach velocity v0 (m/s) at the located touch.
 
-A law that yields has memory: its force is that of a spring beside another one that
-slips, F = K2 d + q, q' = (K1 - K2) v between 0 and a yield force that, like K1 and K2,
-follows at the touch from k, v0 and m. As long as it neither begins nor ends to slip the
-force is a straight line in d; its expressions are those of that line, k and c its
-slope and its force at d = 0.
+A law that yields has memory: its force is that of a spring beside another one that slips, F = K2 d + q, q' = (K1 - K2)
+v between 0 and a yield force that, like K1 and K2, follows at the touch from k, v0 and m. As long as it neither begins
+nor ends to slip the force is a straight line in d; its expressions are those of that line, k and c its slope and its
+force at d = 0.
 """
 
 from __future__ import annotations

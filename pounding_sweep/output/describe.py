@@ -1,10 +1,9 @@
 """A cube as readable text, or as what JSON holds.
 
-Beside the CF attributes, these global attributes are understood where they
-are there: ``records`` (JSON list of tables with ``name``, ``pga`` in m/s2 and
-anything else), ``scenarios_asked``, ``scenarios_run``, ``sweep`` (JSON, only
-its size is told), ``sweep_sha256``, and everything whose name ends in
-``_version``. Any other global attribute is shown shortened.
+Beside the CF attributes, these global attributes are understood where they are there: ``records`` (JSON list of tables
+with ``name``, ``pga`` in m/s2 and anything else), ``scenarios_asked``, ``scenarios_run``, ``sweep`` (JSON, only its
+size is told), ``sweep_sha256``, and everything whose name ends in ``_version``. Any other global attribute is shown
+shortened.
 """
 
 from __future__ import annotations
@@ -276,9 +275,8 @@ def describe(dataset: xr.Dataset) -> str:
     Returns
     -------
     str
-        Title, scenarios, row, axes, variables with their range over the scenarios that
-        are ok, statuses with remedies, measured errors, records and versions; several
-        lines without a line break at the end.
+        Title, scenarios, row, axes, variables with their range over the scenarios that are ok, statuses with remedies,
+        measured errors, records and versions; several lines without a line break at the end.
 
     Notes
     -----

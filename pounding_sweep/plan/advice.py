@@ -1,13 +1,10 @@
 """The scheme and the steps that reach a relative error, by measurement.
 
-``measured.json`` (made by ``python -m pounding_sweep.accuracy.calibrate``)
-holds, for every law, scheme and class of outputs, the relative error against
-the number of steps in the shortest time of a scenario, the shorter of its
-shortest contact and half the period of the buildings' highest mode. The
-advice reads off the largest step that keeps most errors within what is asked,
-from which on scenarios are refined (`pounding_sweep.run.refinement`), shortens it
-where stability or a long record of hardly damped buildings needs
-it, and takes the scheme whose steps cost least.
+``measured.json`` (made by ``python -m pounding_sweep.accuracy.calibrate``) holds, for every law, scheme and class of
+outputs, the relative error against the number of steps in the shortest time of a scenario, the shorter of its shortest
+contact and half the period of the buildings' highest mode. The advice reads off the largest step that keeps most errors
+within what is asked, from which on scenarios are refined (`pounding_sweep.run.refinement`), shortens it where stability
+or a long record of hardly damped buildings needs it, and takes the scheme whose steps cost least.
 """
 
 from __future__ import annotations

@@ -1,14 +1,11 @@
 """From a sweep to the scenarios that must really run.
 
-Every combination that was asked for is reduced to what can matter to it: a
-law without restitution ignores that axis, no pounding ignores gap, stiffness
-and restitution, a row in which no floors meet ignores the law. What remains
-once is run once and broadcast back into the cube. A scenario whose every gap
-is at least the largest closing displacement of the run without pounding never
-touches: it is that run.
+Every combination that was asked for is reduced to what can matter to it: a law without restitution ignores that axis,
+no pounding ignores gap, stiffness and restitution, a row in which no floors meet ignores the law. What remains once is
+run once and broadcast back into the cube. A scenario whose every gap is at least the largest closing displacement of
+the run without pounding never touches: it is that run.
 
-Where the sweep asks for an accuracy, scheme and steps are chosen here too, for
-each scenario by what it must resolve.
+Where the sweep asks for an accuracy, scheme and steps are chosen here too, for each scenario by what it must resolve.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
 """Exact flight between contacts, from one possible touch to the next; beside contacts, Runge-Kutta.
 
-Between impacts a building is linear, and the ground acceleration is linear between record
-points, so that its motion is known without error at any instant (Nigam & Jennings 1969):
-see `pounding_sweep.kernel.flight`. Only floors that touch, or may in the step to come, are
-stepped, scenarios side by side in the lanes, each at its own time. One whose contacts are all
-open at a point of flight's grid, and none about to close, flies on at once, and comes back to its
-lane where it may touch next; one at its end leaves its lane to the next scenario.
+Between impacts a building is linear, and the ground acceleration is linear between record points, so that its motion is
+known without error at any instant (Nigam & Jennings 1969): see `pounding_sweep.kernel.flight`. Only floors that touch,
+or may in the step to come, are stepped, scenarios side by side in the lanes, each at its own time. One whose contacts
+are all open at a point of flight's grid, and none about to close, flies on at once, and comes back to its lane where it
+may touch next; one at its end leaves its lane to the next scenario.
 """
 
 from __future__ import annotations

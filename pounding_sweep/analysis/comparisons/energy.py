@@ -52,14 +52,12 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        On the cube's axes, all in kN m: `TERMS` and ``energy_transfer`` = input - damping -
-        kinetic - strain (- ``hysteretic_energy`` where storeys yield, - ``energy_links`` where
-        neighbours are linked) by building (given to contacts, negative where taken), ``contact_work`` by pair,
-        ``transfer_sum`` over buildings, ``work_sum`` over pairs and ``residual``, their
-        difference; ``residual_relative`` is its size over the largest energy of the
-        balance. ``transfer_share`` is transfer over input. The attribute
-        ``largest_residual_relative`` is the largest of all scenarios.
-        Missing where a scenario is not ok.
+        On the cube's axes, all in kN m: `TERMS` and ``energy_transfer`` = input - damping - kinetic - strain (-
+        ``hysteretic_energy`` where storeys yield, - ``energy_links`` where neighbours are linked) by building (given to
+        contacts, negative where taken), ``contact_work`` by pair, ``transfer_sum`` over buildings, ``work_sum`` over
+        pairs and ``residual``, their difference; ``residual_relative`` is its size over the largest energy of the
+        balance. ``transfer_share`` is transfer over input. The attribute ``largest_residual_relative`` is the largest
+        of all scenarios. Missing where a scenario is not ok.
 
     Raises
     ------

@@ -61,12 +61,11 @@ def incremental_curves(
     Returns
     -------
     xarray.Dataset
-        Each output on the cube's axes in its own units, beside the coordinate ``intensity``
-        (record, scale); and ``<output>_fractiles`` on ``quantile`` and ``level`` instead of
-        record and scale, with ``<output>_count``, how many curves have a value there.
-        A curve's value at a level is linear between its two nearest scales, missing
-        outside the range of its scales and next to a scenario that is not ok: nothing is
-        extrapolated, and a count below the number of curves (attribute ``curves``) says so.
+        Each output on the cube's axes in its own units, beside the coordinate ``intensity`` (record, scale); and
+        ``<output>_fractiles`` on ``quantile`` and ``level`` instead of record and scale, with ``<output>_count``, how
+        many curves have a value there. A curve's value at a level is linear between its two nearest scales, missing
+        outside the range of its scales and next to a scenario that is not ok: nothing is extrapolated, and a count
+        below the number of curves (attribute ``curves``) says so.
 
     Raises
     ------
