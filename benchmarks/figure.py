@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from benchmarks.compare import Point
-from pounding_sweep.figures.style import look, styled, subplots
+from pounding_sweep.figures.style import in_style, look, subplots
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 ENGINE = "engine"
 
 
-@styled
+@in_style()
 def speed(points: Sequence[Point], caption: str) -> Figure:
     """Draw the worst error of the peak impact forces against milliseconds per scenario, one line per tool."""
     figure, axes = subplots(1, 1, (6.4, 5.2))

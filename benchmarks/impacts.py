@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.engine import BATCH, OUTPUTS, run_chunks
 from benchmarks.timing import medians
 from benchmarks.work import Work, make_work
-from pounding_sweep.figures.style import look, styled, subplots
+from pounding_sweep.figures.style import in_style, look, subplots
 from pounding_sweep.run.sweep import Sweep
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def measure(work: Work, method: str, law: str, gaps: Sequence[float] = GAPS, rou
     return Series(method, law, np.array(counts), 1e6 * np.array(medians(*jobs, rounds=rounds)) / BATCH)
 
 
-@styled
+@in_style()
 def draw(found: Sequence[Series]) -> Figure:
     """Draw processor time against impacts, with the line of each scheme that flies from touch to touch."""
     figure, axes = subplots(1, 1, (5.2, 3.6))

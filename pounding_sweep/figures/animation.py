@@ -73,7 +73,8 @@ def animate(
     require(one, "row")
     first, last = _window(one, start, end)
     rate = (frames - 1) / ((last - first) / speed) if speed else frames / WATCHED
-    writer: Any = (PillowWriter if target.suffix.lower() == ".gif" else FFMpegWriter)(fps=rate)
+    kind: Any = PillowWriter if target.suffix.lower() == ".gif" else FFMpegWriter
+    writer = kind(fps=rate)
     time = one.time.values
     shown = np.unique(np.searchsorted(time, np.linspace(first, last, frames)).clip(max=len(time) - 1))
     with in_style():
