@@ -28,10 +28,8 @@ _PICTURES = (".png", ".svg", ".gif")
 
 
 def run_pages(sources: Sequence[Path], target: Path) -> None:
-    """Run the blocks of pages in order, and write the pages, with what was printed, to the folder `target`.
-
-    An error ends the build: a page never shows what its blocks do not do.
-    """
+    """Run the blocks of pages in order, and write the pages, with what was printed, to the folder `target`."""
+    # an error ends the build: a page never shows what its blocks do not do
     with tempfile.TemporaryDirectory() as folder:
         for source in sources:
             with chdir(folder):
