@@ -25,21 +25,11 @@ Job = Callable[[], dict[str, np.ndarray]]
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """Time of the engine's Runge-Kutta kernels over that of the C kernel, on the same scenarios and steps.
+    """Time of the engine's Runge-Kutta kernels over that of the C kernel, on the same scenarios and steps."""
 
-    Attributes
-    ----------
-    plain : float
-        Of the kernel that does just the same: contacts switched at stages, peaks sampled at steps.
-    located : float
-        Of the kernel that sweeps use, which locates contacts and peaks inside the step.
-    width : int
-        Doubles to a vector of the C kernel, the fastest that was tried.
-    """
-
-    plain: float
-    located: float
-    width: int
+    plain: float  # of the kernel that does just the same: contacts switched at stages, peaks sampled at steps
+    located: float  # of the kernel that sweeps use, which locates contacts and peaks inside the step
+    width: int  # doubles to a vector of the C kernel, the fastest that was tried
 
 
 def engine_job(work: Work, *, locate: bool) -> Job:

@@ -41,15 +41,7 @@ ROUNDS = 5
 
 
 class Replay:
-    """Kernels that hand out the results of a scenario that real ones ran.
-
-    Attributes
-    ----------
-    seconds : float
-        Processor time (s) spent in their place.
-    each : float
-        Processor time (s) of the real kernels for a scenario.
-    """
+    """Kernels that hand out the results of a scenario that real ones ran."""
 
     def __init__(self) -> None:
         self.seconds, self.each = 0.0, 0.0
@@ -96,27 +88,13 @@ def replayed() -> Iterator[Replay]:
 
 @dataclass(frozen=True)
 class Around:
-    """What one size of sweep costs, in processor time (s) per scenario.
+    """What one size of sweep costs, in processor time (s) per scenario."""
 
-    Attributes
-    ----------
-    scenarios : int
-        Scenarios, none like another.
-    outside : float
-        All but the kernels.
-    bytes_alone : float
-        To hash the bytes of the cube, and to write them to a file.
-    kernel : float
-        The real kernel's, at one step.
-    peak_bytes : int
-        Largest memory of this process so far.
-    """
-
-    scenarios: int
-    outside: float
-    bytes_alone: float
-    kernel: float
-    peak_bytes: int
+    scenarios: int  # scenarios, none like another
+    outside: float  # all but the kernels
+    bytes_alone: float  # to hash the bytes of the cube, and to write them to a file
+    kernel: float  # the real kernel's, at one step
+    peak_bytes: int  # largest memory of this process so far
 
     def __str__(self) -> str:
         return (

@@ -24,17 +24,7 @@ AXES: dict[str, dict[str, Any]] = {
 
 
 def plan_axis(work: Work, axis: str, **settings: Any) -> Plan:
-    """Return the plan of a sweep of the work along one of `AXES`, all else as the scene has it.
-
-    Parameters
-    ----------
-    work : Work
-        Row, record and law.
-    axis : str
-        A key of `AXES`.
-    **settings
-        ``method``, ``dt`` and others of `pounding_sweep.Sweep`.
-    """
+    """Return the plan of a sweep of the work along one of `AXES`, all else as the scene has it."""
     sweep = Sweep(
         work.scene, work.record, work.law, stiffnesses=work.stiffness, outputs=OUTPUTS, **AXES[axis], **settings
     )
@@ -44,19 +34,7 @@ def plan_axis(work: Work, axis: str, **settings: Any) -> Plan:
 def relative_throughput(
     work: Work, rounds: int, axes: Sequence[str] = tuple(AXES), **settings: Any
 ) -> dict[str, float]:
-    """Return scenarios per second along each axis over those along gaps, the plans taking turns.
-
-    Parameters
-    ----------
-    work : Work
-        Row, record and law.
-    rounds : int
-        Turns, of which the median is kept.
-    axes : sequence of str
-        Keys of `AXES`; gaps are always among what is run.
-    **settings
-        Of `pounding_sweep.Sweep`.
-    """
+    """Return scenarios per second along each axis over those along gaps, the plans taking turns."""
     plans = {axis: plan_axis(work, axis, **settings) for axis in dict.fromkeys(("gap", *axes))}
     jobs = [lambda plan=plan: run_chunks(plan) for plan in plans.values()]
     for job in jobs:  # compiled

@@ -17,31 +17,16 @@ from benchmarks.work import ERROR_GAPS, Peaks, Work, neighbouring_gaps
 
 @dataclass(frozen=True)
 class Point:
-    """One tool at one setting.
+    """One tool at one setting."""
 
-    Attributes
-    ----------
-    key, title : str
-        The tool.
-    law : str
-        Contact law.
-    knob : str
-        What the setting is: "dt" (s), "rtol" or "accuracy".
-    setting : float
-        Its value.
-    error : float
-        Worst relative error of a peak impact force, over `ERROR_GAPS` and all contacts.
-    milliseconds : float
-        Processor time (ms) of one scenario.
-    """
-
+    #: the tool
     key: str
     title: str
-    law: str
-    knob: str
-    setting: float
-    error: float
-    milliseconds: float
+    law: str  # contact law
+    knob: str  # what the setting is: "dt" (s), "rtol" or "accuracy"
+    setting: float  # its value
+    error: float  # worst relative error of a peak impact force, over `ERROR_GAPS` and all contacts
+    milliseconds: float  # processor time (ms) of one scenario
 
 
 def measure(
@@ -53,23 +38,7 @@ def measure(
     rounds: int,
     notify: Callable[[str], None],
 ) -> list[Point]:
-    """Run every tool at each of its settings: once for the error, then in turns for the time.
-
-    Parameters
-    ----------
-    tools : sequence of Peer
-        Tools that are installed; those that lack the work's law are left out.
-    work : Work
-        What they do.
-    reference : Peaks
-        The converged solution at `ERROR_GAPS`.
-    short : bool
-        Only the settings of the short form.
-    rounds : int
-        Turns, of which the median is kept.
-    notify : callable
-        Takes a line on what goes on, and why a setting has no result.
-    """
+    """Run every tool at each of its settings: once for the error, then in turns for the time."""
     found, jobs = [], []
     for tool in tools:
         if work.law not in tool.laws:

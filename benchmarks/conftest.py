@@ -24,10 +24,9 @@ def short_work():
 
 @pytest.fixture
 def measured(benchmark):
-    """Measure until a bound is kept, at most `TRIES` times; returns all that was found.
+    """Measure until a bound is kept, at most `TRIES` times; returns all that was found."""
 
-    What other programs take of a short run is no cost of what is measured.
-    """
+    # what other programs take of a short run is no cost of what is measured
 
     def measure(job, kept):
         found = [benchmark.pedantic(job, rounds=1)]

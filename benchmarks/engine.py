@@ -8,10 +8,10 @@ import numpy as np
 
 from benchmarks.peers import Peer, Run
 from benchmarks.work import Peaks, Work
+from pounding_sweep.accuracy.promises import run_chunks
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.plan.plan import Plan
-from pounding_sweep.run.execute import run_chunk
 from pounding_sweep.run.sweep import Sweep
 
 #: What every tool reports, and nothing else.
@@ -21,45 +21,11 @@ BATCH = 256
 
 
 def plan_gaps(work: Work, gaps: np.ndarray, **settings: Any) -> Plan:
-    """Return the plan of a sweep of the work over gaps (m).
-
-    Parameters
-    ----------
-    work : Work
-        Row, record and law.
-    gaps : ndarray, shape (n,)
-        Gaps (m), the same between all neighbours.
-    **settings
-        ``method``, ``dt``, ``locate``, ``precision``, ``accuracy`` and others of `pounding_sweep.Sweep`; ``outputs``
-        are those that every tool reports, where not given.
-    """
+    """Return the plan of a sweep of the work over gaps (m)."""
     axes = {"gaps": gaps, "stiffnesses": work.stiffness}
     if get_law(work.law).takes_restitution:
         axes["restitutions"] = work.restitution
     return Sweep(work.scene, work.record, work.law, **axes, **{"outputs": OUTPUTS, **settings}).plan()
-
-
-def run_chunks(plan: Plan) -> dict[str, np.ndarray]:
-    """Run all scenarios of a plan in this thread; returns variables of shape (unique scenarios, *inner).
-
-    Raises
-    ------
-    RuntimeError
-        A chunk has no result.
-    """
-    found: dict[str, np.ndarray] = {}
-    for chunk in plan.chunks(np.arange(len(plan.unique))):
-        kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
-        table = plan.unique[chunk.rows]
-        record = plan.spec.records[chunk.record]
-        part = run_chunk(kernel, record, table, plan.variants[table.variant], plan.outputs)
-        if isinstance(part, str):
-            raise RuntimeError(part)
-        for name in part.dtype.names or ():
-            values = part[name]
-            whole = found.setdefault(name, np.empty((len(plan.unique), *values.shape[1:]), values.dtype))
-            whole[chunk.rows] = values
-    return found
 
 
 def peaks_of(scene: Scene, found: dict[str, np.ndarray]) -> Peaks:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from benchmarks.compare import Point
-from pounding_sweep.figures.style import look, styled, subplots
+from pounding_sweep.figures.style import in_style, look, subplots
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,22 +15,9 @@ if TYPE_CHECKING:
 ENGINE = "engine"
 
 
-@styled
+@in_style()
 def speed(points: Sequence[Point], caption: str) -> Figure:
-    """Draw the worst error of the peak impact forces against milliseconds per scenario, one line per tool.
-
-    Parameters
-    ----------
-    points : sequence of Point
-        What `benchmarks.compare.measure` found, of one contact law.
-    caption : str
-        What was measured, above the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Colours and markers differ; hollow markers on dashed lines are other tools.
-    """
+    """Draw the worst error of the peak impact forces against milliseconds per scenario, one line per tool."""
     figure, axes = subplots(1, 1, (6.4, 5.2))
     ax = axes[0, 0]
     titles = list(dict.fromkeys(p.title for p in points))

@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.engine import BATCH, OUTPUTS, run_chunks
 from benchmarks.timing import medians
 from benchmarks.work import Work, make_work
-from pounding_sweep.figures.style import look, styled, subplots
+from pounding_sweep.figures.style import in_style, look, subplots
 from pounding_sweep.run.sweep import Sweep
 
 if TYPE_CHECKING:
@@ -32,18 +32,12 @@ LAWS, DT = ("linear", "hertz_damped"), 2.5e-3
 
 @dataclass(frozen=True)
 class Series:
-    """What was measured of one law by one scheme.
+    """What was measured of one law by one scheme."""
 
-    Attributes
-    ----------
-    method, law : str
-        Scheme and contact law.
-    impacts, microseconds : ndarray, shape (gaps,)
-        Mean number of impacts of a scenario, all floors together, and its processor time.
-    """
-
+    #: scheme and contact law
     method: str
     law: str
+    #: mean number of impacts of a scenario, all floors together, and its processor time, shape (gaps,)
     impacts: np.ndarray
     microseconds: np.ndarray
 
@@ -68,7 +62,7 @@ def measure(work: Work, method: str, law: str, gaps: Sequence[float] = GAPS, rou
     return Series(method, law, np.array(counts), 1e6 * np.array(medians(*jobs, rounds=rounds)) / BATCH)
 
 
-@styled
+@in_style()
 def draw(found: Sequence[Series]) -> Figure:
     """Draw processor time against impacts, with the line of each scheme that flies from touch to touch."""
     figure, axes = subplots(1, 1, (5.2, 3.6))

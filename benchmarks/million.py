@@ -16,31 +16,19 @@ SWEEP = Path(__file__).parents[1] / "sweeps" / "million.toml"
 
 @dataclass(frozen=True)
 class Run:
-    """What one run from the command line took.
+    """What one run from the command line took."""
 
-    Attributes
-    ----------
-    scenarios : int
-        Scenarios asked for.
-    seconds : float
-        Wall time (s) from start to exit, the cube written.
-    peak_bytes : int
-        Largest resident memory of the process.
-    cube_bytes : int
-        Size of the file.
-    """
-
-    scenarios: int
-    seconds: float
-    peak_bytes: int
-    cube_bytes: int
+    scenarios: int  # scenarios asked for
+    seconds: float  # wall time (s) from start to exit, the cube written
+    peak_bytes: int  # largest resident memory of the process
+    cube_bytes: int  # size of the file
 
 
 def _watch(process: subprocess.Popen[bytes]) -> int:
-    """Wait for a process; return its peak resident memory (bytes).
+    """Wait for a process; return its peak resident memory (bytes)."""
 
-    What the system says of an ended child counts the memory of this process too, which it had before it became another.
-    """
+    # what the system says of an ended child counts the memory of this process too, which it had before it became
+    # another
     peak = 0
     while process.poll() is None:
         try:
@@ -53,13 +41,7 @@ def _watch(process: subprocess.Popen[bytes]) -> int:
 
 
 def run_file(path: Path = SWEEP) -> Run:
-    """Run a sweep file by ``pounding-sweep run``; kernels that are on disk already are loaded.
-
-    Raises
-    ------
-    RuntimeError
-        The command failed; the message is what it printed.
-    """
+    """Run a sweep file by ``pounding-sweep run``; kernels that are on disk already are loaded."""
     with tempfile.TemporaryDirectory() as folder:
         cube = Path(folder) / "cube.nc"
         command = [sys.executable, "-m", "pounding_sweep", "run", str(path), "-o", str(cube), "--quiet"]

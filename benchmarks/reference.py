@@ -35,10 +35,9 @@ def independent(work: Work, gap: float) -> Peaks:
 
 
 def force_errors(found: Peaks, reference: Peaks) -> np.ndarray:
-    """Relative error (n,) of the peak impact forces: the largest over a scenario's contacts, each of its own peak.
+    """Relative error (n,) of the peak impact forces: the largest over a scenario's contacts, each of its own peak."""
 
-    A contact that only one of the two solutions closes has an infinite error.
-    """
+    # a contact that only one of the two solutions closes has an infinite error
     off = np.abs(found.force - reference.force)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.where(off == 0.0, 0.0, off / reference.force)

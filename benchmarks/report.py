@@ -23,74 +23,34 @@ EQUAL_ERRORS = (1e-3, 1e-4)
 
 @dataclass(frozen=True)
 class Size:
-    """Cost of one row of another size.
+    """Cost of one row of another size."""
 
-    Attributes
-    ----------
-    buildings, storeys : int
-        The row.
-    nanoseconds : float
-        Processor time (ns) of one degree of freedom, scenario and step of located rk4.
-    relative : float
-        The same over that of the first row.
-    start : Start or None
-        Seconds to compile its kernel and to load it; None where not measured.
-    """
-
+    #: the row
     buildings: int
     storeys: int
-    nanoseconds: float
-    relative: float
-    start: Start | None
+    nanoseconds: float  # processor time (ns) of one degree of freedom, scenario and step of located rk4
+    relative: float  # the same over that of the first row
+    start: Start | None  # seconds to compile its kernel and to load it; None where not measured
 
 
 @dataclass
 class Report:
-    """Everything that one run of the suite found; parts that were not run are None or empty.
+    """Everything that one run of the suite found; parts that were not run are None or empty."""
 
-    Attributes
-    ----------
-    machine : dict
-        Machine, versions, date.
-    work : str
-        The work, in a sentence.
-    points : list of Point
-        Error and cost of every tool and setting.
-    agreement : float or None
-        Largest relative difference of a peak force between the converged solution and the tests' slow twin.
-    missing : list of str
-        Peers that could not be used, and why.
-    arithmetic : Arithmetic or None
-        The engine's kernels beside a C kernel; None without a compiler.
-    sizes : list of Size
-        Rows of other sizes.
-    growth : list of Growth
-        How cost grows.
-    axes : dict
-        Axis -> scenarios per second over those of a sweep over gaps.
-    throughput : list of Throughput
-        Sweeps from plan to file.
-    plan_seconds : dict
-        Scenarios -> seconds to plan them.
-    start : dict
-        Seconds of starting each command.
-    million : Run or None
-        The sweep of a million scenarios.
-    """
-
-    machine: dict[str, str]
-    work: str
-    points: list[Point] = field(default_factory=list)
+    machine: dict[str, str]  # machine, versions, date
+    work: str  # the work, in a sentence
+    points: list[Point] = field(default_factory=list)  # error and cost of every tool and setting
+    #: largest relative difference of a peak force between the converged solution and the tests' slow twin
     agreement: float | None = None
-    missing: list[str] = field(default_factory=list)
-    arithmetic: Arithmetic | None = None
-    sizes: list[Size] = field(default_factory=list)
-    growth: list[Growth] = field(default_factory=list)
-    axes: dict[str, float] = field(default_factory=dict)
-    throughput: list[Throughput] = field(default_factory=list)
-    plan_seconds: dict[int, float] = field(default_factory=dict)
-    start: dict[str, float] = field(default_factory=dict)
-    million: Run | None = None
+    missing: list[str] = field(default_factory=list)  # peers that could not be used, and why
+    arithmetic: Arithmetic | None = None  # the engine's kernels beside a C kernel; None without a compiler
+    sizes: list[Size] = field(default_factory=list)  # rows of other sizes
+    growth: list[Growth] = field(default_factory=list)  # how cost grows
+    axes: dict[str, float] = field(default_factory=dict)  # axis -> scenarios per second over those of a sweep over gaps
+    throughput: list[Throughput] = field(default_factory=list)  # sweeps from plan to file
+    plan_seconds: dict[int, float] = field(default_factory=dict)  # scenarios -> seconds to plan them
+    start: dict[str, float] = field(default_factory=dict)  # seconds of starting each command
+    million: Run | None = None  # the sweep of a million scenarios
 
     def to_json(self) -> dict[str, Any]:
         """Return everything as plain data, with what follows from it; numbers that are none become null."""
@@ -208,10 +168,9 @@ class Report:
 
 
 def equal_error(points: Sequence[Point], law: str, error: float) -> list[tuple[str, float, float]]:
-    """Tools by cost at a given error: title, milliseconds, and how many times the engine's cheapest row that is.
+    """Tools by cost at a given error: title, milliseconds, and how many times the engine's cheapest row that is."""
 
-    Tools that do not reach the error are left out.
-    """
+    # tools that do not reach the error are left out
     own = [p for p in points if p.law == law]
     _, best = best_cost([p for p in own if p.title.startswith(ENGINE)], error)
     found = []

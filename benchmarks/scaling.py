@@ -26,18 +26,12 @@ Notify = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Growth:
-    """Cost against one quantity.
+    """Cost against one quantity."""
 
-    Attributes
-    ----------
-    quantity, unit : str
-        What was varied, and what the cost is counted in.
-    values, costs : tuple of float
-        Where it was measured.
-    """
-
+    #: what was varied, and what the cost is counted in
     quantity: str
     unit: str
+    #: where it was measured
     values: tuple[float, ...]
     costs: tuple[float, ...]
 

@@ -43,19 +43,7 @@ Notify = Callable[[str], None]
 
 
 def run(peers: Sequence[Peer], *, short: bool, notify: Notify, save: Callable[[Report], None]) -> Report:
-    """Measure everything.
-
-    Parameters
-    ----------
-    peers : sequence of Peer
-        Tools to measure beside the engine; those that can't be imported are reported as missing.
-    short : bool
-        A few settings, the first seconds of the record, small rows and sweeps.
-    notify : callable
-        Takes a line on what goes on.
-    save : callable
-        Takes what is there after each part: measurements are not lost with the last of them.
-    """
+    """Measure everything; `save` takes what is there after each part, so that no part is lost with the last."""
     work = make_work(short=short)
     missing = {peer.key: reason for peer in peers if (reason := peer.missing())}
     able = [peer for peer in peers if peer.key not in missing]

@@ -24,38 +24,17 @@ PROBE = 1024
 
 @dataclass(frozen=True)
 class Tasks:
-    """Chunks of one sweep run by processes.
+    """Chunks of one sweep run by processes."""
 
-    Attributes
-    ----------
-    chunks : int
-        Chunks.
-    chunk_seconds : float
-        Mean time (s) of a chunk in its worker.
-    overhead : float
-        Share of a worker's time in which it does not integrate, from the beginning of a chunk to that of its next:
-        the median over all, which the few that other programs hold up don't change.
-    """
-
-    chunks: int
-    chunk_seconds: float
+    chunks: int  # chunks
+    chunk_seconds: float  # mean time (s) of a chunk in its worker
+    #: share of a worker's time in which it does not integrate, from the beginning of a chunk to that of its next: the
+    #: median over all, which the few that other programs hold up don't change
     overhead: float
 
 
 def task_overhead(work: Work, chunk_seconds: float, seconds: float, **settings: Any) -> Tasks:
-    """Run a sweep of about so many seconds on every core, each in a process of its own, in equal chunks.
-
-    Parameters
-    ----------
-    work : Work
-        Row, record and law.
-    chunk_seconds : float
-        Wanted time (s) of a chunk.
-    seconds : float
-        Wanted time (s) of all.
-    **settings
-        Of `pounding_sweep.Sweep`.
-    """
+    """Run a sweep of about so many seconds on every core, each in a process of its own, in equal chunks."""
     workers = len(os.sched_getaffinity(0))
     probe = plan_gaps(work, np.linspace(*GAPS, PROBE), **settings)
     with dispatcher_for(probe, "processes", workers) as dispatcher:

@@ -22,24 +22,12 @@ from pounding_sweep.run.sweep import Sweep
 
 @dataclass(frozen=True)
 class Throughput:
-    """One sweep from its description to its file.
+    """One sweep from its description to its file."""
 
-    Attributes
-    ----------
-    scenarios : int
-        Scenarios of the cube.
-    workers : int
-        Threads.
-    seconds : float
-        Wall time (s) of everything: plan, run, write.
-    kernel_seconds : float
-        Wall time (s) inside compiled kernels, summed over the threads.
-    """
-
-    scenarios: int
-    workers: int
-    seconds: float
-    kernel_seconds: float
+    scenarios: int  # scenarios of the cube
+    workers: int  # threads
+    seconds: float  # wall time (s) of everything: plan, run, write
+    kernel_seconds: float  # wall time (s) inside compiled kernels, summed over the threads
 
     @property
     def efficiency(self) -> float:
@@ -73,17 +61,7 @@ def kernel_clock() -> Iterator[Callable[[], float]]:
 
 
 def grid_sweep(work: Work, scenarios: int, **settings: Any) -> Sweep:
-    """Return a sweep of about so many scenarios, none like another: gaps over `GAPS` by contact stiffnesses.
-
-    Parameters
-    ----------
-    work : Work
-        Row, record and law.
-    scenarios : int
-        Product of both axes; 100 gaps at most, by whole numbers of stiffnesses.
-    **settings
-        Of `pounding_sweep.Sweep`.
-    """
+    """Return a sweep of about so many scenarios, none like another: gaps over `GAPS` by contact stiffnesses."""
     n_gaps = min(100, scenarios)
     return Sweep(
         work.scene,

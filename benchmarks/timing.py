@@ -15,25 +15,10 @@ ROUNDS = 7
 def medians(
     *jobs: Callable[[], object], rounds: int = ROUNDS, clock: Callable[[], float] = time.process_time
 ) -> list[float]:
-    """Median seconds of each job, the jobs taking turns.
+    """Median seconds of each job, the jobs, which are compiled, taking turns."""
 
-    A slow moment of the machine falls on all jobs alike; processor time (of all threads of this process) does not
-    count what other programs do on the same core.
-
-    Parameters
-    ----------
-    *jobs : callable
-        Each is called `rounds` times; nothing is called before, so compile first.
-    rounds : int
-        Turns.
-    clock : callable
-        Seconds; `time.perf_counter` where several threads work at once.
-
-    Returns
-    -------
-    list of float
-        Seconds (s) of each job.
-    """
+    # a slow moment of the machine falls on all jobs alike; processor time (of all threads of this process) does not
+    # count what other programs do on the same core
     taken: list[list[float]] = [[] for _ in jobs]
     for _ in range(rounds):
         for seconds, job in zip(taken, jobs, strict=True):

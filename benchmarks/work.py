@@ -21,27 +21,13 @@ SHORT_SECONDS = 5.0
 
 @dataclass(frozen=True)
 class Work:
-    """One row, record and law.
+    """One row, record and law."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The row (kN, t, m).
-    record : Record
-        Ground motion (m/s2).
-    law : str
-        Contact law.
-    stiffness : float
-        Contact stiffness (kN/m**exponent).
-    restitution : float
-        Coefficient of restitution, for laws that take one.
-    """
-
-    scene: Scene
-    record: Record
-    law: str
-    stiffness: float
-    restitution: float
+    scene: Scene  # the row (kN, t, m)
+    record: Record  # ground motion (m/s2)
+    law: str  # contact law
+    stiffness: float  # contact stiffness (kN/m**exponent)
+    restitution: float  # coefficient of restitution, for laws that take one
 
     @cached_property
     def row(self) -> Row:
@@ -61,29 +47,20 @@ class Work:
 
 @dataclass(frozen=True)
 class Row:
-    """A row of shear buildings as arrays over its floors, building by building, and over its contacts.
+    """A row of shear buildings as arrays over its floors, building by building, and over its contacts."""
 
-    Attributes
-    ----------
-    mass, stiffness, alpha, beta : ndarray, shape (n,)
-        Mass (t), storey stiffness (kN/m) and Rayleigh damping of each floor.
-    bottom, top : ndarray of bool, shape (n,)
-        Whether a floor is the lowest, or the roof, of its building.
-    left, right : ndarray of int, shape (contacts,)
-        Floors that meet.
-    reduced : ndarray, shape (contacts,)
-        Reduced mass (t) of the two.
-    """
-
+    #: mass (t), storey stiffness (kN/m) and Rayleigh damping of each floor, shape (n,)
     mass: np.ndarray
     stiffness: np.ndarray
     alpha: np.ndarray
     beta: np.ndarray
+    #: whether a floor is the lowest, or the roof, of its building, shape (n,)
     bottom: np.ndarray
     top: np.ndarray
+    #: floors that meet, shape (contacts,)
     left: np.ndarray
     right: np.ndarray
-    reduced: np.ndarray
+    reduced: np.ndarray  # reduced mass (t) of the two, shape (contacts,)
 
     @classmethod
     def of(cls, scene: Scene) -> Row:
@@ -118,18 +95,12 @@ class Row:
 
 @dataclass(frozen=True)
 class Peaks:
-    """What every tool must report of n scenarios.
+    """What every tool must report of n scenarios."""
 
-    Attributes
-    ----------
-    force, onsets : ndarray, shape (n, contacts)
-        Peak impact force (kN) and number of impacts of each contact.
-    highest, lowest : ndarray, shape (n, floors)
-        Largest and smallest displacement (m) of each floor relative to the ground.
-    """
-
+    #: peak impact force (kN) and number of impacts of each contact, shape (n, contacts)
     force: np.ndarray
     onsets: np.ndarray
+    #: largest and smallest displacement (m) of each floor relative to the ground, shape (n, floors)
     highest: np.ndarray
     lowest: np.ndarray
 

@@ -1,8 +1,7 @@
 """The gallery: every figure of the registry, drawn by the commands that its page shows.
 
-``python docs/gallery.py`` runs small sweeps on El Centro and draws all pictures
-into ``docs/_static/gallery``; with names of figures, only those. The page itself
-is written at every build from the pictures that are there.
+``python docs/gallery.py`` runs small sweeps on El Centro and draws all pictures into ``docs/_static/gallery``; with
+names of figures, only those. The page itself is written at every build from the pictures that are there.
 """
 
 from __future__ import annotations
@@ -35,30 +34,15 @@ SWEEPS = (
 
 @dataclass(frozen=True)
 class Entry:
-    """One picture of the gallery.
+    """One picture of the gallery."""
 
-    Attributes
-    ----------
-    key : str
-        A key of `FIGURES`, or "animation".
-    commands : tuple of str
-        Arguments of ``pounding-sweep``, in order; the last draws the picture, unless `code` does.
-    picture : str
-        File that the last command writes.
-    about : str
-        What it shows, where that is not the figure's own title.
-    code : str
-        Python that draws the picture from what the commands wrote.
-    elsewhere : bool
-        The picture is made with another page of the documentation and only shown here.
-    """
-
-    key: str
+    key: str  # A key of `FIGURES`, or "animation"
+    #: arguments of ``pounding-sweep``, in order; the last draws the picture, unless `code` does
     commands: tuple[str, ...]
-    picture: str
-    about: str = ""
-    code: str = ""
-    elsewhere: bool = False
+    picture: str  # file that the last command writes
+    about: str = ""  # what it shows, where that is not the figure's own title
+    code: str = ""  # python that draws the picture from what the commands wrote
+    elsewhere: bool = False  # the picture is made with another page of the documentation and only shown here
 
     @property
     def title(self) -> str:

@@ -1,9 +1,8 @@
 """How often the intervals of a fragility hold the true values: simulated suites of a known lognormal.
 
-``python docs/interval_coverage.py > docs/_static/fragility_coverage.txt`` takes a few minutes.
-Each record has a capacity of its own, lognormal with median 1 and the dispersion below,
-and the event happens at every motion of it that is stronger. Motions are each record at eight or
-three scales, records of unequal strength, or one motion per record.
+``python docs/interval_coverage.py > docs/_static/fragility_coverage.txt`` takes a few minutes. Each record has a
+capacity of its own, lognormal with median 1 and the dispersion below, and the event happens at every motion of it that
+is stronger. Motions are each record at eight or three scales, records of unequal strength, or one motion per record.
 """
 
 from __future__ import annotations

@@ -4,9 +4,8 @@
 - ``sh`` blocks run in bash, each by itself;
 - ``toml`` and ``python`` blocks whose first line is ``# NAME.toml`` or ``# NAME.py`` are written to that file.
 
-Everything happens in one folder, empty at first, which all pages share;
-pictures made there are kept beside the pages. Blocks of other languages are
-only shown. A notebook runs in Jupyter, and becomes a page with what its cells show.
+Everything happens in one folder, empty at first, which all pages share; pictures made there are kept beside the pages.
+Blocks of other languages are only shown. A notebook runs in Jupyter, and becomes a page with what its cells show.
 """
 
 from __future__ import annotations
@@ -29,10 +28,8 @@ _PICTURES = (".png", ".svg", ".gif")
 
 
 def run_pages(sources: Sequence[Path], target: Path) -> None:
-    """Run the blocks of pages in order, and write the pages, with what was printed, to the folder `target`.
-
-    An error ends the build: a page never shows what its blocks do not do.
-    """
+    """Run the blocks of pages in order, and write the pages, with what was printed, to the folder `target`."""
+    # an error ends the build: a page never shows what its blocks do not do
     with tempfile.TemporaryDirectory() as folder:
         for source in sources:
             with chdir(folder):

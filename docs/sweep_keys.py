@@ -74,6 +74,7 @@ def _arguments(section: str) -> dict[str, FieldInfo]:
     return {key: known[argument] for key, argument in SECTIONS[section].items()}
 
 
+_PATH, _NAMED = tables.PathRecord.model_fields, tables.NamedRecord.model_fields
 #: Heading -> (keys, what takes their values).
 _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
     "[scene]": (tables.SceneTable.model_fields, Scene),
@@ -90,8 +91,8 @@ _TABLES: dict[str, tuple[dict[str, FieldInfo], Callable[..., Any] | None]] = {
     "building.NAME": (dict.fromkeys(FACTOR_KINDS.values(), _AXIS), None),
     "[design]": (tables.DesignTable.model_fields, None),
     "A distribution": (tables.DistributionTable.model_fields, None),
-    "A record from a file": (tables.PathRecord.model_fields, read_record),
-    "A record by name": (tables.NamedRecord.model_fields, None),
+    "A record from a file": ({"path": _PATH["path"], **_PATH}, read_record),
+    "A record by name": ({"record": _NAMED["record"], **_NAMED}, None),
     "A synthetic earthquake": (tables.SyntheticRecord.model_fields, synthetic_record),
     "A pulse": (tables.PulseRecord.model_fields, pulse_record),
     "A near-fault pulse": (tables.NearFaultRecord.model_fields, near_fault_record),

@@ -1,7 +1,6 @@
 """Parametric sweeps of seismic pounding between adjacent buildings.
 
-Units kN, t, m, s throughout. Names are loaded where they are first used, so
-that importing the package is fast.
+Units kN, t, m, s throughout. Names are loaded where they are first used, so that importing the package is fast.
 """
 
 from __future__ import annotations

@@ -12,8 +12,7 @@ from pounding_sweep.accuracy.tradeoff import KIND, KIND_ATTRIBUTE
 from pounding_sweep.model.scene import Building, ContactProperties, Scene, Wall
 from pounding_sweep.output.dataset import CubeAxis, assemble
 from pounding_sweep.output.labels import design_coordinates
-from pounding_sweep.outputs.layout import inner_shape
-from pounding_sweep.outputs.variables import VARIABLES
+from pounding_sweep.outputs.variables import VARIABLES, inner_shape
 from pounding_sweep.records import pulse_record
 from pounding_sweep.spec.build import build_spec
 from pounding_sweep.spec.spec import scene_data, to_json

@@ -32,7 +32,6 @@ from pounding_sweep.output.dataset import VERSION_ATTRIBUTE, CubeAxis, assemble,
 from pounding_sweep.output.describe import describe
 from pounding_sweep.output.netcdf import check_output, open_cube, write_cube
 from pounding_sweep.outputs.declare import Reducer, Slot
-from pounding_sweep.outputs.layout import inner_shape, mask_invalid
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
 from pounding_sweep.outputs.variables import (
     DEFAULT_OUTPUTS,
@@ -45,6 +44,8 @@ from pounding_sweep.outputs.variables import (
     check_outputs,
     cube_variables,
     get_variable,
+    inner_shape,
+    mask_invalid,
     output_slots,
     reducers_for,
 )

@@ -67,10 +67,11 @@ def test_every_key_of_a_sweep_file_is_explained(pages):
     """Each table has all keys of its model, with the default that the model gives."""
     text = pages["sweep_keys.txt"]
     models = [model for model in vars(spec_tables).values() if isinstance(model, type) and model is not Table]
-    wanted = [list(model.model_fields) for model in models if issubclass(model, Table)]
-    explained = [re.findall(r"^\| `(\w+)` \|", part, re.MULTILINE) for part in text.split("### ")]
+    whole = [model for model in models if issubclass(model, Table) and not model.__subclasses__()]
+    wanted = [list(model.model_fields) for model in whole]
+    explained = [sorted(re.findall(r"^\| `(\w+)` \|", part, re.MULTILINE)) for part in text.split("### ")]
     for keys in (*wanted, *map(list, SECTIONS.values())):
-        assert keys in explained
+        assert sorted(keys) in explained
     assert re.search(r"^\| `audit` \|.*\| `0\.05` \| Share of the sweep's cost", text, re.MULTILINE)
     assert re.search(r"^\| `locate` \| true or false \| `true` \| Split steps", text, re.MULTILINE)
     assert re.search(r"^\| `masses` \|.*\| needed \| Floor masses \(t\)", text, re.MULTILINE)

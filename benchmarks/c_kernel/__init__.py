@@ -40,20 +40,7 @@ class _Row(ctypes.Structure):
 
 
 class CKernel:
-    """The C kernel, compiled for one vector width.
-
-    Parameters
-    ----------
-    compiler : str
-        What `find_compiler` found.
-    width : int
-        Doubles to a vector.
-
-    Raises
-    ------
-    subprocess.CalledProcessError
-        The compiler refused; its messages are in ``stderr``.
-    """
+    """The C kernel, compiled for one vector width."""
 
     def __init__(self, compiler: str, width: int) -> None:
         self.width = width
@@ -67,26 +54,7 @@ class CKernel:
     def prepare(
         self, scene: Scene, record: Record, *, steps: int, scale: np.ndarray, gaps: np.ndarray, stiffness: np.ndarray
     ) -> Callable[[], dict[str, np.ndarray]]:
-        """Return a function that runs whole groups of scenarios and returns their peaks.
-
-        Parameters
-        ----------
-        scene : Scene
-            Three buildings of three storeys that meet at every floor.
-        record : Record
-            Ground motion (m/s2).
-        steps : int
-            Steps per record interval.
-        scale, stiffness : ndarray, shape (n,)
-            Factors on the record, contact stiffness (kN/m); n a multiple of the engine's lanes.
-        gaps : ndarray, shape (n, 2)
-            Gaps (m).
-
-        Returns
-        -------
-        callable
-            Returns ``highest``, ``lowest`` (n, 9), ``force``, ``onsets`` (n, 6).
-        """
+        """Return a function that runs whole groups of scenarios and returns their peaks; gaps have shape (n, 2)."""
         if [b.n_storeys for b in scene.buildings] != [3, 3, 3] or len(scene.contacts) != 6:
             msg = "the C kernel is written for three buildings of three storeys that meet at every floor"
             raise ValueError(msg)

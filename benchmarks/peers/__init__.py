@@ -20,40 +20,19 @@ Run = Callable[[np.ndarray], Peaks]
 
 @dataclass(frozen=True)
 class Peer:
-    """One way of one tool to do the work.
+    """One way of one tool to do the work."""
 
-    Attributes
-    ----------
-    key : str
-        Name on the command line.
-    title : str
-        What it is, in tables and figures.
-    package : str
-        Distribution that must be installed.
-    module : str
-        What is imported of it.
-    knob : {"dt", "rtol"}
-        What its settings are: time steps (s) or relative tolerances.
-    settings, short : tuple of float
-        Settings from coarse to fine, of the long and of the short form.
-    prepare : callable
-        Takes the work and a setting; returns what runs it, compiled and warm.
-    laws : tuple of str
-        Contact laws that it can do.
-    batch : int
-        Scenarios that are timed together: one for tools that run one at a time.
-    """
-
-    key: str
-    title: str
-    package: str
-    module: str
-    knob: str
+    key: str  # name on the command line
+    title: str  # what it is, in tables and figures
+    package: str  # distribution that must be installed
+    module: str  # what is imported of it
+    knob: str  # what its settings are: time steps (s) or relative tolerances
+    #: settings from coarse to fine, of the long and of the short form
     settings: tuple[float, ...]
     short: tuple[float, ...]
-    prepare: Callable[[Work, float], Run]
-    laws: tuple[str, ...] = ("linear",)
-    batch: int = 1
+    prepare: Callable[[Work, float], Run]  # takes the work and a setting; returns what runs it, compiled and warm
+    laws: tuple[str, ...] = ("linear",)  # contact laws that it can do
+    batch: int = 1  # scenarios that are timed together: one for tools that run one at a time
 
     def missing(self) -> str:
         """Say why the tool can't be used here; "" where it can."""

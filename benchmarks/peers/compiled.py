@@ -14,18 +14,12 @@ from benchmarks.work import Peaks, Work
 
 @dataclass(frozen=True)
 class Compiled:
-    """Compiled functions of one work.
+    """Compiled functions of one work."""
 
-    Attributes
-    ----------
-    derivative : callable
-        ``derivative(y, ground, gap, dy)``: fills dy/dt of the state (displacements, then velocities).
-    follow : callable
-        ``follow(t, y, gap, force, onsets, highest, lowest)``: updates peaks over consecutive states y (m, 2 n) at
-        times t (m,): extremes of the cubic through displacement and velocity at both ends, as the engine takes them.
-    """
-
+    #: ``derivative(y, ground, gap, dy)``: fills dy/dt of the state (displacements, then velocities)
     derivative: Callable[..., None]
+    #: ``follow(t, y, gap, force, onsets, highest, lowest)``: updates peaks over consecutive states y (m, 2 n) at times
+    #: t (m,): extremes of the cubic through displacement and velocity at both ends, as the engine takes them
     follow: Callable[..., None]
 
 

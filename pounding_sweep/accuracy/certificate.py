@@ -1,9 +1,8 @@
 """The restitution certificate: what rebound the kernels give, law by law, beside the closed form.
 
-Two equal free masses meet head on with opposite velocities, so that their momentum
-is zero and the ratio of their kinetic energies after and before is e^2. They are
-the floors of two one-storey buildings whose own stiffness is negligible, run by the
-same kernels as every sweep.
+Two equal free masses meet head on with opposite velocities, so that their momentum is zero and the ratio of their
+kinetic energies after and before is e^2. They are the floors of two one-storey buildings whose own stiffness is
+negligible, run by the same kernels as every sweep.
 """
 
 from __future__ import annotations
@@ -55,11 +54,6 @@ def _valid(law: Law, e: float, basis: str) -> bool:
     return True
 
 
-def _seconds(slowest: float) -> float:
-    """Time after which the masses have met and parted."""
-    return DURATION * (20.0 + 2.0 * slowest**-0.6)
-
-
 def certify(
     restitutions: Iterable[float] = RESTITUTIONS,
     laws: Sequence[str | Law] | None = None,
@@ -89,9 +83,8 @@ def certify(
     Returns
     -------
     xarray.Dataset
-        On (law, basis, restitution): ``measured`` and ``analytic`` restitution and
-        ``damping_number``; missing where the law is not valid at that nominal value.
-        Laws without damping are measured once for each value, all the same.
+        On (law, basis, restitution): ``measured`` and ``analytic`` restitution and ``damping_number``; missing where
+        the law is not valid at that nominal value. Laws without damping are measured once for each value, all the same.
 
     Raises
     ------
@@ -127,7 +120,7 @@ def certify(
 
     slowest = float(np.min(analytic, where=analytic > 0.0, initial=1.0))
     numerics = Numerics(method, DURATION / steps)
-    record = Record("quiet", _seconds(slowest), np.zeros(2))
+    record = Record("quiet", DURATION * (20.0 + 2.0 * slowest**-0.6), np.zeros(2))  # the masses have met and parted
     half = APPROACH / 2.0
     kernels = [
         [

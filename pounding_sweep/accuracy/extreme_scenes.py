@@ -19,8 +19,14 @@ from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.model.foundation import Foundation
 from pounding_sweep.model.laws import Law
 from pounding_sweep.model.scene import CONTACTS, DAMPING_STIFFNESSES, Building, Scene, Wall
-from pounding_sweep.outputs.layout import inner_shape, mask_invalid
-from pounding_sweep.outputs.variables import Status, cube_variables, get_variable, reducers_for
+from pounding_sweep.outputs.variables import (
+    Status,
+    cube_variables,
+    get_variable,
+    inner_shape,
+    mask_invalid,
+    reducers_for,
+)
 from pounding_sweep.records import Record, synthetic_record
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.schemes.stability import largest_step

@@ -1,8 +1,7 @@
 """The stability suite: extreme scenarios through both schemes, every one judged.
 
-`run_extremes` runs the families of `pounding_sweep.accuracy.extreme_scenes`
-and random scenes, judges each scenario by what `pounding_sweep.accuracy.judge`
-demands, and counts.
+`run_extremes` runs the families of `pounding_sweep.accuracy.extreme_scenes` and random scenes, judges each scenario by
+what `pounding_sweep.accuracy.judge` demands, and counts.
 """
 
 from __future__ import annotations

@@ -6,9 +6,8 @@ Five things are demanded of a run, at any step:
 2. Its status tells the truth: a scenario with values has finite ones only, one
    without has none.
 3. Its energy is possible. The ground can bring no more energy into a row than
-   ``(sqrt(M) int |a_g| dt + sqrt(2 E_0))**2 / 2`` (M all masses, E_0 the energy
-   at the start), because contacts and dampers only take energy; that bounds the
-   energy at the end and every displacement, resolved or not.
+   ``(sqrt(M) int |a_g| dt + sqrt(2 E_0))**2 / 2`` (M all masses, E_0 the energy at the start), because contacts and
+   dampers only take energy; that bounds the energy at the end and every displacement, resolved or not.
 4. Where the status is ok, contacts create no energy: their work is not negative.
 5. Where the status is ok, and a run at half the step agrees within `SETTLED`,
    the peaks are within `OK_CLAIM` of those of a converged run, unless it is

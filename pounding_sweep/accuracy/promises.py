@@ -1,12 +1,11 @@
 """How often promises are kept: ``python -m pounding_sweep.accuracy.promises``.
 
-Random realistic rows under real and synthetic earthquakes are run as a user's sweep
-runs them, and compared with converged runs of the same scenarios. Two promises are
-measured: that an accuracy asked for is reached in every output, and that the peaks of a
-scenario of status ok are within `OK_CLAIM`, by the rules of the status alone and with
-``error_estimate`` asked for. The scenes have nothing in common with those that the
-steps were calibrated on (`pounding_sweep.accuracy.calibrate`). No scenario is left out
-but those of which no converged run is found; they are counted.
+Random realistic rows under real and synthetic earthquakes are run as a user's sweep runs them, and compared with
+converged runs of the same scenarios. Two promises are measured: that an accuracy asked for is reached in every output,
+and that the peaks of a scenario of status ok are within `OK_CLAIM`, by the rules of the status alone and with
+``error_estimate`` asked for. The scenes have nothing in common with those that the steps were calibrated on
+(`pounding_sweep.accuracy.calibrate`). No scenario is left out but those of which no converged run is found; they are
+counted.
 """
 
 from __future__ import annotations
@@ -22,13 +21,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pounding_sweep.accuracy.calibrate import closing
+from pounding_sweep.accuracy.calibrate import OUTPUTS, closing
+from pounding_sweep.accuracy.extreme_scenes import PEAKS
 from pounding_sweep.model.laws import LAWS, get_law
 from pounding_sweep.model.scene import Building, Scene, Wall
 from pounding_sweep.outputs.differences import CHANGE, relative_errors
 from pounding_sweep.outputs.variables import OK_CLAIM, Status
-from pounding_sweep.plan.advice import CLASSES
-from pounding_sweep.plan.plan import make_plan
+from pounding_sweep.plan.plan import Plan, make_plan
 from pounding_sweep.records import Record, read_record, resolve_record, synthetic_record
 from pounding_sweep.run.execute import run_chunk
 from pounding_sweep.spec.axes import Case
@@ -39,10 +38,6 @@ from pounding_sweep.spec.spec import METHODS, SweepSpec
 SHAPES = ((1, 0), (1, 1), (2, 1), (1, 1, 1), (2, 2), (0, 2, 1), (3, 2, 0), (2, 3, 2), (3, 3, 3), (5, 4))
 #: Scenarios of one row, law and record.
 CASES = 16
-#: Every output that has an error.
-OUTPUTS = tuple(name for names in CLASSES.values() for name in names if name != "closing_max")
-#: Peaks that the status answers for.
-PEAKS = ("displacement_max", "displacement_min", "impact_force_max", "penetration_max")
 #: Relative errors that are asked for, and steps (s) at which schemes are run.
 ACCURACIES = (1e-2, 1e-3, 1e-4)
 STEPS = (5e-3, 2e-3, 1e-3, 5e-4)
@@ -100,22 +95,27 @@ def draw(seed: int, number: int, laws: Sequence[str], records: Sequence[Record])
     return build_spec(scene=scene, records=record, cases=cases, outputs=OUTPUTS, audit=0.0)
 
 
-def run_cases(spec: SweepSpec) -> dict[str, np.ndarray]:
-    """Run the cases of a sweep of one record, in their order, as a worker does."""
-    plan = make_plan(spec)
+def run_chunks(plan: Plan) -> dict[str, np.ndarray]:
+    """Run all scenarios of a plan in this thread; returns variables of shape (unique scenarios, *inner)."""
     found: dict[str, np.ndarray] = {}
-    kinds = np.stack([plan.unique.law, plan.steps])
-    for law, steps in np.unique(kinds, axis=1).T.tolist():
-        rows = np.flatnonzero((kinds == [[law], [steps]]).all(axis=0))
-        table = plan.unique[rows]
-        kernel = plan.kernel(law, record=0, steps=steps)
-        values = run_chunk(kernel, spec.records[0], table, plan.variants[table.variant], plan.outputs)
-        if isinstance(values, str):
-            raise RuntimeError(values)
-        for name in values.dtype.names or ():
-            part = values[name]
-            whole = found.setdefault(name, np.zeros((len(plan.unique), *part.shape[1:]), part.dtype))
-            whole[rows] = part
+    for chunk in plan.chunks(np.arange(len(plan.unique))):
+        kernel = plan.kernel(chunk.law, record=chunk.record, steps=chunk.steps)
+        table = plan.unique[chunk.rows]
+        record = plan.spec.records[chunk.record]
+        part = run_chunk(kernel, record, table, plan.variants[table.variant], plan.outputs)
+        if isinstance(part, str):
+            raise RuntimeError(part)
+        for name in part.dtype.names or ():
+            values = part[name]
+            whole = found.setdefault(name, np.empty((len(plan.unique), *values.shape[1:]), values.dtype))
+            whole[chunk.rows] = values
+    return found
+
+
+def run_cases(spec: SweepSpec) -> dict[str, np.ndarray]:
+    """Run the cases of a sweep, in their order, as a worker does."""
+    plan = make_plan(spec)
+    found = run_chunks(plan)
     found["status"][plan.refused] = Status.BEYOND_STABILITY_LIMIT
     return {name: values[plan.inverse] for name, values in found.items()}
 

@@ -1,8 +1,7 @@
 """A few stored scenarios run again and held against their converged values.
 
-The values come from an independent adaptive solver at tight tolerance; the file
-says how, by what, and how far its own two tolerances agree. ``tests/converged.py``
-of the sources writes it anew.
+The values come from an independent adaptive solver at tight tolerance; the file says how, by what, and how far its own
+two tolerances agree. ``tests/converged.py`` of the sources writes it anew.
 """
 
 from __future__ import annotations

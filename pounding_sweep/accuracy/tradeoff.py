@@ -1,12 +1,10 @@
 """The speed-accuracy trade of a sweep, measured on a sample of its own scenarios.
 
-Every scheme, step, number format, located or not, is run on the same scenarios
-and compared with a converged solution; its cost is measured beside it. The
-converged solution is itself checked, by its own double step.
+Every scheme, step, number format, located or not, is run on the same scenarios and compared with a converged solution;
+its cost is measured beside it. The converged solution is itself checked, by its own double step.
 
-Errors are measured on scenarios drawn at random, costs on scenarios that stand
-side by side in the sweep: neighbouring gaps share a lane group there, and
-contacts that fall together cost less.
+Errors are measured on scenarios drawn at random, costs on scenarios that stand side by side in the sweep: neighbouring
+gaps share a lane group there, and contacts that fall together cost less.
 """
 
 from __future__ import annotations
@@ -32,8 +30,7 @@ from pounding_sweep.engine.row_kernel import Numerics
 from pounding_sweep.kernel.spec import LANES
 from pounding_sweep.output.dataset import made_here
 from pounding_sweep.outputs.differences import CHANGE, comparable, relative_errors
-from pounding_sweep.outputs.layout import inner_shape
-from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status
+from pounding_sweep.outputs.variables import OK_CLAIM, STATUS, Status, inner_shape
 from pounding_sweep.plan.advice import measured_schemes
 from pounding_sweep.plan.plan import Plan, make_plan, untouched
 from pounding_sweep.plan.scenarios import changed
@@ -563,11 +560,7 @@ def _coordinates(m: MeasuredTrade) -> dict[str, Any]:
         ),
         "scenario": (per, np.arange(1, len(table) + 1), {"units": "1", "long_name": "scenario of the sample"}),
         "scenario_law": (per, [plan.laws[i].key for i in table.law], {"long_name": "contact law"}),
-        "scenario_record": (
-            per,
-            [spec.records[i].name for i in table.record],
-            {"long_name": "ground-motion record"},
-        ),
+        "scenario_record": (per, [spec.records[i].name for i in table.record], {"long_name": "ground-motion record"}),
         "scenario_scale": (per, table.scale, {"units": "1", "long_name": "factor on the record"}),
         "scenario_gap": (
             ("scenario", "pair"),

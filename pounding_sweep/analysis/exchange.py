@@ -6,7 +6,8 @@ import csv
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -122,12 +123,8 @@ def export_nrml(
     root = ElementTree.Element("nrml", xmlns=NRML)
     root.append(model)
     ElementTree.indent(root, "    ")
-    try:
-        with replacing(target) as temporary:
-            ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
-    except OSError as error:
-        msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
-        raise OutputError(msg) from error
+    with _written(path, target) as temporary:
+        ElementTree.ElementTree(root).write(temporary, encoding="utf-8", xml_declaration=True)
     return left_out
 
 
@@ -237,21 +234,21 @@ def export_pelicun(cube: xr.Dataset, path: str | os.PathLike[str], building: str
     if not len(samples):
         msg = f"no scenario of building {building!r} is ok; see the statuses of the cube ('pounding-sweep info')"
         raise InputError(msg)
-    _write_rows(path, target, columns, samples)
+    with _written(path, target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["", *columns])
+        writer.writerow(["Units", *(unit for unit, _ in columns.values())])
+        for number, sample in enumerate(samples):
+            writer.writerow([number, *(repr(float(column[sample])) for _, column in columns.values())])
     return len(samples)
 
 
-def _write_rows(
-    path: str | os.PathLike[str], target: Path, columns: Mapping[str, tuple[str, np.ndarray]], samples: np.ndarray
-) -> None:
-    """Write columns with their units in the second row."""
+@contextmanager
+def _written(path: str | os.PathLike[str], target: Path) -> Iterator[Path]:
+    """Give a temporary name; what is written there in the block becomes `target`, or nothing does."""
     try:
-        with replacing(target) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(["", *columns])
-            writer.writerow(["Units", *(unit for unit, _ in columns.values())])
-            for number, sample in enumerate(samples):
-                writer.writerow([number, *(repr(float(column[sample])) for _, column in columns.values())])
+        with replacing(target) as temporary:
+            yield temporary
     except OSError as error:
         msg = f"{failure(f'writing {str(path)!r}', error)}. Nothing was replaced"
         raise OutputError(msg) from error

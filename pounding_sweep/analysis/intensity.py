@@ -30,30 +30,9 @@ NAMES = "pga, pgv, sa(PERIOD in s), sa(BUILDING) at its first period, sa: geomet
 def intensity_of(
     cube: xr.Dataset, intensity: str | xr.DataArray | None = None, *, records: Any = None, folders: Any = None
 ) -> xr.DataArray:
-    """Return the intensity of each record at each scale.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        A cube with records.
-    intensity : str or DataArray, optional
-        One of `NAMES`; spectral accelerations are pseudo-accelerations at 5 % damping. By default what the records are
-        scaled to, the axis ``sa``, else "pga". Or the intensity of the records
-        at scale 1, along ``record``, with its units, which grows in proportion to the scale.
-    records, folders : optional
-        Records to look through before they are looked for by name, and folders of record files; needed by all but
-        the default.
-
-    Returns
-    -------
-    xarray.DataArray
-        Along ``record`` and what scales it, with units and long name.
-
-    Raises
-    ------
-    InputError
-        The intensity is unknown, or the cube or its records do not tell it.
-    """
+    """Return the intensity of each record at each scale, along ``record`` and what scales it."""
+    # by one of `NAMES`, or given for the records at scale 1; by default what they are scaled to. `records` are looked
+    # through before others are looked for by name
     if "record" not in cube.coords:
         msg = "the intensity of the ground motion needs the record of each scenario (coordinate 'record')"
         raise InputError(msg)

@@ -1,13 +1,11 @@
 """A lognormal distribution of capacity, fitted to intensities at which something did or did not happen.
 
-P(event | x) = Phi(ln(x / median) / dispersion), by maximum likelihood of independent
-trials that happened or not (Baker 2015, "Efficient analytical fragility function
-fitting using dynamic structural analysis", Earthquake Spectra 31(1)). In a + b ln x
-= ln(x / median) / dispersion the likelihood is log-concave, so that there is one
-maximum, or none at any finite value: those cases are told beforehand. Curves of
-several gaps or limit states may share one dispersion, and then never cross
-(Shinozuka, Feng, Lee & Naganuma 2000, "Statistical analysis of fragility curves",
-J. Eng. Mech. 126(12), 1224-1231).
+P(event | x) = Phi(ln(x / median) / dispersion), by maximum likelihood of independent trials that happened or not (Baker
+2015, "Efficient analytical fragility function fitting using dynamic structural analysis", Earthquake Spectra 31(1)). In
+a + b ln x = ln(x / median) / dispersion the likelihood is log-concave, so that there is one maximum, or none at any
+finite value: those cases are told beforehand. Curves of several gaps or limit states may share one dispersion, and then
+never cross (Shinozuka, Feng, Lee & Naganuma 2000, "Statistical analysis of fragility curves", J. Eng. Mech. 126(12),
+1224-1231).
 """
 
 from __future__ import annotations

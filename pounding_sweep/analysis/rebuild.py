@@ -1,8 +1,7 @@
 """From a cube back to what it was made of: the row, the records, the building properties that vary.
 
-A cube carries its sweep as JSON (attribute ``sweep``), in which records stand by
-name and digest only: their motions must be found again, and are taken only where
-the digest agrees.
+A cube carries its sweep as JSON (attribute ``sweep``), in which records stand by name and digest only: their motions
+must be found again, and are taken only where the digest agrees.
 """
 
 from __future__ import annotations

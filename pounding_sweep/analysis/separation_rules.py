@@ -1,11 +1,9 @@
 """Rules that say how far apart buildings must stand, from the displacements of each alone.
 
-All of them take the largest absolute displacements u of the two floors that could
-meet, relative to the ground, by the linear run of each building alone under the
-record itself. Standards find theirs from forces divided by a behaviour factor and
-multiply them by it again; what is taken here was never divided, so that the factors
-are 1 unless the user gives others (an amplification of displacements by yielding,
-say, or displacements that were reduced).
+All of them take the largest absolute displacements u of the two floors that could meet, relative to the ground, by the
+linear run of each building alone under the record itself. Standards find theirs from forces divided by a behaviour
+factor and multiply them by it again; what is taken here was never divided, so that the factors are 1 unless the user
+gives others (an amplification of displacements by yielding, say, or displacements that were reduced).
 
 Adding a rule is adding one `SeparationRule` to `SEPARATION_RULES`.
 """
@@ -28,9 +26,8 @@ FROM_MEMORY = "stated from memory of the standard; the standard was not consulte
 class BehaviourFactors:
     """Factors by which standards turn reduced displacements into real ones, and what they divide by.
 
-    Each is one number for all buildings, or a mapping of building name to number.
-    All are 1 by default, because the displacements that the rules take come from
-    linear runs under the record itself and were reduced by nothing.
+    Each is one number for all buildings, or a mapping of building name to number. All are 1 by default, because the
+    displacements that the rules take come from linear runs under the record itself and were reduced by nothing.
 
     Attributes
     ----------

@@ -11,40 +11,13 @@ BLOCK = 1 << 22
 
 
 def sobol_indices(a: np.ndarray, b: np.ndarray, mixed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Estimate first and total Sobol indices.
-
-    Parameters
-    ----------
-    a, b : ndarray, shape (..., n)
-        Values at the points of two independent blocks A and B of inputs, of any number of outputs.
-    mixed : ndarray, shape (inputs, ..., n)
-        Values at the points of A with one input of B each.
-
-    Returns
-    -------
-    first, total : ndarray, shape (inputs, ...)
-        NaN where the values do not differ but by rounding.
-
-    Notes
-    -----
-    First indices by Saltelli et al. (2010), table 2 (b): mean of f(B) (f(AB_i) - f(A)) over the variance; total ones
-    by Jansen (1999): half the mean of (f(A) - f(AB_i))^2 over it, the variance being that of A and B together.
-    The mean of all is taken off first, which changes no expectation but lessens the error.
-
-    References
-    ----------
-    Saltelli, Annoni, Azzini, Campolongo, Ratto & Tarantola (2010), "Variance based sensitivity analysis of model
-    output. Design and estimator for the total sensitivity index", Computer Physics Communications 181(2), 259-270.
-    Jansen (1999), "Analysis of variance designs for model output", Computer Physics Communications 117, 35-43.
-
-    Examples
-    --------
-    >>> x, y = np.random.default_rng(0).random((2, 2, 100_000))
-    >>> def model(one, two): return one + 2.0 * two
-    >>> first, total = sobol_indices(model(*x), model(*y), np.stack([model(y[0], x[1]), model(x[0], y[1])]))
-    >>> first.round(1).tolist(), total.round(1).tolist()
-    ([0.2, 0.8], [0.2, 0.8])
-    """
+    """Estimate first and total Sobol indices, shape (inputs, ...); NaN where values do not differ but by rounding."""
+    # `a` and `b` are values at the points of two independent blocks of inputs, of any number of outputs, shape (...,
+    # n); `mixed` those at the points of A with one input of B each, shape (inputs, ..., n). First indices by Saltelli,
+    # Annoni, Azzini, Campolongo, Ratto & Tarantola (2010), Computer Physics Communications 181(2), 259-270, table 2
+    # (b): mean of f(B) (f(AB_i) - f(A)) over the variance; total ones by Jansen (1999), ibid. 117, 35-43: half the
+    # mean of (f(A) - f(AB_i))^2 over it, the variance being that of A and B together. The mean of all is taken off
+    # first, which changes no expectation but lessens the error
     found = _from_means(_columns(a, b, mixed).mean(axis=-1), a)
     return found[0], found[1]
 

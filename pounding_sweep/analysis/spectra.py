@@ -68,10 +68,9 @@ def response_spectrum(
 
     Notes
     -----
-    Between points the acceleration is linear, and each oscillator, at rest at the first point, follows
-    by the exact recurrence of Nigam & Jennings (1969, BSSA 59(2), 909-922); at period 0 the ordinates are 0, 0,
-    PGA and PGA. Peaks are those until the last point: append zeros to a motion that is
-    cut off before the oscillators are done.
+    Between points the acceleration is linear, and each oscillator, at rest at the first point, follows by the exact
+    recurrence of Nigam & Jennings (1969, BSSA 59(2), 909-922); at period 0 the ordinates are 0, 0, PGA and PGA. Peaks
+    are those until the last point: append zeros to a motion that is cut off before the oscillators are done.
 
     Peaks are those of cubics over steps, at least 32 in each period, between the points of the record too; a
     cubic through values and slopes at both ends errs by 1/384 of the fourth power of the step times the fourth
@@ -123,12 +122,11 @@ def floor_spectra(
 
     Notes
     -----
-    The acceleration is taken as linear between the times of the history. An impact lasts
-    a few milliseconds, and its force may start and end with a jump: a coarse time axis
-    smears it over a step, which changes the spectrum where periods are not long beside the step and the contact.
-    Simulate at 1 ms or less, and at half the step to see what is left: the peak that a floor itself
-    reaches (period 0) is read at the times of the history only, ``acceleration_max`` of the same
-    dataset is located inside the steps.
+    The acceleration is taken as linear between the times of the history. An impact lasts a few milliseconds, and its
+    force may start and end with a jump: a coarse time axis smears it over a step, which changes the spectrum where
+    periods are not long beside the step and the contact. Simulate at 1 ms or less, and at half the step to see what is
+    left: the peak that a floor itself reaches (period 0) is read at the times of the history only, ``acceleration_max``
+    of the same dataset is located inside the steps.
 
     Examples
     --------

@@ -36,11 +36,10 @@ def constant_ductility(
     Returns
     -------
     xarray.Dataset
-        On ``record``, ``ductility`` and ``building``: ``strength_factor``, by which all yield strengths
-        of the building are to be multiplied, as the axis and the cases of a sweep take them, and
-        ``strength_reduction``, the factor at which it just stays elastic over that. Of several
-        factors with that ductility it is the largest. Missing where a building has no storeys
-        that yield, or none within a reduction of 8 times the largest ductility reaches it.
+        On ``record``, ``ductility`` and ``building``: ``strength_factor``, by which all yield strengths of the building
+        are to be multiplied, as the axis and the cases of a sweep take them, and ``strength_reduction``, the factor at
+        which it just stays elastic over that. Of several factors with that ductility it is the largest. Missing where a
+        building has no storeys that yield, or none within a reduction of 8 times the largest ductility reaches it.
 
     Raises
     ------

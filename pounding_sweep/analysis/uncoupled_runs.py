@@ -78,7 +78,7 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> UncoupledRuns:
         return UncoupledRuns(scene, runs, *_first_modes_of_cases(scene, runs))
     axes = property_axes(axes_of(sweep))
     runs = _reduced(cube) if there else _selected(_run_product(scene, sweep, records, folders), cube)
-    modes = [_where(part, cube if there else runs) for part in _first_modes(scene, axes)]
+    modes = [_selected(part, cube if there else runs).reset_coords(drop=True) for part in _first_modes(scene, axes)]
     return UncoupledRuns(scene, runs, *modes)
 
 
@@ -138,10 +138,9 @@ def _run_product(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any
     return unit.assign(grown)
 
 
-def _selected(runs: xr.Dataset, cube: xr.Dataset) -> xr.Dataset:
-    """Return the runs that belong to a cube, which may be a selection from what its sweep has."""
-    kept = {dim: cube[dim].values for dim in runs.dims if dim in cube.coords and dim not in INNER_DIMS}
-    return runs.sel(kept)
+def _selected(part: Any, cube: xr.Dataset) -> Any:
+    """Return what belongs to a cube, which may be a selection from what its sweep has."""
+    return part.sel({dim: cube[dim].values for dim in part.dims if dim in cube.coords and dim not in INNER_DIMS})
 
 
 def _parameters(sweep: dict[str, Any]) -> dict[str, Any]:
@@ -179,12 +178,6 @@ def _first_damping(scene: Scene, ratio: xr.DataArray) -> xr.DataArray:
         none, half = (replace(building, damping_ratio=given).first_damping for given in (0.0, 0.5))
         ratio = ratio.where(ratio["building"] != building.name, none + 2.0 * (half - none) * ratio)
     return ratio
-
-
-def _where(part: xr.DataArray, cube: xr.Dataset) -> xr.DataArray:
-    """Take those values of building properties that a cube, or a selection from one, has."""
-    kept = {dim: cube[dim].values for dim in part.dims if dim != "building" and dim in cube.coords}
-    return part.sel(kept).reset_coords(drop=True)
 
 
 def _first_modes_of_cases(scene: Scene, cube: xr.Dataset) -> tuple[xr.DataArray, xr.DataArray]:

@@ -28,14 +28,19 @@ def is_temporary(name: str) -> bool:
     return _TEMPORARY.fullmatch(name) is not None
 
 
+def sync(path: Path) -> None:
+    """Put a file, or the names in a folder, on disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
 def sync_folder(folder: Path) -> None:
     """Make the names in a folder lasting, where its file system can."""
     with suppress(OSError):  # some network file systems can't sync a folder
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+        sync(folder)
 
 
 @contextmanager
@@ -79,11 +84,7 @@ def replacing(path: Path, folder: Path | None = None) -> Iterator[Path]:
         temporary = folder / _temporary_name()
         try:
             yield temporary
-            handle = os.open(temporary, os.O_RDONLY)
-            try:
-                os.fsync(handle)
-            finally:
-                os.close(handle)
+            sync(temporary)
             temporary.replace(path)
         except BaseException:
             with suppress(OSError):

@@ -1,9 +1,8 @@
 """The command line: parse, call, print.
 
-Data go to stdout; progress, warnings and errors to stderr. Exit codes: 0, 1
-failed, 2 wrong usage or bad input, 130 interrupted. Each module holds the
-commands of one subject and registers them when it is imported, in the order
-in which ``--help`` lists them.
+Data go to stdout; progress, warnings and errors to stderr. Exit codes: 0, 1 failed, 2 wrong usage or bad input, 130
+interrupted. Each module holds the commands of one subject and registers them when it is imported, in the order in which
+``--help`` lists them.
 """
 
 # isort: off

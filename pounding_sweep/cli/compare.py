@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Comparison, Row, compared, table_rows
+from pounding_sweep.analysis.comparisons import COMPARISONS, MOTION_DIMS, Row, compared, table_rows
 from pounding_sweep.analysis.events import EVENTS, get_event
 from pounding_sweep.base.tables import finite, number_text, print_json, print_pairs, print_table
 from pounding_sweep.cli.app import AsJson, At, CubeFile, Folders, Intensity, app
@@ -57,8 +57,7 @@ def compare_command(
         typer.Option("-o", "--output", metavar="FOLDER", help="Write tables (CSV), results (netCDF), figures."),
     ] = None,
     overwrite: Annotated[
-        bool,
-        typer.Option("--overwrite", help="Replace tables and results that exist in FOLDER; figures always are."),
+        bool, typer.Option("--overwrite", help="Replace tables and results that exist in FOLDER; figures always are.")
     ] = False,
     reference: Annotated[
         str | None, typer.Option("--reference", metavar="LAW", help="Law that the others are compared with.")
@@ -195,17 +194,12 @@ def _check_options(given: list[str], keys: list[str]) -> None:
     from pounding_sweep.base.errors import InputError
 
     for option in given:
-        takers = [key for key, item in COMPARISONS.items() if _takes(item, option)]
+        tables = option in ("--quantile", "--intensity")  # those of most comparisons have fractiles and intensities
+        takers = [k for k, c in COMPARISONS.items() if _ARGUMENTS[option] in c.arguments or (tables and c.rows is None)]
         if not set(takers) & set(keys):
             of = f"the comparison{'s' * (len(takers) > 1)} {', '.join(map(repr, takers))}"
             msg = f"{option} is for {of}; leave it out, or add --what {takers[0]}"
             raise InputError(msg)
-
-
-def _takes(comparison: Comparison, option: str) -> bool:
-    """Whether an option does something for a comparison; the tables of most have fractiles and intensities."""
-    of_tables = option in ("--quantile", "--intensity") and comparison.rows is None
-    return _ARGUMENTS[option] in comparison.arguments or of_tables
 
 
 def _left_out(cube: xr.Dataset) -> tuple[int, dict[str, int]]:

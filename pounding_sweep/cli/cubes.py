@@ -107,8 +107,7 @@ def plot_command(
         typer.Argument(metavar="CUBE.nc", help="Cube made by 'run', or another file made here.", show_default=False),
     ] = None,
     kind: Annotated[
-        str | None,
-        typer.Argument(metavar="FIGURE", help="Figure; without it, figures are listed.", show_default=False),
+        str | None, typer.Argument(metavar="FIGURE", help="Figure; without it, figures are listed.", show_default=False)
     ] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help=FIGURE_FILE, show_default=False)

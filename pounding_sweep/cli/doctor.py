@@ -102,10 +102,7 @@ def _print_check(check: dict[str, Any]) -> None:
     print_pairs(
         [
             ("compared", f"{check['values']} numbers of {check['scenarios']} scenarios with {stored}"),
-            (
-                "largest error",
-                f"{largest} of the largest value; at most {check['tolerance']:g} is right",
-            ),
+            ("largest error", f"{largest} of the largest value; at most {check['tolerance']:g} is right"),
             ("kernels", f"ready after {seconds_text(check['compile_seconds'])}"),
             ("run", seconds_text(check["run_seconds"])),
             ("result", "passed" if check["passed"] else "failed"),

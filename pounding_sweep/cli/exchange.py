@@ -32,8 +32,7 @@ def export_command(
     table: Annotated[
         bool,
         typer.Option(
-            "--table",
-            help="One row per scenario: inputs, measures of its record, all outputs, status, audited errors.",
+            "--table", help="One row per scenario: inputs, measures of its record, all outputs, status, audited errors."
         ),
     ] = False,
     limit_states: Annotated[

@@ -32,8 +32,7 @@ def extremes_command(
     ] = None,
     precision: Annotated[str, typer.Option(metavar="FORMAT", help="float64 or float32.")] = "float64",
     map_file: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="MAP.nc", help="Also map error and status over stiffness and step."),
+        Path | None, typer.Option("--map", metavar="MAP.nc", help="Also map error and status over stiffness and step.")
     ] = None,
     plot_file: Annotated[
         Path | None, typer.Option("--plot", metavar="FILE", help=f"Draw that map: {FIGURE_FILE}")

@@ -55,8 +55,7 @@ def run_command(
         Path, typer.Option("-o", "--output", metavar="OUT.nc", help="netCDF file for the cube.", show_default=False)
     ],
     scheduler: Annotated[
-        str,
-        typer.Option(metavar="WHICH", help="threads, processes, synchronous, or a dask address: tcp://HOST:PORT."),
+        str, typer.Option(metavar="WHICH", help="threads, processes, synchronous, or a dask address: tcp://HOST:PORT.")
     ] = "threads",
     workers: Workers = None,
     laws: Laws = None,

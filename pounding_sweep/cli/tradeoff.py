@@ -23,8 +23,7 @@ def tradeoff_command(
         Path | None, typer.Option("-o", "--output", metavar="TRADE.nc", help="netCDF file for the result.")
     ] = None,
     steps: Annotated[
-        str | None,
-        typer.Option(metavar="LIST", help="Time steps (s), separated by commas; 5e-3 to 2.5e-4 by default."),
+        str | None, typer.Option(metavar="LIST", help="Time steps (s), separated by commas; 5e-3 to 2.5e-4 by default.")
     ] = None,
     scenarios: Annotated[int, typer.Option(metavar="N", help="About how many scenarios to measure on.")] = 96,
     seed: Annotated[int, typer.Option(metavar="S", help="Seed of the random sample.")] = 0,

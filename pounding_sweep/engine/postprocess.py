@@ -11,9 +11,8 @@ import numpy as np
 from pounding_sweep.engine.resolution import MAX_ENERGY, displacement_limit, energy_limit, resolution_status
 from pounding_sweep.engine.row_kernel import RowKernel
 from pounding_sweep.model.variants import Variants, variants_of
-from pounding_sweep.outputs.layout import inner_shape
 from pounding_sweep.outputs.readout import KernelResults
-from pounding_sweep.outputs.variables import Status, cube_variables, get_variable
+from pounding_sweep.outputs.variables import Status, cube_variables, get_variable, inner_shape
 from pounding_sweep.records import Record
 
 

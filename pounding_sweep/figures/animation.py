@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib.animation import FFMpegWriter, PillowWriter
 
 from pounding_sweep.base.errors import InputError, OutputError
 from pounding_sweep.figures import require
@@ -43,8 +44,7 @@ def animate(
     path : path
         File to write: ``.gif``, or ``.mp4`` where ffmpeg is installed.
     start, end : float, optional
-        Part of the record (s); by default four periods of the motion, round the
-        strongest impact.
+        Part of the record (s); by default four periods of the motion, round the strongest impact.
     frames : int
         Number of pictures, at least 2.
     speed : float, optional
@@ -73,7 +73,8 @@ def animate(
     require(one, "row")
     first, last = _window(one, start, end)
     rate = (frames - 1) / ((last - first) / speed) if speed else frames / WATCHED
-    writer = _writer(target, rate)
+    kind: Any = PillowWriter if target.suffix.lower() == ".gif" else FFMpegWriter
+    writer = kind(fps=rate)
     time = one.time.values
     shown = np.unique(np.searchsorted(time, np.linspace(first, last, frames)).clip(max=len(time) - 1))
     with in_style():
@@ -93,8 +94,6 @@ def animate(
 
 def check_movie(path: str | os.PathLike[str], frames: int, speed: float | None) -> None:
     """Raise `InputError` or `OutputError` where an animation can't be made, before anything is run for it."""
-    from matplotlib.animation import FFMpegWriter
-
     suffix = Path(path).suffix.lower()
     if suffix not in (".gif", ".mp4"):
         msg = f"can't write {os.fspath(path)!r}; give a file ending in .gif or .mp4"
@@ -108,14 +107,6 @@ def check_movie(path: str | os.PathLike[str], frames: int, speed: float | None) 
     if speed is not None and not speed > 0.0:
         msg = f"speed is {speed!r}; it must be a positive number of record seconds per second"
         raise InputError(msg)
-
-
-def _writer(target: Path, rate: float) -> Any:
-    """Return what writes such a file, `rate` pictures per second."""
-    from matplotlib.animation import FFMpegWriter, PillowWriter
-
-    writer: Any = PillowWriter if target.suffix.lower() == ".gif" else FFMpegWriter
-    return writer(fps=rate)
 
 
 def _window(one: xr.Dataset, start: float | None, end: float | None) -> tuple[float, float]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import wraps
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,6 @@ from pounding_sweep.base.errors import InputError
 
 if TYPE_CHECKING:
     import numpy as np
-    from matplotlib.figure import Figure
 
 #: Colours of Okabe & Ito (2008), told apart by colour-blind readers, with black first.
 COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C510A")
@@ -46,17 +44,6 @@ def in_style() -> Iterator[None]:
     settings.update(_SETTINGS)
     with mpl.rc_context(settings):
         yield
-
-
-def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
-    """Make a function draw in the package's style."""
-
-    @wraps(draw)
-    def drawn(*args: Any, **kwargs: Any) -> Figure:
-        with in_style():
-            return draw(*args, **kwargs)
-
-    return drawn
 
 
 def subplots(rows: int, columns: int, size: tuple[float, float], ax: Any = None) -> tuple[Any, Any]:

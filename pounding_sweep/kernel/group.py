@@ -150,25 +150,10 @@ class LaneLaw:
 
 
 class Group:
-    """Lanes side by side, and all that their steps share.
+    """Lanes side by side, and all that their steps share."""
 
-    Parameters
-    ----------
-    spec : KernelSpec
-        What the kernel is for.
-    scheme : object
-        How its steps are taken, a `pounding_sweep.schemes.Scheme`.
-    reducers : sequence
-        What is kept of them, `pounding_sweep.outputs.declare.Reducer`.
-    trace : Tracer or None
-        None: the NumPy twin.
-    lanes : int
-        Scenarios side by side.
-    constants : LLVM pointer or ndarray
-        Constants of the scene, `property_slots`.
-    memory : LLVM pointer, optional
-        Where the state lies; the twin has its own.
-    """
+    # `trace` is None for the NumPy twin, which has `constants` of the scene (`property_slots`) as an array and a
+    # `memory` of its own for the state; `reducers` say what is kept
 
     def __init__(
         self,

@@ -58,31 +58,16 @@ def septic_extreme(start: Sequence[Any], end: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion whose extremes are kept.
+    """A motion whose extremes are kept."""
 
-    Attributes
-    ----------
-    most, least : (str, int)
-        Rows of its largest and its smallest value; without a `least` one that of the largest.
-    sized : bool
-        It is its absolute value that counts.
-    of : callable
-        Reads it, or its rate, by the name of the floors' rows, or from numbers of the floors.
-    alone : bool
-        It may turn where no other motion does that is followed.
-    pulls : bool
-        It follows velocities too: the force of a link.
-    shear : int
-        Floor above the storey that yields, of whose hysteresis it is the shear; -1: of none.
-    """
-
+    #: rows of its largest and its smallest value; without a `least` one that of the largest
     most: tuple[str, Any]
     least: tuple[str, Any] | None
-    sized: bool
-    of: Callable[[Any], Any]
-    shear: Any = -1
-    alone: bool = True
-    pulls: bool = False
+    sized: bool  # it is its absolute value that counts
+    of: Callable[[Any], Any]  # reads it, or its rate, by the name of the floors' rows, or from numbers of the floors
+    shear: Any = -1  # floor above the storey that yields, of whose hysteresis it is the shear; -1: of none
+    alone: bool = True  # it may turn where no other motion does that is followed
+    pulls: bool = False  # it follows velocities too: the force of a link
 
 
 def followed(group: Group, straight: bool) -> Iterator[Motion]:

@@ -116,88 +116,38 @@ ANY_LAW = LawShape("k*d", "k", "", "", 1.0, False, False, False)
 
 @dataclass(frozen=True)
 class KernelSpec:
-    """Everything that decides a kernel's code.
+    """Everything that decides a kernel's code."""
 
-    Attributes
-    ----------
-    storeys : tuple of int
-        Storeys of each building.
-    contacts : tuple of (left, right, gap)
-        Degrees of freedom that can meet (-1: a wall) and which gap is theirs; of a side whose columns are struck,
-        the floor above them.
-    n_gaps : int
-        Gaps that differ: of pairs of neighbours, or where there are bumpers of each contact.
-    law : LawShape or None
-        None: no contact force.
-    scheme : str
-        Time integration.
-    order : int
-        Order of the scheme, in contact.
-    implicit : bool
-        Contact forces are found together with the step that they act on.
-    flies_exactly : bool
-        Steps without contact are exact, and as long as each lane can take them.
-    located : bool
-        Touches, releases and peaks are located inside the step.
-    reducers : frozenset of str
-        Names of what is kept (see `pounding_sweep.outputs`).
-    history : bool
-        Lane 0 leaves its state after every step.
-    precision : {"float64", "float32"}
-        Number format of the state and of all arithmetic.
-    varied : bool
-        Building properties differ from lane to lane: they are inputs, not constants.
-    windows : bool
-        Exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings.
-    yielding : tuple of int
-        Degrees of freedom whose storeys may yield.
-    tangent : bool
-        Dampers of some of them follow the tangent stiffness.
-    struck : tuple of int
-        Of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where
-        none are struck.
-    p_delta : bool
-        Shears of storeys that yield are kept, and weights push some of them.
-    smooth : tuple of (int, float)
-        Those of `yielding` whose hysteresis is that of Bouc and Wen, with its exponent.
-    dashpots : tuple of int
-        Degrees of freedom whose storeys have dashpots.
-    links : tuple of (left, right)
-        Degrees of freedom that are linked.
-    foundations : tuple of int
-        Buildings on foundations: after all floors come sway and rocking of each.
-    bumpers : tuple of LawShape
-        Laws of bumpers.
-    bumped : tuple of int
-        Which of `laws` each contact has; () where all have the first.
-    only_flight : bool
-        It is no kernel but the flight of kernels under all laws, which they call.
-    """
-
-    storeys: tuple[int, ...]
+    storeys: tuple[int, ...]  # storeys of each building
+    #: degrees of freedom that can meet (-1: a wall) and which gap is theirs; of a side whose columns are struck, the
+    #: floor above them
     contacts: tuple[tuple[int, int, int], ...]
-    n_gaps: int
-    law: LawShape | None
-    scheme: str
-    order: int
-    implicit: bool
-    flies_exactly: bool
-    located: bool
-    reducers: frozenset[str]
-    history: bool = False
-    precision: str = "float64"
-    varied: bool = False
+    n_gaps: int  # gaps that differ: of pairs of neighbours, or where there are bumpers of each contact
+    law: LawShape | None  # None: no contact force
+    scheme: str  # time integration
+    order: int  # order of the scheme, in contact
+    implicit: bool  # contact forces are found together with the step that they act on
+    flies_exactly: bool  # steps without contact are exact, and as long as each lane can take them
+    located: bool  # touches, releases and peaks are located inside the step
+    reducers: frozenset[str]  # names of what is kept (see `pounding_sweep.outputs`)
+    history: bool = False  # lane 0 leaves its state after every step
+    precision: str = "float64"  # number format of the state and of all arithmetic
+    varied: bool = False  # building properties differ from lane to lane: they are inputs, not constants
+    #: exact flight leaves out windows of the record: worth it where several scenarios share a row of buildings
     windows: bool = True
-    yielding: tuple[int, ...] = ()
-    tangent: bool = False
+    yielding: tuple[int, ...] = ()  # degrees of freedom whose storeys may yield
+    tangent: bool = False  # dampers of some of them follow the tangent stiffness
+    #: of each contact the side (0: left, 1: right) whose columns are struck, -1 where floors meet; () where none are
+    #: struck
     struck: tuple[int, ...] = ()
-    p_delta: bool = False
+    p_delta: bool = False  # shears of storeys that yield are kept, and weights push some of them
+    #: those of `yielding` whose hysteresis is that of Bouc and Wen, with its exponent
     smooth: tuple[tuple[int, float], ...] = ()
-    dashpots: tuple[int, ...] = ()
-    links: tuple[tuple[int, int], ...] = ()
-    foundations: tuple[int, ...] = ()
-    bumpers: tuple[LawShape, ...] = ()
-    bumped: tuple[int, ...] = ()
+    dashpots: tuple[int, ...] = ()  # degrees of freedom whose storeys have dashpots
+    links: tuple[tuple[int, int], ...] = ()  # degrees of freedom that are linked
+    foundations: tuple[int, ...] = ()  # buildings on foundations: after all floors come sway and rocking of each
+    bumpers: tuple[LawShape, ...] = ()  # laws of bumpers
+    bumped: tuple[int, ...] = ()  # which of `laws` each contact has; () where all have the first
 
     @property
     def laws(self) -> tuple[LawShape, ...]:
@@ -209,7 +159,7 @@ class KernelSpec:
         """Whether each contact has a stiffness of its own."""
         return bool(self.struck or self.bumped)
 
-    only_flight: bool = False
+    only_flight: bool = False  # it is no kernel but the flight of kernels under all laws, which they call
 
     @property
     def flight(self) -> KernelSpec | None:

@@ -29,11 +29,10 @@ def rubber_bumper(
 ) -> Law:
     """Return the contact law of rubber bumpers between the floors of neighbours.
 
-    A bumper fills part of the gap, so that floors meet its thickness earlier. On approach
-    F = k d^n, d its compression, as far as the share `limit` of its thickness, and from there
-    on a straight line; on rebound this force times (1 + D v / v0), by which it is lost what a
-    collision takes. D is such that two free masses rebound at exactly the coefficient of
-    restitution, whatever the speed and the thickness.
+    A bumper fills part of the gap, so that floors meet its thickness earlier. On approach F = k d^n, d its compression,
+    as far as the share `limit` of its thickness, and from there on a straight line; on rebound this force times (1 + D
+    v / v0), by which it is lost what a collision takes. D is such that two free masses rebound at exactly the
+    coefficient of restitution, whatever the speed and the thickness.
 
     Parameters
     ----------

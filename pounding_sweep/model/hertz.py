@@ -18,9 +18,8 @@ def hertz_stiffness(
 ) -> float:
     """Hertz contact stiffness of two spheres (kN/m^1.5).
 
-    Equations 9 to 11 of Mate, Bakre & Jaiswal (2015), corrected: the radius
-    is the *cube* root of the sphere's volume relation, and the material term
-    has 1 - nu**2 (Goldsmith 1960).
+    Equations 9 to 11 of Mate, Bakre & Jaiswal (2015), corrected: the radius is the *cube* root of the sphere's volume
+    relation, and the material term has 1 - nu**2 (Goldsmith 1960).
 
     Parameters
     ----------

@@ -5,17 +5,15 @@ penetration ``d`` (m) is positive, as an elastic part plus a damper,
 
     F = E(d) + B(d) v,                                   kN, pressing positive
 
-with ``v`` the rate of ``d`` (m/s). The two expressions are written once, as
-text, in the variables
+with ``v`` the rate of ``d`` (m/s). The two expressions are written once, as text, in the variables
 
     d   penetration (m)           r   sqrt(d)
     k   contact stiffness         c   damping coefficient of this contact
 
-and are compiled inline into the time-stepping kernels; the slopes dE/dd and
-dB/dd stand beside them for the implicit scheme and for locating peaks. Adding
-a law is adding one `Law` to `LAWS`; kernels, planner, command line and
-documentation read the registry. A law of a user's own is a `Law` that is not
-in it: what it leaves out follows from its formulas.
+and are compiled inline into the time-stepping kernels; the slopes dE/dd and dB/dd stand beside them for the implicit
+scheme and for locating peaks. Adding a law is adding one `Law` to `LAWS`; kernels, planner, command line and
+documentation read the registry. A law of a user's own is a `Law` that is not in it: what it leaves out follows from its
+formulas.
 
 The damping coefficient follows from the coefficient of restitution ``e``
 through one dimensionless damping number per law, as published, and is
@@ -25,14 +23,12 @@ through one dimensionless damping number per law, as published, and is
     c = number                     (``jump``: no force in an impact, velocities jump, v -> -c v)
     c = number                     (``yield``: the share of the energy that is lost)
 
-with the pair's effective mass m = m1 m2 / (m1 + m2) (t) and the approach
-velocity v0 (m/s) at the located touch.
+with the pair's effective mass m = m1 m2 / (m1 + m2) (t) and the approach velocity v0 (m/s) at the located touch.
 
-A law that yields has memory: its force is that of a spring beside another one that
-slips, F = K2 d + q, q' = (K1 - K2) v between 0 and a yield force that, like K1 and K2,
-follows at the touch from k, v0 and m. As long as it neither begins nor ends to slip the
-force is a straight line in d; its expressions are those of that line, k and c its
-slope and its force at d = 0.
+A law that yields has memory: its force is that of a spring beside another one that slips, F = K2 d + q, q' = (K1 - K2)
+v between 0 and a yield force that, like K1 and K2, follows at the touch from k, v0 and m. As long as it neither begins
+nor ends to slip the force is a straight line in d; its expressions are those of that line, k and c its slope and its
+force at d = 0.
 """
 
 from __future__ import annotations
@@ -463,14 +459,7 @@ _HERTZ_DAMPED: dict[str, Any] = {
 _LINEAR: dict[str, Any] = {"exponent": 1.0, "elastic": "k*d", "elastic_slope": "k"}
 
 _ALL = [
-    Law(
-        key="none",
-        title="No pounding",
-        model="VII",
-        exponent=None,
-        formula="F = 0",
-        reference="-",
-    ),
+    Law(key="none", title="No pounding", model="VII", exponent=None, formula="F = 0"),
     Law(
         key="linear",
         title="Linear spring",
@@ -567,7 +556,6 @@ _ALL = [
     Law(
         key="linear_viscoelastic",
         title="Linear viscoelastic",
-        model="-",
         **_LINEAR,
         damper="c",
         damping="viscous",
@@ -581,7 +569,6 @@ _ALL = [
     Law(
         key="modified_kelvin",
         title="Modified Kelvin",
-        model="-",
         **_LINEAR,
         damper="c*max(d, 0.0)",
         damper_slope="c",
@@ -596,7 +583,6 @@ _ALL = [
     Law(
         key="hunt_crossley",
         title="Hunt-Crossley",
-        model="-",
         **_HERTZ_DAMPED,
         number=lambda e: 1.5 * (1.0 - e),
         number_text="D = 3 (1 - e) / 2",
@@ -608,7 +594,6 @@ _ALL = [
     Law(
         key="ye_hertz",
         title="Hertz-damped of Ye et al.",
-        model="-",
         **_HERTZ_DAMPED,
         number=lambda e: 8.0 * (1.0 - e) / (5.0 * e),
         number_text="D = 8 (1 - e) / (5 e)",
@@ -620,7 +605,6 @@ _ALL = [
     Law(
         key="gonthier",
         title="Gonthier",
-        model="-",
         **_HERTZ_DAMPED,
         number=lambda e: (1.0 - e * e) / e,
         number_text="D = (1 - e^2) / e",
@@ -631,7 +615,6 @@ _ALL = [
     Law(
         key="hysteretic",
         title="Bilinear with yielding and hysteresis",
-        model="-",
         exponent=1.5,
         elastic="k*d + c",
         elastic_slope="k",
@@ -650,7 +633,6 @@ _ALL = [
     Law(
         key="stereomechanical",
         title="Stereomechanical impact (velocity jump)",
-        model="-",
         exponent=None,
         damping="jump",
         number=lambda e: e,

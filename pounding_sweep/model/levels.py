@@ -1,9 +1,8 @@
 """Where two neighbours face each other: slabs that are level, and slabs that stand before columns.
 
-The slab of a floor reaches from the floor's elevation down by its depth. Two slabs are
-level where they overlap in elevation, or miss each other by no more than a tolerance. A
-slab that is level with none stands before the columns of the storey that its middle lies
-in, at the fraction xi of the storey's height.
+The slab of a floor reaches from the floor's elevation down by its depth. Two slabs are level where they overlap in
+elevation, or miss each other by no more than a tolerance. A slab that is level with none stands before the columns of
+the storey that its middle lies in, at the fraction xi of the storey's height.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Named scenes that a sweep can start from, and buildings made of a few numbers.
 
-Adding a scene is adding one entry to `PRESETS`; sweep files, the Python
-interface and the documentation read it.
+Adding a scene is adding one entry to `PRESETS`; sweep files, the Python interface and the documentation read it.
 """
 
 from __future__ import annotations

@@ -225,8 +225,7 @@ class Building:
     stiffnesses : sequence of float
         Storey stiffnesses (kN/m), bottom first.
     damping_ratio : float or (float, float)
-        Rayleigh damping ratio of the first two modes, or one each. A one-storey
-        building has c = 2 zeta w m.
+        Rayleigh damping ratio of the first two modes, or one each. A one-storey building has c = 2 zeta w m.
     storey_heights : sequence of float, optional
         Storey heights (m), 3 m each where not given.
     yield_strengths : sequence of float, optional
@@ -526,8 +525,7 @@ class Contact:
         Storey label (1 at the bottom) in results: the left building's, or the
         right one's where the left neighbour is a wall; of columns, that of the floor that strikes them.
     left, right : int
-        Degree of freedom of the floor, numbered building by building; -1 for a wall; of columns,
-        the floor above them.
+        Degree of freedom of the floor, numbered building by building; -1 for a wall; of columns, the floor above them.
     mass : float
         Effective mass m1 m2 / (m1 + m2) (t); the floor's own mass at a wall. Of a floor and columns,
         1 / (1 / m + N1^2 / m_below + N2^2 / m_above).
@@ -608,10 +606,9 @@ class Scene:
     Raises
     ------
     SceneError
-        No building, a wall inside the row, names that repeat, a wrong number of
-        gaps, a gap below zero, a pair with no floors that meet, a floor that is level with
-        several of a neighbour, a storey named that meets nothing, a link to a floor that is not there, or bumpers where
-        no floors meet.
+        No building, a wall inside the row, names that repeat, a wrong number of gaps, a gap below zero, a pair with no
+        floors that meet, a floor that is level with several of a neighbour, a storey named that meets nothing, a link
+        to a floor that is not there, or bumpers where no floors meet.
 
     Examples
     --------

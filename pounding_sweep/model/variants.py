@@ -1,9 +1,8 @@
 """Building properties that vary from scenario to scenario: a scene and factors on it.
 
-A few factors are enough for what sweeps over buildings ask: periods, masses,
-damping and strengths. None of them changes the shape of a mode, so that everything a scenario
-needs of its buildings follows from the scene's own numbers by multiplication,
-for any number of scenarios at once:
+A few factors are enough for what sweeps over buildings ask: periods, masses, damping and strengths. None of them
+changes the shape of a mode, so that everything a scenario needs of its buildings follows from the scene's own numbers
+by multiplication, for any number of scenarios at once:
 
 - a period factor f multiplies all periods of a building: stiffnesses / f**2, dashpots / f, masses and strengths kept;
   with P-Delta it is what weights leave of the stiffnesses that is divided;

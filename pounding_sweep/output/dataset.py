@@ -19,9 +19,8 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import LAWS, Law
 from pounding_sweep.model.scene import Scene
 from pounding_sweep.output.frame import Array, Frame
-from pounding_sweep.outputs.layout import inner_shape, mask_invalid
 from pounding_sweep.outputs.readout import scatter_contact, scatter_dof
-from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Variable
+from pounding_sweep.outputs.variables import INNER_DIMS, STATUS, VARIABLES, Variable, inner_shape, mask_invalid
 
 if TYPE_CHECKING:
     import xarray as xr

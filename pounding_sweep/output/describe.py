@@ -1,10 +1,9 @@
 """A cube as readable text, or as what JSON holds.
 
-Beside the CF attributes, these global attributes are understood where they
-are there: ``records`` (JSON list of tables with ``name``, ``pga`` in m/s2 and
-anything else), ``scenarios_asked``, ``scenarios_run``, ``sweep`` (JSON, only
-its size is told), ``sweep_sha256``, and everything whose name ends in
-``_version``. Any other global attribute is shown shortened.
+Beside the CF attributes, these global attributes are understood where they are there: ``records`` (JSON list of tables
+with ``name``, ``pga`` in m/s2 and anything else), ``scenarios_asked``, ``scenarios_run``, ``sweep`` (JSON, only its
+size is told), ``sweep_sha256``, and everything whose name ends in ``_version``. Any other global attribute is shown
+shortened.
 """
 
 from __future__ import annotations
@@ -122,14 +121,10 @@ def _variables(dataset: xr.Dataset, status: xr.DataArray | None) -> list[str]:
     for name in dataset.data_vars:
         variable = dataset[name]
         if name != "status" and AUDIT_DIMS[0] not in variable.dims:
-            long_name = str(variable.attrs.get("long_name", ""))
-            inner = [str(dim) for dim in variable.dims if dim in INNER_DIMS]
-            rows.append((str(name), _units(variable) or "-", _range(variable, status), _per(inner, long_name)))
+            inner = " and ".join(str(dim) for dim in variable.dims if dim in INNER_DIMS)
+            told = str(variable.attrs.get("long_name", "")) + f", per {inner}" * bool(inner)
+            rows.append((str(name), _units(variable) or "-", _range(variable, status), told))
     return _table(rows)
-
-
-def _per(inner: list[str], long_name: str) -> str:
-    return f"{long_name}, per {' and '.join(inner)}" if inner else long_name
 
 
 def _statuses(status: xr.DataArray) -> list[str]:
@@ -280,9 +275,8 @@ def describe(dataset: xr.Dataset) -> str:
     Returns
     -------
     str
-        Title, scenarios, row, axes, variables with their range over the scenarios that
-        are ok, statuses with remedies, measured errors, records and versions; several
-        lines without a line break at the end.
+        Title, scenarios, row, axes, variables with their range over the scenarios that are ok, statuses with remedies,
+        measured errors, records and versions; several lines without a line break at the end.
 
     Notes
     -----

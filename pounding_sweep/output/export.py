@@ -17,7 +17,7 @@ import numpy as np
 import xarray as xr
 
 from pounding_sweep.base.errors import InputError, OutputError, WriteError, unknown
-from pounding_sweep.base.files import failure, replacing, sync_folder
+from pounding_sweep.base.files import failure, replacing, sync, sync_folder
 from pounding_sweep.base.paths import expanded
 from pounding_sweep.output.dataset import encoding_of
 from pounding_sweep.output.integrity import reading
@@ -242,11 +242,7 @@ def _sync(folder: Path) -> None:
     """Put all files below a folder on disk, and their names."""
     for within, _, names in os.walk(folder):
         for name in names:
-            handle = os.open(os.path.join(within, name), os.O_RDONLY)
-            try:
-                os.fsync(handle)
-            finally:
-                os.close(handle)
+            sync(Path(within, name))
         sync_folder(Path(within))
 
 

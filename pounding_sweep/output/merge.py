@@ -42,7 +42,7 @@ from pounding_sweep.output.integrity import (
 )
 from pounding_sweep.output.netcdf import check_output, check_space, open_cube, write_in_slabs
 from pounding_sweep.output.provenance import MAKER_ATTRIBUTES, ORIGINS, Maker, makers, origin, plain, runs
-from pounding_sweep.output.scenario_key import KNOWN_BY, motion_of, scenario_keys
+from pounding_sweep.output.scenario_key import KNOWN_BY, motion_of, numbered, scenario_keys
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
 from pounding_sweep.spec.design import BLOCK, SAMPLE
@@ -117,7 +117,7 @@ def cases_together(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> Cases:
     for (file, cube), sweep in zip(parts.items(), sweeps, strict=True):
         # with what the law ignores, too: a case was listed with it, and is selected by it
         names = [name for name in (*([CASE] if labelled else []), *KNOWN_BY) if name in cube.coords]
-        known = scenario_keys({name: _numbers(cube[name].values, texts) for name in names}).tolist()
+        known = scenario_keys({name: numbered(cube[name].values, texts) for name in names}).tolist()
         first = {key: position for position, key in reversed(list(enumerate(known)))}
         places = sorted(first.values())
         for position in places:
@@ -126,13 +126,6 @@ def cases_together(parts: Parts, sweeps: Sequence[Mapping[str, Any]]) -> Cases:
         keys.append([known[position] for position in places])
     labels = _labels(found, keys) if labelled else list(range(1, len(described) + 1))
     return Cases(found, keys, labels, list(described.values()))
-
-
-def _numbers(values: np.ndarray, texts: dict[str, int]) -> np.ndarray:
-    """Return numbers as they are, texts as those under which they were first met, in any cube."""
-    if values.dtype.kind in "iuf":
-        return values
-    return np.array([texts.setdefault(str(value), len(texts)) for value in values.tolist()])
 
 
 def _labels(parts: Parts, keys: Sequence[Sequence[bytes]]) -> list[Any]:
@@ -483,7 +476,7 @@ def _first_of_each(audits: Sequence[xr.Dataset], names: Sequence[Hashable]) -> n
     """Where, along audits one after another, a scenario comes first, by the coordinates that say which it is."""
     texts: dict[str, int] = {}
     along = [[audit[name].transpose(AUDIT_DIMS[0], ...).values for name in names] for audit in audits]
-    known = [{str(i): _numbers(values, texts) for i, values in enumerate(each)} for each in along]
+    known = [{str(i): numbered(values, texts) for i, values in enumerate(each)} for each in along]
     return np.sort(np.unique(np.concatenate(list(map(scenario_keys, known))), return_index=True)[1])
 
 

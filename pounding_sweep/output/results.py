@@ -1,8 +1,7 @@
 """Results of a sweep's scenarios: each stays in the table of its chunk, in memory or on disk.
 
-Of every scenario only the place of its results, its status and whether it
-touched are held here; what is asked for is gathered from the tables. Memory
-therefore does not grow with the outputs of a sweep whose chunks are on disk.
+Of every scenario only the place of its results, its status and whether it touched are held here; what is asked for is
+gathered from the tables. Memory therefore does not grow with the outputs of a sweep whose chunks are on disk.
 """
 
 from __future__ import annotations
@@ -15,8 +14,7 @@ import numpy as np
 
 from pounding_sweep.base.errors import OutputError, WriteError
 from pounding_sweep.model.scene import Scene
-from pounding_sweep.outputs.layout import inner_shape
-from pounding_sweep.outputs.variables import Status, get_variable
+from pounding_sweep.outputs.variables import Status, get_variable, inner_shape
 
 #: Most bytes of tables that stay in memory though they are in files: those of a small sweep are not read again.
 KEPT_BYTES = 2**24

@@ -20,6 +20,14 @@ def motion_of(record: object) -> tuple[object, ...]:
     return tuple(record[key] if isinstance(record, Mapping) else getattr(record, key) for key in MOTION)
 
 
+def numbered(values: np.ndarray, texts: dict[str, int]) -> np.ndarray:
+    """Return numbers as they are, texts as those under which they were first met, in any cube."""
+    if values.dtype.kind in "iuf":
+        return values
+    codes = [texts.setdefault(str(value), len(texts)) for value in values.ravel().tolist()]
+    return np.reshape(codes, values.shape)
+
+
 def scenario_keys(known: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return the key of each scenario by numbers of shape (scenarios, ...): the same bytes where all are equal."""
     columns = [np.reshape(values, (len(values), -1)) for values in known.values()]

@@ -23,12 +23,10 @@ class Tally:
         self._along, self._laws, self._titles = outer.index(law.dims[0]), law.values, _titles(cube.coords)
         self._pairs = [str(name) for name in cube.coords["pair"].values] if "pair" in cube.coords else []
         self._present = [name for name in ("impact_force_max", "impact_count") if name in cube.data_vars]
-        self._found = {str(key): self._nothing() for key in self._laws}
+        forces, counted = (name in self._present for name in ("impact_force_max", "impact_count"))
+        self._found = {str(key): [_Impacts(forces, counted) for _ in self._pairs] for key in self._laws}
         self._scenarios: Counter[str] = Counter()
         self._statuses: Counter[int] = Counter()
-
-    def _nothing(self) -> list[_Impacts]:
-        return [_Impacts("impact_force_max" in self._present, "impact_count" in self._present) for _ in self._pairs]
 
     def add(self, slab: Sequence[slice], values: Mapping[str, np.ndarray]) -> None:
         """Take up the values of a slab, as they are stored."""

@@ -17,7 +17,7 @@ from pounding_sweep.base.errors import InputError
 from pounding_sweep.model.laws import get_law
 from pounding_sweep.output import tidy
 from pounding_sweep.output.audited import has_audit
-from pounding_sweep.output.scenario_key import places_of, scenario_keys
+from pounding_sweep.output.scenario_key import numbered, places_of, scenario_keys
 from pounding_sweep.output.slabs import block_shape, slabs
 from pounding_sweep.output.tidy import Cells, Column, column_of, exists, scenarios_of
 from pounding_sweep.outputs.variables import INNER_DIMS
@@ -28,6 +28,11 @@ from pounding_sweep.spec.axes import axes_of, plain_name, property_axes
 TIME = "time"
 #: Powers of the record's scale that measures of a ground motion grow with, by name.
 _GROWS = {"pga": 1, "pgv": 1, "arias_intensity": 2, "significant_duration": 0, "duration": 0}
+#: What the audited scenarios are known by.
+_KNOWN = (
+    *("law", "record", "scale", "stiffness", "restitution", "gap"),
+    *("period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening"),
+)
 #: Values of a column, shape of the rows, made of a part of the cube.
 Make = Callable[["xr.Dataset"], Any]
 
@@ -144,7 +149,11 @@ class ScenarioTable(WideTable):
     def _add_audit(self, cube: xr.Dataset, asked: list[str]) -> None:
         """Add the measured errors of the scenarios that were run again; missing for others."""
         texts: dict[str, int] = {}
-        known = _audited(cube, texts)
+        known = {
+            name: numbered(cube[f"audit_{name}"].transpose("audit", ...).values, texts)
+            for name in _KNOWN
+            if f"audit_{name}" in cube.coords
+        }
         keys = scenario_keys(known)
         order = np.argsort(keys)
         error = cube["audit_error"].transpose("audit", "output").values[order]
@@ -166,33 +175,6 @@ class ScenarioTable(WideTable):
 
 def _taken(part: xr.Dataset, name: str, at: Mapping[str, int]) -> xr.DataArray:
     return part[name].isel(at)
-
-
-def _coded(values: np.ndarray, texts: dict[str, int]) -> np.ndarray:
-    return np.array([texts.setdefault(str(value), len(texts)) for value in values.ravel().tolist()])
-
-
-def _audited(cube: xr.Dataset, texts: dict[str, int]) -> dict[str, np.ndarray]:
-    """Return what the audited scenarios are known by, shape (scenarios, ...)."""
-    names = (
-        "law",
-        "record",
-        "scale",
-        "stiffness",
-        "restitution",
-        "gap",
-        "period_factor",
-        "mass_factor",
-        "damping_ratio",
-        "strength_factor",
-        "hardening",
-    )
-    found = {}
-    for name in names:
-        if f"audit_{name}" in cube.coords:
-            values = cube[f"audit_{name}"].transpose("audit", ...).values
-            found[name] = values if values.dtype.kind in "iuf" else _coded(values, texts)
-    return found
 
 
 def _known(
@@ -230,7 +212,7 @@ def _known(
     found = {}
     for name in wanted:
         own = given[name].reset_coords(drop=True)
-        own = own if own.dtype.kind in "iuf" else own.copy(data=_coded(own.values, texts).reshape(own.shape))
+        own = own.copy(data=numbered(own.values, texts))
         inner = [str(dim) for dim in own.dims if dim not in dims]
         whole = own.broadcast_like(part["status"].reset_coords(drop=True)).transpose(*dims, *inner)
         found[name] = whole.values.reshape(math.prod(shape), -1)

@@ -26,70 +26,29 @@ UNMEASURED = "unmeasured"
 
 @dataclass(frozen=True)
 class Variable:
-    """One output of a sweep.
+    """One output of a sweep."""
 
-    Attributes
-    ----------
-    name : str
-        Name in cubes and in ``outputs``.
-    dims : tuple of str
-        Dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario.
-    units : str
-        In UDUNITS spelling.
-    long_name : str
-        For axes and tables.
-    definition : str
-        What exactly is reported, in one sentence.
-    needs : frozenset of str
-        Reducers of the compiled loop that it is made from.
-    readout : callable, optional
-        Makes its values of a `KernelResults`. None: they are worked out after the run, zeros until then.
-    error : str
-        One of `ERROR_CLASSES`, or `UNMEASURED`; "" for one that says how a run went and not what it found, which has
-        no error.
-    relative_to : tuple of str or of pairs of str
-        Outputs (or pairs, whose product counts) to whose largest its error is relative as well as to its own: it is
-        a difference of larger ones, or one end of a range.
-    of_force : bool
-        Missing where floors touched under a law without a force (velocities jump).
-    of_yielding : bool
-        It says nothing of a row whose storeys are all elastic.
-    of_columns : bool
-        It exists only where floors strike columns.
-    of_links : bool
-        It exists only where neighbours are linked.
-    of_foundations : bool
-        It exists only where buildings stand on foundations.
-    dtype : {"f8", "i4", "i1"}
-        Stored type.
-    default : bool
-        It is reported where no ``outputs`` are given.
-    always : bool
-        It is in every cube, asked for or not.
-    flag_values : tuple of int
-        CF flags of a status variable.
-    flag_meanings : str
-        Their meanings, separated by blanks.
-    """
-
-    name: str
-    dims: tuple[str, ...]
-    units: str
-    long_name: str
-    definition: str
-    needs: frozenset[str] = frozenset()
-    readout: Readout | None = None
+    name: str  # name in cubes and in ``outputs``
+    dims: tuple[str, ...]  # dimensions inside a scenario, out of `INNER_DIMS`; () for one value per scenario
+    units: str  # in UDUNITS spelling
+    long_name: str  # for axes and tables
+    definition: str  # what exactly is reported, in one sentence
+    needs: frozenset[str] = frozenset()  # reducers of the compiled loop that it is made from
+    readout: Readout | None = None  # makes its values; None: they are worked out after the run, zeros until then
+    #: one of `ERROR_CLASSES`, or `UNMEASURED`; "" for one that says how a run went and not what it found
     error: str = ""
+    #: outputs (or pairs, whose product counts) to whose largest its error is relative as well as to its own: it is a
+    #: difference of larger ones, or one end of a range
     relative_to: tuple[str | tuple[str, str], ...] = ()
-    of_force: bool = False
-    of_yielding: bool = False
-    of_columns: bool = False
-    of_links: bool = False
-    of_foundations: bool = False
-    dtype: str = "f8"
-    default: bool = False
-    always: bool = False
-    flag_values: tuple[int, ...] = ()
+    of_force: bool = False  # missing where floors touched under a law without a force (velocities jump)
+    of_yielding: bool = False  # it says nothing of a row whose storeys are all elastic
+    of_columns: bool = False  # it exists only where floors strike columns
+    of_links: bool = False  # it exists only where neighbours are linked
+    of_foundations: bool = False  # it exists only where buildings stand on foundations
+    dtype: str = "f8"  # stored type, "f8", "i4" or "i1"
+    default: bool = False  # it is reported where no ``outputs`` are given
+    always: bool = False  # it is in every cube, asked for or not
+    flag_values: tuple[int, ...] = ()  # CF flags of a status variable, and their meanings, separated by blanks
     flag_meanings: str = ""
 
     @property
@@ -135,44 +94,23 @@ class Slot:
 
 @dataclass(frozen=True)
 class Reducer:
-    """What the compiled loop keeps for outputs, in kernels of those that ask for it only.
+    """What the compiled loop keeps for outputs, in kernels of those that ask for it only."""
 
-    Its functions write rows of the group's state, lane by lane. What presses, moves or heats a row (forces, works,
-    energies, accelerations) is found by the kernel's own parts, where a kernel `asked` for it.
+    # its functions write rows of the group's state, lane by lane. What presses, moves or heats a row (forces, works,
+    # energies, accelerations) is found by the kernel's own parts, where a kernel `asked` for it
 
-    Attributes
-    ----------
-    name : str
-        By which outputs need it.
-    slots : tuple of Slot
-        What it leaves for the readouts.
-    where : {"", "yields", "linked", "founded", "neighbours", "touch"}
-        Whether it exists in all kernels, where storeys yield, where neighbours are linked, where buildings stand on
-        foundations, where floors of neighbours stand at one height, or where they can touch.
-    keeps : tuple of Slot
-        What it needs beside.
-    looks : str
-        Out of `pounding_sweep.kernel.group.LOOKS`.
-    follows : callable, optional
-        Gives the motions whose extremes it keeps, turning points inside steps included; in one straight line of code
-        where that is asked for and the row is short.
-    step : callable, optional
-        What it does after each located step and sub-step.
-    touch : callable, optional
-        What it does at the onset of a contact.
-    substep : callable, optional
-        What it does after each sub-step beside contacts, of lengths ``h``, in modes ``mode`` (0: open).
-    plain : callable, optional
-        What it does about a contact at the end of an unlocated step.
-    """
-
-    name: str
-    slots: tuple[Slot, ...]
+    name: str  # by which outputs need it
+    slots: tuple[Slot, ...]  # what it leaves for the readouts
+    #: "": it exists in all kernels; else where storeys yield, "yields", neighbours are linked, "linked", buildings
+    #: stand on foundations, "founded", floors of neighbours stand at one height, "neighbours", or can touch, "touch"
     where: str = ""
-    keeps: tuple[Slot, ...] = ()
-    looks: str = ""
+    keeps: tuple[Slot, ...] = ()  # what it needs beside
+    looks: str = ""  # out of `pounding_sweep.kernel.group.LOOKS`
+    #: gives the motions whose extremes it keeps, turning points inside steps included; in one straight line of code
+    #: where that is asked for and the row is short
     follows: Callable[[Group, bool], Iterable[Motion]] | None = None
-    step: Callable[[Group], None] | None = None
-    touch: Callable[[Group, Touch], None] | None = None
+    step: Callable[[Group], None] | None = None  # what it does after each located step and sub-step
+    touch: Callable[[Group, Touch], None] | None = None  # what it does at the onset of a contact
+    #: what it does after each sub-step beside contacts, of lengths ``h``, in modes ``mode`` (0: open)
     substep: Callable[[Group], None] | None = None
-    plain: Callable[[Group, Sample], None] | None = None
+    plain: Callable[[Group, Sample], None] | None = None  # about a contact at the end of an unlocated step

@@ -144,9 +144,7 @@ REDUCERS = (
     Reducer("energy", tuple(Slot(name, "building") for name in ("e_in", "e_damp", "e_kin", "e_strain"))),
     Reducer("hysteretic", (Slot("travel", "floor"),), where="yields"),
     Reducer(
-        "links",
-        (Slot("e_link", "building"), Slot("link_lost", "link"), Slot("link_held", "link")),
-        where="linked",
+        "links", (Slot("e_link", "building"), Slot("link_lost", "link"), Slot("link_held", "link")), where="linked"
     ),
     Reducer("work", (Slot("work", "contact"),), where="touch"),
     Reducer(

@@ -6,11 +6,14 @@ read them here.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
+
+import numpy as np
 
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.kernel.spec import KernelSpec, Slots, result_slots
+from pounding_sweep.model.scene import Scene
 from pounding_sweep.outputs import contact, energy, motion
 from pounding_sweep.outputs.declare import ERROR_CLASSES, INNER_DIMS, Reducer, Variable
 from pounding_sweep.outputs.readout import INTEGER_FILL
@@ -31,6 +34,8 @@ __all__ = [
     "check_outputs",
     "cube_variables",
     "get_variable",
+    "inner_shape",
+    "mask_invalid",
     "output_slots",
     "reducers_for",
     "reducers_of",
@@ -104,3 +109,27 @@ def reducers_of(shape: KernelSpec) -> list[Reducer]:
 def output_slots(shape: KernelSpec) -> Slots:
     """Layout of a scenario's results: each chunk asks for it."""
     return result_slots(shape, reducers_of(shape))
+
+
+def inner_shape(variable: str | Variable, scene: Scene) -> tuple[int, ...]:
+    """Return the shape of one scenario's values of `variable`."""
+    sizes = {"building": len(scene.buildings), "pair": len(scene.pair_labels), "storey": scene.n_storeys}
+    return tuple(sizes[dim] for dim in get_variable(variable).dims)
+
+
+def mask_invalid(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Remove the values of scenarios that have none: diverged, refused or not run."""
+    if "status" not in arrays:
+        msg = f"the results have no 'status', only {', '.join(sorted(arrays)) or 'nothing'}"
+        raise InputError(msg)
+    status = np.asarray(arrays["status"])
+    bad = np.isin(status, [int(s) for s in STATUS if not s.has_values])
+    result: dict[str, np.ndarray] = {}
+    for name, given in arrays.items():
+        values = np.asarray(given)
+        fill = get_variable(name).fill
+        if fill is not None and bad.any():
+            values = values.copy()
+            values[bad] = fill
+        result[name] = values
+    return result

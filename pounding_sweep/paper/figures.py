@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from pounding_sweep.base.errors import OutputError
 from pounding_sweep.figures.gallery.ground_motion import ground_motion
-from pounding_sweep.figures.style import COLOURS, label_edges, legend_below, styled
+from pounding_sweep.figures.style import COLOURS, in_style, label_edges, legend_below
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.paper.published import BUILDINGS, PAIRS, record_title
 from pounding_sweep.paper.readings import READINGS
@@ -64,7 +64,7 @@ def model_grid(data: xr.Dataset, line: Line, x: str, y: str, share_y: bool = Tru
 QUIET = 0.1
 
 
-@styled
+@in_style()
 def structural_energy(histories: xr.Dataset, building: str) -> Figure:
     """Draw the structural energy of a building against time, model by model."""
     here = histories.sel(building=building)
@@ -81,14 +81,14 @@ def structural_energy(histories: xr.Dataset, building: str) -> Figure:
     return figure
 
 
-@styled
+@in_style()
 def roof_displacement(histories: xr.Dataset, building: str, record: str) -> Figure:
     """Draw the displacement of a roof against time, each model on that without pounding."""
     here = histories["roof_displacement"].sel(building=building, record=record).dropna("time") * 1e3
     return _by_model(here, "displacement (mm)", alone=True)
 
 
-@styled
+@in_style()
 def roof_force(histories: xr.Dataset, pair: str, record: str) -> Figure:
     """Draw the contact force between two roofs against time, model by model."""
     here = histories["roof_force"].sel(pair=pair, record=record).dropna("time", how="all") * 1e-3
@@ -127,7 +127,7 @@ def _by_model(values: xr.DataArray, label: str, alone: bool) -> Figure:
     return figure
 
 
-@styled
+@in_style()
 def displacement_profiles(cube: xr.Dataset, building: str) -> Figure:
     """Draw the signed peak displacements of a building's floors, model by model."""
     here = cube.sel(building=building)
@@ -144,7 +144,7 @@ def displacement_profiles(cube: xr.Dataset, building: str) -> Figure:
     return figure
 
 
-@styled
+@in_style()
 def shear_profiles(cube: xr.Dataset, building: str) -> Figure:
     """Draw the peak shears of a building's storeys, model by model."""
     here = cube.sel(building=building)
@@ -161,7 +161,7 @@ def shear_profiles(cube: xr.Dataset, building: str) -> Figure:
     return figure
 
 
-@styled
+@in_style()
 def roof_spectra(spectra: xr.Dataset, building: str) -> Figure:
     """Draw the pseudo-acceleration spectra of a roof, model by model."""
     here = spectra.sel(building=building)

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pounding_sweep.base.tables import print_table
-from pounding_sweep.figures.style import COLOURS, styled
+from pounding_sweep.figures.style import COLOURS, in_style
 from pounding_sweep.model.laws import LAWS, MATE2015_MODELS
 from pounding_sweep.paper.compare import Grid
 from pounding_sweep.paper.fit import (
@@ -389,7 +389,7 @@ def grids(found: Found) -> list[Grid]:
 # --- the figure ------------------------------------------------------------------------------------------------------
 
 
-@styled
+@in_style()
 def figure(found: Found) -> Figure:
     """Draw the misfit of every point against each input, and the paper's numbers of impacts against computed ones."""
     drawn = Figure(figsize=(7.2, 4.6), layout="constrained")

@@ -116,10 +116,7 @@ TABLES: dict[int, Table] = {
             6,
             "extremes of the energy transferred, Models I to VII",
             {"law": _LAWS, "record": RECORDS, "building": BUILDINGS},
-            (
-                ("energy_transfer_max", _column("positive_kNm")),
-                ("energy_transfer_min", _column("negative_kNm", -1.0)),
-            ),
+            (("energy_transfer_max", _column("positive_kNm")), ("energy_transfer_min", _column("negative_kNm", -1.0))),
         ),
     )
 }

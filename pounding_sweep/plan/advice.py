@@ -1,13 +1,10 @@
 """The scheme and the steps that reach a relative error, by measurement.
 
-``measured.json`` (made by ``python -m pounding_sweep.accuracy.calibrate``)
-holds, for every law, scheme and class of outputs, the relative error against
-the number of steps in the shortest time of a scenario, the shorter of its
-shortest contact and half the period of the buildings' highest mode. The
-advice reads off the largest step that keeps most errors within what is asked,
-from which on scenarios are refined (`pounding_sweep.run.refinement`), shortens it
-where stability or a long record of hardly damped buildings needs
-it, and takes the scheme whose steps cost least.
+``measured.json`` (made by ``python -m pounding_sweep.accuracy.calibrate``) holds, for every law, scheme and class of
+outputs, the relative error against the number of steps in the shortest time of a scenario, the shorter of its shortest
+contact and half the period of the buildings' highest mode. The advice reads off the largest step that keeps most errors
+within what is asked, from which on scenarios are refined (`pounding_sweep.run.refinement`), shortens it where stability
+or a long record of hardly damped buildings needs it, and takes the scheme whose steps cost least.
 """
 
 from __future__ import annotations
@@ -209,28 +206,14 @@ class Measured:
 
 @dataclass(frozen=True)
 class Advice:
-    """What was chosen for a sweep.
+    """What was chosen for a sweep."""
 
-    Attributes
-    ----------
-    method, precision : str
-        Scheme and number format.
-    refinement : float
-        Divisor of the lengths that steps do not set (see `Numerics`).
-    steps : ndarray of int, shape (scenarios,)
-        Steps per record interval of each scenario.
-    uncoupled : ndarray of int, shape (records, variants)
-        Steps per record interval of each run without pounding.
-    sentence : str
-        What was chosen, and why.
-    """
-
-    method: str
-    precision: str
-    refinement: float
-    steps: np.ndarray
-    uncoupled: np.ndarray
-    sentence: str
+    method: str  # scheme
+    precision: str  # number format
+    refinement: float  # divisor of the lengths that steps do not set (see `Numerics`)
+    steps: np.ndarray  # steps per record interval of each scenario, shape (scenarios,)
+    uncoupled: np.ndarray  # those of each run without pounding, shape (records, variants)
+    sentence: str  # what was chosen, and why
 
 
 @lru_cache(maxsize=1)

@@ -1,14 +1,11 @@
 """From a sweep to the scenarios that must really run.
 
-Every combination that was asked for is reduced to what can matter to it: a
-law without restitution ignores that axis, no pounding ignores gap, stiffness
-and restitution, a row in which no floors meet ignores the law. What remains
-once is run once and broadcast back into the cube. A scenario whose every gap
-is at least the largest closing displacement of the run without pounding never
-touches: it is that run.
+Every combination that was asked for is reduced to what can matter to it: a law without restitution ignores that axis,
+no pounding ignores gap, stiffness and restitution, a row in which no floors meet ignores the law. What remains once is
+run once and broadcast back into the cube. A scenario whose every gap is at least the largest closing displacement of
+the run without pounding never touches: it is that run.
 
-Where the sweep asks for an accuracy, scheme and steps are chosen here too, for
-each scenario by what it must resolve.
+Where the sweep asks for an accuracy, scheme and steps are chosen here too, for each scenario by what it must resolve.
 """
 
 from __future__ import annotations
@@ -25,7 +22,14 @@ from pounding_sweep.base.tables import bytes_text, html_table, pairs_text, secon
 from pounding_sweep.engine.row_kernel import Numerics, RowKernel
 from pounding_sweep.model.laws import Law, get_law
 from pounding_sweep.model.variants import Variants
-from pounding_sweep.outputs.variables import Status, check_outputs, cube_variables, get_variable, reducers_for
+from pounding_sweep.outputs.variables import (
+    Status,
+    check_outputs,
+    cube_variables,
+    get_variable,
+    inner_shape,
+    reducers_for,
+)
 from pounding_sweep.plan.chunks import Chunk, cut
 from pounding_sweep.plan.scenarios import Scenarios, but_for_gaps, uncoupled_runs_of, unique_scenarios
 from pounding_sweep.schemes.stability import largest_step
@@ -228,8 +232,6 @@ class Plan:
     @cached_property
     def bytes_per_scenario(self) -> int:
         """Bytes of one scenario's values."""
-        from pounding_sweep.outputs.layout import inner_shape
-
         return sum(
             np.dtype(get_variable(name).dtype).itemsize * math.prod(inner_shape(name, self.spec.scene))
             for name in cube_variables(self.outputs)

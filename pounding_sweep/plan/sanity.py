@@ -68,10 +68,7 @@ LIMITS = {
         "s",
         0.02,
         10.0,
-        (
-            ("masses in kg for t, or stiffnesses in MN/m for kN/m", 1e-3**0.5),
-            ("stiffnesses in N/m for kN/m", 1e3**0.5),
-        ),
+        (("masses in kg for t, or stiffnesses in MN/m for kN/m", 1e-3**0.5), ("stiffnesses in N/m for kN/m", 1e3**0.5)),
     ),
     "damping": Limit("damping ratio", "", 0.0, 0.3, (("per cent given for the ratio", 1e-2),)),
     "pga": Limit(

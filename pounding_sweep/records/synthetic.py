@@ -194,13 +194,7 @@ def remade(source: str, points: int | None = None) -> Record | None:
 
 
 def pulse_record(
-    shape: str,
-    *,
-    amplitude: float,
-    period: float,
-    dt: float,
-    duration: float | None = None,
-    name: str | None = None,
+    shape: str, *, amplitude: float, period: float, dt: float, duration: float | None = None, name: str | None = None
 ) -> Record:
     """Make a record of one simple pulse, zero after it.
 

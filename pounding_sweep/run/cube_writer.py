@@ -16,7 +16,7 @@ from pounding_sweep.output.labels import global_attributes, scenario_axes
 from pounding_sweep.output.results import table_type
 from pounding_sweep.output.slabs import BLOCK_BYTES, SLAB_BYTES, block_shape, slab_shape, slabs
 from pounding_sweep.output.summary import Tally
-from pounding_sweep.outputs.layout import inner_shape, mask_invalid
+from pounding_sweep.outputs.variables import inner_shape, mask_invalid
 
 if TYPE_CHECKING:
     import xarray as xr

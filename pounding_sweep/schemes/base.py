@@ -17,49 +17,24 @@ SAFETY = 3.0
 
 
 class Scheme(ABC):
-    """One way of stepping time: what plans, statuses and kernels ask about it.
+    """One way of stepping time: what plans, statuses and kernels ask about it."""
 
-    Attributes
-    ----------
-    name, title, source : str
-        Key in sweep files; what it is; where it comes from.
-    order : int
-        Order of its error, contacts included.
-    implicit : bool
-        Contact forces are found together with the step that they act on.
-    flies_exactly : bool
-        Buildings move without error between contacts, which must be located.
-    follows_ground : bool
-        A ground acceleration that is linear over the step is integrated twice without error.
-    follows_smooth : bool
-        It takes rows whose storeys have the hysteresis of Bouc and Wen.
-    parameters : tuple of str
-        Settings of a sweep that are its own.
-    without_limit : str
-        What has no stability limit instead, as the end of "give dt <= ..., ".
-    min_steps_located, min_steps_sampled : float
-        Steps that the fastest part of the shortest contact needs, located or not.
-    step_cost : float
-        Cost of one scenario and step (ns per degree of freedom), for estimates and chunk sizes only.
-    ladder : tuple of float
-        Steps per 0.01 s (of exact flight: its `refinement`) at which errors are measured for ``accuracy``.
-    finest_float32 : float
-        The last of them that is of use in single precision.
-    """
-
-    name: str
-    title: str
-    source: str
-    order: int
-    implicit = False
-    flies_exactly = False
-    follows_ground = True
-    follows_smooth = False
-    parameters: tuple[str, ...] = ()
-    without_limit = "the newmark scheme"
+    name: str  # key in sweep files
+    title: str  # what it is
+    source: str  # where it comes from
+    order: int  # order of its error, contacts included
+    implicit = False  # contact forces are found together with the step that they act on
+    flies_exactly = False  # buildings move without error between contacts, which must be located
+    follows_ground = True  # a ground acceleration that is linear over the step is integrated twice without error
+    follows_smooth = False  # it takes rows whose storeys have the hysteresis of Bouc and Wen
+    parameters: tuple[str, ...] = ()  # settings of a sweep that are its own
+    without_limit = "the newmark scheme"  # what has no stability limit instead, as the end of "give dt <= ..., "
+    #: steps that the fastest part of the shortest contact needs, located or not
     min_steps_located: float
     min_steps_sampled = 16.0
-    step_cost: float
+    step_cost: float  # cost of one scenario and step (ns per degree of freedom), for estimates and chunk sizes only
+    #: steps per 0.01 s (of exact flight: its `refinement`) at which errors are measured for ``accuracy``, and the last
+    #: of them that is of use in single precision
     ladder: tuple[float, ...]
     finest_float32: float
 

@@ -1,11 +1,10 @@
 """Exact flight between contacts, from one possible touch to the next; beside contacts, Runge-Kutta.
 
-Between impacts a building is linear, and the ground acceleration is linear between record
-points, so that its motion is known without error at any instant (Nigam & Jennings 1969):
-see `pounding_sweep.kernel.flight`. Only floors that touch, or may in the step to come, are
-stepped, scenarios side by side in the lanes, each at its own time. One whose contacts are all
-open at a point of flight's grid, and none about to close, flies on at once, and comes back to its
-lane where it may touch next; one at its end leaves its lane to the next scenario.
+Between impacts a building is linear, and the ground acceleration is linear between record points, so that its motion is
+known without error at any instant (Nigam & Jennings 1969): see `pounding_sweep.kernel.flight`. Only floors that touch,
+or may in the step to come, are stepped, scenarios side by side in the lanes, each at its own time. One whose contacts
+are all open at a point of flight's grid, and none about to close, flies on at once, and comes back to its lane where it
+may touch next; one at its end leaves its lane to the next scenario.
 """
 
 from __future__ import annotations
@@ -149,15 +148,7 @@ def _mean(shares: Sequence[float], a: Sequence[Any]) -> Any:
 
 
 class Course:
-    """How far the scenario of each lane has come: what flight and the steps beside contacts share.
-
-    Parameters
-    ----------
-    group : Group
-        The lanes.
-    cell : callable
-        Makes a variable of its first value, in memory that both know.
-    """
+    """How far the scenario of each lane has come: what flight and the steps beside contacts share."""
 
     def __init__(self, group: Group, cell: Callable[[Any], Cell]) -> None:
         trace, lanes = group.trace, group.lanes
@@ -186,28 +177,11 @@ class Course:
 
 
 class Flights:
-    """Flight of the scenarios of a kernel call, from lane to lane: nothing in it depends on the contact law.
+    """Flight of the scenarios of a kernel call, from lane to lane: nothing in it depends on the contact law."""
 
-    Parameters
-    ----------
-    group : Group
-        The lanes.
-    ground : Ground
-        Steps of both lengths.
-    flight : Flight
-        Flight of one scenario.
-    scenarios : object
-        Gives lanes their inputs and takes their results: ``count``, ``put(i, lane)``, ``take(i, lane)`` and
-        ``tables(i)``, where a scenario's tables begin.
-    course : Course
-        How far scenarios have come.
-    fill : callable
-        Fills the tables of flight.
-    rows : Count or int
-        Rows of the state that a step leaves to the next.
-    note : callable, optional
-        Keeps the motion after so many short steps: of one scenario, in lane 0.
-    """
+    # `scenarios` gives lanes their inputs and takes their results: ``count``, ``put(i, lane)``, ``take(i, lane)`` and
+    # ``tables(i)``, where a scenario's tables begin; `fill` fills these. `rows` of the state are what a step leaves to
+    # the next; `note` keeps the motion after so many short steps, of one scenario, in lane 0
 
     def __init__(
         self,
@@ -295,21 +269,9 @@ class Flights:
 
 
 class Events:
-    """All scenarios of a kernel call, through the lanes of one group.
+    """All scenarios of a kernel call, through the lanes of one group."""
 
-    Parameters
-    ----------
-    group : Group
-        The lanes.
-    ground : Ground
-        Its acceleration at the ends of all short steps; steps of both lengths.
-    flights : object
-        Has ``begin`` and ``serve`` of `Flights`.
-    course : Course
-        How far scenarios have come.
-    note : callable, optional
-        Keeps the motion after so many short steps: of one scenario, in lane 0.
-    """
+    # `ground` is the acceleration at the ends of all short steps, `flights` has ``begin`` and ``serve`` of `Flights`
 
     def __init__(
         self, group: Group, ground: Any, flights: Any, course: Course, note: Callable[[Any], None] | None

@@ -36,20 +36,14 @@ Forces = Callable[[Sequence[Any], Sequence[Any]], Sequence[Any]]
 
 
 class Explicit(Scheme):
-    """A scheme of stages: a subclass says where they lie and what state follows from each.
+    """A scheme of stages: a subclass says where they lie and what state follows from each."""
 
-    Attributes
-    ----------
-    undamped_radius, damped_radius : float
-        Largest stable product of step and frequency without damping; and with any, of step and frequency or damping
-        rate, the larger of them.
-    nodes : tuple of (float, float)
-        Of each stage: the share of the step at which it takes the ground, and the weight of what acts there in the
-        integrals of work, impulse and energy, in sixths of the step.
-    """
-
+    #: largest stable product of step and frequency without damping; and with any, of step and frequency or damping
+    #: rate, the larger of them
     undamped_radius: float
     damped_radius: float
+    #: of each stage: the share of the step at which it takes the ground, and the weight of what acts there in the
+    #: integrals of work, impulse and energy, in sixths of the step
     nodes: tuple[tuple[float, float], ...]
 
     @abstractmethod

@@ -1,9 +1,8 @@
 """Contacts that are found together with the step that they act on (Newmark-beta).
 
-The contact forces at the end of the step solve the contact law together with the end state
-that they themselves change. Each contact sees the row through one compliance, so each is one
-scalar equation, solved within a bracket; the contacts are swept until none changes any more
-(block Gauss-Seidel).
+The contact forces at the end of the step solve the contact law together with the end state that they themselves change.
+Each contact sees the row through one compliance, so each is one scalar equation, solved within a bracket; the contacts
+are swept until none changes any more (block Gauss-Seidel).
 """
 
 from __future__ import annotations

@@ -365,9 +365,8 @@ DIMENSIONS = {
 class Range:
     """Evenly spaced values of an axis, expanded only once the sweep's size is known.
 
-    Values are rounded to 12 significant digits (of the larger end, where the
-    spacing is linear), so that 0.002 to 0.024 in 12 values holds 0.006 itself;
-    the ends are exact.
+    Values are rounded to 12 significant digits (of the larger end, where the spacing is linear), so that 0.002 to 0.024
+    in 12 values holds 0.006 itself; the ends are exact.
 
     Parameters
     ----------

@@ -1,8 +1,7 @@
 """From what a user gave to the sweep's description.
 
-`build_spec` turns what a user gave, in Python or in a file, into a `SweepSpec`
-or into one error that lists every fault. Nothing is run and nothing of the
-sweep's size is allocated here.
+`build_spec` turns what a user gave, in Python or in a file, into a `SweepSpec` or into one error that lists every
+fault. Nothing is run and nothing of the sweep's size is allocated here.
 """
 
 from __future__ import annotations
@@ -56,8 +55,7 @@ def build_spec(
     records : Record, str, path, or several
         Ground motions: records, names or files.
     laws : str, Law, or several, optional
-        Contact laws; "all" stands for every law, "mate2015" for the paper's seven
-        models. Needed without `cases`.
+        Contact laws; "all" stands for every law, "mate2015" for the paper's seven models. Needed without `cases`.
     **axes
         AXES
     cases : iterable of Case or dict, optional

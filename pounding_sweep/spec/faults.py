@@ -12,15 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from pounding_sweep.base.errors import (
-    SHOWN_CHARACTERS,
-    Fault,
-    InputError,
-    Place,
-    PoundingSweepError,
-    shown,
-    unknown,
-)
+from pounding_sweep.base.errors import SHOWN_CHARACTERS, Fault, InputError, Place, PoundingSweepError, shown, unknown
 
 
 class Root(tuple[str | int, ...]):

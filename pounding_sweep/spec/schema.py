@@ -9,6 +9,7 @@ import sys
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,18 +35,7 @@ from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.schemes import SCHEMES
 from pounding_sweep.spec.axes import AXES, COLUMNS, FACTOR_KINDS, Axis, AxisValues, Case, Range, by_exponent, positive
 from pounding_sweep.spec.design import RECORD, Design, Distribution, named_inputs, product_cases
-from pounding_sweep.spec.faults import (
-    Faults,
-    Root,
-    Table,
-    gathering,
-    is_flag,
-    is_number,
-    listed,
-    number,
-    spell,
-    within,
-)
+from pounding_sweep.spec.faults import Faults, Root, Table, gathering, is_flag, is_number, listed, number, spell, within
 from pounding_sweep.spec.own_laws import LAW_GROUPS, find_law, names_file
 from pounding_sweep.spec.spec import (
     AUDIT_SHARE,
@@ -633,12 +623,8 @@ def _check_audit(value: float) -> None:
         raise InputError(msg)
 
 
-def _choice(valid: Sequence[str], usual: str | None) -> PlainValidator:
+def _choose(valid: Collection[str], usual: str | None, given: Any, info: Any) -> str | None:
     """Take one of several names; without any the usual one, or with an accuracy the cheapest."""
-    return PlainValidator(lambda given, info: _choose(valid, usual, given, info))
-
-
-def _choose(valid: Sequence[str], usual: str | None, given: Any, info: Any) -> str | None:
     if given is None and usual is not None:
         return None if _automatic(info) else usual
     if given not in valid:
@@ -781,7 +767,7 @@ class SweepInput(Table):
     title: Annotated[Any, PlainValidator(_title)] = Field("", description="a text")
     scene: Annotated[Any, PlainValidator(_scene)] = Field(description="a table [scene]")
     records: Annotated[Any, PlainValidator(_records)] = Field(description="a list of names, files and tables")
-    restitution_basis: Annotated[Any, _choice(tuple(RESTITUTION_BASES), None)] = Field(
+    restitution_basis: Annotated[Any, PlainValidator(partial(_choose, RESTITUTION_BASES, None))] = Field(
         "published", description="a text"
     )
     sa_period: Annotated[Any, _number_or_none("period in s", within("sa_period (s)", *SA_PERIODS))] = Field(

@@ -19,15 +19,7 @@ from pounding_sweep.model.links import Link
 from pounding_sweep.model.scene import CONTACTS, Building, ContactProperties, Scene, Wall
 from pounding_sweep.records import Record
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import (
-    AXES,
-    REFERENCE_PROPERTIES,
-    Axis,
-    AxisValues,
-    Case,
-    PropertyAxis,
-    property_axes,
-)
+from pounding_sweep.spec.axes import AXES, REFERENCE_PROPERTIES, Axis, AxisValues, Case, PropertyAxis, property_axes
 from pounding_sweep.spec.design import Design
 
 #: Time-stepping schemes by name.

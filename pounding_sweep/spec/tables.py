@@ -391,34 +391,48 @@ class DesignTable(Table):
     inputs: dict[str, Any] = Field(description="tables [design.inputs] of distributions by the name of an axis")
 
 
-class PathRecord(Table):
+class FoundRecord(Table):
+    """A record that is there, scaled or renamed."""
+
+    name: str | None = Field(None, description="a text")
+    scale: float = Field(1.0, description="a number")
+    pga: float | None = Field(None, description="a number in m/s2")
+    sa: float | None = Field(None, description="a number in m/s2")
+    sa_period: float | None = Field(None, description="a number in s")
+
+    def to_spectrum(self, record: Record) -> Record:
+        """Scale a record to the spectral acceleration that is given for it, if one is."""
+        if self.sa is None and self.sa_period is None:
+            return record
+        if self.sa is None or self.sa_period is None:
+            msg = "sa and sa_period belong together: a spectral acceleration (m/s2) and its period (s); give both"
+            raise SweepError(msg)
+        if self.pga is not None or self.scale != 1.0:
+            msg = f"sa and {'pga' if self.pga is not None else 'scale'} exclude each other; give one of them"
+            raise SweepError(msg)
+        from pounding_sweep.engine.spectrum import scaled_to_sa
+
+        return scaled_to_sa(record, self.sa, self.sa_period)
+
+
+class PathRecord(FoundRecord):
     """A record from a file."""
 
     path: str = Field(description="a text")
     units: str | None = Field(None, description="a text")
     dt: float | None = Field(None, description="a number in s")
-    name: str | None = Field(None, description="a text")
-    scale: float = Field(1.0, description="a number")
-    pga: float | None = Field(None, description="a number in m/s2")
-    sa: float | None = Field(None, description="a number in m/s2")
-    sa_period: float | None = Field(None, description="a number in s")
 
     def read(self, folder: Path, _folders: Folders) -> Record:
         """Read the file."""
         file = folder / expanded(self.path, RecordError)
         found = read_record(file, units=self.units, dt=self.dt, name=self.name, scale=self.scale, pga=self.pga)
-        return _to_spectrum(self, found)
+        return self.to_spectrum(found)
 
 
-class NamedRecord(Table):
+class NamedRecord(FoundRecord):
     """A record found by name, scaled or renamed."""
 
     record: str = Field(description="a text")
-    name: str | None = Field(None, description="a text")
-    scale: float = Field(1.0, description="a number")
-    pga: float | None = Field(None, description="a number in m/s2")
-    sa: float | None = Field(None, description="a number in m/s2")
-    sa_period: float | None = Field(None, description="a number in s")
 
     def read(self, _folder: Path, folders: Folders) -> Record:
         """Find the record."""
@@ -426,24 +440,8 @@ class NamedRecord(Table):
         if self.pga is not None and self.scale != 1.0:
             msg = "scale and pga exclude each other; give one of them"
             raise SweepError(msg)
-        found = found.scaled(self.scale) if self.pga is None else found.scaled_to(self.pga)
-        found = _to_spectrum(self, found)
+        found = self.to_spectrum(found.scaled(self.scale) if self.pga is None else found.scaled_to(self.pga))
         return found if self.name is None else found.renamed(self.name)
-
-
-def _to_spectrum(given: PathRecord | NamedRecord, record: Record) -> Record:
-    """Scale a record to the spectral acceleration that is given for it, if one is."""
-    if given.sa is None and given.sa_period is None:
-        return record
-    if given.sa is None or given.sa_period is None:
-        msg = "sa and sa_period belong together: a spectral acceleration (m/s2) and its period (s); give both"
-        raise SweepError(msg)
-    if given.pga is not None or given.scale != 1.0:
-        msg = f"sa and {'pga' if given.pga is not None else 'scale'} exclude each other; give one of them"
-        raise SweepError(msg)
-    from pounding_sweep.engine.spectrum import scaled_to_sa
-
-    return scaled_to_sa(record, given.sa, given.sa_period)
 
 
 class MadeRecord(Table):

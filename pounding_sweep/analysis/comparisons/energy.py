@@ -52,14 +52,12 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        On the cube's axes, all in kN m: `TERMS` and ``energy_transfer`` = input - damping -
-        kinetic - strain (- ``hysteretic_energy`` where storeys yield, - ``energy_links`` where
-        neighbours are linked) by building (given to contacts, negative where taken), ``contact_work`` by pair,
-        ``transfer_sum`` over buildings, ``work_sum`` over pairs and ``residual``, their
-        difference; ``residual_relative`` is its size over the largest energy of the
-        balance. ``transfer_share`` is transfer over input. The attribute
-        ``largest_residual_relative`` is the largest of all scenarios.
-        Missing where a scenario is not ok.
+        On the cube's axes, all in kN m: `TERMS` and ``energy_transfer`` = input - damping - kinetic - strain (-
+        ``hysteretic_energy`` where storeys yield, - ``energy_links`` where neighbours are linked) by building (given to
+        contacts, negative where taken), ``contact_work`` by pair, ``transfer_sum`` over buildings, ``work_sum`` over
+        pairs and ``residual``, their difference; ``residual_relative`` is its size over the largest energy of the
+        balance. ``transfer_share`` is transfer over input. The attribute ``largest_residual_relative`` is the largest
+        of all scenarios. Missing where a scenario is not ok.
 
     Raises
     ------
@@ -92,7 +90,7 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     found |= {name: values(cube, name) for name in _EXTREMES if name in cube.data_vars}
     work = values(cube, "contact_work") if "contact_work" in cube.data_vars else None
     total = transfer.sum("building", skipna=False)
-    taken = xr.zeros_like(total) if work is None else _sum_of_pairs(work)
+    taken = xr.zeros_like(total) if work is None else work.sum("pair").where(work.notnull().any("pair"))
     largest = xr.concat([abs(found[name]).max("building") for name in terms], "term").max("term")
     if work is not None:
         found["contact_work"] = work
@@ -117,11 +115,6 @@ def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:
     for name in (name for name in BESIDE if name in energies):
         transfer = transfer - energies[name]
     return _about(transfer, "energy given to neighbours and contacts")
-
-
-def _sum_of_pairs(work: xr.DataArray) -> xr.DataArray:
-    """Sum over the pairs whose floors meet; missing where the scenario has no values."""
-    return work.sum("pair").where(work.notnull().any("pair"))
 
 
 def _about(part: xr.DataArray, text: str, units: str = "kN m") -> xr.DataArray:

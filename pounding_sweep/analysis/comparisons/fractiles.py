@@ -35,10 +35,7 @@ _NO_RESPONSES = ("status", "energy_residual", "steps_per_contact", "time_step")
     arguments=("quantiles",),
 )
 def fractiles(
-    cube: xr.Dataset,
-    quantiles: Sequence[float] = QUANTILES,
-    dim: str = "record",
-    outputs: Iterable[str] | None = None,
+    cube: xr.Dataset, quantiles: Sequence[float] = QUANTILES, dim: str = "record", outputs: Iterable[str] | None = None
 ) -> xr.Dataset:
     """Return fractiles of every response over the records of a suite.
 
@@ -56,13 +53,11 @@ def fractiles(
     Returns
     -------
     xarray.Dataset
-        On ``quantile`` and the cube's other axes, ``<output>_fractiles`` in the output's own
-        units, and ``<output>_count``, how many values its fractiles are of: values are missing where
-        a scenario is not ok, and some where it is (no time of a first impact without
-        one, no such storey). ``scenarios`` is the number along `dim` that is ok, and
-        ``left_out_<status>`` how many are not, for each status that occurs. Fractiles are
-        of what is left: where scenarios were left out because they are extreme, they
-        are too low, which the counts tell.
+        On ``quantile`` and the cube's other axes, ``<output>_fractiles`` in the output's own units, and
+        ``<output>_count``, how many values its fractiles are of: values are missing where a scenario is not ok, and
+        some where it is (no time of a first impact without one, no such storey). ``scenarios`` is the number along
+        `dim` that is ok, and ``left_out_<status>`` how many are not, for each status that occurs. Fractiles are of what
+        is left: where scenarios were left out because they are extreme, they are too low, which the counts tell.
 
     Raises
     ------

@@ -127,8 +127,7 @@ def fragility(
     confidence : float or None
         Of the intervals, in (0, 1); None for no intervals, which take a fit per record.
     levels : sequence of float, optional
-        Intensities at which curves are given; by default `LEVELS` of them, up to the
-        largest of the cube.
+        Intensities at which curves are given; by default `LEVELS` of them, up to the largest of the cube.
     quantiles : sequence of float
         Probabilities, in (0, 1), at which the intensity is given.
     one_dispersion : sequence of str

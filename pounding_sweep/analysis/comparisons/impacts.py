@@ -55,12 +55,11 @@ def impact_statistics(
     Returns
     -------
     xarray.Dataset
-        On ``law`` and what else stays, without the law "none": ``scenarios`` that are ok
-        and ``left_out`` that are not; by pair and storey ``touching`` and
-        ``touching_share``, by pair ``pair_touching`` and ``pair_touching_share`` (a touch
-        at any storey); and on ``quantile``, by pair and storey, ``<output>_fractiles`` of the
-        outputs of `OUTPUTS` that the cube has, in their own units, over the scenarios that
-        touch there. The attribute ``over`` names what was taken together.
+        On ``law`` and what else stays, without the law "none": ``scenarios`` that are ok and ``left_out`` that are not;
+        by pair and storey ``touching`` and ``touching_share``, by pair ``pair_touching`` and ``pair_touching_share`` (a
+        touch at any storey); and on ``quantile``, by pair and storey, ``<output>_fractiles`` of the outputs of
+        `OUTPUTS` that the cube has, in their own units, over the scenarios that touch there. The attribute ``over``
+        names what was taken together.
 
     Raises
     ------

@@ -12,14 +12,7 @@ from pounding_sweep.analysis.along import ROUNDING, check_quantiles, fractiles_o
 from pounding_sweep.analysis.comparisons import comparison, over_text
 from pounding_sweep.analysis.comparisons.fractiles import QUANTILES, responses
 from pounding_sweep.analysis.intensity import intensity_of
-from pounding_sweep.analysis.scenarios import (
-    described,
-    finished,
-    need_several,
-    need_variables,
-    scenarios_only,
-    values,
-)
+from pounding_sweep.analysis.scenarios import described, finished, need_several, need_variables, scenarios_only, values
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.spec.axes import DIMENSIONS
 
@@ -68,12 +61,11 @@ def incremental_curves(
     Returns
     -------
     xarray.Dataset
-        Each output on the cube's axes in its own units, beside the coordinate ``intensity``
-        (record, scale); and ``<output>_fractiles`` on ``quantile`` and ``level`` instead of
-        record and scale, with ``<output>_count``, how many curves have a value there.
-        A curve's value at a level is linear between its two nearest scales, missing
-        outside the range of its scales and next to a scenario that is not ok: nothing is
-        extrapolated, and a count below the number of curves (attribute ``curves``) says so.
+        Each output on the cube's axes in its own units, beside the coordinate ``intensity`` (record, scale); and
+        ``<output>_fractiles`` on ``quantile`` and ``level`` instead of record and scale, with ``<output>_count``, how
+        many curves have a value there. A curve's value at a level is linear between its two nearest scales, missing
+        outside the range of its scales and next to a scenario that is not ok: nothing is extrapolated, and a count
+        below the number of curves (attribute ``curves``) says so.
 
     Raises
     ------

@@ -1,9 +1,8 @@
 """Contact laws against a reference law, at equal nominal and at equal realised restitution.
 
-The published damping formulas don't give the restitution they promise (see
-`pounding_sweep.model.rebound`), so that two laws at the same nominal value
-rebound differently. Where a sweep has several restitutions, its values are also
-read, law by law, where two free masses would rebound equally.
+The published damping formulas don't give the restitution they promise (see `pounding_sweep.model.rebound`), so that two
+laws at the same nominal value rebound differently. Where a sweep has several restitutions, its values are also read,
+law by law, where two free masses would rebound equally.
 """
 
 from __future__ import annotations
@@ -70,8 +69,7 @@ def compare_laws(cube: xr.Dataset, reference: str | None = None, outputs: Iterab
     cube : xarray.Dataset
         A cube with at least two laws with contact on its axis ``law``.
     reference : str, optional
-        Key of the reference law; by default the first that takes a restitution, else
-        the first.
+        Key of the reference law; by default the first that takes a restitution, else the first.
     outputs : iterable of str, optional
         Out of `OUTPUTS`; by default all that the cube has.
 

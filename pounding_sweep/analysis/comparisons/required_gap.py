@@ -46,13 +46,11 @@ def required_gap(
     Parameters
     ----------
     source : Scene, str or xarray.Dataset
-        A row, the name of a preset, or a cube. Of a cube with the law "none" and the
-        outputs ``closing_max``, ``displacement_max`` and ``displacement_min`` nothing
-        is run; of any other the run without pounding is made again, with row, building
-        properties and scales from the sweep that the cube carries.
+        A row, the name of a preset, or a cube. Of a cube with the law "none" and the outputs ``closing_max``,
+        ``displacement_max`` and ``displacement_min`` nothing is run; of any other the run without pounding is made
+        again, with row, building properties and scales from the sweep that the cube carries.
     records : Record, str, path, or several, optional
-        Ground motions; needed with a row. With a cube: records to look through before
-        they are looked for by name.
+        Ground motions; needed with a row. With a cube: records to look through before they are looked for by name.
     behaviour : BehaviourFactors, optional
         Factors of the standards, all 1 by default.
     folders : path or several, optional
@@ -61,15 +59,13 @@ def required_gap(
     Returns
     -------
     xarray.Dataset
-        On ``record``, and on ``scale``, building properties or ``case`` where the cube
-        has them: ``closing`` (pair, storey; m), the largest closing displacement of the
-        floors; ``exact`` (pair; m), its largest value over storeys and the exact required
-        gap, 0 where it is below 1e-9 of the sum of the floors' displacements; where there are bumpers their
-        ``thickness`` (pair; m) is in it, storey by storey, and in what rules ask for; ``never``
-        (pair) is 1 there, else 0; ``rule_gap`` (rule, pair; m) and ``ratio`` (rule, pair), its ratio to the
-        exact one, missing where that is 0; ``correlation`` (pair) of the first modes. Missing where no floors
-        meet. Beside ``rule`` stand its title, formula, clause, edition and note, beside
-        ``pair`` the row's own gap.
+        On ``record``, and on ``scale``, building properties or ``case`` where the cube has them: ``closing`` (pair,
+        storey; m), the largest closing displacement of the floors; ``exact`` (pair; m), its largest value over storeys
+        and the exact required gap, 0 where it is below 1e-9 of the sum of the floors' displacements; where there are
+        bumpers their ``thickness`` (pair; m) is in it, storey by storey, and in what rules ask for; ``never`` (pair) is
+        1 there, else 0; ``rule_gap`` (rule, pair; m) and ``ratio`` (rule, pair), its ratio to the exact one, missing
+        where that is 0; ``correlation`` (pair) of the first modes. Missing where no floors meet. Beside ``rule`` stand
+        its title, formula, clause, edition and note, beside ``pair`` the row's own gap.
 
     Raises
     ------

@@ -60,11 +60,7 @@ def index_rows(result: xr.Dataset) -> list[Row]:
     rows=index_rows,
 )
 def sensitivity(
-    cube: xr.Dataset,
-    variables: Iterable[str] | None = None,
-    *,
-    confidence: float = 0.95,
-    resamples: int = RESAMPLES,
+    cube: xr.Dataset, variables: Iterable[str] | None = None, *, confidence: float = 0.95, resamples: int = RESAMPLES
 ) -> xr.Dataset:
     """Estimate Sobol indices of the outputs of a Saltelli design.
 
@@ -145,8 +141,9 @@ def _groups(cube: xr.Dataset) -> tuple[Design, dict[tuple[tuple[str, str], ...],
     told = sweep.get("design")
     placed = BLOCK in cube.coords and cube[BLOCK].dims == ("case",) and cube["case"].dtype.kind in "iu"
     if told is None or told["kind"] != "saltelli" or not placed:
+        what = "of none" if told is None else f'a part of one of kind "{told["kind"]}"'
         msg = (
-            f'Sobol indices need a design of kind "saltelli", and this cube is {_what(told)}; run a sweep with '
+            f'Sobol indices need a design of kind "saltelli", and this cube is {what}; run a sweep with '
             '[design] kind = "saltelli", samples = 256 and its inputs'
         )
         raise InputError(msg)
@@ -189,10 +186,6 @@ def _fixed(case: dict[str, Any], design: Design) -> tuple[tuple[str, str], ...]:
         elif (argument, None) not in drawn and case.get(axis.dimension) is not None:
             found[axis.dimension] = case[axis.dimension]
     return tuple((key, str(value)) for key, value in found.items())
-
-
-def _what(told: dict[str, Any] | None) -> str:
-    return "of none" if told is None else f'a part of one of kind "{told["kind"]}"'
 
 
 def _indices(table: np.ndarray, d: int, confidence: float, resamples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -33,20 +33,14 @@ _RATIOS = "|".join(f"{name}_ratio" for name in _RESPONSES.split("|"))
 @figure_of(
     "cube",
     "responses with pounding over responses without, by building and law",
-    needs=(
-        "law",
-        f"{_RESPONSES}|{_RATIOS}",
-        CONTACT,
-        f"{NO_CONTACT}|{_RATIOS}",
-    ),
+    needs=("law", f"{_RESPONSES}|{_RATIOS}", CONTACT, f"{NO_CONTACT}|{_RATIOS}"),
 )
 def amplification(cube: xr.Dataset, *, x: str | None = None, value: str | None = None, ax: Any = None) -> Figure:
     """Draw the amplification of each building's responses by pounding.
 
-    One column per building, one row per response, one line per law that has values: the
-    largest over storeys; over the storeys themselves where no axis varies. Of several
-    records the median is shown, of the other axes the middle value at which floors touch,
-    which the title names. The thin line at 1 is no change.
+    One column per building, one row per response, one line per law that has values: the largest over storeys; over the
+    storeys themselves where no axis varies. Of several records the median is shown, of the other axes the middle value
+    at which floors touch, which the title names. The thin line at 1 is no change.
 
     Parameters
     ----------

@@ -32,11 +32,10 @@ _PARTS: tuple[tuple[str, str, dict[str, Any]], ...] = (
 def energy_budget(cube: xr.Dataset) -> Figure:
     """Draw each building's energy budget at the end of the record, one bar per law that has values.
 
-    One panel per building: what was lost in damping (and in yielding, or given to links, where there are),
-    what is left and what was given away, stacked; energy taken from neighbours hangs below zero. A line marks the
-    input, which the bar's parts sum to. The last panel is the work that the contacts
-    of each pair took. Of all axes but ``law`` the middle value is shown: an energy
-    balance is one scenario's.
+    One panel per building: what was lost in damping (and in yielding, or given to links, where there are), what is left
+    and what was given away, stacked; energy taken from neighbours hangs below zero. A line marks the input, which the
+    bar's parts sum to. The last panel is the work that the contacts of each pair took. Of all axes but ``law`` the
+    middle value is shown: an energy balance is one scenario's.
     """
     result = result_of(cube, "energy")
     result, shown = middle(result, ("law",), ["energy_input"])

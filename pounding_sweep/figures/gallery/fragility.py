@@ -32,12 +32,11 @@ _ENTRY = 48
 def fragility(cube: xr.Dataset) -> Figure:
     """Draw the probability of an event against intensity.
 
-    One panel per pair or building. Lines are the values of the first axis that varies
-    (gap, stiffness, ...), five at most, evenly chosen, or else the laws; of the other axes, and
-    of the laws, the middle value is shown. Bands are confidence
-    intervals; marks are the shares observed at each intensity where trials share them (stripes),
-    else in classes of about equal numbers of trials. The title says where curves cross.
-    Where there is no fit, the legend says why.
+    One panel per pair or building. Lines are the values of the first axis that varies (gap, stiffness, ...), five at
+    most, evenly chosen, or else the laws; of the other axes, and of the laws, the middle value is shown. Bands are
+    confidence intervals; marks are the shares observed at each intensity where trials share them (stripes), else in
+    classes of about equal numbers of trials. The title says where curves cross. Where there is no fit, the legend says
+    why.
     """
     from matplotlib.transforms import ScaledTranslation
 

@@ -22,8 +22,7 @@ from pounding_sweep.figures.style import COLOURS, history_look, legend_beside, p
 def histories(one: xr.Dataset, *, start: float | None = None, end: float | None = None) -> Figure:
     """Draw the histories of one scenario: ground acceleration, top floors, contact forces.
 
-    Circles are the peaks that are reported, located between the instants of the histories, at the
-    instant next to them.
+    Circles are the peaks that are reported, located between the instants of the histories, at the instant next to them.
 
     Parameters
     ----------

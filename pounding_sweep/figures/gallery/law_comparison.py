@@ -31,11 +31,7 @@ _OUTPUTS = {
 @figure_of(
     "cube",
     "impact forces over those of a reference law, at equal nominal and at equal realised restitution",
-    needs=(
-        "law",
-        "pair",
-        "|".join([*_OUTPUTS, *(f"{name}_compared" for name in _OUTPUTS)]),
-    ),
+    needs=("law", "pair", "|".join([*_OUTPUTS, *(f"{name}_compared" for name in _OUTPUTS)])),
     several=("law",),
 )
 def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:

@@ -56,11 +56,10 @@ def response_map(
 ) -> Figure:
     """Draw a map of the peak impact force, or of another response, over two axes.
 
-    One column per pair or building, one row per law, three at most. Shown is the largest
-    over storeys (of what is negative or comes first, the smallest), of several records the
-    median, of the other axes the middle value at which floors touch, which the title names.
-    Grey cells have no contact, hatched ones no value. All panels share one scale of colours;
-    of amplifications its middle is 1, no change.
+    One column per pair or building, one row per law, three at most. Shown is the largest over storeys (of what is
+    negative or comes first, the smallest), of several records the median, of the other axes the middle value at which
+    floors touch, which the title names. Grey cells have no contact, hatched ones no value. All panels share one scale
+    of colours; of amplifications its middle is 1, no change.
 
     Parameters
     ----------
@@ -71,9 +70,8 @@ def response_map(
         ``period_ratio`` means the first of these. By default the first that vary of: period
         ratios, gap, stiffness, scale, restitution, other building properties.
     value : str, optional
-        A variable of the cube, or the amplification of one, such as ``drift_max_ratio``, for
-        which the sweep has the law "none". By default the peak impact force, else the first
-        response that is there.
+        A variable of the cube, or the amplification of one, such as ``drift_max_ratio``, for which the sweep has the
+        law "none". By default the peak impact force, else the first response that is there.
     contours : bool
         Whether lines of equal value are drawn as well.
     ax : matplotlib.axes.Axes, optional

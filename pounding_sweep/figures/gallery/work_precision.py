@@ -26,9 +26,8 @@ _POPULATION, _STATISTIC = "steady", "worst"
 def work_precision(trade: xr.Dataset) -> Figure:
     """Draw worst error against seconds per thousand scenarios, one line per scheme, located or not, and number format.
 
-    Along a line the step changes. Colour and marker tell scheme and locating;
-    a hollow marker on a dashed line is float32. A ring marks the Pareto front:
-    configurations that no other is cheaper than and as accurate as. Errors in
+    Along a line the step changes. Colour and marker tell scheme and locating; a hollow marker on a dashed line is
+    float32. A ring marks the Pareto front: configurations that no other is cheaper than and as accurate as. Errors in
     the grey band are below what the converged solution resolves.
     """
     check_trade(trade)

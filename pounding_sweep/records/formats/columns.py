@@ -59,7 +59,7 @@ def _parse(source: RecordText, dt: float | None) -> Content:
     if columns > 2:
         source.fail(
             f"line {line} has {columns} columns; give time and acceleration, or acceleration alone "
-            "(a PEER file needs its header with NPTS and DT)",
+            "(a PEER file needs its header with NPTS and DT)"
         )
     text = "\n".join(header)
     if columns == 2 and _NOT_SECONDS.search(text):
@@ -76,7 +76,7 @@ def _parse(source: RecordText, dt: float | None) -> Content:
         head = f", headed {heads[0]!r}," if heads else ""
         source.fail(
             f"its first column{head} counts by ones: points, or seconds? Give dt= in seconds (dt=1 if they are), "
-            "or head the column 'time (s)'",
+            "or head the column 'time (s)'"
         )
     if columns == 1 or counts:
         step = source.agreed_dt(stated, dt)
