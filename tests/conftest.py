@@ -21,6 +21,7 @@ from kernels_used import SIMULATED, UNLOCATED, kernels
 from stub_engine import installed
 
 from pounding_sweep.engine import cache, compile
+from pounding_sweep.run import async_writer
 
 # kernels are compiled inside examples, on cores that other tests use too
 settings.register_profile("nightly", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -36,6 +37,7 @@ LONGEST = ("test_distributed", "test_faults", "test_properties", "test_limits", 
 def pytest_configure(config):
     """Fail tests of the default run that ask for a kernel beyond those of `kernels_used`; say how many examples."""
     counting.pytest_configure(config)
+    async_writer.HELD_SECONDS = 0.0  # short as tests are, their chunks are written
     settings.load_profile("day" if "not slow" in config.option.markexpr else "nightly")
     ask = cache.get_kernel
 

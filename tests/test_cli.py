@@ -45,9 +45,10 @@ from pounding_sweep.spec.overview import overview
 pytestmark = pytest.mark.usefixtures("stub_module")
 ROOT = Path(__file__).resolve().parent.parent
 QUICKSTART = ROOT / "sweeps" / "quickstart.toml"
-#: Whether a process heeds SIGINT is inherited; this one does, whatever started the tests.
+#: Whether a process heeds SIGINT is inherited; this one does, whatever started the tests. It holds no chunks.
 HEEDING = (
     "import runpy, signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from pounding_sweep.run import async_writer; async_writer.HELD_SECONDS = 0.0; "
     "runpy.run_module('pounding_sweep', run_name='__main__', alter_sys=True)"
 )
 

@@ -27,7 +27,8 @@ from pounding_sweep.outputs.variables import Status, get_variable
 from pounding_sweep.plan.chunks import ChunkTask, cut
 from pounding_sweep.plan.scenarios import Scenarios
 from pounding_sweep.records import Record
-from pounding_sweep.resume.checkpoint import ChunkStore
+from pounding_sweep.resume.checkpoint import IDENTITY, ChunkStore
+from pounding_sweep.run import async_writer
 from pounding_sweep.run.execute import Progress
 from pounding_sweep.run.pool import Dispatcher
 from pounding_sweep.run.sweep import Sweep
@@ -331,6 +332,91 @@ def test_an_interrupted_run_continues(reference, tmp_path, monkeypatch, schedule
     assert [name for name, _ in display.stages] == ["kernels", "no pounding", "scenarios", "audit", "cube"]
     assert display.totals == [total for _, total in display.stages]
     assert display.closed
+
+
+@pytest.fixture
+def held(monkeypatch):
+    """Files of chunks in the order in which they are written; none is before it must."""
+    monkeypatch.setattr(async_writer, "HELD_SECONDS", 600.0)
+    true_write, written = ChunkStore.write, []
+
+    def write(self, key, table):
+        true_write(self, key, table)
+        written.append(self.path(key))
+
+    monkeypatch.setattr(ChunkStore, "write", write)
+    return written
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_a_run_that_is_soon_over_writes_no_chunks(reference, tmp_path, held):
+    beside = []
+
+    class Looks(Progress):
+        def stage(self, name, total):
+            beside.append(sorted(path.name for path in (tmp_path / "out.nc.parts").iterdir()))
+
+    same(make().run(tmp_path / "out.nc", workers=2, progress=Looks()), reference)
+    assert beside == [["holder.txt", "lock"]] * 5
+    assert held == []
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.nc", "out.nc.log"]
+
+
+@pytest.mark.usefixtures("small_chunks")
+@pytest.mark.parametrize("stage", ["scenarios", "audit", "cube"])
+def test_what_was_held_is_written_where_a_run_is_interrupted(reference, tmp_path, held, stage):
+    class Stops(Progress):
+        def stage(self, name, total):
+            if name == stage:
+                raise KeyboardInterrupt
+
+    out, sweep = tmp_path / "out.nc", make()
+    with pytest.raises(KeyboardInterrupt):
+        sweep.run(out, workers=2, progress=Stops())
+    finished = rows_in(held)
+    assert finished == 2 if stage == "scenarios" else finished > 2
+    same(sweep.run(out, workers=2), reference)
+    assert sweep.last_outcome.reused == finished
+    assert not out.with_name("out.nc.parts").exists()
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_what_was_held_is_written_where_chunks_fail(tmp_path, monkeypatch, held):
+    with monkeypatch.context() as patch:
+        fails(patch, lambda kernel, record: kernel.law.key == "kelvin_voigt")
+        with pytest.warns(RuntimeWarning, match="chunks have no result"):
+            make().run(tmp_path / "out.nc")
+    assert (tmp_path / "out.nc.parts" / IDENTITY).is_file()
+    assert held
+    assert all(path.is_file() for path in held)
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_chunks_are_written_once_they_are_many(tmp_path, monkeypatch, held):
+    monkeypatch.setattr(async_writer, "HELD_BYTES", 2000)
+    make().run(tmp_path / "out.nc", workers=2)
+    assert len(held) > 2
+
+
+@pytest.mark.usefixtures("small_chunks")
+def test_a_run_that_goes_on_writes_its_chunks_at_once(tmp_path, held):
+    """However often it is killed in its first seconds, it comes to an end."""
+    out = tmp_path / "out.nc"
+    interrupted(out, 3)
+    before = len(held)
+    make().run(out, workers=2)
+    assert len(held) > before > 0
+
+
+def test_nothing_is_written_into_a_folder_that_could_not_be_opened(tmp_path, monkeypatch):
+    def full(self):
+        msg = "no space for identity.json"
+        raise OutputError(msg)
+
+    monkeypatch.setattr(ChunkStore, "open", full)
+    with pytest.raises(OutputError, match=r"no space for identity\.json"):
+        make().run(tmp_path / "out.nc")
+    assert not (tmp_path / "out.nc.parts").exists()
 
 
 @pytest.mark.usefixtures("small_chunks")

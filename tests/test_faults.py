@@ -82,11 +82,11 @@ def record(folder, *, before=None, **how):
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # the run before was killed
         recorder = power_cut.Recorder(folder, patch, before)
-        save, write = AsyncWriter.save, ChunkStore.write
+        submit, write = AsyncWriter._submit, ChunkStore.write
 
-        def waits(self, *chunk):  # one thread at a time touches the folder: the calls then have an order
-            save(self, *chunk)
-            self._thread.submit(int).result()
+        def waits(self, what):  # one thread at a time touches the folder: the calls then have an order
+            submit(self, what)
+            self._waiting[-1].result()
 
         def promises(self, key, table):
             write(self, key, table)
@@ -94,7 +94,7 @@ def record(folder, *, before=None, **how):
 
         numbers = itertools.count()
         patch.setattr("secrets.token_hex", lambda size: f"{next(numbers):0{2 * size}x}")  # the same names every time
-        patch.setattr(AsyncWriter, "save", waits)
+        patch.setattr(AsyncWriter, "_submit", waits)
         patch.setattr(ChunkStore, "write", promises)
         try:
             make().run(folder / OUT, scheduler="synchronous", **how).close()
@@ -287,8 +287,10 @@ RUN = ["run", "sweep.toml", "-o", f"study/{OUT}", "--workers", "1", "--quiet", "
 NURSERY = r"""
 import os, sys
 from pounding_sweep import cli
+from pounding_sweep.run import async_writer
 from pounding_sweep.run.sweep import load_sweep
 
+async_writer.HELD_SECONDS = 0.0
 load_sweep("warm.toml").run(scheduler="synchronous")
 for line in sys.stdin:
     if line == "start\n":

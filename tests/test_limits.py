@@ -21,7 +21,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scenes import AXES, motions, row
-from test_cli import LONG, TINY, cli, environment, write
+from test_cli import HEEDING, LONG, TINY, cli, environment, write
 from typer.testing import CliRunner
 
 from pounding_sweep.base.errors import OutputError, RunError, WriteError
@@ -54,7 +54,7 @@ def same(path, reference):
             assert found[name].values.tobytes() == reference[name].values.tobytes(), name
 
 
-def begin(folder, *, finished, start=("-m", "pounding_sweep")):
+def begin(folder, *, finished, start=("-c", HEEDING)):
     """Start a run, and return its process, held by SIGSTOP, when so many chunks are finished."""
     process = subprocess.Popen(
         [sys.executable, *start, *RUN],
@@ -404,14 +404,16 @@ class At(Progress):
 
 
 @pytest.mark.parametrize(
-    ("stage", "after"),
+    ("stage", "after", "held"),
     [
-        ("scenarios", 0),
-        pytest.param("cube", 0, marks=pytest.mark.slow),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("no pounding", 1), ("audit", 0))),
+        ("scenarios", 0, 0.0),
+        ("scenarios", 0, 600.0),
+        pytest.param("cube", 0, 0.0, marks=pytest.mark.slow),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("no pounding", 1, 0.0), ("audit", 0, 600.0))),
     ],
 )
-def test_an_output_folder_that_is_gone_during_the_run(tmp_path, stage, after):
+def test_an_output_folder_that_is_gone_during_the_run(tmp_path, monkeypatch, stage, after, held):
+    monkeypatch.setattr("pounding_sweep.run.async_writer.HELD_SECONDS", held)
     folder = tmp_path / "results"
     folder.mkdir()
     sweep = Sweep(scene=row(), records=motions(), **AXES)

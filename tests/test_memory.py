@@ -400,14 +400,15 @@ def test_killed_while_the_cube_is_written(reference, tmp_path):
 
 def saved(results, store, error=None):
     """Save three tables, and fail in between."""
-    with AsyncWriter(store, results) as writer:
+    with AsyncWriter(store) as writer:
         for key in "abc":
             table = to_table({"status": np.zeros(2, "i1")}, ["status"], row())
             index, slots = results.hold(table)
             results.answer(np.arange(2), slots, table["status"], False)
-            writer.save(key, table, index)
+            writer.save(key, table, partial(results.move, index))
             if error is not None and key == "b":
                 raise error
+        writer.settle(begin=False)
 
 
 def test_what_was_to_be_saved_is_saved_whatever_ends_the_run(tmp_path):

@@ -197,27 +197,26 @@ def _constants(
 
 
 @lru_cache(maxsize=64)
-def _layout(shape: KernelSpec, constants: bytes) -> Layout:
-    """Where a kernel's tables of flight lie, and what is watched."""
-    return Layout(make_group(shape, None, width(shape.precision), np.frombuffer(constants, shape.precision)))
+def _layout(shape: KernelSpec, scene: Scene) -> Layout:
+    """Where a kernel's tables of flight lie, and what is watched, whatever the steps."""
+    constants = _constants(shape, scene, Numerics(shape.scheme, 1.0, precision=shape.precision), None)
+    return Layout(make_group(shape, None, width(shape.precision), constants))
 
 
-def _fixed_tables(
-    shape: KernelSpec, constants: bytes, row: Variants, record: Record, flight_substeps: int
-) -> tuple[Fixed, np.ndarray]:
+def _fixed_tables(shape: KernelSpec, row: Variants, record: Record, flight_substeps: int) -> tuple[Fixed, np.ndarray]:
     """Tables of flight of some rows of buildings that hold at any time, and what a kernel fills the others from."""
     motion, n = np.array(record.acceleration), flight_substeps
     inner = motion[:-1, None] + (motion[1:] - motion[:-1])[:, None] * (np.arange(n) / n)
     ground = np.append(inner.ravel(), motion[-1])
-    return fixed_tables(_layout(shape, constants), row, ground, record.dt / n, shape.precision, n)
+    return fixed_tables(_layout(shape, row.scene), row, ground, record.dt / n, shape.precision, n)
 
 
 @lru_cache(maxsize=8)
 def _fixed_tables_of_scene(
-    shape: KernelSpec, constants: bytes, scene: Scene, record: Record, flight_substeps: int
+    shape: KernelSpec, scene: Scene, record: Record, flight_substeps: int
 ) -> tuple[Fixed, np.ndarray]:
-    """Those of a scene as given: all its runs under a record share them."""
-    return _fixed_tables(shape, constants, variants_of(scene), record, flight_substeps)
+    """Those of a scene as given: all its runs under a record share them, whatever their sub-steps in contact."""
+    return _fixed_tables(shape, variants_of(scene), record, flight_substeps)
 
 
 @dataclass(frozen=True)
@@ -347,7 +346,7 @@ class RowKernel:
             return (np.zeros(1, self.numerics.precision), np.zeros(1), 0), np.zeros(1), slab, None
         new, which = (np.zeros(1, int), np.zeros(1, int)) if len(row) == 1 else row.flights()
         points, precision = (record.n_points - 1) * flight_substeps + 1, self.numerics.precision
-        layout = _layout(self.shape, self.constants.tobytes())
+        layout = _layout(self.shape, self.scene)
         stops = stops_of(layout, points, flight_substeps)
         most = max(1, TABLE_BYTES // (np.dtype(precision).itemsize * layout.size(stops)))
         late = np.flatnonzero(which >= most)
@@ -355,11 +354,10 @@ class RowKernel:
         which = which[: groups * LANES]
         needed = new[: int(which.max()) + 1]
         rows: Any = needed if len(needed) < len(row) else slice(None)
-        given = self.shape, self.constants.tobytes()
         if self.varied or self.shape.blocks:  # whose room is each thread's own
-            fixed, decays = _fixed_tables(*given, row[rows], record, flight_substeps)
+            fixed, decays = _fixed_tables(self.shape, row[rows], record, flight_substeps)
             return (flight_tables(layout, stops, fixed), decays, len(needed)), which, groups, None
-        fixed, decays = _fixed_tables_of_scene(*given, self.scene, record, flight_substeps)
+        fixed, decays = _fixed_tables_of_scene(self.shape, self.scene, record, flight_substeps)
         filled = None if twin else filled_tables(fixed)
         if filled is not None:
             return (filled, decays, 0), which, groups, None

@@ -170,12 +170,14 @@ class ChunkStore:
         return self.folder / f"chunk-{key}.npy"
 
     @contextmanager
-    def lock(self) -> Iterator[None]:
-        """Keep other runs out of the folder while the context is open; what a killed run was writing is removed."""
+    def lock(self) -> Iterator[bool]:
+        """Keep other runs out of the folder while the context is open; gives whether this sweep has begun there."""
         self._check()
         with FolderLock(self.folder):
-            self._remove(p for p in self.folder.iterdir() if is_temporary(p.name))
-            yield
+            begun = self._check()
+            left = is_temporary if begun else _own  # by a killed run: what it was writing, or of which it finished none
+            self._remove(path for path in self.folder.iterdir() if left(path.name))
+            yield begun
 
     def open(self) -> ChunkStore:
         """Make the folder ready: it is made where it is missing, and what is complete in it is kept."""

@@ -11,7 +11,6 @@ import re
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -102,11 +101,12 @@ def execute(
     plan: Plan,
     dispatcher: Dispatcher,
     *,
-    store: ChunkStore | None = None,
+    writer: AsyncWriter | None = None,
     progress: Progress | None = None,
     earlier: EarlierCube | None = None,
 ) -> Outcome:
     """Run a plan and keep the results of its unique scenarios."""
+    store = None if writer is None else writer.store
     progress, ledger = progress or Progress(), ReuseLedger(store, earlier)
     kernels = plan.kernels()
     shapes = list(dict.fromkeys(kernel.shape for kernel in kernels.values()))
@@ -118,12 +118,12 @@ def execute(
     outcome = Outcome(results, compiled=compiled, compile_seconds=time.perf_counter() - started)
     started = time.perf_counter()
     if kernels:
-        with ExitStack() as contexts:
-            writer = None if store is None else contexts.enter_context(AsyncWriter(store, results))
-            before = {} if store is None else stages_before(plan, store.folder)
-            stages = _Stages(plan, outcome, store, writer, dispatcher, progress, ledger, before)
-            stages.without_pounding()
-            stages.scenarios()
+        before = {} if store is None else stages_before(plan, store.folder)
+        stages = _Stages(plan, outcome, store, writer, dispatcher, progress, ledger, before)
+        stages.without_pounding()
+        stages.scenarios()
+        if writer is not None:
+            writer.settle(begin=bool(outcome.failures))  # the next run makes what is missing
     outcome.run_seconds = time.perf_counter() - started
     outcome.taken, outcome.taken_from = ledger.scenarios, ledger.origin
     if ledger.origin is not None:
@@ -197,9 +197,9 @@ class _Stages:
     ) -> None:
         """Run chunks of a table but those that are in the store; `keep` gets rows, results and where these stand."""
         plan, outcome, results = self.plan, self.outcome, self.outcome.results
-        if self.store is not None:
+        if self.writer is not None:
             self.expected[stage] = chunk_lines(chunks)
-            self.store.expect(expected(plan, self.expected))
+            self.writer.expect(expected(plan, self.expected))
         self.progress.stage(stage, sum(len(chunk.rows) for chunk in chunks))
         done = self.store.completed() if self.store is not None else set()
         fields = table_type(cube_variables(outputs), plan.spec.scene)
@@ -231,7 +231,7 @@ class _Stages:
                 if not failure:
                     outcome.run += len(chunk.rows) - taken
                 if self.writer is not None and not failure:  # else the next run makes what is missing
-                    self.writer.save(chunk.key, found, index, **self.ledger.line(taken))
+                    self.writer.save(chunk.key, found, partial(results.move, index), **self.ledger.line(taken))
             self.progress.advance(len(chunk.rows))
 
         self.dispatcher.run(len(waiting), task_of, receive)

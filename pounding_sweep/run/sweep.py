@@ -145,8 +145,9 @@ class Sweep:
         ----------
         out : path, optional
             netCDF file for the cube; None keeps it in memory. Finished chunks wait in
-            ``OUT.parts`` until the cube is written, and an interrupted run continues there;
-            no more than a few chunks are in memory at a time. ``OUT.log`` tells what ran.
+            ``OUT.parts`` until the cube is written, those of the first two seconds in memory,
+            and an interrupted run continues there; no more than 64 MiB and a few chunks are in
+            memory at a time. ``OUT.log`` tells what ran.
         scheduler : str
             "threads", "processes", "synchronous", or the address of a dask scheduler.
         workers : int, optional
@@ -248,6 +249,7 @@ class Sweep:
         from pounding_sweep.plan.sanity import doubts_of
         from pounding_sweep.resume.checkpoint import ChunkStore, identity_of, parts_folder
         from pounding_sweep.resume.reuse import EarlierCube, extension_attributes
+        from pounding_sweep.run.async_writer import AsyncWriter
         from pounding_sweep.run.audit import audit
         from pounding_sweep.run.cube_writer import cube_in_memory, write_cube_of
         from pounding_sweep.run.execute import Progress, check_scheduler, dispatcher_for, execute
@@ -262,35 +264,38 @@ class Sweep:
         earlier = None
         if extend is not None:
             earlier = EarlierCube(extend, plan, more[SOURCE_ATTRIBUTE], None if target is None else target.parent)
-        store = log = None
+        store = log = writer = None
+        begun = earlier is not None
         with ExitStack() as contexts:
             if target is None:
                 _check_memory(plan.n_asked, 3 * plan.bytes_per_scenario, "the cube of", "give an output file")
             else:
                 store = ChunkStore(parts_folder(target), *identity_of(plan))
-                contexts.enter_context(store.lock())
+                begun |= contexts.enter_context(store.lock())
                 check_output(target, overwrite)  # a run that ended just now may have made it
                 _check_disks(plan, target, store)
-                store.open()
                 progress = log = contexts.enter_context(RunLog(Path(f"{target}.log"), progress))
                 log.begin(plan, scheduler, n_workers)
             try:
-                with dispatcher_for(plan, scheduler, workers, progress) as dispatcher:
-                    runs = dispatcher if earlier is None else ExtendingDispatcher(dispatcher, earlier)
-                    outcome = self.last_outcome = execute(plan, runs, store=store, progress=progress, earlier=earlier)
-                    if target is not None and target.exists():
-                        _check_results(outcome, target)
-                    if outcome.taken_from is not None:
-                        more |= extension_attributes(outcome.taken_from, outcome.taken)
-                    progress.stage("audit", 0)
-                    self.last_audit = audit(plan, outcome, dispatcher)
-                progress.stage("cube", plan.n_asked)
-                if target is None or store is None:
-                    cube: Any = cube_in_memory(plan, outcome, self.last_audit, progress, more)
-                else:
-                    cube = write_cube_of(
-                        plan, outcome, self.last_audit, target, progress, more, overwrite=overwrite, folder=store.folder
-                    )
+                with ExitStack() as writing:
+                    if store is not None:
+                        writer = writing.enter_context(AsyncWriter(store, at_once=begun))
+                    with dispatcher_for(plan, scheduler, workers, progress) as dispatcher:
+                        runs = dispatcher if earlier is None else ExtendingDispatcher(dispatcher, earlier)
+                        outcome = execute(plan, runs, writer=writer, progress=progress, earlier=earlier)
+                        self.last_outcome = outcome
+                        if target is not None and target.exists():
+                            _check_results(outcome, target)
+                        if outcome.taken_from is not None:
+                            more |= extension_attributes(outcome.taken_from, outcome.taken)
+                        progress.stage("audit", 0)
+                        self.last_audit = audit(plan, outcome, dispatcher)
+                    progress.stage("cube", plan.n_asked)
+                    told = (plan, outcome, self.last_audit)
+                    if target is None or store is None:
+                        cube: Any = cube_in_memory(*told, progress, more)
+                    else:
+                        cube = write_cube_of(*told, target, progress, more, overwrite=overwrite, folder=store.folder)
             except OSError as error:
                 if store is None or store.folder.is_dir():
                     raise
