@@ -149,8 +149,13 @@ def _header_faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
             if key in attributes:
                 yield f"variable {name!r} has an attribute {key!r}"
         says = characters and _says_encoding(name, variable.dimensions[:-1])
-        if attributes.get("_Encoding") != (ENCODING if says else None):
-            yield f"variable {name!r} has {'no' if says else 'an'} attribute '_Encoding'{f' of {ENCODING!r}' * says}"
+        # xarray writes it for all texts
+        encoding = attributes.get("_Encoding", ENCODING if characters and not says else None)
+        if encoding != (ENCODING if characters else None):
+            yield (
+                f"variable {name!r} has {'no' if characters else 'an'} attribute '_Encoding'"
+                f"{f' of {ENCODING!r}' * characters}"
+            )
         for key in _TEXTS:
             if not isinstance(attributes.get(key, ""), str):
                 yield f"attribute {key!r} of variable {name!r} is no text"
