@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import pounding_sweep.analysis as analysis
+import pounding_sweep.figures as figures
 from pounding_sweep.analysis.along import fractiles_along, interpolate
 from pounding_sweep.analysis.comparisons.amplification import RESPONSES
 from pounding_sweep.base.errors import InputError
@@ -120,6 +121,20 @@ class TestAmplification:
         found = analysis.amplification(cube)
         np.testing.assert_array_equal(found.case, [2, 4, 5])
         np.testing.assert_array_equal(found.drift_max_ratio.sel(building="a", storey=1), [3.0, 5.0, np.nan])
+
+    def test_cubes_that_xarray_opened(self, tmp_path):
+        """It reads the laws of cases as bytes, and those of an axis as objects."""
+        of_cases = {"law": (("case",), ["none", "linear"], {})}
+        axes = {"law": LAWS, "record": list(PGA), "scale": [1.0, 2.0]}
+        cases = hand_cube({"case": [1, 2]}, random_fill(1, "drift_max", "impact_count"), coords=of_cases)
+        for number, cube in enumerate((cases, hand_cube(axes, random_fill(2, "drift_max", "impact_count")))):
+            path = write_cube(cube, tmp_path / f"{number}.nc")
+            with xr.open_dataset(path) as opened:
+                assert opened.law.dtype.kind in "OS"
+                for compare in (analysis.amplification, analysis.impact_statistics):
+                    xr.testing.assert_identical(compare(cube=opened), compare(cube))
+                if "scale" in opened.dims:
+                    assert figures.fragility(opened).axes
 
     def test_runs_without_pounding_that_some_gaps_of_a_merged_cube_lack(self):
         axes = {"law": LAWS, "gap": [0.01, 0.02], "record": list(PGA)}
