@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import pounding_sweep.analysis as analysis
+import pounding_sweep.figures as figures
 from pounding_sweep.analysis.along import fractiles_along, interpolate
 from pounding_sweep.analysis.comparisons.amplification import RESPONSES
 from pounding_sweep.base.errors import InputError
@@ -120,6 +121,31 @@ class TestAmplification:
         found = analysis.amplification(cube)
         np.testing.assert_array_equal(found.case, [2, 4, 5])
         np.testing.assert_array_equal(found.drift_max_ratio.sel(building="a", storey=1), [3.0, 5.0, np.nan])
+
+    def test_cubes_that_xarray_opened(self, tmp_path):
+        """It reads the laws of cases as bytes, and those of an axis as objects."""
+        of_cases = {"law": (("case",), ["none", "linear"], {})}
+        axes = {"law": LAWS, "record": list(PGA), "scale": [1.0, 2.0]}
+        cases = hand_cube({"case": [1, 2]}, random_fill(1, "drift_max", "impact_count"), coords=of_cases)
+        for number, cube in enumerate((cases, hand_cube(axes, random_fill(2, "drift_max", "impact_count")))):
+            path = write_cube(cube, tmp_path / f"{number}.nc")
+            with xr.open_dataset(path) as opened:
+                assert opened.law.dtype.kind in "OS"
+                for compare in (analysis.amplification, analysis.impact_statistics):
+                    xr.testing.assert_identical(compare(cube=opened), compare(cube))
+                if "scale" in opened.dims:
+                    assert figures.fragility(opened).axes
+
+    def test_runs_without_pounding_that_some_gaps_of_a_merged_cube_lack(self):
+        axes = {"law": LAWS, "gap": [0.01, 0.02], "record": list(PGA)}
+        fill = random_fill(5, "drift_max")
+        drift = hand_cube(axes, fill).drift_max.values
+        drift[0, 0] = drift[0, 1]  # the law "none" ignores the gap
+        status = np.zeros(drift.shape[:3], np.int8)
+        whole = analysis.amplification(hand_cube(axes, {"drift_max": drift}))
+        status[0, 0, 0] = status[0, 1, 1] = Status.NOT_RUN
+        found = analysis.amplification(hand_cube(axes, {"drift_max": drift}, status=status))
+        xr.testing.assert_identical(found, whole)
 
     def test_integer_fills_and_a_cube_from_a_file(self, tmp_path):
         cube = spoiled(4, "drift_max", "impact_count")
@@ -355,6 +381,15 @@ class TestEnergy:
         single = Scene([Building("a", [1.0], [1.0])])
         found = analysis.energy_budget(hand_cube({"law": ["none"]}, random_fill(2, *self.NAMES[:4]), scene=single))
         np.testing.assert_allclose(found.residual, found.energy_transfer.sel(building="a"))
+
+    @pytest.mark.parametrize("dim", ["building", "pair"])
+    def test_a_part_of_the_row_has_no_balance(self, dim):
+        row = Scene([Building(name, [1.0], [1.0]) for name in "abc"], [0.1, 0.1])
+        attributes = sweep_attribute(row, "el_centro", laws="none")
+        cube = hand_cube({"law": LAWS}, random_fill(1, *self.NAMES), scene=row, attributes=attributes)
+        assert analysis.energy_budget(cube).sizes[dim] == cube.sizes[dim]
+        with pytest.raises(InputError, match=f"has 1 of {cube.sizes[dim]} along '{dim}'"):
+            analysis.energy_budget(cube.isel({dim: [0]}))
 
     def test_missing_energy_is_named(self):
         with pytest.raises(InputError, match="'contact_work', which this cube lacks"):

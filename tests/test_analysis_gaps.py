@@ -82,6 +82,14 @@ class TestRules:
         )
         return max(abs(low), abs(high))
 
+    def test_buildings_in_another_order(self):
+        """As `cube.sortby("building")` leaves them, which xarray aligns by label, too."""
+        scene = Scene([Building("b", [1.0, 1.0], [9.0, 9.0]), Building("a", [2.0], [5.0])], [0.1])
+        cube = told(scene)
+        turned = cube.sortby("building").isel(storey=slice(None, None, -1))
+        assert turned.building.values.tolist() == ["a", "b"]
+        xr.testing.assert_identical(required_gap(turned), required_gap(cube))
+
     def test_all_rules_by_hand(self):
         """Two buildings of one height, all floors level: the standards' reductions apply."""
         scene = Scene([Building("a", [1.0, 1.0], [9.0, 9.0], 0.04), Building("b", [2.0, 1.0], [9.0, 5.0], 0.06)], [0.1])

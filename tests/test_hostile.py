@@ -362,8 +362,8 @@ def test_a_closed_cube_is_closed(tmp_path):
 
 
 @pytest.mark.usefixtures("stub_engine")
-def test_what_is_written_anew_with_xarray_has_no_texts_of_any_length(tmp_path):
-    """Also a part, and a cube that was never in a file."""
+def test_what_is_written_anew_with_xarray_is_a_cube_again(tmp_path):
+    """Also a part, and a cube that was never in a file; none has texts of any length."""
     path = write_cube(small_cube(), tmp_path / "cube.nc")
     with open_cube(path) as cube:
         cube.to_netcdf(tmp_path / "whole.nc")
@@ -374,6 +374,9 @@ def test_what_is_written_anew_with_xarray_has_no_texts_of_any_length(tmp_path):
         with netCDF4.Dataset(tmp_path / f"{name}.nc") as file:
             assert not [key for key, variable in file.variables.items() if variable.dtype is str]
             assert file["law"].dtype == "S1"
+        open_cube(tmp_path / f"{name}.nc").close()
+    with open_cube(path) as cube, open_cube(tmp_path / "whole.nc") as again:
+        assert again.identical(cube)
 
 
 def test_attributes_beyond_ascii_are_characters_too(tmp_path):

@@ -44,8 +44,8 @@ class FitStatus(IntEnum):
     ALWAYS = (3, "always happened: the median is below {high} {units}, the weakest motion tried")
     SEPARATED = (
         4,
-        "the strongest motion without it has {low} {units}, the weakest with it {high} {units}: the median lies there, "
-        "and the dispersion can't be told",
+        "the strongest motion without it has {low} {units}, the weakest with it {high} {units}: the median is about "
+        "there, and the dispersion can't be told",
     )
     ONE_LEVEL = (5, "all trials have one intensity, {low} {units}: no curve follows from them")
     NOT_RISING = (

@@ -12,11 +12,14 @@ from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.output.audited import AUDIT_DIMS
 from pounding_sweep.output.dataset import VERSION_ATTRIBUTE
 from pounding_sweep.outputs.variables import INNER_DIMS, VARIABLES, Status
+from pounding_sweep.spec.axes import DIMENSIONS
 
 #: Key of the law without contact.
 NO_POUNDING = "none"
 #: Attribute by which the result of a comparison is known.
 COMPARISON = "comparison"
+#: Axes that a run without pounding ignores.
+IGNORED = tuple(dim for column in ("gap", "stiffness", "restitution") for dim in DIMENSIONS[column])
 #: What tells listed cases apart that a run without pounding does not ignore.
 _CASE_KEYS = ("record", "scale", "period_factor", "mass_factor", "damping_ratio", "strength_factor", "hardening")
 #: What is below this share of the largest of its kind is rounding, and no divisor of a ratio.
@@ -138,7 +141,7 @@ def without_pounding(cube: xr.Dataset, what: str) -> xr.Dataset:
         raise InputError(msg)
     law = cube["law"]
     if law.dims == ("law",):
-        return cube.sel(law=NO_POUNDING, drop=True).reset_coords(drop=True)
+        return _of_any_gap(cube.sel(law=NO_POUNDING, drop=True).reset_coords(drop=True))
     if not law.dims:
         return cube.reset_coords(drop=True)
     twin = np.array(uncoupled_cases(cube))
@@ -146,6 +149,15 @@ def without_pounding(cube: xr.Dataset, what: str) -> xr.Dataset:
     known = cube["case"].copy(data=twin >= 0)
     status = found["status"] if "status" in found else known.astype("i1") * 0
     return found.assign(status=status.where(known, int(Status.NOT_RUN)).astype("i1"))
+
+
+def _of_any_gap(uncoupled: xr.Dataset) -> xr.Dataset:
+    """Return runs without pounding of a merged cube, of which some gaps may lack those that others have."""
+    lacking = uncoupled["status"] == int(Status.NOT_RUN) if "status" in uncoupled else xr.DataArray(False)
+    dims = [dim for dim in IGNORED if dim in lacking.dims]
+    if not dims or not bool(lacking.any()):
+        return uncoupled
+    return uncoupled.isel(lacking.argmin(dims)).reset_coords(drop=True)
 
 
 def uncoupled_cases(cube: xr.Dataset) -> list[int]:

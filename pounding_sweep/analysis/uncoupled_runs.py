@@ -15,6 +15,7 @@ import xarray as xr
 
 from pounding_sweep.analysis.rebuild import records_of, stored_sweep
 from pounding_sweep.analysis.scenarios import (
+    IGNORED,
     NO_POUNDING,
     law_keys,
     present,
@@ -29,13 +30,11 @@ from pounding_sweep.outputs.variables import INNER_DIMS
 from pounding_sweep.records import Record, resolve_records
 from pounding_sweep.run.sweep import Sweep
 from pounding_sweep.schemes import SCHEMES
-from pounding_sweep.spec.axes import AXES, DIMENSIONS, PropertyAxis, axes_of, case_of, property_axes
+from pounding_sweep.spec.axes import AXES, PropertyAxis, axes_of, case_of, property_axes
 from pounding_sweep.spec.spec import scene_of
 
 #: What a run without pounding must report.
 OUTPUTS = ("displacement_max", "displacement_min", "closing_max")
-#: Axes that a run without pounding ignores.
-_IGNORED = tuple(dim for column in ("gap", "stiffness", "restitution") for dim in DIMENSIONS[column])
 #: Step (s) of the exact scheme, whose free flight has no error: peaks are looked for inside it.
 STEP = 1e-3
 
@@ -67,8 +66,11 @@ def runs_of_cube(cube: xr.Dataset, records: Any, folders: Any) -> UncoupledRuns:
     own = scene_of(sweep["scene"])
     scene = with_columns(own)
     _check_pairs(scene)
-    sizes = {"building": len(own.buildings), "pair": len(own.pair_labels), "storey": own.n_storeys}
-    whole = all(cube.sizes.get(dim) == size for dim, size in sizes.items())  # a part of the row is no row
+    row: dict[str, list[Any]] = {"building": [building.name for building in own.buildings]}
+    row |= {"pair": list(own.pair_labels), "storey": list(range(1, own.n_storeys + 1))}
+    # a part of the row is no row
+    whole = all(dim in cube.dims and sorted(cube[dim].values.tolist()) == sorted(row[dim]) for dim in row)
+    cube = cube.sel(row) if whole else cube  # in the row's order, which a user may have changed
     there = whole and scene == own and NO_POUNDING in law_keys(cube) and len(present(cube, OUTPUTS)) == len(OUTPUTS)
     if sweep["cases"] is not None:
         if there and min(uncoupled_cases(cube)) >= 0:
@@ -103,7 +105,7 @@ def _settings(scene: Scene | str) -> dict[str, Any]:
 def _reduced(cube: xr.Dataset) -> xr.Dataset:
     """Return the runs without pounding of a product without the axes that they ignore."""
     uncoupled = without_pounding(cube, "the required gap")
-    return uncoupled.isel(dict.fromkeys((dim for dim in _IGNORED if dim in uncoupled.dims), 0)).reset_coords(drop=True)
+    return uncoupled.isel(dict.fromkeys((dim for dim in IGNORED if dim in uncoupled.dims), 0)).reset_coords(drop=True)
 
 
 def _found_again(sweep: dict[str, Any], records: Any, folders: Any) -> list[Record]:
@@ -151,7 +153,7 @@ def _parameters(sweep: dict[str, Any]) -> dict[str, Any]:
 
 def _run_cases(scene: Scene, sweep: dict[str, Any], records: Any, folders: Any) -> xr.Dataset:
     """Run each record, scale and building of listed cases once without pounding."""
-    ignored: dict[str, Any] = dict.fromkeys(_IGNORED)
+    ignored: dict[str, Any] = dict.fromkeys(IGNORED)
     cases = [replace(case_of(case), law=NO_POUNDING, **ignored) for case in sweep["cases"]]
     found = _found_again(sweep, records, folders)
     return Sweep(scene, found, cases=list(dict.fromkeys(cases)), **_parameters(sweep), **_settings(scene)).run()

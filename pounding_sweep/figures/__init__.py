@@ -117,7 +117,9 @@ def figure_of(source: str, title: str, **about: Any) -> Callable[[Callable[..., 
         def drawn(dataset: xr.Dataset, **options: Any) -> Figure:
             from matplotlib.axes import Axes
 
-            whole = with_inner_dims(dataset)
+            from pounding_sweep.output.netcdf import with_texts
+
+            whole = with_inner_dims(with_texts(dataset))
             require(whole, key)
             with in_style():
                 found = draw(whole, **options)

@@ -149,8 +149,13 @@ def _header_faults(file: netCDF4.Dataset, size: int) -> Iterator[str]:
             if key in attributes:
                 yield f"variable {name!r} has an attribute {key!r}"
         says = characters and _says_encoding(name, variable.dimensions[:-1])
-        if attributes.get("_Encoding") != (ENCODING if says else None):
-            yield f"variable {name!r} has {'no' if says else 'an'} attribute '_Encoding'{f' of {ENCODING!r}' * says}"
+        # xarray writes it for all texts
+        encoding = attributes.get("_Encoding", ENCODING if characters and not says else None)
+        if encoding != (ENCODING if characters else None):
+            yield (
+                f"variable {name!r} has {'no' if characters else 'an'} attribute '_Encoding'"
+                f"{f' of {ENCODING!r}' * characters}"
+            )
         for key in _TEXTS:
             if not isinstance(attributes.get(key, ""), str):
                 yield f"attribute {key!r} of variable {name!r} is no text"
@@ -524,14 +529,25 @@ def _open_checked(path: str | os.PathLike[str], target: Path) -> xr.Dataset:
         raise
 
 
+def with_texts(cube: xr.Dataset) -> xr.Dataset:
+    """Return a cube that xarray opened with its texts as `open_cube` reads them, and not as bytes and objects."""
+    odd = {name: values for name, values in cube.variables.items() if values.dtype.kind in "OS"}
+    for name, values in odd.items():
+        cube = cube.assign({name: (values.dims, _text(values.values), values.attrs)})
+    return cube
+
+
+def _text(values: np.ndarray) -> np.ndarray:
+    return values.astype(str) if values.dtype.kind == "O" else np.char.decode(values, ENCODING)
+
+
 def _with_texts(dataset: xr.Dataset) -> xr.Dataset:
     """Make texts of characters what they were when they were written, for which they are read, and index the axes."""
     import xarray as xr
 
     for values in dataset.variables.values():
         if values.dtype.kind in "OS":
-            texts = values.values
-            values.data = texts.astype(str) if texts.dtype.kind == "O" else np.char.decode(texts, ENCODING)
+            values.data = _text(values.values)
             values.encoding = {**TEXT, **COMPRESSION}  # for who writes it anew with xarray
     inner, coordinates = (
         {name: dataset.variables[name] for name in names} for names in (dataset.data_vars, dataset.coords)

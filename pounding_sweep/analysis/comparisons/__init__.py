@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
+from functools import wraps
 from itertools import product
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from pounding_sweep.base.deferred import Registry, key_of
 
@@ -54,8 +55,21 @@ def comparison(title: str, **about: Any) -> Callable[[Function], Function]:
 
     def register(make: Function) -> Function:
         key = key_of(make.__module__)
-        COMPARISONS.add(key, Comparison(key, make, title, **about))
-        return make
+
+        @wraps(make)
+        def made(*given: Any, **named: Any) -> xr.Dataset:
+            import xarray as xr
+
+            from pounding_sweep.output.netcdf import with_texts
+
+            def read(each: Any) -> Any:
+                return with_texts(each) if isinstance(each, xr.Dataset) else each
+
+            found: xr.Dataset = make(*map(read, given), **{name: read(each) for name, each in named.items()})
+            return found
+
+        COMPARISONS.add(key, Comparison(key, made, title, **about))
+        return cast("Function", made)
 
     return register
 

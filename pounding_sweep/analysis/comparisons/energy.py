@@ -13,6 +13,7 @@ from typing import Any
 import xarray as xr
 
 from pounding_sweep.analysis.comparisons import comparison
+from pounding_sweep.analysis.rebuild import stored_sweep
 from pounding_sweep.analysis.scenarios import (
     described,
     finished,
@@ -24,6 +25,7 @@ from pounding_sweep.analysis.scenarios import (
     values,
 )
 from pounding_sweep.base.errors import InputError
+from pounding_sweep.spec.spec import scene_of
 
 #: What each building's budget is made of.
 TERMS = ("energy_input", "energy_damping", "energy_kinetic", "energy_strain")
@@ -62,7 +64,7 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     Raises
     ------
     InputError
-        The cube lacks an energy, or has no scenario.
+        The cube lacks an energy, a building or a pair of its row, or has no scenario.
 
     Examples
     --------
@@ -78,6 +80,7 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     beside = [name for name, text in BESIDE.items() if text in row]
     need_variables(cube, what, [*TERMS, *(["contact_work"] if "pair" in cube.coords else []), *beside])
     need_dims(cube, what, ["building", *(["pair"] if "pair" in cube.coords else [])])
+    _check_whole(cube, what)
     if law_keys(cube) not in ([], ["none"]):
         cube = pounding_only(cube)
     if 0 in cube.sizes.values():
@@ -106,6 +109,21 @@ def energy_budget(cube: xr.Dataset) -> xr.Dataset:
     worst = float(relative.max()) if bool(relative.notnull().any()) else float("nan")
     dataset = given.to_dataset(name=TERMS[0]).assign(found)
     return finished(dataset, cube, "energy", largest_residual_relative=worst)
+
+
+def _check_whole(cube: xr.Dataset, what: str) -> None:
+    """Raise `InputError` where a selection left buildings or pairs out: what is left does not balance."""
+    if "sweep" not in cube.attrs:
+        return
+    scene = scene_of(stored_sweep(cube)["scene"])
+    for dim, count in (("building", len(scene.buildings)), ("pair", len(scene.pair_labels))):
+        there = cube.sizes.get(dim, 0)
+        if there != count:
+            msg = (
+                f"{what} is of the whole row, and this cube has {there} of {count} along {dim!r}; make it of all, and "
+                "select from the result"
+            )
+            raise InputError(msg)
 
 
 def energy_transfer(energies: Mapping[Any, xr.DataArray]) -> xr.DataArray:

@@ -75,7 +75,7 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
                 line = ratio["ratio"].sel(basis=basis, pair=pair, law=law)
                 ax.plot(at, line, label=law_name(ratio, law), **look(number))
             side.draw(ax.xaxis, at)
-            ax.set_title(f"pair {pair}, equal {basis} restitution")
+            ax.set_title(f"pair {pair}\nequal {basis} restitution")
     label_edges(axes, label, [f"{_OUTPUTS[name]}\nover the reference's (-)"] * len(bases))
     legend_below(figure, axes[0, 0])
     put_title(figure, f"reference law: {law_name(ratio, reference)}", shown)
