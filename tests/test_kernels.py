@@ -540,3 +540,22 @@ def test_contacts_that_hardly_rebound_change_their_mode_once(law, precision):
     assert same.mean() > 0.95
     errors = np.abs(found["umax"] - right["umax"]).max(axis=1) / right["umax"].max(axis=1)
     assert errors[same].max() < 1e-3
+
+
+@pytest.mark.slow
+def test_resting_floors_that_are_damped_hard_get_all_the_sub_steps_they_need():
+    """Thousands in one long step beside exact flight, though nothing happens: no end but the step's."""
+    scene = ps.Scene(
+        [ps.Building("a", [50.0, 34.0], [6.5e4, 3.1e4], 0.0), ps.Building("b", [216.0], [1.6e4], 0.0)], [0.0]
+    )
+    record = ps.Record("sine", 0.01, 8.0 * np.sin(8.0 * np.arange(60) * 0.01))
+    given = {"scale": np.ones(2), "gaps": np.zeros((2, 1)), "stiffness": np.array([2e8, 2e9])}
+    given["restitution"] = np.array([0.2, 0.5])
+    reducers = reducers_for(["displacement_max", "impact_force_max", "impact_count"])
+    found, want = (
+        RowKernel(scene, LAWS["hertz_damped"], numerics, reducers).run(record, **given)
+        for numerics in (Numerics("exact", 0.01, refinement=8.0), Numerics("rk4", 2e-4))
+    )
+    assert not found["flags"].any()
+    np.testing.assert_array_equal(found["count"], want["count"])
+    np.testing.assert_allclose(found["fmax"], want["fmax"], rtol=1e-6)

@@ -39,7 +39,7 @@ from pounding_sweep.kernel.lanes import (
     while_any,
 )
 from pounding_sweep.kernel.peaks import Motion, followed, take_extremes
-from pounding_sweep.kernel.roots import Series, extreme, newton
+from pounding_sweep.kernel.roots import Series, newton, turn
 from pounding_sweep.kernel.row import accelerations, powers, pushes
 
 #: Largest last term of a series beside its first ones, in both number formats.
@@ -48,6 +48,8 @@ LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
 NODES = {"float64": 6, "float32": 4}
 #: Most that a motion leaves its ends by, in its rates there times the step.
 BULGE = 0.2
+#: Newton's rounds to where a motion turns, in both number formats, at least.
+TURNS = {"float64": 3, "float32": 2}
 #: Parts of a step in which extremes of motions are looked for.
 PARTS = 4
 #: Where a step ends if floors that part bend back, over when a parabola is at its start again; its least part, if cut.
@@ -62,7 +64,6 @@ def _is_product(group: Group, j: Any) -> bool:
 
 def substep(group: Group, h: Any) -> None:
     """One sub-step of every lane that has some of its step of length h left: to the first event, at most."""
-    s = group.state
     located.look_ahead(group, h)
     _expand(group)
     _meet(group)
@@ -74,7 +75,6 @@ def substep(group: Group, h: Any) -> None:
     _integrate(group)
     if "acceleration" in group.asked:
         _take_accelerations(group)
-    s["tries"] = s["tries"] + s["taken"]
     located.close(group, forces, h)
 
 
@@ -427,7 +427,8 @@ def _take_turns(group: Group) -> None:
                 a, b = ((1.0 / PARTS) * real(end) * t for end in (q, q + 1))
                 r0, r1 = course.rate.value(a), course.rate.value(b)
                 with when_any(turns := asks & (r0 * r1 < 0.0)):
-                    take_extremes(group, motion, turns, (extreme(group, course, b, r0, r1, a), x0, x1))
+                    at = turn(group, turns, TURNS[group.spec.precision], course.rate.with_slope, (a, b), (r0, r1))
+                    take_extremes(group, motion, turns, (course.value(at), x0, x1))
             take_extremes(group, motion, asks, (x0, x0, x1))
 
 

@@ -50,6 +50,8 @@ class Variable:
     relative_to : tuple of str or of pairs of str
         Outputs (or pairs, whose product counts) to whose largest its error is relative as well as to its own: it is
         a difference of larger ones, or one end of a range.
+    least : float
+        What its error is relative to at least: a touch at rest is found within rounding of the record's first point.
     of_force : bool
         Missing where floors touched under a law without a force (velocities jump).
     of_yielding : bool
@@ -81,6 +83,7 @@ class Variable:
     readout: Readout | None = None
     error: str = ""
     relative_to: tuple[str | tuple[str, str], ...] = ()
+    least: float = 0.0
     of_force: bool = False
     of_yielding: bool = False
     of_columns: bool = False
