@@ -13,7 +13,7 @@ a few steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -412,7 +412,7 @@ def _take_turns(group: Group) -> None:
     """Take the extremes of the motion that lie inside the step."""
     if not group.follows:
         return
-    s, t, h = group.state, group.state["fraction"], group.state["h"]
+    s, h = group.state, group.state["h"]
     for motion in followed(group, straight=False):
         if motion.pulls:
             continue
@@ -423,13 +423,19 @@ def _take_turns(group: Group) -> None:
         asks = (v0 * v1 <= 0.0) & (above + BULGE * h * (size(v0) + size(v1)) > 0.0)
         with when_any(asks):
             course = _course(group, motion)
-            for q in count_to(PARTS, group.trace):  # a floor that all but rests in a contact may turn thrice
-                a, b = ((1.0 / PARTS) * real(end) * t for end in (q, q + 1))
+            for a, b in _parts(group):  # a floor that all but rests in a contact may turn thrice
                 r0, r1 = course.rate.value(a), course.rate.value(b)
                 with when_any(turns := asks & (r0 * r1 < 0.0)):
                     at = turn(group, turns, TURNS[group.spec.precision], course.rate.with_slope, (a, b), (r0, r1))
                     take_extremes(group, motion, turns, (course.value(at), x0, x1))
             take_extremes(group, motion, asks, (x0, x0, x1))
+
+
+def _parts(group: Group) -> Iterator[tuple[Any, Any]]:
+    """Go through the parts of the step: start and end."""
+    for q in count_to(PARTS, group.trace):
+        start, end = ((1.0 / PARTS) * real(each) * group.state["fraction"] for each in (q, q + 1))
+        yield start, end
 
 
 def _course(group: Group, motion: Motion) -> Series:
@@ -481,13 +487,13 @@ def _integrate(group: Group) -> None:
 
 def _largest_size(group: Group, lanes: Any, x: Series) -> Any:
     """Return the largest absolute value of a series over the step, in some lanes; elsewhere 0."""
-    t = group.state["fraction"]
-    r0, r1 = x.read(1), x.rate.value(t)
-    most = Cell(where(lanes, maximum(size(x.read(0)), size(x.value(t))), 0.0))
-    turns = lanes & (r0 * r1 < 0.0)
-    with when_any(turns):
-        at = newton(group, turns, 0.0, t, x.rate, where(r0 > 0.0, -1.0, group.full(1.0)))
-        most.now = maximum(most.now, where(turns, size(x.value(at)), 0.0))
+    most = Cell(where(lanes, size(x.read(0)), 0.0))
+    for start, end in _parts(group):  # beside other contacts it may turn more than once
+        r0, r1 = x.rate.value(start), x.rate.value(end)
+        most.now = maximum(most.now, where(lanes, size(x.value(end)), 0.0))
+        with when_any(turns := lanes & (r0 * r1 < 0.0)):
+            at = newton(group, turns, start, end, x.rate, where(r0 > 0.0, -1.0, group.full(1.0)))
+            most.now = maximum(most.now, where(turns, size(x.value(at)), 0.0))
     return most.now
 
 
