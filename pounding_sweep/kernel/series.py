@@ -401,10 +401,23 @@ def _largest(group: Group, lanes: Any, series: Series) -> Any:
     t, r0 = group.state["fraction"], series.read(1)
     x1, r1 = series.with_slope(t)
     most = Cell(where(lanes, maximum(maximum(series.read(0), x1), 0.0), 0.0))
+
+    def take(turns: Any, start: Any, end: Any) -> None:
+        at = newton(group, turns, start, end, series.rate, -1.0)  # a force may turn soon after a touch
+        most.now = maximum(most.now, where(turns, series.value(at), 0.0))
+
     turns = lanes & (r0 > 0.0) & (r1 < 0.0)
     with when_any(turns):
-        at = newton(group, turns, 0.0, t, series.rate, -1.0)  # a force may turn soon after a touch
-        most.now = maximum(most.now, where(turns, series.value(at), 0.0))
+        take(turns, 0.0, t)
+    # beside other contacts it may turn twice, which tangents of its rate at thirds tell
+    third, bends = (1.0 / 3.0) * t, series.rate.rate
+    early, late = fma(third, bends.read(0), r0), fma(-third, bends.value(t), r1)
+    twice = lanes & (r0 * r1 > 0.0) & (minimum(r0 * early, r0 * late) < 0.0)
+    with when_any(twice):
+        for start, end in _parts(group):
+            falls = twice & (series.rate.value(start) > 0.0) & (series.rate.value(end) < 0.0)
+            with when_any(falls):
+                take(falls, start, end)
     return most.now
 
 
