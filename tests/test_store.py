@@ -49,6 +49,15 @@ def again(store):
     return ChunkStore(store.folder, store.identity, store.details).open()
 
 
+def test_a_cube_may_be_written_in_the_folder_while_it_is_made_ready(tmp_path):
+    store = ChunkStore(tmp_path / "out.chunks", "digest-1")
+    with store.lock() as begun, files.replacing(tmp_path / "out.nc", store.folder) as temporary:
+        assert not begun
+        temporary.write_text("cube")
+        store.open()
+    assert (tmp_path / "out.nc").read_text() == "cube"
+
+
 def test_round_trip(store):
     assert store.completed() == set()
     assert store.size() == 0

@@ -180,14 +180,13 @@ class ChunkStore:
             yield begun
 
     def open(self) -> ChunkStore:
-        """Make the folder ready: it is made where it is missing, and what is complete in it is kept."""
+        """Make the folder ready, which `lock` cleared; a cube may be written in it meanwhile."""
         try:
             if self._check():  # the run before may have been killed before the folder's name was lasting
                 sync_folder(self.folder.parent)
                 self._entries = self._lines()
                 return self
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._remove(path for path in self.folder.iterdir() if _own(path.name))  # of a sweep that finished nothing
             text = json.dumps({"identity": self.identity, "details": self.details}, indent=1)
             with replacing(self.folder / IDENTITY, self.folder) as temporary:
                 temporary.write_text(text + "\n", encoding="utf-8")
