@@ -582,3 +582,26 @@ def test_forces_that_turn_twice_within_a_step_by_series_keep_their_peaks():
     for name in ("fmax", "acc"):
         largest = short[name].max(axis=1, keepdims=True)
         np.testing.assert_allclose(long[name] / largest, short[name] / largest, rtol=0, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_displacements_that_turn_twice_within_a_step_by_series_keep_their_peaks():
+    """Of a floor between contacts, both ways within 5 ms."""
+    row = [
+        ps.Building("a", [120.0735], [19008.455], 0.05),
+        ps.Building("b", [43.88994, 60.60579], [5016.0765, 4832.2155], 0.05),
+        ps.Building("c", [63.43119], [3002.8039], 0.1),
+        ps.Building("d", [120.7586, 67.86361], [69836.485, 50960.255], 0.05),
+    ]
+    scene, t = ps.Scene(row, [0.0, 0.0, 0.0]), 0.02 * np.arange(100)
+    record = ps.Record("jump", 0.02, 5.841946823 * np.cos(19.39907072 * t) * np.exp(-0.5 * t))
+    given = {"scale": np.geomspace(1.6, 1.7, 200), "gaps": np.full((200, 3), (0.0, 0.00430913, 0.00625996))}
+    given |= {"stiffness": np.full(200, 610750.7), "restitution": np.full(200, 0.23324)}
+    reducers = reducers_for(["displacement_max", "displacement_min", "drift_max"])
+    long, short = (
+        RowKernel(scene, LAWS["kelvin_voigt"], Numerics("exact", 5e-3, refinement=each), reducers).run(record, **given)
+        for each in (1.0, 4.0)
+    )
+    for name in ("umax", "umin", "drift"):
+        largest = np.abs(short[name]).max(axis=1, keepdims=True)
+        np.testing.assert_allclose(long[name] / largest, short[name] / largest, rtol=0, atol=1e-5)

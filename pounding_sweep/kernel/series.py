@@ -409,16 +409,21 @@ def _largest(group: Group, lanes: Any, series: Series) -> Any:
     turns = lanes & (r0 > 0.0) & (r1 < 0.0)
     with when_any(turns):
         take(turns, 0.0, t)
-    # beside other contacts it may turn twice, which tangents of its rate at thirds tell
-    third, bends = (1.0 / 3.0) * t, series.rate.rate
-    early, late = fma(third, bends.read(0), r0), fma(-third, bends.value(t), r1)
-    twice = lanes & (r0 * r1 > 0.0) & (minimum(r0 * early, r0 * late) < 0.0)
+    twice = lanes & _turns_twice(group, series)
     with when_any(twice):
         for start, end in _parts(group):
             falls = twice & (series.rate.value(start) > 0.0) & (series.rate.value(end) < 0.0)
             with when_any(falls):
                 take(falls, start, end)
     return most.now
+
+
+def _turns_twice(group: Group, series: Series) -> Any:
+    """Lanes in which a series may turn twice in the step, beside other contacts: by tangents of its rate at thirds."""
+    t, rate = group.state["fraction"], series.rate
+    r0, (r1, b1), third = rate.read(0), rate.with_slope(t), (1.0 / 3.0) * t
+    early, late = fma(third, rate.read(1), r0), fma(-third, b1, r1)
+    return (r0 * r1 > 0.0) & (minimum(r0 * early, r0 * late) < 0.0)
 
 
 def _take_turns(group: Group) -> None:
@@ -433,15 +438,17 @@ def _take_turns(group: Group) -> None:
         above = (maximum(size(x0), size(x1)) if motion.sized else maximum(x0, x1)) - s[motion.most]
         if motion.least is not None:
             above = maximum(above, s[motion.least] - minimum(x0, x1))
-        asks = (v0 * v1 <= 0.0) & (above + BULGE * h * (size(v0) + size(v1)) > 0.0)
-        with when_any(asks):
+        near = above + BULGE * h * (size(v0) + size(v1)) > 0.0
+        with when_any(near):
             course = _course(group, motion)
-            for a, b in _parts(group):  # a floor that all but rests in a contact may turn thrice
-                r0, r1 = course.rate.value(a), course.rate.value(b)
-                with when_any(turns := asks & (r0 * r1 < 0.0)):
-                    at = turn(group, turns, TURNS[group.spec.precision], course.rate.with_slope, (a, b), (r0, r1))
-                    take_extremes(group, motion, turns, (course.value(at), x0, x1))
-            take_extremes(group, motion, asks, (x0, x0, x1))
+            asks = near & ((v0 * v1 <= 0.0) | _turns_twice(group, course))
+            with when_any(asks):
+                for a, b in _parts(group):  # a floor that all but rests in a contact may turn thrice
+                    r0, r1 = course.rate.value(a), course.rate.value(b)
+                    with when_any(turns := asks & (r0 * r1 < 0.0)):
+                        at = turn(group, turns, TURNS[group.spec.precision], course.rate.with_slope, (a, b), (r0, r1))
+                        take_extremes(group, motion, turns, (course.value(at), x0, x1))
+                take_extremes(group, motion, asks, (x0, x0, x1))
 
 
 def _parts(group: Group) -> Iterator[tuple[Any, Any]]:
