@@ -1116,6 +1116,19 @@ def test_marks_of_a_fragility_are_those_of_its_stripes():
     assert [float(line.get_xdata()[0]) for line in marks if line.get_color() == marks[0].get_color()] == [1, 2, 3, 4]
 
 
+def test_bands_of_a_fragility_end_at_the_intensities_tried():
+    cube = made.cube(record=6, scale=4, law=1).isel(gap=[0], restitution=[0], storey=[0])
+    cube = cube.assign_coords(record_pga=("record", np.ones(6)))  # scales 0.5 to 2
+    closes_at = xr.DataArray([0.4, 0.6, 0.9, 1.2, 1.4, 1.7], dims="record")
+    cube["impact_count"] = (cube["impact_count"] > 0) & (cube["scale"] > closes_at)
+    ax = FIGURES["fragility"].draw(cube).axes[0]
+    (band,) = ax.collections
+    x = np.concatenate([path.vertices[:, 0] for path in band.get_paths()])
+    tried = [x for x in ax.lines[0].get_xdata() if x >= 0.5]
+    assert (x.min(), x.max()) == (min(tried), 2.0)
+    assert ax.lines[0].get_xdata().min() < 0.1  # the curve itself begins there
+
+
 def test_fractiles_that_no_intensity_allows_are_said_to_be_missing():
     cube = made.cube(record=3, scale=3)
     cube = cube.assign_coords(record_pga=("record", [0.1, 1.0, 100.0]))
