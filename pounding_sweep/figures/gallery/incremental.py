@@ -17,9 +17,9 @@ from pounding_sweep.figures.shown import (
     along,
     drawn_response,
     draws_one,
-    labels_with_values,
     law_name,
     middle,
+    panels_of,
     records_of,
     result_of,
 )
@@ -56,12 +56,11 @@ def incremental(cube: xr.Dataset) -> Figure:
     scaled = next(dim for dim in MOTION_DIMS[1:] if dim in result.dims)
     keep = ("law", "record", scaled, "quantile", "level")
     result, shown = middle(result, keep, [name])
-    there = labels_with_values(result, "law", [name]) or result["law"].values.tolist()
-    laws = [law for law in there if per == "building" or law != "none"]
+    laws = [law for law in panels_of(result, "law", [name]) if per == "building" or law != "none"]
     draws_one(result, "law", _LAWS)
     laws = laws[:_LAWS]
     ways = directions(result[scaled].values)
-    ends = result[per].values.tolist()
+    ends = panels_of(result, per, [name])
     figure, axes = subplots(len(laws), len(ends), (1.6 + 2.6 * len(ends), 1.3 + 2.0 * len(laws)))
     intensity = intensity_label(result)
     for row, law in enumerate(laws):
