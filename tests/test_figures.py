@@ -1137,6 +1137,14 @@ def test_pairs_without_contacts_need_no_gap(key):
     assert [title for title in titles if title] == ["pair a-b columns of b"]
 
 
+def test_of_one_record_incremental_draws_its_curve_alone():
+    one, two = (FIGURES["incremental"].draw(made.cube(record=n, scale=4)) for n in (1, 2))
+    legends = [[text.get_text() for text in figure.legends[0].texts] for figure in (one, two)]
+    assert legends == [["record"], ["record", "16% fractile", "median", "84% fractile"]]
+    assert [len(ax.lines) for ax in one.axes] == [1] * len(one.axes)
+    assert "No fractiles" not in one.get_suptitle()
+
+
 def test_bands_of_a_fragility_end_at_the_intensities_tried():
     cube = made.cube(record=6, scale=4, law=1).isel(gap=[0], restitution=[0], storey=[0])
     cube = cube.assign_coords(record_pga=("record", np.ones(6)))  # scales 0.5 to 2
