@@ -23,6 +23,9 @@ from stub_engine import installed
 from pounding_sweep.engine import cache, compile
 from pounding_sweep.run import async_writer
 
+# nothing that is imported or collected is garbage
+gc.disable()
+gc.set_threshold(20_000, 20, 20)
 # kernels are compiled inside examples, on cores that other tests use too
 settings.register_profile("nightly", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("day", settings.get_profile("nightly"), max_examples=10)
@@ -31,7 +34,10 @@ typer.testing._get_command = once(typer.testing._get_command)
 
 
 #: Modules that take longest, in that order: they begin first, so that all cores have work until the end.
-LONGEST = ("test_distributed", "test_faults", "test_properties", "test_limits", "test_kernels")
+LONGEST = (
+    *("test_distributed", "test_faults", "test_properties", "test_limits", "test_kernels"),
+    *("test_yielding", "test_twin", "test_tradeoff", "test_stub_engine", "test_spectra"),  # at the end by name
+)
 
 
 def pytest_configure(config):
@@ -79,9 +85,10 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    """Have what was loaded by now left out of every later search for garbage."""
+    """Have what was loaded by now left out of every later search for garbage, which are rare."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def _is_slow(parameters):

@@ -477,6 +477,12 @@ def test_errors_of_one_range_share_their_scale():
     assert relative_error("contact_work", np.array([[3e-9]]), np.array([[1e-9]]))[0] == pytest.approx(2.0)
 
 
+def test_floors_that_rest_on_each_other_from_the_start_touch_at_no_time_that_has_digits():
+    for name, least in (("first_impact_time", 0.01), ("approach_speed_max", 1e-4)):
+        near, late = np.array([[1e-13, 2e-13], [0.5, 0.6]]), np.array([[3e-12, 2e-13], [0.5, 0.606]])
+        assert relative_error(name, late, near) == pytest.approx([2.9e-12 / least, 0.01])
+
+
 @pytest.mark.parametrize("path", sorted((Path(__file__).parents[1] / "sweeps").glob("*.toml")), ids=lambda p: p.stem)
 def test_shipped_sweeps_tell_what_the_work_of_their_contacts_is_small_beside(path):
     outputs = tomllib.loads(path.read_text()).get("output", {}).get("variables", [])

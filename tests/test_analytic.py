@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from kernels_used import LAW_OF, SIMULATED
@@ -11,7 +13,8 @@ from scipy.interpolate import BPoly, PPoly
 from scipy.special import factorial, gamma
 
 import pounding_sweep as ps
-from pounding_sweep.kernel.peaks import quintic_extreme
+from pounding_sweep.kernel.peaks import quintic_extreme, septic_extreme
+from pounding_sweep.kernel.roots import Series, turn
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import Status
 from pounding_sweep.schemes import SCHEMES
@@ -443,6 +446,22 @@ def test_the_peak_on_the_quintic_inside_a_step_is_of_sixth_order(h):
         rates = [PPoly.from_bernstein_basis(quintic)(0.0, n) for n in range(6)]
         powers = [rate * h**n / factorial(n) for n, rate in enumerate(rates)]
         assert abs(quintic_extreme(powers, h * np.cos(end)) - 1.0) < 8e-5 * h**6
+
+
+def test_the_peaks_of_floors_that_all_but_rest_before_they_turn_are_found():
+    """Without acceleration at the start of the step, where Newton's first guess leads out of it."""
+    lanes = SimpleNamespace(trace=None, full=lambda x: np.full(4, x))
+    early = np.array([1e-3, 1e-2, 3e-2, 1e-1])  # rates there, times the step
+    coefficients = (0.0 * early, early, 0.0 * early, -1.0 / 6.0 + 0.0 * early)
+    found = np.sqrt(2.0 * early) * early * (2.0 / 3.0)  # at t = sqrt(2 * early)
+    course = Series(lambda n: coefficients[n], 3)
+    start, end = (
+        (course.value(t), course.rate.value(t), course.rate.rate.value(t), -1.0 + 0.0 * early) for t in (0.0, 1.0)
+    )
+    turns = np.full(4, True)
+    np.testing.assert_allclose(septic_extreme(lanes, turns, start, end), found, rtol=1e-4)
+    at = turn(lanes, turns, 3, course.rate.with_slope, (0.0, 1.0), (start[1], end[1]))
+    np.testing.assert_allclose(at, np.sqrt(2.0 * early), rtol=0, atol=1e-3)
 
 
 def sine_rates(t, many):

@@ -149,7 +149,7 @@ def test_energy_closes(method, longest, order, least):
 # -- by closed forms ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("method", "near"), [("rk4", 1e-8), ("newmark", 1e-5)])
+@pytest.mark.parametrize(("method", "near"), [("rk4", 1e-8), pytest.param("newmark", 1e-5, marks=pytest.mark.slow)])
 def test_loading_for_the_first_time_follows_its_closed_form(method, near):
     """n = 2, beta + gamma = 1: z = dy tanh(d / dy), at whatever speed."""
     one = simulate(SMOOTH, 251, 1.5, "none", dt=1e-3, method=method)

@@ -100,7 +100,9 @@ def test_a_law_is_damped_on_one_side_and_has_a_thickness():
 # -- in a row ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("method", "dt", "bound"), [("rk4", 1e-3, 1e-5), ("newmark", 5e-4, 6e-3)])
+@pytest.mark.parametrize(
+    ("method", "dt", "bound"), [("rk4", 1e-3, 1e-5), pytest.param("newmark", 5e-4, 6e-3, marks=pytest.mark.slow)]
+)
 def test_every_variable_equals_the_twins(method, dt, bound):
     got, want = simulate(81, 2.0, method=method, dt=dt), truth(81, 2.0)
     assert int(got.status) == Status.OK

@@ -186,8 +186,7 @@ HEAVY = ("numba", "llvmlite", "dask", "distributed", "matplotlib", "xarray", "ne
 @pytest.mark.parametrize(
     "statement",
     [
-        "import pounding_sweep",
-        pytest.param("import pounding_sweep.cli", marks=pytest.mark.slow),
+        *(pytest.param(f"import pounding_sweep{part}", marks=pytest.mark.slow) for part in ("", ".cli")),
         pytest.param("sys.argv[1:] = ['--help']; from pounding_sweep.cli import main; main()", marks=pytest.mark.slow),
         "sys.argv[1:] = ['--version']; from pounding_sweep.cli import main; main()",
     ],

@@ -471,16 +471,6 @@ class TestFile:
         assert "int impact_count(law, gap, record, pair, storey)" in done.stdout
         assert "types:" not in done.stdout
 
-    def test_same_data_twice(self, cube, tmp_path):
-        first, second = (write_cube(cube, tmp_path / name) for name in ("a.nc", "b.nc"))
-        with netCDF4.Dataset(first) as a, netCDF4.Dataset(second) as b:
-            a.set_auto_mask(False)
-            b.set_auto_mask(False)
-            assert list(a.variables) == list(b.variables)
-            for name in a.variables:
-                assert a[name][...].tobytes() == b[name][...].tobytes() or a[name].dtype is str
-                assert a[name][...].tolist() == b[name][...].tolist() or a[name].dtype is not str
-
     def test_a_cube_read_and_written_again_is_the_same(self, cube, tmp_path):
         path = write_cube(cube, tmp_path / "cube.nc")
         with open_cube(path) as again:
@@ -742,15 +732,6 @@ class TestDescribe:
 
     def test_one_scenario_of_a_cube(self, cube):
         assert "drift_max" in describe(cube.isel(law=1, gap=0, record=0))
-
-
-def test_registry_and_description_need_no_netcdf():
-    code = (
-        "import sys; import pounding_sweep.outputs.variables, pounding_sweep.output.dataset\n"
-        "import pounding_sweep.output.describe, pounding_sweep.output.netcdf, pounding_sweep.resume.checkpoint\n"
-        "sys.exit(bool({'xarray', 'netCDF4'} & set(sys.modules)))"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_get_variable_takes_a_variable():

@@ -234,27 +234,6 @@ class TestRuns:
             assert job.last_outcome.reused > 0
             assert cube.load().drop_attrs().equals(whole.drop_attrs())
 
-    def test_more_points_extend_fewer(self, tmp_path):
-        few, many = told("sobol", 8), told("sobol", 16)
-        sweep(few).run(tmp_path / "few.nc", workers=1).close()
-        job = sweep(many)
-        cube = job.run(extend=tmp_path / "few.nc", workers=1)
-        assert job.last_outcome.taken >= 3 * 2 * 8 - 2 * 8
-        assert cube.drop_attrs().equals(sweep(many).run(workers=1).drop_attrs())
-
-    @pytest.mark.slow  # by day those of lists are, in `test_merge`
-    def test_records_run_apart_are_merged(self, tmp_path):
-        for record in motions():
-            sweep(records=record).run(tmp_path / f"{record.name}.nc", workers=1).close()
-        merge_cubes([tmp_path / "one.nc", tmp_path / "two.nc"], tmp_path / "both.nc")
-        whole = sweep().run(workers=1)
-        with open_cube(tmp_path / "both.nc") as cube:
-            assert json.loads(cube.attrs["sweep"])["design"] == json.loads(whole.attrs["sweep"])["design"]
-            order = np.lexsort((whole["design_block"], whole["gap"], whole["law"], whole["record"]))
-            other = np.lexsort((cube["design_block"], cube["gap"], cube["law"], cube["record"]))
-            for name in ("impact_force_max", "design_sample", "period_factor_b"):
-                np.testing.assert_array_equal(cube[name].values[other], whole[name].values[order])
-
     def test_cubes_of_two_designs_are_merged_as_cases(self, tmp_path):
         more = {**INPUTS, "scale": {"distribution": "uniform", "low": 0.5, "high": 2.0}}
         sweep(told("sobol", 4)).run(tmp_path / "a.nc", workers=1).close()

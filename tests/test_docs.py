@@ -216,6 +216,7 @@ def test_a_newcomer_can_follow_the_pages(tmp_path):
     assert touching == [1e3 * gap < needed for gap in (0.002, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04)]
 
 
+@pytest.mark.slow  # the documentation is built at night too
 def test_formulas_are_typeset():
     """Each formula of the laws, relations and rules is one that matplotlib can set, too."""
     from matplotlib.mathtext import MathTextParser

@@ -62,16 +62,6 @@ def test_nothing_is_run_twice():
     assert plan.n_unique == 8 + 2 * 8
 
 
-def test_a_larger_sweep_takes_what_is_there(tmp_path):
-    ps.Sweep(**SWEEP).run(tmp_path / "a.nc").close()
-    grown = ps.Sweep(**SWEEP | {"ductilities": [1.5, 2.0, 4.0]}).run(tmp_path / "b.nc", extend=tmp_path / "a.nc")
-    assert json.loads(grown.attrs["extended_from"])["scenarios_taken"] >= 8
-    old = swept()[1]
-    kept = grown.isel(case=np.isin(grown.ductility.values, (1.5, 4.0)))
-    np.testing.assert_array_equal(kept.ductility_max.values, old.ductility_max.values)
-    grown.close()
-
-
 def test_the_cube_can_be_unfolded():
     """As the documentation says."""
     _, cube = swept()

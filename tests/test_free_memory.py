@@ -182,7 +182,7 @@ REFUSED = (
 
 
 @pytest.mark.skipif(not Path("/proc/self/limits").exists(), reason="needs /proc")
-@pytest.mark.slow  # by day limits of a control group are, in a process of its own
+@pytest.mark.slow  # by day limits are read from files
 def test_more_than_the_limit_on_address_space_is_refused(tmp_path):
     write(tmp_path, MANY)
     start = "import resource, runpy; resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30)); "
@@ -218,6 +218,7 @@ def control_group(most):
 
 
 @pytest.mark.skipif(not Path("/proc/self/cgroup").exists(), reason="needs control groups")
+@pytest.mark.slow  # a process of its own; by day limits are read from files
 def test_more_than_the_limit_of_a_control_group_is_refused(tmp_path):
     write(tmp_path, MANY)
     with control_group(GIB) as group:

@@ -540,3 +540,45 @@ def test_contacts_that_hardly_rebound_change_their_mode_once(law, precision):
     assert same.mean() > 0.95
     errors = np.abs(found["umax"] - right["umax"]).max(axis=1) / right["umax"].max(axis=1)
     assert errors[same].max() < 1e-3
+
+
+@pytest.mark.slow
+def test_resting_floors_that_are_damped_hard_get_all_the_sub_steps_they_need():
+    """Thousands in one long step beside exact flight, though nothing happens: no end but the step's."""
+    scene = ps.Scene(
+        [ps.Building("a", [50.0, 34.0], [6.5e4, 3.1e4], 0.0), ps.Building("b", [216.0], [1.6e4], 0.0)], [0.0]
+    )
+    record = ps.Record("sine", 0.01, 8.0 * np.sin(8.0 * np.arange(60) * 0.01))
+    given = {"scale": np.ones(2), "gaps": np.zeros((2, 1)), "stiffness": np.array([2e8, 2e9])}
+    given["restitution"] = np.array([0.2, 0.5])
+    reducers = reducers_for(["displacement_max", "impact_force_max", "impact_count"])
+    found, want = (
+        RowKernel(scene, LAWS["hertz_damped"], numerics, reducers).run(record, **given)
+        for numerics in (Numerics("exact", 0.01, refinement=8.0), Numerics("rk4", 2e-4))
+    )
+    assert not found["flags"].any()
+    np.testing.assert_array_equal(found["count"], want["count"])
+    np.testing.assert_allclose(found["fmax"], want["fmax"], rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_forces_that_turn_twice_within_a_step_by_series_keep_their_peaks():
+    """Beside other contacts of the same floors; steps of any length have the same peaks."""
+    row = [
+        ps.Building("a", [630.0], [1.5e4]),
+        ps.Building("b", [147.0, 145.0], [4460.0, 3420.0], 0.01),
+        ps.Building("c", [147.0], [2.04e4], 0.01),
+        ps.Building("d", [269.0, 224.0], [2.53e5, 1.71e5], 0.01),
+    ]
+    scene, el_centro = ps.Scene(row, [0.0, 0.0, 0.0]), ps.find_record("el_centro")
+    record = ps.Record("cut", el_centro.dt, 1.2511315668464715 * el_centro.acceleration[104:224])
+    given = {"scale": np.geomspace(0.6625, 0.9937, 200), "gaps": np.full((200, 3), (0.00036, 0.00318, 0.00672))}
+    given |= {"stiffness": np.full(200, 1417790.0), "restitution": np.full(200, 0.28495)}
+    reducers = reducers_for(["impact_force_max", "acceleration_max"])
+    long, short = (
+        RowKernel(scene, LAWS["kelvin_voigt"], Numerics("exact", 5e-3, refinement=each), reducers).run(record, **given)
+        for each in (1.0, 4.0)
+    )
+    for name in ("fmax", "acc"):
+        largest = short[name].max(axis=1, keepdims=True)
+        np.testing.assert_allclose(long[name] / largest, short[name] / largest, rtol=0, atol=1e-5)

@@ -18,7 +18,7 @@ from scipy.linalg import block_diag, eig, expm
 
 import pounding_sweep as ps
 from pounding_sweep.base.errors import SceneError
-from pounding_sweep.engine.row_kernel import Numerics, kernel_shape
+from pounding_sweep.engine.row_kernel import Numerics, RowKernel, kernel_shape
 from pounding_sweep.model.laws import LAWS
 from pounding_sweep.model.variants import Variants
 from pounding_sweep.outputs.variables import Status, reducers_for
@@ -530,3 +530,36 @@ def test_a_sweep_is_its_scenarios_one_by_one(precision):
     still = cube.sel(law="none").isel(gap=0, period_factor_b=0)
     twice = still.link_force_max.sel(scale=2.0) / still.link_force_max.sel(scale=1.0)
     np.testing.assert_allclose(twice.values[np.isfinite(twice.values)], 2.0, rtol=1e-3)
+
+
+def _link_forces(scene, law, method, dt, precision, gaps):
+    """Largest forces of the only link over 64 scales, stiffnesses and restitutions."""
+    kernel = RowKernel(scene, LAWS[law], Numerics(method, dt, precision=precision), reducers_for(["link_force_max"]))
+    n = len(gaps)
+    given = {"scale": np.linspace(0.3, 2.0, n), "stiffness": np.geomspace(1e7, 1e9, n)}
+    return kernel.run(motion(121, 1.5), gaps=gaps, restitution=np.linspace(0.3, 0.9, n), **given)["link_force"][:, 0]
+
+
+@pytest.mark.slow
+def test_single_precision_finds_forces_of_links_in_the_shortest_sub_steps():
+    """In which floors move by little more than rounding."""
+    soft = ps.Building("a", [120.0, 90.0], [1.5e4, 1.2e4])
+    scene = ps.Scene([soft, B], [0.0], links=[ps.Link("a-b", [1], stiffness=100.0, damping=200.0)])
+    gaps = np.where(np.arange(64) % 4, 0.003 * np.linspace(0.0, 1.0, 64), 0.0)[:, None]
+    single, double = (
+        _link_forces(scene, "nonlinear_viscoelastic", "rk4", 1e-3, precision, gaps)
+        for precision in ("float32", "float64")
+    )
+    np.testing.assert_allclose(single, double, rtol=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "dt"), [("exact", 5e-3), ("rk4", 1e-3)])
+def test_the_force_of_a_link_just_after_a_velocity_jump_counts(method, dt):
+    a, b = ps.Building("a", [120.0, 90.0], [1.5e4, 1.2e4]), ps.Building("b", [80.0, 110.0], [1.4e4, 1.0e4])
+    scene = ps.Scene([a, b, ps.Wall()], [0.5, 0.0], links=[ps.Link("a-b", [2], damping=50.0)])
+    gaps = np.stack([np.full(64, 0.5), 0.05 * np.linspace(0.1, 1.0, 64)], axis=1)
+    found, want = (
+        _link_forces(scene, "stereomechanical", *each, "float64", gaps) for each in ((method, dt), ("rk4", 1e-4))
+    )
+    np.testing.assert_allclose(found, want, rtol=1e-6)

@@ -157,7 +157,7 @@ def test_ductility_grows_without_end_as_strength_falls():
     )
 
 
-@pytest.mark.parametrize(("share", "falls"), [(0.999, False), (1.001, True)])
+@pytest.mark.parametrize(("share", "falls"), [pytest.param(0.999, False, marks=pytest.mark.slow), (1.001, True)])
 def test_a_storey_falls_beyond_the_drift_at_which_nothing_holds_it(share, falls):
     """Without damping or ground motion the start decides: m v^2 / 2 against the work up to the drift Vy h / P.
 

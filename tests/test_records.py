@@ -7,8 +7,6 @@ import importlib.resources
 import os
 import pickle
 import struct
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -448,16 +446,3 @@ def test_bad_made_records(make, arguments, message):
     good = {"seed": 1} if make is synthetic_record else {"shape": "sine", "amplitude": 1.0, "period": 1.0, "dt": 0.01}
     with pytest.raises(RecordError, match=message):
         make(**{**good, **arguments})
-
-
-# --- the module itself ------------------------------------------------------------------------------------------
-
-
-def test_import_is_light():
-    code = (
-        "import sys, pounding_sweep.records\n"
-        "heavy = {'numba', 'dask', 'matplotlib', 'scipy', 'xarray', 'netCDF4', 'pydantic'} & set(sys.modules)\n"
-        "sys.exit(f'imported {heavy}' if heavy else 0)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr

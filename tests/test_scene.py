@@ -256,6 +256,8 @@ def test_a_floor_meets_one_of_its_neighbours():
             Scene(row, [0.0])
     with pytest.raises(SceneError, match=r"tolerance is -1.0 m; it must be zero or a positive number"):
         Scene([a, split], [0.0], tolerance=-1.0)
+    with pytest.raises(SceneError, match=r"tolerance is .* m; it must be zero or a positive number"):
+        Scene([a, split], [0.0], tolerance=10**400)  # beyond all numbers with a point
 
 
 def test_pairs_limited_to_storeys():

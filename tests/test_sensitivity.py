@@ -18,8 +18,7 @@ from pounding_sweep.analysis.comparisons.sensitivity import index_rows
 from pounding_sweep.analysis.sobol_indices import bootstrap_intervals, sobol_indices
 from pounding_sweep.base.errors import InputError
 from pounding_sweep.cli.app import app
-from pounding_sweep.output.merge import merge_cubes
-from pounding_sweep.output.netcdf import open_cube, write_cube
+from pounding_sweep.output.netcdf import write_cube
 from pounding_sweep.spec.build import build_spec
 
 UNIFORM = {"distribution": "uniform", "low": 0.0, "high": 1.0}
@@ -193,15 +192,6 @@ def test_other_axes_are_told_apart_and_records_may_be_drawn(stub_engine):
     assert found["record"].values.tolist() == ["drawn"] * 3
     assert found["beside"].values.tolist() == ["stiffness_factor=1.0", "stiffness_factor=2.0", ""]
     assert float(found["displacement_max_total"].sel(input="record").min()) > 0.1
-
-
-def test_laws_run_apart_are_merged(cube, stub_engine, tmp_path):
-    for law in ("linear", "none"):
-        sweep(laws=law).run(tmp_path / f"{law}.nc", workers=1).close()
-    merge_cubes([tmp_path / "linear.nc", tmp_path / "none.nc"], tmp_path / "both.nc")
-    with open_cube(tmp_path / "both.nc") as both:
-        one, two = (sensitivity(each, ["displacement_max"], resamples=10) for each in (cube, both))
-    np.testing.assert_array_equal(one["displacement_max_total"], two["displacement_max_total"])
 
 
 def test_what_can_not_be_done(cube, stub_engine):

@@ -4,8 +4,6 @@ import hashlib
 import itertools
 import json
 import math
-import subprocess
-import sys
 import textwrap
 import tomllib
 from pathlib import Path
@@ -339,28 +337,6 @@ def test_digest_is_the_same_however_the_sweep_was_written():
     assert digest(one) == digest(two)
 
 
-@pytest.mark.slow  # by day keys of chunks, which hold it, are, in `test_plan`
-def test_digest_is_the_same_in_another_process():
-    # Interrupted runs are continued by it, so it must not depend on hash seeds or the process.
-    spec = build_spec(
-        scene=Scene([Building("a", [1.0], [4.0])]), records=PULSE, laws="none", outputs=["displacement_max"], dt=0.01
-    )
-    assert to_json(spec).startswith('{"accuracy":null,"audit":0.05,"beta":0.25,"cases":null,"damping_ratios":null,')
-    again = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent("""
-            from pounding_sweep.records import Record
-            from pounding_sweep.model.scene import Building, Scene
-            from pounding_sweep.spec.build import build_spec
-            from pounding_sweep.spec.spec import digest
-            scene = Scene([Building("a", [1.0], [4.0])])
-            pulse = Record("pulse", dt=0.01, acceleration=[0.0, 1.0, -1.0, 0.0])
-            print(digest(build_spec(scene=scene, records=pulse, laws="none", outputs=["displacement_max"], dt=0.01)))
-        """)],
-        capture_output=True, text=True, check=True, cwd=ROOT, env={"PYTHONHASHSEED": "7", "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    assert again.stdout.strip() == digest(spec)
-
-
 @pytest.mark.parametrize(
     "change",
     [
@@ -657,13 +633,3 @@ def test_key_lines_follows_any_file(data):
         lines = key_lines(text)
         assert set(lines) == set(places(data))
         assert {key: lines[(key,)] for key in data} == expected
-
-
-@pytest.mark.slow  # by day what commands load is looked at, in `test_cli`
-def test_importing_is_light():
-    code = (
-        "import sys; import pounding_sweep.spec.toml, pounding_sweep.model.presets; "
-        "print([m for m in ('numba', 'dask', 'matplotlib', 'xarray', 'netCDF4') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert done.stdout.strip() == "[]"

@@ -146,6 +146,7 @@ def test_the_ends_of_the_spectrum():
     assert found.isel(period=2)["spectral_displacement"].item() == pytest.approx(np.abs(ground).max(), rel=2e-3)
 
 
+@pytest.mark.slow  # by day published spectra are met
 def test_equals_the_code_of_another_package():
     """Eqsig's Nigam and Jennings, by their closed formulas, on the record with points in between."""
     sdof = pytest.importorskip("eqsig.sdof", reason="eqsig is not installed")

@@ -17,7 +17,7 @@ from pounding_sweep.model.laws import LAWS
 from pounding_sweep.outputs.variables import REDUCERS
 
 EL_CENTRO = ps.find_record("el_centro")
-SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[90:115])
+SHORT = ps.Record("short", EL_CENTRO.dt, EL_CENTRO.acceleration[90:113])
 WALL = ps.Scene([ps.Wall(), ps.Building("a", [30.0], [2e4])], gaps=[0.002])
 YIELDS = ps.Scene(
     [ps.Building("a", [30.0], [2e4], yield_strengths=[40.0], hardening=0.1), ps.Building("b", [20.0], [2e4])], [0.002]

@@ -242,7 +242,7 @@ def test_flown_scenarios_do_not_depend_on_order_and_neighbours(precision):
 @pytest.mark.parametrize("law", [pytest.param("kelvin_voigt_tension", marks=pytest.mark.slow), "modified_kelvin_voigt"])
 def test_contacts_beside_storeys_that_yield_do_the_work_that_buildings_transfer(law):
     """Of laws that press until floors part: what is left of a force then is no force of open contacts."""
-    outputs, record = ["contact_work", "hysteretic_energy", "energy_residual"], motion(30)
+    outputs, record = ["contact_work", "hysteretic_energy", "energy_residual"], motion(20)
     kernel = RowKernel(PAIR, LAWS[law], Numerics("exact", 5e-4), reducers_for(outputs))
     given = {"scale": [2.0], "gaps": [[0.001]], "stiffness": [8e5], "restitution": [0.5]}
     raw = kernel.run(record, **{name: np.array(values) for name, values in given.items()}, twin=True)

@@ -935,7 +935,7 @@ class Flight:
             x1, s1 = after(x), after(s0)
             turns = (s0 * s1 < 0.0) & steps
             (c0, c1), (j0, j1) = (self._rates(q, *rows) for rows in zip(names[2:], rises, strict=True))
-            inner = septic_extreme((x, s0, c0, j0), (x1, s1, c1, j1))
+            inner = septic_extreme(self.group, turns, (x, s0, c0, j0), (x1, s1, c1, j1))
             inner = where(turns, inner, x)
             up = largest_lane(where(points, maximum(x, inner), -far))
             down = -largest_lane(where(points, -minimum(x, inner), -far))

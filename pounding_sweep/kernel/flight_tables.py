@@ -246,7 +246,7 @@ class Tables:
             for _ in when(any_lane(turns)):
                 rise = narrow(self.trace, self._ground(t) - self._ground(k))
                 c, j = (each * rise for each in pushed)
-                inner = septic_extreme((x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j))
+                inner = septic_extreme(f.group, turns, (x0, s0, c0 - c, j0 - j), (x1, s1, c1 - c, j1 - j))
                 inner = where(turns, inner, x0)
                 above.now, below.now = maximum(above.now, inner), minimum(below.now, inner)
             self._put("widest", k, part, above.now)

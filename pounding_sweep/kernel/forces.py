@@ -37,8 +37,9 @@ from pounding_sweep.kernel.roots import (
 )
 from pounding_sweep.model.laws import RESTING_SPEED
 
-#: Sub-steps of one step before events are no longer followed (the lane is flagged).
-MAX_TRIES = 1000
+#: Sub-steps of one step before events are no longer followed (the lane is flagged), and what one counts that no event
+#: ends: beside contacts of high rates many are needed, in long steps.
+MAX_TRIES, PLAIN_TRY = 1000, 1 / 16
 OPEN, PRESSING, REBOUND, SLACK = 0.0, 1.0, 2.0, 3.0
 #: Modes of approach and of rebound, of most laws and of those damped on rebound only.
 SIDES = ((PRESSING, REBOUND), (REBOUND, PRESSING))

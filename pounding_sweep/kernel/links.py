@@ -14,7 +14,7 @@ from typing import Any
 
 from pounding_sweep.kernel import foundation
 from pounding_sweep.kernel.group import Group
-from pounding_sweep.kernel.lanes import fma, maximum, size
+from pounding_sweep.kernel.lanes import fma, maximum, size, where
 
 #: Shortest step (s) over which a rate is a difference: one that no lane takes.
 _LEAST_STEP = 1e-15
@@ -110,17 +110,23 @@ def motion(group: Group, j: Any, ends: tuple[Any, Any], name: str) -> Any:
     if name.startswith("u"):
         return force(group, j, ends, name, name.replace("u", "v"))
     d0, d1, v0, v1 = (_across(group, ends, row) for row in ("u0", "u", "v0", "v"))
-    per = 1.0 / maximum(group.full(group.state["h"]), _LEAST_STEP)
+    h = group.full(group.state["h"])
+    per = 1.0 / maximum(h, _LEAST_STEP)
     chord = 6.0 * (d1 - d0) * per
     bend = chord - 4.0 * v0 - 2.0 * v1 if name == "v0" else 2.0 * v0 + 4.0 * v1 - chord
+    # in a short sub-step the difference is one of rounding: velocities go straight
+    far = size(group.state["u", ends[0]]) + size(group.state["u", ends[1]])
+    moves = h * (size(v0) + size(v1)) > group.limit.moved * far
+    bend = where(moves, bend, v1 - v0)
     return fma(group.prop("link_c", j), bend * per, group.prop("link_k", j) * (v0 if name == "v0" else v1))
 
 
 def sample(group: Group) -> None:
     """Take the forces at the end of a step: cubics on both sides of it have two rates there, and may miss a peak."""
     s = group.state
-    for j, ends in group.each_link():
-        s["link_force", j] = maximum(s["link_force", j], size(motion(group, j, ends, "u")))
+    for name in ("u0", "u") if group.spec.impulsive else ("u",):  # those just after a jump, too
+        for j, ends in group.each_link():
+            s["link_force", j] = maximum(s["link_force", j], size(motion(group, j, ends, name)))
 
 
 def reader(group: Group, j: Any, ends: tuple[Any, Any]) -> Any:

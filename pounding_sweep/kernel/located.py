@@ -185,13 +185,13 @@ def substep(group: Group, h: Any) -> None:
     if "acceleration" in r:
         largest_accelerations(group, located=True)
     each_step(group)
-    s["tries"] = s["tries"] + s["taken"]
     close(group, kind, h)
 
 
 def close(group: Group, kind: ModuleType, h: Any) -> None:
     """Conclude a sub-step: time goes on, lanes that land change their modes."""
     s = group.state
+    s["tries"] = s["tries"] + where(s["land"] > 0.0, s["taken"], forces.PLAIN_TRY * s["taken"])
     for reducer in group.reducers:
         if reducer.substep:
             reducer.substep(group)

@@ -14,7 +14,7 @@ from typing import Any
 from pounding_sweep.kernel import bouc_wen, links
 from pounding_sweep.kernel.group import BENDS, Group
 from pounding_sweep.kernel.lanes import Cell, Lookup, count_to, fma, maximum, minimum, size, when_any, where
-from pounding_sweep.kernel.roots import horner, with_slope
+from pounding_sweep.kernel.roots import horner, turn, with_slope
 from pounding_sweep.kernel.row import add_forces, total_accelerations, transferred
 
 #: Most that a cubic leaves its ends by, in its rates there times the step.
@@ -37,8 +37,8 @@ def quintic_extreme(coefficients: Sequence[Any], s1: Any) -> Any:
     return horner(where((nearer > 0.0) & (nearer < 1.0), nearer, t), coefficients)
 
 
-def septic_extreme(start: Sequence[Any], end: Sequence[Any]) -> Any:
-    """Extreme inside a step of the polynomial with value and three rates (times powers of the step) at both ends."""
+def septic_extreme(group: Group, lanes: Any, start: Sequence[Any], end: Sequence[Any]) -> Any:
+    """Extreme, in lanes that turn, of the polynomial with value and three rates (times powers of the step) at ends."""
     (x0, s0, c0, j0), (x1, s1, c1, j1) = start, end
     c, j = 0.5 * c0, (1.0 / 6.0) * j0
     r, r1, r2, r3 = x1 - x0 - s0 - c - j, s1 - s0 - c0 - 0.5 * j0, c1 - c0 - j0, j1 - j0
@@ -47,13 +47,14 @@ def septic_extreme(start: Sequence[Any], end: Sequence[Any]) -> Any:
     b6 = 70.0 * r - 34.0 * r1 + 6.5 * r2 - 0.5 * r3
     b7 = -20.0 * r + 10.0 * r1 - 2.0 * r2 + (1.0 / 6.0) * r3
     coefficients = (s0, c, j, b4, b5, b6, b7)
-    t = s0 / (s0 - s1)
-    for _ in range(2):
-        rate = horner(t, [(n + 1.0) * b for n, b in enumerate(coefficients)])
-        bend = horner(t, [(n + 1.0) * (n + 2.0) * b for n, b in enumerate(coefficients[1:])])
-        next_t = t - rate / bend
-        t = where((next_t >= 0.0) & (next_t <= 1.0), next_t, t)
-    return horner(t, (x0, *coefficients))
+
+    def rate(t: Any) -> tuple[Any, Any]:
+        return (
+            horner(t, [(n + 1.0) * b for n, b in enumerate(coefficients)]),
+            horner(t, [(n + 1.0) * (n + 2.0) * b for n, b in enumerate(coefficients[1:])]),
+        )
+
+    return horner(turn(group, lanes, 2, rate, (0.0, 1.0), (s0, s1)), (x0, *coefficients))
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from pounding_sweep.kernel.lanes import Cell, fma, maximum, minimum, size, sqrt,
 
 #: Newton's last change of a root (in steps) that it need not repeat, in both number formats.
 SETTLED = {"float64": 1e-8, "float32": 1e-3}
-#: Newton's rounds to where a rate turns, in both number formats: a peak is flat.
-TURNS = {"float64": 3, "float32": 2}
+#: Newton's last change of where a peak is (in steps) beyond which it goes on: a peak is flat.
+NEAR = 0.01
 #: Coefficients of t, t**2, t**3, t**4, ...
 Powers = tuple[Any, ...]
 
@@ -120,14 +120,28 @@ def newton(group: Group, asks: Any, low: Any, high: Any, series: Series, sign: A
     return at.now
 
 
-def extreme(group: Group, series: Series, end: Any, r0: Any, r1: Any, start: Any = 0.0) -> Any:
-    """Value of a series where its rate, r0 at the start and r1 at the end of opposite sign, is zero (Newton)."""
-    t, slope = start + (end - start) * (r0 / (r0 - r1)), series.rate
-    for _ in range(TURNS[group.spec.precision]):
-        x, bend = slope.with_slope(t)
-        then = t - x / bend
-        t = where((then >= start) & (then <= end), then, t)
-    return series.value(t)
+def turn(
+    group: Group, lanes: Any, rounds: int, rate: Callable[[Any], Any], ends: tuple[Any, Any], rates: tuple[Any, Any]
+) -> Any:
+    """Where a rate, given with its slope, changes its sign between two instants, in some lanes: Newton in a bracket."""
+    (start, end), (r0, r1) = ends, rates
+
+    def nearer(t: Any, low: Any, high: Any) -> tuple[Any, Any, Any]:
+        x, slope = rate(t)
+        early, then = x * r0 > 0.0, t - x / slope
+        low, high = where(early, t, low), where(early, high, t)
+        return where((then >= low) & (then <= high), then, 0.5 * (low + high)), low, high
+
+    found = [(start + (end - start) * (r0 / (r0 - r1)), group.full(start), group.full(end))]
+    for _ in range(rounds):
+        found.append(nearer(*found[-1]))
+    now, low, high = (Cell(x) for x in found[-1])
+    going = Cell(lanes & (size(now.now - found[-2][0]) > NEAR))
+    for _ in while_any(lambda: going.now, group.trace, at_most=6):
+        t, mine = now.now, going.now
+        then, low.now, high.now = nearer(t, low.now, high.now)
+        now.now, going.now = where(mine, then, t), mine & (size(then - t) > NEAR)
+    return now.now
 
 
 def root(group: Group, asks: Any, low: Any, high: Any, f: Callable[[Any], Any]) -> Any:

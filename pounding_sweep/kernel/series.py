@@ -13,7 +13,7 @@ a few steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,7 @@ from pounding_sweep.kernel.lanes import (
     while_any,
 )
 from pounding_sweep.kernel.peaks import Motion, followed, take_extremes
-from pounding_sweep.kernel.roots import Series, extreme, newton
+from pounding_sweep.kernel.roots import Series, newton, turn
 from pounding_sweep.kernel.row import accelerations, powers, pushes
 
 #: Largest last term of a series beside its first ones, in both number formats.
@@ -48,6 +48,8 @@ LEFT_OUT = {"float64": 1e-14, "float32": 1e-6}
 NODES = {"float64": 6, "float32": 4}
 #: Most that a motion leaves its ends by, in its rates there times the step.
 BULGE = 0.2
+#: Newton's rounds to where a motion turns, in both number formats, at least.
+TURNS = {"float64": 3, "float32": 2}
 #: Parts of a step in which extremes of motions are looked for.
 PARTS = 4
 #: Where a step ends if floors that part bend back, over when a parabola is at its start again; its least part, if cut.
@@ -62,7 +64,6 @@ def _is_product(group: Group, j: Any) -> bool:
 
 def substep(group: Group, h: Any) -> None:
     """One sub-step of every lane that has some of its step of length h left: to the first event, at most."""
-    s = group.state
     located.look_ahead(group, h)
     _expand(group)
     _meet(group)
@@ -74,7 +75,6 @@ def substep(group: Group, h: Any) -> None:
     _integrate(group)
     if "acceleration" in group.asked:
         _take_accelerations(group)
-    s["tries"] = s["tries"] + s["taken"]
     located.close(group, forces, h)
 
 
@@ -401,10 +401,23 @@ def _largest(group: Group, lanes: Any, series: Series) -> Any:
     t, r0 = group.state["fraction"], series.read(1)
     x1, r1 = series.with_slope(t)
     most = Cell(where(lanes, maximum(maximum(series.read(0), x1), 0.0), 0.0))
+
+    def take(turns: Any, start: Any, end: Any) -> None:
+        at = newton(group, turns, start, end, series.rate, -1.0)  # a force may turn soon after a touch
+        most.now = maximum(most.now, where(turns, series.value(at), 0.0))
+
     turns = lanes & (r0 > 0.0) & (r1 < 0.0)
     with when_any(turns):
-        at = newton(group, turns, 0.0, t, series.rate, -1.0)  # a force may turn soon after a touch
-        most.now = maximum(most.now, where(turns, series.value(at), 0.0))
+        take(turns, 0.0, t)
+    # beside other contacts it may turn twice, which tangents of its rate at thirds tell
+    third, bends = (1.0 / 3.0) * t, series.rate.rate
+    early, late = fma(third, bends.read(0), r0), fma(-third, bends.value(t), r1)
+    twice = lanes & (r0 * r1 > 0.0) & (minimum(r0 * early, r0 * late) < 0.0)
+    with when_any(twice):
+        for start, end in _parts(group):
+            falls = twice & (series.rate.value(start) > 0.0) & (series.rate.value(end) < 0.0)
+            with when_any(falls):
+                take(falls, start, end)
     return most.now
 
 
@@ -412,7 +425,7 @@ def _take_turns(group: Group) -> None:
     """Take the extremes of the motion that lie inside the step."""
     if not group.follows:
         return
-    s, t, h = group.state, group.state["fraction"], group.state["h"]
+    s, h = group.state, group.state["h"]
     for motion in followed(group, straight=False):
         if motion.pulls:
             continue
@@ -423,12 +436,19 @@ def _take_turns(group: Group) -> None:
         asks = (v0 * v1 <= 0.0) & (above + BULGE * h * (size(v0) + size(v1)) > 0.0)
         with when_any(asks):
             course = _course(group, motion)
-            for q in count_to(PARTS, group.trace):  # a floor that all but rests in a contact may turn thrice
-                a, b = ((1.0 / PARTS) * real(end) * t for end in (q, q + 1))
+            for a, b in _parts(group):  # a floor that all but rests in a contact may turn thrice
                 r0, r1 = course.rate.value(a), course.rate.value(b)
                 with when_any(turns := asks & (r0 * r1 < 0.0)):
-                    take_extremes(group, motion, turns, (extreme(group, course, b, r0, r1, a), x0, x1))
+                    at = turn(group, turns, TURNS[group.spec.precision], course.rate.with_slope, (a, b), (r0, r1))
+                    take_extremes(group, motion, turns, (course.value(at), x0, x1))
             take_extremes(group, motion, asks, (x0, x0, x1))
+
+
+def _parts(group: Group) -> Iterator[tuple[Any, Any]]:
+    """Go through the parts of the step: start and end."""
+    for q in count_to(PARTS, group.trace):
+        start, end = ((1.0 / PARTS) * real(each) * group.state["fraction"] for each in (q, q + 1))
+        yield start, end
 
 
 def _course(group: Group, motion: Motion) -> Series:
@@ -480,13 +500,13 @@ def _integrate(group: Group) -> None:
 
 def _largest_size(group: Group, lanes: Any, x: Series) -> Any:
     """Return the largest absolute value of a series over the step, in some lanes; elsewhere 0."""
-    t = group.state["fraction"]
-    r0, r1 = x.read(1), x.rate.value(t)
-    most = Cell(where(lanes, maximum(size(x.read(0)), size(x.value(t))), 0.0))
-    turns = lanes & (r0 * r1 < 0.0)
-    with when_any(turns):
-        at = newton(group, turns, 0.0, t, x.rate, where(r0 > 0.0, -1.0, group.full(1.0)))
-        most.now = maximum(most.now, where(turns, size(x.value(at)), 0.0))
+    most = Cell(where(lanes, size(x.read(0)), 0.0))
+    for start, end in _parts(group):  # beside other contacts it may turn more than once
+        r0, r1 = x.rate.value(start), x.rate.value(end)
+        most.now = maximum(most.now, where(lanes, size(x.value(end)), 0.0))
+        with when_any(turns := lanes & (r0 * r1 < 0.0)):
+            at = newton(group, turns, start, end, x.rate, where(r0 > 0.0, -1.0, group.full(1.0)))
+            most.now = maximum(most.now, where(turns, size(x.value(at)), 0.0))
     return most.now
 
 

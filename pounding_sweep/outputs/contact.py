@@ -87,6 +87,7 @@ CONTACTS = (
         needs("first_time"),
         _first_time,
         error="contacts",
+        least=0.01,
         default=True,
     ),
     Variable(
@@ -98,6 +99,7 @@ CONTACTS = (
         needs("approach_speed"),
         contacts("vmax"),
         error="contacts",
+        least=1e-4,
     ),
     Variable(
         "contact_time",

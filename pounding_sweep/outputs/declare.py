@@ -40,6 +40,8 @@ class Variable:
     #: outputs (or pairs, whose product counts) to whose largest its error is relative as well as to its own: it is a
     #: difference of larger ones, or one end of a range
     relative_to: tuple[str | tuple[str, str], ...] = ()
+    #: what its error is relative to at least: a touch at rest is found within rounding of the record's first point
+    least: float = 0.0
     of_force: bool = False  # missing where floors touched under a law without a force (velocities jump)
     of_yielding: bool = False  # it says nothing of a row whose storeys are all elastic
     of_columns: bool = False  # it exists only where floors strike columns

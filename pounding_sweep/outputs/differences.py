@@ -34,7 +34,7 @@ def relative_error(name: str, values: np.ndarray, reference: np.ndarray, scale: 
     if len(missing):
         some, others = x[missing], y[missing]
         off[missing] = np.fmax.reduce(np.abs(some - others), axis=1, initial=0.0)
-    size = _largest(name, y) if scale is None else scale
+    size = np.maximum(_largest(name, y) if scale is None else scale, variable.least)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.where(off == 0.0, 0.0, np.where(size > 0.0, off / size, np.inf))
     if len(missing):

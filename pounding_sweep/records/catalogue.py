@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from pounding_sweep.base.errors import MissingRecordError, RecordError, shown, unknown
@@ -141,6 +142,7 @@ def _known_file(filename: str) -> KnownRecord | None:
     return None
 
 
+@cache
 def _bundled(entry: KnownRecord) -> Record:
     with importlib.resources.as_file(importlib.resources.files("pounding_sweep") / "data" / str(entry.bundled)) as file:
         record = read_record(file, name=entry.key)

@@ -15,7 +15,7 @@ import numpy as np
 from pounding_sweep.resume.checkpoint import ChunkStore
 
 #: Seconds for which finished chunks are held in memory, and most bytes of them.
-HELD_SECONDS, HELD_BYTES = 2.0, 2**26
+HELD_SECONDS, HELD_BYTES = 2.0, 2**24
 #: Tables that may wait for the disk; the run waits where there are more.
 WAITING = 8
 

@@ -146,7 +146,7 @@ class Sweep:
         out : path, optional
             netCDF file for the cube; None keeps it in memory. Finished chunks wait in
             ``OUT.parts`` until the cube is written, those of the first two seconds in memory,
-            and an interrupted run continues there; no more than 64 MiB and a few chunks are in
+            and an interrupted run continues there; no more than 16 MiB and a few chunks are in
             memory at a time. ``OUT.log`` tells what ran.
         scheduler : str
             "threads", "processes", "synchronous", or the address of a dask scheduler.
