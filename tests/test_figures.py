@@ -1106,6 +1106,48 @@ def test_marks_of_a_fragility_are_those_of_its_stripes():
     assert [float(line.get_xdata()[0]) for line in marks if line.get_color() == marks[0].get_color()] == [1, 2, 3, 4]
 
 
+@pytest.mark.parametrize("key", ["force-gap", "law-comparison", "map", "incremental"])
+def test_pairs_without_contacts_have_no_panel(key):
+    cube = made.cube(right_wall=True, record=2, scale=3)
+    met = cube["pair"] != "a-b"
+    unmet = cube.assign({name: part.where(met) for name, part in cube.data_vars.items() if "pair" in part.dims})
+    said = [sum("pair a-b" in ax.get_title() for ax in FIGURES[key].draw(each).axes) for each in (cube, unmet)]
+    assert said[0] > said[1] == 0
+    assert any("pair b-w2" in ax.get_title() for ax in FIGURES[key].draw(unmet).axes)
+
+
+@pytest.mark.parametrize("key", ["required-gap", "gap-for-probability"])
+def test_pairs_without_contacts_need_no_gap(key):
+    exact, rules = [[0.01, np.nan], [0.02, np.nan], [0.04, np.nan]], ["abs"]
+    coords = {"record": ["r1", "r2", "r3"], "pair": ["a-b columns of b", "a-b"], "rule": rules}
+    gaps = {"exact": (("record", "pair"), exact), "rule_gap": (("rule", "record", "pair"), [exact])}
+    result = xr.Dataset(gaps | {"ratio": (("rule", "record", "pair"), [exact])}, coords, {"comparison": "required-gap"})
+    drawn = result if key == "required-gap" else COMPARISONS[key].make(result)
+    titles = [ax.get_title() for ax in FIGURES[key].draw(drawn).axes]
+    assert [title for title in titles if title] == ["pair a-b columns of b"]
+
+
+def test_of_one_record_incremental_draws_its_curve_alone():
+    one, two = (FIGURES["incremental"].draw(made.cube(record=n, scale=4)) for n in (1, 2))
+    legends = [[text.get_text() for text in figure.legends[0].texts] for figure in (one, two)]
+    assert legends == [["record"], ["record", "16% fractile", "median", "84% fractile"]]
+    assert [len(ax.lines) for ax in one.axes] == [1] * len(one.axes)
+    assert "No fractiles" not in one.get_suptitle()
+
+
+def test_bands_of_a_fragility_end_at_the_intensities_tried():
+    cube = made.cube(record=6, scale=4, law=1).isel(gap=[0], restitution=[0], storey=[0])
+    cube = cube.assign_coords(record_pga=("record", np.ones(6)))  # scales 0.5 to 2
+    closes_at = xr.DataArray([0.4, 0.6, 0.9, 1.2, 1.4, 1.7], dims="record")
+    cube["impact_count"] = (cube["impact_count"] > 0) & (cube["scale"] > closes_at)
+    ax = FIGURES["fragility"].draw(cube).axes[0]
+    (band,) = ax.collections
+    x = np.concatenate([path.vertices[:, 0] for path in band.get_paths()])
+    tried = [x for x in ax.lines[0].get_xdata() if x >= 0.5]
+    assert (x.min(), x.max()) == (min(tried), 2.0)
+    assert ax.lines[0].get_xdata().min() < 0.1  # the curve itself begins there
+
+
 def test_fractiles_that_no_intensity_allows_are_said_to_be_missing():
     cube = made.cube(record=3, scale=3)
     cube = cube.assign_coords(record_pga=("record", [0.1, 1.0, 100.0]))

@@ -65,6 +65,13 @@ def test_a_sweep_without_a_slip_is_not_doubted():
     )
 
 
+@pytest.mark.parametrize("axes", [{}, {"gaps": [0.01, 0.02]}, {"cases": [Case("linear", gap=(0.01,))]}])
+def test_gaps_of_the_row_are_doubted_where_others_replace_them(axes):
+    laws = () if "cases" in axes else ("linear",)
+    (text,) = told(row().with_gaps([10.0]), laws or None, **axes)
+    assert text.startswith("gap 10 m (the row's own): real ones lie up to 1 m; likely mm given for m (0.01 m)")
+
+
 def test_listed_cases_are_doubted_too():
     cases = [
         Case("linear", gap=(30.0,)),

@@ -167,6 +167,11 @@ def labels_with_values(dataset: xr.Dataset, axis: str, names: Iterable[str]) -> 
     return [label for label, shown in zip(dataset[axis].values.tolist(), there, strict=True) if shown]
 
 
+def panels_of(dataset: xr.Dataset, axis: str, names: Iterable[str]) -> list[Any]:
+    """Return the labels of an axis that have a panel: not pairs without contacts, but all where none has a value."""
+    return labels_with_values(dataset, axis, names) or dataset[axis].values.tolist()
+
+
 def middle_over_records(result: xr.Dataset, keep: Collection[str], drawn: Collection[str]) -> tuple[xr.Dataset, str]:
     """Take the median of several records and the middle value of every other axis that a figure does not draw."""
     records = result.sizes.get("record", 1)

@@ -117,11 +117,11 @@ def doubts(spec: SweepSpec) -> list[str]:
         if text := LIMITS[kind].doubt(named):
             found.append(text)
 
-    gaps = scene.gaps if spec.gaps is None else spec.gaps
-    if cases:
-        given = (gap for case in cases for gap in (case.gap if isinstance(case.gap, tuple) else (case.gap,)))
-        gaps = tuple(dict.fromkeys(gap for each in given for gap in (scene.gaps if each is None else (each,))))
-    held("gap", (("", gap) for gap in gaps))
+    of_cases = (case.gap if isinstance(case.gap, tuple) else (case.gap,) for case in cases if case.gap is not None)
+    asked = spec.gaps or tuple(itertools.chain.from_iterable(of_cases))
+    # comparisons use the row's own gaps, even where others replace them in every scenario
+    places = dict.fromkeys(scene.gaps, "the row's own") | dict.fromkeys(asked, "")
+    held("gap", ((place, gap) for gap, place in places.items()))
     factors = _factors(spec)
     for building in scene.buildings:
         name = building.name

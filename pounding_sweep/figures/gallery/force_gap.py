@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from pounding_sweep.analysis.scenarios import pounding_only
 from pounding_sweep.base.errors import InputError, unknown
 from pounding_sweep.figures import CONTACT, figure_of
-from pounding_sweep.figures.shown import along, labels_with_values, law_name, middle
+from pounding_sweep.figures.shown import along, labels_with_values, law_name, middle, panels_of
 from pounding_sweep.figures.sides import drawn_side, side_of
 from pounding_sweep.figures.style import label_edges, legend_below, look, put_title, start_at_zero, subplots
 
@@ -48,7 +48,7 @@ def force_gap(cube: xr.Dataset, *, x: str | None = None, value: str | None = Non
     cube, shown = middle(cube, ("law", side.dim))
     cube = cube.sortby(side.name)
     laws = labels_with_values(cube, "law", list(_ROWS))
-    pairs = cube.pair.values.tolist()
+    pairs = panels_of(cube, "pair", ["impact_force_max"])
     figure, axes = subplots(len(rows), len(pairs), (2.0 + 3.2 * len(pairs), 0.8 + 2.2 * len(rows)), ax)
     at = side.values(cube)
     for row, shows in enumerate(rows):

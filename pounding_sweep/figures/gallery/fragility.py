@@ -34,9 +34,9 @@ def fragility(cube: xr.Dataset) -> Figure:
 
     One panel per pair or building. Lines are the values of the first axis that varies (gap, stiffness, ...), five at
     most, evenly chosen, or else the laws; of the other axes, and of the laws, the middle value is shown. Bands are
-    confidence intervals; marks are the shares observed at each intensity where trials share them (stripes), else in
-    classes of about equal numbers of trials. The title says where curves cross. Where there is no fit, the legend says
-    why.
+    confidence intervals, between the least and the greatest intensity tried; marks are the shares observed at each
+    intensity where trials share them (stripes), else in classes of about equal numbers of trials. The title says where
+    curves cross. Where there is no fit, the legend says why.
     """
     from matplotlib.transforms import ScaledTranslation
 
@@ -77,10 +77,13 @@ def _line(ax: Any, part: xr.Dataset, number: int, label: str) -> None:
     """Draw one fit with its band and the observed shares."""
     label = f"{label}: " if label else ""
     colour, at = COLOURS[number % len(COLOURS)], part["intensity"].values
+    x, happened = part["trial_intensity"].values.ravel(), part["happened"].values.ravel()
+    there = np.isfinite(happened)
     if int(part["fit_status"]) == FitStatus.FITTED:
         band = part["probability_interval"].values
         if np.isfinite(band).all():
-            ax.fill_between(at, *band, color=colour, alpha=0.15, linewidth=0)
+            tried = (at >= x[there].min()) & (at <= x[there].max())
+            ax.fill_between(at, *band, where=tried, color=colour, alpha=0.15, linewidth=0)
         units = unit_text(part["median"].attrs)
         fitted = f"{label}median {float(part['median']):.3g} {units}, dispersion {float(part['dispersion']):.2g}"
         look = {"color": colour, "linestyle": LINES[number % len(LINES)]}
@@ -88,8 +91,6 @@ def _line(ax: Any, part: xr.Dataset, number: int, label: str) -> None:
     else:
         why = label + _spelt(sentence(part), part["median"].attrs["units"])
         ax.plot([], [], color=colour, marker=MARKERS[number], linestyle="none", label=fill(why, _ENTRY))
-    x, happened = part["trial_intensity"].values.ravel(), part["happened"].values.ravel()
-    there = np.isfinite(happened)
     for group in _groups(x[there]):
         ax.plot(x[there][group].mean(), happened[there][group].mean(), color=colour, marker=MARKERS[number])
 

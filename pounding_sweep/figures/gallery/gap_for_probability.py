@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pounding_sweep.analysis.comparisons import MOTION_DIMS
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.shown import along, lines_of, middle, result_of, told
+from pounding_sweep.figures.shown import along, lines_of, middle, panels_of, result_of, told
 from pounding_sweep.figures.style import COLOURS, LINES, MARKERS, label_edges, put_title, subplots
 
 
@@ -31,7 +31,7 @@ def gap_for_probability(cube: xr.Dataset) -> Figure:
     result = along(result, "pair")
     axis = next((dim for dim in ("intensity", *MOTION_DIMS[1:]) if dim in result.dims), "")
     result, shown = middle(result, ("record", "probability", "curve", axis), ["median"])
-    pairs, hazard = result["pair"].values.tolist(), "gap_in_years" in result
+    pairs, hazard = panels_of(result, "pair", ["trial_gap"]), "gap_in_years" in result
     size = 2 if hazard else 1
     figure, axes = subplots(size, len(pairs), (1.6 + 3.0 * len(pairs), 0.9 + 2.7 * size))
     result = result if axis else result.expand_dims("suite")

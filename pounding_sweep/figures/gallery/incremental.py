@@ -17,9 +17,9 @@ from pounding_sweep.figures.shown import (
     along,
     drawn_response,
     draws_one,
-    labels_with_values,
     law_name,
     middle,
+    panels_of,
     records_of,
     result_of,
 )
@@ -47,7 +47,7 @@ _CHARACTERS = 12.5
     several=("|".join(MOTION_DIMS[1:]),),
 )
 def incremental(cube: xr.Dataset) -> Figure:
-    """Draw responses against intensity as records are scaled up."""
+    """Draw responses against intensity as records are scaled up; of one record its curve alone, without fractiles."""
     name, label, factor, per = drawn_response(cube, "incremental")
     touch = next((name for name in TOUCH_VARIABLES if name in cube), name)  # by which `middle` chooses
     result = result_of(cube, "incremental", outputs=dict.fromkeys((name, touch)))
@@ -56,12 +56,12 @@ def incremental(cube: xr.Dataset) -> Figure:
     scaled = next(dim for dim in MOTION_DIMS[1:] if dim in result.dims)
     keep = ("law", "record", scaled, "quantile", "level")
     result, shown = middle(result, keep, [name])
-    there = labels_with_values(result, "law", [name]) or result["law"].values.tolist()
-    laws = [law for law in there if per == "building" or law != "none"]
+    laws = [law for law in panels_of(result, "law", [name]) if per == "building" or law != "none"]
     draws_one(result, "law", _LAWS)
     laws = laws[:_LAWS]
     ways = directions(result[scaled].values)
-    ends = result[per].values.tolist()
+    suite = result.sizes["record"] > 1
+    ends = panels_of(result, per, [name])
     figure, axes = subplots(len(laws), len(ends), (1.6 + 2.6 * len(ends), 1.3 + 2.0 * len(laws)))
     intensity = intensity_label(result)
     for row, law in enumerate(laws):
@@ -75,12 +75,12 @@ def incremental(cube: xr.Dataset) -> Figure:
                 ax.plot(
                     one["intensity"],
                     one[name] * factor,
-                    color="0.7",
-                    linewidth=0.8,
+                    color="0.7" if suite else COLOURS[0],
+                    linewidth=0.8 if suite else 1.4,
                     marker="" if len(way) > 1 else ".",  # of one scale there is no line
                     label="record" if not ax.lines else None,
                 )
-            for number, q in enumerate(part["quantile"].values.tolist()):
+            for number, q in enumerate(part["quantile"].values.tolist() if suite else ()):
                 whole = part[f"{name}_count"] == part.sizes["record"] * len(ways)  # of fewer, a curve would jump
                 line = part[f"{name}_fractiles"].sel(quantile=q).where(whole) * factor
                 if not line.notnull().any():
@@ -100,7 +100,7 @@ def incremental(cube: xr.Dataset) -> Figure:
     label_edges(axes, intensity, [label] * len(laws))
     legend_below(figure, axes[0, 0], most=4)
     put_title(figure, records_of(result), shown)
-    if NO_FRACTILES in result.attrs:
+    if suite and NO_FRACTILES in result.attrs:
         units = result["intensity"].attrs
         why = result.attrs[NO_FRACTILES].replace(units["units"], unit_text(units))
         words = fill(f"No fractiles: {why}.", int(_CHARACTERS * figure.get_figwidth()))

@@ -13,6 +13,7 @@ from pounding_sweep.figures.shown import (
     law_name,
     middle_over_records,
     over_storeys,
+    panels_of,
     result_of,
 )
 from pounding_sweep.figures.sides import drawn_side
@@ -62,7 +63,7 @@ def law_comparison(cube: xr.Dataset, *, x: str | None = None) -> Figure:
         msg = "figure 'law-comparison' needs an axis along which values vary: gap, stiffness, restitution, scale, ..."
         raise InputError(msg)
     ratio, shown = middle_over_records(ratio, ("law", "basis", side.dim), ["ratio"])
-    bases, pairs = ratio["basis"].values.tolist(), ratio["pair"].values.tolist()
+    bases, pairs = ratio["basis"].values.tolist(), panels_of(peak.to_dataset(name=name), "pair", [name])
     figure, axes = subplots(len(bases), len(pairs), (1.8 + 2.8 * len(pairs), 1.4 + 2.1 * len(bases)))
     ratio = ratio.sortby(side.name)
     laws = labels_with_values(ratio, "law", ["ratio"])

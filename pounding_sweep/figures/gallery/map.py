@@ -21,6 +21,7 @@ from pounding_sweep.figures.shown import (
     law_name,
     middle_over_records,
     over_storeys,
+    panels_of,
     result_of,
 )
 from pounding_sweep.figures.sides import Side, drawn_side, logarithmic, sides_of
@@ -94,9 +95,9 @@ def response_map(
     there = [law for law in labels_with_values(cube, "law", [name]) if per != "pair" or law != "none"]
     laws = there[:_LAWS]
     cut = f"{len(laws)} of {len(there)} laws" if len(laws) < len(there) else ""
-    ends = cube[per].values.tolist()
+    ends = panels_of(cube, per, [name])
     order = ("law", per, upward.dim, across.dim)
-    peaks = (cube[name] * factor).transpose(*order).sel(law=laws)
+    peaks = (cube[name] * factor).transpose(*order).sel({"law": laws, per: ends})
     apart = (cube["touches"] == 0.0) if ratio else (peaks == 0.0) if per == "pair" else peaks.isnull() & False
     peaks = peaks.where(~apart)
     size = (2.2 + 2.6 * len(ends), 1.3 + 2.3 * max(1, len(laws))) if len(ends) * len(laws) > 1 else (5.6, 4.2)

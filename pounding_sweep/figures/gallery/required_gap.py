@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 from pounding_sweep.figures import figure_of
-from pounding_sweep.figures.shown import middle, record_name, result_of
+from pounding_sweep.figures.shown import middle, panels_of, record_name, result_of
 from pounding_sweep.figures.style import COLOURS, MARKERS, legend_below, put_title
 
 #: More records than this are not named below the axis.
@@ -30,7 +30,7 @@ def required_gap(cube: xr.Dataset) -> Figure:
     if trials not in result.dims:
         result = result.expand_dims(trials)
     result, shown = middle(result, (trials, "rule"), ["exact"])
-    pairs, rules = result["pair"].values.tolist(), result["rule"].values.tolist()
+    pairs, rules = panels_of(result, "pair", ["exact"]), result["rule"].values.tolist()
     figure = Figure(figsize=(2.0 + 3.2 * len(pairs), 6.2), layout="constrained")
     axes = figure.subplots(2, len(pairs), squeeze=False, sharex=False, sharey="row")
     for column, pair in enumerate(pairs):
