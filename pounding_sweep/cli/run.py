@@ -74,7 +74,9 @@ def run_command(
     with reporting(out) as said:
         from pounding_sweep.cli.progress import make_progress
         from pounding_sweep.output.audited import audit_sentence, audit_table
+        from pounding_sweep.output.netcdf import check_output
 
+        check_output(out, overwrite)  # strengths for ductilities, which reading may look for, take a while
         loaded = _load(sweep, accuracy, skip_missing, folders, laws)
         with closing(make_progress(quiet)) as progress:
             cube = loaded.write(
